@@ -20,7 +20,7 @@ $(PYTHON_LIB)/libtensormass_controller.so: $(PYTHON_CORE_OBJ)
 	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
 $(call objects,$(PYTHON_SCENE_SRC)): CFLAGS_EXTRA += -DTM_SOVERSION='"$(SOVERSION)"'
 # Ours first: said.c stands in for two objects of libapp.a.
-$(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filter-out $(LIBTM_A),$(SIM_LIBS)) $(LIBTM_SO)
+$(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filter-out $(LIBTM_A),$(SCENE_LIBS)) $(LIBTM_SO)
 	@mkdir -p $(@D)
 	$(call say,LINK)
 	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -Wl,-Bsymbolic $(if $(SAN),,-Wl,--no-undefined) -o $@ $(filter %.o,$^) \

@@ -4,7 +4,7 @@
 #include <stdarg.h>
 #include <string.h>
 
-#include "common/units.h"
+#include "scene/units.h"
 
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si) {
     char why[200];

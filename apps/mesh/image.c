@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "common/bandwidth.h"
-#include "common/units.h"
+#include "scene/units.h"
 
 static void usage(void) {
     printf(

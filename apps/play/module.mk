@@ -1,6 +1,6 @@
 # tm-play and its window; make play.
 PLAY_SRC := $(addprefix apps/play/,main.c controls.c) $(addprefix apps/view/,camera.c dress.c feed.c font.c inbox.c inside.c intake.c layout.c marks_find.c output.c overlay.c picture.c regions.c scene_marks.c still.c studio.c)
-$(eval $(call program,tm-play,$(PLAY_SRC),$(SIM_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson))
+$(eval $(call program,tm-play,$(PLAY_SRC),$(SCENE_LIBS) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBLCMTYPES_A),$$(call pkg_libs,libpng) -lyaml -lcjson))
 $(eval $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2)))
 $(OUT)/obj/apps/play/window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
 PLAY_SCENE ?= $(DEMO_SCENE)

@@ -8,9 +8,11 @@
 #include <sys/resource.h>
 
 #include "app.h"
-#include "sim/run.h"
-#include "sim/solve_api.h"
+#include "json_file.h"
+#include "scene/solve_api.h"
 #include "team.h"
+
+enum { MAX_SETS = 64 };
 
 static const char help[] =
     "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file "
@@ -55,7 +57,7 @@ static const struct option long_options[] = {
 
 typedef struct choice {
     const char *scene, *out, *json;
-    char set[RUN_MAX_SETS][512], *set_list[RUN_MAX_SETS];
+    char set[MAX_SETS][512], *set_list[MAX_SETS];
     int set_count;
     int32_t threads;
     int64_t memory_bytes;
@@ -70,7 +72,7 @@ static int usage(const char *what, const char *argument) {
 }
 
 static int add_set(choice *o, const char *path, const char *value) {
-    if (o->set_count == RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
+    if (o->set_count == MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
     o->set_list[o->set_count] = o->set[o->set_count];
     if (snprintf(o->set[o->set_count], sizeof o->set[0], "%s%s", path, value) >= (int)sizeof o->set[0])
         return usage("'%s' is too long", value);
@@ -163,7 +165,7 @@ static void tell_ranks(const tm_solve_team *team, int64_t factor_bytes, cJSON *j
 }
 
 static int report(const choice *o, const tm_solve_team *team, const tm_solve_report *r, const char *file,
-                  run_file *json) {
+                  app_file *json) {
     if (team && team->rank > 0) {
         tell_ranks(team, r->factor_bytes, NULL);
         return 0;
@@ -188,7 +190,7 @@ static int report(const choice *o, const tm_solve_team *team, const tm_solve_rep
     if (r->columns_found && !app_is_quiet())
         printf("%d of them were done before, by a run that did not come to its end\n", r->columns_found);
     tell_ranks(team, r->factor_bytes, cJSON_AddArrayToObject(j, "ranks"));
-    return run_report_end(j, json);
+    return app_file_end_json(json, j);
 }
 
 /* The options of `precomputed`, whether the scene's model asks for them or not. */
@@ -196,7 +198,7 @@ static const sim_solve_options *options_of(const sim *s) {
     return s->scene->effect[sim_effect_find(s->scene, "precomputed")];
 }
 
-static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file *json) {
+static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file *json) {
     const sim_solve_options *options = options_of(s);
     char file[1024];
     tm_error error = {0};
@@ -233,15 +235,15 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
 static int run(const choice *o, const tm_solve_team *team) {
     app_scene *scene;
     sim *s;
-    run_file json = {0};
+    app_file json = {0};
     const bool first = !team || team->rank == 0;
     int rc = sim_scene_load(o->scene, o->set_list, o->set_count, &scene);
     if (rc) return rc;
     rc = sim_prepare(scene, &s);
     if (rc) return rc;
-    if (first) rc = run_file_begin(&json, o->json);
+    if (first) rc = app_file_begin(&json, o->json);
     if (!rc) rc = compute(s, o, team, &json);
-    run_file_end(&json, false);
+    app_file_end(&json, false);
     sim_destroy(s);
     return rc;
 }

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "libtensormass/numeric/union_find.h"
-#include "sim/surface.h"
+#include "scene/surface.h"
 #include "tissues.h"
 
 typedef struct review {

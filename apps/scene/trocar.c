@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "organ.h"
-#include "sim/surface.h"
+#include "scene/surface.h"
 
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"

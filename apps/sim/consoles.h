@@ -5,9 +5,9 @@
 #define TM_SIM_CONSOLES_H
 
 #include "device/device.h"
-#include "effects.h"
 #include "io/peer.h"
-#include "sim.h"
+#include "scene/effects.h"
+#include "scene/sim.h"
 
 typedef struct sim_console {
     hrt_node node;

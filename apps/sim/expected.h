@@ -2,7 +2,7 @@
 #ifndef TM_SIM_EXPECTED_H
 #define TM_SIM_EXPECTED_H
 
-#include "sim.h"
+#include "scene/sim.h"
 
 /* FNV-1a of bytes and of what is in a file; `hash` 0 begins. */
 uint64_t sim_hash_bytes(uint64_t hash, const void *data, size_t size);

@@ -6,13 +6,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "effects.h"
 #include "expected.h"
 #include "explain_mass.h"
 #include "explain_numbering.h"
 #include "explain_stream.h"
 #include "hrt.h"
+#include "json_file.h"
 #include "run.h"
+#include "scene/effects.h"
 
 enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
 
@@ -233,10 +234,10 @@ static void print_expected(const sim_expected *x, cJSON *json) {
 }
 
 int run_explain(sim *s, const run_options *o) {
-    run_file report = {0};
+    app_file report = {0};
     row rows[ROWS];
     tm_stage_report stages[TM_MAX_STAGES];
-    int count = 0, rc = run_file_begin(&report, o->json);
+    int count = 0, rc = app_file_begin(&report, o->json);
     if (rc) return rc;
     cJSON *json = run_report_begin(s, "explain");
     tm_status status = measure(s, stages, &count);
@@ -247,7 +248,7 @@ int run_explain(sim *s, const run_options *o) {
         fputs(status ? "tm-sim: the scene blew up while being measured; lower time.step_fraction\n"
                      : "tm-sim: interrupted; nothing was measured\n",
               stderr);
-        run_file_end(&report, false);
+        app_file_end(&report, false);
         cJSON_Delete(json);
         return status ? APP_FAILED : app_interrupted_exit();
     }
@@ -256,5 +257,5 @@ int run_explain(sim *s, const run_options *o) {
     print(s, rows, n, total_us, &expected, json);
     print_expected(&expected, json);
     sim_expected_close(&expected);
-    return run_report_end(json, &report);
+    return app_file_end_json(&report, json);
 }

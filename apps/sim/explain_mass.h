@@ -4,7 +4,7 @@
 
 #include <cjson/cJSON.h>
 
-#include "sim.h"
+#include "scene/sim.h"
 
 /* How much mass was added, where, and what that does to the lowest frequencies; nothing where the scene has none, but
  * what a sliver costs where tissue is cut. */

@@ -4,7 +4,7 @@
 
 #include <cjson/cJSON.h>
 
-#include "sim.h"
+#include "scene/sim.h"
 
 /* How far apart neighbours' numbers are in the file, and in the best order; printed only where that is worth having. */
 void explain_numbering(const sim *s, cJSON *json);

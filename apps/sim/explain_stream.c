@@ -2,7 +2,7 @@
 
 #include <stdio.h>
 
-#include "effects.h"
+#include "scene/effects.h"
 #include "stream.h"
 
 void explain_stream(const sim *s, cJSON *json) {

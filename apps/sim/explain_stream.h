@@ -4,7 +4,7 @@
 
 #include <cjson/cJSON.h>
 
-#include "sim.h"
+#include "scene/sim.h"
 
 /* Rate, substeps of a sample, and what goes with it; nothing without `haptics`. */
 void explain_stream(const sim *s, cJSON *json);

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "effects.h"
 #include "run.h"
+#include "scene/effects.h"
 
 static int is_scene(const struct dirent *one) {
     size_t length = strlen(one->d_name);

@@ -11,12 +11,13 @@
 #include "consoles.h"
 #include "figures.h"
 #include "io/histogram.h"
+#include "json_file.h"
+#include "observe.h"
 #include "publish.h"
 #include "run.h"
+#include "scene/snapshot.h"
 #include "series.h"
-#include "snapshot.h"
 #include "stream.h"
-#include "surface.h"
 #include "tools.h"
 
 enum { START_US = 1000000, SESSION = 1, MOST = 1024 };
@@ -29,7 +30,7 @@ typedef struct lockstep {
     sim_consoles consoles;
     sim_tools tools;
     sim_publisher publisher;
-    run_file csv, samples, report;
+    app_file csv, samples, report;
     run_series series;
     sim_stream stream;
     int64_t tick_us, ticks, frame, first_frame;                  /* first: not 0 after --restore */
@@ -261,9 +262,9 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
 
 static int begin(lockstep *l, const char *log) {
     sim *s = l->s;
-    int rc = run_file_begin(&l->csv, l->o->csv);
-    if (!rc) rc = run_file_begin(&l->samples, l->o->samples);
-    if (!rc) rc = run_file_begin(&l->report, l->o->json);
+    int rc = app_file_begin(&l->csv, l->o->csv);
+    if (!rc) rc = app_file_begin(&l->samples, l->o->samples);
+    if (!rc) rc = app_file_begin(&l->report, l->o->json);
     l->haptics = sim_options(s->scene, "haptics");
     if (l->haptics) l->queue = app_queue_create(START_US);
     const sim_way way = {
@@ -322,13 +323,13 @@ int run_lockstep(sim *s, const run_options *o) {
         sim_shape_report(s, json);
     }
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
-    int rc2 = run_file_end(&l->csv, !rc || evidence), rc3 = run_file_end(&l->samples, !rc || evidence);
+    int rc2 = app_file_end(&l->csv, !rc || evidence), rc3 = app_file_end(&l->samples, !rc || evidence);
     int rc4 = run_series_end(&l->series, true);
     if (rc) {
-        run_file_end(&l->report, false);
+        app_file_end(&l->report, false);
         cJSON_Delete(json);
     } else
-        rc = run_report_end(json, &l->report);
+        rc = app_file_end_json(&l->report, json);
     sim_consoles_close(&l->consoles);
     app_queue_destroy(l->queue);
     rc = rc ? rc : rc2 ? rc2 : rc3 ? rc3 : rc4;

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/units.h"
 #include "run.h"
+#include "scene/units.h"
 #include "stream.h"
 
 static const char help[] =

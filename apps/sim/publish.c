@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "io/network.h"
+#include "scene/picture.h"
 
 /* --- cuts: one message for each who cut, in the frame's order --- */
 
@@ -197,6 +198,22 @@ void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int 
     app_link_publish(p->link, APP_FORCE, instrument, utime, sample);
 }
 
+static void send_tissue(sim_publisher *p, sim *s, int64_t utime) {
+    const sim_picture *now = sim_picture_now(s);
+    const tensormass_tissue_t m = {.utime = utime,
+                                   .seq = p->tissue_seq++,
+                                   .session = p->session,
+                                   .sim_utime = llround(sim_time_s(s) * 1e6),
+                                   .topology_revision = now->revision,
+                                   .vertex_count = now->vertex_count,
+                                   .vertex_id = now->vertex_id,
+                                   .vertex_m = now->vertex_m,
+                                   .triangle_count = now->triangle_count,
+                                   .triangle = now->triangle,
+                                   .triangle_kind = now->triangle_kind};
+    app_link_publish(p->link, APP_TISSUE, 0, utime, &m);
+}
+
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed, double rate_Hz) {
     if (!p->link) return;
     tensormass_sim_status_t m = {.utime = utime,
@@ -230,5 +247,5 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
     send_cuts(p, s, utime);
     app_link_publish(p->link, APP_SIM_STATUS, 0, utime, &m);
     if (p->rendering && s->frames % p->rendering->every.value == 0 && app_link_wanted(p->link, APP_TISSUE, 0))
-        app_link_publish(p->link, APP_TISSUE, 0, utime, sim_picture_now(s, utime, p->session, p->tissue_seq++));
+        send_tissue(p, s, utime);
 }

@@ -3,9 +3,9 @@
 #ifndef TM_SIM_PUBLISH_H
 #define TM_SIM_PUBLISH_H
 
-#include "effects.h"
 #include "listen.h"
-#include "sim.h"
+#include "scene/effects.h"
+#include "scene/sim.h"
 #include "tools.h"
 
 /* force_sample_t.flags: how the reaction came about (tm_reaction_flag), and what befell the frame. */
@@ -59,9 +59,6 @@ int sim_publisher_open(sim_publisher *p, const sim *s, const sim_way *way);
 /* False: the log could not be written to its end. */
 bool sim_publisher_close(sim_publisher *p);
 sim_refused sim_publisher_refused(const sim_publisher *p);
-
-/* The tissue as it is now; the surface's arrays are rewritten by the next call. Scenes with `rendering` only. */
-const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq);
 
 /* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. What is not finite is sent
  * as no force and no stiffness, flagged unstable. */

@@ -7,10 +7,11 @@
 #include <string.h>
 #include <time.h>
 
+#include "json_file.h"
 #include "log_line.h"
+#include "observe.h"
 #include "realtime.h"
-#include "snapshot.h"
-#include "surface.h"
+#include "scene/snapshot.h"
 
 /* A lost or overtaken message is no news; that nothing has been taken for so long is. */
 static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
@@ -263,8 +264,8 @@ static int loop(realtime *r) {
 
 static int begin(realtime *r, const char *log) {
     sim *s = r->s;
-    int rc = run_file_begin(&r->samples_file, r->o->samples);
-    if (!rc) rc = run_file_begin(&r->report, r->o->json);
+    int rc = app_file_begin(&r->samples_file, r->o->samples);
+    if (!rc) rc = app_file_begin(&r->report, r->o->json);
     r->haptics = sim_options(s->scene, "haptics");
     bool network = r->haptics || sim_has(s, "rendering");
     const char *url = r->o->url ? r->o->url : getenv("LCM_DEFAULT_URL");
@@ -319,13 +320,13 @@ int run_realtime(sim *s, const run_options *o) {
         sim_shape_report(s, json);
     }
     if (!rc) realtime_report(&r, json);
-    int rc2 = run_file_end(&r.samples_file, !rc || evidence);
+    int rc2 = app_file_end(&r.samples_file, !rc || evidence);
     int rc3 = run_series_end(&r.series, true);
     if (rc) {
-        run_file_end(&r.report, false);
+        app_file_end(&r.report, false);
         cJSON_Delete(json);
     } else
-        rc = run_report_end(json, &r.report);
+        rc = app_file_end_json(&r.report, json);
     rc = rc ? rc : rc2 ? rc2 : rc3;
     return rc ? rc : run_say_interrupted(r.frame, frame_total(&r));
 }

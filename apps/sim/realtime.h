@@ -24,7 +24,7 @@ typedef struct realtime {
     const sim_haptics *haptics; /* null: instruments follow the hand */
     sim_publisher publisher;
     sim_tools tools;
-    run_file samples_file, report;
+    app_file samples_file, report;
     run_series series;
     controller_seen controller[TM_MAX_INSTRUMENTS];
     sim_stream stream;

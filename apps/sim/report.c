@@ -6,9 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "choices.h"
 #include "json_file.h"
 #include "run.h"
+#include "scene/choices.h"
 
 int run_unstable(int64_t frame) {
     fprintf(
@@ -19,29 +19,6 @@ int run_unstable(int64_t frame) {
         "lower time.step_fraction, or look at the materials with --explain\n",
         frame);
     return RUN_UNSTABLE;
-}
-
-int run_file_begin(run_file *file, const char *path) {
-    tm_error error = {0};
-    if (!path) return 0;
-    if (!app_output_begin(&file->output, path, &error)) return app_report(NULL, 0, &error);
-    file->stream = app_output_stream(&file->output);
-    if (!file->stream) {
-        app_output_abandon(&file->output);
-        return app_bad_input(path, 0, "cannot be written: %s; choose another place", strerror(errno));
-    }
-    file->begun = true;
-    return 0;
-}
-
-int run_file_end(run_file *file, bool good) {
-    tm_error error = {0};
-    if (!file->begun) return 0;
-    file->begun = false;
-    if (good) return app_output_end(&file->output, file->stream, &error) ? 0 : app_report(NULL, 0, &error);
-    fclose(file->stream);
-    app_output_abandon(&file->output);
-    return 0;
 }
 
 int run_say_interrupted(int64_t frame, int64_t total) {
@@ -110,13 +87,4 @@ void run_report_coverage(const sim *s, cJSON *report) {
         cJSON_AddNumberToObject(to, "carried", (double)of->carried);
         cJSON_AddItemToArray(list, to);
     }
-}
-
-int run_report_end(cJSON *report, run_file *file) {
-    tm_error error = {0};
-    const bool begun = file->begun;
-    file->begun = false;
-    const bool good = !begun || app_json_end(&file->output, file->stream, report, &error);
-    cJSON_Delete(report);
-    return good ? 0 : app_report(NULL, 0, &error);
 }

@@ -2,7 +2,8 @@
 #ifndef TM_SIM_RUN_H
 #define TM_SIM_RUN_H
 
-#include "sim.h"
+#include "result_file.h"
+#include "scene/sim.h"
 
 typedef enum run_mode {
     RUN_NONE = 0,
@@ -41,16 +42,6 @@ enum { RUN_UNSTABLE = -1 };
 /* Says so; returns RUN_UNSTABLE. */
 int run_unstable(int64_t frame);
 
-/* Output files, opened before the run so that a folder that is not there is told at once, and renamed after it. */
-typedef struct run_file {
-    app_output output;
-    bool begun;
-    void *stream; /* FILE */
-} run_file;
-/* path null: nothing happens, and nothing in the others either. */
-int run_file_begin(run_file *file, const char *path);
-int run_file_end(run_file *file, bool good);
-
 /* 130 or 143, having said so, where a signal ended a run that had an end of its own; else 0. */
 int run_say_interrupted(int64_t frame, int64_t total);
 
@@ -61,7 +52,5 @@ struct cJSON *run_report_begin(const sim *s, const char *mode);
 /* Of scenes that send more than forces: how many samples on tissue carried it. */
 void run_report_coverage(const sim *s, struct cJSON *report);
 void run_report_energy(const sim *s, struct cJSON *report);
-/* Writes and deletes it. */
-int run_report_end(struct cJSON *report, run_file *file);
 
 #endif

@@ -87,17 +87,17 @@ static void write_grid(FILE *out, const sim *s, const cells *c) {
 
 static int write_frame(run_series *series, const sim *s) {
     char name[32], path[1024];
-    run_file file = {0};
+    app_file file = {0};
     cells c;
     snprintf(name, sizeof name, "frame_%06" PRId64 ".vtu", series->written);
     if ((size_t)snprintf(path, sizeof path, "%s/%s", series->folder, name) >= sizeof path)
         return app_bad_input("--paraview", 0, "the folder's path is too long; choose a shorter one");
     bool memory = fill_cells(series, s, &c);
-    int rc = memory ? run_file_begin(&file, path) : APP_FAILED;
+    int rc = memory ? app_file_begin(&file, path) : APP_FAILED;
     if (!memory) fprintf(stderr, "%s: out of memory; use --paraview-every to write fewer, or a smaller mesh\n", path);
     if (!rc) {
         write_grid(file.stream, s, &c);
-        rc = run_file_end(&file, true);
+        rc = app_file_end(&file, true);
     }
     free_cells(&c);
     if (rc) return rc;
@@ -121,7 +121,7 @@ int run_series_begin(run_series *series, const sim *s, const char *folder, int64
             return fputs("tm-sim: out of memory for --paraview; leave it out\n", stderr), APP_FAILED;
         for (int32_t t = 0; t < s->mesh->tet_count; t++) series->condensed[t] = !tm_tissue_alive(s->model->tissue)[t];
     }
-    int rc = run_file_begin(&series->index, path);
+    int rc = app_file_begin(&series->index, path);
     if (!rc)
         fputs("<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n"
               "<Collection>\n",
@@ -139,6 +139,6 @@ int run_series_end(run_series *series, bool good) {
     series->condensed = NULL;
     if (!series->index.begun) return 0;
     fputs("</Collection>\n</VTKFile>\n", series->index.stream);
-    int rc = run_file_end(&series->index, good);
+    int rc = app_file_end(&series->index, good);
     return series->failed ? APP_FAILED : rc;
 }

@@ -9,7 +9,7 @@ typedef struct run_series {
     const char *folder; /* null: no series, and nothing happens */
     int64_t every, frames, written;
     uint8_t *condensed; /* [tet_count] not in the world's tissue, and alive all the same; null: none */
-    run_file index;
+    app_file index;
     bool failed; /* told already; nothing more is written */
 } run_series;
 

@@ -5,9 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "models.h"
+#include "json_file.h"
+#include "observe.h"
 #include "run.h"
-#include "surface.h"
+#include "scene/models.h"
 
 typedef struct watch {
     double tolerance, first;
@@ -148,7 +149,7 @@ static void report_tools(const sim *s, cJSON *json) {
 }
 
 /* u and reaction in the mesh's numbering. */
-static int write_rest(run_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
+static int write_rest(app_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
     const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
     double *given = malloc(2 * count * sizeof *given);
     if (!given) return app_bad_input("--write", 0, "out of memory; use a smaller mesh") - 1;
@@ -162,7 +163,7 @@ static int write_rest(run_file *written, const sim *s, const run_options *o, con
     return 0;
 }
 
-static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
+static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) {
     tm_settle_result result = {0};
     size_t count = 3 * (size_t)s->mesh->vertex_count;
     double *u = calloc(2 * count, sizeof *u), *reaction = u + count;
@@ -195,18 +196,18 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
 }
 
 int run_settle(sim *s, const run_options *o) {
-    run_file written = {0}, report = {0};
+    app_file written = {0}, report = {0};
     int rc = o->write ? app_output_ending("--write", o->write, ".vtk .csv") : 0;
-    if (!rc) rc = run_file_begin(&written, o->write);
-    if (!rc) rc = run_file_begin(&report, o->json);
+    if (!rc) rc = app_file_begin(&written, o->write);
+    if (!rc) rc = app_file_begin(&report, o->json);
     cJSON *json = run_report_begin(s, "settle");
     if (!rc) rc = settle(s, o, &written, json);
-    int rc2 = run_file_end(&written, !rc);
+    int rc2 = app_file_end(&written, !rc);
     if (!rc) rc = rc2;
     if (rc) {
-        run_file_end(&report, false);
+        app_file_end(&report, false);
         cJSON_Delete(json);
         return rc;
     }
-    return run_report_end(json, &report);
+    return app_file_end_json(&report, json);
 }

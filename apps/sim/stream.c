@@ -2,26 +2,13 @@
 
 #include <math.h>
 
-#include "effects.h"
+#include "scene/effects.h"
 
-/* `auto`: no device feels more, and the law has nothing left to guess. */
-static const double top_Hz = 500;
-/* Fastest rate with patches: one costs some milliseconds. */
-static const double patch_rate_max_Hz = 50;
 /* Shares of a processor: above the first the rate falls, below the second at the next higher rate it rises. What is
  * left is for controllers and the system. */
 static const double load_max = 0.8, load_raise = 0.65;
 static const double calm_before_raise_s = 1;
 enum { STRAIN_MAX = 3 };
-
-int32_t sim_stream_per_frame(const app_scene *scene) {
-    const sim_haptics *haptics = sim_options(scene, "haptics");
-    if (!haptics || scene->pace == SIM_FRAMES) return 1;
-    const bool automatic = haptics->rate.si == 0;
-    const double wanted = (automatic ? top_Hz : haptics->rate.si) / scene->frame_rate.si;
-    const int32_t count = (int32_t)(automatic ? floor(wanted + 1e-9) : round(wanted));
-    return count > 1 ? count : 1;
-}
 
 static double rate_of(const sim_stream *stream, int32_t batch) { return stream->per_frame / (stream->frame_s * batch); }
 
@@ -30,7 +17,7 @@ double sim_stream_rate_Hz(const sim_stream *stream) { return rate_of(stream, str
 double sim_stream_load(const sim_stream *stream, int32_t batch) {
     const int32_t samples = stream->per_frame / batch;
     double cost_s = stream->per_frame * stream->base_cost_s + samples * stream->sample_cost_s + stream->frame_cost_s;
-    if (rate_of(stream, batch) <= patch_rate_max_Hz) cost_s += samples * stream->patch_cost_s;
+    if (sim_stream_sends_by_rate(rate_of(stream, batch)) == SIM_SENDS_PATCH) cost_s += samples * stream->patch_cost_s;
     return cost_s / stream->frame_s;
 }
 
@@ -96,14 +83,4 @@ bool sim_stream_adapt(sim_stream *stream, const sim_stream_spent *spent) {
     stream->strain = 0;
     stream->calm_s = 0;
     return true;
-}
-
-sim_sends sim_stream_sends_by_rate(double rate_Hz) {
-    return rate_Hz <= patch_rate_max_Hz * (1 + 1e-9) ? SIM_SENDS_PATCH : SIM_SENDS_FORCE;
-}
-
-sim_sends sim_stream_sends(const sim *s, double rate_Hz) {
-    const sim_haptics *haptics = sim_options(s->scene, "haptics");
-    const bool frames = s->scene->pace == SIM_FRAMES;
-    return !haptics || haptics->sends.line || frames ? SIM_SENDS_PATCH : sim_stream_sends_by_rate(rate_Hz);
 }

@@ -6,14 +6,7 @@
 #ifndef TM_SIM_STREAM_H
 #define TM_SIM_STREAM_H
 
-#include "sim.h"
-
-/* Who asks for forces; app_scene.pace. */
-typedef enum sim_scene_pace {
-    SIM_FRAMES = 0, /* the caller, once a frame */
-    SIM_LOCKSTEP,   /* controllers on a virtual clock */
-    SIM_REALTIME    /* controllers on the wall clock */
-} sim_scene_pace;
+#include "scene/sample_rate.h"
 
 typedef struct sim_stream {
     int32_t per_frame; /* base samples of a frame */
@@ -34,8 +27,6 @@ typedef struct sim_stream_spent {
     bool dropped; /* simulated time was dropped */
 } sim_stream_spent;
 
-/* Base samples of a frame that a scene asks for. */
-int32_t sim_stream_per_frame(const app_scene *scene);
 /* base_cost_s: measured before the first frame; chooses the first batch where the rate is `auto`. */
 void sim_stream_begin(sim_stream *stream, const sim *s, double base_cost_s);
 /* After each frame. Returns true if the rate changed. */
@@ -43,11 +34,5 @@ bool sim_stream_adapt(sim_stream *stream, const sim_stream_spent *spent);
 double sim_stream_rate_Hz(const sim_stream *stream);
 /* Expected share of a processor at a batch. */
 double sim_stream_load(const sim_stream *stream, int32_t batch);
-
-/* What may go with a force sample at a rate: a patch or stiffness costs more than a newer force where samples come so
- * often, unless the scene names `haptics.sends`. */
-sim_sends sim_stream_sends(const sim *s, double rate_Hz);
-/* The same where the scene does not name it. */
-sim_sends sim_stream_sends_by_rate(double rate_Hz);
 
 #endif

@@ -5,7 +5,7 @@
 
 #include "core/gate.h"
 #include "lcm_types/tensormass_tool_state_t.h"
-#include "sim.h"
+#include "scene/sim.h"
 
 typedef struct sim_tool {
     tensormass_tool_state_t now; /* newest accepted */

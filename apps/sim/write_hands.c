@@ -4,10 +4,11 @@
 #include <cjson/cJSON.h>
 #include <stdio.h>
 
-#include "effects.h"
 #include "hrt.h"
+#include "json_file.h"
 #include "mode.h"
 #include "run.h"
+#include "scene/effects.h"
 
 static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
     fprintf(out, "%.17g", time_s);
@@ -17,20 +18,20 @@ static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], 
 
 static int write_hand(const sim *s, int i, const char *path) {
     const hrt_hand_script *hand = &s->hand[i];
-    run_file file = {0};
-    int rc = run_file_begin(&file, path);
+    app_file file = {0};
+    int rc = app_file_begin(&file, path);
     if (rc) return rc;
     fputs("time_s," HRT_ENGINE_FIELDS ",active\n", file.stream);
     if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
     for (int k = 0; k < hand->key_count; k++)
         write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
-    return run_file_end(&file, true);
+    return app_file_end(&file, true);
 }
 
 static int write_session(const sim *s, const char *path) {
     const sim_haptics *haptics = sim_options(s->scene, "haptics");
-    run_file file = {0};
-    int rc = run_file_begin(&file, path);
+    app_file file = {0};
+    int rc = app_file_begin(&file, path);
     if (rc) return rc;
     cJSON *json = cJSON_CreateObject();
     cJSON_AddStringToObject(json, "title", s->scene->title.s);
@@ -53,7 +54,7 @@ static int write_session(const sim *s, const char *path) {
         cJSON_AddBoolToObject(row, "straight", hand->straight);
         cJSON_AddBoolToObject(row, "repeat", hand->repeat);
     }
-    return run_report_end(json, &file);
+    return app_file_end_json(&file, json);
 }
 
 int run_hands(sim *s, const run_options *o) {

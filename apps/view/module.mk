@@ -3,7 +3,7 @@ VIEW_STUDIO_SRC := $(addprefix apps/view/,camera.c font.c layout.c overlay.c pic
 VIEW_FEED_SRC := $(addprefix apps/view/,feed.c inbox.c intake.c)
 VIEW_DRESS_SRC := $(addprefix apps/view/,dress.c inside.c marks_find.c regions.c scene_marks.c still.c)
 VIEW_SRC := $(VIEW_STUDIO_SRC) $(VIEW_FEED_SRC) $(VIEW_DRESS_SRC) $(addprefix apps/view/,main.c options.c output.c)
-$(eval $(call program,tm-view,$(VIEW_SRC),$(SIM_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson))
+$(eval $(call program,tm-view,$(VIEW_SRC),$(SCENE_LIBS) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBLCMTYPES_A),$$(call pkg_libs,libpng) -lyaml -lcjson))
 VIEW_RENDER_SRC := $(addprefix apps/view/,camera.c fairing.c marks.c marks_find.c picture.c reference.c render.c render_light.c render_make.c rim.c shapes.c sides.c skin.c)
 $(eval $(call module,osmesa,$(VIEW_RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa)))
 $(eval $(call module,opengl,$(VIEW_RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl)))

@@ -3,7 +3,7 @@
 #define VIEW_SCENE_MARKS_H
 
 #include "marks.h"
-#include "sim/sim.h"
+#include "scene/sim.h"
 
 /* False: no memory; the marks are then empty. */
 bool view_marks_take(view_marks *marks, const sim *s, bool supports, bool fibres);

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "app.h"
-#include "sim/sim.h"
+#include "scene/sim.h"
 #include "tensormass_io.h"
 
 /* Marks and regions are found by the file's numbers, which messages have; nothing is stepped here. */

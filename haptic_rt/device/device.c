@@ -1,7 +1,8 @@
 /* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a
  * spring and a damper to where it wants to be. */
 #include "device.h"
-#include "kinematics.h"
+
+#include "motion/kinematics.h"
 
 #include <math.h>
 #include <string.h>
@@ -43,41 +44,6 @@ void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool ac
 
 /* ---------------------------------------------------------------------------------------------- the hand */
 
-static double between(const hrt_hand_script *hand, double s) {
-    return hand->straight ? s : s * s * s * (10.0 + s * (6.0 * s - 15.0));
-}
-
-static void scripted(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
-                     double target[HRT_JOINTS], bool *active) {
-    if (!hand->key || hand->key_count < 1) {
-        memcpy(target, rest, sizeof(double) * HRT_JOINTS);
-        return;
-    }
-    const double last_s = hand->key[hand->key_count - 1].time_s;
-    if (hand->repeat && last_s > 0.0 && time_s > last_s) time_s = fmod(time_s, last_s);
-    int32_t k = 0;
-    while (k + 1 < hand->key_count && hand->key[k + 1].time_s <= time_s) k++;
-    const hrt_keyframe *a = &hand->key[k], *b = &hand->key[k + 1 < hand->key_count ? k + 1 : k];
-    const double span = b->time_s - a->time_s;
-    const double s = span > 0.0 && time_s > a->time_s ? between(hand, (time_s - a->time_s) / span) : 0.0;
-    for (int j = 0; j < HRT_JOINTS; j++) target[j] = a->joint[j] + s * (b->joint[j] - a->joint[j]);
-    *active = a->active;
-}
-
-static void tremble(const hrt_hand_script *hand, double time_s, double target[HRT_JOINTS]) {
-    if (!(hand->tremor_m > 0.0)) return;
-    const double w = 2.0 * PI * hand->tremor_hz * time_s, reach = fmax(target[HRT_INSERTION], 0.02);
-    target[HRT_PITCH] += hand->tremor_m / reach * sin(w);
-    target[HRT_YAW] += hand->tremor_m / reach * sin(1.13 * w + 1.0);
-    target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
-}
-
-void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
-                     double target[HRT_JOINTS], bool *active) {
-    scripted(hand, rest, time_s, target, active);
-    tremble(hand, time_s, target);
-}
-
 static void want(hrt_device *d, double time_s) {
     const hrt_hand_script *hand = &d->config.hand;
     double target[HRT_JOINTS];
@@ -85,7 +51,7 @@ static void want(hrt_device *d, double time_s) {
     if (d->external) {
         memcpy(target, d->external_target, sizeof target);
         d->active = d->external_active;
-        tremble(hand, time_s, target);
+        hrt_hand_tremble(hand, time_s, target);
     } else
         hrt_hand_target(hand, d->config.rest, time_s, target, &d->active);
     memcpy(d->target, target, sizeof target);

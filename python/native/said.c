@@ -1,4 +1,5 @@
-/* In place of apps/common/report.c and module.c: a library prints nothing, and its heavy parts lie beside it. */
+/* In place of report.c and module.c of libtensormass/platform: a library prints nothing, and its heavy parts lie beside
+ * it. */
 #include "said.h"
 
 #include <dlfcn.h>

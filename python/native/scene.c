@@ -1,4 +1,4 @@
-/* apps/sim behind the few functions of scene.h. */
+/* libtensormass/scene behind the few functions of scene.h. */
 #include "scene.h"
 
 #include <math.h>
@@ -7,8 +7,8 @@
 
 #include "app.h"
 #include "said.h"
-#include "sim/sim.h"
-#include "sim/snapshot.h"
+#include "scene/sim.h"
+#include "scene/snapshot.h"
 
 struct tm_scene {
     sim *s;

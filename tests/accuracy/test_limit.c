@@ -12,7 +12,7 @@
 #include <cmocka.h>
 
 #include "bandwidth.h"
-#include "sim/solve_api.h"
+#include "scene/solve_api.h"
 #include "studies/accuracy/study.h"
 
 /* Ten minutes, the scene as it is took 4 s for 100 frames; so much of the limit is over. */

@@ -41,7 +41,7 @@ def laws(root):
 def own_law(root):
     """The extrapolator of SCENE."""
     named_there = re.search(r"extrapolator: (\w+)", (root / SCENE).read_text())
-    return (named_there or re.search(r'HRT_EXTRAPOLATOR_CHOICE, "(\w+)"', (root / "apps/sim/effect_haptics.c").read_text()))[1]
+    return (named_there or re.search(r'HRT_EXTRAPOLATOR_CHOICE, "(\w+)"', (root / "libtensormass/scene/effect_haptics.c").read_text()))[1]
 
 
 def plant_frame_samples(data):

@@ -31,6 +31,31 @@ class Page:
                 self.leans[folder], self.links[folder] = set(leans), set(links)
         for (room,), _, gives, leans in table(text, "room"):
             self.gives[room], self.room_leans[room] = set(gives), set(leans)
+        self.reach = self.leans
+
+    def follow(self, found):
+        """Whoever leans on a folder may use what its headers include: found, as includes() yields them."""
+        shown = collections.defaultdict(set)
+        for name, _, target in found:
+            a, b = self.folder_of(name), self.folder_of(target)
+            if name.endswith(".h") and a and b and a != b:
+                shown[a].add(b if b in self.leans[a] or b in self.reach_of(a, shown) else target)
+        self.reach = {folder: leans | self.reach_of(folder, shown) for folder, leans in self.leans.items()}
+        return self
+
+    def reach_of(self, folder, shown):
+        """What the headers of the folders that it leans on include, and theirs."""
+        todo, found = [lean for lean in self.leans[folder] if lean in self.leans], set()
+        while todo:
+            new = shown[todo.pop()] - found
+            found |= new
+            todo += [n for n in new if n in self.leans]
+        return found
+
+    def beneath(self, folder):
+        """Every folder that its rows lead down to."""
+        found = {lean for lean in self.reach[folder] if lean in self.leans}
+        return found.union(*(self.beneath(f) for f in found)) if found else found
 
     def folder_of(self, path):
         """The folder of the table that a path lies in: the longest one."""
@@ -45,7 +70,7 @@ class Page:
         """May a file of `a` lean on one of `b` (paths)?"""
         fa, fb = self.folder_of(a), self.folder_of(b)
         if fa != fb:
-            return fb in self.leans[fa] or b in self.leans[fa]
+            return fb in self.reach[fa] or b in self.reach[fa]
         ra, rb = self.room_of(a), self.room_of(b)
         return ra == rb or rb in self.room_leans[ra]
 
@@ -204,7 +229,7 @@ def outside_links(page, links):
         if home is None:
             yield f"{target}: {own_path} is in no folder of the table"
             continue
-        leans = set(page.leans[home])
+        leans = page.reach[home] | page.beneath(home)
         for sources, (include, _) in PUBLIC.items():
             if any(folder.startswith(include) for folder in leans):
                 leans.add(sources)  # the library of those headers

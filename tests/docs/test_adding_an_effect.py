@@ -8,7 +8,7 @@ def bare(text):
 
 def test_the_page_shows_what_is_built(root):
     page = (root / "docs/adding-an-effect.md").read_text()
-    sources = bare((root / "apps/sim/effect_breathing.c").read_text()) + bare((root / "apps/sim/effects.c").read_text())
+    sources = bare((root / "libtensormass/scene/effect_breathing.c").read_text()) + bare((root / "libtensormass/scene/effects.c").read_text())
     pieces = [p for block in re.findall(r"^```c\n(.*?)^```", page, re.M | re.S) for p in block.split("…") if p.strip()]
     assert len(pieces) >= 6
     for piece in pieces:

@@ -8,7 +8,8 @@ import pytest
 
 @pytest.fixture(scope="module")
 def page(root):
-    return architecture.Page((root / "docs/architecture.md").read_text())
+    page = architecture.Page((root / "docs/architecture.md").read_text())
+    return page.follow(architecture.includes(root, architecture.sources(root, page)))
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +37,10 @@ def test_a_row_leans_on_rows_above_it(page):
         for name, leans in names.items():
             assert all(lean in above or os.path.splitext(lean)[1] == ".h" for lean in leans), name
             above.add(name)
+
+
+def test_a_row_leans_on_five_at_most(page):
+    assert not {name: leans for name, leans in page.leans.items() if len(leans) > 5}
 
 
 def test_includes(root, page, files):
@@ -79,7 +84,7 @@ def plant(path, text, instead_of=None):
 
 
 def test_a_planted_include_is_found(copy, page):
-    plant(copy / "haptic_rt/io/say.c", '#include "common/units.h"\n')
+    plant(copy / "haptic_rt/io/say.c", '#include "scene/units.h"\n')
     plant(copy / "libtensormass/src/tissue/force.c", '#include "world/world_internal.h"\n')
     plant(copy / "libtensormass/src/world/step.c", '#include "tissue/cut_work.h"\n')
     found = list(architecture.outside_includes(copy, page, architecture.sources(copy, page)))
@@ -93,14 +98,14 @@ def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path
     code.write_text("int app_parse_quantity(void); int app_is_quiet(void); int app_is_quiet(void) { return app_parse_quantity(); }\n")
     subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/libtensormass/platform/progress.o"], check=True, timeout=300)
     code.write_text("int app_is_quiet(void); int app_parse_quantity(void); int app_parse_quantity(void) { return app_is_quiet(); }\n")
-    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/apps/common/units.o"], check=True, timeout=300)
+    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/libtensormass/scene/units.o"], check=True, timeout=300)
     planted = architecture.uses(architecture.symbols(tmp_path, files))
-    assert "libtensormass/platform/progress.c uses app_parse_quantity of apps/common/units.c" in list(architecture.outside_uses(root, tmp_path, page, planted))
-    assert ["apps/common/units.c", "libtensormass/platform/progress.c"] in architecture.circles(planted)
+    assert "libtensormass/platform/progress.c uses app_parse_quantity of libtensormass/scene/units.c" in list(architecture.outside_uses(root, tmp_path, page, planted))
+    assert ["libtensormass/platform/progress.c", "libtensormass/scene/units.c"] in architecture.circles(planted)
 
 
 def test_a_planted_link_is_found(copy, page):
-    plant(copy / "haptic_rt/module.mk", "program,haptic-rt,haptic_rt/io/haptic_rt.c apps/common/units.c ", "program,haptic-rt,haptic_rt/io/haptic_rt.c ")
+    plant(copy / "haptic_rt/module.mk", "program,haptic-rt,haptic_rt/io/haptic_rt.c libtensormass/scene/units.c ", "program,haptic-rt,haptic_rt/io/haptic_rt.c ")
     plant(copy / "libtensormass/module.mk", "$^ -lcjson -lm", "$^ -lm")
     found = list(architecture.outside_links(page, architecture.link_lines(copy)))
-    assert found == ["build/bin/haptic-rt of haptic_rt/io links apps/common", "build/lib/libtensormass.so.0.1.0 of libtensormass/src links -lcjson"]
+    assert found == ["build/bin/haptic-rt of haptic_rt/io links libtensormass/scene", "build/lib/libtensormass.so.0.1.0 of libtensormass/src links -lcjson"]

@@ -26,7 +26,7 @@ def run(*command, cwd=None, code=0, timeout=600):
 def compile_into(root, build, copy, program, sources, *libraries, flags=("-Wall", "-Werror")):
     """As the Makefile does, `copy`'s headers before the real ones, so that a changed row is seen."""
     names = re.search(r"^INCLUDES := (.*)$", (root / "Makefile").read_text(), re.M).group(1).replace("$(OUT)", str(build)).replace("-I", "").split()
-    includes = [f"-I{folder / name}" for folder in (copy, root) for name in [*names, "haptic_rt/io", "apps/sim", "apps/studies/stability"]]
+    includes = [f"-I{folder / name}" for folder in (copy, root) for name in [*names, "haptic_rt/io", "libtensormass/scene", "apps/sim", "apps/studies/stability"]]
     run("cc", "-std=c11", "-D_GNU_SOURCE", "-O0", *flags, *includes, "-o", program, *sources, "-Wl,--start-group", *(build / "lib" / name for name in libraries), "-Wl,--end-group",
         "-lyaml", "-lcjson", "-ldl", "-lm", "-lpthread", "-rdynamic")
 
@@ -87,7 +87,7 @@ def test_a_mesh_format_is_a_file_and_a_row(root, plain, tmp_path):
     insert(io / "mesh_format.h", "#define TM_IO_FORMATS(ROW) ROW(msh)", " ROW(mine)")
     program = tmp_path / "tm-mesh"
     sources = [*sorted(io.glob("*.c")), *sorted((root / "apps/mesh").glob("*.c"))]
-    compile_into(root, plain, tmp_path, program, sources, "libapp.a", "libplatform.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, sources, "libtensormass_scene.a", "libapp.a", "libplatform.a", "libtensormass.a")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "liver.mine")
     run(program, "convert", tmp_path / "liver.mine", "-o", tmp_path / "back.vtk")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "direct.vtk")
@@ -136,16 +136,16 @@ const sim_effect sim_effect_sideways = {
 
 
 def test_an_effect_is_a_file_and_a_row(root, plain, tmp_path):
-    sim = tmp_path / "apps/sim"
+    sim = tmp_path / "libtensormass/scene"
     sim.mkdir(parents=True)
     (sim / "effect_sideways.c").write_text(EFFECT)
-    shutil.copy(root / "apps/sim/effects.c", sim)
+    shutil.copy(root / "libtensormass/scene/effects.c", sim)
     insert(sim / "effects.c", "    ROW(gravity)", " ROW(sideways)")
-    library = tmp_path / "libsim.a"
-    shutil.copy(plain / "lib/libsim.a", library)
+    library = tmp_path / "libtensormass_scene.a"
+    shutil.copy(plain / "lib/libtensormass_scene.a", library)
     run("ar", "d", library, "effects.o")
     program = tmp_path / "tm-sim"
-    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a",
+    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], "libsim.a", library, "libhrt_device.a", "libhrt_motion.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a",
                  "libhrt.a", "libtensormass.a", "liblcm_types.a")
     assert "| `sideways.pull` |" in run(program, "--schema", "markdown")
     (tmp_path / "lib").symlink_to(plain / "lib")
@@ -167,7 +167,7 @@ def test_a_hard_case_is_a_row(root, plain, tmp_path):
     objects = sorted(p for p in (plain / "obj/apps/studies/stability").glob("*.o") if p.stem != "cases_tissue")
     assert len(objects) >= 6
     program = tmp_path / "tm-stability"
-    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a", "libhrt.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_motion.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a", "libhrt.a", "libtensormass.a")
     run(program, "--quick", "--case", "poisson-0.37", "--json", tmp_path / "v.json")
     (case,) = json.loads((tmp_path / "v.json").read_text())["cases"]
     assert case["name"] == "poisson-0.37" and case["verdict"] == "stays stable"
@@ -208,7 +208,7 @@ bool HRT_KINEMATICS(inverse)(const HRT_AXES *frame, const HRT_REAL tip_m[3], HRT
 """
 DRIVES = r"""
 #include "device/device.h"
-#include "device/kinematics.h"
+#include "motion/kinematics.h"
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -239,21 +239,21 @@ int main(void) {
 
 def test_a_device_is_a_file_and_a_row(root, plain, tmp_path):
     copy = tmp_path / "haptic_rt"
-    for folder in ("core", "device", "can"):
+    for folder in ("core", "device", "motion", "can"):
         shutil.copytree(root / "haptic_rt" / folder, copy / folder)
     (copy / "core/engine_slides.h").write_text(DEVICE)
     engine = copy / "core/engine.h"
     assert engine.read_text().count('"engine_impulse.h"') == 1
     engine.write_text(engine.read_text().replace('"engine_impulse.h"', '"engine_slides.h"'))
     (tmp_path / "main.c").write_text(DRIVES)
-    compile_into(root, plain, tmp_path, tmp_path / "main", [tmp_path / "main.c", *sorted((copy / "core").glob("*.c")), copy / "device/kinematics.c"], flags=[])
+    compile_into(root, plain, tmp_path, tmp_path / "main", [tmp_path / "main.c", *sorted((copy / "core").glob("*.c")), copy / "motion/kinematics.c"], flags=[])
     name, torque, reach = run(tmp_path / "main").split()
     assert name == "x_m" and float(torque) == pytest.approx(8.9) and float(reach) == pytest.approx((0.05**2 + 0.03**2 + 0.11**2) ** 0.5, rel=1e-5)
 
 
 def test_nobody_else_knows_the_device(root):
     """Its numbers and its geometry stand in its own file: nothing else includes that, or spells its joints in a string."""
-    for folder in ("haptic_rt", "apps"):
+    for folder in ("haptic_rt", "apps", "libtensormass/scene"):
         for path in sorted((root / folder).rglob("*.[ch]")):
             text = path.read_text()
             assert path.name in ("engine.h", "engine_impulse.h") or not re.search(r'"engine_impulse\.h"|"[^"\n]*pitch_rad,', text), path
@@ -261,7 +261,7 @@ def test_nobody_else_knows_the_device(root):
 
 def test_contributing_says_so(root):
     page = (root / "CONTRIBUTING.md").read_text()
-    for file, row in (("libtensormass/io/mesh_NAME.c", "TM_IO_FORMATS"), ("apps/sim/effect_NAME.c", "EFFECTS"), ("haptic_rt/core/engine_NAME.h", "HRT_ENGINE"),
+    for file, row in (("libtensormass/io/mesh_NAME.c", "TM_IO_FORMATS"), ("libtensormass/scene/effect_NAME.c", "EFFECTS"), ("haptic_rt/core/engine_NAME.h", "HRT_ENGINE"),
                       ("haptic_rt/io/bus_KIND.c", "HRT_BUSES"), ("haptic_rt/core/extrapolate.c", "HRT_EXTRAPOLATORS"), ("apps/studies/stability/", "cases_")):
         assert f"`{file}" in page and f"`{row}" in page, (file, row)
         holders = [p for folder in ("apps", "haptic_rt", "libtensormass") for p in (root / folder).rglob("*.[ch]") if re.search(rf"\b{row}", p.read_text())]

@@ -2,7 +2,7 @@
  * down again. */
 #include "app.h"
 #include "fuzz.h"
-#include "sim/sim.h"
+#include "scene/sim.h"
 #include "tensormass_io.h"
 
 static char mesh_path[200], set_mesh[240];

@@ -3,12 +3,12 @@
 #include <math.h>
 
 #include "app.h"
-#include "common/units.h"
 #include "device/hand_file.h"
 #include "fuzz.h"
 #include "io/profile.h"
 #include "io/samples.h"
 #include "mesh/shell.h"
+#include "scene/units.h"
 #include "tensormass_io.h"
 
 static void try_profile(const char *path) {

@@ -1,5 +1,5 @@
 /* The Impulse Engine's geometry: derivative against differences, inverse, virtual work. */
-#include "device/kinematics.h"
+#include "motion/kinematics.h"
 #include "rig.h"
 
 static hrt_axes some_axes(uint64_t *seed) {

@@ -5,8 +5,8 @@ tests: $(MESH_GENERATOR)
 # tm-mesh for thousands of files in one process (test_mutated.py); beside build/lib, where modules are looked for.
 MANY_FILES := $(OUT)/tests/many_files
 MANY_FILES_OBJ := $(call objects,tests/mesh/many_files.c $(filter-out apps/mesh/main.c,$(sort $(wildcard apps/mesh/*.c))))
-$(MANY_FILES): $(MANY_FILES_OBJ) $(LIBAPP_A) $(LIBTM_A)
+$(MANY_FILES): $(MANY_FILES_OBJ) $(LIBTMSCENE_A) $(LIBAPP_A) $(LIBTM_A)
 	@mkdir -p $(@D)
 	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -rdynamic -o $@ $(MANY_FILES_OBJ) -Wl,--start-group $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm -lpthread
+	$(Q)$(CC) $(SAN) -rdynamic -o $@ $(MANY_FILES_OBJ) -Wl,--start-group $(LIBTMSCENE_A) $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm -lpthread
 tests: $(MANY_FILES)

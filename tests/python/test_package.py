@@ -179,11 +179,11 @@ def test_sdist(wheel, once, tmp_path):
     sdist, = (BUILD / "wheel").glob("*.tar.gz")
     names = [n.split("/", 1)[-1] for n in tarfile.open(sdist).getnames()]
     for needed in ("Makefile", "LICENSE", "pyproject.toml", "setup.py", "python/bind.py", "python/native/scene.c", "libtensormass/include/tensormass.h",
-                   "haptic_rt/core/hrt.h", "apps/sim/sim.c", "lcm_types/tool_state_t.lcm", "tensormass/world.py"):
+                   "haptic_rt/core/hrt.h", "libtensormass/scene/sim.c", "lcm_types/tool_state_t.lcm", "tensormass/world.py"):
         assert needed in names, needed
-    # What apps/sim includes of other parts; "lcm_types/tensormass_..." is generated.
-    own = [n for n in names if re.fullmatch(r"apps/(sim|common)/\w+\.[ch]", n)]
-    asked = {h for n in own for h in re.findall(r'#include "(\w+/\w+\.h)"', (ROOT / n).read_text()) if not h.startswith("lcm_types/tensormass_")}
+    # What the scene library includes of other parts.
+    own = [n for n in names if re.fullmatch(r"(libtensormass/(scene|platform)|haptic_rt/motion)/\w+\.[ch]", n)]
+    asked = {h for n in own for h in re.findall(r'#include "(\w+/\w+\.h)"', (ROOT / n).read_text())}
     assert len(own) > 60 and asked and not {h for h in asked if not any(n.endswith("/" + h) for n in ["/" + n for n in names])}, asked
     if not LONG:
         return

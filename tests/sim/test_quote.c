@@ -1,7 +1,7 @@
 /* app_scene_quote: every file name that fits is quoted whole, and no byte beyond the buffer is written. */
 #include "../fixture.h"
 
-#include "scene.h"
+#include "scene/scene.h"
 
 static void quotes_stay_within_the_buffer(void **state) {
     (void)state;

@@ -10,8 +10,8 @@
 #include "app.h"
 #include "bandwidth.h"
 #include "json_file.h"
+#include "scene/units.h"
 #include "study.h"
-#include "units.h"
 
 static const struct {
     const char *name, *what;

@@ -5,7 +5,7 @@
 
 #include "accuracy.h"
 #include "bandwidth.h"
-#include "sim/sim.h"
+#include "scene/sim.h"
 
 enum { FRAMES = 40, REST = 120 };
 

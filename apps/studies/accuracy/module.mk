@@ -1,6 +1,6 @@
 # tm-accuracy measures, page.py draws.
 ACCURACY_SRC := $(sort $(wildcard apps/studies/accuracy/*.c))
-$(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(LIBREPLAY_A) $(SIM_LIBS),-lyaml -lcjson))
+$(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(LIBREPLAY_A) $(LIBAPP_A) $(SIM_LIBS),-lyaml -lcjson))
 
 #: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)
 .PHONY: accuracy accuracy-run

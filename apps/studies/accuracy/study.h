@@ -9,8 +9,8 @@
 
 #include <cjson/cJSON.h>
 
+#include "scene/sim.h"
 #include "sim/expected.h"
-#include "sim/sim.h"
 
 enum {
     STUDY_SETS = 32,

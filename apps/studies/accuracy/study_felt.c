@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "bandwidth.h"
-#include "sim/effects.h"
+#include "scene/effects.h"
 #include "sim/stream.h"
 #include "studies/replay/replay.h"
 #include "study.h"

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "bandwidth.h"
-#include "sim/solve_api.h"
+#include "scene/solve_api.h"
 #include "sim/stream.h"
 #include "study.h"
 

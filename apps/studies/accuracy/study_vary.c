@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "sim/effects.h"
+#include "scene/effects.h"
 #include "sim/stream.h"
 #include "study.h"
 

@@ -1,6 +1,6 @@
 # tm-evaluate measures, page.py draws.
 EVALUATE_SRC := $(sort $(wildcard apps/studies/evaluate/*.c))
-$(eval $(call program,tm-evaluate,$(EVALUATE_SRC),$(LIBREPLAY_A) $(SIM_LIBS),-lyaml -lcjson))
+$(eval $(call program,tm-evaluate,$(EVALUATE_SRC),$(LIBREPLAY_A) $(LIBAPP_A) $(SIM_LIBS),-lyaml -lcjson))
 
 #: make evaluate               extrapolation errors: build/evaluate/index.html (QUICK=1: the short form)
 .PHONY: evaluate evaluate-run

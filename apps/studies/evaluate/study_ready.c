@@ -10,7 +10,7 @@
 #include "bandwidth.h"
 #include "block.h"
 #include "evaluate.h"
-#include "sim/solve_api.h"
+#include "scene/solve_api.h"
 #include "tensormass/cut.h"
 
 enum { SETTLED = 12, SMALL_CUTS = 5, APART = 8, PATIENCE = 200 };

@@ -7,8 +7,8 @@
 #include <cjson/cJSON.h>
 
 #include "hrt.h"
+#include "scene/sim.h"
 #include "sim/publish.h"
-#include "sim/sim.h"
 
 enum { TICK_US = 2000 };
 

@@ -2,8 +2,6 @@
 #ifndef TM_SIM_SURFACE_H
 #define TM_SIM_SURFACE_H
 
-#include <cjson/cJSON.h>
-
 #include "sim.h"
 
 /* How far a sphere of this radius goes from `from_m` along the unit vector `along` until it touches the tissue at rest,
@@ -13,19 +11,6 @@ double sim_way_to_touch(const tm_mesh *mesh, const double from_m[3], const doubl
 double sim_surface_distance(const sim *s, const double point_m[3]);
 /* In a tetrahedron of the tissue at rest. */
 bool sim_is_inside(const tm_mesh *mesh, const double point_m[3]);
-
-/* After a frame: how near each instrument that has not touched yet has come. */
-void sim_reach_note(sim *s);
-/* At the end of a run of this length: a warning for each that never touched, if the run was long enough to. */
-void sim_reach_report(const sim *s, double seconds);
-
-/* After a frame, some of them: how far the tissue is deformed, where all of it is known (the dynamic model). */
-void sim_shape_note(sim *s);
-/* At the end of a run: in the report (null: none), and a warning if it was linear and far outside its range. */
-void sim_shape_report(const sim *s, cJSON *report);
-/* The same of one shape. */
-void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when);
-void sim_shape_json(const tm_deformation *shape, cJSON *report);
 
 /* Warnings about a scene that is valid and probably not meant. 0, or an exit code where the scene is strict. */
 int sim_warn(const sim *s);

@@ -2,8 +2,8 @@
 #include <math.h>
 
 #include "effects.h"
+#include "sample_rate.h"
 #include "scene_parts.h"
-#include "stream.h"
 #include "surface.h"
 
 /* Brain, the softest organ, has some 500 Pa; bone 2e10. */
@@ -125,75 +125,4 @@ int sim_warn_pace(const sim *s) {
                           "a frame takes %.3g substeps of %.3g s, set by tetrahedron %lld; look at its material "
                           "(Young's modulus, density) and its shape (tm-mesh info)",
                           substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
-}
-
-/* --- how near it came --- */
-
-void sim_reach_note(sim *s) {
-    for (int i = 0; i < s->instrument_count; i++) {
-        sim_reach *r = &s->reach[i];
-        const double *f = s->reaction[i].force_N;
-        r->touched = r->touched || s->reaction[i].row_count > 0 || f[0] != 0 || f[1] != 0 || f[2] != 0;
-        if (r->touched || !sim_has(s, "contact")) continue;
-        double gap_m = sim_surface_distance(s, s->pose[i].tip_m) - s->instrument_def[i].radius_m;
-        if (r->noted && gap_m >= r->gap_m) continue;
-        *r = (sim_reach){.noted = true, .gap_m = gap_m, .at_s = sim_time_s(s)};
-    }
-}
-
-void sim_reach_report(const sim *s, double seconds) {
-    for (int i = 0; i < s->instrument_count; i++) {
-        const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
-        const sim_reach *r = &s->reach[i];
-        double end_s = s->scene->duration.si;
-        if (s->hand[i].key_count) end_s = fmin(end_s, s->hand[i].key[s->hand[i].key_count - 1].time_s);
-        if (r->touched || !r->noted || seconds + s->frame_s < end_s) continue;
-        char where[600];
-        app_scene_where(s->scene, t->here.line, where, sizeof where);
-        fprintf(stderr,
-                "%s: warning: instrument %d never touched the tissue: its tip came within %.3g mm, at %.3g s; lead it "
-                "nearer ('above: -2 mm' is 2 mm into the surface)\n",
-                where, i, 1e3 * fmax(r->gap_m, 0), r->at_s);
-    }
-}
-
-/* --- how far it was deformed --- */
-
-/* Of two shapes the one to be told: inside out before not, then what the linear law leaves out of most of the volume.
- */
-static bool is_worse(const tm_deformation *a, const tm_deformation *b) {
-    if (a->inverted != b->inverted) return a->inverted > b->inverted;
-    return a->nonlinear_share > b->nonlinear_share;
-}
-
-void sim_shape_note(sim *s) {
-    if (!s->model->world || s->model->condensed_tets) return;
-    const tm_deformation now = tm_tissue_deformation(s->model->tissue, tm_model_displacement(s->model));
-    if (s->shape_noted && !is_worse(&now, &s->worst)) return;
-    s->worst = now, s->worst_s = sim_time_s(s), s->shape_noted = true;
-}
-
-/* With the line of the effect or material to look at. */
-void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when) {
-    char sentence[TM_ERROR_MESSAGE_MAX], where[600];
-    if (!tm_tissue_doubts(s->model->tissue, shape, sentence)) return;
-    app_scene_where(s->scene, s->scene->material.line, where, sizeof where);
-    fprintf(stderr, "%s: warning: %s%s\n", where, when, sentence);
-}
-
-void sim_shape_json(const tm_deformation *shape, cJSON *report) {
-    cJSON *to = cJSON_AddObjectToObject(report, "deformation");
-    cJSON_AddNumberToObject(to, "least_det", shape->least_det);
-    cJSON_AddNumberToObject(to, "inverted", shape->inverted);
-    cJSON_AddNumberToObject(to, "nonlinear_strain", shape->nonlinear_strain);
-    cJSON_AddNumberToObject(to, "nonlinear_share", shape->nonlinear_share);
-}
-
-void sim_shape_report(const sim *s, cJSON *report) {
-    char when[40];
-    if (!s->shape_noted) return;
-    snprintf(when, sizeof when, "at %.3g s ", s->worst_s);
-    /* Tissue that turns gets over being crushed, as between jaws: of that a run tells in its report alone. */
-    if (!sim_has(s, "rotation")) sim_shape_warn(s, &s->worst, when);
-    if (report) sim_shape_json(&s->worst, report);
 }

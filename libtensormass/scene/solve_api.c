@@ -1,6 +1,6 @@
 #include "solve_api.h"
 
-#include "common/cache.h"
+#include "cache.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "run.h"
+#include "app.h"
 
 /* OpenBLAS, which the module brings, maps 128 MB as it is opened, and where it cannot it tries for ever. */
 static bool has_room(void) {

@@ -1,22 +1,14 @@
-/* The surface as a message for viewers: its memory is taken with the scene, filled once a frame. */
-#include <math.h>
+/* The surface for viewers: its memory is taken with the scene, filled once a frame. */
 #include <string.h>
 
-#include "publish.h"
+#include "effects.h"
+#include "picture.h"
 
 static const app_field fields[] = {
     {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0,
      "the surface goes out for pictures, on TISSUE"},
     {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "one in so many frames"},
 };
-
-typedef struct sim_picture {
-    tensormass_tissue_t message;
-    int32_t *slot_of; /* [vertex_count] index into the message, -1: not on the surface */
-    int32_t *of_file; /* [vertex_count] the mesh's number of each vertex of the file; null: the same */
-    int32_t revision;
-    size_t bytes;
-} sim_picture;
 
 /* One piece of memory: the message's arrays of rows, the rows, and the numbering. */
 static int build(sim *s, const void *own) {
@@ -34,16 +26,16 @@ static int build(sim *s, const void *own) {
     memset(p, 0, bytes);
     p->bytes = bytes;
     p->revision = -1;
-    p->message.vertex_m = (float **)(p + 1);
-    p->message.triangle = (int32_t **)(p->message.vertex_m + n);
-    float *xyz = (float *)(p->message.triangle + t);
+    p->vertex_m = (float **)(p + 1);
+    p->triangle = (int32_t **)(p->vertex_m + n);
+    float *xyz = (float *)(p->triangle + t);
     int32_t *corner = (int32_t *)(xyz + 3 * n);
-    p->message.vertex_id = corner + 3 * t;
-    p->slot_of = p->message.vertex_id + n;
+    p->vertex_id = corner + 3 * t;
+    p->slot_of = p->vertex_id + n;
     if (renumbered) sim_vertices_of_file(s, p->of_file = p->slot_of + n);
-    p->message.triangle_kind = (int8_t *)(p->slot_of + (renumbered ? 2 : 1) * n);
-    for (size_t i = 0; i < n; i++) p->message.vertex_m[i] = xyz + 3 * i;
-    for (size_t i = 0; i < t; i++) p->message.triangle[i] = corner + 3 * i;
+    p->triangle_kind = (int8_t *)(p->slot_of + (renumbered ? 2 : 1) * n);
+    for (size_t i = 0; i < n; i++) p->vertex_m[i] = xyz + 3 * i;
+    for (size_t i = 0; i < t; i++) p->triangle[i] = corner + 3 * i;
     return 0;
 }
 
@@ -67,39 +59,34 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
 static int32_t vertex_of(const sim_picture *p, int32_t in_file) { return p->of_file ? p->of_file[in_file] : in_file; }
 
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
-    tensormass_tissue_t *m = &p->message;
-    m->vertex_count = 0;
+    p->vertex_count = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++) p->slot_of[v] = -1;
     for (int32_t i = 0; i < 3 * surface->count; i++) p->slot_of[surface->triangle[i]] = 0;
     for (int32_t in_file = 0; in_file < s->mesh->vertex_count; in_file++) {
         const int32_t v = vertex_of(p, in_file);
         if (p->slot_of[v]) continue;
-        p->slot_of[v] = m->vertex_count;
-        m->vertex_id[m->vertex_count++] = in_file;
+        p->slot_of[v] = p->vertex_count;
+        p->vertex_id[p->vertex_count++] = in_file;
     }
-    m->triangle_count = surface->count;
+    p->triangle_count = surface->count;
     for (int32_t t = 0; t < surface->count; t++) {
-        for (int c = 0; c < 3; c++) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
-        m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
+        for (int c = 0; c < 3; c++) p->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
+        p->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
     }
-    m->topology_revision = p->revision = surface->revision;
+    p->revision = surface->revision;
 }
 
-const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq) {
+const sim_picture *sim_picture_now(sim *s) {
     sim_picture *p = s->picture;
     tm_surface_view surface = sim_surface(s);
     if (surface.revision != p->revision) renumber(p, s, &surface);
     const double *u = sim_displacement(s);
-    for (int32_t i = 0; i < p->message.vertex_count; i++)
+    for (int32_t i = 0; i < p->vertex_count; i++)
         for (int a = 0; a < 3; a++) {
-            int32_t d = 3 * vertex_of(p, p->message.vertex_id[i]) + a;
-            p->message.vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
+            int32_t d = 3 * vertex_of(p, p->vertex_id[i]) + a;
+            p->vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
         }
-    p->message.utime = utime;
-    p->message.seq = seq;
-    p->message.session = session;
-    p->message.sim_utime = llround(sim_time_s(s) * 1e6);
-    return &p->message;
+    return p;
 }
 
 const sim_effect sim_effect_rendering = {

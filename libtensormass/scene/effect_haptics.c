@@ -3,8 +3,8 @@
 #include "choices.h"
 #include "effects.h"
 #include "hrt.h"
+#include "sample_rate.h"
 #include "solve_api.h"
-#include "stream.h"
 
 #define SENDS(ROW) ROW("force", SIM_SENDS_FORCE) ROW("stiffness", SIM_SENDS_STIFFNESS) ROW("patch", SIM_SENDS_PATCH)
 APP_CHOICE_CHECK(SENDS)

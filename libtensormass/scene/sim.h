@@ -1,10 +1,9 @@
-/* A scene made to run: tissue, world, stages, instruments. What tm-sim does with it (lockstep, real time, settle,
- * explain) is in files of their own; other programs link this and drive frames themselves. */
+/* A scene made to run: tissue, world, stages, instruments, stepped a frame at a time. */
 #ifndef TM_SIM_H
 #define TM_SIM_H
 
-#include "device/device.h"
-#include "device/kinematics.h"
+#include "motion/hand.h"
+#include "motion/kinematics.h"
 #include "scene_parts.h"
 #include "tensormass.h"
 
@@ -103,7 +102,7 @@ struct sim {
     int instrument_count;
 
     double frame_s, dt_s;
-    double sample_s;           /* from one base sample to the next (stream.h); frame_s where a frame has one */
+    double sample_s;           /* from one base sample to the next (sample_rate.h); frame_s where a frame has one */
     int32_t samples;           /* base samples of a frame, 1 without a controller */
     int32_t substeps, average; /* of a whole frame; of a sample's end */
     int32_t slice;             /* substeps of about a tenth of a second; 0: not measured yet */

@@ -1,7 +1,7 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
 #include "choices.h"
 #include "models.h"
-#include "stream.h"
+#include "sample_rate.h"
 #include "surface.h"
 
 #include <errno.h>
