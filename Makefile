@@ -125,7 +125,7 @@ include tools/site/site.mk
 
 # ---- targets ----
 
-.PHONY: all programs tests tests-short help clean setup venv check check-long check-run
+.PHONY: all programs tests tests-short help clean setup venv test check check-long check-run
 all: programs
 programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
@@ -151,6 +151,11 @@ venv: $(VENV)/.done
 $(VENV)/.done: tools/requirements.txt
 	@tools/setup.sh venv "$(VENV)"
 
+#: make test                   build, run the quick tests, within a minute: at each save (ROOM=physics|system: another room, CONTRIBUTING.md)
+ROOM ?= unit
+test:
+	@$(MAKE) --no-print-directory -j$$(nproc) venv tests
+	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py --room $(ROOM) $(PYTEST_ARGS)
 #: make check                  install what is missing, build, run every test (long ones in a short form)
 #: make check-long             the counts and durations that the documentation quotes
 check check-long:

@@ -1,10 +1,12 @@
-"""Shared by every Python test: where the build is, the last line `N passed, N failed, N skipped`, and the names of what failed for tests/run.py."""
+"""Shared by every Python test: where the build is, what rooms.py says of each, the last line `N passed, N failed, N skipped, N retried`, and the names of what failed for
+tests/run.py."""
 import fcntl
 import json
 import os
 import subprocess
 
 import pytest
+import rooms
 from paths import BUILD, LONG, ROOT
 from patience import pytest_runtest_protocol  # noqa: F401 (a hook)
 
@@ -36,7 +38,8 @@ def pytest_unconfigure(config):
     if reporter is None or hasattr(config, "workerinput"):
         return
     count = {k: len(reporter.stats.get(k, [])) for k in ("passed", "failed", "error", "skipped")}
-    print(f"{count['passed']} passed, {count['failed'] + count['error']} failed, {count['skipped']} skipped", flush=True)
+    retried = {report.nodeid for reports in reporter.stats.values() for report in reports if getattr(report, "retried", False)}
+    print(f"{count['passed']} passed, {count['failed'] + count['error']} failed, {count['skipped']} skipped, {len(retried)} retried", flush=True)
     with open(FAILED_JSON, "w") as names:
         json.dump([report.nodeid for kind in ("failed", "error") for report in reporter.stats.get(kind, [])], names)
 
@@ -89,47 +92,40 @@ def make_config(root, build):
     return made
 
 
-# Watch the wall clock: tests/run.py runs them by themselves.
-ALONE = ("trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "sanitize/test_sanitize.py::test_the_ring")
-
-# Of those that watch the clock: tests that share what one process of pytest set up, one after the other; all others run side by side with them.
-TOGETHER = ("trust/test_trust.py::test_with", "trust/test_flags", "install/test_live")
-
-# Long, on the processors alone and by no clock: tests/run.py gives them what those leave.
-LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
-
-# Look at the plain build itself, its instructions, memory, system calls, libraries and speed, or make builds of their own: not run by tests/sanitize/run.py.
-# (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)
-PLAIN = ("accuracy/", "bench/", "can/test_guest", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
-         "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
-         "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
-         "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
-# A hand in a window for two seconds, against a simulation that ThreadSanitizer makes ten times slower.
-if os.environ.get("TM_SANITIZER") == "tsan":
-    PLAIN += ("view/test_play.py::test_mouse_and_keys",)
+def pytest_addoption(parser):
+    parser.addoption("--room", choices=sorted(rooms.ROOMS), help="of this room alone (tests/rooms.py)")
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "alone: watches the wall clock, runs beside others that do so, with none that computes")
-    config.addinivalue_line("markers", "leftover: long, runs on the processor time that `alone` ones leave")
+    config.addinivalue_line("markers", "clock: watches the wall clock, runs beside others that do so, with none that computes")
+    config.addinivalue_line("markers", "leftover: long, runs on the processor time that `clock` ones leave")
     config.addinivalue_line("markers", "long: minutes, in `make check-long` alone")
     config.addinivalue_line("markers", "plain: about the plain build, not for a sanitizer's")
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     if not LONG:
         items[:] = [item for item in items if not item.get_closest_marker("long")]
+    plain = rooms.PLAIN + (rooms.PLAIN_OF_TSAN if os.environ.get("TM_SANITIZER") == "tsan" else ())
+    here = config.getoption("--room")
+    chosen = []
     for item in items:
-        path = item.path.relative_to(ROOT / "tests").as_posix()
-        if f"{path}::{item.name}".startswith(ALONE):
-            item.add_marker(pytest.mark.alone)
-        if item.get_closest_marker("alone"):
-            for group in TOGETHER:
-                if f"{path}::{item.name}".startswith(group):
+        name = rooms.name_of(item, ROOT / "tests")
+        room = rooms.room_of(name)
+        if name.startswith(rooms.CLOCK):
+            item.add_marker(pytest.mark.clock)
+        if item.get_closest_marker("clock"):
+            for group in rooms.TOGETHER:
+                if name.startswith(group):
                     item.add_marker(pytest.mark.xdist_group(group))
-        if f"{path}::{item.name}".startswith(LEFTOVER):
+        if name.startswith(rooms.LEFTOVER):
             item.add_marker(pytest.mark.leftover)
-        if f"{path}::{item.name}".startswith(PLAIN):
+        if name.startswith(plain):
             item.add_marker(pytest.mark.plain)
-    items.sort(key=lambda item: item.name.startswith("test_the_ring_finds_nothing"))  # waits for builds that the leftover tests make
+        by_clock = item.get_closest_marker("clock") or item.get_closest_marker("leftover")
+        if room is None or (by_clock and room != "system"):
+            raise pytest.UsageError(f"{name} is in {'no room' if room is None else room + ', and watches the clock'}; tests/rooms.py names rooms")
+        if here in (None, room):
+            chosen.append(item)
+    items[:] = sorted(chosen, key=lambda item: item.name.startswith("test_the_ring_finds_nothing"))  # waits for builds that the leftover tests make

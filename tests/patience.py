@@ -1,10 +1,11 @@
-"""Tests that watch the wall clock, on a machine that let them wait or is too slow for them: a test that failed meanwhile is played again once the machine is calm, all
-that it stands on anew, at most twice, and a warning says so. One that failed so each time was not judged: it counts as skipped, and says why. One that failed once on
-a machine in time has failed.
+"""Tests that watch the wall clock (marker `clock`), on a machine that let them wait or is too slow for them: a test that failed meanwhile is played again once the machine is
+calm, all that it stands on anew, at most twice, and a warning says so. One that failed so each time was not judged: it counts as skipped, and says why. One that failed
+once on a machine in time has failed. tests/run.py plays none again while others run, but by themselves when all others have ended.
 
 What a machine in time is, a process beside the tests measures: one that only sleeps is never woken LATE_S late, and a fixed piece of work takes, in the middle of
 its times, less than SLOWER times PIECE_S (what it takes on the 3 GHz processors that the tests' bounds were made on)."""
 import json
+import os
 import subprocess
 import sys
 import time
@@ -15,7 +16,7 @@ from _pytest.runner import runtestprotocol
 LATE_S = 0.05
 PIECE_S = 0.0034
 SLOWER = 2
-AGAIN = 2
+AGAIN = int(os.environ.get("TM_AGAIN", "2"))  # 0: what fails has failed, until tests/run.py runs it by itself
 CALM_S = 2          # in time for so long
 CALM_WITHIN_S = 60  # or never mind
 WATCHER = """
@@ -81,7 +82,7 @@ def not_judged(reports, why):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item, nextitem):
-    if not item.get_closest_marker("alone"):
+    if not item.get_closest_marker("clock"):
         return None
     config = item.config
     if not hasattr(config, "watcher"):
@@ -92,10 +93,16 @@ def pytest_runtest_protocol(item, nextitem):
         config.watcher.since()
         reports = runtestprotocol(item, nextitem=nextitem, log=False)
         why = config.watcher.why_not_in_time(whole_run)
-        if why is None or not any(report.failed for report in reports):
+        for report in reports:
+            report.retried = attempt > 0
+        failed = [report for report in reports if report.failed]
+        if why is None or not failed:
+            break
+        if not AGAIN:
+            failed[0].sections.append(("The machine", why))
             break
         last = attempt == AGAIN
-        item.warn(pytest.PytestWarning(f"failed while {why}: {'not judged' if last else 'played again'}\n{next(r for r in reports if r.failed).longreprtext[-1000:]}"))
+        item.warn(pytest.PytestWarning(f"failed while {why}: {'not judged' if last else 'played again'}\n{failed[0].longreprtext[-1000:]}"))
         if last:
             not_judged(reports, why)
             break

@@ -1,4 +1,5 @@
-"""tests/patience.py and tests/run.py: what is played again, and that nothing is pardoned on a machine in time, nor what fails by itself too."""
+"""tests/patience.py and tests/run.py: what is run again, and that nothing is pardoned on a machine in time, nor what fails by itself too, nor what computes."""
+import os
 import shutil
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from patience import pytest_runtest_protocol
 patience.LATE_S, patience.SLOWER, patience.CALM_WITHIN_S = {late}, {slower}, 0
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "alone: of the clock")
+    config.addinivalue_line("markers", "clock: of the clock")
 """
 TESTS = """
 import pytest
@@ -29,11 +30,11 @@ def once_more(name):
     tries[name] += 1
     assert tries[name] == 2, f"{name} was played {tries[name]} times"
 
-@pytest.mark.alone
+@pytest.mark.clock
 def test_of_a_setup(made, tmp_path):
     once_more("b")
 
-@pytest.mark.alone
+@pytest.mark.clock
 def test_that_fails():
     tries["d"] += 1
     assert not tries["d"], f"test_that_fails was played {tries['d']} times"
@@ -55,28 +56,41 @@ def test_it_plays_again_where_the_machine_was_late_or_slow(root, tmp_path, late,
     assert ("played again" in run.stdout) == ("not judged: each time it failed, the machine" in run.stdout) == out_of_time
 
 
-ONCE_MORE = """
+SUITE = """
 import pathlib
 import pytest
 
+def first(name):
+    seen = pathlib.Path(__file__).with_name(f"seen-{{name}}")
+    was_there = seen.exists()
+    seen.touch()
+    return not was_there
+
+@pytest.mark.clock
 @pytest.mark.parametrize("count", range({many}))
 def test_beside_others(count):
-    seen = pathlib.Path(__file__).with_name(f"seen-{{count}}")
-    first = not seen.exists()
-    seen.touch()
-    assert not first
+    assert not first(count)
 
+@pytest.mark.clock
 def test_that_fails():
     assert {sound}
+
+def test_that_computes():
+    assert {sound} or not first("compute")
 """
 
 
-@pytest.mark.parametrize("many, sound, last", [(2, False, "2 passed, 1 failed, 0 skipped"), (9, True, "1 passed, 9 failed, 0 skipped")])
-def test_what_failed_beside_others_runs_once_more(root, tmp_path, many, sound, last):
+@pytest.mark.parametrize("many, sound, late, last", [
+    (2, False, 1e9, "2 passed, 2 failed, 0 skipped, 3 retried"), (2, False, 0, "2 passed, 1 failed, 1 skipped, 3 retried"),
+    (41, True, 1e9, "2 passed, 41 failed, 0 skipped, 0 retried")])
+def test_what_watches_the_clock_is_run_again_by_itself(root, tmp_path, many, sound, late, last):
+    """And what computes never is; nor are so many that they have another cause."""
     (tmp_path / "tests").mkdir()
-    for name in ("conftest.py", "paths.py", "patience.py"):
+    for name in ("conftest.py", "paths.py", "rooms.py"):
         shutil.copy(root / "tests" / name, tmp_path / "tests")
-    (tmp_path / "tests/test_some.py").write_text(ONCE_MORE.format(many=many, sound=sound))
-    run = subprocess.run([sys.executable, root / "tests/run.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    patience = (root / "tests/patience.py").read_text().replace("LATE_S = 0.05", f"LATE_S = {late}").replace("SLOWER = 2\n", "SLOWER = 1e9\n").replace("CALM_WITHIN_S = 60", "CALM_WITHIN_S = 0")
+    (tmp_path / "tests/patience.py").write_text(patience)
+    (tmp_path / "tests/test_some.py").write_text(SUITE.format(many=many, sound=sound))
+    run = subprocess.run([sys.executable, root / "tests/run.py"], cwd=tmp_path, env={**os.environ, "TM_JOBS": "0"}, capture_output=True, text=True, timeout=300)
     assert run.stdout.rstrip().endswith(last) and run.returncode == (" 0 failed" not in last), run.stdout
-    assert ("once more, by themselves: tests/test_some.py::" in run.stdout) == (many == 2)
+    assert ("retried, by themselves: tests/test_some.py::" in run.stdout) == (many == 2)

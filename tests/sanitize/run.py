@@ -50,7 +50,7 @@ def run_suite(name, build, short, arguments):
     fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # of two hands: a tenth of what the plain build runs
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
     text = done.stdout + done.stderr
-    count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.M)
+    count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped, \d+ retried$", text, re.M)
     passed, failed, skipped = (int(n) for n in count[-1]) if count else (0, 1, 0)
     found = sorted(p for p in reports.iterdir() if p.stat().st_size)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
