@@ -130,6 +130,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
 }
 
 static int64_t snapshot_bytes(const tm_model *m) { return tm_model_snapshot_bytes(of(m)->moving); }
+static int64_t snapshot_bytes_most(const tm_model *m) { return tm_model_snapshot_bytes_most(of(m)->moving); }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     return tm_model_save(with_inside(m)->moving, buffer, bytes, error);
@@ -169,7 +170,8 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .restore = restore,
                                    .start = start,
                                    .stages = stages,
-                                   .set_timing = set_timing};
+                                   .set_timing = set_timing,
+                                   .snapshot_bytes_most = snapshot_bytes_most};
 
 /* --- how it is made --- */
 

@@ -129,6 +129,10 @@ static int64_t snapshot_bytes(const tm_model *m) {
     return (int64_t)sizeof(kept) + tms_precomputed_snapshot(of(m)->model, NULL);
 }
 
+static int64_t snapshot_bytes_most(const tm_model *m) {
+    return (int64_t)sizeof(kept) + tms_precomputed_snapshot_most(of(m)->model);
+}
+
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     const quasi *q = of(m);
     kept k = {.time_s = q->time_s};
@@ -204,7 +208,8 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .restore = restore,
                                    .start = start,
                                    .stages = stages,
-                                   .set_timing = set_timing};
+                                   .set_timing = set_timing,
+                                   .snapshot_bytes_most = snapshot_bytes_most};
 
 /* What `def` says, into a copy of `how`. */
 static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, tm_tissue **tissue,

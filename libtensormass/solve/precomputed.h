@@ -25,6 +25,8 @@ void tms_precomputed_compliance(void *self, int32_t a, int32_t b, double C[9]);
 
 /* precomputed_snapshot.c: how many bytes, written to `buffer` unless that is null. Back: all or nothing. */
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer);
+/* No snapshot of it is larger, whatever it touches and holds. */
+int64_t tms_precomputed_snapshot_most(const tm_precomputed *model);
 tm_status tms_precomputed_restore(tm_precomputed *model, const void *buffer, int64_t bytes, tm_error *error);
 
 #endif

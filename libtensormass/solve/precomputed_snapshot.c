@@ -1,14 +1,15 @@
 /* What a precomputed model must keep to go on with the same bits: where its tools are, what hands and jaws hold, the
  * last solution's rows and forces, what sticks and slips (rub.c), and what the on-line system keeps between solves
- * (local_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, writes and reads, so that none
- * can forget a member. */
+ * (local_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, bounds, writes and reads, so
+ * that none can forget a member. */
 #include <math.h>
 #include <string.h>
 
 #include "contact/row_pack.h"
 #include "precomputed.h"
 
-typedef enum way { COUNT, WRITE, READ } way;
+/* BOUND counts as many of everything as there is room for. */
+typedef enum way { COUNT, BOUND, WRITE, READ } way;
 
 typedef struct stream {
     way way;
@@ -21,7 +22,7 @@ static bool room(stream *s, size_t bytes) {
     s->bytes += (int64_t)bytes;
     s->left -= (int64_t)bytes;
     s->bad |= s->way == READ && s->left < 0;
-    return s->way != COUNT && !s->bad;
+    return s->way != COUNT && s->way != BOUND && !s->bad;
 }
 
 static void pass(stream *s, void *value, size_t bytes) {
@@ -31,6 +32,10 @@ static void pass(stream *s, void *value, size_t bytes) {
 }
 
 static void pass_numbers(stream *s, double *number, int64_t count) {
+    if (s->way == COUNT || s->way == BOUND) {
+        room(s, sizeof(double) * (size_t)count);
+        return;
+    }
     for (int64_t i = 0; i < count; i++) {
         double value = number[i];
         pass(s, &value, sizeof value);
@@ -44,6 +49,12 @@ static void pass_int(stream *s, int32_t *number, int32_t least, int32_t most) {
     pass(s, &value, sizeof value);
     s->bad |= s->way == READ && (value < least || value > most);
     if (s->way == READ && !s->bad) *number = (int32_t)value;
+}
+
+/* Returns how many to go over. */
+static int32_t pass_count(stream *s, int32_t *count, int32_t least, int32_t most) {
+    pass_int(s, count, least, most);
+    return s->way == BOUND ? most : *count;
 }
 
 static void pass_bool(stream *s, bool *flag) {
@@ -69,14 +80,16 @@ static void pass_tool(stream *s, tms_local *l, int32_t t) {
     pass_int(s, &state, TM_GRASP_OPEN, TM_GRASP_LETTING_GO);
     h->state = (tm_grasp_state)state;
     pass_bool(s, &h->was_closed);
-    pass_int(s, &h->count, 0, l->grasp.max_vertices);
-    for (int32_t i = 0; i < h->count; i++) pass_int(s, &h->vertex[i], 0, l->mesh->vertex_count - 1);
-    pass_numbers(s, h->offset_m, 3 * (int64_t)h->count);
-    pass_numbers(s, h->let_go_N, 3 * (int64_t)h->count);
+    const int32_t count = pass_count(s, &h->count, 0, l->grasp.max_vertices);
+    for (int32_t i = 0; i < count; i++) pass_int(s, &h->vertex[i], 0, l->mesh->vertex_count - 1);
+    pass_numbers(s, h->offset_m, 3 * (int64_t)count);
+    pass_numbers(s, h->let_go_N, 3 * (int64_t)count);
 }
 
 static void pass_local(stream *s, tms_local *l) {
-    int64_t bytes = s->way == READ ? 0 : tms_local_snapshot(l, false, NULL);
+    int64_t bytes = s->way == READ    ? 0
+                    : s->way == BOUND ? tms_local_snapshot_most(l)
+                                      : tms_local_snapshot(l, false, NULL);
     pass(s, &bytes, sizeof bytes);
     if (s->way == READ) s->bad = s->bad || bytes < 0 || bytes > s->left;
     if (!room(s, (size_t)bytes)) return;
@@ -89,8 +102,8 @@ static void pass_local(stream *s, tms_local *l) {
 
 static void pass_pins(stream *s, tms_local *l) {
     pass_int(s, &l->hand_count, 0, l->capacity);
-    pass_int(s, &l->pin_count, l->hand_count, l->capacity);
-    for (int32_t i = 0; i < l->pin_count; i++) {
+    const int32_t count = pass_count(s, &l->pin_count, l->hand_count, l->capacity);
+    for (int32_t i = 0; i < count; i++) {
         tms_pin *pin = &l->pin[i];
         pass_int(s, &pin->vertex, 0, l->mesh->vertex_count - 1);
         pass_int(s, &pin->tool, -1, l->tool_count - 1);
@@ -123,9 +136,9 @@ static void pass_row(stream *s, const tms_local *l, tm_contact_row *row) {
 
 static void pass_solution(stream *s, tms_local *l) {
     pass_bool(s, &l->converged);
-    pass_int(s, &l->now.count, 0, l->def.max_rows);
-    for (int32_t i = 0; i < l->now.count && !s->bad; i++) pass_row(s, l, &l->now.row[i]);
-    pass_numbers(s, l->now.fc, 3 * (int64_t)l->high);
+    const int32_t count = pass_count(s, &l->now.count, 0, l->def.max_rows);
+    for (int32_t i = 0; i < count && !s->bad; i++) pass_row(s, l, &l->now.row[i]);
+    pass_numbers(s, l->now.fc, 3 * (int64_t)(s->way == BOUND ? l->capacity : l->high));
     for (int32_t t = 0; t < l->tool_count; t++) {
         pass_numbers(s, l->now.force_N[t], 3);
         pass_numbers(s, l->now.resultant_N[t], 3);
@@ -134,9 +147,9 @@ static void pass_solution(stream *s, tms_local *l) {
 }
 
 /* What friction did in the last solution: of rows that were read before it. */
-static void pass_grips(stream *s, tms_look *look) {
-    pass_int(s, &look->grip_count, 0, look->count);
-    for (int32_t k = 0; k < look->grip_count && !s->bad; k++) {
+static void pass_grips(stream *s, tms_look *look, int32_t max_rows) {
+    const int32_t count = pass_count(s, &look->grip_count, 0, s->way == BOUND ? max_rows : look->count);
+    for (int32_t k = 0; k < count && !s->bad; k++) {
         tms_grip *g = &look->grip[k];
         pass_int(s, &g->first, 0, look->count - 1);
         pass_int(s, &g->count, 1, look->count - g->first);
@@ -152,16 +165,16 @@ static void pass_grips(stream *s, tms_look *look) {
 /* Where the vertices were that ways are counted from, by ascending vertex. */
 static void pass_known(stream *s, tms_rub *rub, int32_t vertex_count) {
     int32_t count = 0, v = -1;
-    for (int32_t i = 0; i < vertex_count; i++) count += rub->known[i] == rub->solution;
+    for (int32_t i = 0; i < vertex_count; i++) count += rub->known[i] == rub->solution || s->way == BOUND;
     pass_int(s, &count, 0, vertex_count);
     if (s->way == READ) rub->solution++; /* none is known */
     for (int32_t i = 0; i < count && !s->bad; i++) {
         v++;
-        while (s->way != READ && rub->known[v] != rub->solution) v++;
+        while (s->way != READ && s->way != BOUND && rub->known[v] != rub->solution) v++;
         pass_int(s, &v, v, vertex_count - 1);
         if (s->bad) return;
         pass_numbers(s, rub->u_m + 3 * (int64_t)v, 3);
-        rub->known[v] = rub->solution;
+        if (s->way == READ) rub->known[v] = rub->solution;
     }
 }
 
@@ -177,7 +190,7 @@ static void pass_rub(stream *s, tms_local *l) {
         pass_numbers(s, rub->capsule[t].tip_m, 3);
         pass_numbers(s, rub->capsule[t].tail_m, 3);
     }
-    pass_grips(s, &l->now);
+    pass_grips(s, &l->now, l->def.max_rows);
     if (!s->bad) pass_known(s, rub, l->mesh->vertex_count);
 }
 
@@ -207,6 +220,12 @@ static void walk(stream *s, tm_precomputed *m) {
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {
     stream s = {.way = buffer ? WRITE : COUNT, .at = buffer};
     walk(&s, (tm_precomputed *)(uintptr_t)model); /* which changes nothing but when it reads */
+    return s.bytes;
+}
+
+int64_t tms_precomputed_snapshot_most(const tm_precomputed *model) {
+    stream s = {.way = BOUND};
+    walk(&s, (tm_precomputed *)(uintptr_t)model);
     return s.bytes;
 }
 

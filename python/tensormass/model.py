@@ -220,6 +220,11 @@ class Model(Object):
         call(lib.tm_model_save, self, address(room), size)
         return room.tobytes()[:size]
 
+    @property
+    def snapshot_bytes_most(self) -> int:
+        """Upper bound, bytes: no later snapshot is larger. Their size changes with contact, grasps and cuts."""
+        return lib.tm_model_snapshot_bytes_most(self)
+
     def restore(self, snapshot: bytes) -> None:
         """A damaged or foreign snapshot raises and changes nothing."""
         room = np.zeros((len(snapshot) + 7) // 8, np.uint64)

@@ -87,7 +87,10 @@ static tm_model *make(organ *o, int which) {
 }
 
 static void go(tm_model *model, const tm_tool_pose *to, int frames) {
-    for (int i = 0; i < frames; i++) assert_int_equal(tm_model_frame(model, to), TM_OK);
+    for (int i = 0; i < frames; i++) {
+        assert_int_equal(tm_model_frame(model, to), TM_OK);
+        assert_true(tm_model_snapshot_bytes(model) <= tm_model_snapshot_bytes_most(model));
+    }
 }
 
 /* Exact compliance for the dynamic model; the others know theirs. */
@@ -218,6 +221,7 @@ static void go_on_alike(tm_model *model, tm_model *other, const tm_tool_pose *to
 static void hand_over(tm_model *model, tm_model *other) {
     tm_error error;
     const int64_t bytes = tm_model_snapshot_bytes(model), own = tm_model_snapshot_bytes(other);
+    assert_true(tm_model_snapshot_bytes_most(model) == tm_model_snapshot_bytes_most(other)); /* wherever they are */
     unsigned char *buffer = malloc((size_t)bytes), *before = malloc((size_t)own), *after = malloc((size_t)own);
     fix_ok(tm_model_save(model, buffer, bytes, &error), &error);
     fix_ok(tm_model_save(other, before, own, &error), &error);

@@ -144,6 +144,7 @@ static void contracts(void **state) {
     BREAKS("tm_critical_step_element", tm_critical_step_element(s.tissue, tets));
     BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
     BREAKS("tm_snapshot_bytes_most", tm_snapshot_bytes_most(NULL));
+    BREAKS("tm_model_snapshot_bytes_most", tm_model_snapshot_bytes_most(NULL));
     BREAKS("tm_snapshot_save", tm_snapshot_save(s.world, NULL, 0, &error));
     geometry(&s);
 

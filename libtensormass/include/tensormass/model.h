@@ -76,6 +76,7 @@ typedef struct tm_model_kind {
     tm_status (*start)(tm_model *model, tm_error *error);
     int32_t (*stages)(const tm_model *model, tm_stage_report report[TM_MAX_STAGES]);
     void (*set_timing)(tm_model *model, bool on);
+    int64_t (*snapshot_bytes_most)(const tm_model *model);
 } tm_model_kind;
 
 /* What every model has; its own follows in memory. Read-only for all but the model itself. */
@@ -139,9 +140,11 @@ TM_API tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, doub
                                  tm_settle_result *result, tm_error *error);
 
 /* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). The size changes
- * with contact, grasps and cuts: ask before each save; with a world tm_snapshot_bytes_most bounds it. What is damaged
- * or of another definition is refused, and changes nothing. `buffer` is aligned to 8 bytes. */
+ * with contact, grasps and cuts: ask tm_model_snapshot_bytes before each save, or allocate tm_model_snapshot_bytes_most
+ * once, after the last stage was added: no later snapshot is larger. What is damaged or of another definition is
+ * refused, and changes nothing. `buffer` is aligned to 8 bytes. */
 TM_API int64_t tm_model_snapshot_bytes(const tm_model *model);
+TM_API int64_t tm_model_snapshot_bytes_most(const tm_model *model);
 TM_API tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error);
 TM_API tm_status tm_model_restore(tm_model *model, const void *buffer, int64_t bytes, tm_error *error);
 

@@ -152,6 +152,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
 }
 
 static int64_t snapshot_bytes(const tm_model *m) { return tm_snapshot_bytes(m->world); }
+static int64_t snapshot_bytes_most(const tm_model *m) { return tm_snapshot_bytes_most(m->world); }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     return tm_snapshot_save(m->world, buffer, bytes, error);
@@ -189,7 +190,8 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .restore = restore,
                                    .start = start,
                                    .stages = stages,
-                                   .set_timing = set_timing};
+                                   .set_timing = set_timing,
+                                   .snapshot_bytes_most = snapshot_bytes_most};
 
 tm_status tm_model_check(const tm_model_def *def, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_MODEL, TM_ERR_ARGUMENT);

@@ -131,6 +131,11 @@ int64_t tm_model_snapshot_bytes(const tm_model *model) {
     return model->kind->snapshot_bytes(model);
 }
 
+int64_t tm_model_snapshot_bytes_most(const tm_model *model) {
+    TM_REQUIRE(model, "model is null", 0);
+    return model->kind->snapshot_bytes_most(model);
+}
+
 tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error) {
     TM_REQUIRE(model && buffer, "model or buffer is null", TM_ERR_ARGUMENT);
     return model->kind->save(model, buffer, bytes, error);
