@@ -5,6 +5,12 @@
 #include "tensormass/cut.h"
 
 #define FELT_N 0.01
+/* Of tissue without friction that moves by less than 6 mm/s, of what moving the tool gives: linear tissue; tissue that
+ * turns, whose factor leaves out what stress adds (8 to 15 % at rest under a press). */
+#define STRAIGHT 0.1
+#define TURNED 0.3
+#define RUBBED 0.6       /* sent without friction */
+#define DAMPING_1_S 60.0 /* nearly critical for the slowest motion: tissue of a moved tool is soonest at rest */
 #define TROCAR_X_M 0.05
 #define TROCAR_Y_M 0.02
 enum { TERM_S = 1000 }; /* nothing relaxes while the tool is moved: the stiffness is the sudden one */
@@ -36,7 +42,7 @@ static void make_tissue(sent *s) {
         fix_ok(tm_material_five(3000, 2000, 4000, 3000, 1000, &material, &error), &error);
     else
         material = kit_material(4000, 0.3 + 0.15 * fix_uniform(&s->random));
-    material.damping_1_s = 200;
+    material.damping_1_s = DAMPING_1_S;
     s->mesh = fix_block(cells, size, 0.2, &s->random);
     double *fibre = fix_fibres(s->mesh, along);
     tm_tissue_def def = tm_tissue_def_default();
@@ -127,7 +133,9 @@ static void frame(sent *s, const tm_tool_pose to[2], double seconds) {
     assert_int_equal(tm_world_step(s->world, substeps), TM_OK);
 }
 
-/* Force at rest with the tool of a hand moved, from the state as it is; the state stays. */
+/* Force at rest with the tool of a hand moved, from the state as it is; the state stays. 0.17 s leave 0.7 % of what the
+ * tissue has still to go, with DAMPING_1_S: with a damping that is far from critical 13 % were left after 0.27 s, and
+ * taken for errors of what is sent. */
 static void force_at(sent *s, int hand, int axis, double by_m, double force_N[3]) {
     tm_error error;
     tm_tool_pose to[2] = {s->pose[0], s->pose[1]};
@@ -136,7 +144,7 @@ static void force_at(sent *s, int hand, int axis, double by_m, double force_N[3]
     s->before = realloc(s->before, (size_t)s->bytes);
     fix_ok(tm_snapshot_save(s->world, s->before, s->bytes, &error), &error);
     frame(s, to, 0.02);
-    frame(s, to, 0.25);
+    frame(s, to, 0.15);
     memcpy(force_N, tm_contact_reaction(s->contact, hand).force_N, 3 * sizeof(double));
     fix_ok(tm_snapshot_restore(s->world, s->before, s->bytes, &error), &error);
 }
@@ -145,13 +153,14 @@ static void force_at(sent *s, int hand, int axis, double by_m, double force_N[3]
  * without friction, and what sticks is moved with it: there along the press alone, and no closer than that allows. */
 static double off_by(sent *s, int hand, const tm_tool_reaction *r) {
     const double step_m = 2e-4;
-    double K[9], wrong = 0, size = 0, least = INFINITY;
+    double K[9], wrong = 0, size = 0, here[3];
+    force_at(s, hand, 0, 0, here);
+    double least = fix_largest(here, 3);
     for (int c = 0; c < 3; c++) {
-        double ahead[3], behind[3];
-        force_at(s, hand, c, step_m, ahead);
-        force_at(s, hand, c, -step_m, behind);
-        least = fmin(least, fmin(fix_largest(ahead, 3), fix_largest(behind, 3)));
-        for (int i = 0; i < 3; i++) K[3 * i + c] = (ahead[i] - behind[i]) / (2 * step_m);
+        double there[3];
+        force_at(s, hand, c, step_m, there);
+        least = fmin(least, fix_largest(there, 3));
+        for (int i = 0; i < 3; i++) K[3 * i + c] = (there[i] - here[i]) / step_m;
     }
     for (int i = 0; i < 9; i++) {
         if (s->rubs && i != 8) continue;
@@ -207,7 +216,7 @@ static void see(sent *s, int hand, int k, bool compare, tally *t) {
     t->felt += felt && s->factored, t->sent += felt && s->factored && made;
     if (r.stiffness_kind == 0 || !compare || !felt) return;
     const double off = off_by(s, hand, &r);
-    if (off > (s->rubs ? 0.6 : 0.3))
+    if (off > (s->rubs ? RUBBED : s->turns ? TURNED : STRAIGHT))
         fail_msg("hand %d, frame %d, kind %d: the stiffness is %.0f %% off", hand, k, r.stiffness_kind, 100 * off);
     t->worst[s->rubs][r.stiffness_kind] = fmax(t->worst[s->rubs][r.stiffness_kind], off);
     t->compared += off >= 0;
@@ -220,13 +229,13 @@ static void follow(uint64_t seed, int hands, bool each_frame, tally *t) {
         s.pose[0] = pose_at(&s, k);
         if (hands > 1) s.pose[1] = other_at(&s, k);
         frame(&s, s.pose, 0.04);
-        for (int h = 0; h < hands; h++) see(&s, h, k, each_frame || k % 9 == 3 || k == 2, t);
+        const bool each = each_frame && (k < 14 || k % 4 == 0 || test_is_long());
+        for (int h = 0; h < hands; h++) see(&s, h, k, each || k % 9 == 3 || k == 2, t);
     }
     t->scenes++;
     destroy(&s);
 }
 
-/* While a tool moves fast the tissue that it is compared with comes to rest elsewhere: that is most of what is off. */
 static void sent_is_true(void **state) {
     (void)state;
     tally t = {0};
@@ -245,13 +254,13 @@ static void each_frame_is_true(void **state) {
     const struct {
         uint64_t seed;
         int hands;
-    } scene[] = {{3, 1}, {7, 1}, {4, 2}};
-    for (int k = 0; k < (test_is_sanitized() ? 1 : 3); k++) {
+    } scene[] = {{11, 1}, {3, 1}, {4, 2}, {8, 1}, {7, 1}, {13, 1}};
+    for (int k = 0; k < (test_is_sanitized() ? 1 : test_is_long() ? 6 : 3); k++) {
         tally t = {0};
         follow(scene[k].seed, scene[k].hands, true, &t);
         print_message("  %d hands: %d samples compared, worst %.2f\n", scene[k].hands, t.compared,
                       fmax(t.worst[0][1], t.worst[0][2]));
-        assert_true(t.compared > 30 * scene[k].hands && t.sent >= 0.99 * t.felt);
+        assert_true(t.compared > 16 * scene[k].hands && t.sent >= 0.99 * t.felt);
     }
 }
 
@@ -261,7 +270,7 @@ static void make_bar(sent *s) {
     const double size[3] = {0.045, 0.03, 0.03};
     tm_material material = kit_material(4000, 0.4);
     tm_error error;
-    material.damping_1_s = 200;
+    material.damping_1_s = DAMPING_1_S;
     s->mesh = fix_block(cells, size, 0.2, &s->random);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = s->mesh, def.material_count = 1, def.material = &material;

@@ -12,7 +12,7 @@ static const struct {
 } scenes[] = {{"liver-press", true}, {"liver-lift", false}, {"liver-cut", false}, {"liver-dissect", true}};
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
-static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 100, 500};
+static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {100};
 /* Above this rate a simulation sends no patch (apps/sim/stream.c), and laws that want one go without. */
 static const double patch_rate_max_Hz = 50;
 
