@@ -134,9 +134,11 @@ tests: programs $(TESTS)
 # The tests' own sources, a quarter of all, need not be quick; what they call is as it ships.
 $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT)))
 
-# What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads.
+# What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads, under AddressSanitizer all but
+# the longest, whose code others run too.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_borders physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
-SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(TESTS))
+LONGEST := $(addprefix $(OUT)/tests/,physics/test_step_threads physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
+SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(filter-out $(LONGEST),$(TESTS)))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py
 	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
 

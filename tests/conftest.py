@@ -98,7 +98,7 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "clock: watches the wall clock, runs beside others that do so, with none that computes")
-    config.addinivalue_line("markers", "leftover: long, runs on the processor time that `clock` ones leave")
+    config.addinivalue_line("markers", "leftover: long, runs on the processor time that others leave")
     config.addinivalue_line("markers", "long: minutes, in `make check-long` alone")
     config.addinivalue_line("markers", "plain: about the plain build, not for a sanitizer's")
 

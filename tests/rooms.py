@@ -42,8 +42,8 @@ CLOCK = (
 # Of those: tests that share what one process of pytest set up, one after the other; all others run side by side with them.
 TOGETHER = ("trust/test_trust.py::test_with", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
 
-# Long, on the processors alone and by no clock: they get what the others leave.
-LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
+# Long, on the processors alone and by no clock: they get what the others leave, from first to last. All are of the sanitizers' builds.
+LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")
 
 # Look at the plain build itself, its instructions, memory, system calls, libraries and speed, or make builds of their own: not run by tests/sanitize/run.py.
 # (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)

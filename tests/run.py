@@ -1,7 +1,7 @@
 """Runs every test, or those of one room (`--room unit`): those that compute first, two at a time, then those that watch the wall clock (marker `clock`: guests, whole rings of
-programs, windows), which tests that compute would starve. Those mostly wait, so that three of them share two processors; what they leave goes to the sanitizers' builds, in
-the scheduler's idle class. Of those that watch the clock, what failed is run again by itself when all else has ended, at most twice (tests/patience.py); what computes, never.
-The last line counts all: `N passed, N failed, N skipped, N retried`."""
+programs, windows), which tests that compute would starve. Those mostly wait, so that three of them share two processors. What either leaves goes to the sanitizers' builds,
+in the scheduler's idle class, from first to last. Of those that watch the clock, what failed is run again by itself when all else has ended, at most twice
+(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`."""
 import json
 import os
 import re
@@ -13,6 +13,7 @@ import threading
 
 JOBS = os.environ.get("TM_JOBS", "2")
 WAITING = str(int(JOBS) + 1)
+TOGETHER = ("-m", "not clock and not leftover", "-n", JOBS, "--dist", "worksteal")
 BESIDE = []  # process of the leftover tests
 FEW = 40     # more that failed by the clock have another cause
 
@@ -66,25 +67,25 @@ def by_themselves(counts, failed_json):
     return [counts[0] + passed, still, counts[2] + skipped, len(failed)]
 
 
-def watch_the_clock():
-    """Counts of the tests that do, and of the leftover ones beside them."""
+def whole():
+    """Counts of the phases of all rooms."""
     leftover = []
     beside = threading.Thread(target=lambda: leftover.extend(phase("tests", "-m", "leftover", "-n", JOBS, leftover=True)))
     beside.start()
     with tempfile.TemporaryDirectory() as folder:
         try:
+            together = phase("tests", *TOGETHER)
             clock = phase("tests", "-m", "clock", "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
             beside.join()
         except KeyboardInterrupt:
             os.killpg(BESIDE[0], signal.SIGTERM)  # a session of its own hears no Ctrl-C
             raise
-        return by_themselves(clock, f"{folder}/failed.json"), leftover
+        return together, by_themselves(clock, f"{folder}/failed.json"), leftover
 
 
 def main():
-    counts = [phase("tests", "-m", "not clock and not leftover", "-n", JOBS, "--dist", "worksteal")]
-    if not {"unit", "physics"} & set(sys.argv[1:]):  # rooms where none does (tests/conftest.py)
-        counts += watch_the_clock()
+    by_no_clock = {"unit", "physics"} & set(sys.argv[1:])  # rooms where nothing watches it, nor is left over (tests/conftest.py)
+    counts = [phase("tests", *TOGETHER)] if by_no_clock else whole()
     passed, failed, skipped, retried = (sum(each) for each in zip(*counts))
     print(f"{passed} passed, {failed} failed, {skipped} skipped, {retried} retried", flush=True)
     return 1 if failed or not passed else 0
