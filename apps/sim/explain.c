@@ -20,6 +20,8 @@ enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
 typedef struct row {
     char name[32], asked[300];
     const char *phase;
+    const char *threads;  /* whether the step's threads share it */
+    const char *provider; /* of "force": the stage whose law it computes, or null */
     int line;
     int64_t bytes;
     double us_per_step;
@@ -117,6 +119,10 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
                         .bytes = report[i].bytes,
                         .timed = true,
                         .in_step = report[i].phase != TM_PHASE_BETWEEN,
+                        .threads = report[i].overlaps  ? "overlap"
+                                   : report[i].divided ? "divided"
+                                                       : "",
+                        .provider = report[i].provider,
                         .us_per_step = report[i].runs ? report[i].seconds * 1e6 / (double)report[i].runs : 0};
         if (owner >= 0) {
             rows[n].bytes += beside[owner];
@@ -177,7 +183,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
     explain_stream(s, json);
     explain_numbering(s, json);
     explain_mass(s, json);
-    printf("%-18s %-10s %12s %10s %7s %s asked for by\n", "stage", "phase", "bytes", "us/step", "share",
+    printf("%-18s %-10s %-8s %12s %10s %7s %s asked for by\n", "stage", "phase", "threads", "bytes", "us/step", "share",
            x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; i++) {
@@ -188,6 +194,8 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
         cJSON_AddStringToObject(j, "phase", rows[i].phase);
         cJSON_AddNumberToObject(j, "line", rows[i].line);
         cJSON_AddStringToObject(j, "asked_by", rows[i].asked);
+        if (rows[i].timed) cJSON_AddStringToObject(j, "threads", rows[i].threads);
+        if (rows[i].provider) cJSON_AddStringToObject(j, "law_of", rows[i].provider);
         cJSON_AddNumberToObject(j, "bytes", (double)rows[i].bytes);
         cJSON_AddBoolToObject(j, "in_step", rows[i].in_step);
         char expected[16];
@@ -195,11 +203,12 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
         if (rows[i].timed) {
             cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
             cJSON_AddNumberToObject(j, "share", share);
-            printf("%-18s %-10s %12lld %10.3f %6.1f%% %s %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
-                   rows[i].us_per_step, 100 * share, expected, rows[i].asked);
+            printf("%-18s %-10s %-8s %12lld %10.3f %6.1f%% %s %s%s%s\n", rows[i].name, rows[i].phase, rows[i].threads,
+                   (long long)rows[i].bytes, rows[i].us_per_step, 100 * share, expected, rows[i].asked,
+                   rows[i].provider ? "; law of " : "", rows[i].provider ? rows[i].provider : "");
         } else
-            printf("%-18s %-10s %12lld %10s %7s %s %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-",
-                   "-", expected, rows[i].asked);
+            printf("%-18s %-10s %-8s %12lld %10s %7s %s %s\n", rows[i].name, rows[i].phase, "",
+                   (long long)rows[i].bytes, "-", "-", expected, rows[i].asked);
     }
     double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;
     printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:",

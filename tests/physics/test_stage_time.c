@@ -61,7 +61,8 @@ static spent read_times(const body *b) {
     for (int32_t i = 0; i < count; i++) {
         if (!strcmp(report[i].name, "force")) s.force = report[i].seconds;
         if (!strcmp(report[i].name, "rotation")) s.rotation = report[i].seconds;
-        if (!strcmp(report[i].name, "viscous strain")) s.strain = report[i].seconds;
+        if (!strcmp(report[i].name, "viscous strain") || !strcmp(report[i].name, "viscous bulk"))
+            s.strain += report[i].seconds;
         if (!strcmp(report[i].name, "viscosity")) s.viscosity = report[i].seconds;
     }
     return s;

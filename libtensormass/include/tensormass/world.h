@@ -38,9 +38,18 @@ typedef struct tm_world tm_world;
 typedef struct tm_range {
     int32_t part, begin, end;
 } tm_range;
-/* What a stage does to a range. It writes force_N and u_next_m of these vertices alone, and what is its own of them;
- * it reads u_m and u_prev_m of any. */
+/* What a stage does to a range. One that is `divided` writes force_N and u_next_m of these vertices alone, and what is
+ * its own of them; it reads u_m and u_prev_m of any. */
 typedef void tm_stage_range(void *self, tm_world *world, const tm_range *range);
+
+/* Work of a stage that needs what a substep begins with, and not the new force: several threads may do it while they
+ * compute that. */
+typedef struct tm_overlap {
+    /* By the caller's thread, before the force is computed. Returns whether to overlap in this substep. */
+    bool (*begin)(void *self, tm_world *world);
+    /* For each part of the step, by the part's thread. The stage's `run` comes later, and finds it done. */
+    void (*work)(void *self, tm_world *world, int32_t part);
+} tm_overlap;
 
 /* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail; it is
  * null in TM_PHASE_BETWEEN and where there is a `range`. New fields come at the end: what a caller's struct does not
@@ -78,10 +87,13 @@ typedef struct tm_stage {
     const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
     const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
     bool passed_over_by_settle; /* tm_world_settle does not run it: it changes what is there, not where that rests */
-    /* Instead of `run`, where every vertex is computed by itself: stages with it that follow each other run together,
-     * some hundred vertices at a time, on all threads of the world. */
+    /* Instead of `run`, where every vertex is computed by itself. */
     tm_stage_range *range;
     int64_t snapshot_most; /* upper bound of what `snapshot` returns; 0: it returns the same number at all times */
+    /* `range` may be divided among threads: divided stages that follow each other run together, some hundred vertices
+     * at a time, on all threads of the world, and beside work that overlaps. Else the caller's thread does it alone. */
+    bool divided;
+    const tm_overlap *overlap; /* null: nothing overlaps the force pass */
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -93,6 +105,8 @@ typedef struct tm_stage_report {
     int64_t runs;   /* steps done while it was there */
     double seconds; /* of its own work, wherever that is called from; measured when timing is on, else 0. With threads
                        the caller's time: its own part, and its share of the wait for the others */
+    bool divided, overlaps; /* as tm_stage has them */
+    const char *provider;   /* of the stage "force": the stage whose law it computes; null: the tensors' own */
 } tm_stage_report;
 
 /* An application with threads of its own: calls work(context, part) once for each part from 0 to parts-1, at once or

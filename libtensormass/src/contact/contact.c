@@ -1,5 +1,5 @@
-/* Stage "contact": moves the tools. Its parts: "contact find" finds the rows of all of them, "contact constrain" makes
- * them non-penetrating, together with what else is held, "contact sum" sums the reactions. */
+/* Stage "contact": moves the tools, as a step begins. Its parts: "contact find" finds the rows of all of them, "contact
+ * constrain" makes them non-penetrating, together with what else is held, "contact sum" sums the reactions. */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -22,7 +22,8 @@ static void refresh_supports(tm_contact *contact) {
 
 /* --- the stage and its parts, in the order of the step --- */
 
-static void move_tools(tm_contact *contact, const tm_world *world) {
+static void move(void *self, tm_world *world) {
+    tm_contact *contact = self;
     if (contact->held_by != world->support) refresh_supports(contact);
     contact->unsound = false;
     for (int32_t t = 0; t < contact->tool_count; t++) {
@@ -31,26 +32,6 @@ static void move_tools(tm_contact *contact, const tm_world *world) {
         if (tm_capsule_travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
             tool->flags |= TM_REACTION_TOO_FAST;
     }
-}
-
-static void move(void *self, tm_world *world) {
-    tm_contact *contact = self;
-    if (!contact->moved) {
-        move_tools(contact, world);
-        tm_contact_do_aside(contact);
-    }
-    contact->moved = false;
-}
-
-/* A look wants places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
- * waits for the new force. Where nobody would see a difference, tools move and look while that is computed. */
-static bool begin_ahead(void *self, tm_world *world, int32_t next) {
-    tm_contact *contact = self;
-    if (!tm_contact_may_look_ahead(contact, world, next)) return false;
-    move_tools(contact, world);
-    tm_contact_begin_look(contact);
-    contact->looked = contact->moved = true;
-    return true;
 }
 
 static void find(void *self, tm_world *world) {
@@ -122,26 +103,37 @@ static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex
 }
 
 static void destroy(void *self) {
-    tm_world *world = ((tm_contact *)self)->world;
-    if (world->beside.self == self) world->beside.self = NULL;
+    ((tm_contact *)self)->world->notes_travel = false;
     tm_pool pool = ((tm_contact *)self)->pool;
     tm_pool_release(&pool);
 }
 
 static tm_status add_stages(tm_world *world, tm_contact *contact, int64_t bytes, tm_error *error) {
-    const tm_stage stage[] = {{.name = "contact",
-                               .run = move,
-                               .destroy = destroy,
-                               .step_changed = changed,
-                               .snapshot = tm_contact_snapshot,
-                               .restore = tm_contact_restore,
-                               .keep = tm_contact_keep,
-                               .give_back = tm_contact_give_back,
-                               .snapshot_most = tm_contact_snapshot_max(&contact->def)},
-                              {.name = TM_STAGE_CONTACT_FIND, .run = find, .part_of = "contact"},
-                              {.name = "contact constrain", .run = constrain, .part_of = "contact"},
-                              {.name = "contact sum", .run = sum, .part_of = "contact"}};
-    return tm_world_add_stages(world, stage, 4, TM_PHASE_CONSTRAIN, contact, bytes, error);
+    const tm_stage stage[] = {
+        {.name = "contact",
+         .phase = TM_PHASE_BEGIN,
+         .run = move,
+         .destroy = destroy,
+         .step_changed = changed,
+         .snapshot = tm_contact_snapshot,
+         .restore = tm_contact_restore,
+         .keep = tm_contact_keep,
+         .give_back = tm_contact_give_back,
+         .snapshot_most = tm_contact_snapshot_max(&contact->def)},
+        {.name = TM_STAGE_CONTACT_FIND,
+         .phase = TM_PHASE_CONSTRAIN,
+         .run = find,
+         .overlap = &tm_contact_overlap,
+         .part_of = "contact"},
+        {.name = "contact constrain", .phase = TM_PHASE_CONSTRAIN, .run = constrain, .part_of = "contact"},
+        {.name = "contact sum", .phase = TM_PHASE_CONSTRAIN, .run = sum, .part_of = "contact"}};
+    const tm_status status = tm_world_add_stages(world, stage, 4, contact, bytes, error);
+    if (status) return status;
+    world->notes_travel = true;
+    tm_world_set_few(world, TM_STAGE_CONTACT_FIND, &tm_changes_none);
+    tm_world_set_few(world, "contact constrain", &tm_contact_few);
+    tm_world_set_few(world, "contact sum", &tm_changes_none);
+    return TM_OK;
 }
 
 tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error) {
@@ -174,11 +166,6 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         tm_pool_release(&pool);
         return status;
     }
-    world->beside = (tm_beside){.self = self,
-                                .begin = begin_ahead,
-                                .work = tm_contact_look_ahead,
-                                .ends = tm_contact_ends,
-                                .sound = tm_contact_is_sound};
     *contact = self;
     return TM_OK;
 }

@@ -112,11 +112,7 @@ struct tm_contact {
     tm_contact_row *row, *row_before; /* [max_rows * tool_count] of this substep and the last */
     int32_t row_count, row_count_before;
     tm_sight sight;
-    bool moved, looked; /* of the substep under way, already while force was computed (contact_look.c) */
-    struct {
-        void *self;
-        void (*work)(void *self, tm_world *world);
-    } aside;               /* self null: nothing, or done */
+    bool looked;           /* of the substep under way, already while force was computed (contact_look.c) */
     tm_solver_row *solver; /* [max_rows] */
     tm_hits *hits;         /* [tool_count] */
     uint8_t *held;         /* [3*vertex_count] components that a support prescribes */
@@ -134,18 +130,12 @@ struct tm_contact {
 
 /* contact_look.c: finds what rows there are in this substep, unless that has been done ahead. */
 const tm_sight *tm_contact_look(tm_contact *contact);
-/* Ahead, after tools have moved: begin, and then the look of each part. `next`: the slot behind the new displacements,
- * from which on nobody but contact's own may come before "contact find". */
-bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32_t next);
-void tm_contact_begin_look(tm_contact *contact);
-void tm_contact_look_ahead(void *contact, int32_t part);
-/* Work of this substep that nobody waits for before contact's own stages, and that force and looks do not meet: beside
- * them where threads share those, else when tools move. One at a time. */
-void tm_contact_put_aside(tm_contact *contact, void *self, void (*work)(void *self, tm_world *world));
-void tm_contact_do_aside(tm_contact *contact);
-/* From this slot on nobody but contact's own; are the new displacements sound that they have changed? */
-bool tm_contact_ends(const void *contact, const tm_world *world, int32_t slot);
-bool tm_contact_is_sound(const void *contact, const tm_world *world);
+/* Looks, while the force is computed; of the stage "contact find". */
+extern const tm_overlap tm_contact_overlap;
+/* Of the displacements that rows and jaws change. */
+extern const tm_few tm_contact_few;
+/* The first of contact's stages that works on new displacements. */
+const char *tm_contact_first_stage(const tm_contact *contact);
 
 /* contact_tool.c */
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);

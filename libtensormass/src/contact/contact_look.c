@@ -107,8 +107,8 @@ static void look_around(tm_sight *s, int32_t t) {
     look_at_candidates(s, t);
 }
 
-/* How far tissue came in the substep before is known when new displacements have been made, after looks beside the
- * force: where it was farther than they left room for, they look again. */
+/* How far tissue came in the substep before is known when new displacements have been made, after looks that
+ * overlapped the force: where it was farther than they left room for, they look again. */
 static void look_again(tm_sight *s) {
     tm_contact *contact = s->contact;
     const double way_m = tm_parts_way(contact->world);
@@ -130,7 +130,7 @@ static void look_in_part(void *context, int32_t part) {
 }
 
 /* Who has something to look at first; where their rows of the substep before are. */
-void tm_contact_begin_look(tm_contact *contact) {
+static void begin_look(tm_contact *contact) {
     tm_sight *s = &contact->sight;
     int32_t idle = contact->tool_count;
     s->contact = contact, s->busy = 0;
@@ -147,7 +147,7 @@ void tm_contact_begin_look(tm_contact *contact) {
 const tm_sight *tm_contact_look(tm_contact *contact) {
     tm_sight *s = &contact->sight;
     if (!contact->looked) {
-        tm_contact_begin_look(contact);
+        begin_look(contact);
         if (s->busy > 1)
             tm_parts_do(contact->world, look_in_part, s);
         else
@@ -166,47 +166,44 @@ static bool is_of_contact(const tm_contact *contact, const void *self) {
     return is;
 }
 
-/* Slot of "contact find", if from `slot` on nobody else comes before it. */
-static int32_t find_slot(const tm_contact *contact, const tm_world *world, int32_t slot) {
-    for (; slot < world->step_count && is_of_contact(contact, world->slot[slot].stage.self); slot++)
-        if (!strcmp(world->slot[slot].stage.name, TM_STAGE_CONTACT_FIND)) return slot;
-    return TM_NO_SLOT;
-}
-
-bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32_t next) {
-    if (next == world->step_count || world->slot[next].stage.self != contact || contact->others.solve) return false;
-    world->beside.slot = find_slot(contact, world, next);
-    return world->beside.slot != TM_NO_SLOT;
-}
-
-void tm_contact_put_aside(tm_contact *contact, void *self, void (*work)(void *self, tm_world *world)) {
-    contact->aside.self = self;
-    contact->aside.work = work;
-}
-
-void tm_contact_do_aside(tm_contact *contact) {
-    if (contact->aside.self) contact->aside.work(contact->aside.self, contact->world);
-    contact->aside.self = NULL;
-}
-
-/* The last thread has fewest tools. */
-void tm_contact_look_ahead(void *self, int32_t part) {
+/* A look wants places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
+ * waits for the new force. It overlaps that if nobody but contact's own stages comes between new displacements and
+ * "contact find"; whose work overlaps too, touches nothing that a look reads. */
+static bool begin_overlap(void *self, tm_world *world) {
     tm_contact *contact = self;
+    int32_t slot = world->group_end;
+    while (slot < world->step_count && world->slot[slot].stage.overlap != &tm_contact_overlap &&
+           (is_of_contact(contact, world->slot[slot].stage.self) || world->slot[slot].stage.overlap))
+        slot++;
+    if (slot == world->step_count || world->slot[slot].stage.self != contact || contact->others.solve) return false;
+    begin_look(contact);
+    contact->looked = true;
+    return true;
+}
+
+static void work_overlap(void *self, tm_world *world, int32_t part) {
+    tm_contact *contact = self;
+    (void)world;
     look_in_part(&contact->sight, part);
-    if (part == contact->world->part_count - 1) tm_contact_do_aside(contact);
+}
+
+const tm_overlap tm_contact_overlap = {begin_overlap, work_overlap};
+
+const char *tm_contact_first_stage(const tm_contact *contact) {
+    const tm_world *world = contact->world;
+    for (int32_t i = 0; i < world->step_count; i++)
+        if (world->slot[i].stage.phase == TM_PHASE_CONSTRAIN && is_of_contact(contact, world->slot[i].stage.self))
+            return world->slot[i].stage.name;
+    return TM_STAGE_CONTACT_FIND;
 }
 
 /* --- what contact has changed --- */
 
-bool tm_contact_ends(const void *of, const tm_world *world, int32_t slot) {
-    const tm_contact *contact = of;
-    if (contact->others.solve) return false;
-    while (slot < world->step_count && is_of_contact(contact, world->slot[slot].stage.self)) slot++;
-    return slot == world->step_count;
-}
+/* Rows of another solver's may hang on anything. */
+static bool applies(const void *self) { return !((const tm_contact *)self)->others.solve; }
 
-bool tm_contact_is_sound(const void *of, const tm_world *world) {
-    const tm_contact *contact = of;
+static bool are_bounded(const void *self, const tm_world *world) {
+    const tm_contact *contact = self;
     bool sound = true;
     for (int32_t i = 0; i < contact->row_count; i++)
         for (int j = 0; j < 3; j++) sound &= tm_parts_is_sound(world, contact->row[i].vertex[j]);
@@ -216,3 +213,5 @@ bool tm_contact_is_sound(const void *of, const tm_world *world) {
     }
     return sound;
 }
+
+const tm_few tm_contact_few = {applies, are_bounded};

@@ -289,6 +289,7 @@ tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_frict
         tm_pool_release(&pool);
         return status;
     }
+    tm_world_set_few(world, "friction", &tm_changes_none); /* "contact constrain" does */
     contact->friction = self;
     tm_contact_add_block_behind(
         contact,

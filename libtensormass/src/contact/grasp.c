@@ -368,6 +368,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
         tm_pool_release(&pool);
         return status;
     }
+    tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact constrain" does */
     const tm_block block = {.self = self,
                             .owner = self,
                             .sweep = sweep,

@@ -20,6 +20,7 @@ typedef struct tm_cut_stage {
     int8_t *log_instrument;
     /* the search for loose pieces */
     search state;
+    bool waits;       /* for "cut search" to go on, in this substep */
     int32_t revision; /* of the surface when it began */
     int32_t pause;
     bool falling; /* the last search left loose pieces */

@@ -88,15 +88,30 @@ static void sweep(tm_cut_stage *stage, tm_world *world) {
     stage->pause = FALLING_PAUSE;
 }
 
-/* What of the search removes nothing: it knows of no cut of this substep less than when "cut" ran, and of no jaw more.
- */
+/* --- stage "cut search": what of the search removes nothing --- */
+
+/* It knows of no cut of this substep less than "cut" did, and of no jaw more: it runs before those close. */
 static void search_on(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
-    if (stage->state == SEARCH_IDLE)
+    if (stage->waits && stage->state == SEARCH_IDLE)
         tm_cut_begin_search(stage, world);
-    else
+    else if (stage->waits)
         tm_cut_flood(stage, world->tissue);
+    stage->waits = false;
 }
+
+/* Only where no stage comes between the new displacements and it, which might cut, too. */
+static bool begin_overlap(void *self, tm_world *world) {
+    const tm_cut_stage *stage = self;
+    return stage->waits && world->group_end < world->step_count && world->slot[world->group_end].stage.self == stage;
+}
+
+/* The last thread looks at fewest tools. */
+static void work_overlap(void *self, tm_world *world, int32_t part) {
+    if (part == world->part_count - 1) search_on(self, world);
+}
+
+static const tm_overlap OVERLAP = {begin_overlap, work_overlap};
 
 static void run(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
@@ -108,9 +123,9 @@ static void run(void *self, tm_world *world) {
     case SEARCH_IDLE:
         if (stage->pause > 0) stage->pause--;
         if (stage->revision != world->tissue->surface.revision || (stage->falling && stage->pause == 0))
-            tm_contact_put_aside(stage->contact, stage, search_on);
+            stage->waits = true;
         break;
-    case SEARCH_REACH: tm_contact_put_aside(stage->contact, stage, search_on); break;
+    case SEARCH_REACH: stage->waits = true; break;
     case SEARCH_SWEEP: sweep(stage, world); break;
     }
 }
@@ -215,6 +230,32 @@ static void give_back(void *self, tm_world *world) {
     stage->log_count = stage->kept_log_count;
 }
 
+static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, tm_error *error) {
+    const tm_stage stage[] = {{.name = "cut",
+                               .phase = TM_PHASE_BEGIN,
+                               .run = run,
+                               .destroy = destroy,
+                               .snapshot = snapshot,
+                               .restore = restore,
+                               .keep = keep,
+                               .give_back = give_back,
+                               .needs = {"contact"},
+                               .before = "contact",
+                               .passed_over_by_settle = true,
+                               .snapshot_most = snapshot_max(world->tissue->mesh)},
+                              {.name = "cut search",
+                               .phase = TM_PHASE_CONSTRAIN,
+                               .run = search_on,
+                               .overlap = &OVERLAP,
+                               .part_of = "cut",
+                               .before = tm_contact_first_stage(self->contact),
+                               .passed_over_by_settle = true}};
+    const tm_status status = tm_world_add_stages(world, stage, 2, self, bytes, error);
+    if (status) return status;
+    tm_world_set_few(world, "cut search", &tm_changes_none);
+    return TM_OK;
+}
+
 tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_CUT, TM_ERR_ARGUMENT);
     TM_REQUIRE(world && contact && contact->world == world, "world is null, or contact is not of this world",
@@ -255,20 +296,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                            .supports_set = -1,
                            .kept = room,
                            .revision = world->tissue->surface.revision};
-    const tm_stage stage = {.size = sizeof stage,
-                            .name = "cut",
-                            .phase = TM_PHASE_BEGIN,
-                            .run = run,
-                            .destroy = destroy,
-                            .self = self,
-                            .snapshot = snapshot,
-                            .restore = restore,
-                            .keep = keep,
-                            .give_back = give_back,
-                            .needs = {"contact"},
-                            .passed_over_by_settle = true,
-                            .snapshot_most = snapshot_max(mesh)};
-    const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    const tm_status status = add_stages(world, self, pool.bytes, error);
     if (status) destroy(self);
     return status;
 }

@@ -79,9 +79,9 @@ double tm_parts_way(const tm_world *world) {
 
 typedef struct stages {
     tm_world *world;
-    int32_t begin, end;      /* slots */
-    bool look, timed;        /* timed: by the clock, for the borders */
-    const tm_beside *beside; /* null: nothing */
+    int32_t begin, end;                            /* slots */
+    bool look, timed;                              /* timed: by the clock, for the borders */
+    int32_t overlap_count, overlap[TM_MAX_STAGES]; /* slots whose work overlaps */
 } stages;
 
 /* Time is booked by the first part for all of them. */
@@ -92,9 +92,10 @@ static void run_part(void *context, int32_t number) {
     const bool timed = world->timing && number == 0;
     const double since_s = s->timed ? tm_clock_s() : 0;
     if (part->unsound) part->unsound = false; /* a line that nobody writes need not come from another core */
-    if (s->beside) {
-        if (timed) tm_world_charge(world, s->beside->slot);
-        s->beside->work(s->beside->self, number);
+    for (int32_t i = 0; i < s->overlap_count; i++) {
+        const tm_stage *stage = &world->slot[s->overlap[i]].stage;
+        if (timed) tm_world_charge(world, s->overlap[i]);
+        stage->overlap->work(stage->self, world, number);
     }
     for (int32_t begin = part->force.begin; begin < part->force.end;) {
         const tm_range range = {number, begin, begin + BLOCK < part->force.end ? begin + BLOCK : part->force.end};
@@ -111,13 +112,11 @@ static void run_part(void *context, int32_t number) {
 
 /* Books the wait for other threads on the stages that these were still computing, in the ratio of the caller's own
  * times: not on the stage that happens to be the last. */
-static void charge_wait(tm_world *world, const stages *s, const double *before_s) {
+static void charge_wait(tm_world *world, const double *before_s) {
     const double wait_s = tm_clock_s() - world->charged_since_s;
-    const int32_t beside = s->beside ? s->beside->slot : TM_NO_SLOT;
     double own_s[TM_MAX_STAGES] = {0}, sum_s = 0;
     for (int32_t i = 0; i < world->stage_count; i++) {
-        if ((i < s->begin || i >= s->end) && i != beside) continue;
-        own_s[i] = world->slot[i].seconds - before_s[i];
+        own_s[i] = world->slot[i].seconds - before_s[i]; /* 0 of those that did not run */
         sum_s += own_s[i];
     }
     for (int32_t i = 0; i < world->stage_count && sum_s > 0; i++) world->slot[i].seconds += wait_s * own_s[i] / sum_s;
@@ -147,30 +146,30 @@ static void look_by_parts(tm_world *world, void (*work)(void *context, int32_t p
     for (int32_t p = 0; p < world->part_count; p++) world->unsound |= world->part[p].unsound;
 }
 
-/* Do none but the world's own stages run in [begin, end), from force to the new displacements? */
-static bool are_own(const tm_world *world, int32_t begin, int32_t end) {
-    bool own = true, force = false, moved = false;
-    for (int32_t i = begin; i < end; i++) {
-        tm_stage_range *range = world->slot[i].stage.range;
-        force |= range == tm_stage_force;
-        const bool moves = range == tm_stage_integrate || range == tm_stage_integrate_damped;
-        moved |= moves;
-        own &= moves || range == tm_stage_force || range == tm_stage_gravity_run || range == tm_stage_load_run ||
-               range == tm_stage_support_run;
+/* Do the stages [begin, end) lead from the force to the new displacements? */
+static bool is_force_job(const tm_world *world, int32_t begin, int32_t end) {
+    return world->slot[begin].stage.phase <= TM_PHASE_FORCE && world->slot[end - 1].stage.phase >= TM_PHASE_INTEGRATE;
+}
+
+static void begin_overlaps(tm_world *world, stages *s) {
+    for (int32_t i = s->end; i < world->step_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->overlap && stage->overlap->begin(stage->self, world)) s->overlap[s->overlap_count++] = i;
     }
-    return own && force && moved;
 }
 
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too) {
     stages s = {.world = world, .begin = begin, .end = end, .look = look_too};
-    const bool divided = world->part_count > 1 && are_own(world, begin, end);
-    s.timed = divided && world->team_is_there;
-    if (divided && world->beside.self && world->beside.begin(world->beside.self, world, end)) s.beside = &world->beside;
     const bool waits = world->timing && world->part_count > 1;
     double before_s[TM_MAX_STAGES];
     for (int32_t i = 0; i < world->stage_count && waits; i++) before_s[i] = world->slot[i].seconds;
+    world->group_end = end;
+    if (world->part_count > 1 && is_force_job(world, begin, end)) {
+        s.timed = world->team_is_there;
+        begin_overlaps(world, &s);
+    }
     look_by_parts(world, run_part, &s);
-    if (waits) charge_wait(world, &s, before_s);
+    if (waits) charge_wait(world, before_s);
     if (s.timed) tm_borders_follow(world);
 }
 

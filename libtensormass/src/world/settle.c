@@ -312,7 +312,7 @@ static void prepare(relaxation *x) {
 /* Leaves forces, reactions and contact as the first step from here would find them. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
-    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
+    for (tm_phase phase = TM_PHASE_BEGIN; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
 }
 
 static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {

@@ -1,19 +1,40 @@
-/* Stage "force": the internal force. Of tissue whose whole law another stage computes 0, and the tensors' force for the
- * account of energy alone. */
+/* Stage "force": the internal force, by the law that the world names (tm_force_provider). */
 #include "world/world_internal.h"
 
 #include <string.h>
 
-void tm_stage_force(void *self, tm_world *world, const tm_range *range) {
-    (void)self;
+/* The tissue's tensors; for the account of energy a copy. */
+static void elastic(tm_world *world, const tm_range *range) {
     const tm_tissue *tissue = world->tissue;
     const int64_t begin = 3 * (int64_t)range->begin;
     const size_t bytes = 3 * sizeof(double) * (size_t)(range->end - range->begin);
-    double *of = world->whole_law ? world->internal_N : world->state.force_N;
-    if (of)
-        tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m, of);
-    if (world->whole_law)
-        memset(world->state.force_N + begin, 0, bytes);
-    else if (world->internal_N)
-        memcpy(world->internal_N + begin, of + begin, bytes);
+    double *force_N = world->state.force_N;
+    tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m, force_N);
+    if (world->internal_N) memcpy(world->internal_N + begin, force_N + begin, bytes);
+}
+
+/* Another stage adds the whole law: nothing, and the tensors' force for the account of energy alone. */
+static void none(tm_world *world, const tm_range *range) {
+    const tm_tissue *tissue = world->tissue;
+    const int64_t begin = 3 * (int64_t)range->begin;
+    const size_t bytes = 3 * sizeof(double) * (size_t)(range->end - range->begin);
+    if (world->internal_N)
+        tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m,
+                      world->internal_N);
+    memset(world->state.force_N + begin, 0, bytes);
+}
+
+void tm_stage_force(void *self, tm_world *world, const tm_range *range) {
+    const tm_force_provider *provider = &world->force;
+    (void)self;
+    if (provider->range)
+        provider->range(provider->self, world, range);
+    else if (provider->stage)
+        none(world, range);
+    else
+        elastic(world, range);
+}
+
+void tm_world_set_force(tm_world *world, const tm_force_provider *provider) {
+    world->force = provider ? *provider : (tm_force_provider){0};
 }

@@ -70,6 +70,7 @@ tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *er
                             .name = "gravity",
                             .phase = TM_PHASE_LOAD,
                             .range = tm_stage_gravity_run,
+                            .divided = true,
                             .destroy = destroy,
                             .self = self};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);

@@ -34,9 +34,6 @@ TM_AVX2 static inline __m256d larger_way(__m256d way_m, __m256d most_m) {
 }
 #endif
 
-/* For those who keep what they found as long as nothing has moved far. */
-static bool is_watched(const tm_world *world) { return world->beside.self != NULL; }
-
 static void note_way(tm_world *world, const tm_range *range, const way *w) {
     tm_part *part = world->part + range->part;
     const double way_m = vnorm(w->most_m);
@@ -59,9 +56,9 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
             const double z = u[i + 2] + (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
             u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
         }
-        if (is_watched(world)) add_ways(&come, u + 3 * begin, u_prev + 3 * begin, 3 * (int64_t)(end - begin));
+        if (world->notes_travel) add_ways(&come, u + 3 * begin, u_prev + 3 * begin, 3 * (int64_t)(end - begin));
     }
-    if (is_watched(world)) note_way(world, range, &come);
+    if (world->notes_travel) note_way(world, range, &come);
 }
 
 #ifdef TM_HAS_AVX2
@@ -114,7 +111,7 @@ void tm_stage_integrate_damped(void *self, tm_world *world, const tm_range *rang
     const double *TM_RESTRICT carry = world->carry;
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
-    const bool watched = is_watched(world);
+    const bool watched = world->notes_travel;
     way come = {{0, 0, 0}};
     for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);) {
         int64_t v = !world->wide ? begin

@@ -43,6 +43,7 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
                             .name = "load",
                             .phase = TM_PHASE_LOAD,
                             .range = tm_stage_load_run,
+                            .divided = true,
                             .destroy = destroy,
                             .self = self};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);

@@ -165,7 +165,7 @@ static void give_back(void *self, tm_world *world) {
 
 static void destroy(void *self) {
     turner *t = self;
-    if (t->rotation.whole) t->world->whole_law = false;
+    if (t->rotation.whole) tm_world_set_force(t->world, NULL);
     tm_pool pool = t->rotation.pool;
     tm_pool_release(&pool);
 }
@@ -274,7 +274,7 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
         tm_pool_release(&pool);
         return status;
     }
-    world->whole_law = r->whole;
+    if (r->whole) tm_world_set_force(world, &(tm_force_provider){.stage = "rotation"});
     if (rotation) *rotation = r;
     return TM_OK;
 }

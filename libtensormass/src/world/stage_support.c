@@ -168,6 +168,7 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
                                 .name = "support",
                                 .phase = TM_PHASE_CONSTRAIN,
                                 .range = tm_stage_support_run,
+                                .divided = true,
                                 .destroy = destroy,
                                 .self = self,
                                 .snapshot = snapshot,

@@ -46,8 +46,7 @@ static void strain_part(void *context, int32_t part) {
 /* Whole before "force" begins, which reads it of every vertex. */
 static void run_strained(void *self, tm_world *world) { tm_parts_do(world, strain_part, self); }
 
-/* The stage "force" while there is viscosity; where shares differ a whole part at a time, for the bulk modulus' part
- * goes over tetrahedra. */
+/* The law of the stage "force" while there is viscosity. */
 static void force_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
     const tm_tissue *tissue = world->tissue;
@@ -55,22 +54,14 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
                   world->state.force_N);
 }
 
-/* What the series adds in the stage "force" is booked on its own part of that phase. */
-static void charge_strain(tm_world *world) {
-    int32_t i = 0;
-    while (i < world->stage_count && world->slot[i].stage.run != run_strained) i++;
-    tm_world_charge(world, i < world->stage_count ? i : TM_NO_SLOT);
-}
-
-static void force_part(void *context, int32_t number) {
+/* Where shares differ: the bulk modulus' part, which goes over tetrahedra, a whole part at a time. */
+static void bulk_part(void *context, int32_t number) {
     const viscosity *v = context;
     const tm_force_part *part = &v->world->part[number].force;
-    force_range(context, v->world, &(tm_range){number, part->begin, part->end});
-    if (v->world->timing && number == 0 && v->world->charged != TM_NO_SLOT) charge_strain(v->world);
     tm_bulk_add(&v->bulk, part->begin, part->end, v->swollen_m, v->world->state.force_N);
 }
 
-static void run_force(void *self, tm_world *world) { tm_parts_do(world, force_part, self); }
+static void run_bulk(void *self, tm_world *world) { tm_parts_do(world, bulk_part, self); }
 
 static void follow_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
@@ -92,27 +83,16 @@ static void run_turned(void *self, tm_world *world) {
 
 /* --- what every stage has --- */
 
-static struct tm_stage_slot *force_slot(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
-        if (stage->run == run_force || stage->range == force_range || stage->range == tm_stage_force)
-            return world->slot + i;
-    }
-    return NULL;
-}
-
 /* Whose force it is: the series', or (false) the elastic tissue's. */
 static void set_force(viscosity *v, bool relaxes) {
-    struct tm_stage_slot *slot = force_slot(v->world);
-    if (v->rotation) {
-        v->rotation->left_to_viscosity = relaxes;
-        v->world->whole_law = relaxes || tm_swollen_is_on(&v->rotation->swollen);
-    } else if (slot) {
-        const bool divided = relaxes && v->swollen_m;
-        slot->stage.run = divided ? run_force : NULL;
-        slot->stage.range = divided ? NULL : relaxes ? force_range : tm_stage_force;
-        slot->stage.self = relaxes ? v : NULL;
-    }
+    const bool turned = v->rotation;
+    if (turned) v->rotation->left_to_viscosity = relaxes;
+    if (relaxes)
+        tm_world_set_force(v->world, &(tm_force_provider){"viscosity", v, turned ? NULL : force_range});
+    else
+        tm_world_set_force(v->world, turned && tm_swollen_is_on(&v->rotation->swollen)
+                                         ? &(tm_force_provider){.stage = "rotation"}
+                                         : NULL);
 }
 
 static void step_changed(void *self, tm_world *world) {
@@ -181,7 +161,7 @@ static void destroy(void *self) {
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
     return stage->range == follow_range || stage->run == run_turned || stage->run == run_strained ||
-           stage->run == run_force || stage->range == force_range;
+           stage->run == run_bulk;
 }
 
 static viscosity *of(const tm_world *world) {
@@ -226,6 +206,7 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
                             .phase = turned ? TM_PHASE_FORCE : TM_PHASE_END,
                             .run = turned ? run_turned : NULL,
                             .range = turned ? NULL : follow_range,
+                            .divided = !turned,
                             .destroy = destroy,
                             .step_changed = step_changed,
                             .self = v,
@@ -243,12 +224,20 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
                              .part_of = "viscosity",
                              .before = "force",
                              .passed_over_by_settle = true};
+    const tm_stage bulk = {.size = sizeof bulk,
+                           .name = "viscous bulk",
+                           .phase = TM_PHASE_FORCE,
+                           .run = run_bulk,
+                           .self = v,
+                           .part_of = "viscosity",
+                           .passed_over_by_settle = true};
     tm_status status = tm_world_add_stage(v->world, &whole, bytes, error);
     if (status) {
         release(v);
         return status;
     }
     if (!turned) status = tm_world_add_stage(v->world, &strain, 0, error);
+    if (!turned && !status && v->swollen_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
     if (status) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;

@@ -111,6 +111,8 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     TM_REQUIRE(stage->name && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_BETWEEN &&
                    (stage->run || stage->range) == (stage->phase != TM_PHASE_BETWEEN) && !(stage->run && stage->range),
                "stage has no name, no phase, or not one of run and range", TM_ERR_ARGUMENT);
+    TM_REQUIRE((!stage->divided || stage->range) && (!stage->overlap || stage->run),
+               "stage is divided without range, or overlaps without run", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->part_of || !stage->destroy, "stage is a part and has a destroy of its own", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->keep == !stage->give_back && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
@@ -131,6 +133,34 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     if (stage->step_changed) stage->step_changed(stage->self, world);
     return TM_OK;
 }
+
+/* --- stages that change few displacements --- */
+
+const tm_few tm_changes_none = {0};
+
+void tm_world_set_few(tm_world *world, const char *stage, const tm_few *few) {
+    const int32_t at = find_stage(world, stage);
+    if (at >= 0) world->slot[at].few = few;
+}
+
+bool tm_world_changes_few(const tm_world *world, int32_t slot) {
+    for (; slot < world->step_count; slot++) {
+        const tm_few *few = world->slot[slot].few;
+        if (!few || (few->applies && !few->applies(world->slot[slot].stage.self))) return false;
+    }
+    return true;
+}
+
+bool tm_world_few_are_bounded(const tm_world *world, int32_t slot) {
+    bool bounded = true;
+    for (; slot < world->step_count; slot++) {
+        const tm_few *few = world->slot[slot].few;
+        bounded &= !few || !few->is_bounded || few->is_bounded(world->slot[slot].stage.self, world);
+    }
+    return bounded;
+}
+
+/* --- the list --- */
 
 void tm_world_charge(tm_world *world, int32_t slot) {
     const double now_s = tm_clock_s();
@@ -156,11 +186,11 @@ static tm_stage take_whole(tm_world *world, int32_t at) {
     return stage;
 }
 
-tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, tm_phase phase, void *self,
-                              int64_t bytes, tm_error *error) {
+tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, void *self, int64_t bytes,
+                              tm_error *error) {
     for (int32_t i = 0; i < count; i++) {
         tm_stage mine = stage[i];
-        mine.size = sizeof mine, mine.phase = phase, mine.self = self;
+        mine.size = sizeof mine, mine.self = self;
         const tm_status status = tm_world_add_stage(world, &mine, i == 0 ? bytes : 0, error);
         if (status && i > 0) take_whole(world, find_stage(world, stage[0].name));
         if (status) return status;
@@ -188,7 +218,14 @@ int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STA
     TM_REQUIRE(world && report, "world or report is null", 0);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const struct tm_stage_slot *slot = world->slot + i;
-        report[i] = (tm_stage_report){slot->stage.name, slot->stage.phase, slot->bytes, slot->runs, slot->seconds};
+        report[i] = (tm_stage_report){.name = slot->stage.name,
+                                      .phase = slot->stage.phase,
+                                      .bytes = slot->bytes,
+                                      .runs = slot->runs,
+                                      .seconds = slot->seconds,
+                                      .divided = slot->stage.divided,
+                                      .overlaps = slot->stage.overlap,
+                                      .provider = slot->stage.range == tm_stage_force ? world->force.stage : NULL};
     }
     return world->stage_count;
 }

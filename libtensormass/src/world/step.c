@@ -14,27 +14,28 @@ static void rotate(tm_state *s) {
     s->time_s += s->dt_s;
 }
 
-/* Every stage in its turn; tm_phase is the table of contents. Those that work on ranges do so together, and look at
- * what they made of the displacements while it is in the cache; then what others change is looked at, if they can say
- * what. */
+/* Every stage in its turn; tm_phase is the table of contents. Divided stages that follow each other run together, and
+ * look at what they made of the displacements while it is in the cache; then the few that others change are looked at.
+ */
 static void substep(tm_world *world) {
-    const tm_beside *few = world->beside.self ? &world->beside : NULL;
-    bool looked = false;
+    int32_t looked = TM_NO_SLOT; /* behind the stages whose displacements have been looked at, up to the last ones */
     for (int32_t i = 0, end; i < world->step_count; i = end) {
-        for (end = i; end < world->step_count && world->slot[end].stage.range; end++) {
+        for (end = i; end < world->step_count && world->slot[end].stage.divided; end++) {
         }
         if (end > i) {
-            looked = end == world->step_count || (few && few->ends(few->self, world, end));
-            tm_parts_run_stages(world, i, end, looked);
+            looked = tm_world_changes_few(world, end) ? end : TM_NO_SLOT;
+            tm_parts_run_stages(world, i, end, looked != TM_NO_SLOT);
         } else {
             if (world->timing) tm_world_charge(world, i);
-            world->slot[i].stage.run(world->slot[i].stage.self, world);
+            tm_stage_do(&world->slot[i].stage, world);
             end = i + 1;
         }
     }
     if (world->timing) tm_world_charge(world, TM_NO_SLOT);
-    if (!looked && !world->unsound) tm_parts_look(world);
-    if (looked && few) world->unsound |= !few->sound(few->self, world);
+    if (looked != TM_NO_SLOT)
+        world->unsound |= !tm_world_few_are_bounded(world, looked);
+    else if (!world->unsound)
+        tm_parts_look(world);
 }
 
 /* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on

@@ -54,12 +54,13 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (status) return status;
     world->state.dt_s = dt_s;
     const tm_stage force = {
-        .size = sizeof(tm_stage), .name = "force", .phase = TM_PHASE_FORCE, .range = tm_stage_force};
+        .size = sizeof(tm_stage), .name = "force", .phase = TM_PHASE_FORCE, .range = tm_stage_force, .divided = true};
     const tm_stage integrate = {.size = sizeof(tm_stage),
                                 .name = "integrate",
                                 .phase = TM_PHASE_INTEGRATE,
                                 .step_changed = tm_stage_integrate_changed,
-                                .range = def->damped ? tm_stage_integrate_damped : tm_stage_integrate};
+                                .range = def->damped ? tm_stage_integrate_damped : tm_stage_integrate,
+                                .divided = true};
     status = tm_world_add_stage(world, &force, 0, error);
     return status ? status : tm_world_add_stage(world, &integrate, world->carry_bytes, error);
 }

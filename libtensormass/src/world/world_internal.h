@@ -19,17 +19,18 @@ typedef struct tm_part {
     double way_m;              /* that the farthest component of its vertices came in the substep before */
 } tm_part;
 
-/* Work of a stage that wants what a substep begins with, and not the new force: done while that is computed. */
-typedef struct tm_beside {
-    void *self;   /* null: there is none */
-    int32_t slot; /* on which its time is booked */
-    /* By the caller's thread, before force. `next`: the slot behind force. False: not in this substep. */
-    bool (*begin)(void *self, tm_world *world, int32_t next);
-    void (*work)(void *self, int32_t part); /* by each part's thread */
-    /* Are all stages from this slot on its own, so that they change u_next_m of few vertices only? Are those sound? */
-    bool (*ends)(const void *self, const tm_world *world, int32_t slot);
-    bool (*sound)(const void *self, const tm_world *world);
-} tm_beside;
+/* The law that the stage "force" computes. */
+typedef struct tm_force_provider {
+    const char *stage; /* that gives it; null: the tissue's tensors */
+    void *self;
+    tm_stage_range *range; /* null: `stage` computes all of it by itself, and "force" leaves 0 */
+} tm_force_provider;
+
+/* Of a stage behind the new displacements that changes few of them, or none. */
+typedef struct tm_few {
+    bool (*applies)(const void *self);                           /* in this substep; null: always */
+    bool (*is_bounded)(const void *self, const tm_world *world); /* those that it changed; null: it changes none */
+} tm_few;
 
 struct tm_world {
     tm_pool pool;
@@ -54,12 +55,13 @@ struct tm_world {
     bool asking;       /* forces are evaluated outside a step: no history goes on */
     bool look_at_dead; /* in this substep, for displacements that are nowhere */
     bool unsound;      /* a stage met a number that is not finite: the step fails */
-    bool whole_law;    /* a stage of tissue that turns computes all of the force: "force" leaves 0 */
+    bool notes_travel; /* the integrator notes how far vertices came (tm_parts_way) */
+    tm_force_provider force;
     int32_t part_count;
     tm_part *part;     /* [part_count+1] the last: all of it, for passes that one thread does */
     int32_t job_count; /* of force, since the borders were looked at */
-    tm_beside beside;
-    tm_team *team; /* null: one part, or the caller's own threads */
+    int32_t group_end; /* slot behind the divided stages under way */
+    tm_team *team;     /* null: one part, or the caller's own threads */
     bool team_is_there;
     tm_run_parts *run_parts;
     void *run_parts_user;
@@ -70,14 +72,22 @@ struct tm_world {
         tm_stage stage;
         int64_t bytes, runs;
         double seconds;
+        const tm_few *few; /* null: it may change any displacement */
     } slot[TM_MAX_STAGES];
     void *support;        /* self of the support stage, or null */
     int32_t supports_set; /* how often that was set or taken away */
 };
 
-/* Stages that come and go together, all of one phase and one self; the memory is the first one's. All or none. */
-tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, tm_phase phase, void *self,
-                              int64_t bytes, tm_error *error);
+/* Stages that come and go together, all of one self; the memory is the first one's. All or none. */
+tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, void *self, int64_t bytes,
+                              tm_error *error);
+void tm_world_set_few(tm_world *world, const char *stage, const tm_few *few);
+extern const tm_few tm_changes_none;
+/* Names the law of the stage "force"; null: the tissue's tensors. */
+void tm_world_set_force(tm_world *world, const tm_force_provider *provider);
+/* From this slot on, do stages change few displacements only? Are those bounded? */
+bool tm_world_changes_few(const tm_world *world, int32_t slot);
+bool tm_world_few_are_bounded(const tm_world *world, int32_t slot);
 
 /* All of them, with what they hold. */
 void tm_world_remove_all_stages(tm_world *world);
@@ -94,7 +104,7 @@ void tm_borders_follow(tm_world *world);
 /* Around the substeps of a call. */
 void tm_parts_begin(tm_world *world, int32_t substeps);
 void tm_parts_end(tm_world *world);
-/* Stages [begin, end), all with `range`, a block of vertices at a time; and looks whether u_next_m is sound. */
+/* Stages [begin, end), all divided, a block of vertices at a time; and looks whether u_next_m is sound. */
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
 /* work(context, part) of every part, by the step's threads. */
 void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context);
@@ -103,7 +113,7 @@ void tm_parts_look(tm_world *world);
 /* Of one vertex: is it not? */
 bool tm_parts_is_sound(const tm_world *world, int32_t vertex);
 /* No farther any vertex came from u_prev_m to u_m, whoever moved it, m; once new displacements have been made in this
- * substep, in a world with somebody beside the force. */
+ * substep, in a world that notes it. */
 double tm_parts_way(const tm_world *world);
 /* One stage over the whole tissue, by the caller's thread. */
 void tm_stage_do(const tm_stage *stage, tm_world *world);

@@ -1,0 +1,44 @@
+"""The step is what its table says: stages, phases, what threads share and whose law the force is, with and without each effect."""
+import pytest
+from simkit import report
+
+PRESS, CUT = "block-press", "block-cut"
+SHEAR = "viscosity={terms: [{time: 50 ms, shear: 0.3, volume: 0.1}]}"
+ALIKE = "viscosity={terms: [{time: 50 ms, shear: 0.3, volume: 0.3}]}"
+BEGIN = ["contact begin"]
+MOTION = ["force force divided", "integrate integrate divided", "support constrain divided"]
+ROWS = ["contact find constrain overlap", "contact constrain constrain", "contact sum constrain"]
+PLAIN = BEGIN + MOTION + ROWS + ["patch between"]
+
+
+def among(rows, **after):
+    """The rows, each followed by those that `after` names for it (spaces are underscores)."""
+    return [line for row in rows for line in [row, *after.get(row.replace(" ", "_"), [])]]
+
+
+def law_of(stage, rows):
+    return [f"{row}: law of {stage}" if row.startswith("force ") else row for row in rows]
+
+
+TURNED = among(PLAIN, force_force_divided=["rotation force"])
+CASES = {
+    "press": (PRESS, [], PLAIN),
+    "volume": (PRESS, ["volume={}"], PLAIN),
+    "rotation": (PRESS, ["rotation={}"], TURNED),
+    "rotation and volume": (PRESS, ["rotation={}", "volume={}"], law_of("rotation", TURNED)),
+    "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"])),
+    "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"],
+                                                                             force_force_divided=["viscous bulk force"]))),
+    "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force=["viscosity force"]))),
+    "friction": (PRESS, ["friction={}"], among(PLAIN, support_constrain_divided=["friction constrain"])),
+    "energy": (PRESS, ["energy={}"], among(PLAIN, contact_sum_constrain=["energy end"])),
+    "cut": (CUT, [], ["cut begin", *among(PLAIN, support_constrain_divided=["cut search constrain overlap", "grasp constrain"])]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_explain_prints_the_step(build, root, tmp_path, case):
+    scene, sets, expected = CASES[case]
+    said = report(build / "bin/tm-sim", root / f"apps/scenes/{scene}.yaml", "--explain", "--quiet", *[word for s in sets for word in ("--set", s)], tmp=tmp_path)
+    rows = [f"{s['name']} {s['phase']} {s['threads']}".strip() + (f": law of {s['law_of']}" if "law_of" in s else "") for s in said["stages"] if "threads" in s]
+    assert [r for r in rows if not r.startswith("load ") and not r.startswith("gravity ")] == expected
