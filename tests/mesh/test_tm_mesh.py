@@ -4,6 +4,7 @@ import json
 import math
 import random
 import re
+import subprocess
 
 import meshlib
 import pytest
@@ -35,6 +36,13 @@ def test_bad_usage(args, tm_mesh, env, tmp_path):
     assert result.returncode == 2, (result.returncode, result.stdout, result.stderr)
     assert result.stderr.strip() and result.stdout == ""
     assert not list(tmp_path.glob("out*"))
+
+
+@pytest.mark.parametrize("name", ["--quiet", "--help", "--quiet.msh"])
+def test_what_follows_two_dashes_is_a_file(name, bin, tmp_path):
+    (tmp_path / name).write_text("not much\n")
+    done = subprocess.run([bin / "tm-mesh", "check", "--", name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and done.stderr.startswith(f"{name}: "), (done.returncode, done.stdout, done.stderr)
 
 
 def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
