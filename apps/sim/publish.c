@@ -107,6 +107,11 @@ static bool all_finite(const double *x, int n) {
     return good;
 }
 
+/* Returns whether the instrument is a cautery whose pedal is down. */
+static bool cuts_now(const sim *s, int instrument) {
+    return s->pose[instrument].active && s->instrument_def[instrument].mode == TM_TOOL_CAUTERY;
+}
+
 void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
                       int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out) {
     const tm_tool_reaction *r = &s->reaction[instrument];
@@ -131,6 +136,7 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
     if (s->patch_valid[instrument]) out->flags |= SIM_FLAG_PATCH;
+    if (cuts_now(s, instrument)) out->flags |= SIM_FLAG_CUTTING;
 }
 
 /* Row by row; with a hold each has three more entries, and there are three more of them. */

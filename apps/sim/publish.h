@@ -19,7 +19,8 @@ enum {
     SIM_FLAG_UNSTABLE = 64,
     SIM_FLAG_TOO_FAST = 128,
     SIM_FLAG_INSIDE = 256,
-    SIM_FLAG_LETTING_GO = 512
+    SIM_FLAG_LETTING_GO = 512,
+    SIM_FLAG_CUTTING = 1024
 };
 
 typedef struct sim_publisher {

@@ -9,13 +9,14 @@
 
 #if HRT_WITH_ADAPTIVE
 
-static const float RECORD_US = 1900.0f;  /* ticks closer than this share a record */
-static const float HALF_SAMPLES = 2.0f;  /* an error counts half after so many samples, */
-static const float HALF_LEAST_S = 0.03f; /* or after this where samples come more often */
-static const float RATE = 3.0f;          /* of the weights, over the least sum */
-static const float FLOOR = 2.0e-3f;      /* errors below this share of the force tell laws apart no more */
-static const float FELT_KEPT = 0.98f;    /* of the largest force, from sample to sample */
-static const float FELT_LEAST_N = 1.0e-3f;
+static const float RECORD_US = 1900.0f;    /* ticks closer than this share a record */
+static const float HALF_SAMPLES = 2.0f;    /* an error counts half after so many samples, */
+static const float HALF_LEAST_S = 0.03f;   /* or after this where samples come more often */
+static const float RATE = 3.0f;            /* of the weights, over the least sum */
+static const float FLOOR = 2.0e-3f;        /* errors below this share of the force tell laws apart no more */
+static const float TELLING = 0.03f;        /* nothing is forgotten while the worst errs by far less than this share */
+static const float FELT_KEPT = 0.98f;      /* of the largest force, from sample to sample */
+static const float FELT_LEAST_N = 1.0e-2f; /* at the first touch errors of less tell no law from another */
 /* Sums before anything is known: a patch knows the surface, the others only the last force. */
 static const float LOSS_PATCH = 1.0e-4f, LOSS_OTHER = 1.0e-2f;
 
@@ -88,19 +89,22 @@ void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const f
     const float span_us = hrt_us(after->t_us - before->t_us);
     const float share = span_us > 0.0f ? hrt_clamp(hrt_us(t_us - before->t_us) / span_us, 0.0f, 1.0f) : 0.0f;
     const bool with_patch = before->with_patch && after->with_patch;
-    float miss2[HRT_ADAPTIVE_LAWS], any2 = vdot(force_N, force_N);
+    float miss2[HRT_ADAPTIVE_LAWS], worst2 = 0.0f, any2 = vdot(force_N, force_N);
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) {
         miss2[i] = square_of_miss(before, after, share, i, force_N);
         any2 += vdot(before->said_N[i], before->said_N[i]);
+        if (i != HRT_ADAPTIVE_PATCH || with_patch) worst2 = fmaxf(worst2, miss2[i]);
     }
     if (!(any2 > 0.0f)) return; /* out of touch nothing is learnt, and nothing forgotten */
     a->felt_N = fmaxf(FELT_KEPT * a->felt_N, vnorm(force_N));
-    const float scale_N = fmaxf(a->felt_N, FELT_LEAST_N);
-    /* A half-life h of a rate 1/(1+t/T) a sample: T = t / (sqrt 2 - 1) for h = 2 t. */
+    const float scale2 = fmaxf(a->felt_N, FELT_LEAST_N) * fmaxf(a->felt_N, FELT_LEAST_N);
+    /* Where no law could be wrong nothing was learnt of the next motion. A half-life h of a rate 1/(1+t/T) a sample: T
+     * = t / (sqrt 2 - 1) for h = 2 t. */
     const float time_s = 1.207f * fmaxf(HALF_SAMPLES * interval_s, HALF_LEAST_S);
-    const float kept = time_s / (time_s + fmaxf(interval_s, 1.0e-4f));
+    const float tells = worst2 / (worst2 + TELLING * TELLING * scale2);
+    const float kept = time_s / (time_s + tells * fmaxf(interval_s, 1.0e-4f));
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++)
-        if (i != HRT_ADAPTIVE_PATCH || with_patch) a->loss[i] = kept * a->loss[i] + miss2[i] / (scale_N * scale_N);
+        if (i != HRT_ADAPTIVE_PATCH || with_patch) a->loss[i] = kept * a->loss[i] + miss2[i] / scale2;
 }
 
 #endif

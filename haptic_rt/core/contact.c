@@ -175,29 +175,29 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
 }
 
 /* Of the tip since the last tick, m/s. What its mean of the last while leaves of it is `swing`. */
-static law_v3 tip_speed(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], law_v3 *swing) {
-    const float passed_s = law_max(1.0e-6f * (float)(uint32_t)(now_us - x->film_us), 1.0e-6f);
-    const law_v3 speed = vtimes(1.0f / passed_s, vminus(vget(tip_m), vget(x->film_tip_m)));
-    *swing = vtimes(x->patch->radiation_s / (passed_s + x->patch->radiation_s), vminus(speed, vget(x->mean_m_s)));
-    vput(vminus(speed, *swing), x->mean_m_s);
-    vset(tip_m, x->film_tip_m);
-    x->film_us = now_us;
+static law_v3 tip_speed(const hrt_patch *patch, hrt_touch *touch, int64_t now_us, const float tip_m[3], law_v3 *swing) {
+    const float passed_s = law_max(1.0e-6f * (float)(uint32_t)(now_us - touch->film_us), 1.0e-6f);
+    const law_v3 speed = vtimes(1.0f / passed_s, vminus(vget(tip_m), vget(touch->film_tip_m)));
+    *swing = vtimes(patch->radiation_s / (passed_s + patch->radiation_s), vminus(speed, vget(touch->mean_m_s)));
+    vput(vminus(speed, *swing), touch->mean_m_s);
+    vset(tip_m, touch->film_tip_m);
+    touch->film_us = now_us;
     return speed;
 }
 
 /* What waves carry off into tissue that has mass, where a patch is at rest at every instant: a dashpot on the swing
  * along the force, of a hold on all of it. The mean speed is no swing: what it does is in the sample's shape. Never
  * more than half of the force, so that a probe is never pulled. */
-static void radiate(hrt_extrapolation *x, law_v3 swing, float force_N[3]) {
+static void radiate(const hrt_patch *patch, hrt_touch *touch, law_v3 swing, float force_N[3]) {
     const law_v3 force = vget(force_N);
     const float size2 = vinner(force, force);
     if (!(size2 > 0.0f)) {
-        for (int i = 0; i < 3; i++) x->mean_m_s[i] = 0.0f;
+        for (int i = 0; i < 3; i++) touch->mean_m_s[i] = 0.0f;
         return;
     }
-    if (!hrt_patch_holds(x->patch)) swing = vtimes(vinner(swing, force) / size2, force);
-    const float size = x->patch->radiation_N_s_m * vsize(swing), most = 0.5f * sqrtf(size2);
-    vput(vminus(force, vtimes(x->patch->radiation_N_s_m * (size > most ? most / size : 1.0f), swing)), force_N);
+    if (!hrt_patch_holds(patch)) swing = vtimes(vinner(swing, force) / size2, force);
+    const float size = patch->radiation_N_s_m * vsize(swing), most = 0.5f * sqrtf(size2);
+    vput(vminus(force, vtimes(patch->radiation_N_s_m * (size > most ? most / size : 1.0f), swing)), force_N);
 }
 
 /* Reactions, the film's drag along the surface and the hold to the equivalent force at the tip of a tool that pivots
@@ -230,51 +230,52 @@ static bool gather(const solve *s, const float tip_m[3], law_v3 drag, float forc
     return !(on_edge_N > 0.0f);
 }
 
-bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]) {
+bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us, const float tip_m[3],
+                       float force_N[3]) {
     solve s;
     hrt_hits hits = {.count = -1};
     if (!(vnorm(tip_m) > 1.0e-4f)) return false;
-    s.patch = x->patch;
-    s.p.rows = x->row_count;
-    s.p.soft_m = LAW_SKIN_TRAVEL * x->patch->radius_m;
-    s.p.cap_N = x->patch->force_cap_N;
-    s.row = x->row;
-    s.force_N = x->patch_force_N;
-    x->mixing.used = true;
+    s.patch = patch;
+    s.p.rows = touch->row_count;
+    s.p.soft_m = LAW_SKIN_TRAVEL * patch->radius_m;
+    s.p.cap_N = patch->force_cap_N;
+    s.row = touch->row;
+    s.force_N = touch->patch_force_N;
+    touch->mixing.used = true;
 #if HRT_WITH_FRICTION
     hrt_rub rub;
     // cppcheck-suppress uninitvar ; hrt_rub_begin sets what is read of it
     s.rub = s.patch->friction_static > 0.0f ? &rub : NULL;
-    if (s.rub) hrt_rub_begin(&rub, s.patch, &x->rubbing, tip_m);
+    if (s.rub) hrt_rub_begin(&rub, s.patch, &touch->rubbing, tip_m);
 #endif
     for (int32_t k = 0; k < ROUNDS; k++) {
         shift_by_forces(&s, tip_m);
-        find_rows(&s, tip_m, &hits, s.row == x->row ? s.other : x->row);
+        find_rows(&s, tip_m, &hits, s.row == touch->row ? s.other : touch->row);
         law_solve(&s.p, BRANCHES);
         find_residual(&s);
         /* On much the same shape the tool is near the same features. */
-        if (law_take_forces(&x->mixing, &s.round, s.force_N, 3 * s.patch->vertex_count, k == 0) >= LITTLE)
+        if (law_take_forces(&touch->mixing, &s.round, s.force_N, 3 * s.patch->vertex_count, k == 0) >= LITTLE)
             hits.count = -1;
     }
-    x->row_count = s.p.rows;
+    touch->row_count = s.p.rows;
 #if HRT_WITH_FRICTION
-    if (s.rub) hrt_rub_settle(&rub, 1.0e-6f * (float)(uint32_t)(now_us - x->film_us));
+    if (s.rub) hrt_rub_settle(&rub, 1.0e-6f * (float)(uint32_t)(now_us - touch->film_us));
 #endif
     law_v3 swing;
-    const law_v3 speed = tip_speed(x, now_us, tip_m, &swing);
-    const bool within = gather(&s, tip_m, vtimes(x->patch->film_s_m, speed), force_N);
-    radiate(x, swing, force_N);
+    const law_v3 speed = tip_speed(patch, touch, now_us, tip_m, &swing);
+    const bool within = gather(&s, tip_m, vtimes(patch->film_s_m, speed), force_N);
+    radiate(patch, touch, swing, force_N);
     return within;
 }
 
-void hrt_contact_clear(hrt_extrapolation *x) {
-    x->row_count = 0;
-    if (!x->mixing.used) return;
-    x->mixing = (hrt_mixing){0};
+void hrt_contact_clear(hrt_touch *touch) {
+    touch->row_count = 0;
+    if (!touch->mixing.used) return;
+    touch->mixing = (hrt_mixing){0};
 #if HRT_WITH_FRICTION
-    x->rubbing = (hrt_rubbing){0};
+    touch->rubbing = (hrt_rubbing){0};
 #endif
-    for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) x->patch_force_N[i] = 0.0f;
+    for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) touch->patch_force_N[i] = 0.0f;
 }
 
 /* The vertex of `fresh` that is vertex v of `old`: the undeformed surface does not move. -1: not in it. */
@@ -307,28 +308,28 @@ static void renumber_rubbing(hrt_rubbing *r, const int8_t to[HRT_PATCH_MAX_VERTI
 }
 #endif
 
-void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh) {
+void hrt_contact_warm(hrt_touch *touch, const hrt_patch *old, const hrt_patch *fresh) {
     int8_t to[HRT_PATCH_MAX_VERTICES];
     for (int32_t v = 0; v < old->vertex_count; v++) {
-        const law_v3 force = at(x->patch_force_N, v);
+        const law_v3 force = at(touch->patch_force_N, v);
         to[v] = (int8_t)(vinner(force, force) > 0.0f || old->friction_static > 0.0f ? same_vertex(old, v, fresh) : -1);
     }
 #if HRT_WITH_FRICTION
-    if (old->friction_static > 0.0f) renumber_rubbing(&x->rubbing, to, old->vertex_count, fresh);
+    if (old->friction_static > 0.0f) renumber_rubbing(&touch->rubbing, to, old->vertex_count, fresh);
 #endif
     /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
     for (int k = -1; k < 2 * HRT_MIXING_MEMORY; k++)
-        renumber(k < 0        ? x->patch_force_N
-                 : k % 2 == 0 ? x->mixing.residual_change_N[k / 2]
-                              : x->mixing.step_N[k / 2],
+        renumber(k < 0        ? touch->patch_force_N
+                 : k % 2 == 0 ? touch->mixing.residual_change_N[k / 2]
+                              : touch->mixing.step_N[k / 2],
                  to, old->vertex_count);
     int32_t kept = 0;
-    for (int32_t r = 0; r < x->row_count; r++)
+    for (int32_t r = 0; r < touch->row_count; r++)
         for (int32_t t = 0; t < fresh->triangle_count; t++) {
-            if (fresh->face[t] != old->face[x->row[r].triangle]) continue;
-            x->row[kept] = x->row[r];
-            x->row[kept++].triangle = (uint8_t)t;
+            if (fresh->face[t] != old->face[touch->row[r].triangle]) continue;
+            touch->row[kept] = touch->row[r];
+            touch->row[kept++].triangle = (uint8_t)t;
             break;
         }
-    x->row_count = kept;
+    touch->row_count = kept;
 }

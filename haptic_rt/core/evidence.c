@@ -31,15 +31,16 @@ static const float DRIFT_MOST = 0.2f;
 static const float DRIFT_S = 0.015f;
 static const float DRIFT_FORGOTTEN = 0.5f;
 
-/* Says whether the patch gives the force that came with it, to a half: one that does not know what the tool touches (in
- * a slit, say) does not. */
+/* Says whether the patch gives the force that came with it, to a half: one that does not know what a cautery touches in
+ * its slit does not. Elsewhere a patch that differs has gone over an edge before the tissue did, and is right again
+ * soon: left, it would be missed for a whole interval. */
 static bool agrees(const hrt_extrapolation *x) {
-    hrt_extrapolation trial = *x;
+    hrt_touch trial = x->touch;
     float force[3], miss[3];
     if (!(vnorm(x->now.force_N) > 0.0f)) return true;
     vset(x->now.tip_m, trial.film_tip_m);
     for (int i = 0; i < 3; i++) trial.mean_m_s[i] = 0.0f;
-    if (!hrt_contact_force(&trial, x->film_us, x->now.tip_m, force)) return false;
+    if (!hrt_contact_force(x->patch, &trial, trial.film_us, x->now.tip_m, force)) return false;
     vsub(force, x->now.force_N, miss);
     return vnorm(miss) < 0.5f * fmaxf(vnorm(force), vnorm(x->now.force_N)) + 0.01f;
 }
@@ -47,11 +48,11 @@ static bool agrees(const hrt_extrapolation *x) {
 /* What the new patch changes of the last tick's force came without motion: the free shape goes on moving as the tissue
  * swings, creeps and turns. What comes and goes (tremor, a loop that swings) is no drift. */
 static void measure_drift(hrt_extrapolation *x) {
-    hrt_extrapolation trial = *x;
+    hrt_touch trial = x->touch;
     float force[3], drift[3];
     vset(x->tick_tip_m, trial.film_tip_m);
     trial.film_us = x->tick_us;
-    if (!hrt_contact_force(&trial, x->film_us, x->film_tip_m, force)) return;
+    if (!hrt_contact_force(x->patch, &trial, x->touch.film_us, x->touch.film_tip_m, force)) return;
     vsub(force, x->patch_N, drift);
     vscale(1.0f / x->interval_s, drift, drift);
     const float share = fminf(1.0f, x->interval_s / DRIFT_S);
@@ -63,17 +64,21 @@ static void measure_drift(hrt_extrapolation *x) {
 
 bool hrt_evidence_patch(hrt_extrapolation *x, bool same_tissue) {
     if (!same_tissue) x->patch_ticks = 0;
-    if (!agrees(x)) return false;
+    if (x->cutting && !agrees(x)) return false;
     if (x->patch_ticks > 1 && x->interval_s > 1.0e-3f) measure_drift(x);
     return true;
 }
 
-/* Brings the patch's force back towards the sample's by what cut tissue did not do of what was foretold. */
-static void doubt_cut(const hrt_extrapolation *x, float force[3]) {
+/* Of what a patch foretells under a cautery at work, the share that comes true: the rest is cut before it is felt. */
+static const float CUTTING_SHARE = 0.18f;
+
+/* Brings the patch's force back towards the sample's. Tissue that another hand cuts is believed: the next patch tells
+ * what is left of it, and what this tool bears on changes little. */
+static void doubt_cutting(const hrt_extrapolation *x, float force[3]) {
     float change[3];
-    if (!x->cut) return;
+    if (!x->cutting) return;
     vsub(force, x->now.force_N, change);
-    vadd(force, hrt_evidence_trust(x) - 1.0f, change);
+    vadd(force, CUTTING_SHARE - 1.0f, change);
 }
 
 /* Adds to the patch's force what it has drifted since the sample: over two intervals at most, and by no more than a
@@ -85,7 +90,7 @@ void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force[3]) {
         x->patch_ticks++;
     }
     vset(force, x->patch_N);
-    doubt_cut(x, force);
+    doubt_cutting(x, force);
     const float age_s = hrt_clamp(hrt_seconds(now_us - x->now.t_us), 0.0f, 2.0f * x->interval_s);
     float drifted[3];
     const float lasts = x->drift_was > 0.0f ? hrt_clamp(x->drift_lasted / x->drift_was, 0.0f, 1.0f) : 0.0f;

@@ -129,7 +129,7 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     x->which = which;
     x->changed = 1;
     x->on_patch = false;
-    hrt_contact_clear(x);
+    hrt_contact_clear(&x->touch);
 #if HRT_WITH_ADAPTIVE
     hrt_adaptive_reset(&x->adaptive);
 #endif
@@ -170,15 +170,20 @@ static void take_patch(hrt_extrapolation *x) {
      * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a delay
      * in the hand's loop. What jaws let go comes at once too. `adaptive` has no bridge: where a cut is not foretold it
      * is `hold`, and a bridge made it worse than that by 5 to 8 % under a cautery. */
-    const bool other = x->cut || (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
+    bool other = x->cut || (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
+#if HRT_WITH_EVIDENCE
+    const bool cutting = (x->now.flags & HRT_FLAG_CUTTING) != 0;
+    other = other || cutting != x->cutting;
+    x->cutting = cutting;
+#endif
     if ((x->now.flags & HRT_FLAG_LETTING_GO) != 0)
         x->changed = x->bridging = 0, x->on_patch = false;
     else if (other && x->on_patch && x->which != HRT_ADAPTIVE)
         x->changed = 2;
     if (x->on_patch && x->patch && fresh)
-        hrt_contact_warm(x, x->patch, fresh);
+        hrt_contact_warm(&x->touch, x->patch, fresh);
     else
-        hrt_contact_clear(x);
+        hrt_contact_clear(&x->touch);
     x->patch = fresh;
     x->patch_us = x->now.t_us;
     x->patch_left = false;
@@ -272,10 +277,10 @@ static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t
     const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
     if (young && !x->patch_left) {
 #if HRT_WITH_EVIDENCE
-        vset(x->film_tip_m, x->tick_tip_m);
-        x->tick_us = x->film_us;
+        vset(x->touch.film_tip_m, x->tick_tip_m);
+        x->tick_us = x->touch.film_us;
 #endif
-        if (hrt_contact_force(x, now_us, tip_m, force)) {
+        if (hrt_contact_force(x->patch, &x->touch, now_us, tip_m, force)) {
 #if HRT_WITH_EVIDENCE
             hrt_drift_follow(x, now_us, force);
 #endif
@@ -338,6 +343,9 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
 }
 
 static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
+#if HRT_WITH_EVIDENCE
+static const float SLIGHT_N = 0.1f; /* steps of forces below this need no more smoothing than those of it */
+#endif
 
 /* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest
  * force of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes
@@ -346,11 +354,12 @@ static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     float ahead[3], moved[3];
 #if HRT_WITH_EVIDENCE
-    const float over_us = fminf(params->blend_us, 2.0e6f * x->interval_s); /* done before much more is known */
+    const float over_us = fminf(params->blend_us, 1.4e6f * x->interval_s); /* done before much more is known */
+    const float whole_N = fmaxf(x->felt_N, SLIGHT_N);
 #else
-    const float over_us = params->blend_us;
+    const float over_us = params->blend_us, whole_N = x->felt_N;
 #endif
-    float pace_N = x->felt_N * hrt_us(now_us - x->bridge_us) / fmaxf(over_us, 1.0f), own_N = 0.0f;
+    float pace_N = whole_N * hrt_us(now_us - x->bridge_us) / fmaxf(over_us, 1.0f), own_N = 0.0f;
     vsub(force, x->last_N, ahead);
     vset(ahead, moved);
     vadd(moved, 1.0f, x->bridge_N);

@@ -3,8 +3,8 @@
 
 static const uint16_t flags_of[HRT_RULE_REFUSE] = {
     /* The cap is the contact law's own, far above the device's; t_n tells the age of a frame that overran; a patch that
-     * did not come is missed by itself. */
-    [HRT_RULE_TAKE] = HRT_FLAG_CAPPED | HRT_FLAG_OVERRAN | HRT_FLAG_PATCH,
+     * did not come is missed by itself; what a cautery cuts next is not foretold (evidence.c). */
+    [HRT_RULE_TAKE] = HRT_FLAG_CAPPED | HRT_FLAG_OVERRAN | HRT_FLAG_PATCH | HRT_FLAG_CUTTING,
     /* Rows are missing in stiffness and patch; derivatives are worse than the force that they are of; contact may have
      * been missed on the way; a patch would push out a tool that touches nothing; while jaws open the force falls
      * without motion. */
@@ -17,7 +17,7 @@ static const uint16_t flags_of[HRT_RULE_REFUSE] = {
 };
 
 hrt_flag_rule hrt_flags_rule(uint32_t flags) {
-    if (flags >= 2u * HRT_FLAG_LETTING_GO) return HRT_RULE_REFUSE;
+    if (flags >= 2u * HRT_FLAG_CUTTING) return HRT_RULE_REFUSE;
     int rule = HRT_RULE_FADE;
     while (rule > HRT_RULE_TAKE && (flags & flags_of[rule]) == 0u) rule--;
     return (hrt_flag_rule)rule;

@@ -239,7 +239,8 @@ typedef enum hrt_flag {
     HRT_FLAG_UNSTABLE = 64,
     HRT_FLAG_TOO_FAST = 128,
     HRT_FLAG_INSIDE = 256,
-    HRT_FLAG_LETTING_GO = 512
+    HRT_FLAG_LETTING_GO = 512,
+    HRT_FLAG_CUTTING = 1024 /* a cautery at work: what it touches may go at any time */
 } hrt_flag;
 
 /* What the controller does about it, in rising order: of several flags the highest rule holds. */
@@ -382,6 +383,20 @@ typedef struct hrt_adaptive {
     hrt_adaptive_record record[HRT_ADAPTIVE_RECORDS];
 } hrt_adaptive;
 
+/* The tool on a patch, from tick to tick. */
+typedef struct hrt_touch {
+    int64_t film_us;     /* when the tool was last solved against a patch */
+    float film_tip_m[3]; /* and where it was */
+    float mean_m_s[3];   /* speed of the tip in touch, over radiation_s */
+    int32_t row_count;
+    hrt_contact_row row[HRT_CONTACT_ROWS];
+    float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
+    hrt_mixing mixing;
+#if HRT_WITH_FRICTION
+    hrt_rubbing rubbing;
+#endif
+} hrt_touch;
+
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
     int32_t have; /* 0: no sample; 1: `now`; 2: `before` too, and the difference is of motion alone */
@@ -401,16 +416,6 @@ typedef struct hrt_extrapolation {
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
-    int64_t film_us;     /* when the tool was last solved against a patch */
-    float film_tip_m[3]; /* and where it was */
-    float mean_m_s[3];   /* speed of the tip in touch, over radiation_s */
-    int32_t row_count;
-    hrt_contact_row row[HRT_CONTACT_ROWS];
-    float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
-    hrt_mixing mixing;
-#if HRT_WITH_FRICTION
-    hrt_rubbing rubbing;
-#endif
 #if HRT_WITH_EVIDENCE
     float interval_s;              /* between the last two samples */
     float foretold_N2, came_N2;    /* how a received stiffness fared: squares of its changes, and of those that came */
@@ -419,6 +424,7 @@ typedef struct hrt_extrapolation {
     float patch_N[3];              /* the patch's force in the last tick */
     float tick_tip_m[3];           /* where the tool was in the tick before, and when that was */
     int64_t tick_us;
+    bool cutting;        /* the newest sample is of a cautery at work */
     uint8_t patch_ticks; /* in a row on patches of this tissue, up to two */
 #endif
 #if HRT_WITH_ADAPTIVE
@@ -428,6 +434,7 @@ typedef struct hrt_extrapolation {
     float last_N[3];
     bool last_valid;
     uint32_t limits; /* hrt_limit bits of the last evaluation */
+    hrt_touch touch;
 } hrt_extrapolation;
 
 void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which);

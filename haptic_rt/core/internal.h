@@ -74,12 +74,13 @@ void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
 /* coupling.c: force at the tip, by the extrapolation itself or through a coupled proxy. */
 void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[3]);
 
-/* contact.c: force of the tool at `tip_m` against the newest patch; false when the tool has left it. */
-bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]);
+/* contact.c: force of the tool at `tip_m` against a patch; false when the tool has left it. */
+bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us, const float tip_m[3],
+                       float force_N[3]);
 /* Forgets the reactions. */
-void hrt_contact_clear(hrt_extrapolation *x);
+void hrt_contact_clear(hrt_touch *touch);
 /* Carries the reactions over to a new patch. */
-void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
+void hrt_contact_warm(hrt_touch *touch, const hrt_patch *old, const hrt_patch *fresh);
 
 /* evidence.c: the share of a received stiffness that came true of late, 0 to 1; that of the sample before is judged by
  * the newest; whether the newest patch gives its sample's force, to a half; and what the force on it has drifted since,

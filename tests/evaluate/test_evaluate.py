@@ -266,11 +266,12 @@ def hands(bin, root, once):
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_contact_feels_what_the_other_hand_cuts(hands, late):
-    """Measured 0.53, 0.34 and 0.30 of `position`'s error (0.30, 0.18 and 0.13 before a patch of cut tissue was doubted); a cut elsewhere is no harder at the hand than a held sample."""
+    """Measured 0.44, 0.21 and 0.14 of `position`'s error; a cut elsewhere is no jump at the hand. Without latency the samples of two rates of simulation
+    already differ by 0.36 % of the peak and patches from their samples by 0.7 %, of 1.84 % that `position` errs."""
     at = hands("other-hand-cuts", late)
     assert at["contact"]["cut_true"] > 80 and at["contact"]["cut_shared"] == at["contact"]["cut_true"]
-    assert at["contact"]["rms"] < 0.6 * at["position"]["rms"] and at["tangent"]["rms"] < at["position"]["rms"]
-    assert at["contact"]["jump_arrival"] < at["hold"]["jump_arrival"] and at["contact"]["off_patch"] == 0
+    assert at["contact"]["rms"] < at["position"]["rms"] / (3 if late else 2) and at["tangent"]["rms"] < at["position"]["rms"]
+    assert at["contact"]["jump_arrival"] < 0.03 and at["contact"]["off_patch"] == 0
 
 
 def test_two_simulations_cut_nearly_the_same(hands):
@@ -281,13 +282,13 @@ def test_two_simulations_cut_nearly_the_same(hands):
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
-    """What was cut since the sample nobody at the hand can know; the rest is as true as ever, and what is learnt late comes softer than with `hold`. (Jumps
-    were below 0.03 while every sample of cut tissue was bridged, at the price of the error.)"""
+    """What was cut since the sample nobody at the hand can know; the rest is as true as ever, and what is learnt late comes softly. (Without latency one tick
+    jumps by 3.2 %, long after the last cut: a patch that differs from its sample by so much.)"""
     at = hands("same-hand-cuts", late)
     contact = at["contact"]
     assert contact["cut_true"] > 80 and contact["cut_since_error2"] > 0.9 and contact["cut_since_ticks"] < 0.5
-    assert contact["jump_arrival"] < 0.7 * at["hold"]["jump_arrival"] and contact["jump_true"] < at["position"]["jump_arrival"]
-    assert contact["jump_arrival"] < at["contact-unbridged"]["jump_arrival"]
+    assert contact["jump_arrival"] < (0.03 if late else 0.034) and at["position"]["jump_arrival"] > 0.45
+    assert contact["jump_arrival"] < at["contact-unbridged"]["jump_arrival"] / 4
 
 
 def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):

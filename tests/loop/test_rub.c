@@ -73,11 +73,11 @@ static void give(hrt_extrapolation *x, const tm_tool_reaction *is, const double 
 /* Of all stations of the last tick: the largest force over what presses, by the coefficient at rest; less 1. */
 static float over_cone(const hrt_extrapolation *x, float coefficient) {
     float worst = -1.0f;
-    for (int32_t k = 0; k < x->rubbing.count; k++) {
-        const hrt_rubbed *at = &x->rubbing.at[k];
+    for (int32_t k = 0; k < x->touch.rubbing.count; k++) {
+        const hrt_rubbed *at = &x->touch.rubbing.at[k];
         float sum[3] = {0};
-        for (int32_t i = 0; i < x->row_count; i++)
-            if (x->row[i].station == at->station) vadd(sum, x->row[i].lambda_N, x->row[i].normal);
+        for (int32_t i = 0; i < x->touch.row_count; i++)
+            if (x->touch.row[i].station == at->station) vadd(sum, x->touch.row[i].lambda_N, x->touch.row[i].normal);
         worst = fmaxf(worst, vnorm(at->force_N) / (coefficient * vnorm(sum)) - 1.0f);
     }
     return worst;

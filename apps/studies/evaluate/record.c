@@ -74,6 +74,11 @@ static void poses_at(const sim *s, const recording *r, const path *p, double tim
     }
 }
 
+/* Returns whether the recorded hand holds the pedal of a cautery down, which does not cut where cuts are replayed. */
+static bool is_cutting(const sim *s, const recording *r, const path *p, double time_s) {
+    return s->instrument_def[r->instrument].mode == TM_TOOL_CAUTERY && path_pose(p, r->instrument, time_s).active;
+}
+
 /* Below the trocar, on the block's upper face; the tip's sphere touches it with its centre one radius above. */
 static path placed(const path *p, const sim *s) {
     path q = *p;
@@ -131,9 +136,11 @@ int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool pat
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        for (int h = 0; h < hands; h++)
+        for (int h = 0; h < hands; h++) {
             sampled_take(&publisher[h], s, out[h].instrument, &out[h].params, end_us - back_us, end_us,
                          &out[h].sample[k]);
+            if (is_cutting(s, &out[h], &q, end_s)) out[h].sample[k].sample.flags |= HRT_FLAG_CUTTING;
+        }
     }
     sim_destroy(s);
     if (!status) return 0;
