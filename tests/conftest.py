@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import subprocess
+import sys
 
 import pytest
 import rooms
@@ -26,6 +27,14 @@ def build():
 @pytest.fixture(scope="session")
 def bin():
     return BUILD / "bin"
+
+
+@pytest.fixture(scope="session")
+def types(build):
+    """The LCM messages, as lcm-gen has them for Python."""
+    sys.path.insert(0, str(build / "python"))
+    import tensormass_lcm
+    return tensormass_lcm
 
 
 @pytest.fixture(scope="session")

@@ -4,9 +4,9 @@ Extrapolator and bus driver: tests/loop/test_rows.py."""
 import json
 import re
 import shutil
-import subprocess
 
 import pytest
+from kit import said as run
 
 
 
@@ -15,12 +15,6 @@ def insert(path, row, new):
     text = path.read_text()
     assert text.count(row) == 1, f"{path} holds {text.count(row)} times, not once: {row}"
     path.write_text(text.replace(row, row + new))
-
-
-def run(*command, cwd=None, code=0, timeout=600):
-    result = subprocess.run([str(c) for c in command], cwd=cwd, capture_output=True, text=True, timeout=timeout)
-    assert result.returncode == code, result.stdout + result.stderr
-    return result.stdout + result.stderr
 
 
 def compile_into(root, build, copy, program, sources, *libraries, flags=("-Wall", "-Werror")):

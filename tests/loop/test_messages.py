@@ -10,16 +10,14 @@ import sys
 import tempfile
 
 import pytest
-
-NAMESPACE = "ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec \"$@\""
+from kit import NETWORK
 
 
 @pytest.fixture(scope="module")
 def seen(bin, build, root):
     directory = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
-    unshare = ["unshare", "-n"] if os.geteuid() == 0 else ["unshare", "-rn"]
     try:
-        run = subprocess.run([*unshare, "sh", "-c", NAMESPACE, "sh", sys.executable, root / "tests/loop/message_ring.py", bin, build / "python", directory],
+        run = subprocess.run([*NETWORK, sys.executable, root / "tests/loop/message_ring.py", bin, build / "python", directory],
                              capture_output=True, text=True, timeout=800, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
         logs = {name: open(os.path.join(directory, name)).read() for name in sorted(os.listdir(directory)) if name.endswith(".log")}
         assert run.returncode == 0, run.stderr + str(logs)

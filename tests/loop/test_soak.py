@@ -9,10 +9,8 @@ import subprocess
 import sys
 import tempfile
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "sim"))
-from simkit import block_scene  # noqa: E402
+from kit import NETWORK, block_scene
 
-NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
 RIGS = 2
 
 
@@ -26,7 +24,7 @@ def test_whoever_comes_back_is_taken_up_within_a_second_or_told_why_not(build, r
             key = folder / "key"
             key.write_text("00112233445566778899aabbccddeeff\n")
             key.chmod(0o600)
-            rigs.append(subprocess.Popen([*NAMESPACE, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each), *([key] if i else [])],
+            rigs.append(subprocess.Popen([*NETWORK, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each), *([key] if i else [])],
                                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
         said = [rig.communicate(timeout=300 + 4 * each)[0] for rig in rigs]
     finally:

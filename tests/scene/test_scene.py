@@ -1,10 +1,10 @@
 """tm-scene: what it writes runs and presses; what it looks at, it finds."""
 import json
 import re
-import subprocess
 import sys
 
 import pytest
+from kit import said as run
 
 sys.path.insert(0, "tests/mesh")
 import meshlib  # noqa: E402
@@ -18,12 +18,6 @@ def phantom():
         x, y, z = (sum(m.points[v][a] for v in tet) / 4 for a in range(3))
         m.region[t] = 4 if z < 0.02 else 2 if 0.05 < z < 0.08 and abs(x - 0.03) < 0.02 and abs(y - 0.07) < 0.02 else 3 if x > 0.06 and 0.02 < z < 0.04 and 0.04 < y < 0.06 else 1
     return m
-
-
-def run(*command, code=0):
-    out = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=300)
-    assert out.returncode == code, out.stdout + out.stderr
-    return out.stdout + out.stderr
 
 
 @pytest.fixture(scope="module")

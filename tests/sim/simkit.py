@@ -1,40 +1,7 @@
-"""What the tests of tm-sim share: running it, scenes from text, the oracle's cases as files."""
-import json
-import os
-import subprocess
+"""What the tests of tm-sim share: running it (kit.py), the oracle's cases as files."""
 
 import numpy as np
-
-BLOCK = """
-tissue:
-  mesh: {mesh}
-  force: plain
-  materials:
-    "*": {{young: 10 kPa, poisson: 0.4}}
-supports:
-  - {{name: bottom, group: z_min}}
-"""
-
-
-def run(program, *args, code=0, env=None, timeout=400, cwd=None):
-    """Runs a program; checks its exit code; returns (stdout, stderr)."""
-    done = subprocess.run([str(program), *map(str, args)], capture_output=True, text=True, timeout=timeout, cwd=cwd,
-                          env=dict(os.environ, **(env or {})))
-    assert done.returncode == code, f"exit {done.returncode} instead of {code}\n{done.stdout}\n{done.stderr}"
-    return done.stdout, done.stderr
-
-
-def report(program, *args, tmp, **keys):
-    """Runs with --json and returns what it says."""
-    path = tmp / "report.json"
-    run(program, *args, "--json", path, **keys)
-    return json.loads(path.read_text())
-
-
-def block_scene(tmp, root, more="", name="scene.yaml", mesh="block_1k.msh"):
-    path = tmp / name
-    path.write_text(BLOCK.format(mesh=root / "meshes" / mesh).lstrip() + more)
-    return path
+from kit import block_scene, report, run  # noqa: F401 (for the tests of this folder)
 
 
 class Oracle:

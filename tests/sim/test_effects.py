@@ -1,6 +1,5 @@
 """Effects at work: cutting, grasping, breathing, snapshots, the three models."""
 import json
-import sys
 
 import lcm
 import numpy as np
@@ -9,13 +8,6 @@ from simkit import block_scene, report, run
 
 HOLD = ("hand[0].path=[{time: 0 s, tip: [50 mm, 50 mm, 60 mm]}, {time: 0.5 s, tip: [52 mm, 50 mm, 47 mm]}, "
         "{time: 3 s, tip: [52 mm, 50 mm, 47 mm]}]")
-
-
-@pytest.fixture(scope="module")
-def types(build):
-    sys.path.insert(0, str(build / "python"))
-    import tensormass_lcm
-    return tensormass_lcm
 
 
 def columns(path):

@@ -1,20 +1,18 @@
 """tm-sim on the wall clock, over LCM, in a network namespace of its own."""
 import json
-import os
 import sys
 
 import lcm
 import pytest
+from kit import NETWORK
 from simkit import block_scene, run
-
-NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
 
 
 @pytest.fixture(scope="module")
 def session(bin, build, root, tmp_path_factory):
     tmp = tmp_path_factory.mktemp("realtime")
     scene = block_scene(tmp, root, "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\ncontact:\ndamping: {rate: 60 /s}\nhaptics:\nrendering:\n")
-    out, _ = run(*NAMESPACE, sys.executable, root / "tests/sim/fake_controller.py", build, bin / "tm-sim", scene, tmp / "report.json")
+    out, _ = run(*NETWORK, sys.executable, root / "tests/sim/fake_controller.py", build, bin / "tm-sim", scene, tmp / "report.json")
     return json.loads(out), json.loads((tmp / "report.json").read_text()), scene
 
 

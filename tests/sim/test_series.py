@@ -4,8 +4,8 @@ import xml.etree.ElementTree as xml
 
 import numpy as np
 import pytest
+from kit import NETWORK
 from simkit import block_scene, report, run
-from test_realtime import NAMESPACE
 
 TYPES = {"Float64": "<f8", "Int32": "<i4", "Int64": "<i8", "UInt8": "<u1"}
 
@@ -86,7 +86,7 @@ def test_what_is_cut_is_dead_and_hidden(bin, root, tmp_path, model):
 def test_a_run_in_real_time(bin, build, root, tmp_path):
     """Frames as the clock let them be; the same format."""
     scene = block_scene(tmp_path, root, "gravity:\ndamping: {rate: 60 /s}\nrendering:\ntime: {frame_rate: 25 Hz}\n")
-    run(*NAMESPACE, bin / "tm-sim", scene, "--realtime", "--frames", 20, "--paraview", tmp_path / "series")
+    run(*NETWORK, bin / "tm-sim", scene, "--realtime", "--frames", 20, "--paraview", tmp_path / "series")
     series = read_series(tmp_path / "series")
     times = [t for t, _ in series]
     assert len(series) == 21 and times == sorted(times) and times[0] == 0 and len(set(times)) == 21

@@ -7,10 +7,9 @@ import tempfile
 import time
 
 import pytest
+from kit import NETWORK
 from paths import BUILD, ROOT
 
-# In namespaces of its own: LCM on loopback.
-ALONE = ["unshare", *([] if os.geteuid() == 0 else ["-r"]), "-n", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
 WITH_SIMULATION = f"""
 {BUILD}/bin/tm-sim {ROOT}/apps/scenes/block-press.yaml --realtime --duration '7 s' > sim.log 2>&1 & sim=$!
 {BUILD}/bin/tm-device --bus virtual:loop --hand hand0.csv --repeat --duration 7 2> device.log & device=$!
@@ -26,7 +25,7 @@ def run(tmp_path, extrapolator, *wrapper, **environment):
     """haptic-rt for 4 s against tm-sim over LCM and tm-device on a virtual bus, started through `wrapper`."""
     subprocess.run([BUILD / "bin/tm-sim", ROOT / "apps/scenes/block-press.yaml", "--hands", tmp_path / "hand"], check=True, timeout=300, stdout=subprocess.DEVNULL)
     with tempfile.TemporaryDirectory(prefix="tm-test-", dir="/dev/shm") as bus:
-        done = subprocess.run([*ALONE, "timeout", "60", "sh", "-c", WITH_SIMULATION, "sh", *wrapper, BUILD / "bin/haptic-rt", "--bus", "virtual:loop", "--duration", "4",
+        done = subprocess.run([*NETWORK, "timeout", "60", "sh", "-c", WITH_SIMULATION, "sh", *wrapper, BUILD / "bin/haptic-rt", "--bus", "virtual:loop", "--duration", "4",
                                "--extrapolator", extrapolator, "--json", tmp_path / "c.json"], cwd=tmp_path, capture_output=True, text=True, timeout=400,
                               env=dict(os.environ, TM_BUS_DIR=bus, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin", **environment))
     assert done.returncode == 0, done.stderr

@@ -7,20 +7,20 @@ import subprocess
 import sys
 import tempfile
 
+from kit import LOOPBACK, UNSHARE
+
 HERE = pathlib.Path(__file__).resolve().parent
-NAMESPACE = 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"'
 
 
 def play(script, build, *arguments, key=False, seconds=150):
     directory = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
-    unshare = ["unshare", "-n"] if os.geteuid() == 0 else ["unshare", "-rn"]
     if key:
         path = os.path.join(directory, "key")
         os.close(os.open(path, os.O_CREAT, 0o600))
         pathlib.Path(path).write_text(os.urandom(16).hex() + "\n")
         arguments = (*arguments, path)
     try:
-        run = subprocess.run([*unshare, "timeout", "-k", "5", str(seconds), "sh", "-c", NAMESPACE, "sh", sys.executable, HERE / script, build, HERE.parent, directory,
+        run = subprocess.run([*UNSHARE, "timeout", "-k", "5", str(seconds), *LOOPBACK, sys.executable, HERE / script, build, HERE.parent, directory,
                               *arguments], capture_output=True, text=True, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
         logs = "".join(f"--- {p.name}\n{p.read_text(errors='replace')[-3000:]}" for p in sorted(pathlib.Path(directory).glob("*.log")))
         assert run.returncode == 0, run.stderr[-3000:] + logs

@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+from kit import NETWORK, UNSHARE
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
@@ -351,11 +352,9 @@ def test_log_with_an_event_of_two_gigabytes(bin, log, tmp_path):
 
 # --- live, in a network of its own ---
 
-NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
-
 
 def namespace_works():
-    return subprocess.run([*NAMESPACE, "true"], capture_output=True).returncode == 0
+    return subprocess.run([*NETWORK, "true"], capture_output=True).returncode == 0
 
 
 needs_namespace = pytest.mark.skipif(not namespace_works(), reason="network namespaces are not permitted here")
@@ -385,7 +384,7 @@ def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
     (tmp_path / "publish.py").write_text(script)
     shell = (f'"{bin}/tm-view" --frames "{tmp_path}/f" --fps 10 --duration 4.2 --json "{tmp_path}/j.json" --size 320x240 --quality 0 & view=$!; '
              f'sleep 1.2; "{sys.executable}" "{tmp_path}/publish.py"; wait $view')
-    result = subprocess.run([*NAMESPACE, "bash", "-c", shell], capture_output=True, text=True, timeout=300)
+    result = subprocess.run([*NETWORK, "bash", "-c", shell], capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     assert "waiting for TISSUE: start tm-sim" in result.stderr
     figures = json.loads((tmp_path / "j.json").read_text())
@@ -449,7 +448,7 @@ view.kill()
 def test_a_large_tissue_gives_its_memory_back(bin, build, tmp_path):
     """200,000 vertices, twice, then a small tissue again: their memory goes back to the system."""
     script = LARGE.format(here=str(HERE), types=str(build / "python"), program=str(bin / "tm-view"), frames=str(tmp_path / "f"))
-    result = subprocess.run([*NAMESPACE, sys.executable, "-c", script], capture_output=True, text=True, timeout=200)
+    result = subprocess.run([*NETWORK, sys.executable, "-c", script], capture_output=True, text=True, timeout=200)
     assert result.returncode == 0, result.stderr
     before, largest, after = map(int, result.stdout.split())
     assert largest > before + 60, "the large tissue was not taken"
@@ -458,14 +457,14 @@ def test_a_large_tissue_gives_its_memory_back(bin, build, tmp_path):
 
 @needs_namespace
 def test_live_without_a_simulation_gives_up(bin, tmp_path):
-    result = subprocess.run([*NAMESPACE, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=120)
+    result = subprocess.run([*NETWORK, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=120)
     assert result.returncode == 1 and "no TISSUE in 0.6 s; start tm-sim" in result.stderr
     assert os.listdir(tmp_path) == []
 
 
 @needs_namespace
 def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
-    lonely = [NAMESPACE[0], NAMESPACE[1], "sh", "-c", 'exec "$@"', "sh"]
+    lonely = UNSHARE
     result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=120)
     assert result.returncode == 2 and "ip route add 224.0.0.0/4 dev lo" in result.stderr
     assert os.listdir(tmp_path) == []
