@@ -10,7 +10,7 @@
 #define STRAIGHT_MOVING 0.15
 #define STRAIGHT 0.08
 #define TURNED 0.3
-#define RUBBED 0.6       /* sent without friction */
+#define RUBBED 0.45      /* sent without friction */
 #define DAMPING_1_S 60.0 /* nearly critical for the slowest motion: tissue of a moved tool is soonest at rest */
 #define TROCAR_X_M 0.05
 #define TROCAR_Y_M 0.02
