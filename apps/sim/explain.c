@@ -166,6 +166,15 @@ static void expected_text(const sim *s, const sim_expected *x, const row *r, cJS
         snprintf(text, 16, "%14s ", "-");
 }
 
+static void explain_fade(const sim *s, cJSON *json) {
+    const double fade_s = s->def.model.cut ? s->def.model.cut->fade_s : 0;
+    cJSON_AddNumberToObject(json, "cut_fade_s", fade_s);
+    if (!(fade_s > 0)) return;
+    char where[300];
+    app_scene_where(s->scene, sim_effect_line(s->scene, sim_effect_find(s->scene, "cut")), where, sizeof where);
+    printf("cut.fade: what is felt on tetrahedra that go fades within %.4g ms (%s)\n\n", 1e3 * fade_s, where);
+}
+
 static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
     tm_mass_scaling added;
     const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
@@ -183,6 +192,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
     explain_stream(s, json);
     explain_numbering(s, json);
     explain_mass(s, json);
+    explain_fade(s, json);
     printf("%-18s %-10s %-8s %12s %10s %7s %s asked for by\n", "stage", "phase", "threads", "bytes", "us/step", "share",
            x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");

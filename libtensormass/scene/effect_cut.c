@@ -6,6 +6,7 @@ typedef struct options {
     app_section here;
     app_number rate;
     app_choice loose;
+    app_number fade;
 } options;
 
 #define LOOSE(ROW) ROW("fall", TM_LOOSE_FALL) ROW("remove", TM_LOOSE_REMOVE)
@@ -17,7 +18,21 @@ static const app_field fields[] = {
      "tetrahedra a second that one cautery may remove"},
     {"cut.loose", APP_CHOICE, APP_CHOICE_WORDS(LOOSE), "fall", 0, 0, offsetof(options, loose), 0,
      "pieces that hang on nothing fall out of sight, or vanish"},
+    {"cut.fade", APP_NUMBER, "time", "0 s", 0, 10, offsetof(options, fade), 0,
+     "what an instrument felt on a tetrahedron that goes fades within this time; 50 ms halves the jumps of a cut"},
 };
+
+static int check(const app_scene *scene, const void *own) {
+    const options *o = own;
+    const int hybrid = sim_effect_find(scene, "hybrid"), line = hybrid < 0 ? 0 : sim_effect_line(scene, hybrid);
+    char where[600];
+    if (!line || !(o->fade.si > 0)) return 0;
+    app_scene_where(scene, line, where, sizeof where);
+    return app_scene_bad(scene, o->fade.line,
+                         "cut.fade and the hybrid model (%s) exclude each other: its rows do not fade; leave out "
+                         "cut.fade, or write 'model: dynamic'",
+                         where);
+}
 
 static int prepare(sim *s, const void *own) {
     const options *o = own;
@@ -25,6 +40,7 @@ static int prepare(sim *s, const void *own) {
     s->def.cut = tm_cut_def_default();
     s->def.cut.rate_1_s = o->rate.si;
     s->def.cut.loose = (tm_cut_loose)o->loose.index;
+    s->def.cut.fade_s = o->fade.si;
     s->def.model.cut = &s->def.cut;
     return 0;
 }
@@ -61,6 +77,7 @@ const sim_effect sim_effect_cut = {
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_CUTTING,
     .needs = {"contact"},
+    .check = check,
     .prepare = prepare,
     .build = build,
     .frame = frame,

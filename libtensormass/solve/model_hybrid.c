@@ -220,6 +220,10 @@ tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_
         status = tms_blame(def, "friction",
                            tm_fail(error, TM_ERR_EXCLUDED, -1,
                                    "its rows are solved without any; take the dynamic model, or the precomputed one"));
+    if (status == TM_OK && def->cut && def->cut->fade_s > 0)
+        status = tms_blame(
+            def, "cut",
+            tm_fail(error, TM_ERR_EXCLUDED, -1, "its rows do not fade; set fade_s to 0, or take the dynamic model"));
     if (status != TM_OK) return status;
     part *p = tms_take_zeroed(1, sizeof *p);
     if (!p) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");

@@ -227,13 +227,15 @@ class Grasp(_Part):
 class Cut(_Part):
     """Active instruments of mode "cautery" remove what they touch. The tissue must be cuttable.
 
-    rate_1_s: tetrahedra a second that one cautery may remove. loose: pieces that hang on nothing "fall" or are "removed".
+    rate_1_s: tetrahedra a second that one cautery may remove. loose: pieces that hang on nothing "fall" or are "removed". fade_s: what instruments felt on
+    a tetrahedron that goes fades within this time; 0: at once.
     """
 
-    def __init__(self, world: World, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall") -> None:
+    def __init__(self, world: World, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall", fade_s: float = 0.0) -> None:
         super().__init__(world)
         definition = lib.tm_cut_def_default()
         definition.rate_1_s = rate_1_s
+        definition.fade_s = fade_s
         definition.loose = choice(loose, {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}, "loose")
         call(lib.tm_stage_cut, world, contact, ctypes.byref(definition))
 

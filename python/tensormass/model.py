@@ -41,7 +41,7 @@ class Model(Object):
     value_m)], each value one number, (3,) or (n, 3), m.
     load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; friction: (static,
     sliding) of each instrument, None: they slide freely; cut: {} or
-    {"rate_1_s", "loose"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache of a precomputed or
+    {"rate_1_s", "loose", "fade_s"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache of a precomputed or
     hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
     """
 

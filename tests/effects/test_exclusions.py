@@ -13,9 +13,9 @@ instruments:
   - trocar: [50 mm, 50 mm, 180 mm]
 contact:
 """
-EFFECT = {"rotation": "rotation:\n", "volume": "volume: {shear: 0.4}\n", "viscosity": "viscosity: {terms: [{time: 1 s, shear: 0.5}]}\n", "friction": "friction:\n"}
+EFFECT = {"rotation": "rotation:\n", "volume": "volume: {shear: 0.4}\n", "viscosity": "viscosity: {terms: [{time: 1 s, shear: 0.5}]}\n", "friction": "friction:\n", "fade": "cut: {fade: 50 ms}\n"}
 EXCLUDED = [("rotation", "model", "precomputed"), ("rotation", "model", "hybrid"), ("volume", "model", "hybrid"), ("viscosity", "model", "precomputed"),
-            ("viscosity", "model", "hybrid"), ("friction", "model", "hybrid")]
+            ("viscosity", "model", "hybrid"), ("friction", "model", "hybrid"), ("fade", "model", "hybrid")]
 
 
 def check(bin, root, tmp_path, text):

@@ -153,6 +153,13 @@ def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
     assert "no tetrahedron" in said
 
 
+def test_explain_says_how_long_a_cut_fades(bin, root):
+    said, _ = run(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain", "--set", "cut.fade=40 ms")
+    assert "cut.fade: what is felt on tetrahedra that go fades within 40 ms (" in said and "block-cut.yaml:" in said, said
+    said, _ = run(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain")
+    assert "cut.fade" not in said
+
+
 def test_friction_is_refused_by_the_hybrid_model_with_both_lines(bin, root, tmp_path):
     scene = block_scene(tmp_path, root, "model: hybrid\nhybrid:\n  box: {min: [-1, -1, 0], max: [1, 1, 20 mm]}\ninstruments:\n  - trocar: [50 mm, 50 mm, 18 cm]\ncontact:\nfriction:\n")
     _, said = run(bin / "tm-sim", scene, "--check", code=2)

@@ -1,15 +1,23 @@
 /* Operating scenes: what every law errs where tissue is pressed, held, lifted and cut, phase by phase, at every rate of
  * force samples, with what that rate costs.
  *
- * Scenes run as they are: cauteries cut for themselves at every rate. Truth is the same scene at the tick rate. */
+ * Scenes run as they are, and with cuts that fade: cauteries cut for themselves at every rate. Truth is the same scene
+ * at the tick rate. */
 #include <stdio.h>
 
 #include "evaluate.h"
 
 static const struct {
-    const char *name;
-    bool quick; /* in the short form too */
-} scenes[] = {{"liver-press", true}, {"liver-lift", false}, {"liver-cut", false}, {"liver-dissect", true}};
+    const char *file, *name;
+    bool quick;      /* in the short form too */
+    const char *set; /* null: as the scene is */
+} scenes[] = {{"liver-press", "liver-press", true, NULL},
+              {"liver-lift", "liver-lift", false, NULL},
+              {"liver-cut", "liver-cut", false, NULL},
+              {"liver-dissect", "liver-dissect", true, NULL},
+              {"liver-lift", "liver-lift, fade", false, "cut.fade=50ms"},
+              {"liver-cut", "liver-cut, fade", false, "cut.fade=50ms"},
+              {"liver-dissect", "liver-dissect, fade", true, "cut.fade=50ms"}};
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
 static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {100};
@@ -51,10 +59,10 @@ static void free_all(recording r[TM_MAX_INSTRUMENTS]) {
 }
 
 static int one_rate(const char *name, const scene_record *of, double rate_Hz, const recording *truth, cJSON *rows) {
-    scene_record sampled = *of;
+    scene_record with = *of;
     recording r[TM_MAX_INSTRUMENTS] = {0};
-    sampled.force_alone = rate_Hz > patch_rate_max_Hz;
-    const int hands = record_scene(&sampled, rate_Hz, r);
+    with.force_alone = rate_Hz > patch_rate_max_Hz;
+    const int hands = record_scene(&with, rate_Hz, r);
     for (int h = 0; h < hands; h++) {
         copy_truth(&truth[h], &r[h]);
         add_rows(rows, name, &r[h], rate_Hz);
@@ -63,14 +71,15 @@ static int one_rate(const char *name, const scene_record *of, double rate_Hz, co
     return hands ? 0 : APP_FAILED;
 }
 
-static int one_scene(const char *name, double done, bool quick, cJSON *rows) {
-    static const char *const set[] = {"threads=1", NULL};
+static int one_scene(int which, bool quick, cJSON *rows) {
+    const char *const set[] = {"threads=1", scenes[which].set, NULL}, *const name = scenes[which].name;
+    const double done = (double)which / SCENES;
     const double *rate_Hz = quick ? quick_rates_Hz : rates_Hz;
     const size_t rates = (quick ? sizeof quick_rates_Hz : sizeof rates_Hz) / sizeof *rate_Hz;
     recording truth[TM_MAX_INSTRUMENTS] = {0};
-    char path[256], file[2048];
-    snprintf(path, sizeof path, "apps/scenes/%s.yaml", name);
-    app_shared_file(path, file, sizeof file);
+    char scene[256], file[2048];
+    snprintf(scene, sizeof scene, "apps/scenes/%s.yaml", scenes[which].file);
+    app_shared_file(scene, file, sizeof file);
     const scene_record of = {.scene = file, .set = set};
     progress(name, done);
     int rc = record_scene_truth(&of, truth) ? 0 : APP_FAILED;
@@ -86,7 +95,7 @@ cJSON *study_operating(const study_run *run) {
     cJSON *rows = cJSON_CreateArray();
     int rc = 0;
     for (int i = 0; i < SCENES && !rc; i++)
-        if (scenes[i].quick || !run->quick) rc = one_scene(scenes[i].name, (double)i / SCENES, run->quick, rows);
+        if (scenes[i].quick || !run->quick) rc = one_scene(i, run->quick, rows);
     if (!rc) return rows;
     cJSON_Delete(rows);
     return NULL;

@@ -20,11 +20,12 @@ static sim *open_at(const scene_record *of, double rate_Hz, const char *const *m
     return sim_scene_load(of->scene, set, count, &scene) || sim_create(scene, &s) ? NULL : s;
 }
 
-/* The hands' poses, and what their devices see of them. */
-static void poses_at(const sim *s, const recording *r, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
+/* The hands' poses, and what their devices see of them. By whole microseconds, so that hands are at the same places to
+ * the bit whatever the rate: a cautery that is elsewhere by a rounding takes other tetrahedra after a while. */
+static void poses_at(const sim *s, const recording *r, int64_t time_us, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
     float seen_m[3];
     for (int i = 0; i < s->instrument_count; i++) {
-        to[i] = sim_hand_pose(s, i, time_s);
+        to[i] = sim_hand_pose(s, i, 1e-6 * (double)time_us);
         device_see(s, i, &r->params, to[i].tip_m, true, seen_m);
         for (int c = 0; c < 3; c++) to[i].tip_m[c] = s->instrument_def[i].trocar_m[c] + (double)seen_m[c];
     }
@@ -72,11 +73,11 @@ int record_scene(const scene_record *of, double rate_Hz, recording *out) {
     tm_status status = TM_OK;
     for (int k = 0; k < frames && !status; k++) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        const double end_s = (k + 1) * s->frame_s;
-        const int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        poses_at(s, out, end_s, to);
+        const int64_t end_us = llround((k + 1) * s->frame_s * 1e6),
+                      back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
+        poses_at(s, out, end_us, to);
         status = sim_frame(s, to, s->substeps);
-        cut_list_take(&out->cuts, s, end_s);
+        cut_list_take(&out->cuts, s, 1e-6 * (double)end_us);
         for (int i = 0; i < count && !status; i++)
             sampled_take(&publisher[i], s, i, &out[i].params, end_us - back_us, end_us, &out[i].sample[k]);
     }
@@ -113,12 +114,12 @@ int record_scene_truth(const scene_record *of, recording *out) {
     tm_status status = TM_OK;
     for (int k = 0; k < ticks && !status; k++) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        const double time_s = k * 1e-6 * TICK_US;
-        poses_at(s, out, time_s, to);
+        const int64_t time_us = (int64_t)k * TICK_US;
+        poses_at(s, out, time_us, to);
         status = sim_frame(s, to, s->substeps);
         for (int i = 0; i < count; i++) {
             truth_take(&out[i], s, k, to);
-            out[i].phase[k] = (uint8_t)phase_at(&watch[i], s, i, time_s, out[i].tip_m + 3 * (size_t)k);
+            out[i].phase[k] = (uint8_t)phase_at(&watch[i], s, i, 1e-6 * (double)time_us, out[i].tip_m + 3 * (size_t)k);
         }
     }
     return finish(s, status, of, 1e6 / TICK_US);

@@ -15,11 +15,13 @@ typedef struct tm_cut_def {
     double rate_1_s;    /* tetrahedra per second that one cautery may remove; 200 */
     tm_cut_loose loose; /* pieces that hang on no support and no grasper; TM_LOOSE_FALL: until they are out of sight,
                            then removed */
+    double fade_s;      /* what instruments felt on a tetrahedron that the stage removes fades within this time; 0: at
+                           once */
 } tm_cut_def;
 TM_API tm_cut_def tm_cut_def_default(void);
 /* Adds the "cut" stage: active cautery instruments of `contact` remove what they touch. Loose pieces are looked for a
  * little each step, so they are noticed some frames after the cut. Refuses (TM_ERR_ARGUMENT) a tissue that is not
- * cuttable, a rate not above 0. */
+ * cuttable, a rate not above 0, a fade below 0; TM_ERR_EXCLUDED: a fade where a hybrid model solves contact. */
 TM_API tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error);
 /* What the "cut" stage has removed since the last call, oldest first, at most `max`; the rest waits. `instrument` (may
  * be null): who cut, mending included, or -1 for a loose piece. Returns how many. */

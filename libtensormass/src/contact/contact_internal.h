@@ -94,6 +94,26 @@ typedef struct tm_block {
 
 enum { TM_MAX_BLOCKS = 4 };
 
+/* contact_fade.c: a row whose tetrahedron was cut away, and whose force fades. */
+typedef struct tm_fading_row {
+    int32_t instrument, station, vertex[3], unused;
+    double weight[3], normal[3]; /* as the row had them */
+    double bore_N;               /* when its tetrahedron went */
+    double age_s;                /* since then */
+    double compliance_m_N;       /* of its skin */
+    double stretch_m;            /* of its skin at the last substep's end; below 0: come off by so much */
+    double lambda_N;
+    double diagonal_m_N, pressed_m; /* of this substep: as of a solver row; with the tool moved and tissue not yet */
+} tm_fading_row;
+
+enum { TM_FADING_MAX = 256 }; /* rows; more go at once */
+typedef struct tm_fading {
+    tm_contact *contact;
+    double fade_s;
+    int32_t count;
+    tm_fading_row *row; /* [TM_FADING_MAX] */
+} tm_fading;
+
 /* Of a substep: what each tool finds, in its own part of row_before, [max_rows] each, until that becomes `row`. */
 typedef struct tm_sight {
     tm_contact *contact;
@@ -122,6 +142,7 @@ struct tm_contact {
     int32_t block_count;
     tm_block block[TM_MAX_BLOCKS]; /* the last, but for friction: the rows, the stage's own or another's */
     struct tm_friction *friction;  /* null: there is none */
+    tm_fading *fading;             /* null: what is cut away bears nothing any more */
     tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
     bool unsound;                  /* a row met a number that is not finite, in this substep */
     void *kept;                    /* the snapshot at the start of the step, room for the largest */
@@ -189,6 +210,17 @@ int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int
                         double *compliance_m_N);
 tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument);
 int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count);
+
+/* contact_fade.c. Adds the block, its time booked on `owner`, and removes it. */
+void tm_fading_add(tm_fading *fading, const void *owner);
+void tm_fading_remove(tm_fading *fading);
+/* Lets the rows of the last substep on these tetrahedra fade, which have just gone. */
+void tm_fading_begin(tm_fading *fading, const int32_t *tet, int32_t count);
+void tm_fading_age(tm_fading *fading, double dt_s);
+/* Of an instrument that was put elsewhere. */
+void tm_fading_drop(tm_fading *fading, int32_t instrument);
+/* Returns whether a snapshot may hold the row. */
+bool tm_fading_fits(const tm_fading *fading, const tm_fading_row *row);
 
 /* friction.c: this instrument has friction. */
 bool tm_contact_rubs(const tm_contact *contact, int32_t instrument);

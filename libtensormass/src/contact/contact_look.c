@@ -207,6 +207,8 @@ static bool are_bounded(const void *self, const tm_world *world) {
     bool sound = true;
     for (int32_t i = 0; i < contact->row_count; i++)
         for (int j = 0; j < 3; j++) sound &= tm_parts_is_sound(world, contact->row[i].vertex[j]);
+    for (int32_t i = 0; contact->fading && i < contact->fading->count; i++)
+        for (int j = 0; j < 3; j++) sound &= tm_parts_is_sound(world, contact->fading->row[i].vertex[j]);
     for (int32_t t = 0; t < contact->tool_count; t++) {
         const tm_jaw_load load = tm_contact_load(contact, t);
         for (int32_t i = 0; i < load.count; i++) sound &= tm_parts_is_sound(world, load.vertex[i]);

@@ -88,6 +88,7 @@ void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pos
     for (int32_t i = 0; i < contact->row_count; i++)
         if (contact->row[i].instrument != instrument) contact->row[kept++] = contact->row[i];
     contact->row_count = kept;
+    if (contact->fading) tm_fading_drop(contact->fading, instrument);
 }
 
 tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument) {

@@ -23,6 +23,7 @@ static void remove_tet(tm_cut_stage *stage, tm_world *world, const int32_t *tet,
     tm_tissue *tissue = world->tissue;
     if (tm_cut_remove(tissue, tet, count, NULL, 0) == 0) return;
     const int32_t *removed, removed_count = tm_cut_removed(tissue, &removed);
+    if (stage->fading.fade_s > 0) tm_fading_begin(&stage->fading, removed, removed_count);
     for (int32_t i = 0; i < removed_count && stage->log_count < tissue->mesh->tet_count; i++) {
         const int32_t at = (stage->log_begin + stage->log_count++) % tissue->mesh->tet_count;
         stage->log_tet[at] = removed[i];
@@ -118,6 +119,7 @@ static void run(void *self, tm_world *world) {
     if (stage->visits > stage->most_visits) stage->most_visits = stage->visits;
     stage->visits = 0;
     tm_cut_update_seeds(stage, world);
+    if (stage->fading.count > 0) tm_fading_age(&stage->fading, world->state.dt_s);
     cauterise(stage, world);
     switch (stage->state) {
     case SEARCH_IDLE:
@@ -133,7 +135,9 @@ static void run(void *self, tm_world *world) {
 /* --- creation and the rest --- */
 
 static void destroy(void *self) {
-    tm_pool pool = ((tm_cut_stage *)self)->pool;
+    tm_cut_stage *stage = self;
+    if (stage->contact->fading == &stage->fading) tm_fading_remove(&stage->fading);
+    tm_pool pool = stage->pool;
     tm_pool_release(&pool);
 }
 
@@ -150,7 +154,7 @@ static double diagonal(const tm_mesh *mesh) {
 /* What goes on between steps. The search starts over: it changes nothing but when a loose piece is noticed. */
 typedef struct kept {
     double credit[TM_MAX_INSTRUMENTS];
-    int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, seed_at;
+    int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, seed_at, fading, unused;
 } kept;
 
 static int64_t search_bytes(const tm_cut_stage *stage, const tm_tissue *tissue) {
@@ -160,7 +164,8 @@ static int64_t search_bytes(const tm_cut_stage *stage, const tm_tissue *tissue) 
 static int64_t snapshot(void *self, void *buffer) {
     const tm_cut_stage *stage = self;
     const tm_tissue *tissue = stage->contact->world->tissue;
-    const int64_t bytes = (int64_t)sizeof(kept) + search_bytes(stage, tissue);
+    const int64_t fading = (int64_t)sizeof(tm_fading_row) * stage->fading.count,
+                  bytes = (int64_t)sizeof(kept) + fading + search_bytes(stage, tissue);
     if (!buffer) return bytes;
     /* Only the difference to the surface's revision means anything elsewhere. */
     const kept k = {.state = stage->state,
@@ -170,14 +175,29 @@ static int64_t snapshot(void *self, void *buffer) {
                     .queue_begin = stage->queue_begin,
                     .queue_end = stage->queue_end,
                     .sweep_at = stage->sweep_at,
-                    .seed_at = stage->seed_at};
+                    .seed_at = stage->seed_at,
+                    .fading = stage->fading.count};
     char *to = buffer;
     memcpy(to, &k, sizeof k);
     memcpy(to, stage->credit, sizeof stage->credit);
+    to += sizeof k;
+    if (fading) memcpy(to, stage->fading.row, (size_t)fading);
+    to += fading;
     if (stage->state == SEARCH_IDLE) return bytes;
-    memcpy(to + sizeof k, stage->reached, (size_t)tissue->mesh->tet_count);
-    memcpy(to + sizeof k + tissue->mesh->tet_count, stage->queue, sizeof(int32_t) * (size_t)stage->queue_end);
+    memcpy(to, stage->reached, (size_t)tissue->mesh->tet_count);
+    memcpy(to + tissue->mesh->tet_count, stage->queue, sizeof(int32_t) * (size_t)stage->queue_end);
     return bytes;
+}
+
+static bool fading_fits(const tm_fading *fading, const char *buffer, int64_t bytes, int32_t count) {
+    const int32_t most = fading->fade_s > 0 ? TM_FADING_MAX : 0;
+    bool good = count >= 0 && count <= most && bytes >= count * (int64_t)sizeof(tm_fading_row);
+    for (int32_t i = 0; i < count && good; i++) {
+        tm_fading_row row; /* the buffer need not be aligned */
+        memcpy(&row, buffer + sizeof row * (size_t)i, sizeof row);
+        good = tm_fading_fits(fading, &row);
+    }
+    return good;
 }
 
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
@@ -191,8 +211,15 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     if ((!busy && k.state != SEARCH_IDLE) || k.queue_begin < 0 || k.queue_end < k.queue_begin || k.queue_end > tets ||
         k.sweep_at < 0 || k.sweep_at > tets || k.seed_at < 0 || k.seed_at > stage->seed_count)
         return false;
-    if (bytes != (int64_t)sizeof k + (busy ? tets + (int64_t)sizeof(int32_t) * k.queue_end : 0)) return false;
+    const char *rest = (const char *)buffer + sizeof k;
+    bytes -= (int64_t)sizeof k;
+    if (k.unused || !fading_fits(&stage->fading, rest, bytes, k.fading)) return false;
+    const size_t fading = sizeof(tm_fading_row) * (size_t)k.fading;
+    if (bytes != (int64_t)fading + (busy ? tets + (int64_t)sizeof(int32_t) * k.queue_end : 0)) return false;
     if (!apply) return true;
+    stage->fading.count = k.fading;
+    if (fading) memcpy(stage->fading.row, rest, fading);
+    rest += fading;
     memcpy(stage->credit, k.credit, sizeof k.credit);
     stage->state = (search)k.state;
     stage->revision = world->tissue->surface.revision - k.revision;
@@ -207,13 +234,14 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         memset(stage->reached, 0, (size_t)tets);
         return true;
     }
-    memcpy(stage->reached, (const char *)buffer + sizeof k, (size_t)tets);
-    memcpy(stage->queue, (const char *)buffer + sizeof k + tets, sizeof(int32_t) * (size_t)k.queue_end);
+    memcpy(stage->reached, rest, (size_t)tets);
+    memcpy(stage->queue, rest + tets, sizeof(int32_t) * (size_t)k.queue_end);
     return true;
 }
 
-static int64_t snapshot_max(const tm_mesh *mesh) {
-    return (int64_t)sizeof(kept) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t));
+static int64_t snapshot_max(const tm_mesh *mesh, double fade_s) {
+    return (int64_t)sizeof(kept) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t)) +
+           (fade_s > 0 ? TM_FADING_MAX * (int64_t)sizeof(tm_fading_row) : 0);
 }
 
 static void keep(void *self) {
@@ -242,7 +270,7 @@ static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, 
                                .needs = {"contact"},
                                .before = "contact",
                                .passed_over_by_settle = true,
-                               .snapshot_most = snapshot_max(world->tissue->mesh)},
+                               .snapshot_most = snapshot_max(world->tissue->mesh, self->fading.fade_s)},
                               {.name = "cut search",
                                .phase = TM_PHASE_CONSTRAIN,
                                .run = search_on,
@@ -256,10 +284,7 @@ static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, 
     return TM_OK;
 }
 
-tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
-    TM_REQUIRE_DEF(def, TM_COOKIE_CUT, TM_ERR_ARGUMENT);
-    TM_REQUIRE(world && contact && contact->world == world, "world is null, or contact is not of this world",
-               TM_ERR_ARGUMENT);
+static tm_status check(const tm_world *world, const tm_contact *contact, const tm_cut_def *def, tm_error *error) {
     if (def->loose != TM_LOOSE_FALL && def->loose != TM_LOOSE_REMOVE)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: loose is %d; give one of tm_cut_loose", (int)def->loose);
     if (!world->tissue->cuttable)
@@ -268,6 +293,22 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     if (!isfinite(def->rate_1_s) || !(def->rate_1_s > 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a rate of %g tetrahedra per second; give a positive one",
                        def->rate_1_s);
+    if (!isfinite(def->fade_s) || !(def->fade_s >= 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a fade of %g s; give 0 or more", def->fade_s);
+    if (def->fade_s > 0 && contact->others.solve)
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "cut: a fade of %g s, and contact is solved by a hybrid model, which knows none; set fade_s to 0",
+            def->fade_s);
+    return TM_OK;
+}
+
+tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_CUT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && contact && contact->world == world, "world is null, or contact is not of this world",
+               TM_ERR_ARGUMENT);
+    tm_status status = check(world, contact, def, error);
+    if (status) return status;
     const tm_mesh *mesh = world->tissue->mesh;
     tm_pool pool = {0};
     tm_cut_stage *self = TM_TAKE(&pool, tm_cut_stage, 1);
@@ -276,7 +317,8 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
     uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count), *is_seed = TM_TAKE(&pool, uint8_t, mesh->tet_count),
             *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
-    void *room = TM_TAKE(&pool, char, snapshot_max(mesh));
+    tm_fading_row *fading = def->fade_s > 0 ? TM_TAKE(&pool, tm_fading_row, TM_FADING_MAX) : NULL;
+    void *room = TM_TAKE(&pool, char, snapshot_max(mesh, def->fade_s));
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
@@ -285,6 +327,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                            .contact = contact,
                            .rate_1_s = def->rate_1_s,
                            .loose = def->loose,
+                           .fading = {.contact = contact, .fade_s = def->fade_s, .row = fading},
                            .sight_m = OUT_OF_SIGHT * diagonal(mesh),
                            .log_tet = log_tet,
                            .log_instrument = log_instrument,
@@ -296,8 +339,11 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                            .supports_set = -1,
                            .kept = room,
                            .revision = world->tissue->surface.revision};
-    const tm_status status = add_stages(world, self, pool.bytes, error);
-    if (status) destroy(self);
+    status = add_stages(world, self, pool.bytes, error);
+    if (status)
+        destroy(self);
+    else if (fading)
+        tm_fading_add(&self->fading, self);
     return status;
 }
 

@@ -146,6 +146,26 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     return w.skin_J;
 }
 
+/* Returns what the skins of rows hold that fade. */
+static double fading_work(energy *e, const tm_contact *contact) {
+    double sprung = 0;
+    for (int32_t i = 0; contact->fading && i < contact->fading->count; i++) {
+        const tm_fading_row *row = contact->fading->row + i;
+        double here[3], there[3], way[3];
+        tm_capsule_station(&contact->tool[row->instrument].capsule, row->station, here);
+        tm_capsule_station(&e->now.past[row->instrument].capsule, row->station, there);
+        vsub(here, there, way);
+        e->now.sum.hand_J[row->instrument] += 0.5 * row->lambda_N * vdot(row->normal, way);
+        for (int j = 0; j < 3; j++) {
+            double share[3];
+            vscale(row->weight[j] * row->lambda_N, row->normal, share);
+            e->now.sum.contact_J[row->instrument] += on_vertex(e, &contact->world->state, row->vertex[j], share);
+        }
+        sprung += 0.5 * row->compliance_m_N * row->lambda_N * row->lambda_N;
+    }
+    return sprung;
+}
+
 /* Returns what the springs of the jaw hold. */
 static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
     const tm_jaw_load load = tm_contact_load(contact, t);
@@ -182,6 +202,7 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
         if (anew || e->now.past[t].placings != contact->tool[t].placings) remember(e->now.past + t, contact, t, true);
     for (int32_t i = 0; contact && i < contact->row_count; i++)
         if (contact->row[i].lambda_N > 0) sprung += row_work(e, contact, i);
+    if (contact) sprung += fading_work(e, contact);
     for (int32_t t = 0; contact && t < contact->tool_count; t++) {
         sprung += jaw_work(e, contact, t);
         remember(e->now.past + t, contact, t, false);
