@@ -122,12 +122,17 @@ bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_
     lane->weight = b.weight[l], lane->slope = b.slope[l];
     const double x = (s - packs->begin_1_2) / packs->width_1_2;
     lane->bend = x > 0 && x < 1 ? 60 * x * (1 - x) * (1 - 2 * x) / (packs->width_1_2 * packs->width_1_2) : 0;
+    tm_rotation_lane_law(packs, tet, lane);
+    return true;
+}
+
+void tm_rotation_lane_law(const tm_packs *packs, int32_t tet, tm_turned_lane *lane) {
+    const int32_t p = tet / TM_LANES;
+    const int k = tet % TM_LANES;
     const tm_pack *pack = packs->pack + p;
     const tm_fibre_pack *f = packs->fibred_of && packs->fibred_of[p] >= 0 ? packs->fibred + packs->fibred_of[p] : NULL;
-    const int k = at + l;
     lane->mu = pack->mu_J[k], lane->lambda = pack->lambda_J[k];
     lane->dlambda = f ? f->dlambda_J[k] : 0, lane->dmu = f ? f->dmu_J[k] : 0, lane->beta = f ? f->beta_J[k] : 0;
     lane->fibred = lane->dlambda != 0 || lane->dmu != 0 || lane->beta != 0;
     for (int i = 0; i < 3; i++) lane->fibre[i] = f ? f->fibre[i][k] : 0;
-    return true;
 }

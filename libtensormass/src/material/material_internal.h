@@ -118,6 +118,8 @@ typedef struct tm_turned_lane {
     bool fibred;
 } tm_turned_lane;
 bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_turned_lane *lane);
+/* Its constants alone. */
+void tm_rotation_lane_law(const tm_packs *packs, int32_t tet, tm_turned_lane *lane);
 /* d2W/dF2 of the correction, symmetric 9x9, J. */
 void tm_rotation_hessian(const tm_turned_lane *lane, double A[81]);
 /* The same of the linear law alone. */

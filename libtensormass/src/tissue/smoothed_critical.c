@@ -3,6 +3,7 @@
  * any weights w > 0 of its members, and so K <= diag(sum of ask) <= most M bounds omega^2 as in critical_shared.c. What
  * is averaged over a vertex has rank one: there lambda_max is a sum. Weights begin in proportion to the gradients'
  * lengths (for rank one, the row sums of |K_d|) and follow what is asked for. */
+#include "material/law.h"
 #include "tissue/smoothed.h"
 
 #include <math.h>

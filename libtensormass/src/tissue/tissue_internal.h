@@ -98,10 +98,6 @@ double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
-/* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
-void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
-/* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */
-double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]);
 /* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names
  * the tetrahedron that sets it. Not for a tissue that will be cut. False: no memory, nothing lowered. */
 bool tm_shared_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet);

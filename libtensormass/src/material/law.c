@@ -1,0 +1,22 @@
+/* The table of laws. */
+#include "material/law.h"
+
+const tm_law *const tm_laws[] = {&tm_law_linear, &tm_law_corotated, &tm_law_corotated_averaged, NULL};
+
+const tm_law *tm_law_of(const tm_material_field *field) {
+    if (!(field->rotation > 0)) return &tm_law_linear;
+    return field->smoothed ? &tm_law_corotated_averaged : &tm_law_corotated;
+}
+
+bool tm_law_take(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
+    static const double NEVER = 1e100; /* |grad u| that no tetrahedron passes */
+    *state = (tm_law_state){.law = law, .field = *field};
+    if (law->has_constant_tangent) state->field.rotation = NEVER;
+    if (!law->averages) state->field.smoothed = NULL;
+    if (!tm_packs_take(&state->batches, pool, &state->field)) return false;
+    const int64_t lanes = TM_LANES * (int64_t)state->batches.count;
+    if (!tm_swollen_take(&state->averages, pool, &state->field, state->batches.count)) return false;
+    state->work.corner_N = TM_TAKE(pool, double, 12 * lanes);
+    if (law->averages) state->work.stress_J = TM_TAKE(pool, double, 9 * lanes);
+    return !pool->failed;
+}

@@ -1,0 +1,234 @@
+/* What is asked of every law of material, row by row of tm_laws: force is the energy's derivative, the tangent the
+ * force's and symmetric, a rigid rotation stores nothing, no state needs a shorter step than the bound, every form has
+ * the bits of the plain one, and a world computes the same. Isotropic and with fibres, beside a hole. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "material/law.h"
+#include "turning.h"
+
+typedef struct body {
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    tm_material material;
+    double *fibre;
+    tm_law_state law;
+    tm_pool pool;
+    fix_random random;
+    int32_t n;
+} body;
+
+static tm_material material(bool fibred) {
+    tm_material m;
+    tm_error error;
+    if (fibred)
+        fix_ok(tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &m, &error), &error);
+    else
+        fix_ok(tm_material_young(5e3, 0.45, &m, &error), &error);
+    return m;
+}
+
+/* A block with a hole; or one tetrahedron. */
+static body make(const tm_law *law, bool fibred, bool alone) {
+    body b = {.random = {7}, .material = material(fibred)};
+    b.mesh = alone ? fix_block((int[]){1, 1, 1}, (double[]){0.01, 0.01, 0.01}, 0.1, &b.random)
+                   : fix_block((int[]){3, 2, 2}, (double[]){0.03, 0.02, 0.02}, 0.2, &b.random);
+    b.n = 3 * b.mesh->vertex_count;
+    b.fibre = malloc(sizeof(double) * 3 * (size_t)b.mesh->tet_count);
+    for (int32_t i = 0; i < 3 * b.mesh->tet_count; i++) b.fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
+    tm_tissue_def def = tm_tissue_def_default();
+    tm_error error;
+    def.mesh = b.mesh, def.material_count = 1, def.material = &b.material, def.fibre = fibred ? b.fibre : NULL;
+    def.rotation = law->has_constant_tangent ? 0 : TM_ROTATION_THRESHOLD;
+    def.volume = law->averages, def.volume_shear = 0, def.cuttable = true;
+    fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
+    if (alone)
+        for (int32_t t = 1; t < b.mesh->tet_count; t++) tm_cut_remove(b.tissue, &t, 1, NULL, 0);
+    else
+        assert_true(tm_cut_remove(b.tissue, (int32_t[]){5, 31}, 2, NULL, 0) >= 2);
+    assert_true((tm_tissue_alive_count(b.tissue) == 1) == alone);
+    const tm_material_field field = tm_tissue_field(b.tissue);
+    assert_true(tm_law_of(&field) == law);
+    assert_true(tm_law_take(&b.law, &b.pool, law, &field));
+    return b;
+}
+
+static void destroy(body *b) {
+    tm_pool_release(&b->pool);
+    tm_tissue_destroy(b->tissue);
+    tm_mesh_destroy(b->mesh);
+    free(b->fibre);
+}
+
+static double *vectors(const body *b, int count) { return calloc((size_t)(count * b->n), sizeof(double)); }
+
+static void noise(body *b, double size, double *u) {
+    for (int32_t i = 0; i < b->n; i++) u[i] = size * fix_signed(&b->random);
+}
+
+static void force(const body *b, const double *u, double *f) {
+    memset(f, 0, sizeof *f * (size_t)b->n);
+    b->law.law->force(&b->law, true, u, f);
+}
+
+static void tangent(const body *b, const double *u, const double *d, double *change) {
+    memset(change, 0, sizeof *change * (size_t)b->n);
+    b->law.law->tangent(&b->law, u, d, change);
+}
+
+static double dot(const double *a, const double *b, int32_t n) {
+    double sum = 0;
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* u + h d */
+static const double *along(const double *u, double h, const double *d, int32_t n, double *to) {
+    for (int32_t i = 0; i < n; i++) to[i] = u[i] + h * d[i];
+    return to;
+}
+
+/* Gradients of 1e-3 (linear), 0.03 (in the band where the correction grows) and 0.3. */
+static const double SIZE_M[] = {1e-5, 3e-4, 3e-3};
+enum { SIZES = sizeof SIZE_M / sizeof *SIZE_M };
+
+static void has_derivatives(body *b) {
+    double *u = vectors(b, 7), *d = u + b->n, *e = u + 2 * b->n, *f = u + 3 * b->n, *g = u + 4 * b->n;
+    double *near = u + 5 * b->n, *change = u + 6 * b->n;
+    const tm_law *law = b->law.law;
+    for (int size = 0; size < SIZES; size++) {
+        const double h = 1e-4 * SIZE_M[size];
+        noise(b, SIZE_M[size], u), noise(b, 1, d), noise(b, 1, e);
+        force(b, u, f);
+        const double more = law->energy(&b->law, along(u, h, d, b->n, near));
+        const double less = law->energy(&b->law, along(u, -h, d, b->n, near));
+        const double scale = sqrt(dot(f, f, b->n) * dot(d, d, b->n));
+        assert_true(fabs((more - less) / (2 * h) + dot(f, d, b->n)) < 1e-6 * scale);
+        force(b, along(u, h, d, b->n, near), f);
+        force(b, along(u, -h, d, b->n, near), g);
+        tangent(b, u, d, change);
+        const double steep = fix_largest(change, b->n);
+        assert_true(steep > 0);
+        for (int32_t i = 0; i < b->n; i++) assert_true(fabs((f[i] - g[i]) / (2 * h) - change[i]) < 1e-5 * steep);
+        const double across = dot(e, change, b->n);
+        tangent(b, u, e, f);
+        assert_true(fabs(across - dot(d, f, b->n)) < 1e-9 * sqrt(dot(change, change, b->n) * dot(e, e, b->n)));
+        if (law->has_constant_tangent) {
+            noise(b, SIZE_M[SIZES - 1], u);
+            tangent(b, u, e, g);
+            assert_memory_equal(f, g, sizeof *f * (size_t)b->n);
+        }
+    }
+    free(u);
+}
+
+/* Stretched so that every tetrahedron is corrected in full, then turned by a radian. */
+static void keeps_energy_in_rotation(body *b) {
+    double *u = vectors(b, 4), *turned = u + b->n, *f = u + 2 * b->n, *g = u + 3 * b->n;
+    const double c = cos(1), s = sin(1), stretch[3] = {0.15, -0.05, -0.08};
+    noise(b, 2e-4, u);
+    for (int32_t i = 0; i < b->n; i++) u[i] += stretch[i % 3] * b->mesh->rest_m[i];
+    for (int32_t v = 0; v < b->n; v += 3) {
+        const double *r = b->mesh->rest_m + v, x = r[0] + u[v], y = r[1] + u[v + 1];
+        turned[v] = c * x - s * y - r[0], turned[v + 1] = s * x + c * y - r[1], turned[v + 2] = u[v + 2];
+    }
+    const double before_J = b->law.law->energy(&b->law, u), after_J = b->law.law->energy(&b->law, turned);
+    assert_true((fabs(after_J - before_J) < 1e-9 * before_J) == b->law.law->is_objective);
+    force(b, u, f), force(b, turned, g);
+    double worst = 0;
+    for (int32_t v = 0; v < b->n; v += 3)
+        worst = fmax(worst, hypot(g[v] - (c * f[v] - s * f[v + 1]), g[v + 1] - (s * f[v] + c * f[v + 1])));
+    assert_true((worst < 1e-9 * fix_largest(f, b->n)) == b->law.law->is_objective);
+    free(u);
+}
+
+/* Largest eigenvalue of M^-1 K at u, from below. */
+static double frequency2(body *b, const double *u, double *d, double *change) {
+    const double *mass = tm_tissue_mass_kg(b->tissue);
+    double value = 0;
+    noise(b, 1, d);
+    for (int k = 0; k < 120; k++) {
+        double weight = 0, length = 0;
+        tangent(b, u, d, change);
+        for (int32_t i = 0; i < b->n; i++) weight += mass[i / 3] * d[i] * d[i];
+        value = -dot(d, change, b->n) / weight;
+        for (int32_t i = 0; i < b->n; i++) d[i] = mass[i / 3] > 0 ? -change[i] / mass[i / 3] : 0;
+        for (int32_t i = 0; i < b->n; i++) length = fmax(length, fabs(d[i]));
+        for (int32_t i = 0; i < b->n; i++) d[i] /= length;
+    }
+    return value;
+}
+
+static void stays_below_its_bound(body *b, bool fibred, double least) {
+    double *u = vectors(b, 3), worst = 0, bound = 0;
+    for (int32_t t = 0; t < b->mesh->tet_count; t++) {
+        const double m = b->material.density_kg_m3 * b->mesh->volume_m3[t] / 4;
+        if (b->law.field.alive[t])
+            bound = fmax(bound, b->law.law->bound(&b->law.field, t, (const double[4]){m, m, m, m}));
+    }
+    for (int round = 0; round < 30; round++) { /* small ones, in the band, crushed and inside out */
+        noise(b, round < SIZES ? SIZE_M[round] : 5e-4 * (round - 2), u);
+        worst = fmax(worst, frequency2(b, u, u + b->n, u + 2 * b->n) / bound);
+    }
+    print_message("%s%s: %.2f of the bound\n", b->law.law->name, fibred ? ", fibred" : "", worst);
+    assert_true(worst <= 1 + 1e-12 && worst > least);
+    free(u);
+}
+
+static void has_one_form(body *b) {
+    double *u = vectors(b, 3), *f = u + b->n, *g = u + 2 * b->n;
+    for (int size = 0; size < SIZES; size++) {
+        noise(b, SIZE_M[size], u);
+        force(b, u, f);
+        memset(g, 0, sizeof *g * (size_t)b->n);
+        b->law.law->force(&b->law, false, u, g);
+        assert_memory_equal(f, g, sizeof *f * (size_t)b->n);
+    }
+    free(u);
+}
+
+/* Tensors, and what the stage "rotation" adds to them, are the law's force and energy. */
+static void is_what_a_world_computes(body *b) {
+    double *u = vectors(b, 4), *f = u + b->n, *g = u + 2 * b->n, *scratch = u + 3 * b->n;
+    tm_world *world = fix_world(b->tissue, true);
+    tm_rotation *rotation = NULL;
+    tm_error error;
+    if (!b->law.law->has_constant_tangent) fix_ok(tm_stage_rotation(world, &rotation, &error), &error);
+    for (int size = 0; size < SIZES; size++) {
+        noise(b, SIZE_M[size], u);
+        force(b, u, f);
+        tm_tissue_force(b->tissue, u, g);
+        if (rotation) turning_force(b->tissue, rotation, u, g, scratch);
+        for (int32_t i = 0; i < b->n; i++) assert_true(fabs(f[i] - g[i]) < 1e-10 * fix_largest(f, b->n));
+        const double law_J = b->law.law->energy(&b->law, u), tissue_J = tm_tissue_energy(b->tissue, u),
+                     turned_J = rotation ? tm_rotation_energy(rotation, u) : 0;
+        assert_true(fabs(law_J - tissue_J - turned_J) < 1e-10 * fmax(law_J, tissue_J));
+    }
+    tm_world_destroy(world);
+    free(u);
+}
+
+static void every_row(void **state) {
+    (void)state;
+    int rows = 0;
+    for (const tm_law *const *law = tm_laws; *law; law++, rows++)
+        for (int fibred = 0; fibred < 2; fibred++) {
+            body b = make(*law, fibred, true);
+            stays_below_its_bound(&b, fibred, 0.2); /* near it, or steps are shorter than need be */
+            destroy(&b);
+            b = make(*law, fibred, false);
+            has_derivatives(&b);
+            keeps_energy_in_rotation(&b);
+            stays_below_its_bound(&b, fibred, 0);
+            has_one_form(&b);
+            is_what_a_world_computes(&b);
+            destroy(&b);
+        }
+    assert_true(rows >= 3);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
