@@ -1,7 +1,7 @@
 """What the tests of tm-sim share: running it (kit.py), the oracle's cases as files."""
 
 import numpy as np
-from kit import block_scene, report, run  # noqa: F401 (for the tests of this folder)
+from kit import BLOCK, block_scene, report, run  # noqa: F401 (for the tests of this folder)
 
 
 class Oracle:
