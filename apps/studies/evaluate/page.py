@@ -205,17 +205,36 @@ def conditions(page, rows, models):
 
 
 def z_width(page, rows):
-    """What streaming buys a hand: the stiffest contact that `hold` carries, by rate of force samples and of ticks."""
-    own = [r for r in rows if r["extrapolator"] in ("hold", "adaptive") and not r["passivity"]]
-    page.table("z_width", ["law", "force samples a second", "ticks a second", "samples late", "stable up to N/m", "theory for hold N/m"],
-               [[r["extrapolator"], r["rate_Hz"], r["tick_Hz"], r["delay_frames"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])]
-                for r in sorted(own, key=lambda r: (r["extrapolator"], r["delay_frames"], r["rate_Hz"]))],
-               "Z-width: the range of stiffness that stays stable with this device and hand, passivity control off. More samples a second carry stiffer tissue than any law at 25 Hz; more ticks help once samples come in every tick.")
+    """What streaming buys a hand: the stiffness and damping that `hold` carries, by rate of force samples and of ticks, and by latency."""
+    cell = lambda r: f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"])
+    rates = sorted({(r["rate_Hz"], r["tick_Hz"]) for r in rows})
+    of = lambda rate, tick, wall, late, passivity: next((r for r in rows if (r["rate_Hz"], r["tick_Hz"], r["wall_N_s_m"], r["delay_frames"], r["passivity"]) == (rate, tick, wall, late, passivity)), None)
+    walls = sorted({r["wall_N_s_m"] for r in rows})
+    lates = sorted({r["delay_frames"] for r in rows})
+    page.section("Z-width", "The range of stiffness and damping of a wall that stays stable with this device and hand, by <code>hold</code>: after a step of 1 mm in the hand's wish its oscillation dies out within an encoder count. "
+                 "Theory: b &gt; K (T/2 + delay) + B, B the wall's damping (Colgate and Schenkel 1997; Diolaiti et al. 2006).")
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
+    for i, (rate, tick) in enumerate(rates):
+        own = [(r["stiffness_N_m"], r["wall_N_s_m"]) for w in walls for r in [of(rate, tick, w, 0, False)] if r]
+        axes[0].plot([max(k, 1) for k, _ in own], [w for _, w in own], **series(i))
+        label_line(axes[0], max(own[0][0], 1), own[0][1], f"{rate:g} Hz", series(i))
+    axes[0].set(xscale="log", xlabel="largest stable stiffness, N/m", ylabel="damping of the wall, N·s/m", title="no latency")
+    for i, late in enumerate(lates):
+        own = [(rate, r["stiffness_N_m"], r["theory_N_m"]) for rate, tick in rates for r in [of(rate, tick, 0, late, False)] if r]
+        axes[1].plot([o[0] for o in own], [max(o[1], 1) for o in own], **series(i))
+        axes[1].plot([o[0] for o in own], [o[2] for o in own], color="#bbbbbb", linewidth=4, zorder=0)
+        label_line(axes[1], own[-1][0], max(own[-1][1], 1), f"{late} late", series(i))
+    axes[1].set(xscale="log", yscale="log", xlabel="force samples a second (above 500: as many ticks)", ylabel="largest stable stiffness, N/m", title="no damping in the wall; grey: theory")
+    page.figure("z_width", figure, "More samples a second carry a stiffer wall, and a sample of latency takes about half of it.", "tm-evaluate --study --part loop")
+    page.table("z_width", ["force samples a second", "ticks a second", *(f"B = {w:g} N·s/m" for w in walls), *(f"{n} late{how}" for n in lates for how in ("", ", passivity control") if n or how)],
+               [[rate, tick, *(cell(r) if r else "" for w in walls for r in [of(rate, tick, w, 0, False)]),
+                 *(cell(r) if r else "" for n in lates for on in (False, True) if n or on for r in [of(rate, tick, 0, n, on)])] for rate, tick in rates],
+               "Largest stable stiffness, N/m.")
 
 
 def loop(page, data):
-    rows = [r for r in data["rows"] if r["tick_Hz"] == 500]
-    z_width(page, data["rows"])
+    rows = data["rows"]
+    z_width(page, data["z_width"])
     page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
                  f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
     delays = sorted({r["delay_frames"] for r in rows})

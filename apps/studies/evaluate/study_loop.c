@@ -5,7 +5,8 @@
  * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the
  * ticks. Stated conditions: no Coulomb friction, coupling off, force, slew and stiffness limits out of the way (a case
  * with a limit active is not counted as stable), the same device and hand for all. Theory, for a hold: b > K (T/2 +
- * delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997).
+ * delay) + B, b the damping of device and hand together, B of the surface, delay the samples' and a tick (Colgate and
+ * Schenkel 1997; Diolaiti et al. 2006). It is enough for any hand that is passive; this hand may bear more.
  *
  * On tissue (loop_tissue.c) the same loop, from above it; there a count's step of the tool is felt in the next frame by
  * tissue with mass, and what is left may be a few counts of it. */
@@ -78,8 +79,9 @@ typedef struct loop_case {
     double rate_Hz;
     int delay_frames;
     bool passivity;
-    int model;   /* of the tissue; -1: the exponential surface */
-    int tick_us; /* of controller and device */
+    int model;         /* of the tissue; -1: the exponential surface */
+    int tick_us;       /* of controller and device */
+    double wall_N_s_m; /* damping of the exponential surface along the shaft, from one sample to the next */
 } loop_case;
 
 /* Above this rate a simulation sends neither stiffness nor patch (apps/sim/stream.c). */
@@ -108,6 +110,7 @@ typedef struct loop {
     loop_tissue *tissue; /* null: the exponential surface */
     double touch_m;      /* insertion at which the tip touches */
     double along_N_m;    /* its stiffness along the shaft, of the last sample */
+    double deep_m;       /* where the tip was at the last sample, along the shaft; 0: there was none */
     waiting line[MAX_LINE];
     int waiting_count;
     uint32_t seq;
@@ -172,7 +175,8 @@ static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_
         simulate_tissue(l, now_us, tool);
         return;
     }
-    waiting w = {.due_us = now_us + c->delay_frames * frame_us};
+    /* in time it is heard in the next tick; late by a frame, a frame after that one */
+    waiting w = {.due_us = now_us + (c->delay_frames ? c->delay_frames * frame_us + 1 : 0)};
     w.sample = (tensormass_force_sample_t){.utime = now_us,
                                            .session = 1,
                                            .tool_session = tool->session,
@@ -183,6 +187,9 @@ static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_
     for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
     surface_force(&l->patch, &l->node.config.params, tip, force);
     for (int i = 0; i < 3; i++) w.sample.force_N[i] = (double)force[i];
+    if (l->deep_m > 0 && force[2] < 0) /* a wall brakes and never pulls */
+        w.sample.force_N[2] = fmin(w.sample.force_N[2] - c->wall_N_s_m * ((double)tip[2] - l->deep_m) * c->rate_Hz, 0);
+    l->deep_m = (double)tip[2];
     if (is_informed(c) && (c->which == HRT_TANGENT || takes_patch(c->which)))
         surface_stiffness(&l->patch, &l->node.config.params, tip, w.sample.stiffness_N_m);
     if (c->delay_frames == 0)
@@ -276,7 +283,10 @@ static void add_largest(cJSON *rows, const loop_case *c, bool quick, double damp
     cJSON_AddBoolToObject(row, "passivity", c->passivity);
     cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
     cJSON_AddBoolToObject(row, "beyond", beyond);
-    cJSON_AddNumberToObject(row, "theory_N_m", damping_N_s_m / ((0.5 + c->delay_frames) / c->rate_Hz));
+    cJSON_AddNumberToObject(row, "wall_N_s_m", c->wall_N_s_m);
+    /* a sample is heard in the tick after it was taken */
+    const double late_s = (0.5 + c->delay_frames) / c->rate_Hz + 1e-6 * c->tick_us;
+    cJSON_AddNumberToObject(row, "theory_N_m", (damping_N_s_m - c->wall_N_s_m) / late_s);
 }
 
 /* At streaming rates laws go by forces alone, so that fewer of them differ. */
@@ -284,9 +294,32 @@ static bool is_asked(double rate_Hz, int law) {
     return rate_Hz <= informed_rate_max_Hz || law == HRT_HOLD || law == HRT_POSITION || law == HRT_ADAPTIVE;
 }
 
+/* Z-width: what `hold` carries by rate of samples and of ticks, their latency, and the surface's own damping. */
+static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
+    static const struct {
+        double rate_Hz;
+        int tick_us;
+    } whole[] = {{25, 2000}, {100, 2000}, {250, 2000}, {500, 2000}, {1000, 1000}, {2000, 500}},
+      brief[] = {{25, 2000}, {500, 2000}};
+    static const double wall_N_s_m[] = {0, 3, 6, 9};
+    const int count = quick ? 2 : (int)(sizeof whole / sizeof *whole);
+    for (int k = 0; k < count; k++) {
+        const double rate_Hz = quick ? brief[k].rate_Hz : whole[k].rate_Hz;
+        const int tick_us = quick ? brief[k].tick_us : whole[k].tick_us;
+        progress("Z-width", (double)k / count);
+        for (int w = 0; w < 4; w += quick ? 2 : 1)
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, 0, false, -1, tick_us, wall_N_s_m[w]}, quick,
+                        damping_N_s_m);
+        for (int late = 0; late < (quick ? 0 : 3); late++) {
+            if (late)
+                add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, false, -1, tick_us, 0}, quick, damping_N_s_m);
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, true, -1, tick_us, 0}, quick, damping_N_s_m);
+        }
+    }
+}
+
 cJSON *study_loop(const study_run *run) {
     static const double whole[] = {10, 20, 30, 50, 100, 250, 500}, quick[] = {30};
-    static const int ticks_us[] = {1000, 500}; /* a sample in every tick */
     const double *rates = run->quick ? quick : whole;
     const int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
     const hrt_device_config device = hrt_device_config_default(0);
@@ -296,12 +329,10 @@ cJSON *study_loop(const study_run *run) {
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
             for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell++)
-                add_largest(rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US},
+                add_largest(rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0},
                             run->quick, b);
         }
-    for (int k = 0; k < 2 && !run->quick; k++)
-        for (int delay = 0; delay < delays; delay++)
-            add_largest(rows, &(loop_case){HRT_HOLD, 1e6 / ticks_us[k], delay, false, -1, ticks_us[k]}, false, b);
+    add_z_width(cJSON_AddArrayToObject(out, "z_width"), run->quick, b);
     cJSON_AddNumberToObject(out, "damping_N_s_m", b);
     cJSON_AddNumberToObject(out, "hand_stiffness_N_m", device.hand_stiffness[HRT_INSERTION]);
     cJSON_AddNumberToObject(out, "mass_kg", device.inertia[HRT_INSERTION]);
@@ -314,7 +345,7 @@ cJSON *study_tissue_loop(const study_run *run) {
     cJSON *rows = cJSON_CreateArray();
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
-            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US};
+            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0};
             bool beyond;
             progress("closed loop on tissue", (4.0 * i + x) / 8);
             const loop_result r = largest(&c, run->quick, &beyond);
