@@ -27,6 +27,15 @@ bool command_unit(const char *command, const char *text, double *scale) {
     return false;
 }
 
+bool command_scale(const char *command, int option, const char *text, bool *sized, double *scale) {
+    if (*sized) {
+        command_usage(command, "--unit and --scale say the same; give one");
+        return false;
+    }
+    *sized = true;
+    return option == 'u' ? command_unit(command, text, scale) : command_quantity("scale", text, "none", scale);
+}
+
 int command_output(const char *path) {
     int exit = app_output_ending("-o", path, tm_mesh_file_endings(true));
     return exit ? exit : app_output_check(path);

@@ -15,6 +15,8 @@ command_fn command_info, command_check, command_fill, command_refine, command_re
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si);
 /* "mm" and the like as metres per unit of the file; false after a complaint. */
 bool command_unit(const char *command, const char *text, double *scale);
+/* `option` 's' (--scale S) or 'u' (--unit UNIT), which say the same: once, as `sized` knows. False: told. */
+bool command_scale(const char *command, int option, const char *text, bool *sized, double *scale);
 /* Complains now about an output that cannot be written later, or whose ending is no mesh's. */
 int command_output(const char *path);
 /* Complains; APP_FAILED. */

@@ -56,11 +56,9 @@ static int parse(const char *command, int argc, char **argv, options *o) {
     opterr = 0;
     for (int c; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
         bool good = true;
-        if ((c == 's' || c == 'u') && sized) return command_usage(command, "--unit and --scale say the same; give one");
-        sized = sized || c == 's' || c == 'u';
         switch (c) {
-        case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
-        case 'u': good = command_unit(command, optarg, &o->scale); break;
+        case 's':
+        case 'u': good = command_scale(command, c, optarg, &sized, &o->scale); break;
         case 'y': good = command_quantity("young", optarg, "pressure", &o->young_Pa); break;
         case 'p': good = command_quantity("poisson", optarg, "none", &o->poisson); break;
         case 'd': good = command_quantity("density", optarg, "density", &o->density_kg_m3); break;

@@ -16,7 +16,7 @@ typedef struct options {
 } options;
 
 static void usage(void) {
-    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--scale S] [--fibres IN.csv "
+    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--unit UNIT] [--fibres IN.csv "
            "--write-fibres OUT.csv] IN -o OUT\n"
            "Halves longest edges until none of a tetrahedron that reaches into the box (or belongs to the region) is "
            "longer than SIZE, then moves\n"
@@ -27,7 +27,8 @@ static void usage(void) {
            "  --region NAME       a physical volume of the file\n"
            "  --size SIZE         the longest edge wanted there, e.g. 3mm\n"
            "  --fibres IN.csv     fibres of IN; --write-fibres OUT.csv those of OUT (each piece has its parent's)\n"
-           "  --scale S           metres per unit of the file [1]\n"
+           "  --unit UNIT         of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "  --scale S           the same as metres per unit of the file: 1e-3 for millimetres\n"
            "  -o OUT              .msh, .vtk or .mesh\n");
 }
 
@@ -48,11 +49,13 @@ static int parse(int argc, char **argv, options *o) {
                                           {"region", required_argument, NULL, 'r'},
                                           {"size", required_argument, NULL, 'z'},
                                           {"scale", required_argument, NULL, 's'},
+                                          {"unit", required_argument, NULL, 'u'},
                                           {"fibres", required_argument, NULL, 'f'},
                                           {"write-fibres", required_argument, NULL, 'w'},
                                           {"output", required_argument, NULL, 'o'},
                                           {"help", no_argument, NULL, 'h'},
                                           {0}};
+    bool sized = false;
     *o = (options){.scale = 1};
     optind = 1;
     opterr = 0;
@@ -62,7 +65,8 @@ static int parse(int argc, char **argv, options *o) {
         case 'b': good = o->boxed = parse_box(optarg, o->box_m); break;
         case 'r': o->region = optarg; break;
         case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
-        case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 's':
+        case 'u': good = command_scale("refine", c, optarg, &sized, &o->scale); break;
         case 'f': o->fibres = optarg; break;
         case 'w': o->out_fibres = optarg; break;
         case 'o': o->out = optarg; break;

@@ -12,7 +12,7 @@ typedef struct options {
 
 static void usage(void) {
     printf(
-        "usage: tm-mesh renumber [--scale S] [--fibres IN.csv --write-fibres OUT.csv] [--write-numbers OUT.csv] IN "
+        "usage: tm-mesh renumber [--unit UNIT] [--fibres IN.csv --write-fibres OUT.csv] [--write-numbers OUT.csv] IN "
         "-o OUT\n"
         "Numbers vertices by the order of Cuthill and McKee, reversed, and tetrahedra after them, from 1: neighbours "
         "come near each other, and a step\n"
@@ -20,25 +20,29 @@ static void usage(void) {
         "  --fibres IN.csv     fibres of IN, a row a tetrahedron or a vertex; --write-fibres OUT.csv those of OUT\n"
         "  --write-numbers OUT.csv  'vertex,was': for each vertex of OUT its place in IN, both from 0, as scenes "
         "count\n"
-        "  --scale S           metres per unit of the file [1]\n"
+        "  --unit UNIT         of the file's coordinates: m, cm, mm, um or inch [m]\n"
+        "  --scale S           the same as metres per unit of the file: 1e-3 for millimetres\n"
         "  -o OUT              .msh, .vtk, .vtu or .mesh\n");
 }
 
 static int parse(int argc, char **argv, options *o) {
     static const struct option names[] = {{"scale", required_argument, NULL, 's'},
+                                          {"unit", required_argument, NULL, 'u'},
                                           {"fibres", required_argument, NULL, 'f'},
                                           {"write-fibres", required_argument, NULL, 'w'},
                                           {"write-numbers", required_argument, NULL, 'n'},
                                           {"output", required_argument, NULL, 'o'},
                                           {"help", no_argument, NULL, 'h'},
                                           {0}};
+    bool sized = false;
     *o = (options){.scale = 1};
     optind = 1;
     opterr = 0;
     for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
         bool good = true;
         switch (c) {
-        case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 's':
+        case 'u': good = command_scale("renumber", c, optarg, &sized, &o->scale); break;
         case 'f': o->fibres = optarg; break;
         case 'w': o->out_fibres = optarg; break;
         case 'n': o->out_numbers = optarg; break;

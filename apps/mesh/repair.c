@@ -13,43 +13,43 @@ typedef struct options {
 } options;
 
 static void repair_usage(void) {
-    printf("usage: tm-mesh repair [--scale S] [--merge DISTANCE] [--largest] IN -o OUT\n"
+    printf("usage: tm-mesh repair [--unit UNIT] [--merge DISTANCE] [--largest] IN -o OUT\n"
            "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie "
            "over others, and vertices\n"
            "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be "
            "mended.\n\n"
            "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
            "  --largest         keep only the largest of several pieces\n"
-           "  --scale S         metres per unit of the file [1]\n"
+           "  --unit UNIT       of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "  --scale S         the same as metres per unit of the file: 1e-3 for millimetres\n"
            "  -o OUT            .msh, .vtk, .mesh or .vtu\n");
 }
 
 static void convert_usage(void) {
     printf(
-        "usage: tm-mesh convert [--scale S] [--fibres IN.csv] IN -o OUT\n"
+        "usage: tm-mesh convert [--unit UNIT] [--fibres IN.csv] IN -o OUT\n"
         "Between .msh (2.2, 4.1 read; 2.2 written), .vtk, .vtu (ParaView, meshio) and .mesh. .mesh carries regions as "
         "numbers, and no vertex groups; the others both, with their names.\n\n"
-        "  --scale S        metres per unit of the file [1]\n"
+        "  --unit UNIT      of the file's coordinates: m, cm, mm, um or inch [m]\n"
+        "  --scale S        the same as metres per unit of the file: 1e-3 for millimetres\n"
         "  --fibres IN.csv  of IN, into .vtk or .vtu: 'fibre' of each cell\n"
         "  -o OUT           .msh, .vtk, .mesh or .vtu\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
-    static const struct option names[] = {{"scale", required_argument, NULL, 's'},
-                                          {"merge", required_argument, NULL, 'm'},
-                                          {"largest", no_argument, NULL, 'l'},
-                                          {"fibres", required_argument, NULL, 'f'},
-                                          {"output", required_argument, NULL, 'o'},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {0}};
-    bool repair = strcmp(command, "repair") == 0;
+    static const struct option names[] = {
+        {"scale", required_argument, NULL, 's'},  {"unit", required_argument, NULL, 'u'},
+        {"merge", required_argument, NULL, 'm'},  {"largest", no_argument, NULL, 'l'},
+        {"fibres", required_argument, NULL, 'f'}, {"output", required_argument, NULL, 'o'},
+        {"help", no_argument, NULL, 'h'},         {0}};
+    bool sized = false, repair = strcmp(command, "repair") == 0;
     *o = (options){.scale = 1};
     optind = 1;
     opterr = 0;
     for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
-        if (c == 's' && command_quantity("scale", optarg, "none", &o->scale)) continue;
-        if (c == 's') return APP_BAD_INPUT;
-        if (c == 'm' && repair) {
+        if (c == 's' || c == 'u') {
+            if (!command_scale(command, c, optarg, &sized, &o->scale)) return APP_BAD_INPUT;
+        } else if (c == 'm' && repair) {
             if (!command_quantity("merge", optarg, "length", &o->merge_m)) return APP_BAD_INPUT;
         } else if (c == 'l' && repair)
             o->largest = true;

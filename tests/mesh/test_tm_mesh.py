@@ -45,6 +45,21 @@ def test_what_follows_two_dashes_is_a_file(name, bin, tmp_path):
     assert done.returncode == 2 and done.stderr.startswith(f"{name}: "), (done.returncode, done.stdout, done.stderr)
 
 
+@pytest.mark.parametrize("words", [["refine", "--region", "upper", "--size", "70um"], ["renumber"], ["repair"], ["convert"]], ids=lambda w: w[0])
+def test_every_command_takes_a_unit(words, tm_mesh, env, tmp_path):
+    path, out = write(tmp_path / "in.msh", meshlib.msh2(named_block())), tmp_path / "out.msh"
+
+    def made(*scale):
+        result = meshlib.run(tm_mesh, *words, *scale, path, "-o", out, env=env)
+        assert result.returncode == 0, result.stderr
+        return out.read_bytes(), info(tm_mesh, out, env)[0]["volume_m3"]
+
+    assert made("--unit", "mm") == made("--scale", "1e-3") and made("--unit", "mm")[1] == pytest.approx(1e-12)
+    for scale, said in ((["--unit", "mm", "--scale", "1"], "--unit and --scale say the same; give one"), (["--unit", "mile"], "--unit mile: give m, cm, mm, um or inch")):
+        result = meshlib.run(tm_mesh, *words, *scale, path, "-o", out, env=env)
+        assert result.returncode == 2 and said in result.stderr, result.stderr
+
+
 def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
     """One vertex pressed close to a face: the step's element is one of its own, the step falls with the altitude, E and density as they must."""
     m = meshlib.block()
