@@ -327,7 +327,7 @@ def operating(page):
 def test_operating_scenes_have_every_law_rate_and_phase(operating):
     hands = {(r["scene"], r["mode"]) for r in operating}
     assert {("liver-press", "probe"), ("liver-dissect", "grasper"), ("liver-dissect", "cautery")} <= hands
-    assert {r["extrapolator"] for r in operating} == set(NAMES) and {r["rate_Hz"] for r in operating} >= {25, 100, 500}
+    assert {r["extrapolator"] for r in operating} == {*NAMES, "frozen"} and {r["rate_Hz"] for r in operating} >= {25, 100, 500}
     phases = {p for r in operating if r["mode"] == "grasper" for p in r["phases"]}
     assert {"free", "touch", "grasp", "lift", "cut", "let go"} <= phases
     assert all(sum(p["ticks"] for p in r["phases"].values()) == r["judged"] for r in operating)
@@ -359,3 +359,19 @@ def test_a_cut_that_fades_is_felt_evenly(operating):
     assert faded["jump_true"] < 0.5 * plain["jump_true"]
     assert faded["peak_N"] < 1.2 * plain["peak_N"]
     assert at["liver-dissect, fade", "grasper"]["rms"] < 0.005
+
+
+def test_frozen_directions_are_right_for_a_hold_and_a_small_motion(operating):
+    """SOFA's way beside `contact`: with a hold, which is linear, as true; on a probe that slides over faces several times worse, and better than `hold`."""
+    at = lambda scene, mode, name: next(r["rms"] for r in operating if (r["scene"], r["mode"], r["extrapolator"], r["rate_Hz"], r["latency_samples"]) == (scene, mode, name, 25, 1))
+    assert abs(at("liver-dissect", "grasper", "frozen") / at("liver-dissect", "grasper", "contact") - 1) < 0.05
+    assert 2 * at("liver-press", "probe", "contact") < at("liver-press", "probe", "frozen") < 0.5 * at("liver-press", "probe", "hold")
+
+
+def test_adaptive_is_near_the_best_law_and_never_above_hold(operating):
+    """At 25 Hz, in every scene without fading cuts and at every latency, frozen directions apart."""
+    for scene, mode in {(r["scene"], r["mode"]) for r in operating if "fade" not in r["scene"]}:
+        for late in (0, 1, 2):
+            rms = {r["extrapolator"]: r["rms"] for r in operating if (r["scene"], r["mode"], r["rate_Hz"], r["latency_samples"]) == (scene, mode, 25, late)}
+            best = min(v for n, v in rms.items() if n not in ("adaptive", "frozen"))
+            assert rms["adaptive"] < 1.1 * best and rms["adaptive"] < 1.01 * rms["hold"], (scene, mode, late, rms)

@@ -20,7 +20,7 @@ static const struct {
               {"liver-dissect", "liver-dissect, fade", true, "cut.fade=50ms"}};
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
-static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {100};
+static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 100, 500};
 /* Above this rate a simulation sends no patch (apps/sim/stream.c), and laws that want one go without. */
 static const double patch_rate_max_Hz = 50;
 
@@ -37,12 +37,12 @@ static void add_phases(cJSON *row, const errors *e) {
 static void add_rows(cJSON *rows, const char *name, const recording *r, double rate_Hz) {
     static const char *const modes[] = {"probe", "grasper", "cautery"};
     for (int late = 0; late <= LATEST; late++)
-        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+        for (int x = 0; x < REPLAY_LAWS; x++) {
             const conditions c = {.latency_frames = late, .seed = 1};
             const errors e = replay(r, (hrt_extrapolator)x, &c, NULL);
             cJSON *row = errors_json(&e);
             cJSON_AddItemToArray(rows, row);
-            cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)x));
+            cJSON_AddStringToObject(row, "extrapolator", replay_law_name(x));
             cJSON_AddStringToObject(row, "scene", name);
             cJSON_AddNumberToObject(row, "instrument", r->instrument);
             cJSON_AddStringToObject(row, "mode", modes[r->mode]);

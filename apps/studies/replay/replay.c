@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bandwidth.h"
+#include "studies/replay/frozen.h"
 #include "studies/replay/replay.h"
 
 double uniform(uint64_t *state) {
@@ -79,8 +80,39 @@ static void judge(sums *s, const recording *r, int tick, int64_t since_us, const
     }
 }
 
+/* What turns samples into forces. */
+typedef struct player {
+    bool is_frozen;
+    hrt_extrapolation law;
+    frozen frozen;
+} player;
+
+static void player_take(player *p, const recording *r, const hrt_sample *sample) {
+    if (p->is_frozen)
+        frozen_sample(&p->frozen, &r->params, sample);
+    else
+        hrt_extrapolation_sample(&p->law, &r->params, sample);
+}
+
+static void player_force(player *p, const recording *r, int64_t now_us, const float tip_m[3], float force_N[3]) {
+    if (p->is_frozen)
+        frozen_force(&p->frozen, tip_m, force_N);
+    else
+        hrt_extrapolation_force(&p->law, &r->params, now_us, tip_m, force_N);
+}
+
+static void player_reset(player *p, hrt_extrapolator which) {
+    memset(p, 0, sizeof *p);
+    p->is_frozen = (int)which == REPLAY_FROZEN;
+    hrt_extrapolation_reset(&p->law, p->is_frozen ? HRT_HOLD : which);
+}
+
+const char *replay_law_name(int law) {
+    return law == REPLAY_FROZEN ? "frozen" : hrt_extrapolator_name((hrt_extrapolator)law);
+}
+
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N) {
-    static hrt_extrapolation x;
+    static player player;
     sums s = {0};
     arrival *line = malloc(sizeof *line * (size_t)(r->samples + 1));
     float *jump = malloc(sizeof *jump * (size_t)r->ticks), last[3] = {0};
@@ -90,21 +122,21 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     bool begun = false;
     int since = SETTLING; /* ticks after the last arrival */
     double spent = 0;
-    hrt_extrapolation_reset(&x, which);
+    player_reset(&player, which);
     for (int tick = 0; tick < r->ticks; tick++) {
         int64_t now = (int64_t)tick * TICK_US;
         float force[3];
         double start = app_seconds();
         const int before = next;
         for (; next < count && line[next].at_us <= now; next++) {
-            hrt_extrapolation_sample(&x, &r->params, &line[next].sample->sample);
+            player_take(&player, r, &line[next].sample->sample);
             begun = true;
         }
-        hrt_extrapolation_force(&x, &r->params, now, r->tip_m + 3 * tick, force);
+        player_force(&player, r, now, r->tip_m + 3 * (size_t)tick, force);
         spent += app_seconds() - start;
         if (force_N) memcpy(force_N + 3 * tick, force, sizeof force);
         if (!begun || isnan(r->truth_N[3 * tick])) continue;
-        judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, x.limits);
+        judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, player.law.limits);
         float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
         jump[jumps++] = (float)length3(step);
         since = next > before ? 0 : since + 1;

@@ -139,6 +139,12 @@ typedef struct errors {
     int phase_ticks[PHASE_COUNT];
 } errors;
 
+/* Beside the controller's laws: SOFA's way (frozen.h), for comparison. */
+enum { REPLAY_FROZEN = HRT_EXTRAPOLATOR_COUNT, REPLAY_LAWS };
+/* Name of a hrt_extrapolator or REPLAY_FROZEN. */
+const char *replay_law_name(int law);
+
+/* `which`: an extrapolator, or REPLAY_FROZEN. */
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
 cJSON *errors_json(const errors *e);
 /* 0 to 1, evenly; moves the state on. */
