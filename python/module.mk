@@ -1,11 +1,10 @@
 # The Python package (docs/python.md). Nothing else waits for it: `make wheel` and its tests alone build what is here.
-# libtensormass_controller.so: the controller's core, its functions to be seen. libtensormass_scene.so: scenes, of what tm-sim is made of.
+# libtensormass_controller.so: the controller's core, its functions to be seen. The other libraries are copies.
 PYTHON_LIB := $(OUT)/python-lib
-PYTHON_LIBRARIES := $(patsubst %,$(PYTHON_LIB)/lib%.so.$(SOVERSION),tensormass tensormass_io tensormass_solve) \
-	$(PYTHON_LIB)/libtensormass_controller.so $(PYTHON_LIB)/libtensormass_scene.so
+PYTHON_LIBRARIES := $(patsubst %,$(PYTHON_LIB)/lib%.so.$(SOVERSION),tensormass tensormass_io tensormass_solve tensormass_scene) \
+	$(PYTHON_LIB)/libtensormass_controller.so
 PYTHON_CORE_SRC := $(filter haptic_rt/core/%,$(HRT_CORE_SRC))
 PYTHON_CORE_OBJ := $(patsubst %.c,$(OUT)/obj/python/%.o,$(PYTHON_CORE_SRC))
-PYTHON_SCENE_SRC := python/native/scene.c python/native/said.c
 $(PYTHON_LIB)/%.so.$(SOVERSION): $(OUT)/lib/%.so.$(VERSION)
 	@mkdir -p $(@D)
 	$(call say,COPY)
@@ -18,26 +17,19 @@ $(PYTHON_LIB)/libtensormass_controller.so: $(PYTHON_CORE_OBJ)
 	@mkdir -p $(@D)
 	$(call say,LINK)
 	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
-$(call objects,$(PYTHON_SCENE_SRC)): CFLAGS_EXTRA += -DTM_SOVERSION='"$(SOVERSION)"'
-# Ours first: said.c stands in for two objects of libapp.a.
-$(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filter-out $(LIBTM_A),$(SCENE_LIBS)) $(LIBTM_SO)
-	@mkdir -p $(@D)
-	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -Wl,-Bsymbolic $(if $(SAN),,-Wl,--no-undefined) -o $@ $(filter %.o,$^) \
-		-Wl,--start-group $(filter %.a,$^) -Wl,--end-group -L$(OUT)/lib -ltensormass -lyaml -lcjson -ldl -lm -lpthread
 .PHONY: python-libraries
 python-libraries: $(PYTHON_LIBRARIES)
 # Headers that the package calls, by the library that has them.
 PYTHON_HEADERS := tensormass=libtensormass/include/tensormass.h tensormass_io=libtensormass/io/include/tensormass_io.h \
 	tensormass_solve=libtensormass/include/tensormass_solve.h \
-	tensormass_controller=haptic_rt/core/hrt.h tensormass_scene=python/native/scene.h
+	tensormass_controller=haptic_rt/core/hrt.h tensormass_scene=libtensormass/scene/include/tensormass_scene.h
 PYTHON_VENV := $(OUT)/wheel/venv
 $(PYTHON_VENV)/.done: python/requirements.txt
 	@mkdir -p $(@D)
 	@flock $(@D).lock sh -c '/usr/bin/python3 -m venv $(@D) && $(@D)/bin/pip install -q --disable-pip-version-check -r $<' || { echo "make wheel: pip could not install what python/requirements.txt names; check the network or the package index" >&2; exit 2; }
 	@touch $@
 #: make wheel                  the Python package: a manylinux wheel and an sdist in build/wheel/
-PYTHON_PARTS := $(shell find python libtensormass/include libtensormass/io/include haptic_rt/core/hrt.h -type f -not -name '*.pyc')
+PYTHON_PARTS := $(shell find python libtensormass/include libtensormass/io/include libtensormass/scene/include haptic_rt/core/hrt.h -type f -not -name '*.pyc')
 .PHONY: wheel
 wheel: $(OUT)/wheel/.made
 $(OUT)/wheel/.made: $(PYTHON_LIBRARIES) $(PYTHON_VENV)/.done $(PYTHON_PARTS)
@@ -57,5 +49,5 @@ install-python: $(PYTHON_LIBRARIES)
 	install -m 644 python/tensormass/*.py python/tensormass/py.typed $(DESTDIR)$(PYTHONDIR)/tensormass
 	install -m 644 lcm_types/*.lcm $(DESTDIR)$(PYTHONDIR)/tensormass/lcm_types
 	install -m 644 $(filter %.so,$(PYTHON_LIBRARIES)) $(DESTDIR)$(PYTHONDIR)/tensormass/lib
-	ln -sf $(patsubst %,$(LIBDIR)/lib%.so.$(SOVERSION),tensormass tensormass_io tensormass_solve) $(DESTDIR)$(PYTHONDIR)/tensormass/lib
-	$(PYTHON3) python/bind.py $(DESTDIR)$(PYTHONDIR)/tensormass/_bind.py $(CC) libtensormass/include libtensormass/io/include haptic_rt/core python/native -- $(PYTHON_HEADERS)
+	ln -sf $(patsubst %,$(LIBDIR)/lib%.so.$(SOVERSION),tensormass tensormass_io tensormass_solve tensormass_scene) $(DESTDIR)$(PYTHONDIR)/tensormass/lib
+	$(PYTHON3) python/bind.py $(DESTDIR)$(PYTHONDIR)/tensormass/_bind.py $(CC) libtensormass/include libtensormass/io/include libtensormass/scene/include haptic_rt/core -- $(PYTHON_HEADERS)

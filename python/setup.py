@@ -33,7 +33,7 @@ class WithLibraries(build_py):
             shutil.copy2(found, package / "lcm_types")
         headers = re.search(r"^PYTHON_HEADERS := (.*?[^\\])$", (HERE / "python/module.mk").read_text(), re.M | re.S)[1].replace("\\\n", " ").split()
         subprocess.run([sys.executable, "python/bind.py", package.resolve() / "_bind.py", os.environ.get("CC", "cc"), "libtensormass/include",
-                        "libtensormass/io/include", "haptic_rt/core", "python/native", "--", *headers], cwd=HERE, check=True)
+                        "libtensormass/io/include", "libtensormass/scene/include", "haptic_rt/core", "--", *headers], cwd=HERE, check=True)
 
 
 class ForEveryPython(bdist_wheel):

@@ -8,6 +8,9 @@ STAGE = $(eval STAGE := $(shell mkdir -p $(OUT)/stage && mktemp -d $(OUT)/stage/
 # The solve library is part of it where CHOLMOD and Eigen are.
 SOLVE ?= $(if $(and $(wildcard /usr/include/suitesparse/cholmod.h),$(wildcard /usr/include/eigen3/Eigen/Core)),1,0)
 SOLVE_LIBRARIES := $(if $(filter 1,$(SOLVE)),$(LIBTMS_A) $(LIBTMS_SO))
+# The scene library where libyaml is.
+SCENE ?= $(if $(wildcard /usr/include/yaml.h),1,0)
+SCENE_LIBRARIES := $(if $(filter 1,$(SCENE)),$(LIBTMSCENE_A) $(LIBTMSCENE_SO))
 
 # What links against a library that the loader does not look for by itself is told where it lies. $(call pc,NAMES)
 RPATH := $(if $(filter /lib /lib/% /usr/lib /usr/lib/%,$(LIBDIR)),,-Wl,-rpath,$${libdir} )
@@ -35,17 +38,17 @@ reference = $(if $(PYTHON3),$(PYTHON3) tools/reference/make_reference.py $(OUT)/
 #: make install PREFIX= LIBDIR= DESTDIR=  all of it: the three parts below
 install: install-lib install-controller install-programs
 
-#: make install-lib          the libraries: headers, .so, .a, pkg-config, CMake, guide; the solve library where CHOLMOD and Eigen are
-install-lib: $(LIBTM_A) $(LIBTM_SO) $(LIBTMIO_A) $(LIBTMIO_SO) $(SOLVE_LIBRARIES)
+#: make install-lib          the libraries: headers, .so, .a, pkg-config, CMake, guide; the solve library where CHOLMOD and Eigen are, the scene library where libyaml is
+install-lib: $(LIBTM_A) $(LIBTM_SO) $(LIBTMIO_A) $(LIBTMIO_SO) $(SOLVE_LIBRARIES) $(SCENE_LIBRARIES)
 	@$(call folders,$(PREFIX)/include/tensormass $(LIBDIR)/pkgconfig $(LIBDIR)/cmake/tensormass $(DOCDIR)/examples)
-	install -m 644 $(filter-out $(if $(SOLVE_LIBRARIES),,%_solve.h),$(wildcard libtensormass/include/*.h*)) libtensormass/io/include/* $(STAGE)/$@$(PREFIX)/include
+	install -m 644 $(filter-out $(if $(SOLVE_LIBRARIES),,%_solve.h),$(wildcard libtensormass/include/*.h*)) libtensormass/io/include/* $(if $(SCENE_LIBRARIES),libtensormass/scene/include/*) $(STAGE)/$@$(PREFIX)/include
 	install -m 644 libtensormass/include/tensormass/*.h $(STAGE)/$@$(PREFIX)/include/tensormass
 	cp -P $(foreach l,$(filter %.a %.$(VERSION),$^),$(l) $(if $(filter %.a,$(l)),,$(patsubst %.$(VERSION),%.$(SOVERSION),$(l)) $(patsubst %.$(VERSION),%,$(l)))) $(STAGE)/$@$(LIBDIR)
-	$(call pc,tensormass tensormass_io $(if $(SOLVE_LIBRARIES),tensormass_solve))
+	$(call pc,tensormass tensormass_io $(if $(SOLVE_LIBRARIES),tensormass_solve) $(if $(SCENE_LIBRARIES),tensormass_scene))
 	$(call cmake)
 	install -m 644 LICENSE $(STAGE)/$@$(DOCDIR)
-	$(call pages,CHANGELOG.md $(addprefix docs/,library-guide.md meshes.md models.md contact.md physics.md),examples/block.c examples/engine.c)
-	install -m 644 tests/install/block.c examples/engine/engine.c $(STAGE)/$@$(DOCDIR)/examples
+	$(call pages,CHANGELOG.md $(addprefix docs/,library-guide.md scene-guide.md scene-reference.md meshes.md models.md contact.md physics.md),examples/block.c examples/engine.c examples/press.c)
+	install -m 644 tests/install/block.c examples/engine/engine.c examples/scene/press.c $(STAGE)/$@$(DOCDIR)/examples
 	@$(put)
 
 #: make install-controller   haptic-rt, tm-device, their service, profiles and DBC, the LCM types and bindings, libhrt

@@ -2,7 +2,7 @@
 #ifndef MESH_LABEL_FIELD_H
 #define MESH_LABEL_FIELD_H
 
-#include "image/image_api.h"
+#include "image_api.h"
 
 enum { LABEL_MOST = 255, LABEL_LAYERS = 3 };
 /* Of a label's strength. Above it a thin label no longer comes to rest: volumes overshoot from pass to pass. */

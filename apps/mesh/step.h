@@ -2,7 +2,7 @@
 #ifndef MESH_STEP_H
 #define MESH_STEP_H
 
-#include "image/image_api.h"
+#include "image_api.h"
 #include "tensormass/tissue.h"
 
 typedef struct step_figures {

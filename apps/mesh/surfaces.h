@@ -3,7 +3,7 @@
 #define MESH_SURFACES_H
 
 #include "command.h"
-#include "image/image_api.h"
+#include "image_api.h"
 #include "shell.h"
 
 enum { SURFACES_MOST = 255, SURFACES_FILES = 32 };

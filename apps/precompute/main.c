@@ -8,6 +8,7 @@
 #include <sys/resource.h>
 
 #include "app.h"
+#include "common/program_host.h"
 #include "json_file.h"
 #include "scene/solve_api.h"
 #include "team.h"
@@ -204,7 +205,8 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     tm_error error = {0};
     tm_solve_report r = {0};
     sim_solve_api api;
-    if (!sim_solve_open(&api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    if (!sim_solve_open(&s->scene->host, &api, &error))
+        return app_exit_code(sim_report(s->scene, s->scene->model.line, &error));
     int rc = 0;
     tm_precomputed_def def = api.tm_precomputed_def_default_();
     s->def.model.cut = NULL; /* responses of the tissue as it is */
@@ -216,7 +218,7 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     def.problem.solver = (tm_solver)options->solver.index;
     def.problem.threads = o->threads;
     def.problem.memory_limit_bytes = o->memory_bytes;
-    if (first) def.problem.progress = sim_solve_progress;
+    if (first) def.problem.progress = app_solve_progress;
     def.precision = (tm_precision)options->precision.index;
     def.file = file;
     def.team = team;
@@ -237,9 +239,9 @@ static int run(const choice *o, const tm_solve_team *team) {
     sim *s;
     app_file json = {0};
     const bool first = !team || team->rank == 0;
-    int rc = sim_scene_load(o->scene, o->set_list, o->set_count, &scene);
+    int rc = app_exit_code(sim_scene_load(o->scene, o->set_list, o->set_count, app_program_host(), &scene));
     if (rc) return rc;
-    rc = sim_prepare(scene, &s);
+    rc = app_exit_code(sim_prepare(scene, &s));
     if (rc) return rc;
     if (first) rc = app_file_begin(&json, o->json);
     if (!rc) rc = compute(s, o, team, &json);

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/program_host.h"
 #include "libtensormass/numeric/union_find.h"
 #include "scene/surface.h"
 #include "tissues.h"
@@ -275,9 +276,9 @@ static double frame_share(sim *s) {
 int check_scene(const char *path, bool strict) {
     app_scene *scene;
     review r = {0};
-    int rc = sim_scene_load(path, NULL, 0, &scene);
+    int rc = app_exit_code(sim_scene_load(path, NULL, 0, app_program_host(), &scene));
     if (rc) return rc;
-    rc = sim_create(scene, &r.s);
+    rc = app_exit_code(sim_create(scene, &r.s));
     if (rc) return rc;
     r.held = calloc((size_t)r.s->file.region_count, sizeof *r.held);
     if (!r.held) {

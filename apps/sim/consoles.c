@@ -9,7 +9,7 @@
 enum { SESSION = 1, STATUS_EVERY_US = 100000, MOST = 1024 };
 
 /* A force that is older than the controller goes on with is let go of: said before the hand wonders. */
-static int warn_age(const sim *s, const sim_haptics *haptics, const hrt_params *params, double tick_s) {
+static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_params *params, double tick_s) {
     const double stale_s = 1e-6 * (double)params->stale_us, late_s = haptics->jitter.si + tick_s;
     const double age_s = (haptics->latency.si + 1) * s->sample_s + late_s, most = (stale_s - late_s) / s->sample_s - 1;
     const int line = haptics->latency.line ? haptics->latency.line : haptics->here.line;

@@ -4,6 +4,7 @@
 #ifndef TM_SIM_CONSOLES_H
 #define TM_SIM_CONSOLES_H
 
+#include "app.h"
 #include "device/device.h"
 #include "io/peer.h"
 #include "scene/effects.h"

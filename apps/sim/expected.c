@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "app.h"
+
 /* FNV-1a, http://www.isthe.com/chongo/tech/comp/fnv/ */
 uint64_t sim_hash_bytes(uint64_t hash, const void *data, size_t size) {
     const unsigned char *byte = data;

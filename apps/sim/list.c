@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/program_host.h"
 #include "run.h"
 #include "scene/effects.h"
 
@@ -21,7 +22,7 @@ static void list_scenes(void) {
     for (int i = 0; i < count; i++) {
         app_scene *scene;
         snprintf(path, sizeof path, "%s/%s", folder, all[i]->d_name);
-        if (!sim_scene_load(path, NULL, 0, &scene)) {
+        if (!sim_scene_load(path, NULL, 0, app_program_host(), &scene)) {
             printf("  %s  %s\n", path, scene->title.s);
             app_scene_free(scene);
         }

@@ -197,7 +197,7 @@ static int loop(lockstep *l) {
         if (l->s->broken_off || (!status && l->sample % l->s->samples)) continue;
         end_frame(l, end_us, status);
         if (!status && l->frame == snapshot_frame) {
-            int rc = sim_snapshot_save(l->s, l->o->snapshot);
+            int rc = app_exit_code(sim_snapshot_save(l->s, l->o->snapshot));
             if (rc) return rc;
         }
         app_progress("lockstep", (double)l->frame / (double)total, false);
@@ -272,10 +272,10 @@ static int begin(lockstep *l, const char *log) {
     if (!rc && l->haptics && !l->queue) rc = APP_FAILED;
     if (!rc) rc = sim_publisher_open(&l->publisher, s, &way);
     if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
-        rc = app_scene_bad(s->scene, l->haptics->here.line,
-                           "a snapshot holds the simulation, not its controllers; add --unset haptics, so that "
-                           "instruments follow the hand");
-    if (!rc && l->o->restore) rc = sim_snapshot_restore(s, l->o->restore);
+        rc = app_exit_code(app_scene_bad(s->scene, l->haptics->here.line,
+                                         "a snapshot holds the simulation, not its controllers; add --unset haptics, "
+                                         "so that instruments follow the hand"));
+    if (!rc && l->o->restore) rc = app_exit_code(sim_snapshot_restore(s, l->o->restore));
     if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;
     l->sample = l->frame * s->samples;
@@ -302,7 +302,7 @@ int run_lockstep(sim *s, const run_options *o) {
     const sim_recording *recording = sim_options(s->scene, "recording");
     int rc = 0;
     if (recording && !app_output_begin(&log, recording->file.s, &error))
-        return sim_report(s->scene, recording->file.line, &error);
+        return app_exit_code(sim_report(s->scene, recording->file.line, &error));
     int64_t start = app_monotonic_us();
     rc = begin(l, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "lockstep");

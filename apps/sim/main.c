@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/program_host.h"
 #include "run.h"
 #include "scene/units.h"
 #include "stream.h"
@@ -265,13 +266,13 @@ static int run(run_options *o) {
     sim *s;
     if (o->schema) return print_schema();
     if (o->list) return run_list();
-    int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
+    int rc = app_exit_code(sim_scene_load(o->scene, o->set, o->set_count, app_program_host(), &scene));
     if (rc) return rc;
     scene->strict = o->strict;
     scene->pace = o->mode == RUN_LOCKSTEP ? SIM_LOCKSTEP
                   : o->mode == RUN_SETTLE ? SIM_FRAMES
                                           : SIM_REALTIME; /* also to explain and check what a session would do */
-    rc = sim_create(scene, &s);
+    rc = app_exit_code(sim_create(scene, &s));
     if (rc) return rc;
     switch (o->mode) {
     case RUN_LOCKSTEP: rc = run_lockstep(s, o); break;

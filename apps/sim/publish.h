@@ -3,6 +3,7 @@
 #ifndef TM_SIM_PUBLISH_H
 #define TM_SIM_PUBLISH_H
 
+#include "app.h"
 #include "listen.h"
 #include "scene/effects.h"
 #include "scene/sim.h"

@@ -282,7 +282,7 @@ static int begin(realtime *r, const char *log) {
                          .listener = {r->haptics ? take_tool : NULL, take_status, r}};
     if (!rc) rc = sim_publisher_open(&r->publisher, s, &way);
     r->tools.s = s;
-    if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
+    if (!rc && r->o->restore) rc = app_exit_code(sim_snapshot_restore(s, r->o->restore));
     if (!rc) rc = run_series_begin(&r->series, s, r->o->paraview, r->o->paraview_every);
     if (r->samples_file.begun)
         fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples_file.stream);
@@ -298,10 +298,10 @@ int run_realtime(sim *s, const run_options *o) {
             "--csv", 0, "a row a controller tick is for --lockstep; use --samples, or record and read CONTROLLER_0");
     const sim_recording *recording = sim_options(s->scene, "recording");
     if (recording && !app_output_begin(&log, recording->file.s, &error))
-        return sim_report(s->scene, recording->file.line, &error);
+        return app_exit_code(sim_report(s->scene, recording->file.line, &error));
     int rc = begin(&r, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "realtime");
-    if (!rc && tm_model_start(s->model, &error)) rc = sim_report(s->scene, 0, &error);
+    if (!rc && tm_model_start(s->model, &error)) rc = app_exit_code(sim_report(s->scene, 0, &error));
     if (!rc) rc = loop(&r);
     if (r.haptics) r.thrown_away = sim_publisher_refused(&r.publisher);
     if (!sim_publisher_close(&r.publisher) && !rc) {

@@ -6,13 +6,14 @@
 #include <string.h>
 
 #include "app.h"
+#include "common/program_host.h"
 #include "scene/sim.h"
 #include "tensormass_io.h"
 
 /* Marks and regions are found by the file's numbers, which messages have; nothing is stepped here. */
 static int create_as_in_file(app_scene *scene, sim **s) {
     scene->renumber.on = false;
-    return sim_create(scene, s);
+    return app_exit_code(sim_create(scene, s));
 }
 
 /* The mesh as it is to be seen; 0 or an exit code, having complained. */
@@ -51,7 +52,7 @@ int view_scene_marks(const char *path, const view_mark_choice *choice, view_pict
     sim *s;
     char dynamic[] = "model=dynamic"; /* mesh, supports and fibres are any model's; no responses to compute */
     char *set[] = {dynamic};
-    int wrong = sim_scene_load(path, set, 1, &scene);
+    int wrong = app_exit_code(sim_scene_load(path, set, 1, app_program_host(), &scene));
     if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
     wrong = take_marks(s, path, choice, marks);
@@ -67,7 +68,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, const vi
                       view_marks *marks) {
     app_scene *scene;
     sim *s;
-    int wrong = sim_scene_load(path, NULL, 0, &scene);
+    int wrong = app_exit_code(sim_scene_load(path, NULL, 0, app_program_host(), &scene));
     if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
     wrong = show(path, &s->file, s->mesh, cut, picture);

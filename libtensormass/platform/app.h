@@ -15,6 +15,8 @@ enum { APP_DONE = 0, APP_FAILED = 1, APP_BAD_INPUT = 2 };
 int app_bad_input(const char *file, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* The same for a tm_error, exit code by status: bad input 2, anything else 1. */
 int app_report(const char *file, int line, const tm_error *error);
+/* The exit code of a status. */
+int app_exit_code(tm_status status);
 
 /* A heavy dependency in a shared object of ours (lib/tensormass/NAME.so beside bin/), opened on first use. Null, with a
  * message that names the Debian package, when it cannot be. Never closed. */

@@ -34,9 +34,9 @@ int app_bad_input(const char *file, int line, const char *format, ...) {
 }
 
 /* Memory, convergence and instability are not the input's fault. */
-static int exit_code(tm_status status) {
+int app_exit_code(tm_status status) {
     switch (status) {
-    case TM_OK: /* a step failed, which fills no error: what is reported is never success */
+    case TM_OK: return APP_DONE;
     case TM_ERR_MEMORY:
     case TM_ERR_CONVERGENCE:
     case TM_ERR_UNSTABLE:
@@ -57,5 +57,6 @@ int app_report(const char *file, int line, const tm_error *error) {
     print_plain(error->message[0] ? error->message
                 : error->status   ? tm_status_name(error->status)
                                   : "the simulation did not get to its end; change what was changed last");
-    return exit_code(error->status);
+    /* A step that failed fills no error: what is reported is never success. */
+    return error->status ? app_exit_code(error->status) : APP_FAILED;
 }

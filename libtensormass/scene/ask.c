@@ -3,18 +3,18 @@
 
 #include <string.h>
 
-int sim_report(const app_scene *scene, int line, const tm_error *error) {
+tm_status sim_report(const app_scene *scene, int line, const tm_error *error) {
     if (line < 0) return app_scene_bad(scene, line, "%s", error->message);
-    return app_report(scene->file, line, error);
+    return app_host_report(&scene->host, scene->file, line, error);
 }
 
-int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error) {
+tm_status sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error) {
     tm_error whole = *error;
     char where[600];
     app_scene_where(scene, line, where, sizeof where);
     size_t used = strlen(whole.message);
     snprintf(whole.message + used, sizeof whole.message - used, " (the scene names it: %s)", where);
-    return app_report(file, file_line, &whole);
+    return app_host_report(&scene->host, file, file_line, &whole);
 }
 
 int sim_effect_find(const app_scene *scene, const char *name) {

@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* The line of the scene that asked for a member of tm_model_def. */
-static int line_of(const app_scene *scene, const char *member) {
+static tm_status line_of(const app_scene *scene, const char *member) {
     const struct {
         const char *member;
         int line;
@@ -20,7 +20,7 @@ static int line_of(const app_scene *scene, const char *member) {
     return effect >= 0 ? sim_effect_line(scene, effect) : scene->model.line;
 }
 
-int sim_model_made(const sim *s, tm_status status, const tm_error *error) {
+tm_status sim_model_made(const sim *s, tm_status status, const tm_error *error) {
     const char *blame = s->def.blame ? s->def.blame : "";
     const int line = line_of(s->scene, blame);
     if (status == TM_OK) return 0;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-int sim_make_supports(sim *s) {
+tm_status sim_make_supports(sim *s) {
     const app_scene *scene = s->scene;
     if (!scene->support.count) return 0;
     int32_t n = s->mesh->vertex_count, selected;
@@ -15,9 +15,9 @@ int sim_make_supports(sim *s) {
     s->held_dof = malloc(sizeof *s->held_dof * (size_t)n * 3);
     s->held_m = malloc(sizeof *s->held_m * (size_t)n * 3);
     s->held_by = malloc((size_t)n * 3);
-    int rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by
-                 ? 0
-                 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
+    tm_status rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by
+                       ? 0
+                       : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
     if (scene->support.count > 100)
         rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
     for (int i = 0; i < scene->support.count && !rc; i++) {
@@ -50,7 +50,7 @@ int sim_make_supports(sim *s) {
     return rc;
 }
 
-static int add_traction(sim *s, const app_load *load, const uint8_t *mark, double *force) {
+static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark, double *force) {
     const tm_mesh *mesh = s->mesh;
     int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)mesh->surface_count), count = 0;
     if (!triangle) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
@@ -58,21 +58,21 @@ static int add_traction(sim *s, const app_load *load, const uint8_t *mark, doubl
         const int32_t *v = &mesh->surface[3 * t];
         if (mark[v[0]] && mark[v[1]] && mark[v[2]]) memcpy(&triangle[3 * count++], v, 3 * sizeof *v);
     }
-    int rc = count ? 0
-                   : app_scene_bad(s->scene, load->traction.line,
-                                   "no surface triangle has its three vertices selected; widen the selector");
+    tm_status rc = count ? 0
+                         : app_scene_bad(s->scene, load->traction.line,
+                                         "no surface triangle has its three vertices selected; widen the selector");
     if (!rc) tm_load_add_traction(mesh, triangle, count, load->traction.v, force);
     free(triangle);
     return rc;
 }
 
-int sim_make_loads(sim *s) {
+tm_status sim_make_loads(sim *s) {
     const app_scene *scene = s->scene;
     if (!scene->load.count) return 0;
     int32_t n = s->mesh->vertex_count, selected;
     uint8_t *mark = malloc((size_t)n);
     double *force = s->load_N = calloc((size_t)n * 3, sizeof *force);
-    int rc = mark && force ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
+    tm_status rc = mark && force ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
     for (int i = 0; i < scene->load.count && !rc; i++) {
         const app_load *load = (const app_load *)scene->load.item + i;
         rc = sim_select(s, &load->select, load->here.line, mark, &selected);

@@ -58,7 +58,7 @@ static bool is_image(const char *path) {
            (length > 7 && strcmp(path + length - 7, ".nii.gz") == 0);
 }
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (!o->file.line == !o->rule.line)
         return app_scene_bad(scene, o->here.line, "anisotropy has either a file or a rule; give one of them");
@@ -114,7 +114,7 @@ static void direction_at(const options *o, const double x[3], double out[3]) {
     for (int a = 0; a < 3; a++) out[a] /= length;
 }
 
-static int from_file(sim *s, const options *o) {
+static tm_status from_file(sim *s, const options *o) {
     tm_error error = {0};
     struct stat info;
     if (access(o->file.s, R_OK) || stat(o->file.s, &info))
@@ -125,7 +125,8 @@ static int from_file(sim *s, const options *o) {
                              o->file.s);
     char why[SIM_FIBRES_WHY];
     if (is_image(o->file.s)) {
-        if (sim_fibres_from_image(s->mesh, o->file.s, (sim_fibre_axes)o->axes.index, s->fibre, why)) return 0;
+        if (sim_fibres_from_image(&s->scene->host, s->mesh, o->file.s, (sim_fibre_axes)o->axes.index, s->fibre, why))
+            return 0;
         return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s", why);
     }
     if (!tm_fibres_load_on(o->file.s, s->mesh, s->fibre, &error)) return 0;
@@ -133,13 +134,13 @@ static int from_file(sim *s, const options *o) {
 }
 
 /* The rule between two groups; a vertex of both is where fibres begin. */
-static int from_potential(sim *s, const options *o) {
+static tm_status from_potential(sim *s, const options *o) {
     const size_t n = (size_t)s->mesh->vertex_count;
     uint8_t *mark = malloc(2 * n);
     tm_error error = {0};
     int32_t count;
     if (!mark) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
-    int rc = sim_select(s, &(app_select){.group = o->from}, o->from.line, mark, &count);
+    tm_status rc = sim_select(s, &(app_select){.group = o->from}, o->from.line, mark, &count);
     if (!rc) rc = sim_select(s, &(app_select){.group = o->to}, o->to.line, mark + n, &count);
     if (!rc && sim_laplace(s->mesh, mark, mark + n, s->fibre, &error)) rc = sim_report(s->scene, o->rule.line, &error);
     free(mark);
@@ -155,11 +156,11 @@ static void from_rule(sim *s, const options *o) {
     }
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->fibre = malloc(sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count);
     if (!s->fibre) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
-    int rc = 0;
+    tm_status rc = 0;
     if (o->file.line)
         rc = from_file(s, o);
     else if (o->rule.index == LAPLACE)

@@ -49,7 +49,7 @@ static int find_support(const app_scene *scene, const options *o) {
     return -1;
 }
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     int i = find_support(scene, o);
     if (i < 0 || !*o->support.s)
@@ -66,7 +66,7 @@ static int check(const app_scene *scene, const void *own) {
     return 0;
 }
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const options *o = own;
     tm_error error = {0};
     uint8_t support = (uint8_t)(1 + find_support(s->scene, o));

@@ -19,7 +19,7 @@ static const app_field fields[] = {
 };
 
 /* The instruments themselves come later: that array is the scene's for good. */
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     tm_contact_def *def = &s->def.contact;
     *def = tm_contact_def_default();

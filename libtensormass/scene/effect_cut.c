@@ -22,7 +22,7 @@ static const app_field fields[] = {
      "what an instrument felt on a tetrahedron that goes fades within this time; 50 ms halves the jumps of a cut"},
 };
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     const int hybrid = sim_effect_find(scene, "hybrid"), line = hybrid < 0 ? 0 : sim_effect_line(scene, hybrid);
     char where[600];
@@ -34,7 +34,7 @@ static int check(const app_scene *scene, const void *own) {
                          where);
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->def.model.tissue.cuttable = true;
     s->def.cut = tm_cut_def_default();
@@ -45,7 +45,7 @@ static int prepare(sim *s, const void *own) {
     return 0;
 }
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const options *o = own;
     size_t n = (size_t)s->mesh->tet_count;
     s->cuts.tet = tm_allocate(n * sizeof *s->cuts.tet);

@@ -11,7 +11,7 @@ static const app_field fields[] = {
      "d in force = -d m v, of materials that name none; velocities fall as exp(-d t)"},
 };
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->damping_1_s = o->rate.si;
     s->def.model.damped = true;

@@ -9,7 +9,7 @@ static const app_field fields[] = {
      "an account of energy: hands, supports, weight, damping, cuts"},
 };
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const options *o = own;
     tm_error error = {0};
     return tm_stage_energy(s->model->world, &error) ? sim_report(s->scene, o->here.line, &error) : 0;

@@ -18,7 +18,7 @@ static tm_friction_coefficient of_instrument(const app_instrument *t, const opti
                                      .sliding = t->friction_sliding.line ? t->friction_sliding.si : o->sliding.si};
 }
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     for (int i = 0; i < scene->instrument.count; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
@@ -37,7 +37,7 @@ static int check(const app_scene *scene, const void *own) {
     return 0;
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     s->def.friction = tm_friction_def_default();
     for (int i = 0; i < s->scene->instrument.count; i++)
         s->def.friction.instrument[i] = of_instrument((const app_instrument *)s->scene->instrument.item + i, own);

@@ -24,14 +24,14 @@ static const app_field fields[] = {
      "held by one instrument, nearest kept"},
 };
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (o->open_grip.si < o->close_grip.si) return 0;
     return app_scene_bad(scene, o->open_grip.line ? o->open_grip.line : o->close_grip.line,
                          "grasp.open %g is not below grasp.close %g; lower it", o->open_grip.si, o->close_grip.si);
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     tm_grasp_def def = tm_grasp_def_default();
     def.close_grip = o->close_grip.si;

@@ -11,7 +11,7 @@ static const app_field fields[] = {
      "world axes"},
 };
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->def.model.gravity_m_s2 = o->acceleration.v;
     return 0;

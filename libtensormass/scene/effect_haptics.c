@@ -63,11 +63,11 @@ sim_sends sim_may_send(const sim *s) {
 }
 
 /* Exact compliance for patches of the dynamic model, from the module `solve`. */
-static int open_exact(sim *s, int line, tm_compliance_source *source) {
+static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     tm_error error = {0};
     tm_factored *factored;
     sim_solve_api api;
-    if (!sim_solve_open(&api, &error)) return app_scene_bad(s->scene, line, "%s", error.message);
+    if (!sim_solve_open(&s->scene->host, &api, &error)) return app_scene_bad(s->scene, line, "%s", error.message);
     uint8_t *fixed = calloc(3 * (size_t)s->mesh->vertex_count, 1);
     if (!fixed) return app_scene_bad(s->scene, line, "out of memory; use a smaller mesh");
     for (int32_t i = 0; i < s->held_count; i++) fixed[s->held_dof[i]] = 1;
@@ -83,7 +83,7 @@ static int open_exact(sim *s, int line, tm_compliance_source *source) {
 }
 
 /* By iterations the columns of a patch take seconds, and where tissue turns they are soon those of another state. */
-static int warn_of_coverage(const sim *s, const sim_haptics *o) {
+static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     const app_section *turns = sim_options(s->scene, "rotation");
     if (!turns || o->compliance.index == 0) return 0;
     return app_scene_warn(
@@ -94,7 +94,7 @@ static int warn_of_coverage(const sim *s, const sim_haptics *o) {
 }
 
 /* Memory and a stage only for what may be sent. */
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const sim_haptics *o = own;
     tm_error error = {0};
     s->can_send = sim_may_send(s);
@@ -109,7 +109,7 @@ static int build(sim *s, const void *own) {
     /* A period of samples, and two that its sample may be late. */
     def.horizon_s = 3 * (o->rate.si > 0 ? s->sample_s : s->frame_s);
     tm_compliance_source source;
-    int rc = warn_of_coverage(s, o);
+    tm_status rc = warn_of_coverage(s, o);
     if (rc) return rc;
     if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
         rc = open_exact(s, o->here.line, &source);

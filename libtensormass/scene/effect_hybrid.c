@@ -27,7 +27,7 @@ static const app_field fields[] = {
      "of the contact system on the condensed part"},
 };
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const sim_solve_options *o = own;
     if (!o->region.line == !o->box.line)
         return app_scene_bad(
@@ -36,7 +36,7 @@ static int check(const app_scene *scene, const void *own) {
     return 0;
 }
 
-static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynamic) {
+static tm_status choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynamic) {
     int32_t count = 0;
     for (int32_t t = 0; t < s->mesh->tet_count; t++) {
         bool in = true;
@@ -61,19 +61,20 @@ static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynami
     return 0;
 }
 
-int sim_make_hybrid(sim *s) {
+tm_status sim_make_hybrid(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "hybrid");
     sim_solve_api api;
     char file[1024];
     tm_error error = {0};
     tm_solve_report report = {0};
-    if (!sim_solve_open(&api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     uint8_t *dynamic = calloc((size_t)s->mesh->tet_count, 1);
-    int rc = dynamic ? choose_part(s, o, dynamic) : APP_FAILED;
+    tm_status rc = dynamic ? choose_part(s, o, dynamic) : TM_ERR_MEMORY;
     if (!rc) {
         tm_hybrid_def how = api.tm_hybrid_def_default_();
         sim_solve_file(s, o, "hybrid", file, sizeof file);
-        how.problem.progress = sim_solve_progress;
+        how.problem.progress = s->scene->host.progress;
+        how.problem.user = s->scene->host.user;
         how.dynamic = dynamic;
         how.as_marked = !o->smooth.on;
         how.precision = (tm_precision)o->precision.index;

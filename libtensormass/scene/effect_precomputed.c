@@ -21,21 +21,22 @@ static const app_field fields[] = {
      "of the on-line contact system"},
 };
 
-int sim_make_precomputed(sim *s) {
+tm_status sim_make_precomputed(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "precomputed");
     sim_solve_api api;
     char file[1024];
     tm_error error = {0};
     tm_solve_report report = {0};
-    if (!sim_solve_open(&api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     tm_precomputed_def how = api.tm_precomputed_def_default_();
     sim_solve_file(s, o, "precomputed", file, sizeof file);
     how.problem.solver = (tm_solver)o->solver.index;
-    how.problem.progress = sim_solve_progress;
+    how.problem.progress = s->scene->host.progress;
+    how.problem.user = s->scene->host.user;
     how.precision = (tm_precision)o->precision.index;
     how.file = *file ? file : NULL;
     how.max_local_vertices = (int32_t)o->max_vertices.value;
-    const int rc =
+    const tm_status rc =
         sim_model_made(s, api.tm_model_precomputed_(&s->def.model, &how, &s->model, &report, &error), &error);
     if (!rc) sim_solve_told(s, "the precomputed model", &report);
     return rc;

@@ -11,7 +11,7 @@ static const app_field fields[] = {
 };
 
 /* One piece of memory: the message's arrays of rows, the rows, and the numbering. */
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const sim_rendering *o = own;
     size_t n = (size_t)s->mesh->vertex_count;
     /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull.

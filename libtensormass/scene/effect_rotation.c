@@ -14,7 +14,7 @@ static const app_field fields[] = {
      "at three times that"},
 };
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     (void)own;
     if (scene->precision.index != TM_SINGLE) return 0;
     return app_scene_bad(scene, scene->precision.line,
@@ -22,12 +22,12 @@ static int check(const app_scene *scene, const void *own) {
                          "digit; write 'precision: double', or leave rotation out");
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     s->def.model.tissue.rotation = ((const options *)own)->threshold.si;
     return 0;
 }
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const options *o = own;
     tm_error error = {0};
     return tm_stage_rotation(s->model->world, NULL, &error) ? sim_report(s->scene, o->here.line, &error) : 0;

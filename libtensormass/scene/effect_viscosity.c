@@ -33,7 +33,7 @@ static tm_viscosity_def definition(const options *o) {
     return def;
 }
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (o->term.count < 1 || o->term.count > TM_VISCOSITY_TERMS)
         return app_scene_bad(scene, o->term.line ? o->term.line : o->here.line,
@@ -43,7 +43,7 @@ static int check(const app_scene *scene, const void *own) {
     return tm_viscosity_check(&def, &error) == TM_OK ? 0 : app_scene_bad(scene, o->term.line, "%s", error.message);
 }
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     const options *o = own;
     const tm_viscosity_def def = definition(o);
     tm_error error = {0};

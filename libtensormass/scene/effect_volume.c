@@ -15,7 +15,7 @@ static const app_field fields[] = {
      "10 %, 1 by 6 %. Steps are alike within 5 %. With rotation 0, and nothing else: 42 % too little on 2 cells, 16 % on 4"},
 };
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     char where[600];
     if (sim_options(scene, "rotation") && o->shear.line && o->shear.si != 0) {
@@ -33,7 +33,7 @@ static int check(const app_scene *scene, const void *own) {
                          where);
 }
 
-static int prepare(sim *s, const void *own) {
+static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->def.model.tissue.volume = true;
     s->def.model.tissue.volume_shear = sim_options(s->scene, "rotation") ? 0 : o->shear.si;

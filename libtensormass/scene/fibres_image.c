@@ -1,12 +1,12 @@
 #include "fibres_image.h"
 
+#include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
-#include "image/image_api.h"
+#include "image_api.h"
 
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
@@ -70,13 +70,14 @@ static void to_world(const image_vectors *v, sim_fibre_axes axes, const double i
     }
 }
 
-bool sim_fibres_from_image(const tm_mesh *m, const char *path, sim_fibre_axes axes, double *fibre,
+bool sim_fibres_from_image(const app_host *host, const tm_mesh *m, const char *path, sim_fibre_axes axes, double *fibre,
                            char why[SIM_FIBRES_WHY]) {
     tm_error error = {0};
     image_vectors v;
     char said[IMAGE_WHY] = "";
-    void *module = app_module("image", &error);
-    const image_vectors_api *api = module ? app_module_symbol(module, IMAGE_VECTORS_SYMBOL, &error) : NULL;
+    void *module = app_host_module(host, "image", &error);
+    const image_vectors_api *api = module ? dlsym(module, IMAGE_VECTORS_SYMBOL) : NULL;
+    if (module && !api) tm_fail(&error, TM_ERR_FILE, -1, "the module image is of another version");
     if (!api) {
         snprintf(why, SIM_FIBRES_WHY, "%s: %s (make image)", path, error.message);
         return false;

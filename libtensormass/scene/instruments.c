@@ -17,7 +17,7 @@ static bool joints_of_tip(const sim *s, int instrument, const double tip_m[3], d
 }
 
 /* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
-static int insert_above(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+static tm_status insert_above(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     const tm_instrument_def *def = &s->instrument_def[instrument];
     double one[SIM_JOINTS], along[3];
     memcpy(one, joint, sizeof one);
@@ -39,7 +39,7 @@ static int insert_above(const sim *s, int instrument, const app_pose *pose, doub
     return 0;
 }
 
-int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     joint[0] = pose->pitch.si;
     joint[1] = pose->yaw.si;
     joint[2] = pose->insertion.si;
@@ -57,14 +57,14 @@ tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
 }
 
 /* The scene's hand of an instrument as the virtual device takes it. */
-static int make_hand(sim *s, int instrument, const app_hand *hand) {
+static tm_status make_hand(sim *s, int instrument, const app_hand *hand) {
     const app_waypoint *w = hand->path.item;
     hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
-    if (!key) return app_scene_no_memory(s->scene->file);
+    if (!key) return app_scene_no_memory(&s->scene->host, s->scene->file);
     for (int k = 0; k < hand->path.count; k++) {
         key[k].time_s = w[k].time.si;
         key[k].active = w[k].active.on;
-        int rc = sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
+        tm_status rc = sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
         if (rc) return rc;
     }
     s->hand[instrument] = (hrt_hand_script){.key = key,
@@ -76,8 +76,8 @@ static int make_hand(sim *s, int instrument, const app_hand *hand) {
     return 0;
 }
 
-int sim_make_instruments(sim *s) {
-    int rc = 0;
+tm_status sim_make_instruments(sim *s) {
+    tm_status rc = 0;
     s->instrument_count = s->scene->instrument.count;
     for (int i = 0; i < s->instrument_count && !rc; i++) {
         const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;

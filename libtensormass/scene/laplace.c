@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
 #include "libtensormass/numeric/union_find.h"
 
 #define LAW_REAL double

@@ -7,7 +7,7 @@ const sim_model_row sim_models[] = {
     [APP_HYBRID] = {.make = sim_make_hybrid, .solves_rest = true},
 };
 
-int sim_make_dynamic(sim *s) {
+tm_status sim_make_dynamic(sim *s) {
     tm_error error = {0};
     return sim_model_made(s, tm_model_dynamic(&s->def.model, &s->model, &error), &error);
 }

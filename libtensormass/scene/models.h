@@ -5,17 +5,17 @@
 #include "sim.h"
 
 typedef struct sim_model_row {
-    /* Makes s->model from s->def. 0 or an exit code, having complained. */
-    int (*make)(sim *s);
+    /* Makes s->model from s->def. 0 or a status, having complained. */
+    tm_status (*make)(sim *s);
     bool solves_rest; /* --settle: directly, without instruments, where others relax with them */
 } sim_model_row;
 
 extern const sim_model_row sim_models[];
 
-int sim_make_dynamic(sim *s);
-int sim_make_precomputed(sim *s); /* effect_precomputed.c */
-int sim_make_hybrid(sim *s);      /* effect_hybrid.c */
+tm_status sim_make_dynamic(sim *s);
+tm_status sim_make_precomputed(sim *s); /* effect_precomputed.c */
+tm_status sim_make_hybrid(sim *s);      /* effect_hybrid.c */
 /* What a constructor came back with, blamed on the line that asked for what is at fault; 0 for TM_OK. */
-int sim_model_made(const sim *s, tm_status status, const tm_error *error);
+tm_status sim_model_made(const sim *s, tm_status status, const tm_error *error);
 
 #endif

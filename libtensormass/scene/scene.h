@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "tensormass/base.h"
+#include "host.h"
 
 typedef struct app_section {
     int line;
@@ -203,6 +203,7 @@ typedef struct app_effect_key {
 } app_effect_key;
 
 typedef struct app_scene {
+    app_host host;
     const char *file;
     app_text title;
     app_choice model;
@@ -237,13 +238,12 @@ typedef struct app_scene {
     int set_count;
 } app_scene;
 
-/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. Complains on stderr and returns
- * APP_BAD_INPUT, or 0. */
-int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
-                   app_scene **scene);
+/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. */
+tm_status app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
+                         const app_host *host, app_scene **scene);
 void app_scene_free(app_scene *scene);
-/* "scene.yaml: out of memory; close other programs". Returns APP_FAILED. */
-int app_scene_no_memory(const char *file);
+/* "scene.yaml: out of memory; close other programs". Returns TM_ERR_MEMORY. */
+tm_status app_scene_no_memory(const app_host *host, const char *file);
 /* Zeroed memory that lives as long as the scene; null: there is none. */
 void *app_scene_alloc(app_scene *scene, size_t bytes);
 
@@ -251,10 +251,12 @@ void *app_scene_alloc(app_scene *scene, size_t bytes);
  */
 bool app_scene_quote(const char *text, char *out, size_t size);
 
-/* Complaint about a value by its line. Returns APP_BAD_INPUT. */
-int app_scene_bad(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
-/* "scene.yaml:12: warning: what; what to do", and the scene goes on: 0, or APP_BAD_INPUT where it is strict. */
-int app_scene_warn(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
+/* A fault of a value, by its line. Returns TM_ERR_ARGUMENT. */
+tm_status app_scene_bad(const app_scene *scene, int line, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+/* "scene.yaml:12: warning: what; what to do", and the scene goes on: 0, or TM_ERR_ARGUMENT where it is strict. */
+tm_status app_scene_warn(const app_scene *scene, int line, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
 /* "scene.yaml:12", or "--set path=value". */
 void app_scene_where(const app_scene *scene, int line, char *text, size_t size);
 

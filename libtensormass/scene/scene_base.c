@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
 #include "scene_reader.h"
 
 typedef struct block {
@@ -22,9 +21,8 @@ void *app_scene_alloc(app_scene *scene, size_t bytes) {
     return b->data;
 }
 
-int app_scene_no_memory(const char *file) {
-    const tm_error error = {TM_ERR_MEMORY, -1, "out of memory; close other programs"};
-    return app_report(file, 0, &error);
+tm_status app_scene_no_memory(const app_host *host, const char *file) {
+    return app_host_tell(host, TM_FAULT, TM_ERR_MEMORY, file, 0, "out of memory; close other programs");
 }
 
 char *app_scene_keep(app_scene *scene, const char *text) {
@@ -63,27 +61,32 @@ void app_scene_where(const app_scene *scene, int line, char *text, size_t size) 
         snprintf(text, size, "default");
 }
 
-int app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
+static tm_status tell(const app_scene *scene, int line, tm_severity severity, tm_status status, const char *format,
+                      va_list list) {
     char message[1024], file[512];
-    va_list list;
-    va_start(list, format);
     vsnprintf(message, sizeof message, format, list);
-    va_end(list);
     if (line < 0)
         snprintf(file, sizeof file, "--set %s", scene->set[-line - 1]);
     else
         snprintf(file, sizeof file, "%s", scene->file);
-    return app_bad_input(file, line < 0 ? 0 : line, "%s", message);
+    return app_host_tell(&scene->host, severity, status, file, line, message);
 }
 
-int app_scene_warn(const app_scene *scene, int line, const char *format, ...) {
-    char message[1024];
+tm_status app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
     va_list list;
     va_start(list, format);
-    vsnprintf(message, sizeof message, format, list);
+    tell(scene, line, TM_FAULT, TM_ERR_ARGUMENT, format, list);
     va_end(list);
-    int rc = app_scene_bad(scene, line, "warning: %s", message);
-    return scene->strict ? rc : APP_DONE;
+    return TM_ERR_ARGUMENT;
+}
+
+tm_status app_scene_warn(const app_scene *scene, int line, const char *format, ...) {
+    const tm_status status = scene->strict ? TM_ERR_ARGUMENT : TM_OK;
+    va_list list;
+    va_start(list, format);
+    tell(scene, line, TM_WARNING, status, format, list);
+    va_end(list);
+    return status;
 }
 
 int app_scene_line(const yaml_node_t *node) {
@@ -103,7 +106,7 @@ bool app_scene_null(const yaml_node_t *node) {
     return !*text || !strcmp(text, "~") || !strcmp(text, "null");
 }
 
-int app_scene_bad_shape(const reader *r, const yaml_node_t *node, const char *shown, const char *wanted) {
+tm_status app_scene_bad_shape(const reader *r, const yaml_node_t *node, const char *shown, const char *wanted) {
     return app_scene_bad(r->scene, app_scene_line(node), "%s is %s; write %s", shown, app_scene_node_kind(node),
                          wanted);
 }

@@ -46,7 +46,7 @@ static uint32_t given(const app_material *m, int *last_line) {
     return bits;
 }
 
-int app_scene_law(const app_scene *scene, const app_material *m, app_law *law) {
+tm_status app_scene_law(const app_scene *scene, const app_material *m, app_law *law) {
     int line = m->region.line;
     uint32_t bits = given(m, &line);
     for (int i = 0; i < (int)(sizeof families / sizeof families[0]); i++)
@@ -69,7 +69,7 @@ int app_scene_law(const app_scene *scene, const app_material *m, app_law *law) {
                          m->region.s);
 }
 
-int app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
+tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
     int count =
         (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);
     if (!count)
@@ -87,10 +87,10 @@ int app_select_check(const app_scene *scene, const app_select *select, int line,
     return 0;
 }
 
-static int check_supports(const app_scene *scene) {
+static tm_status check_supports(const app_scene *scene) {
     for (int i = 0; i < scene->support.count; i++) {
         const app_support *s = (const app_support *)scene->support.item + i;
-        int rc = app_select_check(scene, &s->select, s->here.line, "this support");
+        tm_status rc = app_select_check(scene, &s->select, s->here.line, "this support");
         if (rc) return rc;
         if (!*s->axes.s || strspn(s->axes.s, "xyz") != strlen(s->axes.s) || strlen(s->axes.s) > 3)
             return app_scene_bad(scene, s->axes.line, "axes '%s' are not some of x, y and z; write for example xyz",
@@ -104,10 +104,10 @@ static int check_supports(const app_scene *scene) {
     return 0;
 }
 
-static int check_loads(const app_scene *scene) {
+static tm_status check_loads(const app_scene *scene) {
     for (int i = 0; i < scene->load.count; i++) {
         const app_load *l = (const app_load *)scene->load.item + i;
-        int rc = app_select_check(scene, &l->select, l->here.line, "this load");
+        tm_status rc = app_select_check(scene, &l->select, l->here.line, "this load");
         if (rc) return rc;
         if (!l->force.line == !l->traction.line)
             return app_scene_bad(scene, l->here.line, "a load has either a force or a traction; give one of them");
@@ -115,7 +115,7 @@ static int check_loads(const app_scene *scene) {
     return 0;
 }
 
-static int check_pose(const app_scene *scene, const app_pose *pose, const double trocar[3]) {
+static tm_status check_pose(const app_scene *scene, const app_pose *pose, const double trocar[3]) {
     if (pose->above.line && pose->insertion.line)
         return app_scene_bad(scene, pose->above.line, "a pose has either insertion or above; leave one out");
     int joint = pose->pitch.line ? pose->pitch.line : pose->yaw.line ? pose->yaw.line : pose->insertion.line;
@@ -131,7 +131,7 @@ static int check_pose(const app_scene *scene, const app_pose *pose, const double
 
 enum { FARTHEST_M = 1000 }; /* beyond it no coordinate is a millimetre's */
 
-static int check_instruments(const app_scene *scene) {
+static tm_status check_instruments(const app_scene *scene) {
     if (scene->instrument.count > 2)
         return app_scene_bad(scene, scene->instrument.line,
                              "%d instruments; a scene has one or two, leave the others out", scene->instrument.count);
@@ -151,13 +151,13 @@ static int check_instruments(const app_scene *scene) {
         if (!(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] > 1e-6 * aa * uu))
             return app_scene_bad(scene, t->axis.line ? t->axis.line : t->up.line,
                                  "axis and up are parallel; give 'up' another direction");
-        int rc = check_pose(scene, &t->start, t->trocar.v);
+        tm_status rc = check_pose(scene, &t->start, t->trocar.v);
         if (rc) return rc;
     }
     return 0;
 }
 
-static int check_hand(const app_scene *scene) {
+static tm_status check_hand(const app_scene *scene) {
     for (int i = 0; i < scene->hand.count; i++) {
         const app_hand *h = (const app_hand *)scene->hand.item + i;
         if (h->instrument.value >= scene->instrument.count)
@@ -176,14 +176,14 @@ static int check_hand(const app_scene *scene) {
             if (j && !(w[j].time.si > w[j - 1].time.si))
                 return app_scene_bad(scene, w[j].time.line,
                                      "waypoint %d is not later than the one before; order them by time", j);
-            int rc = check_pose(scene, &w[j].pose, t->trocar.v);
+            tm_status rc = check_pose(scene, &w[j].pose, t->trocar.v);
             if (rc) return rc;
         }
     }
     return 0;
 }
 
-static int check_time(const app_scene *scene) {
+static tm_status check_time(const app_scene *scene) {
     if (scene->mass_most.line && !scene->mass_scaling.on)
         return app_scene_bad(scene, scene->mass_most.line,
                              "time.mass_most bounds what mass scaling adds, and nothing adds; write mass_scaling: yes");
@@ -197,8 +197,8 @@ static int check_time(const app_scene *scene) {
     return 0;
 }
 
-int app_scene_check(const app_scene *scene) {
-    int rc = 0;
+tm_status app_scene_check(const app_scene *scene) {
+    tm_status rc = 0;
     if (!scene->material.count)
         rc = app_scene_bad(scene, scene->material.line, "no materials; name each region, or \"*\" for all");
     for (int i = 0; i < scene->material.count && !rc; i++) {

@@ -3,11 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
 #include "scene_reader.h"
 #include "units.h"
 
-static int in_range(const reader *r, int line, const app_field *field, const char *shown, double value) {
+static tm_status in_range(const reader *r, int line, const app_field *field, const char *shown, double value) {
     if (field->min == field->max || (value >= field->min && value <= field->max)) return 0;
     const char *unit = field->unit && strcmp(field->unit, "none") ? " in SI units" : "";
     if (isinf(field->max))
@@ -17,8 +16,8 @@ static int in_range(const reader *r, int line, const app_field *field, const cha
                          field->min, field->max, unit);
 }
 
-static int quantity(const reader *r, int line, const app_field *field, const char *shown, const char *text,
-                    double *si) {
+static tm_status quantity(const reader *r, int line, const app_field *field, const char *shown, const char *text,
+                          double *si) {
     char why[256], unit[32];
     const size_t length = strcspn(field->unit, "|");
     snprintf(unit, sizeof unit, "%.*s", (int)length, field->unit);
@@ -31,8 +30,8 @@ static int quantity(const reader *r, int line, const app_field *field, const cha
     return in_range(r, line, field, shown, *si);
 }
 
-static int integer(const reader *r, int line, const app_field *field, const char *shown, const char *text,
-                   int64_t *value) {
+static tm_status integer(const reader *r, int line, const app_field *field, const char *shown, const char *text,
+                         int64_t *value) {
     char *end;
     double number = strtod(text, &end);
     if (end == text || *end || number != floor(number) || fabs(number) > 9e15)
@@ -41,7 +40,8 @@ static int integer(const reader *r, int line, const app_field *field, const char
     return in_range(r, line, field, shown, number);
 }
 
-static int choice(const reader *r, int line, const app_field *field, const char *shown, const char *text, int *index) {
+static tm_status choice(const reader *r, int line, const app_field *field, const char *shown, const char *text,
+                        int *index) {
     const char *at = field->unit;
     size_t n = strlen(text);
     for (int i = 0;; i++) {
@@ -60,7 +60,7 @@ static int choice(const reader *r, int line, const app_field *field, const char 
     return app_scene_bad(r->scene, line, "%s: '%.60s' is not a choice; use one of: %s", shown, text, all);
 }
 
-static int flag(const reader *r, int line, const char *shown, const char *text, bool *on) {
+static tm_status flag(const reader *r, int line, const char *shown, const char *text, bool *on) {
     static const char *const words[2][4] = {{"no", "false", "off", "0"}, {"yes", "true", "on", "1"}};
     for (int v = 0; v < 2; v++)
         for (int i = 0; i < 4; i++)
@@ -81,7 +81,7 @@ static const char *resolve_path(app_scene *scene, const char *text) {
     return path;
 }
 
-int app_scene_scalar(reader *r, int line, const app_field *field, const char *shown, const char *text, void *at) {
+tm_status app_scene_scalar(reader *r, int line, const app_field *field, const char *shown, const char *text, void *at) {
     switch (field->kind) {
     case APP_NUMBER:
         ((app_number *)at)->line = line;
@@ -104,10 +104,12 @@ int app_scene_scalar(reader *r, int line, const app_field *field, const char *sh
     case APP_LIST:
     case APP_TABLE: break;
     }
-    abort(); /* a table row's default that its kind cannot have */
+    /* A default in a table that its kind cannot have. */
+    return app_scene_bad(r->scene, line, "%s: the schema gives it a default that it cannot have; correct its row",
+                         shown);
 }
 
-int app_scene_vector(reader *r, yaml_node_t *node, const app_field *field, const char *shown, app_vector *out) {
+tm_status app_scene_vector(reader *r, yaml_node_t *node, const app_field *field, const char *shown, app_vector *out) {
     char wanted[128];
     snprintf(wanted, sizeof wanted, "three numbers, such as [0, 0, 1%s]", !strcmp(field->unit, "length") ? " mm" : "");
     if (node->type != YAML_SEQUENCE_NODE) return app_scene_bad_shape(r, node, shown, wanted);
@@ -117,14 +119,16 @@ int app_scene_vector(reader *r, yaml_node_t *node, const app_field *field, const
     for (int i = 0; i < 3; i++) {
         yaml_node_t *item = node_at(r, node->data.sequence.items.start[i]);
         if (item->type != YAML_SCALAR_NODE) return app_scene_bad_shape(r, item, shown, wanted);
-        int rc = quantity(r, app_scene_line(item), field, shown, (const char *)item->data.scalar.value, &out->v[i]);
+        tm_status rc =
+            quantity(r, app_scene_line(item), field, shown, (const char *)item->data.scalar.value, &out->v[i]);
         if (rc) return rc;
     }
     out->line = app_scene_line(node);
     return 0;
 }
 
-int app_scene_integers(reader *r, yaml_node_t *node, const app_field *field, const char *shown, app_integers *out) {
+tm_status app_scene_integers(reader *r, yaml_node_t *node, const app_field *field, const char *shown,
+                             app_integers *out) {
     bool one = node->type == YAML_SCALAR_NODE;
     if (node->type == YAML_MAPPING_NODE) return app_scene_bad_shape(r, node, shown, "a whole number or a list of them");
     int count = one ? 1 : (int)(node->data.sequence.items.top - node->data.sequence.items.start);
@@ -138,7 +142,8 @@ int app_scene_integers(reader *r, yaml_node_t *node, const app_field *field, con
     for (int i = 0; i < count; i++) {
         yaml_node_t *item = one ? node : node_at(r, node->data.sequence.items.start[i]);
         if (item->type != YAML_SCALAR_NODE) return app_scene_bad_shape(r, item, shown, "whole numbers");
-        int rc = integer(r, app_scene_line(item), field, shown, (const char *)item->data.scalar.value, &out->item[i]);
+        tm_status rc =
+            integer(r, app_scene_line(item), field, shown, (const char *)item->data.scalar.value, &out->item[i]);
         if (rc) return rc;
     }
     out->count = count;

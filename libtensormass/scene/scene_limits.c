@@ -2,17 +2,16 @@
  * their number. */
 #include <string.h>
 
-#include "app.h"
 #include "scene_reader.h"
 
 /* Scenes of people have a depth of 5, no anchors and some hundred values. */
 enum { MAX_DEPTH = 16, MAX_ANCHORS = 64, MAX_DIRECTIVES = 4, MAX_VALUES = 1000000 };
 
-static int too_many(const app_scene *scene, size_t line, const char *what, int most, const char *instead) {
-    return app_bad_input(scene->file, (int)line + 1, "more than %d %s; %s", most, what, instead);
+static tm_status too_many(const app_scene *scene, size_t line, const char *what, int most, const char *instead) {
+    return app_host_bad(&scene->host, scene->file, (int)line + 1, "more than %d %s; %s", most, what, instead);
 }
 
-static int check_directives(const app_scene *scene, const char *text, size_t size) {
+static tm_status check_directives(const app_scene *scene, const char *text, size_t size) {
     size_t line = 0;
     int count = 0;
     for (const char *at = text, *end = text + size; at < end; line++) {
@@ -25,7 +24,7 @@ static int check_directives(const app_scene *scene, const char *text, size_t siz
 }
 
 /* What is not YAML passes: the reader that follows finds the same fault and knows better words. */
-int app_scene_check_limits(const app_scene *scene, const char *text, size_t size) {
+tm_status app_scene_check_limits(const app_scene *scene, const char *text, size_t size) {
     yaml_parser_t parser;
     yaml_event_t event;
     int depth = 0, anchors = 0, values = 0, rc = check_directives(scene, text, size);

@@ -4,7 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int select_group(const app_scene *scene, const app_select *select, const tm_mesh_file *mesh, uint8_t *mark) {
+static tm_status select_group(const app_scene *scene, const app_select *select, const tm_mesh_file *mesh,
+                              uint8_t *mark) {
     for (int32_t g = 0; g < mesh->group_count; g++) {
         if (strcmp(mesh->group_name[g], select->group.s)) continue;
         for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++) mark[mesh->group_vertex[i]] = 1;
@@ -29,11 +30,11 @@ static bool is_selected(const app_select *s, const double x[3]) {
     return fabs(distance) <= s->plane_within.si;
 }
 
-int app_select_vertices(const app_scene *scene, const app_select *select, int line, const tm_mesh_file *mesh,
-                        uint8_t *mark, int32_t *count) {
+tm_status app_select_vertices(const app_scene *scene, const app_select *select, int line, const tm_mesh_file *mesh,
+                              uint8_t *mark, int32_t *count) {
     memset(mark, 0, (size_t)mesh->vertex_count);
     if (select->group.line) {
-        int rc = select_group(scene, select, mesh, mark);
+        tm_status rc = select_group(scene, select, mesh, mark);
         if (rc) return rc;
     } else if (select->vertex.line) {
         for (int i = 0; i < select->vertex.count; i++) {
@@ -70,8 +71,8 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
     return TM_ERR_MATERIAL;
 }
 
-int app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
-                        tm_material *out) {
+tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
+                              tm_material *out) {
     const app_material *all = scene->material.item;
     for (int i = 0; i < scene->material.count; i++) {
         bool found = !strcmp(all[i].region.s, "*");
@@ -101,7 +102,7 @@ int app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double
                 mesh->region_name[r]);
         app_law law;
         tm_error error = {0};
-        int rc = app_scene_law(scene, m, &law);
+        tm_status rc = app_scene_law(scene, m, &law);
         if (rc) return rc;
         if (make_material(m, law, &out[r], &error))
             return app_scene_bad(scene, m->region.line, "material '%s': %s", m->region.s, error.message);

@@ -2,7 +2,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
 #include "scene_reader.h"
 
 /* A copy of `from`'s node in the scene's document, marked with the line of this --set. */
@@ -66,7 +65,7 @@ static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *
 static bool is_made(const yaml_node_t *list) { return list->start_mark.line >= SET_LINE; }
 
 /* What the path of a --set that ends in no item may name. */
-static int refuse_item(reader *r, int set, const yaml_node_t *node, const char *rest, long count) {
+static tm_status refuse_item(reader *r, int set, const yaml_node_t *node, const char *rest, long count) {
     const int line = line_of_set(set);
     if (node->type != YAML_SEQUENCE_NODE)
         return app_scene_bad(r->scene, line, "%s is of %s, not of a list; leave the brackets out", rest,
@@ -80,7 +79,7 @@ static int refuse_item(reader *r, int set, const yaml_node_t *node, const char *
 
 /* "[2].rest": goes into the list's item, or replaces it where the path ends; of a list that --set makes, adds the next
  * one. */
-static int enter_item(reader *r, int set, int value, char **rest, int *at) {
+static tm_status enter_item(reader *r, int set, int value, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     char *close;
     long index = strtol(*rest + 1, &close, 10);
@@ -104,7 +103,7 @@ static int enter_item(reader *r, int set, int value, char **rest, int *at) {
 
 /* Puts `name: child` into the mapping `at`, over what is there. The mapping may move as the document grows, so it is
  * found by number. */
-static int put_key(reader *r, int set, int at, const char *name, int child) {
+static tm_status put_key(reader *r, int set, int at, const char *name, int child) {
     int key = set_key(r, name, set);
     yaml_node_pair_t *found = find_pair(r, node_at(r, at), name);
     if (key && child && found) *found = (yaml_node_pair_t){key, child};
@@ -114,7 +113,7 @@ static int put_key(reader *r, int set, int at, const char *name, int child) {
 
 /* "name.rest": goes into the key's value, made where it is not there, or puts the value in (or out) where the path
  * ends. */
-static int enter_key(reader *r, int set, int value, bool remove, char **rest, int *at) {
+static tm_status enter_key(reader *r, int set, int value, bool remove, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     int line = line_of_set(set);
     size_t length = strcspn(*rest, ".[");
@@ -135,7 +134,7 @@ static int enter_key(reader *r, int set, int value, bool remove, char **rest, in
                     : next      ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE)
                                 : value;
         if (child && next) node_at(r, child)->start_mark.line = SET_LINE + (unsigned)set;
-        int rc = put_key(r, set, *at, name, child);
+        tm_status rc = put_key(r, set, *at, name, child);
         if (rc) return rc;
         *at = child;
     }
@@ -143,16 +142,18 @@ static int enter_key(reader *r, int set, int value, bool remove, char **rest, in
     return 0;
 }
 
-int app_scene_apply_set(reader *r, int set) {
+tm_status app_scene_apply_set(reader *r, int set) {
     const char *text = r->scene->set[set], *equals = strchr(text, '=');
     char path[PATH_MAX_CHARS], *rest = path;
     bool remove = !equals; /* --unset */
     if (remove) equals = text + strlen(text);
     if (equals == text || (size_t)(equals - text) >= sizeof path)
-        return app_bad_input("--set", 0, "'%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
+        return app_host_bad(&r->scene->host, "--set", 0,
+                            "'%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
     memcpy(path, text, (size_t)(equals - text));
     path[equals - text] = 0;
-    int at = 1, value = parse_set_value(r, remove ? "" : equals + 1, set), rc = 0;
+    int at = 1, value = parse_set_value(r, remove ? "" : equals + 1, set);
+    tm_status rc = TM_OK;
     if (!value) return app_scene_bad(r->scene, line_of_set(set), "the value is not YAML; quote it or correct it");
     while (*rest && !rc)
         rc = *rest == '[' ? enter_item(r, set, value, &rest, &at) : enter_key(r, set, value, remove, &rest, &at);

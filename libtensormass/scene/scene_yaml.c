@@ -4,7 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
 #include "scene_reader.h"
 
 enum { SHOWN_MAX_CHARS = 400, MAX_NAMES = 1000 };
@@ -50,8 +49,8 @@ static const app_field *find_field(const app_schema *schema, const char *prefix,
     return NULL;
 }
 
-static int unknown_key(const reader *r, const app_schema *only, int line, const char *name, const char *prefix,
-                       const char *shown) {
+static tm_status unknown_key(const reader *r, const app_schema *only, int line, const char *name, const char *prefix,
+                             const char *shown) {
     char known[512] = "", in[PATH_MAX_CHARS + 8] = "";
     const char *nearest = NULL;
     int distance = 1 + (int)strlen(name) / 3;
@@ -82,8 +81,8 @@ static int unknown_key(const reader *r, const app_schema *only, int line, const 
 
 /* --- containers --- */
 
-static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown,
-                     app_list *out) {
+static tm_status read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field,
+                           const char *shown, app_list *out) {
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (app_scene_null(node))
         return app_scene_bad(r->scene, app_scene_line(node),
@@ -105,14 +104,14 @@ static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, con
         snprintf(name, sizeof name, "%.300s[%d]", shown, i);
         if (item->type != YAML_MAPPING_NODE) return app_scene_bad_shape(r, item, name, "keys and values");
         ((app_section *)at)->line = app_scene_line(item);
-        int rc = app_scene_read_mapping(r, schema, item, app_scene_line(item), prefix, name, &at);
+        tm_status rc = app_scene_read_mapping(r, schema, item, app_scene_line(item), prefix, name, &at);
         if (rc) return rc;
     }
     return 0;
 }
 
-static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown,
-                      app_list *out) {
+static tm_status read_table(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field,
+                            const char *shown, app_list *out) {
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_MAPPING_NODE) return app_scene_bad_shape(r, node, shown, "names, each with keys and values");
     int count = (int)(node->data.mapping.pairs.top - node->data.mapping.pairs.start);
@@ -135,14 +134,14 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
                                      ((app_text *)at)->s, shown);
         snprintf(name, sizeof name, "%.300s.%.60s", shown, ((app_text *)at)->s);
         if (value->type != YAML_MAPPING_NODE) return app_scene_bad_shape(r, value, name, "keys and values");
-        int rc = app_scene_read_mapping(r, schema, value, app_scene_line(key), prefix, name, &at);
+        tm_status rc = app_scene_read_mapping(r, schema, value, app_scene_line(key), prefix, name, &at);
         if (rc) return rc;
     }
     return 0;
 }
 
-static int read_value(reader *r, const app_schema *schema, yaml_node_t *key, yaml_node_t *node, const app_field *field,
-                      const char *shown, char *base) {
+static tm_status read_value(reader *r, const app_schema *schema, yaml_node_t *key, yaml_node_t *node,
+                            const app_field *field, const char *shown, char *base) {
     char *at = base + field->offset;
     switch (field->kind) {
     case APP_SECTION:
@@ -170,7 +169,7 @@ static int read_value(reader *r, const app_schema *schema, yaml_node_t *key, yam
 
 /* Values of fields that a scene leaves out. Lists stay empty; sections that are not there get their members' defaults.
  */
-static int default_value(reader *r, const app_schema *schema, const app_field *field, char *base) {
+static tm_status default_value(reader *r, const app_schema *schema, const app_field *field, char *base) {
     char *at = base + field->offset;
     const char *text = field->fallback && strcmp(field->fallback, "!") ? field->fallback : NULL;
     switch (field->kind) {
@@ -181,7 +180,7 @@ static int default_value(reader *r, const app_schema *schema, const app_field *f
     case APP_VECTOR:
         if (text && sscanf(text, "[%lf, %lf, %lf]", &((app_vector *)at)->v[0], &((app_vector *)at)->v[1],
                            &((app_vector *)at)->v[2]) != 3)
-            abort();
+            return app_scene_bad(r->scene, 0, "%s: the schema's default is no vector; correct its row", field->path);
         return 0;
     case APP_TEXT:
     case APP_PATH: *(app_text *)at = (app_text){text ? text : "", 0}; return 0;
@@ -196,8 +195,8 @@ static int default_value(reader *r, const app_schema *schema, const app_field *f
     return text ? app_scene_scalar(r, 0, field, field->path, text, at) : 0;
 }
 
-int app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
-                           const char *shown, char *const *base) {
+tm_status app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
+                                 const char *shown, char *const *base) {
     char name[SHOWN_MAX_CHARS];
     yaml_node_pair_t *begin = node ? node->data.mapping.pairs.start : NULL,
                      *end = node ? node->data.mapping.pairs.top : NULL;
@@ -218,7 +217,8 @@ int app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node,
             if (!only || r->schema[s] == only) field = find_field(r->schema[s], prefix, text);
         if (!field) return unknown_key(r, only, app_scene_line(key), text, prefix, shown);
         snprintf(name, sizeof name, "%.300s%s%.90s", shown, *shown ? "." : "", text);
-        int rc = read_value(r, r->schema[s - 1], key, node_at(r, pair->value), field, name, base[only ? 0 : s - 1]);
+        tm_status rc =
+            read_value(r, r->schema[s - 1], key, node_at(r, pair->value), field, name, base[only ? 0 : s - 1]);
         if (rc) return rc;
     }
     for (int s = 0; s < r->schema_count; s++) {
@@ -234,7 +234,7 @@ int app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node,
             if (field->fallback && !strcmp(field->fallback, "!"))
                 return app_scene_bad(r->scene, line, "%s%skey '%s' is missing; add it: %s", shown, *shown ? ": " : "",
                                      key, field->doc);
-            int rc = default_value(r, r->schema[s], field, base[only ? 0 : s]);
+            tm_status rc = default_value(r, r->schema[s], field, base[only ? 0 : s]);
             if (rc) return rc;
         }
     }

@@ -9,26 +9,27 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 /* --- the scene as a whole --- */
 
-int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene) {
+tm_status sim_scene_load(const char *file, char *const *set, int set_count, const app_host *host, app_scene **scene) {
     app_schema schema[SIM_MAX_EFFECTS] = {0};
     for (int i = 0; i < sim_effect_count; i++) schema[i] = sim_effects[i]->schema;
-    const int rc = app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
+    const tm_status rc = app_scene_load(file, set, set_count, schema, sim_effect_count, host, scene);
     if (rc) return rc;
     app_effect_key *key = app_scene_alloc(*scene, sizeof *key * SIM_MAX_EFFECTS);
     if (!key) {
         app_scene_free(*scene);
-        return app_scene_no_memory(file);
+        return app_scene_no_memory(host, file);
     }
     for (int i = 0; i < sim_effect_count; i++) key[i] = (app_effect_key){sim_effects[i]->name, sim_effects[i]->model};
     (*scene)->effect_key = key;
     return 0;
 }
 
-static int check_effect(const app_scene *scene, int index) {
+static tm_status check_effect(const app_scene *scene, int index) {
     const sim_effect *e = sim_effects[index];
     int line = sim_effect_line(scene, index);
     char where[600];
@@ -48,8 +49,8 @@ static int check_effect(const app_scene *scene, int index) {
     return e->check ? e->check(scene, scene->effect[index]) : 0;
 }
 
-static int check_scene(const app_scene *scene) {
-    int rc = app_scene_check(scene);
+static tm_status check_scene(const app_scene *scene) {
+    tm_status rc = app_scene_check(scene);
     for (int i = 0; i < sim_effect_count && !rc; i++)
         if (sim_effect_line(scene, i)) rc = check_effect(scene, i);
     for (int i = 0; i < scene->material.count && !rc; i++) {
@@ -84,7 +85,7 @@ static int check_scene(const app_scene *scene) {
 
 /* --- building --- */
 
-static int load_mesh(sim *s) {
+static tm_status load_mesh(sim *s) {
     tm_error error = {0};
     struct stat info;
     const app_scene *scene = s->scene;
@@ -128,10 +129,10 @@ static int64_t own_stages(sim *s, int effect) {
 }
 
 /* Runs one hook of every named effect and books memory and stages. */
-static int run_hook(sim *s, bool build) {
-    int rc = 0;
+static tm_status run_hook(sim *s, bool build) {
+    tm_status rc = 0;
     for (int i = 0; i < sim_effect_count && !rc; i++) {
-        int (*hook)(sim *, const void *) = build ? sim_effects[i]->build : sim_effects[i]->prepare;
+        tm_status (*hook)(sim *, const void *) = build ? sim_effects[i]->build : sim_effects[i]->prepare;
         if (!sim_effect_line(s->scene, i) || !hook) continue;
         int64_t before = tm_memory_in_use();
         rc = hook(s, s->scene->effect[i]);
@@ -141,13 +142,13 @@ static int run_hook(sim *s, bool build) {
     return rc;
 }
 
-static int define_model(sim *s) {
+static tm_status define_model(sim *s) {
     tm_model_def *def = &s->def.model;
     s->material = calloc((size_t)s->mesh->region_count, sizeof *s->material);
     if (!s->material) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
     *def = tm_model_def_default();
     def->damped = false;
-    int rc = run_hook(s, false);
+    tm_status rc = run_hook(s, false);
     if (!rc) rc = app_scene_materials(s->scene, &s->file, s->damping_1_s, s->material);
     if (!rc) rc = sim_make_supports(s);
     if (!rc) rc = sim_make_loads(s);
@@ -174,8 +175,8 @@ static int define_model(sim *s) {
     return rc;
 }
 
-static int make_model(sim *s) {
-    const int rc = sim_models[s->scene->model.index].make(s);
+static tm_status make_model(sim *s) {
+    const tm_status rc = sim_models[s->scene->model.index].make(s);
     if (rc) return rc;
     const tm_pace *pace = &s->model->pace;
     s->sample_s = pace->frame_s;
@@ -187,15 +188,15 @@ static int make_model(sim *s) {
     return sim_warn_pace(s);
 }
 
-int sim_prepare(app_scene *scene, sim **out) {
+tm_status sim_prepare(app_scene *scene, sim **out) {
     sim *s = calloc(1, sizeof *s);
     if (!s) {
-        const int none = app_scene_no_memory(scene->file);
+        const tm_status none = app_scene_no_memory(&scene->host, scene->file);
         app_scene_free(scene);
         return none;
     }
     s->scene = scene;
-    int rc = check_scene(scene);
+    tm_status rc = check_scene(scene);
     if (!rc) rc = load_mesh(s);
     if (!rc) rc = define_model(s);
     if (!rc) rc = sim_warn(s);
@@ -206,9 +207,9 @@ int sim_prepare(app_scene *scene, sim **out) {
     return rc;
 }
 
-int sim_create(app_scene *scene, sim **out) {
+tm_status sim_create(app_scene *scene, sim **out) {
     sim *s;
-    int rc = sim_prepare(scene, &s);
+    tm_status rc = sim_prepare(scene, &s);
     if (rc) return rc;
     rc = make_model(s);
     if (!rc) rc = run_hook(s, true);
@@ -239,6 +240,17 @@ void sim_destroy(sim *s) {
 
 /* --- one frame --- */
 
+static int64_t monotonic_us(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+}
+
+static bool is_stopped(const sim *s) {
+    const app_host *host = &s->scene->host;
+    return host->stop && host->stop(host->user);
+}
+
 /* A frame in pieces of a tenth of a second, so that Ctrl-C does not wait for millions of substeps. Bits do not depend
  * on the pieces. */
 static tm_status step_in_slices(sim *s, int32_t substeps) {
@@ -246,16 +258,16 @@ static tm_status step_in_slices(sim *s, int32_t substeps) {
     tm_status status = TM_OK;
     int32_t done = 0;
     if (!s->slice) s->slice = 1 + 1000000 / s->mesh->tet_count; /* until it is measured: 0.1 us a tetrahedron */
-    while (!status && done < substeps && !app_interrupted()) {
+    while (!status && done < substeps && !is_stopped(s)) {
         int32_t count = s->slice < substeps - done ? s->slice : substeps - done;
         if (s->between) {
             const int32_t most = s->between(s->between_user, s);
             if (most < count) count = most;
         }
-        int64_t begin = app_monotonic_us();
+        int64_t begin = monotonic_us();
         status = tm_model_step(s->model, count);
         done += count;
-        double cost_s = ((double)(app_monotonic_us() - begin) + 1) * 1e-6 / count;
+        double cost_s = ((double)(monotonic_us() - begin) + 1) * 1e-6 / count;
         s->slice = cost_s < piece_s ? (int32_t)fmin(piece_s / cost_s, 1e6) : 1;
     }
     s->broken_off = !status && done < substeps;
@@ -292,13 +304,13 @@ tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps) {
         return status;
     }
     s->last_s = substeps * s->dt_s;
-    const int64_t begin = app_monotonic_us();
+    const int64_t begin = monotonic_us();
     for (int i = 0; i < s->instrument_count; i++) {
         for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->last_s;
         s->pose[i] = to[i];
         feel(s, i);
     }
-    s->patches_s = 1e-6 * (double)(app_monotonic_us() - begin);
+    s->patches_s = 1e-6 * (double)(monotonic_us() - begin);
     return status;
 }
 

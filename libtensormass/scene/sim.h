@@ -27,7 +27,7 @@ typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PA
 
 /* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
  * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.
- * All return 0 or an exit code, having complained. */
+ * All return 0 or a status, having complained. */
 typedef struct sim_effect {
     const char *name, *doc;
     app_schema schema;
@@ -35,11 +35,11 @@ typedef struct sim_effect {
     sim_part part;
     const char *needs[4];
     sim_exclusion excludes[4];
-    int (*check)(const app_scene *scene, const void *options); /* needs no mesh */
-    int (*prepare)(sim *s, const void *options); /* mesh is there: fills s->def, or s->damping_1_s and s->fibre */
-    int (*build)(sim *s, const void *options);   /* s->model is there: adds stages to its world, where it has one */
-    void (*frame)(sim *s);                       /* after each frame's substeps */
-    void (*destroy)(sim *s);                     /* what it left in `s`, also after a build that failed half-way */
+    tm_status (*check)(const app_scene *scene, const void *options); /* needs no mesh */
+    tm_status (*prepare)(sim *s, const void *options); /* mesh is there: fills s->def, or s->damping_1_s and s->fibre */
+    tm_status (*build)(sim *s, const void *options); /* s->model is there: adds stages to its world, where it has one */
+    void (*frame)(sim *s);                           /* after each frame's substeps */
+    void (*destroy)(sim *s);                         /* what it left in `s`, also after a build that failed half-way */
 } sim_effect;
 
 enum { SIM_MAX_EFFECTS = 24 };
@@ -140,12 +140,12 @@ struct sim {
     double patches_s;                           /* spent on patches and stiffness by the last sample */
 };
 
-/* Reads the scene with the fields of every effect; 0 or an exit code, having complained. */
-int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene);
+/* Reads the scene with the fields of every effect; 0 or a status, having complained. */
+tm_status sim_scene_load(const char *file, char *const *set, int set_count, const app_host *host, app_scene **scene);
 /* Checks and builds. Takes the scene over, also on failure. */
-int sim_create(app_scene *scene, sim **out);
+tm_status sim_create(app_scene *scene, sim **out);
 /* The same without a model: s->def is whole, and s->model null. */
-int sim_prepare(app_scene *scene, sim **out);
+tm_status sim_prepare(app_scene *scene, sim **out);
 void sim_destroy(sim *s);
 
 /* --- what a scene and its simulation are asked (ask.c) --- */
@@ -153,10 +153,10 @@ void sim_destroy(sim *s);
 bool sim_has(const sim *s, const char *effect);
 /* For an effect's options: null when the scene does not name it. */
 const void *sim_options(const app_scene *scene, const char *effect);
-/* app_report of a library's error for the line that is to blame. */
-int sim_report(const app_scene *scene, int line, const tm_error *error);
+/* A fault by a library's error, on the line that is to blame. */
+tm_status sim_report(const app_scene *scene, int line, const tm_error *error);
 /* The same for what is wrong inside a file that the scene names on `line`. */
-int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error);
+tm_status sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error);
 /* An effect's index by its name, -1: there is none. */
 int sim_effect_find(const app_scene *scene, const char *name);
 /* The line that asked for an effect, 0: not named. */
@@ -165,14 +165,14 @@ int sim_effect_line(const app_scene *scene, int index);
 /* --- building and stepping --- */
 
 /* app_select_vertices for the mesh's vertices: mark[vertex_count]. */
-int sim_select(const sim *s, const app_select *select, int line, uint8_t *mark, int32_t *count);
+tm_status sim_select(const sim *s, const app_select *select, int line, uint8_t *mark, int32_t *count);
 /* vertex[vertex_count] := the mesh's number of each vertex of the file. */
 void sim_vertices_of_file(const sim *s, int32_t *vertex);
 
 /* Pieces of building, shared by the models. */
-int sim_make_supports(sim *s);
-int sim_make_loads(sim *s);
-int sim_make_instruments(sim *s);
+tm_status sim_make_supports(sim *s);
+tm_status sim_make_loads(sim *s);
+tm_status sim_make_instruments(sim *s);
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
@@ -188,8 +188,8 @@ sim_sends sim_may_send(const sim *s);
 
 /* Joints to a pose in the world. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
-/* A pose of the scene as joints; one above the surface needs the mesh. 0 or an exit code. */
-int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
+/* A pose of the scene as joints; one above the surface needs the mesh. 0 or a status. */
+tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
 
 /* Where the scene's hand wants the instrument at a time. */
 tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s);

@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "app.h"
+
 static const char magic[8] = "TMSIMSN1";
 
 /* What the simulation knows beside its world. */
@@ -16,16 +18,17 @@ typedef struct header {
 
 static uint64_t checksum(const header *h) { return tm_hash(h, offsetof(header, checksum), TM_HASH_SEED); }
 
-int sim_snapshot_save(sim *s, const char *path) {
+tm_status sim_snapshot_save(sim *s, const char *path) {
+    const app_host *host = &s->scene->host;
     tm_error error = {0};
     app_output output;
     header *h = NULL;
     int64_t bytes = tm_model_snapshot_bytes(s->model);
     void *world = malloc((size_t)bytes);
     h = calloc(1, sizeof *h);
-    int rc = world && h ? 0 : APP_FAILED;
-    if (!rc && tm_model_save(s->model, world, bytes, &error)) rc = app_report("--snapshot-at", 0, &error);
-    if (!rc && !app_output_begin(&output, path, &error)) rc = app_report(NULL, 0, &error);
+    tm_status rc = world && h ? TM_OK : TM_ERR_MEMORY;
+    if (!rc && tm_model_save(s->model, world, bytes, &error)) rc = app_host_report(host, path, 0, &error);
+    if (!rc && !app_output_begin(&output, path, &error)) rc = app_host_report(host, NULL, 0, &error);
     if (!rc) {
         memcpy(h->magic, magic, sizeof magic);
         h->world_bytes = bytes;
@@ -35,11 +38,15 @@ int sim_snapshot_save(sim *s, const char *path) {
         FILE *file = app_output_stream(&output);
         if (file) fwrite(h, sizeof *h, 1, file);
         if (file) fwrite(world, (size_t)bytes, 1, file);
-        if (!app_output_end(&output, file, &error)) rc = app_report(NULL, 0, &error);
+        if (!app_output_end(&output, file, &error)) rc = app_host_report(host, NULL, 0, &error);
     }
     free(h);
     free(world);
     return rc;
+}
+
+static tm_status refuse(const app_host *host, const char *path, const char *why) {
+    return app_host_tell(host, TM_FAULT, TM_ERR_FILE, path, 0, why);
 }
 
 static void *read_file(const char *path, size_t *size) {
@@ -59,24 +66,29 @@ static void *read_file(const char *path, size_t *size) {
     return bytes;
 }
 
-int sim_snapshot_restore(sim *s, const char *path) {
+tm_status sim_snapshot_restore(sim *s, const char *path) {
+    const app_host *host = &s->scene->host;
     tm_error error = {0};
     size_t size = 0;
     char *bytes = read_file(path, &size);
-    if (!bytes) return app_bad_input(path, 0, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
+    if (!bytes) {
+        char why[200];
+        snprintf(why, sizeof why, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
+        return refuse(host, path, why);
+    }
     header h;
-    int rc = 0;
+    tm_status rc = 0;
     if (size < sizeof h || memcmp(bytes, magic, sizeof magic))
-        rc = app_bad_input(path, 0, "is not a snapshot of this version; give one that --snapshot-at wrote");
+        rc = refuse(host, path, "is not a snapshot of this version; give one that --snapshot-at wrote");
     else {
         memcpy(&h, bytes, sizeof h);
         if (h.checksum != checksum(&h) || h.world_bytes < 0 || (uint64_t)h.world_bytes != size - sizeof h)
-            rc = app_bad_input(path, 0, "is damaged or cut short; save it again");
+            rc = refuse(host, path, "is damaged or cut short; save it again");
     }
     if (!rc) {
         /* The library wants its part aligned. */
         memmove(bytes, bytes + sizeof h, size - sizeof h);
-        if (tm_model_restore(s->model, bytes, h.world_bytes, &error)) rc = app_report(path, 0, &error);
+        if (tm_model_restore(s->model, bytes, h.world_bytes, &error)) rc = app_host_report(host, path, 0, &error);
     }
     if (!rc) {
         s->frames = h.frames;

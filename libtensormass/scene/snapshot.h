@@ -4,9 +4,9 @@
 
 #include "sim.h"
 
-/* 0 or an exit code, having complained. The file appears whole or not at all. */
-int sim_snapshot_save(sim *s, const char *path);
+/* 0 or a status, having complained. The file appears whole or not at all. */
+tm_status sim_snapshot_save(sim *s, const char *path);
 /* For the same scene. A damaged, foreign or truncated file is refused and the simulation left as it was. */
-int sim_snapshot_restore(sim *s, const char *path);
+tm_status sim_snapshot_restore(sim *s, const char *path);
 
 #endif

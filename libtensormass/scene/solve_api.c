@@ -2,13 +2,11 @@
 
 #include "cache.h"
 
-#include <math.h>
+#include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-
-#include "app.h"
 
 /* OpenBLAS, which the module brings, maps 128 MB as it is opened, and where it cannot it tries for ever. */
 static bool has_room(void) {
@@ -21,7 +19,7 @@ static bool has_room(void) {
 
 #define SIM_SOLVE_NAME(name) #name,
 
-bool sim_solve_open(sim_solve_api *api, tm_error *error) {
+bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     static const char *const name[] = {SIM_SOLVE(SIM_SOLVE_NAME)};
     void **pointer = (void **)api;
     /* The module never uses more than one thread of OpenBLAS in each of its own. */
@@ -32,27 +30,13 @@ bool sim_solve_open(sim_solve_api *api, tm_error *error) {
                  "(ulimit -v)");
         return false;
     }
-    void *module = app_module("solve", error);
+    void *module = app_host_module(host, "solve", error);
     for (size_t i = 0; module && i < sizeof name / sizeof *name; i++)
-        if (!(pointer[i] = app_module_symbol(module, name[i], error))) module = NULL;
+        if (!(pointer[i] = dlsym(module, name[i]))) {
+            tm_fail(error, TM_ERR_FILE, -1, "the module solve has no %s; install one of this version", name[i]);
+            return false;
+        }
     return module != NULL;
-}
-
-static double allowed_until_s = INFINITY, beyond_s;
-
-void sim_solve_allow(double seconds) {
-    allowed_until_s = 1e-6 * (double)app_monotonic_us() + seconds;
-    beyond_s = 0;
-}
-
-double sim_solve_beyond(void) { return beyond_s; }
-
-bool sim_solve_progress(void *user, const char *what, double fraction, double seconds_left) {
-    (void)user;
-    app_progress(what, fraction, fraction >= 1);
-    const double left_s = fmax(seconds_left, 0), end_s = 1e-6 * (double)app_monotonic_us() + left_s;
-    if (end_s > allowed_until_s) beyond_s = fmax(left_s, 1e-6);
-    return !app_interrupted() && end_s <= allowed_until_s;
 }
 
 void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size) {
@@ -79,6 +63,8 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
 
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *r) {
     if (r->from_file) return;
-    app_remark("%s: %s computed in %.1f s (%d columns, %.1f MB; %s)\n", s->scene->file, what, r->seconds, r->columns,
-               (double)r->responses_bytes * 1e-6, r->why);
+    char text[400];
+    snprintf(text, sizeof text, "%s computed in %.1f s (%d columns, %.1f MB; %s)", what, r->seconds, r->columns,
+             (double)r->responses_bytes * 1e-6, r->why);
+    app_host_tell(&s->scene->host, TM_REMARK, TM_OK, s->scene->file, 0, text);
 }

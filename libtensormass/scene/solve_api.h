@@ -19,7 +19,7 @@ typedef struct sim_solve_api {
     SIM_SOLVE(SIM_SOLVE_POINTER)
 } sim_solve_api;
 
-bool sim_solve_open(sim_solve_api *api, tm_error *error);
+bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error);
 
 /* Options of `precomputed` and, all but the first, of `hybrid`. */
 typedef struct sim_solve_options {
@@ -33,11 +33,6 @@ typedef struct sim_solve_options {
     app_flag smooth;
 } sim_solve_options;
 
-/* From now on what would take longer than that is stopped, by its own estimate; INFINITY: nothing is. */
-void sim_solve_allow(double seconds);
-double sim_solve_beyond(void); /* what that would have taken more; 0: nothing was stopped */
-/* Says on stderr how far it is; stops where the user did. */
-bool sim_solve_progress(void *user, const char *what, double fraction, double seconds_left);
 /* Where the result is kept, made from what it depends on in name and folder; empty: nowhere. The library checks the
  * contents. */
 void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size);

@@ -12,9 +12,9 @@ double sim_surface_distance(const sim *s, const double point_m[3]);
 /* In a tetrahedron of the tissue at rest. */
 bool sim_is_inside(const tm_mesh *mesh, const double point_m[3]);
 
-/* Warnings about a scene that is valid and probably not meant. 0, or an exit code where the scene is strict. */
-int sim_warn(const sim *s);
+/* Warnings about a scene that is valid and probably not meant. 0, or a status where the scene is strict. */
+tm_status sim_warn(const sim *s);
 /* The same of the model's substeps. */
-int sim_warn_pace(const sim *s);
+tm_status sim_warn_pace(const sim *s);
 
 #endif

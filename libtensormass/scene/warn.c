@@ -17,7 +17,7 @@ static void bounds(const tm_mesh *mesh, double low[3], double high[3]) {
     }
 }
 
-static int warn_size(const sim *s) {
+static tm_status warn_size(const sim *s) {
     double low[3], high[3], size = 0;
     bounds(s->mesh, low, high);
     for (int a = 0; a < 3; a++) size = fmax(size, high[a] - low[a]);
@@ -32,9 +32,9 @@ static int warn_size(const sim *s) {
     return 0;
 }
 
-static int warn_materials(const sim *s) {
+static tm_status warn_materials(const sim *s) {
     bool fibred = false;
-    int rc = 0;
+    tm_status rc = 0;
     for (int i = 0; i < s->scene->material.count && !rc; i++) {
         const app_material *m = (const app_material *)s->scene->material.item + i;
         const app_number *stiffness[] = {&m->young, &m->mu, &m->mu_T, &m->mu_L, &m->E_L, &m->E_T, &m->G_L};
@@ -56,14 +56,14 @@ static int warn_materials(const sim *s) {
     return rc;
 }
 
-static int warn_supports(const sim *s) {
+static tm_status warn_supports(const sim *s) {
     const int index = sim_effect_find(s->scene, "gravity");
     if (s->scene->support.count || index < 0 || !sim_effect_line(s->scene, index)) return 0;
     return app_scene_warn(s->scene, sim_effect_line(s->scene, index),
                           "nothing holds the tissue: it falls for ever; add 'supports:'");
 }
 
-static int warn_instrument(const sim *s, int i) {
+static tm_status warn_instrument(const sim *s, int i) {
     const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
     double low[3], high[3], away = 0;
     bounds(s->mesh, low, high);
@@ -84,8 +84,8 @@ static int warn_instrument(const sim *s, int i) {
     return 0;
 }
 
-int sim_warn(const sim *s) {
-    int rc = warn_size(s);
+tm_status sim_warn(const sim *s) {
+    tm_status rc = warn_size(s);
     if (!rc) rc = warn_materials(s);
     if (!rc) rc = warn_supports(s);
     if (!rc && s->instrument_count && !sim_has(s, "contact"))
@@ -98,7 +98,7 @@ int sim_warn(const sim *s) {
 enum { MANY_SUBSTEPS = 20000, MOST_SUBSTEPS = 10000000 }; /* a frame: slow; refused */
 
 /* A frame has a whole number of force samples. */
-static int warn_rate(const sim *s) {
+static tm_status warn_rate(const sim *s) {
     const sim_haptics *haptics = sim_options(s->scene, "haptics");
     if (!haptics || haptics->rate.si == 0 || s->scene->pace == SIM_FRAMES) return 0;
     const double asked_Hz = haptics->rate.si, rate_Hz = s->samples * s->scene->frame_rate.si;
@@ -109,9 +109,9 @@ static int warn_rate(const sim *s) {
                           asked_Hz, s->scene->frame_rate.si, rate_Hz);
 }
 
-int sim_warn_pace(const sim *s) {
+tm_status sim_warn_pace(const sim *s) {
     const tm_pace *pace = &s->model->pace;
-    const int rc = warn_rate(s);
+    const tm_status rc = warn_rate(s);
     if (rc) return rc;
     const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
     const double substeps = (double)s->samples * pace->substeps;

@@ -20,7 +20,7 @@ $(MUJOCO_LIBRARIES): $(OUT)/mujoco/%: $(PYTHON_LIB)/%
 $(MUJOCO_PLUGIN): $(OUT)/obj/plugins/mujoco/tissue.o $(MUJOCO_LIBRARIES)
 	@mkdir -p $(@D)
 	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -shared -o $@ $< $(filter %_scene.so,$^) $(filter %/libtensormass.so.$(SOVERSION),$^) $(wildcard $(MUJOCO)/libmujoco.so.*) \
+	$(Q)$(CC) $(SAN) -shared -o $@ $< $(filter %/libtensormass_scene.so.$(SOVERSION),$^) $(filter %/libtensormass.so.$(SOVERSION),$^) $(wildcard $(MUJOCO)/libmujoco.so.*) \
 		-Wl,--disable-new-dtags -Wl,-rpath,'$$ORIGIN' -Wl,-rpath,$(abspath $(MUJOCO)) -lm
 .PHONY: mujoco
 #: make mujoco                 the MuJoCo plugin, against MuJoCo's PyPI package: build/mujoco/libtensormass_mujoco.so

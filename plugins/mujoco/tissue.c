@@ -14,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "python/native/scene.h"
+#include "tensormass_scene.h"
 
 enum { MAX_SETS = 32 };
 
@@ -54,6 +54,13 @@ static int state_count(const mjModel *m, int instance) {
     return count > 0 ? 3 * count : 0;
 }
 
+static void warn(void *user, const tm_diagnostic *d) {
+    char text[2000];
+    (void)user;
+    tm_diagnostic_format(d, text, sizeof text);
+    if (d->severity == TM_FAULT) mju_warning("tensormass.tissue: %s", text);
+}
+
 /* The scene with a frame as long as MuJoCo's step, and what the attribute "set" lays over it: PATH=VALUE, apart by ';'.
  */
 static tm_scene *opened(const mjModel *m, int instance) {
@@ -69,8 +76,16 @@ static tm_scene *opened(const mjModel *m, int instance) {
         set[count++] = one;
     if (!file || !*file)
         mju_warning("tensormass.tissue: no scene; add <config key=\"scene\" value=\"FILE.yaml\"/>");
-    else if (tm_scene_open(file, set, count, &scene) != TM_OK)
-        mju_warning("tensormass.tissue: %s", tm_scene_said());
+    else {
+        tm_diagnostics told = {.told = warn};
+        tm_scene_def def = tm_scene_def_default();
+        def.file = file;
+        def.set = set;
+        def.set_count = count;
+        def.diagnostics = &told;
+        tm_scene_open(&def, &scene);
+        tm_diagnostics_clear(&told);
+    }
     return scene;
 }
 
@@ -134,7 +149,8 @@ static void advance(const mjModel *m, mjData *d, int instance) {
     tissue *t = tissue_of(d, instance);
     mjtNum *force = d->plugin_state + m->plugin_stateadr[instance];
     lay_poses(t, d);
-    if (tm_scene_step(t->scene, t->pose) != TM_OK) mju_warning("tensormass.tissue: %s", tm_scene_said());
+    const tm_status status = tm_scene_step(t->scene, t->pose);
+    if (status) mju_warning("tensormass.tissue: %s", tm_status_name(status));
     for (int i = 0; i < t->instrument_count; i++) {
         tm_tool_reaction r = tm_scene_reaction(t->scene, i);
         for (int a = 0; a < 3; a++) force[3 * i + a] = r.flags & TM_REACTION_UNSTABLE ? 0 : r.force_N[a];

@@ -190,13 +190,24 @@ def interrupt_noted() -> Iterator[List[Any]]:
             usual(*noted[0])
 
 
-def said() -> List[str]:
-    """Lines that the scene library's last call of this thread had to say; warnings among them are issued as such."""
-    lines = lib.tm_scene_said().decode(errors="replace").splitlines()
-    for line in lines:
-        if ": warning: " in line:
-            warnings.warn(line, SceneWarning, stacklevel=3)
-    return [line for line in lines if ": warning: " not in line]
+class Diagnostics:
+    """What the scene library has to say: a list that a scene's calls add to."""
+
+    def __init__(self) -> None:
+        self.list = c.tm_diagnostics()
+
+    def take(self) -> List[str]:
+        """Faults since the last call, a line each; warnings among them are issued as such."""
+        lines, text = [], ctypes.create_string_buffer(8192)
+        item = ctypes.cast(self.list.item, ctypes.POINTER(c.tm_diagnostic))
+        for i in range(self.list.count):
+            lib.tm_diagnostic_format(ctypes.byref(item[i]), text, len(text))
+            lines.append((item[i].severity, text.value.decode(errors="replace")))
+        lib.tm_diagnostics_clear(ctypes.byref(self.list))
+        for severity, line in lines:
+            if severity == c.TM_WARNING:
+                warnings.warn(line, SceneWarning, stacklevel=3)
+        return [line for severity, line in lines if severity == c.TM_FAULT]
 
 
 # --- objects of the library ---

@@ -6,7 +6,7 @@ import os
 from typing import Any, Callable, List, Mapping, Optional, Sequence, Union
 
 from . import _bind as c
-from ._core import ERRORS, ArgumentError, Error, Floats, Object, floats, lib, said, view
+from ._core import ERRORS, ArgumentError, Diagnostics, Error, Floats, Object, floats, lib, view
 from .instruments import Instrument, MODES, Pose, Reaction, reaction_of
 from .mesh import Mesh
 from .patch import Patch
@@ -16,8 +16,7 @@ from .world import World
 _MODE_NAMES = {v: k for k, v in MODES.items()}
 
 
-def _raise(status: int, sentence: str = "") -> None:
-    told = said()
+def _raise(told: List[str], status: int, sentence: str = "") -> None:
     if status != c.TM_OK:
         raise ERRORS.get(status, Error)("\n".join(told) or sentence, status)
 
@@ -37,8 +36,13 @@ class Scene(Object):
         lines = [os.fsencode(k if v is None else f"{k}={_yaml(v)}") for k, v in (sets or {}).items()]
         array = (ctypes.c_char_p * (len(lines) + 1))(*lines)
         pointer = ctypes.c_void_p()
-        _raise(lib.tm_scene_open(os.fsencode(path), array, len(lines), ctypes.byref(pointer)))
-        self._own(pointer, lib.tm_scene_close)
+        self._said = Diagnostics()
+        definition = lib.tm_scene_def_default()
+        definition.file, definition.set, definition.set_count = os.fsencode(path), ctypes.cast(array, ctypes.c_void_p), len(lines)
+        definition.diagnostics = ctypes.addressof(self._said.list)
+        status = lib.tm_scene_open(ctypes.byref(definition), ctypes.byref(pointer))
+        _raise(self._said.take(), status)
+        self._own(pointer, lib.tm_scene_close, keep=self._said)
         self._about = lib.tm_scene_tell(self)
         self.mesh: Mesh = Mesh._borrow(lib.tm_scene_mesh(self), self)
         self.tissue: Tissue = Tissue._borrow(lib.tm_scene_tissue(self), self.mesh, self)
@@ -93,7 +97,7 @@ class Scene(Object):
         status = lib.tm_scene_step(self, to)
         if self.world is not None:
             self.world._raise_failed()
-        _raise(status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
+        _raise(self._said.take(), status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
         return [self.reaction(i) for i in range(self._about.instrument_count)]
 
     def run(self, seconds: Optional[float] = None, each: Optional[Callable[["Scene"], Any]] = None) -> "Scene":
@@ -151,13 +155,16 @@ class Scene(Object):
         """Of the state's bits."""
         return int(lib.tm_scene_hash(self))
 
+    def _raise(self, status: int) -> None:
+        _raise(self._said.take(), status)
+
     def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
         """A snapshot, as tm-sim --snapshot writes it."""
-        _raise(lib.tm_scene_save(self, os.fsencode(path)))
+        self._raise(lib.tm_scene_save(self, os.fsencode(path)))
 
     def restore(self, path: Union[str, "os.PathLike[str]"]) -> None:
         """Goes on from a snapshot of the same scene; a damaged one raises and changes nothing."""
-        _raise(lib.tm_scene_restore(self, os.fsencode(path)))
+        self._raise(lib.tm_scene_restore(self, os.fsencode(path)))
 
 
 def _yaml(value: Any) -> str:

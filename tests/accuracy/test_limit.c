@@ -12,6 +12,7 @@
 #include <cmocka.h>
 
 #include "bandwidth.h"
+#include "common/program_host.h"
 #include "scene/solve_api.h"
 #include "studies/accuracy/study.h"
 
@@ -92,14 +93,14 @@ static void the_path_ends_where_the_scene_alone_takes_too_long(void **state) {
 static void a_solver_that_would_take_too_long_is_stopped(void **state) {
     (void)state;
     app_be_quiet();
-    sim_solve_allow(30);
-    assert_true(sim_solve_progress(NULL, "factor", 0.1, -1));
-    assert_true(sim_solve_progress(NULL, "factor", 0.1, 5));
-    assert_true(sim_solve_beyond() == 0);
-    assert_false(sim_solve_progress(NULL, "factor", 0.2, 90));
-    assert_true(sim_solve_beyond() >= 90);
-    sim_solve_allow(INFINITY);
-    assert_true(sim_solve_progress(NULL, "factor", 0.2, 1e9) && sim_solve_beyond() == 0);
+    app_solve_allow(30);
+    assert_true(app_solve_progress(NULL, "factor", 0.1, -1));
+    assert_true(app_solve_progress(NULL, "factor", 0.1, 5));
+    assert_true(app_solve_beyond() == 0);
+    assert_false(app_solve_progress(NULL, "factor", 0.2, 90));
+    assert_true(app_solve_beyond() >= 90);
+    app_solve_allow(INFINITY);
+    assert_true(app_solve_progress(NULL, "factor", 0.2, 1e9) && app_solve_beyond() == 0);
 }
 
 int main(void) {

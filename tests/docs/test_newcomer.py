@@ -114,14 +114,14 @@ static void run(void *self, tm_world *world) {
     for (int32_t v = 0; v < tm_tissue_mesh(tissue)->vertex_count; v++) state->force_N[3 * v] += mass[v] * ((const app_number *)self)->si;
 }
 
-static int check(const app_scene *scene, const void *own) {
+static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     return o->pull.si < 0 ? app_scene_bad(scene, o->pull.line, "it pulls to the other side; write a positive one") : 0;
 }
 
-static int build(sim *s, const void *own) {
+static tm_status build(sim *s, const void *own) {
     tm_stage stage = {.size = sizeof stage, .name = "sideways", .phase = TM_PHASE_LOAD, .run = run, .self = (void *)&((const options *)own)->pull};
-    return tm_world_add_stage(s->model->world, &stage, 0, NULL) ? APP_FAILED : 0;
+    return tm_world_add_stage(s->model->world, &stage, 0, NULL);
 }
 
 const sim_effect sim_effect_sideways = {
@@ -139,7 +139,7 @@ def test_an_effect_is_a_file_and_a_row(root, plain, tmp_path):
     shutil.copy(plain / "lib/libtensormass_scene.a", library)
     run("ar", "d", library, "effects.o")
     program = tmp_path / "tm-sim"
-    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], "libsim.a", library, "libhrt_device.a", "libhrt_motion.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a",
+    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], "libsim.a", "libapp.a", library, "libhrt_device.a", "libhrt_motion.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a",
                  "libhrt.a", "libtensormass.a", "liblcm_types.a")
     assert "| `sideways.pull` |" in run(program, "--schema", "markdown")
     (tmp_path / "lib").symlink_to(plain / "lib")

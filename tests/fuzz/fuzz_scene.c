@@ -1,6 +1,7 @@
 /* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes
  * down again. */
 #include "app.h"
+#include "common/program_host.h"
 #include "fuzz.h"
 #include "scene/sim.h"
 #include "tensormass_io.h"
@@ -27,7 +28,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     if (memchr(data, 0, size)) return -1;
     const char *path = fuzz_file(data, size, ".yaml");
     app_scene *scene = NULL;
-    int rc = sim_scene_load(path, NULL, 0, &scene);
+    int rc = app_exit_code(sim_scene_load(path, NULL, 0, app_program_host(), &scene));
     PROMISE(rc == APP_DONE || rc == APP_BAD_INPUT);
     if (rc) return 0;
     bool writes = scene->mesh.s[0] == 0 || memmem(data, size, "file", 4) || memmem(data, size, "hybrid", 6) ||
@@ -35,11 +36,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     app_scene_free(scene);
     if (writes) return 0; /* it names files of its own */
     char *set[] = {set_mesh, "tissue.scale=1"};
-    rc = sim_scene_load(path, set, 2, &scene);
+    rc = app_exit_code(sim_scene_load(path, set, 2, app_program_host(), &scene));
     PROMISE(rc == APP_DONE || rc == APP_BAD_INPUT);
     sim *s = NULL;
     if (rc) return 0;
-    rc = sim_create(scene, &s);
+    rc = app_exit_code(sim_create(scene, &s));
     PROMISE(rc == APP_DONE || rc == APP_BAD_INPUT || rc == APP_FAILED);
     if (rc == APP_DONE) sim_destroy(s);
     return 0;

@@ -10,8 +10,8 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-LIBRARIES = ["libtensormass.so", "libtensormass_solve.so", "libtensormass_io.so"]
-HEADERS = ["libtensormass/include", "libtensormass/io/include"]
+LIBRARIES = ["libtensormass.so", "libtensormass_solve.so", "libtensormass_io.so", "libtensormass_scene.so"]
+HEADERS = ["libtensormass/include", "libtensormass/io/include", "libtensormass/scene/include"]
 
 
 def soversion():
@@ -33,7 +33,7 @@ def structs():
     lines = "".join(f'    printf("size {n} %zu\\n", sizeof({n}));\n' for n in names)
     with tempfile.TemporaryDirectory() as folder:
         source = pathlib.Path(folder) / "sizes.c"
-        source.write_text('#include <stdio.h>\n#include "tensormass_solve.h"\n#include "tensormass_io.h"\n#include "tensormass.h"\nint main(void) {\n' + lines + "    return 0;\n}\n")
+        source.write_text('#include <stdio.h>\n#include "tensormass_solve.h"\n#include "tensormass_io.h"\n#include "tensormass_scene.h"\n#include "tensormass.h"\nint main(void) {\n' + lines + "    return 0;\n}\n")
         subprocess.run(["cc", "-std=c11", *(f"-I{ROOT / include}" for include in HEADERS), source, "-o", source.with_suffix("")], check=True)
         return subprocess.run([source.with_suffix("")], capture_output=True, text=True, check=True).stdout.splitlines()
 

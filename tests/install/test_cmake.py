@@ -12,7 +12,7 @@ ENVIRONMENT = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MA
 PROJECT = """
 cmake_minimum_required(VERSION 3.16)
 project(new C CXX)
-find_package(tensormass 0.1 CONFIG REQUIRED COMPONENTS solve io)
+find_package(tensormass 0.1 CONFIG REQUIRED COMPONENTS solve io scene)
 find_package(tensormass 0.1.0 CONFIG REQUIRED)
 foreach(kind "" _static)
     add_executable(block${kind} block.c)
@@ -21,6 +21,8 @@ foreach(kind "" _static)
     target_link_libraries(organ${kind} PRIVATE tensormass::io${kind})
     add_executable(models${kind} models.cpp)
     target_link_libraries(models${kind} PRIVATE tensormass::solve${kind})
+    add_executable(press${kind} press.c)
+    target_link_libraries(press${kind} PRIVATE tensormass::scene${kind})
 endforeach()
 message(STATUS "found ${tensormass_VERSION} ${tensormass_solve_FOUND} ${tensormass_io_FOUND}")
 """
@@ -55,6 +57,7 @@ def code(root, number):
 def test_an_empty_project_builds_and_runs(root, moved, tmp_path):
     (tmp_path / "CMakeLists.txt").write_text(PROJECT)
     shutil.copy(root / "tests/install/block.c", tmp_path)
+    shutil.copy(root / "examples/scene/press.c", tmp_path)
     (tmp_path / "organ.c").write_text(code(root, 2))
     (tmp_path / "models.cpp").write_text(code(root, 1))
     out = run("cmake", "-S", tmp_path, "-B", tmp_path / "b", f"-DCMAKE_PREFIX_PATH={moved}", "-DCMAKE_BUILD_TYPE=", "-G", "Unix Makefiles")
@@ -66,6 +69,7 @@ def test_an_empty_project_builds_and_runs(root, moved, tmp_path):
         needed = {name: run("readelf", "-d", tmp_path / "b" / (name + kind)) for name in ("block", "organ", "models")}
         assert ("libtensormass.so.0.1" in needed["block"]) == ("libtensormass_io.so.0.1" in needed["organ"]) == ("libtensormass_solve.so.0.1" in needed["models"]) == (not kind)
         run(tmp_path / "b" / f"block{kind}")
+        assert "1176 tetrahedra" in run(tmp_path / "b" / f"press{kind}", root / "apps/scenes/block-press.yaml", "haptics")
         assert "1134 tetrahedra" in run(tmp_path / "b" / f"organ{kind}", root / "meshes/cylinder_1k.msh", fibres)
     # A program that leans on solve alone finds the core beside it; one model's worth of running is enough.
     assert "precomputed" in run(tmp_path / "b/models")

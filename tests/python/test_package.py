@@ -103,9 +103,9 @@ def test_layout_is_the_compilers(python, tmp_path):
     lines = [f'printf("{n} %zu\\n", sizeof({n}));' for n in sizes]
     lines += ['printf("{} %zu\\n", offsetof({}, {}));'.format(o, *o.split(".")) for o in offsets]
     source = tmp_path / "layout.c"
-    headers = "".join(f'#include "{h}"\n' for h in ("tensormass.h", "tensormass_io.h", "tensormass_solve.h", "hrt.h", "scene.h"))
+    headers = "".join(f'#include "{h}"\n' for h in ("tensormass.h", "tensormass_io.h", "tensormass_solve.h", "hrt.h", "tensormass_scene.h"))
     source.write_text("#include <stddef.h>\n#include <stdio.h>\n" + headers + "int main(void) {\n" + "\n".join(lines) + "\nreturn 0;\n}\n")
-    include = [f"-I{ROOT / i}" for i in ("libtensormass/include", "libtensormass/io/include", "haptic_rt/core", "python/native")]
+    include = [f"-I{ROOT / i}" for i in ("libtensormass/include", "libtensormass/io/include", "libtensormass/scene/include", "haptic_rt/core")]
     run("gcc", "-std=c11", *include, source, "-o", tmp_path / "layout")
     wanted = dict(line.split() for line in run(tmp_path / "layout").splitlines())
     assert {n: int(v) for n, v in wanted.items()} == {**sizes, **offsets}
@@ -178,7 +178,7 @@ def test_sdist(wheel, once, tmp_path):
     """Has what its wheel is built from; the long form builds it."""
     sdist, = (BUILD / "wheel").glob("*.tar.gz")
     names = [n.split("/", 1)[-1] for n in tarfile.open(sdist).getnames()]
-    for needed in ("Makefile", "LICENSE", "pyproject.toml", "setup.py", "python/bind.py", "python/native/scene.c", "libtensormass/include/tensormass.h",
+    for needed in ("Makefile", "LICENSE", "pyproject.toml", "setup.py", "python/bind.py", "libtensormass/include/tensormass.h",
                    "haptic_rt/core/hrt.h", "libtensormass/scene/sim.c", "lcm_types/tool_state_t.lcm", "tensormass/world.py"):
         assert needed in names, needed
     # What the scene library includes of other parts.

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include "../../apps/common/program_host.h"
 #include "../../apps/sim/publish.h"
 #include "../../apps/sim/run.h"
 
@@ -22,7 +23,7 @@ static sim *spoilt_sim(char *const *set, int count) {
     snprintf(scene, sizeof scene, "%s/apps/scenes/block-press.yaml", getenv("TM_ROOT"));
     app_scene *loaded = NULL;
     sim *s = NULL;
-    assert_int_equal(sim_scene_load(scene, set, count, &loaded), 0);
+    assert_int_equal(sim_scene_load(scene, set, count, app_program_host(), &loaded), 0);
     assert_int_equal(sim_create(loaded, &s), 0);
     const tm_stage stage = {.size = sizeof stage, .name = "spoil", .phase = TM_PHASE_END, .run = spoil};
     tm_error error;

@@ -5,6 +5,7 @@
 
 #include "accuracy.h"
 #include "bandwidth.h"
+#include "common/program_host.h"
 #include "scene/sim.h"
 
 enum { FRAMES = 40, REST = 120 };
@@ -22,7 +23,7 @@ static bool measure(const char *scene_file, price *out) {
     int64_t before = tm_memory_in_use();
     double start = app_seconds(), sample[FRAMES];
     app_shared_file(scene_file, found, sizeof found);
-    if (sim_scene_load(found, set, 3, &scene) || sim_create(scene, &s)) return false;
+    if (sim_scene_load(found, set, 3, app_program_host(), &scene) || sim_create(scene, &s)) return false;
     out->setup_s = app_seconds() - start;
     double top = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++) top = fmax(top, s->mesh->rest_m[3 * v + 2]);

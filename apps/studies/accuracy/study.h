@@ -9,6 +9,7 @@
 
 #include <cjson/cJSON.h>
 
+#include "app.h"
 #include "scene/sim.h"
 #include "sim/expected.h"
 

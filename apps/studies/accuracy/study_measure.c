@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "bandwidth.h"
+#include "common/program_host.h"
 #include "scene/solve_api.h"
 #include "sim/stream.h"
 #include "study.h"
@@ -39,7 +40,7 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
     fflush(stderr);
     const int saved = said ? dup(STDERR_FILENO) : -1;
     if (saved >= 0) dup2(fileno(said), STDERR_FILENO);
-    bool good = sim_scene_load(file, set, set_count, &scene) == 0;
+    bool good = sim_scene_load(file, set, set_count, app_program_host(), &scene) == 0;
     if (good) scene->pace = SIM_LOCKSTEP; /* with haptics a frame has as many samples as haptics.rate says */
     good = good && sim_create(scene, &s) == 0;
     fflush(stderr);
@@ -151,10 +152,10 @@ int study_measure(study *t, study_run *r) {
     char label[120];
     snprintf(label, sizeof label, "%s: %s, set-up", r->knob, r->name);
     study_doing(t, label, 0);
-    sim_solve_allow(t->time.run_allowed_s);
+    app_solve_allow(t->time.run_allowed_s);
     sim *s = study_build(t->file, r->set, r->set_count, r->why, sizeof r->why);
-    const double beyond_s = sim_solve_beyond();
-    sim_solve_allow(INFINITY);
+    const double beyond_s = app_solve_beyond();
+    app_solve_allow(INFINITY);
     if (!s && beyond_s > 0) {
         study_leave_out(r, "by the solver's first columns", beyond_s, t->time.run_allowed_s);
         return app_interrupted() ? app_interrupted_exit() : 0;

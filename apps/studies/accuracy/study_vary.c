@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "common/program_host.h"
 #include "scene/effects.h"
 #include "sim/stream.h"
 #include "study.h"
@@ -224,7 +225,7 @@ static void plan_constants(study *t, const sim *own) {
 static void quiet_sections(study *t) {
     static const char *const section[] = {"haptics", "recording", "rendering"};
     app_scene *scene = NULL;
-    if (sim_scene_load(t->file, t->set, t->set_count, &scene)) return;
+    if (sim_scene_load(t->file, t->set, t->set_count, app_program_host(), &scene)) return;
     for (size_t i = 0; i < sizeof section / sizeof *section; i++)
         if (sim_effect_line(scene, sim_effect_find(scene, section[i])) && t->set_count < STUDY_SETS / 2)
             t->set[t->set_count++] = (char *)(uintptr_t)section[i];
@@ -240,7 +241,8 @@ static void quiet_sections(study *t) {
 int study_plan_own(study *t) {
     char why[400] = "";
     app_scene *scene = NULL;
-    int rc = sim_scene_load(t->file, t->set, t->set_count, &scene); /* complains as tm-sim does */
+    int rc = app_exit_code(
+        sim_scene_load(t->file, t->set, t->set_count, app_program_host(), &scene)); /* complains as tm-sim does */
     if (rc) return rc;
     if (!scene->instrument.count || !scene->hand.count)
         rc = app_bad_input(t->file, 0, "the hand's path is the load of the study, and the scene has no %s; add it",

@@ -4,6 +4,7 @@
 #ifndef TM_EVALUATE_H
 #define TM_EVALUATE_H
 
+#include "app.h"
 #include "io/node.h"
 #include "studies/replay/replay.h"
 

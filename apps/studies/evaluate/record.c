@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/program_host.h"
 #include "evaluate.h"
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
@@ -32,7 +33,7 @@ static sim *scene_open(const char *scene_name, double rate_Hz, const char *const
     app_shared_file(name, file, sizeof file);
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (int i = 0; settings && settings[i] && count < 16; i++) set[count++] = (char *)(uintptr_t)settings[i];
-    return sim_scene_load(file, set, count, &scene) || sim_create(scene, &s) ? NULL : s;
+    return sim_scene_load(file, set, count, app_program_host(), &scene) || sim_create(scene, &s) ? NULL : s;
 }
 
 sim *model_open(model m, double rate_Hz, const char *const *settings) {

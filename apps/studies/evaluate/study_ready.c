@@ -9,6 +9,7 @@
 #include "app.h"
 #include "bandwidth.h"
 #include "block.h"
+#include "common/program_host.h"
 #include "evaluate.h"
 #include "scene/solve_api.h"
 #include "tensormass/cut.h"
@@ -232,7 +233,7 @@ cJSON *study_ready(const study_run *run) {
     cJSON *out = cJSON_CreateArray();
     sim_solve_api api;
     tm_error error = {0};
-    if (!sim_solve_open(&api, &error)) return out;
+    if (!sim_solve_open(app_program_host(), &api, &error)) return out;
     for (int i = 0; i < (run->quick ? 1 : 2); i++) {
         progress("ready times", 0.5 * i);
         if (one(&api, cells[i], out)) continue;

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "common/program_host.h"
 #include "studies/replay/replay.h"
 
 enum { SETTINGS = 16 };
@@ -17,7 +18,7 @@ static sim *open_at(const scene_record *of, double rate_Hz, const char *const *m
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (; *more && count < SETTINGS; more++) set[count++] = (char *)(uintptr_t)*more;
     for (int i = 0; of->set && of->set[i] && count < SETTINGS; i++) set[count++] = (char *)(uintptr_t)of->set[i];
-    return sim_scene_load(of->scene, set, count, &scene) || sim_create(scene, &s) ? NULL : s;
+    return sim_scene_load(of->scene, set, count, app_program_host(), &scene) || sim_create(scene, &s) ? NULL : s;
 }
 
 /* The hands' poses, and what their devices see of them. By whole microseconds, so that hands are at the same places to

@@ -1,14 +1,12 @@
-/* libtensormass/scene behind the few functions of scene.h. */
-#include "scene.h"
+/* The public face (tensormass_scene.h) of sim.h. */
+#include "tensormass_scene.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "app.h"
-#include "said.h"
-#include "scene/sim.h"
-#include "scene/snapshot.h"
+#include "sim.h"
+#include "snapshot.h"
 
 struct tm_scene {
     sim *s;
@@ -16,29 +14,52 @@ struct tm_scene {
     int set_count;
 };
 
+enum { COOKIE = 0x5ce4e };
+
 static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
+
+tm_scene_def tm_scene_def_default(void) { return (tm_scene_def){.cookie = COOKIE, .size = sizeof(tm_scene_def)}; }
 
 /* --- the scene --- */
 
-tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_count, tm_scene **scene) {
-    app_scene *read = NULL;
-    said_begin();
-    app_be_quiet();
+/* Copies the lines of `set`. Null: no memory. */
+static tm_scene *begin(const tm_scene_def *def) {
     tm_scene *made = calloc(1, sizeof *made);
-    if (made) made->set = calloc((size_t)set_count + 1, sizeof *made->set);
+    if (made) made->set = calloc((size_t)def->set_count + 1, sizeof *made->set);
     bool kept = made && made->set;
-    for (int32_t i = 0; i < set_count && kept; i++) kept = (made->set[made->set_count++] = strdup(set[i])) != NULL;
-    if (!kept) {
-        tm_scene_close(made);
-        return TM_ERR_MEMORY;
+    for (int32_t i = 0; i < def->set_count && kept; i++)
+        kept = (made->set[made->set_count++] = strdup(def->set[i])) != NULL;
+    if (kept) return made;
+    tm_scene_close(made);
+    return NULL;
+}
+
+static tm_status build(tm_scene *made, const tm_scene_def *def, const app_host *host) {
+    app_scene *read = NULL;
+    const tm_status status = sim_scene_load(def->file, made->set, made->set_count, host, &read);
+    if (status) return status;
+    read->strict = def->strict;
+    if (!read->renumber.line) read->renumber.on = false; /* what is looked at here is the memory itself */
+    return sim_create(read, &made->s);
+}
+
+tm_status tm_scene_open(const tm_scene_def *def, tm_scene **scene) {
+    const bool filled = def && def->cookie == COOKIE && def->size == sizeof *def;
+    if (!scene || !filled || !def->file || def->set_count < 0 || (def->set_count && !def->set)) {
+        tm_contract_broken("tm_scene_open", !filled ? "def was not filled by tm_scene_def_default"
+                                                    : "scene, def->file or def->set is null");
+        return TM_ERR_ARGUMENT;
     }
-    int rc = sim_scene_load(file, made->set, made->set_count, &read);
-    if (!rc && !read->renumber.line) read->renumber.on = false; /* what is looked at here is the memory itself */
-    if (!rc) rc = sim_create(read, &made->s);
-    if (rc) {
+    *scene = NULL;
+    const app_host host = {
+        .diagnostics = def->diagnostics, .progress = def->progress, .stop = def->stop, .user = def->user};
+    tm_scene *made = begin(def);
+    if (!made) return app_scene_no_memory(&host, def->file);
+    const tm_status status = build(made, def, &host);
+    if (status) {
         made->s = NULL;
         tm_scene_close(made);
-        return said_status(rc, TM_ERR_ARGUMENT);
+        return status;
     }
     for (int i = 0; i < made->s->instrument_count; i++) made->s->wants[i] = made->s->can_send;
     *scene = made;
@@ -72,7 +93,6 @@ tm_scene_about tm_scene_tell(const tm_scene *scene) {
 tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
     sim *s = scene->s;
     tm_tool_pose hand[TM_MAX_INSTRUMENTS] = {0};
-    said_begin();
     /* On the microsecond, as tm-sim's clock is: the same bits. */
     double end_s = (double)llround((double)(s->frames + 1) * s->frame_s * 1e6) * 1e-6;
     for (int i = 0; i < s->instrument_count && !to; i++) hand[i] = sim_hand_pose(s, i, end_s);
@@ -99,12 +119,6 @@ const tm_patch *tm_scene_patch(const tm_scene *scene, int32_t instrument) {
     return scene->s->patch && scene->s->patch_valid[instrument] ? &scene->s->patch[instrument] : NULL;
 }
 
-tm_status tm_scene_save(tm_scene *scene, const char *path) {
-    said_begin();
-    return said_status(sim_snapshot_save(scene->s, path), TM_ERR_FILE);
-}
+tm_status tm_scene_save(tm_scene *scene, const char *path) { return sim_snapshot_save(scene->s, path); }
 
-tm_status tm_scene_restore(tm_scene *scene, const char *path) {
-    said_begin();
-    return said_status(sim_snapshot_restore(scene->s, path), TM_ERR_FILE);
-}
+tm_status tm_scene_restore(tm_scene *scene, const char *path) { return sim_snapshot_restore(scene->s, path); }

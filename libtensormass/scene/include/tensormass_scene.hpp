@@ -1,0 +1,62 @@
+/* libtensormass_scene from C++17 (tensormass.hpp): a scene that closes itself, its faults as one exception. */
+#ifndef TENSORMASS_SCENE_HPP
+#define TENSORMASS_SCENE_HPP
+
+#include "tensormass.hpp"
+#include "tensormass_scene.h"
+
+#include <memory>
+
+namespace tensormass {
+
+class scene_ref : public reference<tm_scene> {
+  public:
+    using reference::reference;
+    tm_scene_about about() const { return tm_scene_tell(p_); }
+    /* One frame: where the scene's hands go, or to poses of yours, one an instrument. */
+    [[nodiscard]] tm_status step() const { return tm_scene_step(p_, nullptr); }
+    [[nodiscard]] tm_status step(span<const tm_tool_pose> to) const { return tm_scene_step(p_, to.data()); }
+    mesh_ref mesh() const { return tm_scene_mesh(p_); }
+    tissue_ref tissue() const { return tm_scene_tissue(p_); }
+    world_ref world() const { return tm_scene_world(p_); } /* empty: the precomputed model has none */
+    span<const double> u_m() const {
+        return {tm_scene_displacement(p_), 3 * std::size_t(tm_scene_tell(p_).vertex_count)};
+    }
+    tm_surface_view surface() const { return tm_scene_surface(p_); }
+    tm_tool_reaction reaction(std::int32_t instrument = 0) const { return tm_scene_reaction(p_, instrument); }
+    tm_tool_pose pose(std::int32_t instrument = 0) const { return tm_scene_pose(p_, instrument); }
+    std::uint64_t hash() const { return tm_scene_hash(p_); }
+};
+
+class scene : public owner<scene_ref, tm_scene, tm_scene_close> {
+  public:
+    /* `set`: "path=value" or "path". Throws an error whose sentence is the first fault, file and line before it. */
+    explicit scene(const std::string &file, const std::vector<std::string> &set = {})
+        : list_(new tm_diagnostics{}, [](tm_diagnostics *list) {
+              tm_diagnostics_clear(list);
+              delete list;
+          }) {
+        std::vector<const char *> lines;
+        for (const std::string &line : set) lines.push_back(line.c_str());
+        tm_scene_def def = tm_scene_def_default();
+        def.file = file.c_str();
+        def.set = lines.data();
+        def.set_count = std::int32_t(lines.size());
+        def.diagnostics = list_.get();
+        check([&](tm_error *e) {
+            const tm_status status = tm_scene_open(&def, &p_);
+            for (const tm_diagnostic &d : diagnostics())
+                if (d.severity == TM_FAULT && !e->message[0]) tm_diagnostic_format(&d, e->message, sizeof e->message);
+            return status;
+        });
+    }
+    /* What was found on the way: warnings and remarks. */
+    span<const tm_diagnostic> diagnostics() const { return {list_->item, std::size_t(list_->count)}; }
+
+  private:
+    std::unique_ptr<tm_diagnostics, void (*)(tm_diagnostics *)> list_; /* stays where it is when the scene moves */
+};
+
+} // namespace tensormass
+
+#endif

@@ -1,0 +1,93 @@
+"""libtensormass_scene in programs of one's own: docs/scene-guide.md's in C, the C++ face, diagnostics, and the bits of tm-sim."""
+import json
+import re
+import subprocess
+
+import pytest
+
+HEADERS = ("libtensormass/include", "libtensormass/scene/include")
+FACE = r"""
+#include <cstdio>
+#include "tensormass_scene.hpp"
+int main(int count, char **word) {
+    try {
+        tensormass::scene opened(word[1], {word + 2, word + count}), scene = std::move(opened);
+        for (const tm_diagnostic &d : scene.diagnostics()) std::printf("%d|%s|%d|%s|%s\n", d.severity, d.file, d.line, d.what, d.remedy);
+        while (scene.about().time_s < scene.about().duration_s - 1e-9)
+            if (scene.step() != TM_OK) return 2;
+        std::printf("%016llx %zu\n", static_cast<unsigned long long>(scene.hash()), scene.u_m().size());
+        return opened ? 3 : 0;
+    } catch (const tensormass::error &e) {
+        std::printf("%s %s\n", tm_status_name(e.status()), e.what());
+        return 1;
+    }
+}
+"""
+
+
+def run(*words, code=0):
+    out = subprocess.run([str(w) for w in words], capture_output=True, text=True, timeout=400)
+    assert out.returncode == code, out.stdout[-4000:] + out.stderr[-4000:]
+    return out
+
+
+@pytest.fixture(scope="module")
+def press(root, build, once):
+    def made(folder):
+        libraries = [build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")]
+        run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), root / "examples/scene/press.c", *libraries, "-lyaml", "-ldl", "-lm", "-o", folder / "press")
+    return once("scene-press", made) / "press"
+
+
+@pytest.fixture(scope="module")
+def face(root, build, once):
+    def made(folder):
+        (folder / "face.cpp").write_text(FACE)
+        run("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), folder / "face.cpp", f"-L{build}/lib", f"-Wl,-rpath,{build}/lib", "-ltensormass_scene", "-ltensormass",
+            "-o", folder / "face")
+    return once("scene-face", made) / "face"
+
+
+def test_the_guides_program_presses(root, press):
+    out = run(press, root / "apps/scenes/block-press.yaml", "haptics")
+    assert out.stderr == ""
+    title, force = re.fullmatch(r"(.*): dynamic, 1176 tetrahedra, \d+ substeps of \d+ us\nat most ([0-9.]+) N up; state [0-9a-f]{16}\n", out.stdout).groups()
+    assert title == "A block pressed by a probe" and 0.05 < float(force) < 10
+
+
+def test_the_page_shows_that_program(root):
+    source = " ".join((root / "examples/scene/press.c").read_text().split())
+    shown = re.findall(r"^```c\n(.*?)^```", (root / "docs/scene-guide.md").read_text(), re.M | re.S)
+    assert len(shown) == 2 and all(" ".join(text.split()) in source for text in shown)
+
+
+@pytest.mark.parametrize("changed, says", [("young: 5 kPa", r"scene.yaml:7: .*young.*; .+"), ("mode: prod", r"scene.yaml:13: .*'prod' is not a choice; use one of: probe grasper cautery"), ("", r"scene.yaml:1: the scene is empty; .+")])
+def test_a_fault_is_a_line_and_no_more(root, bin, press, tmp_path, changed, says):
+    """With the program's own place and remedy, status 1, and nothing but what the program prints itself."""
+    text = (root / "apps/scenes/block-press.yaml").read_text().replace("../../meshes", str(root / "meshes"))
+    new = {"young: 5 kPa": text.replace("young: 5 kPa", "young: 5 kg"), "mode: prod": text.replace("mode: probe", "mode: prod"), "": ""}[changed]
+    (tmp_path / "scene.yaml").write_text(new)
+    out = run(press, tmp_path / "scene.yaml", code=1)
+    assert out.stdout == "" and re.fullmatch(f".*/{says}\n", out.stderr), out.stderr
+    assert run(bin / "tm-sim", tmp_path / "scene.yaml", "--check", code=2).stderr == out.stderr
+
+
+def test_cpp_has_the_bits_of_tm_sim(root, bin, face, tmp_path):
+    scene = root / "apps/scenes/block-press.yaml"
+    sets = ("time.duration=0.8 s", "tissue.renumber=no")
+    run(bin / "tm-sim", scene, "--lockstep", "--unset", "haptics", *(w for s in sets for w in ("--set", s)), "--quiet", "--json", tmp_path / "run.json")
+    out = run(face, scene, "haptics", *sets)
+    hash_, numbers = out.stdout.split()
+    assert hash_ == json.loads((tmp_path / "run.json").read_text())["state_hash"] and int(numbers) % 3 == 0 and out.stderr == ""
+
+
+def test_warnings_are_diagnostics(root, face):
+    out = run(face, root / "apps/scenes/block-press.yaml", "haptics", "time.duration=0.04 s", "anisotropy={rule: constant}")
+    severity, file, line, what, remedy = out.stdout.splitlines()[0].split("|")
+    assert (severity, file, line) == ("1", "--set anisotropy={rule: constant}", "0") and out.stderr == ""
+    assert what.startswith("fibres, but every material is isotropic") and remedy.startswith("give one of them")
+
+
+def test_an_exception_is_the_fault(root, face):
+    out = run(face, root / "apps/scenes/block-press.yaml", "tissue.mesh=nowhere.msh", code=1)
+    assert re.match(r"TM_ERR_\w+ --set tissue.mesh=nowhere.msh: tissue.mesh: nowhere.msh cannot be read: .*; correct the path", out.stdout) and out.stderr == ""
