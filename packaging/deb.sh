@@ -14,7 +14,7 @@ cd "$tree/debian"
 build=$(grep -hv -e '^#' -e '^$' -e python3-venv -e build-essential "$top/tools/packages/build.txt" | paste -sd, | sed 's/,/, /g')
 sed -e "s/@SOVERSION@/$soversion/" -e "s/@BUILD@/$build/" control.in > control
 sed -e "s/@VERSION@/$version/" -e "s/@DATE@/$(date -R -d "@${SOURCE_DATE_EPOCH:-$(stat -c %Y "$top/CHANGELOG.md")}")/" changelog.in > changelog
-for part in libtensormass libtensormass-solve; do mv "$part.install.in" "$part$soversion.install"; done
+for part in libtensormass libtensormass-solve libtensormass-scene; do mv "$part.install.in" "$part$soversion.install"; done
 sed "s/@SOVERSION@/$soversion/g" python3-tensormass.links.in > python3-tensormass.links
 rm control.in changelog.in python3-tensormass.links.in
 cat > tensormass-tools.install <<'TOOLS'

@@ -29,6 +29,7 @@ cc /usr/share/doc/tensormass/examples/block.c $(pkg-config --cflags --libs tenso
 cc /usr/share/doc/tensormass/examples/engine.c $(pkg-config --cflags --libs tensormass_io) -lpthread -lm -o engine && ./engine /usr/share/tensormass/meshes/liver_1k.msh 2
 printf '#include <tensormass_solve.h>\nint main(void) { return tm_precomputed_def_default().cookie == 0; }\n' > solve.c
 cc solve.c $(pkg-config --cflags --libs tensormass_solve) -o solve && ./solve
+cc /usr/share/doc/tensormass/examples/press.c $(pkg-config --cflags --libs tensormass_scene) -o press && ./press /tmp/mine/apps/scenes/block-press.yaml haptics
 # Python.
 python3 -c "
 import tensormass as tm
@@ -48,8 +49,8 @@ grep -q haptic-rt /lib/udev/rules.d/60-haptic-rt.rules
 grep -q 'ExecStart=/usr/bin/haptic-rt ' /lib/systemd/system/haptic-rt@.service
 test ! -e /etc/systemd/system/multi-user.target.wants/haptic-rt@0.service
 # Away again.
-rm -rf /root/.cache/tensormass /tmp/mine /tmp/block /tmp/engine /tmp/solve /tmp/solve.c
-apt-get purge -y -q libtensormass0.1 libtensormass-solve0.1 libtensormass-dev tensormass-tools haptic-rt python3-tensormass
+rm -rf /root/.cache/tensormass /tmp/mine /tmp/block /tmp/engine /tmp/press /tmp/solve /tmp/solve.c
+apt-get purge -y -q libtensormass0.1 libtensormass-solve0.1 libtensormass-scene0.1 libtensormass-dev tensormass-tools haptic-rt python3-tensormass
 dpkg -l '*tensormass*' 'haptic-rt*' 2>/dev/null | grep '^[ir]' && exit 1
 find / -xdev ! -path '/proc/*' ! -path '/sys/*' ! -path '/tmp/*' \( -name '*tensormass*' -o -name '*haptic*' \) ! -path '/var/cache/apt/*' ! -path '/var/lib/apt/*' > /tmp/left
 cat /tmp/left && test ! -s /tmp/left
@@ -66,7 +67,7 @@ def packages(root, make_once):
 def test_packages_and_their_names(packages, root):
     number = re.search(r"^VERSION := (\d+\.\d+)", (root / "Makefile").read_text(), re.M)[1]
     names = {p.name.split("_")[0] for p in packages.glob("*.deb")}
-    assert names == {f"libtensormass{number}", f"libtensormass-solve{number}", "libtensormass-dev", "tensormass-tools", "haptic-rt", "python3-tensormass"}
+    assert names == {f"libtensormass{number}", f"libtensormass-solve{number}", f"libtensormass-scene{number}", "libtensormass-dev", "tensormass-tools", "haptic-rt", "python3-tensormass"}
 
     def depends(name):
         package, = packages.glob(f"{name}_*.deb")
