@@ -2,18 +2,10 @@
  * more energy than the hands put in, goes no farther than hands can bring it, and contact comes to rest. A session that
  * breaks a bound is shrunk to the fewest actions that still do, and printed.
  *
- * TM_LONG=1: 10,000 sessions. TM_SESSIONS=COUNT and TM_SESSIONS_FROM=SEED: so many, from that one on. TM_SESSION=SEED:
- * that one alone, told frame by frame. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
-
-#include "../long.h"
+ * Which sessions are run: random_session.h. */
 #include "contact_scene.h"
 
-enum { MOST_ACTIONS = 14, FRAMES_AFTER = 30 };
+enum { MOST_ACTIONS = 14, FRAMES_AFTER = 30, EFFECTS = 0 };
 static const double FRAME_S = 0.005, TOP_M = 0.03, HALF_M = 0.024;
 /* How much more than the hands put in tissue and springs may have: a share of all that hands gave and took, and what is
  * not worth a bound. */
@@ -46,21 +38,17 @@ typedef struct verdict {
     double farthest_m;
 } verdict;
 
-/* --- making --- */
+#include "random_session.h"
 
-static double between(double low, double high) { return low + (high - low) * scene_random(); }
+/* --- making --- */
 
 static session random_session(uint64_t seed) {
     session s = {.seed = seed};
-    scene_seed = 0x9e3779b97f4a7c15ULL * (seed + 1);
-    for (int i = 0; i < 4; i++) scene_random();
-    for (int t = 0; t < 2; t++) {
-        const double which = scene_random();
-        s.mode[t] = which < 0.6 ? TM_TOOL_GRASPER : which < 0.85 ? TM_TOOL_PROBE : TM_TOOL_CAUTERY;
-    }
+    begin_drawing(seed);
+    for (int t = 0; t < 2; t++) s.mode[t] = draw_mode(0.6, 0.25);
     s.young_Pa = between(2000, 20000);
     s.damping_1_s = between(10, 150);
-    s.fade_s = (const double[]){0, 0.02, 0.1, 0.3}[(int)(4 * scene_random())];
+    s.fade_s = draw_fade_s();
     s.count = 6 + (int)(8 * scene_random());
     for (int i = 0; i < s.count; i++) {
         action *a = s.action + i;
@@ -165,10 +153,7 @@ static void go(stage *g, int i, const tm_tool_pose to[2], int frames) {
     for (int k = 1; k <= frames && g->v.good; k++) {
         tm_contact_begin_frame(g->s.contact, g->substeps, g->substeps);
         for (int t = 0; t < 2; t++) {
-            g->at[t] = to[t];
-            for (int c = 0; c < 3; c++)
-                g->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / frames;
-            g->at[t].roll_rad = from[t].roll_rad + (to[t].roll_rad - from[t].roll_rad) * k / frames;
+            g->at[t] = on_the_way(from + t, to + t, k, frames);
             tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
         }
         if (tm_world_step(g->s.world, g->substeps) != TM_OK) {
@@ -235,67 +220,36 @@ static verdict run_session(const session *s, bool tell) {
     return g.v;
 }
 
-/* --- shrinking --- */
+static bool drop_effect(session *s, int i) { return (void)s, (void)i, false; }
 
-static session without(const session *s, int i) {
-    session less = *s;
-    memmove(less.action + i, less.action + i + 1, sizeof *less.action * (size_t)(less.count - i - 1));
-    less.count--;
-    return less;
-}
-
-static session shrink(session s, verdict *v) {
-    if (v->action + 1 < s.count) s.count = v->action + 1;
-    for (bool helped = true; helped;) {
-        helped = false;
-        for (int i = s.count - 1; i >= 0; i--) {
-            const session less = without(&s, i);
-            const verdict w = run_session(&less, false);
-            if (w.good) continue;
-            s = less, *v = w, helped = true;
-        }
-    }
-    return s;
-}
+/* --- the test --- */
 
 /* Seeds that broke a bound before contact kept an account of its own (contact_passive.c), or when that account
  * thickened the film instead. */
 static const uint64_t ONCE_BROKE[] = {3403, 4500, 6046, 9356};
 
+typedef struct tally {
+    double worst, farthest_m, hands_J;
+    uint64_t worst_seed;
+} tally;
+
+static void take(void *to, uint64_t seed, const verdict *v) {
+    tally *sum = to;
+    if (v->worst > sum->worst) sum->worst = v->worst, sum->worst_seed = seed;
+    sum->farthest_m = fmax(sum->farthest_m, v->farthest_m);
+    sum->hands_J += v->hands_J;
+}
+
 static void test_sessions(void **unused) {
     (void)unused;
-    const bool all = test_is_long();
-    const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS"), *from = getenv("TM_SESSIONS_FROM");
-    const uint64_t first = one    ? strtoull(one, NULL, 10)
-                           : from ? strtoull(from, NULL, 10)
-                                  : 1,
-                   n = one     ? 1
-                       : count ? strtoull(count, NULL, 10)
-                       : all   ? 10000
-                               : 100;
-    int failed = 0;
-    double worst = 0, farthest = 0, hands = 0;
-    uint64_t worst_seed = 0;
-    const uint64_t again = one || count || all ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE;
-    for (uint64_t i = 0; i < n + again; i++) {
-        const uint64_t seed = i < n ? first + i : ONCE_BROKE[i - n];
-        const session s = random_session(seed);
-        if (one) print_session(&s);
-        verdict v = run_session(&s, one != NULL);
-        farthest = fmax(farthest, v.farthest_m);
-        hands += v.hands_J;
-        if (v.worst > worst) worst = v.worst, worst_seed = seed;
-        if (v.good) continue;
-        print_message("session %llu: %s\n", (unsigned long long)seed, v.why);
-        if (++failed > 3) continue;
-        const session less = shrink(s, &v);
-        print_message("  shrunk: %s (TM_SESSION=%llu shows the whole)\n", v.why, (unsigned long long)seed);
-        print_session(&less);
-    }
+    const session_range range = sessions_to_run(100, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
+    tally sum = {0};
+    const int failed = run_sessions(&range, take, &sum);
     print_message(
         "%llu sessions, seeds from %llu: %.3f J through the hands, surplus at most %.2f of the bound (seed %llu), "
         "farthest %.1f mm\n",
-        (unsigned long long)n, (unsigned long long)first, hands, worst, (unsigned long long)worst_seed, 1e3 * farthest);
+        (unsigned long long)range.count, (unsigned long long)range.first, sum.hands_J, sum.worst,
+        (unsigned long long)sum.worst_seed, 1e3 * sum.farthest_m);
     assert_int_equal(failed, 0);
 }
 

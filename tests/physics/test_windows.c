@@ -1,31 +1,23 @@
 /* Energy in every window: random sessions of two hands with every effect. From any instant on, for 1 to 200 ms, tissue
- * and springs gain no more than hands, loads and supports put in since, but for 2.5 % of what is stored (the aim is
- * 0.1 %: docs/contact.md says what is in its way). The account of
- * a whole session (test_sessions.c) does not see what contact hands out while hands stand still: that is less than all
- * that hands put in before. A session that breaks the bound is shrunk to the fewest actions and effects that still do,
- * and printed.
+ * and springs gain no more than hands, loads and supports put in since, but for 1.5 % of the most that was stored
+ * meanwhile (the aim is 0.1 %: docs/contact.md says why it is missed). Not of what is stored at the window's ends: what
+ * was rightly gained while tissue was pressed stays when it is not. The account of a whole session (test_sessions.c)
+ * does not see what contact hands out while hands stand still: that is less than all that hands put in before. A
+ * session that breaks the bound is shrunk to the fewest actions and effects that still do, and printed.
  *
  * What the tissue's own law makes, or viscosity, is not asked here (test_loops.c, test_viscosity.c): only contact, jaws
  * and their springs, less what damping took meanwhile.
  *
- * TM_LONG=1: 10,000 sessions, some with a Poisson's ratio of 0.499 and 0.4999. TM_SESSIONS=COUNT and
- * TM_SESSIONS_FROM=SEED: so many, from that one on. TM_SESSION=SEED: that one alone, told sample by sample. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
-
-#include "../long.h"
+ * Which sessions are run: random_session.h. TM_LONG=1 draws some with a Poisson's ratio of 0.499 and 0.4999. */
 #include "contact_scene.h"
 
-enum { MOST_ACTIONS = 10, SAMPLES_A_FRAME = 5, WINDOW = 200, FRAMES_AFTER = 60 };
-static const double SAMPLE_S = 1e-3;
+enum { MOST_ACTIONS = 10, SAMPLES_A_FRAME = 5, MOST_SAMPLES = 400, FRAMES_AFTER = 60 };
+static const double SAMPLE_S = 1e-3, WINDOW_S = 0.2;
 /* Hands of random sessions stand still or are faster than what counts as slow (contact_passive.c), where a tool may be
  * given up to half of its reaction times its way, out of what contact took before and a credit. */
 static const double SLOW_M_S = 0.05, FAST_M_S = 0.06, SLIDING_SHARE = 0.5;
 /* What a window may gain: a share of what is stored, and rounding. */
-static const double SHARE = 2.5e-2, ROUNDING_J = 1e-7;
+static const double SHARE = 1.5e-2, ROUNDING_J = 1e-7;
 
 enum { ROTATION = 1, VOLUME = 2, VISCOSITY = 4, FRICTION = 8, GRASP = 16, CUT = 32, EFFECTS = 6 };
 static const char *const EFFECT[EFFECTS] = {"rotation", "volume", "viscosity", "friction", "grasp", "cut"};
@@ -65,21 +57,17 @@ typedef struct verdict {
     char why[160];
 } verdict;
 
+#include "random_session.h"
+
 /* --- making --- */
 
-static double between(double low, double high) { return low + (high - low) * scene_random(); }
-static int whole(int low, int high) { return low + (int)((high - low + 1) * scene_random()); }
 static double height_of(const session *s) { return s->cells[2] * s->edge_m; }
 
 static session random_session(uint64_t seed) {
     session s = {.seed = seed};
-    scene_seed = 0x9e3779b97f4a7c15ULL * (seed + 1);
-    for (int i = 0; i < 4; i++) scene_random();
+    begin_drawing(seed);
     for (int i = 0; i < EFFECTS; i++) s.effects |= (scene_random() < 0.5) << i;
-    for (int t = 0; t < 2; t++) {
-        const double which = scene_random();
-        s.mode[t] = which < 0.6 ? TM_TOOL_GRASPER : which < 0.9 ? TM_TOOL_PROBE : TM_TOOL_CAUTERY;
-    }
+    for (int t = 0; t < 2; t++) s.mode[t] = draw_mode(0.6, 0.3);
     s.cells[0] = whole(4, 7), s.cells[1] = whole(4, 7), s.cells[2] = whole(2, 4);
     s.edge_m = between(0.006, 0.01), s.jitter = between(0, 0.25);
     s.young_Pa = 2000 * pow(10, scene_random());
@@ -87,7 +75,7 @@ static session random_session(uint64_t seed) {
     if (test_is_long() && scene_random() < 0.1) s.poisson = scene_random() < 0.5 ? 0.499 : 0.4999;
     s.damping_1_s = pow(10, between(0, 2));
     s.shear = scene_random();
-    s.fade_s = (const double[]){0, 0.02, 0.1, 0.3}[whole(0, 3)];
+    s.fade_s = draw_fade_s();
     s.radius_m = between(0.002, 0.004);
     s.rub[1] = between(0.05, 0.5), s.rub[0] = s.rub[1] * between(1, 1.5);
     s.relaxes = between(0.1, 0.8), s.relaxes_s = pow(10, between(-2, 0));
@@ -128,10 +116,12 @@ static void print_session(const session *s) {
 typedef struct stage {
     scene s;
     tm_tool_pose at[2];
-    int32_t substeps; /* a sample */
+    int32_t substeps; /* a sample: a whole number of steps, so not always SAMPLE_S */
+    double sample_s;
+    int window; /* samples in WINDOW_S */
     double top_m;
     int64_t seen;
-    sample ring[WINDOW + 1];
+    sample ring[MOST_SAMPLES + 1];
     double hand_J, sliding_J;
     verdict v;
     bool tell;
@@ -194,17 +184,20 @@ static stage open_stage(const session *s) {
     tm_error error;
     scene_must(tm_stage_energy(g.s.world, &error), &error);
     g.substeps = (int32_t)fmax(1, round(SAMPLE_S / tm_world_step_s(g.s.world)));
+    g.sample_s = g.substeps * tm_world_step_s(g.s.world);
+    g.window = (int)fmin(floor(WINDOW_S / g.sample_s + 1e-6), MOST_SAMPLES);
     return g;
 }
 
 /* Of the windows that end now: the largest gain over what it may be. */
 static double worst_window(const stage *g, double *gain_J, int *length) {
-    const sample *now = g->ring + g->seen % (WINDOW + 1);
-    double worst = 0;
-    for (int k = 1; k <= WINDOW && k <= g->seen; k++) {
-        const sample *then = g->ring + (g->seen - k) % (WINDOW + 1);
+    const sample *now = g->ring + g->seen % (MOST_SAMPLES + 1);
+    double worst = 0, most_J = now->stored_J;
+    for (int k = 1; k <= g->window && k <= g->seen; k++) {
+        const sample *then = g->ring + (g->seen - k) % (MOST_SAMPLES + 1);
         const double gain = now->made_J - then->made_J - (now->sliding_J - then->sliding_J);
-        const double ratio = gain / (SHARE * fmax(now->stored_J, then->stored_J) + ROUNDING_J);
+        most_J = fmax(most_J, then->stored_J);
+        const double ratio = gain / (SHARE * most_J + ROUNDING_J);
         if (ratio > worst) worst = ratio, *gain_J = gain, *length = k;
     }
     return worst;
@@ -216,7 +209,8 @@ static void watch(stage *g, int i) {
     const double stored = e.kinetic_J + e.elastic_J + e.sprung_J, hand = e.hand_J[0] + e.hand_J[1];
     double gain = 0;
     int length = 0;
-    g->ring[g->seen % (WINDOW + 1)] = (sample){e.made_J - e.film_J - e.friction_J - e.damping_J, stored, g->sliding_J};
+    g->ring[g->seen % (MOST_SAMPLES + 1)] =
+        (sample){e.made_J - e.film_J - e.friction_J - e.damping_J, stored, g->sliding_J};
     const double worst = worst_window(g, &gain, &length);
     g->seen++;
     g->v.hands_J += fabs(hand - g->hand_J), g->hand_J = hand;
@@ -245,7 +239,7 @@ static bool one_sample(stage *g, const double way_m[2]) {
     for (int t = 0; t < 2; t++) tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
     if (tm_world_step(g->s.world, g->substeps) != TM_OK) return false;
     for (int32_t i = tm_contact_rows(g->s.contact, &row) - 1; i >= 0; i--)
-        if (way_m[row[i].instrument] < SLOW_M_S * SAMPLE_S)
+        if (way_m[row[i].instrument] < SLOW_M_S * g->sample_s)
             g->sliding_J += SLIDING_SHARE * row[i].lambda_N * way_m[row[i].instrument];
     return true;
 }
@@ -256,15 +250,11 @@ static void go(stage *g, int i, const tm_tool_pose to[2], int frames, bool slow)
     const double whole_m[2] = {farthest(from, to), farthest(from + 1, to + 1)};
     int samples = frames * SAMPLES_A_FRAME;
     for (int t = 0; t < 2; t++)
-        if (whole_m[t] > 0 && !slow) samples = (int)fmax(1, fmin(samples, floor(whole_m[t] / (FAST_M_S * SAMPLE_S))));
+        if (whole_m[t] > 0 && !slow)
+            samples = (int)fmax(1, fmin(samples, floor(whole_m[t] / (FAST_M_S * g->sample_s))));
     const double way_m[2] = {whole_m[0] / samples, whole_m[1] / samples};
     for (int k = 1; k <= samples && g->v.good; k++) {
-        for (int t = 0; t < 2; t++) {
-            g->at[t] = to[t];
-            for (int c = 0; c < 3; c++)
-                g->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / samples;
-            g->at[t].roll_rad = from[t].roll_rad + (to[t].roll_rad - from[t].roll_rad) * k / samples;
-        }
+        for (int t = 0; t < 2; t++) g->at[t] = on_the_way(from + t, to + t, k, samples);
         if (!one_sample(g, way_m)) {
             snprintf(g->v.why, sizeof g->v.why, "the step is unstable");
             g->v.good = false, g->v.action = i, g->v.worst = INFINITY;
@@ -317,68 +307,38 @@ static verdict run_session(const session *s, bool tell) {
     return g.v;
 }
 
-/* --- shrinking --- */
-
-static bool still_fails(const session *less, session *s, verdict *v) {
-    const verdict w = run_session(less, false);
-    if (!w.good) *s = *less, *v = w;
-    return !w.good;
-}
-
-static session shrink(session s, verdict *v) {
-    if (v->action + 1 < s.count) s.count = v->action + 1;
-    for (bool helped = true; helped;) {
-        helped = false;
-        for (int i = s.count - 1; i >= 0; i--) {
-            session less = s;
-            memmove(less.action + i, less.action + i + 1, sizeof *less.action * (size_t)(less.count - i - 1));
-            less.count--;
-            helped |= still_fails(&less, &s, v);
-        }
-        for (int i = 0; i < EFFECTS; i++) {
-            session less = s;
-            less.effects &= ~(1 << i);
-            if (less.effects != s.effects) helped |= still_fails(&less, &s, v);
-        }
-    }
-    return s;
+static bool drop_effect(session *s, int i) {
+    const int before = s->effects;
+    s->effects &= ~(1 << i);
+    return s->effects != before;
 }
 
 /* --- the tests --- */
 
-/* Seeds that broke the bound while it was being made to hold: jaws that let go, springs at their knee, two tools on the
- * same tissue, jaws that pull against another tool. */
-static const uint64_t ONCE_BROKE[] = {2, 1310, 1350, 1388, 1400, 1452};
+/* Seeds that broke the bound while it was being made to hold: jaws that let go (at once: 1368), springs at their knee,
+ * two tools on the same tissue, jaws that pull against another tool, tissue that is let go of (433). */
+static const uint64_t ONCE_BROKE[] = {2, 433, 1310, 1350, 1368, 1388, 1400, 1452};
+
+typedef struct tally {
+    double worst, hands_J, stored_J;
+} tally;
+
+static void take(void *to, uint64_t seed, const verdict *v) {
+    tally *sum = to;
+    (void)seed;
+    sum->worst = fmax(sum->worst, v->worst), sum->hands_J += v->hands_J,
+    sum->stored_J = fmax(sum->stored_J, v->stored_J);
+}
 
 static void test_random_sessions(void **unused) {
     (void)unused;
-    const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS"), *from = getenv("TM_SESSIONS_FROM");
-    const uint64_t first = one    ? strtoull(one, NULL, 10)
-                           : from ? strtoull(from, NULL, 10)
-                                  : 1,
-                   n = one                   ? 1
-                       : count               ? strtoull(count, NULL, 10)
-                       : test_is_long()      ? 10000
-                       : test_is_sanitized() ? 10
-                                             : 100;
-    const uint64_t again = one || count || test_is_long() ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE;
-    int failed = 0;
-    double worst = 0, hands = 0, stored = 0;
-    for (uint64_t i = 0; i < n + again; i++) {
-        const session s = random_session(i < n ? first + i : ONCE_BROKE[i - n]);
-        if (one) print_session(&s);
-        verdict v = run_session(&s, one != NULL);
-        worst = fmax(worst, v.worst), hands += v.hands_J, stored = fmax(stored, v.stored_J);
-        if (v.good) continue;
-        print_message("session %llu: %s\n", (unsigned long long)s.seed, v.why);
-        if (++failed > 3) continue;
-        const session less = shrink(s, &v);
-        print_message("  shrunk: %s (TM_SESSION=%llu shows the whole)\n", v.why, (unsigned long long)s.seed);
-        print_session(&less);
-    }
+    const session_range range =
+        sessions_to_run(test_is_sanitized() ? 10 : 100, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
+    tally sum = {0};
+    const int failed = run_sessions(&range, take, &sum);
     print_message("%llu sessions: %.2f J through the hands, at most %.3f J stored, gain at most %.2f of its bound\n",
-                  (unsigned long long)(n + again), hands, stored, worst);
-    assert_true(hands > 0.01 * (double)n);
+                  (unsigned long long)(range.count + range.again), sum.hands_J, sum.stored_J, sum.worst);
+    assert_true(range.count < 10 || sum.hands_J > 0.01 * (double)range.count);
     assert_int_equal(failed, 0);
 }
 

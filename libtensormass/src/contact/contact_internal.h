@@ -10,6 +10,9 @@
 
 enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
 
+/* Parts that a window of the account of energy is watched in (contact_passive.c): one more than there are in it. */
+enum { TM_LEDGER = 17 };
+
 /* One row made ready for projection: J and A^-1 J^T of its three vertices. */
 typedef struct tm_solver_row {
     double jacobian[3][3]; /* weight * normal */
@@ -35,10 +38,13 @@ typedef struct tm_tool {
     bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     double bears_N;                          /* what all its rows bore then */
-    double placed_J, /* that the tank may hold besides since the tool was put there, until it moves */
-        tank_J, reserve_J, given_J, stored_J, sprung_J[2]; /* contact_passive.c: what its rows may give; what they
-                                                       took beyond; what they gave the tissue in all; held in its skins
-                                                       at the last substep and the one before */
+    double placed_J, /* that its rows may make besides since the tool was put there, until it moves */
+        reserve_J, given_J, stored_J, sprung_J[2]; /* contact_passive.c: what its rows took; what they gave the tissue
+                                                      in all; held under the tool; in its skins at the last substep
+                                                      and the one before */
+    double debt_J, made_J, least_made_J[TM_LEDGER],
+        ledger_s;     /* made beyond what was allowed; out of nothing, in all; the least of that in each part of a
+                 window; of the present part, which has lasted so long */
     double sliding_J; /* of this substep: what it may be given because it slides slowly */
     /* broad phase */
     tm_local_surface *surface;

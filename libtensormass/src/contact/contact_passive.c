@@ -1,26 +1,25 @@
 /* Bounds what contact makes of energy, in every substep. Rows come and go while tissue moves by itself, start from
- * depths that other rows had, push out what lies too deep, and act along normals that are blended over facets, the
- * gradient of no potential: each can give tissue what no hand put in. So every tool keeps an account (passivity
- * observer and controller, Hannaford and Ryu 2002; energy tank, Duindam and Stramigioli 2004), exact in the terms of
- * the integrator: what its rows give the tissue and hold in their skins, less what moving the tool puts in. What
- * contact gives out of nothing must be in the tank; where it is not, the forces of all of the tool's rows are reduced
- * until it is. At rest nothing is given, and no force is changed. */
+ * depths that other rows had, push out what lies too deep, and above all act along normals that are blended over
+ * facets, the gradient of no potential: each can give tissue what no hand put in. So every tool keeps an account
+ * (passivity observer and controller, Hannaford and Ryu 2002), exact in the terms of the integrator: what its rows give
+ * the tissue and hold in their skins, less what moving the tool puts in and what damping takes meanwhile. In no window
+ * of time up to WINDOW_S may that be more than WINDOW_SHARE of what is stored, and in no time more than contact took
+ * before and a credit; where it would be, the forces of all of the tool's rows are reduced. At rest nothing is given,
+ * and no force is changed. */
+#include <string.h>
+
 #include "base/vec.h"
 #include "contact/friction_internal.h"
 #include "law/skin.h"
 
-/* The tank holds this share of what tissue and skins store under the tool (a cautery that cuts: in all tissue), and
- * what is not worth it, J. */
-static const double TANK_SHARE = 1e-2, LITTLE_J = 2e-8;
-/* What contact takes fills the tank; what is over goes to a reserve, no larger than what is stored. From there the tank
- * is filled, once in this time, s. */
-static const double REFILL_S = 1;
-/* At rest (tool and tissue slower than this) the force is made whole out of the reserve faster: this share of what is
- * stored, in a second. */
-static const double CALM_M_S = 3e-4, CALM_SHARE_1_S = 0.06;
-/* The reserve may be overdrawn by this share of what is stored, in all and not again until that is paid back: the force
- * at rest, along blended normals, depends on the way that led to it. */
-static const double CREDIT_SHARE = 0.05;
+/* What a tool's rows may make in a window: this share of what tissue and skins store under the tool (a cautery that
+ * cuts: in all tissue), and what is not worth it, J. */
+static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
+static const double WINDOW_S = 0.2;
+/* What contact takes goes to a reserve, no larger than what is stored. All that it makes comes out of that; it may be
+ * overdrawn by this share of what is stored, and not again until that is paid back: the force at rest, along blended
+ * normals, depends on the way that led to it. */
+static const double CREDIT_SHARE = 0.06;
 /* Below this speed a tool may be given so much of reaction times way out of the reserve (sliding_J). */
 static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
 /* Of what it gave too much, a tool pays back at least this share in a substep. */
@@ -111,7 +110,27 @@ static double gain_J(const tm_tool *tool, const row_sum *sum, double sprung) {
 
 /* --- the bound --- */
 
-static double available_J(const tm_tool *tool) { return tool->reserve_J + CREDIT_SHARE * tool->stored_J; }
+/* Left of the reserve and of what may be made besides. */
+static double available_J(const tm_tool *tool) {
+    return law_max(tool->reserve_J + CREDIT_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
+}
+
+/* In a window. */
+static double window_J(const tm_tool *tool) {
+    return WINDOW_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J);
+}
+
+/* Made since it was least within the window that ends now: the most of all windows that end now. */
+static double lately_made_J(const tm_tool *tool) {
+    double least = tool->made_J;
+    for (int32_t i = 0; i < TM_LEDGER; i++) least = law_min(least, tool->least_made_J[i]);
+    return tool->made_J - least;
+}
+
+/* May be made in this substep. */
+static double allowed_J(const tm_tool *tool) {
+    return law_max(law_min(window_J(tool) - lately_made_J(tool), available_J(tool)), 0);
+}
 
 /* Of a way within one substep, what counts as slow. */
 static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
@@ -123,12 +142,12 @@ static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) 
     double sum = 0;
     for (int32_t i = s.first; i < s.end; i++)
         sum += contact->row[i].lambda_N * slow_m(vnorm(contact->solver[i].moved_m), contact->world->state.dt_s);
-    return law_max(law_min(SLIDING_SHARE * sum, available_J(tool)), 0);
+    return law_min(SLIDING_SHARE * sum, available_J(tool));
 }
 
 double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s) {
     const double sliding = law_min(SLIDING_SHARE * tool->bears_N * slow_m(way_m, dt_s), available_J(tool));
-    return law_max(tool->tank_J, 0) + law_max(sliding, 0);
+    return allowed_J(tool) + sliding;
 }
 
 static void push(tm_contact *contact, span s, double share) {
@@ -174,7 +193,7 @@ static bool hold_tool(tm_contact *contact, int32_t t, span s) {
     tm_tool *tool = contact->tool + t;
     const row_sum sum = sum_work(contact, s);
     tool->sliding_J = sliding_J(contact, tool, s);
-    const double may = law_max(tool->tank_J, DEBT_SHARE * tool->tank_J) + tool->sliding_J;
+    const double may = allowed_J(tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
     if (!(gain_J(tool, &sum, sprung_J(contact, t, s, 1)) > law_max(may, 0) + 1e-3 * LITTLE_J)) return false;
     reduce(contact, t, s, &sum, may);
     return true;
@@ -194,8 +213,8 @@ void tm_contact_hold_back(tm_contact *contact) {
 
 /* --- the account --- */
 
-/* What the tissue's damping takes in this substep: it pays for what contact gives meanwhile. A pass over the vertices,
- * so only where a tank has room. */
+/* What the tissue's damping takes in this substep: it pays for what contact makes meanwhile. A pass over the vertices,
+ * so only where something was made. */
 static double damped_J(const tm_world *world) {
     const tm_state *s = &world->state;
     double sum = 0;
@@ -216,28 +235,18 @@ static double all_stored_J(const tm_world *world) {
     return law_max(0.5 * sum, 0);
 }
 
-/* A cautery that cuts meets walls that it just laid open, under which nothing is stored yet: to press them its tank is
- * measured by all tissue. */
+/* A cautery that cuts meets walls that it just laid open, under which nothing is stored yet: to press them it may make
+ * a share of what all tissue stores. */
 static bool cuts(const tm_contact *contact, const tm_tool *tool) {
     return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
 }
 
-/* The tool stands, and so does the tissue under it. */
-static bool is_calm(const tm_contact *contact, span s) {
-    const tm_state *state = &contact->world->state;
-    for (int32_t i = s.first; i < s.end; i++) {
-        const tm_contact_row *row = contact->row + i;
-        double moved[3];
-        if (!(row->lambda_N > 0)) continue;
-        vset(contact->solver[i].moved_m, moved);
-        for (int j = 0; j < 3; j++)
-            for (int c = 0; c < 3; c++) {
-                const int32_t dof = 3 * row->vertex[j] + c;
-                moved[c] -= row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
-            }
-        if (vnorm(contact->solver[i].moved_m) + vnorm(moved) > CALM_M_S * state->dt_s) return false;
-    }
-    return true;
+/* What the other tools have a share of. */
+static double stored_by_others_J(const tm_contact *contact, int32_t t) {
+    double sum = 0;
+    for (int32_t i = 0; i < contact->tool_count; i++)
+        if (i != t) sum += contact->tool[i].stored_J;
+    return sum;
 }
 
 static bool moves(const tm_tool *tool) {
@@ -248,17 +257,27 @@ static bool moves(const tm_tool *tool) {
     return vdot(way, way) > 0;
 }
 
-static void fill(tm_tool *tool, double stored_J, double dt_s, bool calm) {
-    const double most = TANK_SHARE * stored_J + law_max(LITTLE_J, tool->placed_J), over = tool->tank_J - most;
-    const double moves = over > 0 ? -over
-                                  : law_min(law_max(law_min(available_J(tool), calm ? CALM_SHARE_1_S * stored_J * dt_s
-                                                                                    : most * dt_s / REFILL_S),
-                                                    0),
-                                            -over);
-    tool->tank_J += moves;
-    tool->reserve_J = law_min(tool->reserve_J - moves, stored_J);
-    tool->stored_J = stored_J;
+/* The window goes on: in each part of it, the newest first, the least that had been made by then. */
+static void advance_window(tm_tool *tool, double dt_s) {
+    double *least = tool->least_made_J;
+    least[0] = law_min(least[0], tool->made_J);
+    tool->ledger_s += dt_s;
+    if (tool->ledger_s < WINDOW_S / (TM_LEDGER - 1)) return;
+    tool->ledger_s = 0;
+    memmove(least + 1, least, sizeof *least * (TM_LEDGER - 1));
+    least[0] = tool->made_J;
 }
+
+/* What was made beyond what was allowed is a debt until less has been made. Two tools on the same tissue do that: each
+ * is reduced for what it makes, and changes what the other makes. */
+static void add_made(tm_tool *tool, double made_J) {
+    const double allowed = allowed_J(tool);
+    tool->debt_J = allowed > 0 ? law_max(made_J - allowed, 0) : law_max(tool->debt_J + made_J, 0);
+    tool->made_J += made_J;
+}
+
+/* Damping pays for what was made lately, but not into the reserve: contact that shakes tissue must end. */
+static void pay(tm_tool *tool, double paid_J) { tool->made_J -= law_min(paid_J, lately_made_J(tool)); }
 
 void tm_contact_observe(tm_contact *contact) {
     if (contact->others.solve) return; /* their rows are not ours to hold back */
@@ -274,16 +293,18 @@ void tm_contact_observe(tm_contact *contact) {
         tool->sprung_J[1] = contact->world->settling ? sprung : tool->sprung_J[0];
         tool->sprung_J[0] = sprung;
         if (contact->world->settling) continue;
-        const double paid = gain > 0 && s.first < s.end ? law_min(gain, tool->sliding_J) : 0;
-        tool->reserve_J -= paid;
-        tool->tank_J -= gain - paid;
+        add_made(tool, gain > 0 && s.first < s.end ? gain - law_min(gain, tool->sliding_J) : gain);
+        tool->reserve_J -= gain;
         tool->given_J += sum.tissue_J;
-        if (tool->bears_N > 0 && tool->tank_J < TANK_SHARE * tool->stored_J) {
+        if (tool->bears_N > 0 && lately_made_J(tool) > 0) {
             if (damped < 0) damped = damped_J(contact->world);
-            tool->tank_J += damped / contact->tool_count;
+            pay(tool, damped / contact->tool_count);
         }
         double stored = sprung + law_max(law_min(sum.strain_J, tool->given_J), 0);
-        if (cuts(contact, tool)) stored = law_max(stored, all_stored_J(contact->world));
-        fill(tool, stored, contact->world->state.dt_s, is_calm(contact, s));
+        if (cuts(contact, tool))
+            stored = law_max(stored, all_stored_J(contact->world) - stored_by_others_J(contact, t));
+        tool->stored_J = stored;
+        tool->reserve_J = law_min(tool->reserve_J, stored);
+        advance_window(tool, contact->world->state.dt_s);
     }
 }

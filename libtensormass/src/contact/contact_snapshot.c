@@ -22,9 +22,9 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, earlier, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], placed_J, tank_J, reserve_J, given_J, stored_J, sprung_J[2], edge_m,
-        spent_m, sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3], substep_force_N[3],
-        substep_resultant_N[3], stiffness_N_m[9];
+    double station_depth_m[TM_MAX_STATIONS], placed_J, reserve_J, given_J, stored_J, sprung_J[2], debt_J, made_J,
+        least_made_J[TM_LEDGER], ledger_s, edge_m, spent_m, sum_tip_m[3], sum_time_s, sum_force_N[3],
+        sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
 } kept_tool;
@@ -65,10 +65,12 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .before = pack_capsule(&tool->before),
                    .earlier = pack_capsule(&tool->earlier),
                    .placed_J = tool->placed_J,
-                   .tank_J = tool->tank_J,
                    .reserve_J = tool->reserve_J,
                    .given_J = tool->given_J,
                    .stored_J = tool->stored_J,
+                   .debt_J = tool->debt_J,
+                   .made_J = tool->made_J,
+                   .ledger_s = tool->ledger_s,
                    .sprung_J = {tool->sprung_J[0], tool->sprung_J[1]},
                    .gathered_at = pack_capsule(&tool->gathered_at),
                    .sum_time_s = tool->sum_time_s,
@@ -85,6 +87,7 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .spent_m = tool->spent_m,
                    .edge_m = tool->surface->edge_m};
     COPY(k.station_depth_m, tool->station_depth_m);
+    COPY(k.least_made_J, tool->least_made_J);
     COPY(k.sum_tip_m, tool->sum_tip_m);
     COPY(k.sum_force_N, tool->sum_force_N);
     COPY(k.sum_resultant_N, tool->sum_resultant_N);
@@ -103,10 +106,13 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->before = unpack_capsule(&k->before, instrument);
     tool->earlier = unpack_capsule(&k->earlier, instrument);
     tool->placed_J = k->placed_J;
-    tool->tank_J = k->tank_J;
     tool->reserve_J = k->reserve_J;
     tool->given_J = k->given_J;
     tool->stored_J = k->stored_J;
+    tool->debt_J = k->debt_J;
+    tool->made_J = k->made_J;
+    tool->ledger_s = k->ledger_s;
+    COPY(tool->least_made_J, k->least_made_J);
     tool->sprung_J[0] = k->sprung_J[0];
     tool->sprung_J[1] = k->sprung_J[1];
     tool->gathered_at = unpack_capsule(&k->gathered_at, instrument);

@@ -50,7 +50,6 @@ void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
     tool->capsule = tool->before = tool->earlier = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
     tool->clear = tool->pierced = false;
     tool->placed_J = PLACED_J;
-    tool->tank_J = fmax(tool->tank_J, PLACED_J);
     tool->placings++;
     tool->gathered_age = -1;
 }

@@ -165,9 +165,11 @@ static double bearable(const tm_grasp *grasp, const hold *h, int32_t i) {
     return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
 }
 
-static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
+/* Returns whether the spring would have to bear more than it can. */
+static bool limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
     const double most = bearable(grasp, h, i), size = vnorm(force_N);
     if (size > most) vscale(most / size, force_N, force_N);
+    return size > most || most == 0;
 }
 
 /* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
@@ -217,7 +219,7 @@ static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *wor
         double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
         wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
     }
-    limit_force(grasp, h, i, wanted);
+    h->slips[i] = limit_force(grasp, h, i, wanted);
     vsub(wanted, force, change);
     push_vertex(grasp, world, vertex, change);
     vset(wanted, force);
@@ -230,13 +232,14 @@ static void sweep(void *self, tm_world *world, int32_t number) {
         for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
 }
 
-/* As a spring that is at its bound too: what is taken back and given again must come out where it was. */
+/* A spring follows. One that bears all that it can does not: where contact is held back, a jaw that has let go would
+ * take over the force. */
 static bool push_held(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
     const tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         const hold *h = grasp->hold + t;
         for (int32_t i = 0; i < h->count; i++) {
-            if (h->vertex[i] != vertex) continue;
+            if (h->vertex[i] != vertex || h->slips[i]) continue;
             double *force = h->force_N + 3 * i, yields[3];
             for (int c = 0; c < 3; c++) {
                 const double mobility = grasp->contact->held[3 * vertex + c] ? 0 : world->mobility_s2_kg[vertex];
@@ -308,6 +311,7 @@ static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
     h->force_N = TM_TAKE(pool, double, 3 * n);
     h->let_go_N = TM_TAKE(pool, double, 3 * n);
     h->distance_m = TM_TAKE(pool, double, n);
+    h->slips = TM_TAKE(pool, bool, n);
     tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
     h->placings = tool->placings;
     return !pool->failed;

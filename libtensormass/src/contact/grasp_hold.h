@@ -19,6 +19,7 @@ typedef struct hold {
     double *force_N;    /* [3*max_vertices] on the tissue */
     double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
     double *distance_m; /* [max_vertices] scratch of the capture */
+    bool *slips;        /* [max_vertices] scratch of a substep: its spring bears all that it can */
     /* While letting go, of each station of the tool: how deep what it lets go lies in it. That is forgiven: it may not
      * go deeper, and as it gets out, less is. */
     double embedded_m[TM_MAX_STATIONS];

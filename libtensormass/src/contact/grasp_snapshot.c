@@ -104,7 +104,7 @@ static void copy_hold(const hold *from, hold *to) {
     const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
     *to = *from;
     to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
-    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m;
+    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m, to->slips = own.slips;
     memcpy(to->vertex, from->vertex, sizeof *to->vertex * (size_t)from->count);
     memcpy(to->offset_m, from->offset_m, bytes);
     memcpy(to->target_m, from->target_m, bytes);
