@@ -9,6 +9,11 @@ LIBHRT_MOTION_A := $(OUT)/lib/libhrt_motion.a
 LIBHRT_DEVICE_OWN_A := $(OUT)/lib/libhrt_device.a
 LIBHRT_DEVICE_A := $(LIBHRT_DEVICE_OWN_A) $(LIBHRT_MOTION_A)
 LIBRARIES += $(LIBHRT_A) $(LIBHRT_IO_A) $(LIBHRT_DEVICE_A)
+# The core alone, for programs that know devices and no bus.
+LIBHRT_CORE_A := $(OUT)/lib/libhrt_core.a
+LIBRARIES += $(LIBHRT_CORE_A)
+$(LIBHRT_CORE_A): $(call objects,$(filter haptic_rt/core/%,$(HRT_CORE_SRC)))
+	$(archive)
 $(LIBHRT_A): $(call objects,$(HRT_CORE_SRC))
 	$(archive)
 $(LIBHRT_IO_A): $(call objects,$(HRT_IO_SRC))

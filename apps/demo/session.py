@@ -69,10 +69,11 @@ class Session:
         for i, instrument in enumerate(self.facts["instruments"]):
             hand = self.out / f"hand{i}.csv" if self.hand == "script" else "lcm"
             style = ["--straight"] * instrument["straight"] + ["--repeat"] * instrument["repeat"] + ["--tremor", f"{instrument['tremor_m']:g}"]
-            self.begin(f"tm-device{i}", self.bin / "tm-device", "--bus", self.bus, "--instrument", i, "--hand", hand,
+            device = ["--device-type", instrument["device"]]
+            self.begin(f"tm-device{i}", self.bin / "tm-device", "--bus", self.bus, "--instrument", i, *device, "--hand", hand,
                        *(style if self.hand == "script" else ["--start", ",".join(f"{j:.9g}" for j in instrument["start_joint"])]), *until, "--json", self.out / f"device{i}.json")
             record = ["--record", self.out / f"ticks{i}.csv"] if duration_s else []
-            self.begin(f"haptic-rt{i}", self.bin / "haptic-rt", "--bus", self.bus, "--instrument", i, "--mode", instrument["mode"],
+            self.begin(f"haptic-rt{i}", self.bin / "haptic-rt", "--bus", self.bus, "--instrument", i, *device, "--mode", instrument["mode"],
                        "--extrapolator", self.facts["extrapolator"], "--passivity" if self.facts["passivity"] else "--no-passivity", *record, *until,
                        "--json", self.out / f"controller{i}.json")
 

@@ -13,14 +13,16 @@ void play_controls_begin(play_controls *c) {
     memset(c, 0, sizeof *c);
     c->help = true;
     c->eye_zoom = 1;
-    hrt_params_default(&c->limits);
 }
 
 static bool axes_of(const view_instrument *t, hrt_axes *axes) {
     const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
                 up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
-    return hrt_axes_along(axes, axis, up);
+    return t->device && hrt_axes_along(axes, t->device, axis, up);
 }
+
+/* Null: the device has no such joint. */
+static double *joint_of(play_hand *hand, int32_t role) { return role < 0 ? NULL : &hand->joint[role]; }
 
 /* The hand begins where the instrument is, so that nothing jumps. */
 static void meet(play_hand *hand, const view_instrument *t) {
@@ -29,8 +31,11 @@ static void meet(play_hand *hand, const view_instrument *t) {
     if (hand->known || !t->shown || !axes_of(t, &axes)) return;
     for (int k = 0; k < 3; k++) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     if (!hrt_inverse(&axes, tip, joint)) return;
-    for (int k = 0; k < 3; k++) hand->joint[k] = (double)joint[k];
-    hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
+    hrt_params_of_device(&hand->params, t->device);
+    for (int k = 0; k < t->device->motors; k++) hand->joint[k] = (double)joint[k];
+    double *roll = joint_of(hand, t->device->roll), *grip = joint_of(hand, t->device->grip);
+    if (roll) *roll = t->roll_rad;
+    if (grip) *grip = t->grip;
     hand->known = true;
 }
 
@@ -123,13 +128,22 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
+/* Puts the tip there, as far as the device can; a shaft's insertion stays as it is where `keep` says so. */
+static void put_tip(play_hand *hand, const hrt_axes *axes, const float tip_m[3], bool keep) {
+    const int32_t insertion = axes->device->insertion;
+    float joint[3];
+    if (!hrt_inverse(axes, tip_m, joint)) return;
+    for (int j = 0; j < axes->device->motors; j++)
+        if (!keep || j != insertion) hand->joint[j] = (double)joint[j];
+}
+
 /* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion
  * in the plane across the shaft that looks like it, damped where the eye sees that plane edge-on. */
 static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across,
                   float upward) {
     static const float DAMPING = 0.06f;
     hrt_axes axes;
-    float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
+    float joint[HRT_JOINTS], tip[3], to[3], u[3], v[3];
     if (!axes_of(t, &axes)) return;
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)hand->joint[j];
     hrt_tip(&axes, joint, tip);
@@ -140,16 +154,31 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     float x = a * across + c * upward, y = b * across + d * upward;
     float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
     for (int k = 0; k < 3; k++) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
-    if (!hrt_inverse(&axes, to, joint3)) return;
-    hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
+    put_tip(hand, &axes, to, true);
+}
+
+/* Pushes the shaft in by so many metres. */
+static void push_in(play_hand *hand, const view_instrument *t, double by_m) {
+    hrt_axes axes;
+    float joint[HRT_JOINTS], tip[3];
+    double *insertion = joint_of(hand, t->device->insertion);
+    if (insertion) *insertion += by_m;
+    if (insertion || by_m == 0 || !axes_of(t, &axes)) return;
+    for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)hand->joint[j];
+    hrt_tip(&axes, joint, tip);
+    const float length = vnorm(tip);
+    if (!(length > 1e-4f)) return;
+    for (int k = 0; k < 3; k++) tip[k] *= 1 + (float)by_m / length;
+    put_tip(hand, &axes, tip, false);
 }
 
 static double axis_of(const play_controls *c, int plus, int minus) {
     return (c->held[plus] ? 1 : 0) - (c->held[minus] ? 1 : 0);
 }
 
-static void keep_inside(play_hand *hand, const hrt_params *limits) {
-    for (int j = 0; j < HRT_JOINTS; j++)
+static void keep_inside(play_hand *hand) {
+    const hrt_params *limits = &hand->params;
+    for (int j = 0; j < limits->device->joints; j++)
         hand->joint[j] = fmin(fmax(hand->joint[j], (double)limits->joint_min[j]), (double)limits->joint_max[j]);
 }
 
@@ -166,13 +195,17 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
     double across = axis_of(c, PLAY_RIGHT, PLAY_LEFT) * PACE_M_S * pace + (double)c->motion[0] * px;
     double upward = axis_of(c, PLAY_UP, PLAY_DOWN) * PACE_M_S * pace - (double)c->motion[1] * px;
     if (across != 0 || upward != 0) pivot(hand, t, right, up, (float)across, (float)upward);
-    hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace +
-                      (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
-    hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
+    push_in(hand, t,
+            (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace +
+                (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1));
+    double *roll = joint_of(hand, t->device->roll);
+    if (roll) *roll += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
     for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
+        if (!c->hand[i].known) continue;
+        double *grip = joint_of(&c->hand[i], c->hand[i].params.device->grip);
         bool shut = p->instrument[i].mode == HRT_MODE_GRASPER && (c->hand[i].latched || c->hand[i].acting);
-        c->hand[i].joint[4] += (shut ? 1 : -1) * GRIP_1_S * dt_s;
-        keep_inside(&c->hand[i], &c->limits);
+        if (grip) *grip += (shut ? 1 : -1) * GRIP_1_S * dt_s;
+        keep_inside(&c->hand[i]);
     }
     c->motion[0] = c->motion[1] = c->wheel = 0;
 }
@@ -180,6 +213,7 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
 bool play_controls_hand(const play_controls *c, const view_picture *p, int i, view_hand *hand) {
     if (!c->hand[i].known) return false;
     hand->instrument = i;
+    hand->joints = c->hand[i].params.device->joints;
     memcpy(hand->joint, c->hand[i].joint, sizeof hand->joint);
     hand->active = p->instrument[i].mode == HRT_MODE_CAUTERY && c->hand[i].acting;
     return true;

@@ -10,6 +10,7 @@
 
 typedef struct play_hand {
     bool known;               /* the simulation has said where the instrument is */
+    hrt_params params;        /* its device's own */
     double joint[HRT_JOINTS]; /* what the hand wants */
     bool acting;              /* cautery current, or jaws held shut, while the key is held */
     bool latched;             /* jaws kept shut after the key was let go */
@@ -20,7 +21,6 @@ typedef struct play_controls {
     play_hand hand[VIEW_INSTRUMENTS];
     bool held[512], button[4];
     float motion[2], wheel; /* since the last step; pixels, steps */
-    hrt_params limits;
     bool quit, help;
     view_command command; /* to be sent when has_command */
     bool has_command;

@@ -31,7 +31,7 @@ static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_pa
 static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {
     sim_console *t = &all->console[i];
     const app_instrument *scene = (const app_instrument *)s->scene->instrument.item + i;
-    hrt_device_config device = hrt_device_config_default(i);
+    hrt_device_config device = hrt_device_config_of(s->axes[i].device, i);
     hrt_node_config node = hrt_node_config_default(i);
     if (haptics->profile.line && !hrt_profile_read(haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
     node.params = device.profile;
@@ -64,7 +64,10 @@ static bool join(sim_consoles *all, int i, const sim *s, const sim_haptics *hapt
                                  .jitter_s = haptics->jitter.si,
                                  .loss = haptics->loss.si,
                                  .random = &all->random};
-    hrt_peer_init(peer, &(hrt_peer_def){.instrument = i, .node = &all->console[i].node, .pose_given = true});
+    hrt_peer_init(peer, &(hrt_peer_def){.instrument = i,
+                                        .joints = s->axes[i].device->joints,
+                                        .node = &all->console[i].node,
+                                        .pose_given = true});
     const app_link_def def = {.topic = topic, .topics = hrt_peer_topics(peer, topic)};
     peer->link = app_link_join(queue, &def, &mishaps);
     return peer->link != NULL;

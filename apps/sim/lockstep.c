@@ -57,6 +57,19 @@ static void hear_controller(void *user, int instrument, const tensormass_control
     (void)user, (void)instrument, (void)status; /* for the log */
 }
 
+/* Joints by name where all instruments have them, else by number. */
+static int joint_columns(const sim *s) { return sim_same_devices(s) ? s->axes[0].device->joints : SIM_JOINTS; }
+
+static void trace_header(const sim *s, FILE *out) {
+    fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N", out);
+    for (int j = 0; j < joint_columns(s); j++)
+        if (sim_same_devices(s))
+            fprintf(out, ",%s", s->axes[0].device->joint[j].name);
+        else
+            fprintf(out, ",joint_%d", j);
+    fputs(",age_s\n", out);
+}
+
 static void trace_tick(lockstep *l, int i, int64_t now_us) {
     const sim_console *t = &l->consoles.console[i];
     const hrt_result *h = &t->node.result;
@@ -64,7 +77,7 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
             h->limits);
     for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
     for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
-    for (int j = 0; j < SIM_JOINTS; j++) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
+    for (int j = 0; j < joint_columns(l->s); j++) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
@@ -280,9 +293,7 @@ static int begin(lockstep *l, const char *log) {
     l->frame = l->first_frame = s->frames;
     l->sample = l->frame * s->samples;
     sim_stream_begin(&l->stream, s, 0);
-    if (l->csv.begun)
-        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N," HRT_ENGINE_FIELDS ",age_s\n",
-              l->csv.stream);
+    if (l->csv.begun) trace_header(s, l->csv.stream);
     if (l->samples.begun)
         fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,"
               "k12,k13,k21,k22,k23,k31,k32,k33\n",

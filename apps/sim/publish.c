@@ -248,6 +248,7 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
         m.roll_rad[i] = s->pose[i].roll_rad;
         m.grip[i] = s->pose[i].grip;
         m.mode[i] = (int8_t)s->instrument_def[i].mode;
+        m.device[i] = (int8_t)hrt_device_type_number(s->axes[i].device);
         m.active[i] = s->pose[i].active;
     }
     send_cuts(p, s, utime);

@@ -96,10 +96,7 @@ static tm_status insert_tools(sim *s) {
     enum { STEPS = 400 };
     if (!s->model->instrument_count) return TM_OK;
     for (int i = 0; i < s->model->instrument_count; i++) {
-        double joint[SIM_JOINTS];
-        memcpy(joint, s->start_joint[i], sizeof joint);
-        joint[HRT_INSERTION] = fmin(joint[HRT_INSERTION], 2 * s->instrument_def[i].radius_m);
-        tm_tool_pose outside = sim_pose(s, i, joint, s->pose[i].active);
+        tm_tool_pose outside = sim_start_pose_at(s, i, 2 * s->instrument_def[i].radius_m, s->pose[i].active);
         tm_model_place(s->model, i, &outside);
     }
     tm_model_begin(s->model, s->pose, STEPS);

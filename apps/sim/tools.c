@@ -11,12 +11,16 @@ _Static_assert((int)HRT_MODE_PROBE == (int)TM_TOOL_PROBE && (int)HRT_MODE_GRASPE
                "modes of the library and of messages have the same numbers");
 
 static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m) {
-    const double low[SIM_JOINTS] = {HRT_ENGINE_REACH_MIN}, high[SIM_JOINTS] = {HRT_ENGINE_REACH_MAX};
-    for (int j = 0; j < SIM_JOINTS; j++)
-        if (!isfinite(m->joint[j]) || m->joint[j] < low[j] || m->joint[j] > high[j]) return false;
+    const hrt_device_type *device = s->axes[instrument].device;
+    if (m->joints != device->joints) return false;
+    for (int j = 0; j < SIM_JOINTS; j++) {
+        const double low = j < device->joints ? (double)device->joint[j].reach_min : 0,
+                     high = j < device->joints ? (double)device->joint[j].reach_max : 0;
+        if (!isfinite(m->joint[j]) || m->joint[j] < low || m->joint[j] > high) return false;
+    }
     tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
     for (int a = 0; a < 3; a++) /* farther apart, controller and scene disagree on the trocar */
-        if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > HRT_ENGINE_ROUNDING_M) return false;
+        if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > (double)device->rounding_m) return false;
     return m->mode >= 0 && m->mode < HRT_MODE_COUNT && m->state >= 0 && m->state < HRT_STATE_COUNT &&
            (m->active == 0 || m->active == 1);
 }
@@ -26,6 +30,10 @@ const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const t
     if (m->instrument != instrument) {
         tool->foreign++;
         return "it names another instrument than its channel";
+    }
+    if (m->device != hrt_device_type_number(t->s->axes[instrument].device)) {
+        tool->rejected++;
+        return "its device is not the scene's; see instruments.device there, and haptic-rt --device-type";
     }
     if (!sane(t->s, instrument, m)) {
         tool->rejected++;

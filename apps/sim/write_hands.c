@@ -10,9 +10,9 @@
 #include "run.h"
 #include "scene/effects.h"
 
-static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
+static void write_key(FILE *out, int joints, double time_s, const double *joint, bool active) {
     fprintf(out, "%.17g", time_s);
-    for (int j = 0; j < SIM_JOINTS; j++) fprintf(out, ",%.17g", joint[j]);
+    for (int j = 0; j < joints; j++) fprintf(out, ",%.17g", joint[j]);
     fprintf(out, ",%d\n", active);
 }
 
@@ -21,10 +21,13 @@ static int write_hand(const sim *s, int i, const char *path) {
     app_file file = {0};
     int rc = app_file_begin(&file, path);
     if (rc) return rc;
-    fputs("time_s," HRT_ENGINE_FIELDS ",active\n", file.stream);
-    if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
+    const hrt_device_type *device = s->axes[i].device;
+    fputs("time_s", file.stream);
+    for (int j = 0; j < device->joints; j++) fprintf(file.stream, ",%s", device->joint[j].name);
+    fputs(",active\n", file.stream);
+    if (!hand->key) write_key(file.stream, device->joints, 0, s->start_joint[i], false);
     for (int k = 0; k < hand->key_count; k++)
-        write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
+        write_key(file.stream, device->joints, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
     return app_file_end(&file, true);
 }
 
@@ -48,8 +51,10 @@ static int write_session(const sim *s, const char *path) {
         const hrt_hand_script *hand = &s->hand[i];
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
+        cJSON_AddStringToObject(row, "device", s->axes[i].device->name);
         cJSON_AddStringToObject(row, "mode", hrt_mode_name((hrt_mode)s->instrument_def[i].mode));
-        cJSON_AddItemToObject(row, "start_joint", cJSON_CreateDoubleArray(s->start_joint[i], SIM_JOINTS));
+        cJSON_AddItemToObject(row, "start_joint",
+                              cJSON_CreateDoubleArray(s->start_joint[i], s->axes[i].device->joints));
         cJSON_AddNumberToObject(row, "tremor_m", hand->tremor_m);
         cJSON_AddBoolToObject(row, "straight", hand->straight);
         cJSON_AddBoolToObject(row, "repeat", hand->repeat);

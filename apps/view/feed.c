@@ -268,6 +268,7 @@ bool view_feed_send_hand(view_feed *feed, const view_hand *hand) {
                                    .seq = ++feed->hand_seq,
                                    .session = feed->session,
                                    .instrument = (int8_t)hand->instrument,
+                                   .joints = (int8_t)hand->joints,
                                    .active = hand->active};
     memcpy(m.joint, hand->joint, sizeof m.joint);
     return app_link_publish(feed->link, APP_HAND, hand->instrument, m.utime, &m);

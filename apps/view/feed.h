@@ -22,7 +22,8 @@ typedef struct view_feed_counts {
 /* lcm_types/hand_command_t.lcm and controller_command_t.lcm, in part. */
 typedef struct view_hand {
     int instrument;
-    double joint[5];
+    int32_t joints; /* of the device */
+    double joint[HRT_JOINTS];
     bool active;
 } view_hand;
 typedef struct view_command {

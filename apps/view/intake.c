@@ -97,6 +97,8 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
         if (!all_within(m->force_N[i], 3, LARGE_N)) return "a force is not finite";
         if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10))
             return "roll or grip is not finite";
+        if (m->device[i] < 0 || m->device[i] >= hrt_device_type_count)
+            return "an instrument's device is not one that this program knows";
     }
     const double numbers[] = {m->dt_s, m->frame_s, m->compute_s, m->sim_seconds_per_wall_second, m->sample_rate_Hz};
     return all_within(numbers, 5, 1e9) ? NULL : "a time is not finite";
@@ -104,6 +106,7 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
 
 static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m, int i) {
     t->shown = true;
+    t->device = hrt_device_types[m->device[i]];
     t->mode = (hrt_mode)m->mode[i], t->active = m->active[i] != 0;
     memcpy(t->tip_m, m->tip_m[i], sizeof t->tip_m);
     memcpy(t->trocar_m, m->trocar_m[i], sizeof t->trocar_m);

@@ -40,7 +40,8 @@ typedef struct view_surface {
 typedef struct view_instrument {
     bool shown;
     hrt_mode mode;
-    bool active; /* cautery current */
+    const hrt_device_type *device; /* what the hand holds; null: not told */
+    bool active;                   /* cautery current */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
     double axis[3], up[3]; /* the device's pose at the trocar; zero: not told */
     double force_N[3];     /* on the tool, as the simulation says */

@@ -36,11 +36,14 @@ typedef enum hrt_can_kind {
     HRT_CAN_RESET
 } hrt_can_kind;
 
+/* The frames carry so many counts. */
+enum { HRT_CAN_JOINTS = 5 };
+
 typedef struct hrt_can_message {
     hrt_can_kind kind;
     int32_t instrument;
     uint8_t counter;
-    int32_t count[HRT_JOINTS]; /* A: 0..2, B: 3..4 */
+    int32_t count[HRT_CAN_JOINTS]; /* A: 0..2, B: 3..4 */
     bool pedal;
     bool motors_on;
     float torque[HRT_MOTORS];

@@ -28,7 +28,8 @@ static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_
     if (exchange->encoder_known) exchange->can.lost += step - 1u;
     exchange->encoder_known = true;
     exchange->encoder_counter = m->counter;
-    for (int32_t j = 0; j < HRT_JOINTS; j++) input->count[j] = j < HRT_MOTORS ? exchange->half_count[j] : m->count[j];
+    for (int32_t j = 0; j < HRT_CAN_JOINTS; j++)
+        input->count[j] = j < HRT_MOTORS ? exchange->half_count[j] : m->count[j];
     input->pedal = m->pedal;
     input->encoder_us = now_us;
 }

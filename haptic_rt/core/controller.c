@@ -5,7 +5,9 @@ void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_ax
     static const hrt_controller zero = {.state = HRT_BOOT};
     *controller = zero;
     controller->params = *params;
+    if (!controller->params.device) controller->params.device = axes->device;
     controller->axes = *axes;
+    controller->axes.device = controller->params.device;
     controller->session = session;
     hrt_extrapolation_reset(&controller->extrapolation, HRT_HOLD);
 }

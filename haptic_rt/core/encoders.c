@@ -13,7 +13,7 @@ static void start_from(hrt_controller *c, int64_t now_us, const hrt_input *in) {
 }
 
 static void check_range(hrt_controller *c, int64_t now_us) {
-    for (int j = 0; j < HRT_JOINTS; j++) {
+    for (int j = 0; j < hrt_joints(&c->params); j++) {
         const float margin = 0.02f * (c->params.joint_max[j] - c->params.joint_min[j]);
         if (c->joint[j] < c->params.joint_min[j] - margin || c->joint[j] > c->params.joint_max[j] + margin)
             hrt_latch(c, now_us, HRT_FAULT_ENCODER_RANGE, j);
@@ -21,7 +21,7 @@ static void check_range(hrt_controller *c, int64_t now_us) {
 }
 
 static void check_jump(hrt_controller *c, int64_t now_us, const hrt_input *in, float dt_s) {
-    for (int j = 0; j < HRT_JOINTS; j++) {
+    for (int j = 0; j < hrt_joints(&c->params); j++) {
         /* Three counts: quantisation at both ends and one of noise. */
         const float most = c->params.speed_max[j] * c->params.counts_per_unit[j] * dt_s + 3.0f;
         const float step = (float)in->count[j] - (float)c->count[j];
@@ -32,7 +32,7 @@ static void check_jump(hrt_controller *c, int64_t now_us, const hrt_input *in, f
 /* A joint that nothing moves although its torque went up or down by a good part of what the motor has. Friction and a
  * firm hand hold far less than that within one count. At the end of the workspace a stop may. */
 static void check_stuck(hrt_controller *c, int64_t now_us, const hrt_input *in) {
-    for (int j = 0; j < HRT_MOTORS; j++) {
+    for (int j = 0; j < hrt_motors(&c->params); j++) {
         const float margin = 0.01f * (c->params.joint_max[j] - c->params.joint_min[j]);
         const bool at_stop =
             c->joint[j] < c->params.joint_min[j] + margin || c->joint[j] > c->params.joint_max[j] - margin;
@@ -52,7 +52,7 @@ static void check_stuck(hrt_controller *c, int64_t now_us, const hrt_input *in) 
 static void take_counts(hrt_controller *c, const hrt_input *in, float dt_s) {
     const float tau = (1.0e-6f * c->params.velocity_filter_us);
     const float share = dt_s / (dt_s + tau);
-    for (int j = 0; j < HRT_JOINTS; j++) {
+    for (int j = 0; j < hrt_joints(&c->params); j++) {
         const float rate = ((float)in->count[j] - (float)c->count[j]) / (c->params.counts_per_unit[j] * dt_s);
         c->joint_velocity[j] += share * (rate - c->joint_velocity[j]);
         c->joint_next[j] = rate + (rate - c->joint_rate[j]);

@@ -18,10 +18,14 @@
 extern "C" {
 #endif
 
-enum {
-    HRT_JOINTS = 5,
-    HRT_MOTORS = 3
-}; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; the first three driven */
+/* The most joints and driven joints of any device; its description (hrt_device_type) says how many it has. What it has
+ * not stays zero. The driven ones come first. */
+#ifdef HRT_ONE_DEVICE /* firmware for the Impulse Engine alone */
+enum { HRT_JOINTS = 5, HRT_MOTORS = 3 };
+#else
+enum { HRT_JOINTS = 7, HRT_MOTORS = 3 };
+#endif
+/* The Impulse Engine's joints in their order. */
 enum { HRT_PITCH, HRT_YAW, HRT_INSERTION, HRT_ROLL, HRT_GRIP };
 
 /* boot -> self_test -> idle -> engaged <-> stale -> idle; idle -> boot when the device goes; any -> fault; fault ->
@@ -94,14 +98,25 @@ typedef enum hrt_extrapolator { HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_VALUE) HRT_EX
 
 /* ------------------------------------------------------------------------------------------------ parameters */
 
-/* All floats; range, unit and default of each stand in params.c. Filled by hrt_params_default() or a profile file. */
+typedef struct hrt_device_type hrt_device_type;
+
+/* 0 leaves names of devices and joints, and what no such device says, out of a small part's flash: they are then null
+ * and 0. */
+#ifndef HRT_WITH_WORDS
+#define HRT_WITH_WORDS 1
+#endif
+
+/* Range, unit and default of each float stand in params.c, the profile's defaults in the device's description. Filled
+ * by hrt_params_default() or hrt_params_of_device(), changed by a profile file. Joint units: rad, m, or 1 for a grip.
+ */
 typedef struct hrt_params {
+    const hrt_device_type *device;
     /* the device's profile */
-    float counts_per_unit[HRT_JOINTS]; /* 1/rad 1/rad 1/m 1/rad 1 */
+    float counts_per_unit[HRT_JOINTS]; /* 1/joint unit */
     float count_zero[HRT_JOINTS];
     float joint_min[HRT_JOINTS], joint_max[HRT_JOINTS];
-    float speed_max[HRT_JOINTS];  /* rad/s rad/s m/s rad/s 1/s: faster is a jump */
-    float torque_max[HRT_MOTORS]; /* N m, N m, N */
+    float speed_max[HRT_JOINTS];  /* joint unit/s: faster is a jump */
+    float torque_max[HRT_MOTORS]; /* N m of a turning joint, N of a sliding one */
     float force_max_N;            /* vector sum at the tip */
     /* what is rendered */
     float axis_power_max_W;  /* handed to the hand by one joint */
@@ -145,7 +160,11 @@ extern const hrt_param_range hrt_param_table[];
 extern const hrt_param_words hrt_param_text[]; /* row by row of the same parameters */
 extern const int32_t hrt_param_count;
 
+/* Of the first device of the table (hrt_device_types). */
 void hrt_params_default(hrt_params *params);
+void hrt_params_of_device(hrt_params *params, const hrt_device_type *device);
+/* How many values of a row the device has: its joints, its motors, or one. */
+int32_t hrt_param_values(const hrt_params *params, const hrt_param_range *row);
 /* The row of the first parameter that is not finite or outside its range (or whose min is not below its max), -1 if all
  * are good. */
 int32_t hrt_params_check(const hrt_params *params);
@@ -295,23 +314,61 @@ hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params);
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]);
 
 /* ------------------------------------------------------------------------------------------------ kinematics */
-/* The device's geometry and its numbers stand in engine.h; device/kinematics.h declares the same in the simulation's
- * precision. */
+/* A device's geometry and its numbers stand in core/device_NAME.h; motion/kinematics.h declares the same geometry in
+ * the simulation's precision. */
 
-/* Orientation of the device in the scene: row-major, columns are the device's x, y, z along world axes. z is the
- * shaft's direction into the body at zero pitch and yaw; y is `up`. tip = insertion * (sin yaw, sin pitch cos yaw, cos
- * pitch cos yaw) in device axes. */
+/* How the device hangs in the scene: r is row-major, its columns are the device's x, y, z along world axes. z is the
+ * shaft's direction into the body at rest; y is `up`. */
 typedef struct hrt_axes {
     float r[9];
+    const hrt_device_type *device;
 } hrt_axes;
+
+typedef struct hrt_joint_type {
+    /* the profile's defaults */
+    float counts_per_unit, min, max, speed_max; /* 1/unit, unit, unit, unit/s */
+#if HRT_WITH_WORDS
+    /* what no such device says, whatever its profile: a message with more is wrong */
+    float reach_min, reach_max;
+    const char *name; /* as columns of tables call it, with its unit: pitch_rad */
+#endif
+} hrt_joint_type;
+
+struct hrt_device_type {
+#if HRT_WITH_WORDS
+    const char *name, *text;
+    const char *torque_name[HRT_MOTORS]; /* as columns call the torques, with their units */
+#endif
+    int32_t joints, motors; /* 1..HRT_JOINTS; 1..HRT_MOTORS of them, the first, are driven and move the tip */
+    hrt_joint_type joint[HRT_JOINTS];
+    float torque_max[HRT_MOTORS], force_max_N;
+    float rounding_m; /* two tips of the same joints within reach, one of each precision, are no farther apart */
+    int32_t insertion, roll, grip; /* which joint slides along the shaft (then joints 0 and 1 are its pitch and yaw),
+                                      turns about it, closes the jaws; -1: none */
+#ifndef HRT_ONE_DEVICE
+    /* Tip relative to the trocar, m; d tip / d (driven joints), row-major 3x3, columns of motors it has not are zero;
+     * the driven joints that put the tip there, false where none do. */
+    void (*tip)(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]);
+    void (*jacobian)(const hrt_axes *axes, const float joint[HRT_JOINTS], float jacobian[9]);
+    bool (*inverse)(const hrt_axes *axes, const float tip_m[3], float joint3[3]);
+#endif
+};
+
+/* All that this build knows; the first is the default. Messages carry their numbers, so that a new one goes to the end.
+ */
+extern const hrt_device_type *const hrt_device_types[];
+extern const int32_t hrt_device_type_count;
+/* Its row; -1: no such name. */
+int32_t hrt_device_type_find(const char *name);
+int32_t hrt_device_type_number(const hrt_device_type *device);
 
 /* From a direction and an up vector of any length; false when they are parallel, zero or not finite (the axes are then
  * the identity). */
-bool hrt_axes_along(hrt_axes *axes, const float axis[3], const float up[3]);
+bool hrt_axes_along(hrt_axes *axes, const hrt_device_type *device, const float axis[3], const float up[3]);
 void hrt_tip(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]);
-/* d tip / d (pitch, yaw, insertion), row-major 3x3. */
+/* d tip / d (driven joints), row-major 3x3. */
 void hrt_jacobian(const hrt_axes *axes, const float joint[HRT_JOINTS], float jacobian[9]);
-/* pitch, yaw, insertion that put the tip there; false at the trocar itself. */
+/* The driven joints that put the tip there; false where none do (at the trocar itself, for one that turns about it). */
 bool hrt_inverse(const hrt_axes *axes, const float tip_m[3], float joint3[3]);
 void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]);
 /* The count of joint `j` at a value, not rounded. */
@@ -473,7 +530,7 @@ typedef struct hrt_result {
     int32_t fault_detail; /* joint, parameter row or device code */
     uint32_t limits;      /* hrt_limit bits of this tick */
     bool motors_on;
-    float torque[HRT_MOTORS]; /* N m, N m, N: what the motors shall push with */
+    float torque[HRT_MOTORS]; /* N m or N: what the motors shall push with */
     float force_N[3];         /* the same at the tip, world axes */
     float joint[HRT_JOINTS];
     float tip_m[3]; /* relative to the trocar */

@@ -20,6 +20,23 @@ static const ptrdiff_t HRT_XYZ = 3;
 #define HRT_WITH_PATCHES 1
 #endif
 
+static inline int32_t hrt_joints(const hrt_params *params) {
+#ifdef HRT_ONE_DEVICE
+    (void)params;
+    return HRT_JOINTS;
+#else
+    return params->device->joints;
+#endif
+}
+static inline int32_t hrt_motors(const hrt_params *params) {
+#ifdef HRT_ONE_DEVICE
+    (void)params;
+    return HRT_MOTORS;
+#else
+    return params->device->motors;
+#endif
+}
+
 /* y = M x, row-major 3x3. */
 static inline void hrt_apply(const float m[9], const float x[3], float y[3]) {
     for (int i = 0; i < 3; i++) y[i] = m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2];

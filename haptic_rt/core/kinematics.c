@@ -1,4 +1,4 @@
-/* The device's geometry for the tick: engine.h in `float`. */
+/* The devices for the tick: device_types.h in `float`. */
 #include "internal.h"
 
 /* Our own, so that every machine makes the same bits of it. Error below 1.5e-7 for |angle| < 1000; quarter turns are
@@ -19,11 +19,69 @@ static void sine_cosine(float angle, float *sine, float *cosine) {
 
 #define HRT_REAL float
 #define HRT_AXES hrt_axes
-#define HRT_KINEMATICS(name) hrt_##name
+#define HRT_DESCRIBE
 #define HRT_SQRT sqrtf
 #define HRT_ASIN asinf
 #define HRT_ATAN2 atan2f
 #define HRT_SINE_COSINE sine_cosine
 #define HRT_SIZE_MIN 1.0e-6f
 #define HRT_SIZE_MAX 1.0e6f
-#include "engine.h"
+#include "device_types.h"
+
+#include "device_axes.h" /* with what stands in the other */
+
+/* One device alone is called without a look at the table. */
+#ifdef HRT_ONE_DEVICE
+#define CALL(axes, what) impulse_engine_##what
+#else
+#define CALL(axes, what) (axes)->device->what
+#endif
+
+#define TYPE_ROW(name) &name##_type,
+const hrt_device_type *const hrt_device_types[] = {HRT_DEVICE_TYPES(TYPE_ROW)};
+const int32_t hrt_device_type_count = (int32_t)(sizeof hrt_device_types / sizeof hrt_device_types[0]);
+
+#if HRT_WITH_WORDS
+int32_t hrt_device_type_find(const char *name) {
+    for (int32_t t = 0; t < hrt_device_type_count; t++) {
+        const char *a = hrt_device_types[t]->name, *b = name;
+        while (*a && *a == *b) a++, b++;
+        if (*a == *b) return t;
+    }
+    return -1;
+}
+#endif
+
+int32_t hrt_device_type_number(const hrt_device_type *device) {
+    for (int32_t t = 0; t < hrt_device_type_count; t++)
+        if (hrt_device_types[t] == device) return t;
+    return 0;
+}
+
+bool hrt_axes_along(hrt_axes *axes, const hrt_device_type *device, const float axis[3], const float up[3]) {
+    axes->device = device;
+    return turn_along(axes->r, axis, up);
+}
+
+void hrt_tip(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]) {
+    CALL(axes, tip)(axes, joint, tip_m);
+}
+
+void hrt_jacobian(const hrt_axes *axes, const float joint[HRT_JOINTS], float jacobian[9]) {
+    CALL(axes, jacobian)(axes, joint, jacobian);
+}
+
+bool hrt_inverse(const hrt_axes *axes, const float tip_m[3], float joint3[3]) {
+    return CALL(axes, inverse)(axes, tip_m, joint3);
+}
+
+void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]) {
+    for (int j = 0; j < HRT_JOINTS; j++) joint[j] = 0.0f;
+    for (int j = 0; j < hrt_joints(params); j++)
+        joint[j] = ((float)count[j] - params->count_zero[j]) / params->counts_per_unit[j];
+}
+
+/* Not rounded: an encoder may add its noise first. */
+float hrt_count_of_joint(const hrt_params *params, int j, float value) {
+    return value * params->counts_per_unit[j] + params->count_zero[j];
+}

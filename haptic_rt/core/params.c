@@ -1,17 +1,15 @@
 /* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are made of it: what a
  * microcontroller does not ask for, the words, is not linked there. */
-#include "engine.h"
 #include "internal.h"
 
 #define PARAMETERS(ROW, ROWS)                                                                                          \
-    ROWS(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit",                    \
-         HRT_ENGINE_COUNTS_PER_UNIT)                                                                                   \
-    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero", 0.0f)                                 \
-    ROWS(joint_min, "rad rad m rad 1", -100.0f, 100.0f, "workspace, lower end", HRT_ENGINE_JOINT_MIN)                  \
-    ROWS(joint_max, "rad rad m rad 1", -100.0f, 100.0f, "workspace, upper end", HRT_ENGINE_JOINT_MAX)                  \
-    ROWS(speed_max, "rad/s rad/s m/s rad/s 1/s", 0.01f, 1000.0f, "faster is an encoder jump", HRT_ENGINE_SPEED_MAX)    \
-    ROWS(torque_max, "N m, N m, N", 0.0f, 100.0f, "of each motor", HRT_ENGINE_TORQUE_MAX)                              \
-    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", HRT_ENGINE_FORCE_MAX_N)                                \
+    ROWS(counts_per_unit, "1/joint unit", 1.0f, 1.0e6f, "encoder counts per joint unit")                               \
+    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero")                                       \
+    ROWS(joint_min, "rad, m or 1", -100.0f, 100.0f, "workspace, lower end")                                            \
+    ROWS(joint_max, "rad, m or 1", -100.0f, 100.0f, "workspace, upper end")                                            \
+    ROWS(speed_max, "joint unit/s", 0.01f, 1000.0f, "faster is an encoder jump")                                       \
+    ROWS(torque_max, "N m or N", 0.0f, 100.0f, "of each motor")                                                        \
+    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", 0.0f)                                                  \
     ROW(axis_power_max_W, "W", 0.01f, 100.0f, "handed to the hand by one joint", 3.0f)                                 \
     ROW(power_max_W, "W", 0.01f, 100.0f, "handed to the hand by all joints", 5.0f)                                     \
     ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "change of the force vector", 600.0f)                                    \
@@ -46,25 +44,44 @@
      (uint8_t)((sizeof(((hrt_params *)0)->field) + sizeof(float) - 1u) / sizeof(float)), low, high},
 #define WORDS(field, unit, low, high, text, ...) {#field, unit, text},
 #define DEFAULT(field, unit, low, high, text, value) .field = (value),
-#define DEFAULTS(field, unit, low, high, text, ...) .field = {__VA_ARGS__},
+#define DEVICES_OWN(...)
 
 const hrt_param_range hrt_param_table[] = {PARAMETERS(RANGE, RANGE)};
 const hrt_param_words hrt_param_text[] = {PARAMETERS(WORDS, WORDS)};
 const int32_t hrt_param_count = (int32_t)(sizeof hrt_param_table / sizeof hrt_param_table[0]);
-static const hrt_params defaults = {PARAMETERS(DEFAULT, DEFAULTS)};
+static const hrt_params defaults = {PARAMETERS(DEFAULT, DEVICES_OWN)};
 
-void hrt_params_default(hrt_params *params) { *params = defaults; }
+void hrt_params_of_device(hrt_params *params, const hrt_device_type *device) {
+    *params = defaults;
+    params->device = device;
+    for (int32_t j = 0; j < hrt_joints(params); j++) {
+        params->counts_per_unit[j] = device->joint[j].counts_per_unit;
+        params->joint_min[j] = device->joint[j].min;
+        params->joint_max[j] = device->joint[j].max;
+        params->speed_max[j] = device->joint[j].speed_max;
+    }
+    for (int32_t j = 0; j < hrt_motors(params); j++) params->torque_max[j] = device->torque_max[j];
+    params->force_max_N = device->force_max_N;
+}
+
+void hrt_params_default(hrt_params *params) { hrt_params_of_device(params, hrt_device_types[0]); }
+
+int32_t hrt_param_values(const hrt_params *params, const hrt_param_range *row) {
+    return row->count == HRT_JOINTS ? hrt_joints(params) : row->count == HRT_MOTORS ? hrt_motors(params) : 1;
+}
 
 int32_t hrt_params_check(const hrt_params *params) {
+    if (!params->device) return 0;
     int32_t joint_min_row = 0;
     for (int32_t r = 0; r < hrt_param_count; r++) {
         const hrt_param_range *row = &hrt_param_table[r];
         const float *value = (const float *)(const void *)((const unsigned char *)params + row->offset);
-        for (int32_t i = 0; i < row->count; i++)
+        const int32_t count = hrt_param_values(params, row);
+        for (int32_t i = 0; i < count; i++)
             if (!(value[i] >= row->min && value[i] <= row->max)) return r;
         if (row->offset == offsetof(hrt_params, joint_min)) joint_min_row = r;
     }
-    for (int32_t j = 0; j < HRT_JOINTS; j++)
+    for (int32_t j = 0; j < hrt_joints(params); j++)
         if (!(params->joint_min[j] < params->joint_max[j])) return joint_min_row;
     return -1;
 }

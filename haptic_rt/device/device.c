@@ -1,4 +1,4 @@
-/* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a
+/* The virtual device. Joints are independent masses with friction, pushed by the motors and by a hand that is a
  * spring and a damper to where it wants to be. */
 #include "device.h"
 
@@ -10,21 +10,28 @@
 enum { BEAT_US = 50000, STEP_US = 250, CATCH_UP_US = 50000, CORRUPT_MAX = 10, FRAMES_PER_STEP = 64, LATE = 64 };
 static const double PI = 3.14159265358979323846;
 
-hrt_device_config hrt_device_config_default(int32_t instrument) {
+hrt_device_config hrt_device_config_of(const hrt_device_type *device, int32_t instrument) {
+    const hrt_twin *twin = hrt_twin_of(device);
     hrt_device_config c = {.instrument = instrument,
-                           .inertia = {0.0045, 0.0045, 0.2},
-                           .viscous = {0.01, 0.01, 0.5},
-                           .coulomb = {0.008, 0.008, 0.06},
-                           .hand_stiffness = {7.0, 7.0, 300.0},
-                           .hand_damping = {0.25, 0.25, 11.0},
                            .roll_grip_rate = 60.0,
-                           .rest = {0.0, 0.0, 0.1, 0.0, 0.0},
                            .watchdog_us = 20000.0,
                            .period_us = 2000.0,
                            .session = 1,
                            .hand = {.tremor_hz = 9.0}};
-    hrt_params_default(&c.profile);
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        c.inertia[j] = twin->inertia[j];
+        c.viscous[j] = twin->viscous[j];
+        c.coulomb[j] = twin->coulomb[j];
+        c.hand_stiffness[j] = twin->hand_stiffness[j];
+        c.hand_damping[j] = twin->hand_damping[j];
+    }
+    for (int j = 0; j < HRT_JOINTS; j++) c.rest[j] = twin->rest[j];
+    hrt_params_of_device(&c.profile, device);
     return c;
+}
+
+hrt_device_config hrt_device_config_default(int32_t instrument) {
+    return hrt_device_config_of(hrt_device_types[0], instrument);
 }
 
 void hrt_device_init(hrt_device *device, const hrt_device_config *config, hrt_bus *bus) {
@@ -51,9 +58,9 @@ static void want(hrt_device *d, double time_s) {
     if (d->external) {
         memcpy(target, d->external_target, sizeof target);
         d->active = d->external_active;
-        hrt_hand_tremble(hand, time_s, target);
+        hrt_hand_tremble(hand, d->config.profile.device, time_s, target);
     } else
-        hrt_hand_target(hand, d->config.rest, time_s, target, &d->active);
+        hrt_hand_target(hand, d->config.profile.device, d->config.rest, time_s, target, &d->active);
     memcpy(d->target, target, sizeof target);
 }
 
@@ -66,8 +73,9 @@ static void move(hrt_device *d, double dt_s) {
     double before[HRT_JOINTS];
     memcpy(before, d->target, sizeof before);
     want(d, 1.0e-6 * ((double)(d->now_us - d->start_us) - c->start_us));
-    for (int j = 0; j < HRT_JOINTS; j++) {
-        if (j < HRT_MOTORS) {
+    const hrt_device_type *type = c->profile.device;
+    for (int j = 0; j < type->joints; j++) {
+        if (j < type->motors) {
             const double wanted_rate = (d->target[j] - before[j]) / dt_s;
             const double push =
                 d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
@@ -187,7 +195,8 @@ static void send_frames(hrt_device *d, int64_t now_us) {
     if (!d->unplugged && (double)(now_us - d->sent_us) >= d->config.period_us) {
         hrt_can_message a = {.kind = HRT_CAN_ENCODER_A, .counter = ++d->encoder_counter};
         hrt_can_message b = {.kind = HRT_CAN_ENCODER_B, .counter = d->encoder_counter, .pedal = d->active};
-        for (int j = 0; j < HRT_JOINTS; j++) a.count[j] = b.count[j] = encoder(d, j);
+        const int joints = d->config.profile.device->joints;
+        for (int j = 0; j < joints && j < HRT_CAN_JOINTS; j++) a.count[j] = b.count[j] = encoder(d, j);
         send_message(d, &a);
         send_message(d, &b);
         /* Keep the beat; after a stall begin a new one rather than catch up. */

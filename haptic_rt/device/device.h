@@ -1,5 +1,5 @@
-/* The virtual Impulse Engine: mass, Coulomb and viscous friction, encoder counts, torque saturation, a watchdog that
- * drops the torque when commands stop, and a simulated hand. Speaks the frames of impulse_engine.dbc on any bus. Who
+/* The virtual device: mass, Coulomb and viscous friction, encoder counts, torque saturation, a watchdog that drops the
+ * torque when commands stop, and a simulated hand. Speaks the frames of impulse_engine.dbc on any bus. Who
  * calls hrt_device_step differs (tm-device, lockstep simulation), the code does not. */
 #ifndef HRT_DEVICE_H
 #define HRT_DEVICE_H
@@ -15,13 +15,12 @@ extern "C" {
 
 typedef struct hrt_device_config {
     int32_t instrument;
-    hrt_params profile;                /* counts, workspace, torque limits */
-    double inertia[HRT_MOTORS];        /* kg m^2, kg m^2, kg, device and held hand */
-    double viscous[HRT_MOTORS];        /* N m s, N m s, N s/m */
-    double coulomb[HRT_MOTORS];        /* N m, N m, N */
-    double hand_stiffness[HRT_MOTORS]; /* N m/rad, N m/rad, N/m; 0 lets go */
+    hrt_params profile; /* counts, workspace, torque limits */
+    /* By driven joint, in the units of hrt_twin. */
+    double inertia[HRT_MOTORS], viscous[HRT_MOTORS], coulomb[HRT_MOTORS];
+    double hand_stiffness[HRT_MOTORS]; /* 0 lets go */
     double hand_damping[HRT_MOTORS];
-    double roll_grip_rate;   /* 1/s: roll and grip follow the hand with this rate */
+    double roll_grip_rate;   /* 1/s: joints without a motor follow the hand with this rate */
     double rest[HRT_JOINTS]; /* where it starts */
     double watchdog_us;      /* 20000: without a command the torque drops */
     double period_us;        /* 2000: encoder frames */
@@ -31,7 +30,9 @@ typedef struct hrt_device_config {
     uint16_t session;        /* not 0 */
     hrt_hand_script hand;
 } hrt_device_config;
+/* Of the first device of the table; of one of them. */
 hrt_device_config hrt_device_config_default(int32_t instrument);
+hrt_device_config hrt_device_config_of(const hrt_device_type *device, int32_t instrument);
 
 typedef enum hrt_device_fault {
     HRT_DEVICE_FINE = 0,
@@ -47,7 +48,7 @@ typedef struct hrt_device {
     int64_t start_us, now_us, sent_us, beat_us, command_us, heard_us;
     bool unplugged; /* tests: hears and says nothing */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
-    double torque[HRT_MOTORS]; /* applied now, N m, N m, N */
+    double torque[HRT_MOTORS]; /* applied now, N m or N */
     double target[HRT_JOINTS]; /* the hand's, now */
     bool external;             /* targets come from hrt_device_hand */
     double external_target[HRT_JOINTS];

@@ -1,4 +1,4 @@
-/* tm-device: the virtual Impulse Engine as a program of its own on a CAN bus, with a hand that follows a script or LCM.
+/* tm-device: a virtual device as a program of its own on a CAN bus, with a hand that follows a script or LCM.
  */
 #include <cjson/cJSON.h>
 #include <math.h>
@@ -10,7 +10,6 @@
 
 #include "app.h"
 #include "device.h"
-#include "engine.h"
 #include "hand_file.h"
 #include "io/command.h"
 #include "io/loop.h"
@@ -21,7 +20,8 @@ enum { UNREAD = 4, LOOKS_PER_SECOND = 20, QUIET_LOOKS = 5 };
 
 typedef struct program {
     hrt_common common;
-    const char *hand;
+    const char *hand, *start;
+    double grasp; /* strength of the hand */
     hrt_device_config config;
     hrt_bus wires;
     hrt_device device;
@@ -47,12 +47,13 @@ typedef struct program {
 static void usage(void) {
     puts(
         "usage: tm-device --bus ADDRESS [options]\n"
-        "A virtual Impulse Engine on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
+        "A virtual device on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
         "\n"
         "  --bus ADDRESS         " HRT_BUS_ADDRESSES "\n"
         "  --instrument N         0 or 1 (0)\n"
-        "  --hand FILE            CSV: time_s," HRT_ENGINE_FIELDS "[,active]; `lcm` follows HAND_N; without, it rests\n"
-        "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
+        "  --device-type NAME     what it is; haptic-rt --list says which there are (impulse_engine)\n"
+        "  --hand FILE            CSV: time_s, the joints by name, [active]; `lcm` follows HAND_N; without, it rests\n"
+        "  --start A,B,...        joints at rest: of the Impulse Engine pitch and yaw rad, insertion m, roll rad, grip (0,0,0.1,0,0)\n"
         "  --repeat               begin the script again at its end\n"
         "  --straight             straight lines between rows instead of minimum-jerk\n"
         "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
@@ -79,14 +80,18 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"seed", 1, 0, O_SEED},
                                         {0, 0, 0, 0}};
 
-static bool read_start(const char *text, double joint[HRT_JOINTS]) {
-    char tail;
-    double v[HRT_JOINTS];
-    const int read = sscanf(text, "%lf,%lf,%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &v[3], &v[4], &tail);
-    bool good = read == HRT_JOINTS;
-    for (int j = 0; j < HRT_JOINTS && good; j++) good = fabs(v[j]) < 100.0;
-    if (!good) return app_bad_input("--start", 0, "'%s' is no place; write PITCH,YAW,INSERTION,ROLL,GRIP", text), false;
-    memcpy(joint, v, sizeof v);
+static bool read_start(const char *text, const hrt_device_type *device, double joint[HRT_JOINTS]) {
+    const char *at = text;
+    for (int j = 0; j < device->joints; j++) {
+        char *end;
+        joint[j] = strtod(at, &end);
+        const bool good = end != at && fabs(joint[j]) < 100.0 && *end == (j + 1 < device->joints ? ',' : 0);
+        if (!good)
+            return app_bad_input("--start", 0, "'%s' is no place; a %s has %d joints, each below 100: write A,B,...",
+                                 text, device->name, device->joints),
+                   false;
+        at = end + 1;
+    }
     return true;
 }
 
@@ -98,17 +103,11 @@ static int take_option(void *user, int option, const char *text) {
     double number = 0.0;
     switch (option) {
     case O_HAND: p->hand = text; return -1;
-    case O_START: return checked(read_start(text, c->rest));
+    case O_START: p->start = text; return -1;
     case O_REPEAT: c->hand.repeat = true; return -1;
     case O_STRAIGHT: c->hand.straight = true; return -1;
     case O_TREMOR: return checked(hrt_option_number("--tremor", text, 0, 0.01, &c->hand.tremor_m));
-    case O_GRASP:
-        if (!hrt_option_number("--grasp", text, 0, 100, &number)) return APP_BAD_INPUT;
-        for (int j = 0; j < HRT_MOTORS; j++) {
-            c->hand_stiffness[j] *= number;
-            c->hand_damping[j] *= sqrt(number);
-        }
-        return -1;
+    case O_GRASP: return checked(hrt_option_number("--grasp", text, 0, 100, &p->grasp));
     case O_NOISE: return checked(hrt_option_number("--noise", text, 0, 1000, &c->noise_counts));
     case O_SEED:
         if (!hrt_option_number("--seed", text, 1, 9.0e15, &number)) return APP_BAD_INPUT;
@@ -118,20 +117,35 @@ static int take_option(void *user, int option, const char *text) {
     }
 }
 
+/* Once the device type is known, wherever it stood on the command line. */
+static int complete(program *p) {
+    const hrt_device_config set = p->config;
+    hrt_device_config *c = &p->config;
+    *c = hrt_device_config_of(p->common.params.device, p->common.instrument);
+    c->profile = p->common.params;
+    c->session = set.session, c->seed = set.seed, c->noise_counts = set.noise_counts, c->hand = set.hand;
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        c->hand_stiffness[j] *= p->grasp;
+        c->hand_damping[j] *= sqrt(p->grasp);
+    }
+    if (c->profile.device->joints > HRT_CAN_JOINTS)
+        return app_bad_input("--device-type", 0, "the bus carries %d joints", HRT_CAN_JOINTS);
+    return p->start ? checked(read_start(p->start, c->profile.device, c->rest)) : -1;
+}
+
 /* -1: go on; else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
     const hrt_command_line line = {
         .program = "tm-device", .usage = usage, .option = options, .take = take_option, .user = p};
     p->config = hrt_device_config_default(0);
     p->config.session = (uint16_t)(1 + app_session() % 65535);
+    p->grasp = 1.0;
     p->common = (hrt_common){.rate = 500, .priority = 70, .params = p->config.profile};
     const int code = hrt_command_read(&line, &p->common, argc, argv);
-    p->config.instrument = p->common.instrument;
-    p->config.profile = p->common.params;
-    return code;
+    return code >= 0 ? code : complete(p);
 }
 
-static void hand_said(void *user, const double joint[5], bool active) {
+static void hand_said(void *user, const double joint[HRT_JOINTS], bool active) {
     program *p = user;
     memcpy(p->hand_said[p->hand_write].joint, joint, sizeof p->hand_said[0].joint);
     p->hand_said[p->hand_write].active = active;
@@ -157,14 +171,16 @@ static void tick(void *user, int64_t now_us) {
 static int open_all(program *p) {
     char why[300];
     const bool follow = p->hand && strcmp(p->hand, "lcm") == 0;
-    if (p->hand && !follow && !hrt_hand_file_read(p->hand, &p->config.hand)) return APP_BAD_INPUT;
+    if (p->hand && !follow && !hrt_hand_file_read(p->hand, p->config.profile.device, &p->config.hand))
+        return APP_BAD_INPUT;
     if (!hrt_bus_open(&p->wires, p->common.bus, why, sizeof why) ||
         !hrt_bus_claim(&p->wires, HRT_BUS_DEVICE, p->config.instrument, why, sizeof why))
         return app_bad_input("--bus", 0, "%s", why);
     hrt_device_init(&p->device, &p->config, &p->wires);
     p->hand_write = 1;
     p->hand_read = 2;
-    hrt_peer_def def = {.instrument = p->config.instrument, .hand = hand_said, .user = p};
+    hrt_peer_def def = {
+        .instrument = p->config.instrument, .joints = p->config.profile.device->joints, .hand = hand_said, .user = p};
     const int unlinked = follow ? hrt_common_join(&p->common, &def, &p->key, &p->live) : APP_DONE;
     if (unlinked) return unlinked;
     return hrt_output_begin(&p->json_out, p->common.json);
@@ -215,7 +231,7 @@ static int write_json(program *p) {
                                     sqrt(p->torque_square[2] / ticks)};
     cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(peak, HRT_MOTORS));
     cJSON_AddItemToObject(json, "torque_rms", cJSON_CreateDoubleArray(rms, HRT_MOTORS));
-    cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, HRT_JOINTS));
+    cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, p->config.profile.device->joints));
     hrt_report_can(json, &p->wires, &p->device.can, ticks / p->common.rate);
     return hrt_report_write(json, &p->json_out);
 }

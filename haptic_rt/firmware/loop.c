@@ -3,7 +3,7 @@
 enum { FRAMES_A_TICK_MAX = 64 }; /* a full bus carries 16 in 2 ms; more waits for the next tick */
 
 /* The device hangs along the board's own axes; the simulation's side turns positions and forces. */
-static const hrt_axes device_axes = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+static const hrt_axes device_axes = {.r = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 
 #if FW_PATCHES
 static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* one for all: patches are checked one after the other */

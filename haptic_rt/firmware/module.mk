@@ -15,7 +15,9 @@ FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdo
 FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fno-ssa-phiopt -fno-tree-tail-merge -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
 FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
-FW_CFLAGS := $(FW_CODE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
+# For one device alone: a second would only take flash.
+FW_DEVICE := -DHRT_WITH_WORDS=0 -DHRT_ONE_DEVICE
+FW_CFLAGS := $(FW_CODE) $(FW_DEVICE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
 # The core is made into code as one when it is linked: 0.5 to 0.8 kB less. Not the rest, so that the map tells what is whose.
 fw_whole = $(if $(filter haptic_rt/core/%,$(1)),-flto)
 FW_LDFLAGS := $(FW_CODE) -flto -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld

@@ -17,6 +17,15 @@ static int whole_number(const char *option, const char *text, double low, double
     return -1;
 }
 
+/* Starts from that device's own parameters. */
+static int take_device_type(hrt_common *c, const char *name) {
+    const int32_t type = hrt_device_type_find(name);
+    if (type < 0) return app_bad_input("--device-type", 0, "'%s' is none; haptic-rt --list says which there are", name);
+    if (c->params_read) return app_bad_input("--device-type", 0, "comes after --profile or --set; put it before them");
+    hrt_params_of_device(&c->params, hrt_device_types[type]);
+    return -1;
+}
+
 /* -1: go on; else the exit code. */
 static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     int number = c->instrument, code;
@@ -26,8 +35,9 @@ static int take(const hrt_command_line *line, hrt_common *c, int option, const c
         code = whole_number("--instrument", text, 0, 1, &number);
         c->instrument = number;
         return code;
-    case HRT_OPTION_PROFILE: return hrt_profile_read(text, &c->params) ? -1 : APP_BAD_INPUT;
-    case HRT_OPTION_SET: return hrt_profile_set(text, &c->params) ? -1 : APP_BAD_INPUT;
+    case HRT_OPTION_DEVICE_TYPE: return take_device_type(c, text);
+    case HRT_OPTION_PROFILE: return (c->params_read = hrt_profile_read(text, &c->params)) ? -1 : APP_BAD_INPUT;
+    case HRT_OPTION_SET: return (c->params_read = hrt_profile_set(text, &c->params)) ? -1 : APP_BAD_INPUT;
     case HRT_OPTION_PARAMS: hrt_profile_write(stdout, &c->params); return APP_DONE;
     case HRT_OPTION_URL: c->url = text; return -1;
     case HRT_OPTION_KEY: c->key_path = text; return -1;

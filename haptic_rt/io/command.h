@@ -11,7 +11,8 @@
 typedef struct hrt_common {
     const char *bus, *url, *key_path, *json;
     int32_t instrument;
-    hrt_params params;
+    hrt_params params; /* of the device type */
+    bool params_read;  /* --profile or --set has changed them */
     int rate, priority;
     double duration_s; /* 0: for ever */
     bool stats, no_key;
@@ -21,6 +22,7 @@ typedef struct hrt_common {
 enum {
     HRT_OPTION_BUS = 1,
     HRT_OPTION_INSTRUMENT,
+    HRT_OPTION_DEVICE_TYPE,
     HRT_OPTION_PROFILE,
     HRT_OPTION_SET,
     HRT_OPTION_PARAMS,
@@ -39,7 +41,8 @@ enum {
 };
 /* Rows of a table for getopt_long; "url" is the old name of "lcm-url". */
 #define HRT_COMMON_OPTIONS                                                                                             \
-    {"bus", 1, 0, HRT_OPTION_BUS}, {"instrument", 1, 0, HRT_OPTION_INSTRUMENT}, {"profile", 1, 0, HRT_OPTION_PROFILE}, \
+    {"bus", 1, 0, HRT_OPTION_BUS}, {"instrument", 1, 0, HRT_OPTION_INSTRUMENT},                                        \
+        {"device-type", 1, 0, HRT_OPTION_DEVICE_TYPE}, {"profile", 1, 0, HRT_OPTION_PROFILE},                          \
         {"set", 1, 0, HRT_OPTION_SET}, {"params", 0, 0, HRT_OPTION_PARAMS}, {"lcm-url", 1, 0, HRT_OPTION_URL},         \
         {"url", 1, 0, HRT_OPTION_URL}, {"key", 1, 0, HRT_OPTION_KEY}, {"no-key", 0, 0, HRT_OPTION_NO_KEY},             \
         {"rate", 1, 0, HRT_OPTION_RATE}, {"duration", 1, 0, HRT_OPTION_DURATION},                                      \

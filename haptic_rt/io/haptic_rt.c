@@ -232,7 +232,8 @@ static int open_all(program *p) {
     if (unlinked) return unlinked;
     const int unwritable = hrt_output_begin(&p->json_out, p->set.common.json);
     if (unwritable) return unwritable;
-    const int unrecorded = p->set.record_path ? hrt_record_begin(&p->record, p->set.record_path) : APP_DONE;
+    const int unrecorded =
+        p->set.record_path ? hrt_record_begin(&p->record, p->set.node.params.device, p->set.record_path) : APP_DONE;
     if (unrecorded) app_output_abandon(&p->json_out);
     return unrecorded;
 }

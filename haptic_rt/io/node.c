@@ -23,11 +23,11 @@ hrt_node_config hrt_node_config_default(int32_t instrument) {
     return config;
 }
 
-static hrt_axes axes_of(const hrt_pose *pose) {
+static hrt_axes axes_of(const hrt_device_type *device, const hrt_pose *pose) {
     hrt_axes axes;
     const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
     const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
-    hrt_axes_along(&axes, axis, up);
+    hrt_axes_along(&axes, device, axis, up);
     return axes;
 }
 
@@ -35,7 +35,7 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
     memset(node, 0, sizeof *node);
     node->config = *config;
     node->bus = bus;
-    const hrt_axes axes = axes_of(&config->pose);
+    const hrt_axes axes = axes_of(config->params.device, &config->pose);
     hrt_can_exchange_init(&node->exchange, config->instrument);
     hrt_init(&node->controller, &config->params, &axes, config->session);
     node->mailbox.write = 1;
@@ -128,7 +128,7 @@ void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose) {
     hrt_axes axes;
     const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
     const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
-    if (!pose_settled(node) || !hrt_axes_along(&axes, axis, up)) return;
+    if (!pose_settled(node) || !hrt_axes_along(&axes, node->config.params.device, axis, up)) return;
     for (int i = 0; i < 3; i++)
         if (!(fabs(pose->trocar_m[i]) < 1.0e6)) return;
     const bool first = atomic_load(&node->pose_count) == 0 && !node->config.pose_known;
@@ -163,7 +163,7 @@ static void take_commands(hrt_node *node, int64_t now_us) {
     if (!in_use && !pose_settled(node)) {
         node->config.pose = node->pose_posted;
         node->config.pose_known = true;
-        node->controller.axes = axes_of(&node->config.pose);
+        node->controller.axes = axes_of(node->config.params.device, &node->config.pose);
         atomic_store(&node->pose_taken, atomic_load(&node->pose_count));
     }
     node->input.enable = node->config.enable && node->config.pose_known;
@@ -214,6 +214,8 @@ static void tell(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool) 
     tool->state = (int8_t)out->state;
     tool->active = out->pedal;
     tool->extrapolator = (int8_t)out->extrapolator;
+    tool->device = (int8_t)hrt_device_type_number(node->config.params.device);
+    tool->joints = (int8_t)node->config.params.device->joints;
     for (int i = 0; i < 3; i++) tool->tip_m[i] = node->config.pose.trocar_m[i] + (double)out->tip_m[i];
     for (int j = 0; j < HRT_JOINTS; j++) tool->joint[j] = (double)out->joint[j];
 }

@@ -109,7 +109,8 @@ static app_verdict take_hand(void *user, int instrument, int64_t utime, const vo
     const tensormass_hand_command_t *m = message;
     if (m->instrument != peer->def.instrument) return APP_LEFT;
     if (heard_before(peer, &peer->hands, m->session, m->seq)) return APP_FORGED;
-    for (int j = 0; j < 5; j++)
+    if (m->joints != peer->def.joints) return APP_LEFT; /* meant for another device */
+    for (int j = 0; j < HRT_JOINTS; j++)
         if (!(fabs(m->joint[j]) < 1.0e3)) return APP_LEFT;
     /* In order, without a key too: a message that comes late would take the hand back to where it was. */
     const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};

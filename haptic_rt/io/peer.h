@@ -18,7 +18,8 @@ typedef struct hrt_peer_def {
     bool pose_given;    /* the scene's pose is the node's to the last bit; what SIM_STATUS says of it is not taken */
     bool replay;        /* take samples that lcm-logplayer sends, though they answer another controller */
     /* device: hears HAND_i; null: none */
-    void (*hand)(void *user, const double joint[5], bool active);
+    int32_t joints; /* of the device */
+    void (*hand)(void *user, const double joint[HRT_JOINTS], bool active);
     void *user;
 } hrt_peer_def;
 

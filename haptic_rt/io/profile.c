@@ -33,20 +33,21 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
     }
     const hrt_param_range *row = &hrt_param_table[r];
     const char *unit = hrt_param_text[r].unit;
+    const int32_t values_of = hrt_param_values(params, row);
     rest = NULL;
     int32_t i = 0;
     for (char *cell = strtok_r(value, " \t\r\n,", &rest); cell; cell = strtok_r(NULL, " \t\r\n,", &rest), i++) {
         char *end;
         const float x = strtof(cell, &end);
-        if (*end || i == row->count || !(x >= row->min && x <= row->max)) {
-            app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell,
-                          row->count, (double)row->min, (double)row->max, unit);
+        if (*end || i == values_of || !(x >= row->min && x <= row->max)) {
+            app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell, values_of,
+                          (double)row->min, (double)row->max, unit);
             return false;
         }
         values(params, row)[i] = x;
     }
-    if (i != row->count) app_bad_input(file, line, "%s: %d value(s), needs %d, in %s", name, i, row->count, unit);
-    return i == row->count;
+    if (i != values_of) app_bad_input(file, line, "%s: %d value(s), needs %d, in %s", name, i, values_of, unit);
+    return i == values_of;
 }
 
 bool hrt_profile_set(const char *text, hrt_params *params) {
@@ -74,13 +75,16 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
 }
 
 void hrt_profile_write(FILE *file, const hrt_params *params) {
+    fprintf(file, "# %s. Joints:", params->device->text);
+    for (int32_t j = 0; j < params->device->joints; j++) fprintf(file, " %s", params->device->joint[j].name);
+    fputc('\n', file);
     for (int32_t r = 0; r < hrt_param_count; r++) {
         const hrt_param_range *row = &hrt_param_table[r];
         const hrt_param_words *words = &hrt_param_text[r];
         const float *value = (const float *)(const void *)((const char *)params + row->offset);
         fprintf(file, "# %s. %s, %g..%g\n%s =", words->text, words->unit, (double)row->min, (double)row->max,
                 words->name);
-        for (int32_t i = 0; i < row->count; i++) fprintf(file, " %g", (double)value[i]);
+        for (int32_t i = 0; i < hrt_param_values(params, row); i++) fprintf(file, " %g", (double)value[i]);
         fputc('\n', file);
     }
 }

@@ -1,23 +1,42 @@
 #include "record.h"
 
 #include <inttypes.h>
-#include <string.h>
 
-#include "engine.h"
 #include "report.h"
 
-int hrt_record_begin(hrt_record *r, const char *path) {
+static void write_header(FILE *file, const hrt_device_type *device) {
+    fputs("time_s,state,fault,limits", file);
+    for (int j = 0; j < device->joints; j++) fprintf(file, ",%s", device->joint[j].name);
+    fputs(",fx_N,fy_N,fz_N", file);
+    for (int j = 0; j < device->motors; j++) fprintf(file, ",%s", device->torque_name[j]);
+    fputs(",gain,sample_age_s\n", file);
+}
+
+int hrt_record_begin(hrt_record *r, const hrt_device_type *device, const char *path) {
     const int bad = hrt_output_begin(&r->output, path);
     if (bad) return bad;
+    r->device = device;
     r->file = app_output_stream(&r->output);
     if (!r->file) {
         app_output_abandon(&r->output);
         return app_bad_input(path, 0, "out of memory; close other programs"), APP_FAILED;
     }
-    fputs("time_s,state,fault,limits," HRT_ENGINE_FIELDS
-          ",fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
-          r->file);
+    write_header(r->file, device);
     return APP_DONE;
+}
+
+/* How many values of a row the device has, in the order of its header. */
+static int fill_row(const hrt_device_type *device, const hrt_result *o, float value[HRT_RECORD_FIELDS]) {
+    int count = 0;
+    value[count++] = (float)o->state;
+    value[count++] = (float)o->fault;
+    value[count++] = (float)o->limits;
+    for (int j = 0; j < device->joints; j++) value[count++] = o->joint[j];
+    for (int i = 0; i < 3; i++) value[count++] = o->force_N[i];
+    for (int j = 0; j < device->motors; j++) value[count++] = o->torque[j];
+    value[count++] = o->gain;
+    value[count++] = 1.0e-6f * (float)o->sample_age_us;
+    return count;
 }
 
 void hrt_record_put(hrt_record *r, double time_s, const hrt_result *o) {
@@ -26,13 +45,8 @@ void hrt_record_put(hrt_record *r, double time_s, const hrt_result *o) {
         atomic_fetch_add(&r->lost, 1);
         return;
     }
-    const float values[HRT_RECORD_FIELDS] = {
-        (float)o->state, (float)o->fault, (float)o->limits, o->joint[0],
-        o->joint[1],     o->joint[2],     o->joint[3],      o->joint[4],
-        o->force_N[0],   o->force_N[1],   o->force_N[2],    o->torque[0],
-        o->torque[1],    o->torque[2],    o->gain,          1.0e-6f * (float)o->sample_age_us};
     r->row[put % HRT_RECORD_ROWS].time_s = time_s;
-    memcpy(r->row[put % HRT_RECORD_ROWS].value, values, sizeof values);
+    r->row[put % HRT_RECORD_ROWS].count = fill_row(r->device, o, r->row[put % HRT_RECORD_ROWS].value);
     atomic_store(&r->put, put + 1);
 }
 
@@ -40,7 +54,7 @@ void hrt_record_write(hrt_record *r) {
     const uint64_t put = atomic_load(&r->put);
     for (uint64_t k = atomic_load(&r->written); k < put; k++) {
         fprintf(r->file, "%.9g", r->row[k % HRT_RECORD_ROWS].time_s);
-        for (int c = 0; c < HRT_RECORD_FIELDS; c++)
+        for (int c = 0; c < r->row[k % HRT_RECORD_ROWS].count; c++)
             fprintf(r->file, ",%.9g", (double)r->row[k % HRT_RECORD_ROWS].value[c]);
         fputc('\n', r->file);
         atomic_store(&r->written, k + 1);

@@ -9,20 +9,22 @@
 #include "app.h"
 #include "hrt.h"
 
-enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_FIELDS = 16 }; /* 4 s at 2 kHz */
+enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_FIELDS = 8 + HRT_JOINTS + HRT_MOTORS }; /* 4 s at 2 kHz */
 
 typedef struct hrt_record {
+    const hrt_device_type *device;
     app_output output;
     FILE *file;
     _Atomic uint64_t put, written, lost;
     struct {
         double time_s;
+        int count;
         float value[HRT_RECORD_FIELDS];
     } row[HRT_RECORD_ROWS];
 } hrt_record;
 
 /* An exit code; 0: begun. */
-int hrt_record_begin(hrt_record *record, const char *path);
+int hrt_record_begin(hrt_record *record, const hrt_device_type *device, const char *path);
 /* In the loop: never waits. A row that finds no room is lost and counted. */
 void hrt_record_put(hrt_record *record, double time_s, const hrt_result *result);
 /* Outside of it: writes what has come. */

@@ -12,7 +12,7 @@
 static void usage(void) {
     puts(
         "usage: haptic-rt --bus ADDRESS [options]\n"
-        "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
+        "The controller of one device: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
         "\n"
         "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES "\n"
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
@@ -21,7 +21,8 @@ static void usage(void) {
         "  --no-passivity           passivity control off (it is on; --passivity says so)\n"
         "  --coupling               virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
-        "  --profile FILE           device profile and parameters\n"
+        "  --device-type NAME       what the device is; --list says which there are (impulse_engine)\n"
+        "  --profile FILE           device profile and parameters, after --device-type\n"
         "  --set NAME=VALUE         one parameter; may be repeated\n"
         "  --params                 print all parameters with range and unit, and end\n"
         "  --lcm-url URL            LCM (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
@@ -96,7 +97,9 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
 static void list(void) {
     printf("extrapolators");
     for (int i = 0; i < HRT_EXTRAPOLATOR_COUNT; i++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)i));
-    printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\n");
+    printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\ndevice types\n");
+    for (int32_t t = 0; t < hrt_device_type_count; t++)
+        printf("  %-16s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
 }
 
 static int checked(bool good) { return good ? -1 : APP_BAD_INPUT; }
@@ -130,7 +133,7 @@ static int consistent(const hrt_settings *s) {
     const double *a = s->node.pose.axis, *u = s->node.pose.up;
     const float axis[3] = {(float)a[0], (float)a[1], (float)a[2]}, up[3] = {(float)u[0], (float)u[1], (float)u[2]};
     const int32_t crossed = hrt_params_check(&s->node.params);
-    if (!hrt_axes_along(&axes, axis, up))
+    if (!hrt_axes_along(&axes, s->node.params.device, axis, up))
         return app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
     if (crossed < 0) return -1;
     return app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_text[crossed].name);

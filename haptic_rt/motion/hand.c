@@ -1,6 +1,8 @@
 /* Where a scripted hand wants its instrument. */
 #include "hand.h"
 
+#include "kinematics.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -27,16 +29,19 @@ static void scripted(const hrt_hand_script *hand, const double rest[HRT_JOINTS],
     *active = a->active;
 }
 
-void hrt_hand_tremble(const hrt_hand_script *hand, double time_s, double target[HRT_JOINTS]) {
+void hrt_hand_tremble(const hrt_hand_script *hand, const hrt_device_type *device, double time_s,
+                      double target[HRT_JOINTS]) {
+    static const double pace[HRT_MOTORS] = {1.0, 1.13, 0.91}, phase[HRT_MOTORS] = {0.0, 1.0, 2.0};
     if (!(hand->tremor_m > 0.0)) return;
-    const double w = 2.0 * PI * hand->tremor_hz * time_s, reach = fmax(target[HRT_INSERTION], 0.02);
-    target[HRT_PITCH] += hand->tremor_m / reach * sin(w);
-    target[HRT_YAW] += hand->tremor_m / reach * sin(1.13 * w + 1.0);
-    target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
+    const hrt_twin *twin = hrt_twin_of(device);
+    double lever[HRT_MOTORS];
+    for (int j = 0; j < device->motors; j++) lever[j] = twin->lever(target, j);
+    const double w = 2.0 * PI * hand->tremor_hz * time_s;
+    for (int j = 0; j < device->motors; j++) target[j] += hand->tremor_m / lever[j] * sin(pace[j] * w + phase[j]);
 }
 
-void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
-                     double target[HRT_JOINTS], bool *active) {
+void hrt_hand_target(const hrt_hand_script *hand, const hrt_device_type *device, const double rest[HRT_JOINTS],
+                     double time_s, double target[HRT_JOINTS], bool *active) {
     scripted(hand, rest, time_s, target, active);
-    hrt_hand_tremble(hand, time_s, target);
+    hrt_hand_tremble(hand, device, time_s, target);
 }

@@ -26,10 +26,11 @@ typedef struct hrt_hand_script {
 } hrt_hand_script;
 
 /* Where such a hand wants its instrument; `rest` without keys. `*active` is the pedal: left as it is without keys. */
-void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
-                     double target[HRT_JOINTS], bool *active);
+void hrt_hand_target(const hrt_hand_script *hand, const hrt_device_type *device, const double rest[HRT_JOINTS],
+                     double time_s, double target[HRT_JOINTS], bool *active);
 /* Adds the tremor at a time to joints. */
-void hrt_hand_tremble(const hrt_hand_script *hand, double time_s, double target[HRT_JOINTS]);
+void hrt_hand_tremble(const hrt_hand_script *hand, const hrt_device_type *device, double time_s,
+                      double target[HRT_JOINTS]);
 
 #ifdef __cplusplus
 }

@@ -1,29 +1,63 @@
 /* Instruments of a scene: axes, joints and poses. */
 #include "surface.h"
 
+#include <math.h>
+#include <stdio.h>
 #include <string.h>
 
+/* A joint that the device has not rests at 0. */
+static double joint_of(int32_t role, const double joint[SIM_JOINTS]) { return role < 0 ? 0 : joint[role]; }
+
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
-    tm_tool_pose pose = {.roll_rad = joint[HRT_ROLL], .grip = joint[HRT_GRIP], .active = active};
+    const hrt_device_type *device = s->axes[instrument].device;
+    tm_tool_pose pose = {
+        .roll_rad = joint_of(device->roll, joint), .grip = joint_of(device->grip, joint), .active = active};
     hrt_tip64(&s->axes[instrument], joint, pose.tip_m);
     for (int a = 0; a < 3; a++) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
     return pose;
 }
 
-static bool joints_of_tip(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
-    double from_trocar[3];
-    for (int a = 0; a < 3; a++) from_trocar[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
-    return hrt_inverse64(&s->axes[instrument], from_trocar, joint);
+bool sim_same_devices(const sim *s) {
+    for (int i = 1; i < s->instrument_count; i++)
+        if (s->axes[i].device != s->axes[0].device) return false;
+    return true;
+}
+
+/* The device's driven joints of a shaft's pitch, yaw and insertion. */
+static void joints_of_shaft(const sim *s, int instrument, const double shaft[3], double joint[SIM_JOINTS]) {
+    const hrt_axes64 *axes = &s->axes[instrument];
+    double tip_m[3];
+    if (axes->device->insertion >= 0) {
+        memcpy(joint, shaft, 3 * sizeof *shaft);
+        return;
+    }
+    hrt_shaft_tip64(axes, shaft, tip_m);
+    hrt_inverse64(axes, tip_m, joint);
+}
+
+tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m, bool active) {
+    const hrt_axes64 *axes = &s->axes[instrument];
+    double joint[SIM_JOINTS], tip_m[3], shaft[3];
+    memcpy(joint, s->start_joint[instrument], sizeof joint);
+    if (axes->device->insertion >= 0)
+        joint[axes->device->insertion] = fmin(joint[axes->device->insertion], insertion_m);
+    else {
+        hrt_tip64(axes, joint, tip_m);
+        if (hrt_shaft_of_tip64(axes, tip_m, shaft)) {
+            shaft[2] = fmin(shaft[2], insertion_m);
+            joints_of_shaft(s, instrument, shaft, joint);
+        }
+    }
+    return sim_pose(s, instrument, joint, active);
 }
 
 /* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
-static tm_status insert_above(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+static tm_status insert_above(const sim *s, int instrument, const app_pose *pose, double shaft[3]) {
     const tm_instrument_def *def = &s->instrument_def[instrument];
-    double one[SIM_JOINTS], along[3];
-    memcpy(one, joint, sizeof one);
-    one[2] = 1;
-    tm_tool_pose out = sim_pose(s, instrument, one, false);
-    for (int a = 0; a < 3; a++) along[a] = out.tip_m[a] - def->trocar_m[a];
+    const double one[3] = {shaft[0], shaft[1], 1};
+    double along[3];
+    hrt_shaft_tip64(&s->axes[instrument], one, along);
+    for (int a = 0; a < 3; a++) along[a] = (along[a] + def->trocar_m[a]) - def->trocar_m[a];
     double way = sim_way_to_touch(s->mesh, def->trocar_m, along, def->radius_m), insertion = way - pose->above.si;
     if (way < 0)
         return app_scene_bad(s->scene, pose->above.line,
@@ -35,24 +69,42 @@ static tm_status insert_above(const sim *s, int instrument, const app_pose *pose
                              "above: the shaft of instrument %d meets the tissue %.4g m from its trocar, so that this "
                              "would be an insertion of %.4g m; keep it between 1 mm and 0.5 m",
                              instrument, way, insertion);
-    joint[2] = insertion;
+    shaft[2] = insertion;
+    return 0;
+}
+
+/* A joint that the device has not is to be left out. */
+static tm_status set_joint(const sim *s, int instrument, const app_number *value, int32_t role,
+                           double joint[SIM_JOINTS]) {
+    if (role >= 0)
+        joint[role] = value->si;
+    else if (value->si != 0)
+        return app_scene_bad(s->scene, value->line, "the device of instrument %d, %s, has no such joint; leave it out",
+                             instrument, s->axes[instrument].device->name);
     return 0;
 }
 
 tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
-    joint[0] = pose->pitch.si;
-    joint[1] = pose->yaw.si;
-    joint[2] = pose->insertion.si;
-    joint[3] = pose->roll.si;
-    joint[4] = pose->grip.si;
-    if (pose->tip.line) joints_of_tip(s, instrument, pose->tip.v, joint);
-    return pose->above.line ? insert_above(s, instrument, pose, joint) : 0;
+    const hrt_axes64 *axes = &s->axes[instrument];
+    double shaft[3] = {pose->pitch.si, pose->yaw.si, pose->insertion.si};
+    memset(joint, 0, SIM_JOINTS * sizeof *joint);
+    if (pose->tip.line) {
+        double from_trocar[3];
+        for (int a = 0; a < 3; a++) from_trocar[a] = pose->tip.v[a] - s->instrument_def[instrument].trocar_m[a];
+        hrt_shaft_of_tip64(axes, from_trocar, shaft);
+    }
+    tm_status rc = pose->above.line ? insert_above(s, instrument, pose, shaft) : 0;
+    if (!rc) rc = set_joint(s, instrument, &pose->roll, axes->device->roll, joint);
+    if (!rc) rc = set_joint(s, instrument, &pose->grip, axes->device->grip, joint);
+    joints_of_shaft(s, instrument, shaft, joint);
+    return rc;
 }
 
 tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
     double joint[SIM_JOINTS];
     bool pedal = false;
-    hrt_hand_target(&s->hand[instrument], s->start_joint[instrument], time_s, joint, &pedal);
+    hrt_hand_target(&s->hand[instrument], s->axes[instrument].device, s->start_joint[instrument], time_s, joint,
+                    &pedal);
     return sim_pose(s, instrument, joint, pedal || s->instrument_def[instrument].mode != TM_TOOL_CAUTERY);
 }
 
@@ -76,6 +128,19 @@ static tm_status make_hand(sim *s, int instrument, const app_hand *hand) {
     return 0;
 }
 
+static tm_status hang(sim *s, int instrument, const app_instrument *t) {
+    const int32_t type = hrt_device_type_find(t->device.s);
+    if (type < 0) {
+        char names[200] = "";
+        for (int32_t k = 0; k < hrt_device_type_count; k++)
+            snprintf(names + strlen(names), sizeof names - strlen(names), " %s", hrt_device_types[k]->name);
+        return app_scene_bad(s->scene, t->device.line, "device '%s' is not known; use one of%s", t->device.s, names);
+    }
+    if (hrt_axes_along64(&s->axes[instrument], hrt_device_types[type], t->axis.v, t->up.v)) return 0;
+    return app_scene_bad(s->scene, t->axis.line ? t->axis.line : t->up.line,
+                         "axis and up give no orientation; give directions of a length near 1 across each other");
+}
+
 tm_status sim_make_instruments(sim *s) {
     tm_status rc = 0;
     s->instrument_count = s->scene->instrument.count;
@@ -91,10 +156,8 @@ tm_status sim_make_instruments(sim *s) {
                                  "instrument %d has coefficients of friction, and the scene does not name the effect; "
                                  "add 'friction:', or remove it here",
                                  i);
-        if (!hrt_axes_along64(&s->axes[i], t->axis.v, t->up.v))
-            return app_scene_bad(
-                s->scene, t->axis.line ? t->axis.line : t->up.line,
-                "axis and up give no orientation; give directions of a length near 1 across each other");
+        rc = hang(s, i, t);
+        if (rc) return rc;
         for (int h = 0; h < s->scene->hand.count; h++) {
             const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
             if (hand->instrument.value == i && !rc) rc = make_hand(s, i, hand);

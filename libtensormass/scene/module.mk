@@ -1,6 +1,6 @@
-# libtensormass_scene.so and .a: scenes read, checked, built and stepped. Besides its own it holds joints to tips, scripted hands and output files.
+# libtensormass_scene.so and .a: scenes read, checked, built and stepped. Besides its own it holds the devices, joints to tips, scripted hands and output files.
 TMSCENE_SRC := $(sort $(wildcard libtensormass/scene/*.c))
-TMSCENE_OBJ := $(call objects,$(TMSCENE_SRC) $(sort $(wildcard haptic_rt/motion/*.c)) libtensormass/platform/output.c)
+TMSCENE_OBJ := $(call objects,$(TMSCENE_SRC) $(sort $(wildcard haptic_rt/motion/*.c)) haptic_rt/core/kinematics.c libtensormass/platform/output.c)
 LIBTMSCENE_A := $(OUT)/lib/libtensormass_scene.a
 LIBTMSCENE_SO := $(OUT)/lib/libtensormass_scene.so.$(VERSION)
 LIBRARIES += $(LIBTMSCENE_A) $(LIBTMSCENE_SO)

@@ -7,7 +7,7 @@
 #include "scene_parts.h"
 #include "tensormass.h"
 
-enum { SIM_JOINTS = HRT_JOINTS }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1 */
+enum { SIM_JOINTS = HRT_JOINTS };
 
 /* Samples of an instrument that touched or held tissue (letting go is neither) while its controller asked for more than
  * the force, and those of them that carried it. */
@@ -188,6 +188,10 @@ sim_sends sim_may_send(const sim *s);
 
 /* Joints to a pose in the world. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
+/* Instruments whose devices have other joints than the first one's have rows of another kind in its tables. */
+bool sim_same_devices(const sim *s);
+/* Where instrument i stands with its shaft pushed in by insertion_m, turned as at the start. */
+tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m, bool active);
 /* A pose of the scene as joints; one above the surface needs the mesh. 0 or a status. */
 tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
 

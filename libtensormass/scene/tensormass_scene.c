@@ -99,7 +99,7 @@ tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
     return sim_frame(s, to ? to : hand, s->substeps);
 }
 
-tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[5], bool active) {
+tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[7], bool active) {
     return sim_pose(scene->s, instrument, joint, active);
 }
 

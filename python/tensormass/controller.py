@@ -23,11 +23,25 @@ def _which(name: str) -> int:
     return number.value
 
 
-def parameters(**values: Any) -> c.hrt_params:
-    """The controller's parameters by their names in C (force_max_N, stale_us, coupling_N_m ...; docs/controller.md), the others at their defaults.
+def _device_types() -> Any:
+    library = lib._open("tensormass_controller")
+    count = ctypes.c_int32.in_dll(library, "hrt_device_type_count").value
+    return (ctypes.POINTER(c.hrt_device_type) * count).in_dll(library, "hrt_device_types")
+
+
+def devices() -> Dict[str, List[str]]:
+    """Names of the devices that the controller knows, each with those of its joints."""
+    return {t.contents.name.decode(): [t.contents.joint[j].name.decode() for j in range(t.contents.joints)] for t in _device_types()}
+
+
+def parameters(device: str = "impulse_engine", **values: Any) -> c.hrt_params:
+    """The controller's parameters by their names in C (force_max_N, stale_us, coupling_N_m ...; docs/controller.md), the others at the device's defaults.
     ArgumentError names one that is out of range."""
     params = c.hrt_params()
-    lib.hrt_params_default(ctypes.byref(params))
+    number = lib.hrt_device_type_find(device.encode())
+    if number < 0:
+        raise ArgumentError(f"device {device!r} is not known; use one of {', '.join(devices())}", c.TM_ERR_ARGUMENT)
+    lib.hrt_params_of_device(ctypes.byref(params), _device_types()[number])
     names = fields(params)
     for name, value in values.items():
         if name not in names:
@@ -124,28 +138,29 @@ class Controller:
         self.extrapolator = _which(extrapolator)
         self._axes, self._struct, self._input, self._result = c.hrt_axes(), c.hrt_controller(), c.hrt_input(), c.hrt_result()
         three = ctypes.c_float * 3
-        if not lib.hrt_axes_along(ctypes.byref(self._axes), three(*map(float, axis)), three(*map(float, up))):
+        if not lib.hrt_axes_along(ctypes.byref(self._axes), self.params.device, three(*map(float, axis)), three(*map(float, up))):
             raise ArgumentError("axis and up are parallel, zero or not finite; give two directions", c.TM_ERR_ARGUMENT)
         lib.hrt_init(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(self._axes), session)
         self._kept: List[Any] = [None, None, None]
 
     def tip(self, joints: Any) -> Any:
-        """(3,) tip of joints (5,), relative to the trocar, m."""
+        """(3,) tip of the device's joints, relative to the trocar, m."""
         joint, out = (ctypes.c_float * _JOINTS)(*map(float, joints)), (ctypes.c_float * 3)()
         lib.hrt_tip(ctypes.byref(self._axes), joint, out)
         return np.array(out, float)
 
     def joints(self, tip_m: Any) -> Any:
-        """(5,) pitch, yaw, insertion that put the tip (3,) there; roll and grip 0."""
+        """The device's joints that put the tip (3,) there, those without a motor 0."""
         out = (ctypes.c_float * _JOINTS)()
         if not lib.hrt_inverse(ctypes.byref(self._axes), (ctypes.c_float * 3)(*map(float, tip_m)), out):
             raise ArgumentError("tip_m: no joints put the tip at the trocar itself; give another", c.TM_ERR_ARGUMENT)
-        return np.array(out, float)
+        device = ctypes.cast(self.params.device, ctypes.POINTER(c.hrt_device_type)).contents
+        return np.array(out[:device.joints], float)
 
     def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
              passivity: bool = True, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
              device_fault: int = 0) -> c.hrt_result:
-        """One tick at t_us with joints (5,) as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
+        """One tick at t_us with the device's joints as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
 
         The result (hrt_result, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
         """

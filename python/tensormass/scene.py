@@ -120,9 +120,10 @@ class Scene(Object):
         return Pose._of(lib.tm_scene_pose(self, instrument))
 
     def pose_of_joints(self, instrument: int, joints: Any, active: bool = True) -> Pose:
-        """Joints (5,): pitch rad, yaw rad, insertion m, roll rad, grip 0 to 1, as a pose in the world."""
+        """Joints of its device, in that one's order and units (of the Impulse Engine pitch rad, yaw rad, insertion m, roll rad, grip 0 to 1), as a pose
+        in the world. Those left out are 0."""
         self._check(instrument)
-        joint = (ctypes.c_double * 5)(*floats(joints, (5,), "joints"))
+        joint = (ctypes.c_double * c.HRT_JOINTS)(*floats(joints, (-1,), "joints"))
         return Pose._of(lib.tm_scene_pose_of(self, instrument, joint, active))
 
     def patch(self, instrument: int = 0) -> Optional[Patch]:

@@ -73,7 +73,7 @@ static void core(void) {
     const float axis[3] = {0.3f, -0.2f, -1}, up[3] = {0, 1, 0}, joint[HRT_JOINTS] = {0.1f, -0.2f, 0.05f};
     float tip[3], jacobian[9];
     hrt_params_default(&params);
-    hrt_axes_along(&axes, axis, up);
+    hrt_axes_along(&axes, hrt_device_types[0], axis, up);
     hrt_tip(&axes, joint, tip);
     hrt_jacobian(&axes, joint, jacobian);
     printf("tip %.5f %.5f %.5f m, jacobian %.4f %.4f\n", (double)tip[0], (double)tip[1], (double)tip[2],

@@ -88,7 +88,7 @@ void replay_result(replay_bytes *bytes, hrt_result *result) {
     AS_NUMBER(bytes, bool, result->motors_on);
     raw(bytes, result->torque, sizeof result->torque);
     raw(bytes, result->force_N, sizeof result->force_N);
-    raw(bytes, result->joint, sizeof result->joint);
+    raw(bytes, result->joint, 5 * sizeof *result->joint); /* the Impulse Engine's */
     raw(bytes, result->tip_m, sizeof result->tip_m);
     raw(bytes, result->velocity_m_s, sizeof result->velocity_m_s);
     raw(bytes, &result->gain, 4);

@@ -14,7 +14,7 @@ static hrt_peer peer;
 static app_queue *queue;
 static int64_t now;
 
-static void hand(void *user, const double joint[5], bool active) {
+static void hand(void *user, const double joint[HRT_JOINTS], bool active) {
     (void)user;
     for (int i = 0; i < 5; i++) PROMISE(isfinite(joint[i]));
     hrt_device_hand(&device, joint, active);
@@ -88,7 +88,7 @@ static void give(app_message_kind kind, const uint8_t *bytes, int size) {
 static void open_peer(void) {
     app_topic topic[HRT_PEER_TOPICS];
     app_link_close(peer.link);
-    hrt_peer_init(&peer, &(hrt_peer_def){.node = &node, .hand = hand});
+    hrt_peer_init(&peer, &(hrt_peer_def){.joints = 5, .node = &node, .hand = hand});
     const app_link_def def = {.topic = topic, .topics = hrt_peer_topics(&peer, topic)};
     peer.link = app_link_join(queue, &def, NULL);
     PROMISE(peer.link != NULL);

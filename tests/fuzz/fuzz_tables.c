@@ -19,7 +19,7 @@ static void try_profile(const char *path) {
 
 static void try_hand(const char *path) {
     hrt_hand_script script = {0};
-    if (!hrt_hand_file_read(path, &script)) return;
+    if (!hrt_hand_file_read(path, hrt_device_types[0], &script)) return;
     for (int32_t i = 0; i < script.key_count; i++)
         for (int j = 0; j < HRT_JOINTS; j++)
             PROMISE(isfinite(script.key[i].joint[j]) && isfinite(script.key[i].time_s));

@@ -72,7 +72,7 @@ def run(seconds, forces=True, until=None, rival=False, pose=True):
 
 def hand(insertion, active=0):
     h = hand_command_t()
-    h.joint, h.active = [0, 0, insertion, 0.3, 0.5], active
+    h.joints, h.joint, h.active = 5, [0, 0, insertion, 0.3, 0.5, 0, 0], active
     link.publish("HAND_0", h.encode())
 
 
@@ -100,7 +100,7 @@ def snapshot(name, ready, **play):
     s, t = saw["status"], saw["tool"]
     seen[name] = {"late": late, "state": s.state, "fault": s.fault, "text": s.fault_text, "force": list(s.force_N), "extrapolator": s.extrapolator, "passivity": s.passivity_on,
                   "received": s.samples_received, "rejected": s.samples_rejected, "late": s.samples_late, "lost": s.samples_lost, "tip": list(t.tip_m),
-                  "joint": list(t.joint), "active": t.active, "tool_extrapolator": t.extrapolator, "ticks": s.ticks, "age_s": s.sample_age_s}
+                  "joint": list(t.joint[:t.joints]), "active": t.active, "tool_extrapolator": t.extrapolator, "ticks": s.ticks, "age_s": s.sample_age_s}
 
 
 def pressed():

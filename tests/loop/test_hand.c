@@ -6,7 +6,7 @@
 static double at;
 static int moves;
 
-static void hand(void *user, const double joint[5], bool active) {
+static void hand(void *user, const double joint[HRT_JOINTS], bool active) {
     (void)user, (void)active;
     at = joint[0];
     moves++;
@@ -19,7 +19,7 @@ static hrt_peer peer;
 static void open_links(const app_key *key) {
     app_topic topic[HRT_PEER_TOPICS];
     queue = app_queue_create(1000000);
-    hrt_peer_init(&peer, &(hrt_peer_def){.hand = hand, .key = key});
+    hrt_peer_init(&peer, &(hrt_peer_def){.joints = 5, .hand = hand, .key = key});
     const app_link_def hears = {.topic = topic, .topics = hrt_peer_topics(&peer, topic), .key = key},
                        says = {.key = key};
     listener = peer.link = app_link_join(queue, &hears, NULL);
@@ -36,7 +36,7 @@ static void close_links(void) {
 }
 
 static void say(int64_t now_us, int64_t session, int32_t seq, double joint) {
-    tensormass_hand_command_t m = {.utime = now_us, .seq = seq, .session = session, .joint = {joint}};
+    tensormass_hand_command_t m = {.utime = now_us, .seq = seq, .session = session, .joints = 5, .joint = {joint}};
     app_queue_set_clock(queue, now_us);
     app_link_publish(sender, APP_HAND, 0, m.utime, &m);
     app_link_receive(listener, 0, 16);

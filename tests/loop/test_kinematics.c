@@ -1,8 +1,8 @@
-/* The Impulse Engine's geometry: derivative against differences, inverse, virtual work. */
+/* Every device's geometry: derivative against differences, inverse, virtual work; both precisions agree. */
 #include "motion/kinematics.h"
 #include "rig.h"
 
-static hrt_axes some_axes(uint64_t *seed) {
+static hrt_axes some_axes(const hrt_device_type *device, uint64_t *seed) {
     hrt_axes axes;
     float axis[3], up[3];
     do
@@ -10,25 +10,24 @@ static hrt_axes some_axes(uint64_t *seed) {
             axis[i] = rig_uniform(seed, -1.0f, 1.0f);
             up[i] = rig_uniform(seed, -1.0f, 1.0f);
         }
-    while (!hrt_axes_along(&axes, axis, up));
+    while (!hrt_axes_along(&axes, device, axis, up));
     return axes;
 }
 
-static void some_joints(uint64_t *seed, float joint[HRT_JOINTS]) {
-    joint[HRT_PITCH] = rig_uniform(seed, -0.8f, 0.8f);
-    joint[HRT_YAW] = rig_uniform(seed, -0.8f, 0.8f);
-    joint[HRT_INSERTION] = rig_uniform(seed, 0.02f, 0.25f);
-    joint[HRT_ROLL] = rig_uniform(seed, -3.0f, 3.0f);
-    joint[HRT_GRIP] = rig_uniform(seed, 0.0f, 1.0f);
+/* Within the workspace; a shaft's insertion keeps 2 cm from the trocar. */
+static void some_joints(const hrt_device_type *device, uint64_t *seed, float joint[HRT_JOINTS]) {
+    for (int j = 0; j < HRT_JOINTS; j++) {
+        const hrt_joint_type *type = &device->joint[j];
+        joint[j] = j < device->joints ? rig_uniform(seed, j == device->insertion ? 0.02f : type->min, type->max) : 0.0f;
+    }
 }
 
-static void jacobian_is_the_derivative(void **state) {
-    (void)state;
+static void check_jacobian(const hrt_device_type *device) {
     uint64_t seed = 1;
     for (int k = 0; k < 2000; k++) {
-        const hrt_axes axes = some_axes(&seed);
+        const hrt_axes axes = some_axes(device, &seed);
         float joint[HRT_JOINTS], keep[HRT_JOINTS], jacobian[9], before[3], after[3];
-        some_joints(&seed, joint);
+        some_joints(device, &seed, joint);
         memcpy(keep, joint, sizeof keep);
         hrt_jacobian(&axes, joint, jacobian);
         for (int j = 0; j < 3; j++) {
@@ -44,28 +43,57 @@ static void jacobian_is_the_derivative(void **state) {
     }
 }
 
+static void jacobian_is_the_derivative(void **state) {
+    (void)state;
+    assert_true(hrt_device_type_count >= 2);
+    for (int32_t t = 0; t < hrt_device_type_count; t++) check_jacobian(hrt_device_types[t]);
+}
+
 static void inverse_undoes(void **state) {
     (void)state;
     uint64_t seed = 2;
-    for (int k = 0; k < 2000; k++) {
-        const hrt_axes axes = some_axes(&seed);
+    for (int k = 0; k < 4000; k++) {
+        const hrt_device_type *device = hrt_device_types[k % hrt_device_type_count];
+        const hrt_axes axes = some_axes(device, &seed);
         float joint[HRT_JOINTS], back[3], tip[3];
-        some_joints(&seed, joint);
+        some_joints(device, &seed, joint);
         hrt_tip(&axes, joint, tip);
         assert_true(hrt_inverse(&axes, tip, back));
-        for (int j = 0; j < 3; j++) assert_float_equal(back[j], joint[j], 2.0e-6);
+        for (int j = 0; j < device->motors; j++) assert_float_equal(back[j], joint[j], 2.0e-6);
     }
     const float nowhere[3] = {0.0f, 0.0f, 0.0f};
     float joint[3];
-    const hrt_axes axes = some_axes(&seed);
+    const hrt_axes axes = some_axes(hrt_device_types[0], &seed);
     assert_false(hrt_inverse(&axes, nowhere, joint));
+}
+
+/* What the programs take for granted of a description. */
+static void descriptions_are_whole(void **state) {
+    (void)state;
+    for (int32_t t = 0; t < hrt_device_type_count; t++) {
+        const hrt_device_type *d = hrt_device_types[t];
+        hrt_params params;
+        assert_int_equal(hrt_device_type_find(d->name), t);
+        assert_int_equal(hrt_device_type_number(d), t);
+        assert_true(d->joints >= 1 && d->joints <= HRT_JOINTS && d->motors >= 1 && d->motors <= HRT_MOTORS);
+        assert_true(d->motors <= d->joints && d->insertion < d->motors && d->roll < d->joints && d->grip < d->joints);
+        hrt_params_of_device(&params, d);
+        assert_int_equal(hrt_params_check(&params), -1);
+        for (int j = 0; j < d->joints; j++) {
+            const hrt_joint_type *joint = &d->joint[j];
+            assert_true(joint->name && joint->reach_min <= joint->min && joint->max <= joint->reach_max);
+            assert_true(fmaxf(fabsf(joint->min), joint->max) * joint->counts_per_unit < 32767.0f);
+        }
+        for (int j = 0; j < d->motors; j++) assert_true(d->torque_name[j] && hrt_twin_of(d)->inertia[j] > 0);
+    }
+    assert_int_equal(hrt_device_type_find("impulse"), -1);
 }
 
 static void frame_is_a_rotation(void **state) {
     (void)state;
     uint64_t seed = 3;
     for (int k = 0; k < 500; k++) {
-        const hrt_axes f = some_axes(&seed);
+        const hrt_axes f = some_axes(hrt_device_types[k % hrt_device_type_count], &seed);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
                 float dot = 0.0f;
@@ -78,10 +106,10 @@ static void frame_is_a_rotation(void **state) {
     }
     hrt_axes f;
     const float z[3] = {0, 0, 1}, y[3] = {0, 1, 0}, zero[3] = {0, 0, 0}, nan[3] = {NAN, 0, 1};
-    assert_true(hrt_axes_along(&f, z, y));
-    assert_false(hrt_axes_along(&f, z, z));
-    assert_false(hrt_axes_along(&f, zero, y));
-    assert_false(hrt_axes_along(&f, nan, y));
+    assert_true(hrt_axes_along(&f, hrt_device_types[0], z, y));
+    assert_false(hrt_axes_along(&f, hrt_device_types[0], z, z));
+    assert_false(hrt_axes_along(&f, hrt_device_types[0], zero, y));
+    assert_false(hrt_axes_along(&f, hrt_device_types[0], nan, y));
 }
 
 /* Torque by the transpose does the work of the force: tau . dq = F . dP. */
@@ -106,40 +134,45 @@ static void virtual_work(void **state) {
 
 /* The controller's tip and the simulation's, of the same joints, over all that a message may say; the controller hears
  * of its axes as the simulation tells it (SIM_STATUS). */
-static void both_precisions_agree(void **state) {
-    (void)state;
-    static const double low[] = {HRT_ENGINE_REACH_MIN}, high[] = {HRT_ENGINE_REACH_MAX};
+static void check_precisions(const hrt_device_type *device) {
     uint64_t seed = 4;
     double tip_worst = 0, jacobian_worst = 0;
     for (int k = 0; k < 20000; k++) {
         hrt_axes64 wide;
         hrt_axes axes;
-        double axis[3], up[3], joint[HRT_JOINTS], tip[3], jacobian[9], back[3];
-        float axis_f[3], up_f[3], joint_f[HRT_JOINTS], tip_f[3], jacobian_f[9];
+        double axis[3], up[3], joint[HRT_JOINTS] = {0}, tip[3], jacobian[9], back[3];
+        float axis_f[3], up_f[3], joint_f[HRT_JOINTS] = {0}, tip_f[3], jacobian_f[9];
         do
             for (int i = 0; i < 3; i++) {
                 axis[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
                 up[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
             }
-        while (!hrt_axes_along64(&wide, axis, up));
+        while (!hrt_axes_along64(&wide, device, axis, up));
         for (int i = 0; i < 3; i++) axis_f[i] = (float)wide.r[3 * i + 2], up_f[i] = (float)wide.r[3 * i + 1];
-        assert_true(hrt_axes_along(&axes, axis_f, up_f));
-        for (int j = 0; j < HRT_JOINTS; j++)
-            joint[j] = (double)(joint_f[j] = rig_uniform(&seed, (float)low[j], (float)high[j]));
+        assert_true(hrt_axes_along(&axes, device, axis_f, up_f));
+        for (int j = 0; j < device->joints; j++)
+            joint[j] =
+                (double)(joint_f[j] = rig_uniform(&seed, device->joint[j].reach_min, device->joint[j].reach_max));
         hrt_tip64(&wide, joint, tip);
         hrt_tip(&axes, joint_f, tip_f);
         for (int i = 0; i < 3; i++) tip_worst = fmax(tip_worst, fabs(tip[i] - (double)tip_f[i]));
         hrt_jacobian64(&wide, joint, jacobian);
         hrt_jacobian(&axes, joint_f, jacobian_f);
         for (int i = 0; i < 9; i++) jacobian_worst = fmax(jacobian_worst, fabs(jacobian[i] - (double)jacobian_f[i]));
-        if (!(joint[HRT_INSERTION] > 1e-3) || fabs(joint[HRT_PITCH]) > 1.5 || fabs(joint[HRT_YAW]) > 1.5) continue;
+        const bool turns = device->insertion >= 0;
+        if (turns && (!(joint[2] > 1e-3) || fabs(joint[0]) > 1.5 || fabs(joint[1]) > 1.5)) continue;
         assert_true(hrt_inverse64(&wide, tip, back));
-        for (int j = 0; j < 3; j++) assert_true(fabs(back[j] - joint[j]) < 1e-13);
+        for (int j = 0; j < device->motors; j++) assert_true(fabs(back[j] - joint[j]) < 1e-13);
     }
-    print_message("float against double: tip %.2g m, Jacobian %.2g\n", tip_worst, jacobian_worst);
-    assert_true(tip_worst < HRT_ENGINE_ROUNDING_M);
-    assert_true(tip_worst > HRT_ENGINE_ROUNDING_M / 10); /* and no laxer than it must be */
+    print_message("%s, float against double: tip %.2g m, Jacobian %.2g\n", device->name, tip_worst, jacobian_worst);
+    assert_true(tip_worst < (double)device->rounding_m);
+    assert_true(tip_worst > (double)device->rounding_m / 20); /* and no laxer than it must be */
     assert_true(jacobian_worst < 2e-6);
+}
+
+static void both_precisions_agree(void **state) {
+    (void)state;
+    for (int32_t t = 0; t < hrt_device_type_count; t++) check_precisions(hrt_device_types[t]);
 }
 
 static void counts_go_and_come(void **state) {
@@ -153,7 +186,7 @@ static void counts_go_and_come(void **state) {
         float narrow[HRT_JOINTS];
         hrt_counts_to_joint64(&p, count, wide);
         hrt_counts_to_joint(&p, count, narrow);
-        for (int j = 0; j < HRT_JOINTS; j++) {
+        for (int j = 0; j < p.device->joints; j++) {
             assert_true(fabs(wide[j] - (double)narrow[j]) <= 1e-7 * fabs(wide[j]));
             assert_int_equal(lrint(hrt_count_of_joint64(&p, j, wide[j])), at);
             assert_int_equal(lrintf(hrt_count_of_joint(&p, j, narrow[j])), at);
@@ -165,6 +198,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(jacobian_is_the_derivative), cmocka_unit_test(inverse_undoes),
         cmocka_unit_test(frame_is_a_rotation),        cmocka_unit_test(virtual_work),
-        cmocka_unit_test(both_precisions_agree),      cmocka_unit_test(counts_go_and_come)};
+        cmocka_unit_test(both_precisions_agree),      cmocka_unit_test(descriptions_are_whole),
+        cmocka_unit_test(counts_go_and_come)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -492,3 +492,30 @@ def test_a_bus_full_of_garbage_comes_back(ring):
     watch = Watch(VirtualBus(ring.bus_directory, "t"))
     until(lambda: pushing(watch, written + 0.3), "force on the bus again", 20)
     assert controller.poll() is None, text(controller)
+
+
+def test_a_desk_device_by_name(ring):
+    """Controller and virtual device of another kind than the default: its own joints in records, each force along one of its slides."""
+    hand = ring.directory / "desk.csv"
+    hand.write_text("time_s,x_m,y_m,z_m\n0,0,0,0.10\n1,0.01,-0.01,0.13\n2,0,0,0.10\n")
+    ring.device("--device-type", "desk", "--hand", hand, "--repeat")
+    controller = ring.controller("--device-type", "desk", "--samples", ring.samples(), "--duration", 3, "--record", ring.directory / "r.csv", "--json", ring.directory / "c.json")
+    assert controller.wait(timeout=60) == 0, text(controller)
+    with open(ring.directory / "r.csv") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    assert {"x_m", "y_m", "z_m", "force_x_N", "force_y_N", "force_z_N"} < set(rows[0]) and "grip" not in rows[0]
+    felt = [r for r in rows if r["state"] == 3 and r["gain"] == 1]
+    assert len(felt) > 200 and max(r["x_m"] for r in rows) > 0.008
+    for r in felt:
+        assert (r["force_x_N"], r["force_y_N"], r["force_z_N"]) == pytest.approx((r["fx_N"], r["fy_N"], r["fz_N"]), abs=1e-5)
+    assert sorted(r["fz_N"] for r in felt)[len(felt) // 2] == pytest.approx(-FORCE_N, rel=0.02)
+
+
+@pytest.mark.parametrize("program, words, says", [
+    ("haptic-rt", ["--device-type", "desck"], "'desck' is none; haptic-rt --list says which there are"),
+    ("haptic-rt", ["--set", "force_max_N=3", "--device-type", "desk"], "comes after --profile or --set; put it before them"),
+    ("haptic-rt", ["--device-type", "desk", "--set", "joint_min=0,0,0,0,0"], "it has 3 value(s)"),
+    ("tm-device", ["--device-type", "desk", "--start", "0,0,0.1,0,0"], "a desk has 3 joints")])
+def test_a_device_type_that_will_not_do(bin, program, words, says):
+    run = subprocess.run([bin / program, "--bus", "virtual:t", *words], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and says in run.stderr

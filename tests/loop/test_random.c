@@ -44,28 +44,31 @@ static float any_float(wild *w) {
     }
 }
 
-static void begin(wild *w) {
+static void begin(wild *w, const hrt_device_type *device) {
     hrt_params params;
     hrt_axes axes;
-    hrt_params_default(&params);
+    hrt_params_of_device(&params, device);
     const float axis[3] = {rig_uniform(&w->seed, -1, 1), rig_uniform(&w->seed, -1, 1), -1.1f}, up[3] = {0, 1, 0.1f};
-    hrt_axes_along(&axes, axis, up);
+    hrt_axes_along(&axes, device, axis, up);
     hrt_init(&w->c, &params, &axes, SESSION);
     w->in = (hrt_input){.bus_ok = true, .enable = true, .device_session = 1};
-    w->in.count[HRT_INSERTION] = 4000;
-    w->exact[HRT_INSERTION] = 4000.0f;
+    for (int j = 0; j < device->joints; j++) /* mid-way, so that nothing is out of range at once */
+        w->exact[j] = 0.5f * device->joint[j].counts_per_unit * (device->joint[j].min + device->joint[j].max);
+    for (int j = 0; j < device->joints; j++) w->in.count[j] = (int32_t)lrintf(w->exact[j]);
     w->out.state = HRT_BOOT;
 }
 
 /* Counts that wander within the workspace, now and then broken. */
 static void move(wild *w) {
-    const float low[HRT_JOINTS] = {-6000, -6000, 500, -3000, 10}, high[HRT_JOINTS] = {6000, 6000, 9800, 3000, 240};
-    for (int j = 0; j < HRT_JOINTS; j++) {
+    for (int j = 0; j < w->c.params.device->joints; j++) {
+        const hrt_joint_type *type = &w->c.params.device->joint[j];
+        const float edge = 0.04f * (type->max - type->min), low = type->counts_per_unit * (type->min + edge),
+                    high = type->counts_per_unit * (type->max - edge);
         const float push = w->now_us % 8000000 < 1000000 ? 4.0f : 1.0f; /* hasty at times */
         w->speed[j] = 0.995f * w->speed[j] + push * rig_uniform(&w->seed, -1.5f, 1.5f);
         w->exact[j] += w->speed[j];
-        if (w->exact[j] < low[j] || w->exact[j] > high[j]) {
-            w->exact[j] = fminf(fmaxf(w->exact[j], low[j]), high[j]);
+        if (w->exact[j] < low || w->exact[j] > high) {
+            w->exact[j] = fminf(fmaxf(w->exact[j], low), high);
             w->speed[j] = -w->speed[j];
         }
         w->in.count[j] = (int32_t)lrintf(w->exact[j]);
@@ -186,19 +189,17 @@ static void one_tick(wild *w) {
     for (int b = 0; b < 16; b++) w->limits[b] += (w->out.limits >> b) & 1u;
 }
 
-static void random_inputs(void **state) {
-    (void)state;
+static void run_device(const hrt_device_type *device, int64_t ticks) {
     static wild w;
-    const bool is_long = test_is_long();
-    const int64_t ticks = is_long ? 100000000 : 1000000;
+    memset(&w, 0, sizeof w);
     w.seed = 20000;
     w.now_us = 1000;
-    begin(&w);
+    begin(&w, device);
     for (int64_t t = 0; t < ticks; t++) {
         w.mood = t / 20000 % 3 != 0;
         one_tick(&w);
     }
-    printf("%lld ticks:", (long long)ticks);
+    printf("%s, %lld ticks:", device->name, (long long)ticks);
     for (int s = 0; s < HRT_STATE_COUNT; s++) printf(" %s %lld", hrt_state_name((hrt_state)s), (long long)w.visits[s]);
     printf("\nfaults:");
     for (int f = 1; f < HRT_FAULT_COUNT; f++) printf(" %s %lld", hrt_fault_name((hrt_fault)f), (long long)w.faults[f]);
@@ -212,6 +213,12 @@ static void random_inputs(void **state) {
     const hrt_fault seen[] = {HRT_FAULT_DEVICE_REPORTED, HRT_FAULT_BUS_OFF, HRT_FAULT_ENCODER_JUMP, HRT_FAULT_CLOCK,
                               HRT_FAULT_TICK_LATE};
     for (size_t i = 0; i < sizeof seen / sizeof *seen; i++) assert_true(w.faults[seen[i]] > 0);
+}
+
+static void random_inputs(void **state) {
+    (void)state;
+    const int64_t ticks = test_is_long() ? 100000000 : 1000000;
+    for (int32_t t = 0; t < hrt_device_type_count; t++) run_device(hrt_device_types[t], ticks);
 }
 
 int main(void) {

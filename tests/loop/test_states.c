@@ -294,7 +294,7 @@ static void fault_parameter(void **state) {
     assert_int_equal(r.out.state, HRT_BOOT);
     for (int32_t row = 0; row < hrt_param_count; row++) { /* every one of them is checked */
         hrt_params p = r.params;
-        ((float *)(void *)((char *)&p + hrt_param_table[row].offset))[hrt_param_table[row].count - 1] =
+        ((float *)(void *)((char *)&p + hrt_param_table[row].offset))[hrt_param_values(&p, &hrt_param_table[row]) - 1] =
             hrt_param_table[row].max * 2.0f + 1.0f;
         assert_int_equal(hrt_params_check(&p), row);
         assert_int_equal(hrt_params_check(&r.params), -1);

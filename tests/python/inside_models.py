@@ -187,3 +187,14 @@ def test_parameters_and_extrapolators_are_checked():
     law = tm.Extrapolator("tangent")
     law.take(tm.sample(reaction._replace(force_N=np.array((0, 0, 1.0)), stiffness_N_m=np.diag((0, 0, -100.0)), stiffness_kind=2), 1000))
     assert law.force(3000, (0, 0, -0.002)) == pytest.approx((0, 0, 1.2), rel=1e-3)
+
+
+def test_the_controller_knows_devices_by_name():
+    assert tm.controller.devices()["desk"] == ["x_m", "y_m", "z_m"] and len(tm.controller.devices()["impulse_engine"]) == 5
+    desk = tm.Controller(params=tm.controller.parameters(device="desk"))
+    tip = np.array((0.01, -0.02, -0.1))
+    joints = desk.joints(tip)
+    assert joints.shape == (3,) and np.allclose(desk.tip(joints), tip, atol=1e-7)
+    assert desk.tick(10**6, joints).joint[2] == pytest.approx(0.1, abs=1e-4)
+    with pytest.raises(tm.ArgumentError, match="use one of impulse_engine, desk"):
+        tm.controller.parameters(device="stylus")

@@ -30,7 +30,7 @@ def state(utime, seq, insertion, session=SESSION, **wrong):
     m = t.tool_state_t()
     m.utime, m.seq, m.session, m.instrument, m.state = utime, seq, session, 0, 3
     m.tip_m = [TROCAR[0], TROCAR[1], TROCAR[2] - insertion]
-    m.joint = [0, 0, insertion, 0, 0]
+    m.joints, m.joint = 5, [0, 0, insertion, 0, 0, 0, 0]
     for key, value in wrong.items():
         setattr(m, key, value)
     return m
@@ -57,7 +57,7 @@ while time.monotonic() - began < 2.0:
     if seq % 5 == 0:
         nan = float("nan")
         send("bad", state(utime, seq + 1000, insertion, tip_m=[nan, 0, 0]))
-        send("bad", state(utime, seq + 1000, insertion, joint=[0, math.inf, insertion, 0, 0]))
+        send("bad", state(utime, seq + 1000, insertion, joint=[0, math.inf, insertion, 0, 0, 0, 0]))
         send("bad", state(utime, seq + 1000, 3.0))
         send("bad", state(utime, seq + 1000, insertion, tip_m=[0, 0, 0]))  # not where the joints say
         send("bad", state(utime, seq + 1000, insertion, tip_m=[TROCAR[0], TROCAR[1] + 1e-5, TROCAR[2] - insertion]))  # by more than rounding

@@ -14,16 +14,17 @@ enum { HEIGHT = 600 };
 
 /* An instrument leaning into the body, looked at from the front. */
 static void scene(view_picture *p, view_camera *camera) {
-    static const view_instrument probe = {.shown = true,
-                                          .mode = 0,
-                                          .tip_m = {0.01, 0.02, 0.05},
-                                          .trocar_m = {0, -0.05, 0.15},
-                                          .radius_m = 0.0025,
-                                          .axis = {0, 0.5, -0.8},
-                                          .up = {0, 0, 1},
-                                          .extrapolator = "position",
-                                          .grip = 0.25,
-                                          .roll_rad = 0.1};
+    const view_instrument probe = {.shown = true,
+                                   .device = hrt_device_types[0],
+                                   .mode = 0,
+                                   .tip_m = {0.01, 0.02, 0.05},
+                                   .trocar_m = {0, -0.05, 0.15},
+                                   .radius_m = 0.0025,
+                                   .axis = {0, 0.5, -0.8},
+                                   .up = {0, 0, 1},
+                                   .extrapolator = "position",
+                                   .grip = 0.25,
+                                   .roll_rad = 0.1};
     memset(p, 0, sizeof *p);
     p->instrument[0] = p->instrument[1] = probe;
     p->instrument[1].mode = 2;
@@ -44,7 +45,7 @@ static void wanted_tip(const play_controls *c, const view_picture *p, int i, dou
     float joint[HRT_JOINTS], tip[3];
     const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
                 up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
-    assert_true(hrt_axes_along(&axes, axis, up));
+    assert_true(hrt_axes_along(&axes, t->device, axis, up));
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)c->hand[i].joint[j];
     hrt_tip(&axes, joint, tip);
     for (int k = 0; k < 3; k++) tip_m[k] = t->trocar_m[k] + (double)tip[k];
@@ -135,7 +136,7 @@ static void keys_insert_and_roll_within_the_workspace(void **state) {
     play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], (float)(from + 0.015), 1e-6f);
     for (int i = 0; i < 100; i++) play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
-    assert_float_equal((float)c.hand[0].joint[2], c.limits.joint_max[2], 1e-9f);
+    assert_float_equal((float)c.hand[0].joint[2], c.hand[0].params.joint_max[2], 1e-9f);
     key(&c, &p, 'w', false);
     key(&c, &p, 'e', true);
     play_controls_step(&c, &p, &camera, HEIGHT, 0.1);

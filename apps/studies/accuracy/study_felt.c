@@ -139,7 +139,7 @@ static void take_room(const sim *s, recording *rec, int frames) {
     for (int i = 0; i < s->instrument_count; i++) {
         drop_samples(&rec[i]);
         rec[i].frame_s = s->sample_s, rec[i].samples = frames * s->samples, rec[i].instrument = i;
-        hrt_params_default(&rec[i].params);
+        hrt_params_of_device(&rec[i].params, s->axes[i].device);
         rec[i].sample = calloc((size_t)rec[i].samples + 1, sizeof *rec->sample);
         if (!rec[i].sample) abort();
     }

@@ -15,6 +15,7 @@ void device_see(const sim *s, int instrument, const hrt_params *params, const do
     hrt_axes axes;
     float joint[HRT_JOINTS] = {0};
     int32_t count[HRT_JOINTS] = {0};
+    axes.device = params->device;
     for (int i = 0; i < 9; i++) axes.r[i] = (float)s->axes[instrument].r[i];
     if (!hrt_inverse(&axes, relative, joint)) return;
     for (int j = 0; j < HRT_MOTORS; j++) count[j] = (int32_t)lroundf(hrt_count_of_joint(params, j, joint[j]));

@@ -67,7 +67,7 @@ int record_scene(const scene_record *of, double rate_Hz, recording *out) {
         s->wants[i] = of->force_alone ? SIM_SENDS_FORCE : s->can_send;
         out[i].frame_s = s->frame_s, out[i].instrument = i, out[i].samples = frames;
         out[i].mode = s->instrument_def[i].mode;
-        hrt_params_default(&out[i].params);
+        hrt_params_of_device(&out[i].params, s->axes[i].device);
         out[i].sample = zeroed((size_t)frames, sizeof *out->sample);
     }
     const double begin_s = processor_s();
@@ -105,7 +105,7 @@ int record_scene_truth(const scene_record *of, recording *out) {
     phase_watch watch[TM_MAX_INSTRUMENTS];
     for (int i = 0; i < count; i++) {
         phase_watch_begin(&watch[i]);
-        hrt_params_default(&out[i].params);
+        hrt_params_of_device(&out[i].params, s->axes[i].device);
         out[i].ticks = ticks, out[i].instrument = i;
         out[i].mode = s->instrument_def[i].mode;
         out[i].tip_m = zeroed(3 * (size_t)ticks, sizeof *out->tip_m);

@@ -87,8 +87,9 @@ TM_API tm_scene_about tm_scene_tell(const tm_scene *scene);
 /* One frame: instruments go to `to` [instrument_count], or where the scene's hands want them (null). TM_ERR_UNSTABLE: a
  * displacement stopped being finite, and the frame has not happened. */
 TM_API tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to);
-/* Joints (pitch rad, yaw rad, insertion m, roll rad, grip 0..1) of an instrument's device as a pose in the world. */
-TM_API tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[5], bool active);
+/* Joints of an instrument's device (room for seven, those that it has not are 0; docs/controller.md) as a pose in the
+ * world. */
+TM_API tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[7], bool active);
 
 TM_API tm_mesh *tm_scene_mesh(tm_scene *scene);
 TM_API tm_tissue *tm_scene_tissue(tm_scene *scene);
