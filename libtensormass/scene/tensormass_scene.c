@@ -16,6 +16,19 @@ struct tm_scene {
 
 enum { COOKIE = 0x5ce4e };
 
+/* Checks the caller's part as TM_REQUIRE of the core library does, by its public function. */
+#define REQUIRE(condition, sentence, ...)                                                                              \
+    do {                                                                                                               \
+        if (!(condition)) {                                                                                            \
+            tm_contract_broken(__func__, sentence);                                                                    \
+            return __VA_ARGS__;                                                                                        \
+        }                                                                                                              \
+    } while (0)
+#define REQUIRE_SCENE(...) REQUIRE(scene, "scene is null", __VA_ARGS__)
+#define REQUIRE_INSTRUMENT(...)                                                                                        \
+    REQUIRE(scene &&instrument >= 0 && instrument < scene->s->instrument_count,                                        \
+            "scene is null or instrument is not one of its own", __VA_ARGS__)
+
 static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
 
 tm_scene_def tm_scene_def_default(void) { return (tm_scene_def){.cookie = COOKIE, .size = sizeof(tm_scene_def)}; }
@@ -75,6 +88,7 @@ void tm_scene_close(tm_scene *scene) {
 }
 
 tm_scene_about tm_scene_tell(const tm_scene *scene) {
+    REQUIRE_SCENE((tm_scene_about){.title = "", .model = ""});
     const sim *s = scene->s;
     return (tm_scene_about){.title = s->scene->title.s,
                             .model = model_name[s->scene->model.index],
@@ -91,6 +105,7 @@ tm_scene_about tm_scene_tell(const tm_scene *scene) {
 }
 
 tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
+    REQUIRE_SCENE(TM_ERR_ARGUMENT);
     sim *s = scene->s;
     tm_tool_pose hand[TM_MAX_INSTRUMENTS] = {0};
     /* On the microsecond, as tm-sim's clock is: the same bits. */
@@ -100,25 +115,67 @@ tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
 }
 
 tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[7], bool active) {
+    REQUIRE_INSTRUMENT((tm_tool_pose){0});
+    REQUIRE(joint, "joint is null", (tm_tool_pose){0});
     return sim_pose(scene->s, instrument, joint, active);
 }
 
-tm_mesh *tm_scene_mesh(tm_scene *scene) { return scene->s->mesh; }
-tm_tissue *tm_scene_tissue(tm_scene *scene) { return scene->s->model->tissue; }
-tm_world *tm_scene_world(tm_scene *scene) { return scene->s->model->world; }
-tm_surface_view tm_scene_surface(const tm_scene *scene) { return sim_surface(scene->s); }
-const double *tm_scene_displacement(const tm_scene *scene) { return sim_displacement(scene->s); }
-tm_tool_reaction tm_scene_reaction(const tm_scene *scene, int32_t instrument) { return scene->s->reaction[instrument]; }
-tm_tool_pose tm_scene_pose(const tm_scene *scene, int32_t instrument) { return scene->s->pose[instrument]; }
+tm_mesh *tm_scene_mesh(tm_scene *scene) {
+    REQUIRE_SCENE(NULL);
+    return scene->s->mesh;
+}
+
+tm_tissue *tm_scene_tissue(tm_scene *scene) {
+    REQUIRE_SCENE(NULL);
+    return scene->s->model->tissue;
+}
+
+tm_world *tm_scene_world(tm_scene *scene) {
+    REQUIRE_SCENE(NULL);
+    return scene->s->model->world;
+}
+
+tm_surface_view tm_scene_surface(const tm_scene *scene) {
+    REQUIRE_SCENE((tm_surface_view){0});
+    return sim_surface(scene->s);
+}
+
+const double *tm_scene_displacement(const tm_scene *scene) {
+    REQUIRE_SCENE(NULL);
+    return sim_displacement(scene->s);
+}
+
+tm_tool_reaction tm_scene_reaction(const tm_scene *scene, int32_t instrument) {
+    REQUIRE_INSTRUMENT((tm_tool_reaction){0});
+    return scene->s->reaction[instrument];
+}
+
+tm_tool_pose tm_scene_pose(const tm_scene *scene, int32_t instrument) {
+    REQUIRE_INSTRUMENT((tm_tool_pose){0});
+    return scene->s->pose[instrument];
+}
+
 tm_instrument_def tm_scene_instrument(const tm_scene *scene, int32_t instrument) {
+    REQUIRE_INSTRUMENT((tm_instrument_def){0});
     return scene->s->instrument_def[instrument];
 }
-uint64_t tm_scene_hash(const tm_scene *scene) { return sim_hash(scene->s); }
+
+uint64_t tm_scene_hash(const tm_scene *scene) {
+    REQUIRE_SCENE(0);
+    return sim_hash(scene->s);
+}
 
 const tm_patch *tm_scene_patch(const tm_scene *scene, int32_t instrument) {
+    REQUIRE_INSTRUMENT(NULL);
     return scene->s->patch && scene->s->patch_valid[instrument] ? &scene->s->patch[instrument] : NULL;
 }
 
-tm_status tm_scene_save(tm_scene *scene, const char *path) { return sim_snapshot_save(scene->s, path); }
+tm_status tm_scene_save(tm_scene *scene, const char *path) {
+    REQUIRE(scene && path, "scene or path is null", TM_ERR_ARGUMENT);
+    return sim_snapshot_save(scene->s, path);
+}
 
-tm_status tm_scene_restore(tm_scene *scene, const char *path) { return sim_snapshot_restore(scene->s, path); }
+tm_status tm_scene_restore(tm_scene *scene, const char *path) {
+    REQUIRE(scene && path, "scene or path is null", TM_ERR_ARGUMENT);
+    return sim_snapshot_restore(scene->s, path);
+}

@@ -23,6 +23,36 @@ int main(int count, char **word) {
     }
 }
 """
+CONTRACTS = r"""
+#include <stdio.h>
+#include "tensormass_scene.h"
+static void heard(const char *function, const char *sentence, void *user) {
+    (void)user;
+    printf("%s: %s\n", function, sentence);
+}
+int main(int count, char **word) {
+    const char *const set[] = {"haptics"};
+    const double joint[7] = {0};
+    tm_scene *scene = NULL;
+    tm_scene_def def = tm_scene_def_default();
+    def.file = word[count - 1], def.set = set, def.set_count = 1;
+    if (tm_scene_open(&def, &scene)) return 1;
+    tm_set_contract_handler(heard, NULL);
+    for (int i = -1; i < 2; i += 2) {
+        const tm_tool_pose to = tm_scene_pose_of(scene, i, joint, true);
+        const tm_tool_pose at = tm_scene_pose(scene, i);
+        const tm_tool_reaction felt = tm_scene_reaction(scene, i);
+        const tm_instrument_def tool = tm_scene_instrument(scene, i);
+        if (to.active || at.active || felt.row_count || tool.radius_m > 0 || tm_scene_patch(scene, i)) return 2;
+    }
+    tm_scene_pose_of(scene, 0, NULL, true);
+    if (tm_scene_step(NULL, NULL) != TM_ERR_ARGUMENT || tm_scene_save(scene, NULL) != TM_ERR_ARGUMENT || tm_scene_restore(NULL, "s") != TM_ERR_ARGUMENT) return 3;
+    if (tm_scene_mesh(NULL) || tm_scene_tissue(NULL) || tm_scene_world(NULL) || tm_scene_displacement(NULL) || tm_scene_hash(NULL)) return 4;
+    if (tm_scene_tell(NULL).vertex_count || tm_scene_surface(NULL).count) return 5;
+    tm_scene_close(scene);
+    return 0;
+}
+"""
 
 
 def run(*words, code=0):
@@ -91,3 +121,12 @@ def test_warnings_are_diagnostics(root, face):
 def test_an_exception_is_the_fault(root, face):
     out = run(face, root / "apps/scenes/block-press.yaml", "tissue.mesh=nowhere.msh", code=1)
     assert re.match(r"TM_ERR_\w+ --set tissue.mesh=nowhere.msh: tissue.mesh: nowhere.msh cannot be read: .*; correct the path", out.stdout) and out.stderr == ""
+
+
+def test_broken_contracts_reach_the_handler(root, build, tmp_path):
+    """An instrument that a scene does not have, and null: told once each, and the call returns nothing."""
+    (tmp_path / "contracts.c").write_text(CONTRACTS)
+    run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "contracts.c", *(build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")), "-lyaml", "-ldl", "-lm",
+        "-o", tmp_path / "contracts")
+    told = [line.split(":")[0].removeprefix("tm_scene_") for line in run(tmp_path / "contracts", root / "apps/scenes/block-press.yaml").stdout.splitlines()]
+    assert told == [*("pose_of", "pose", "reaction", "instrument", "patch") * 2, "pose_of", "step", "save", "restore", "mesh", "tissue", "world", "displacement", "hash", "tell", "surface"]
