@@ -24,14 +24,16 @@ static bool axes_of(const view_instrument *t, hrt_axes *axes) {
 /* Null: the device has no such joint. */
 static double *joint_of(play_hand *hand, int32_t role) { return role < 0 ? NULL : &hand->joint[role]; }
 
-/* The hand begins where the instrument is, so that nothing jumps. */
+/* The hand begins where the instrument is, so that nothing jumps; anew where another device holds it. */
 static void meet(play_hand *hand, const view_instrument *t) {
     hrt_axes axes;
     float tip[3], joint[3];
+    hand->known = hand->known && hand->params.device == t->device;
     if (hand->known || !t->shown || !axes_of(t, &axes)) return;
     for (int k = 0; k < 3; k++) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     if (!hrt_inverse(&axes, tip, joint)) return;
     hrt_params_of_device(&hand->params, t->device);
+    memset(hand->joint, 0, sizeof hand->joint);
     for (int k = 0; k < t->device->motors; k++) hand->joint[k] = (double)joint[k];
     double *roll = joint_of(hand, t->device->roll), *grip = joint_of(hand, t->device->grip);
     if (roll) *roll = t->roll_rad;

@@ -71,6 +71,25 @@ static void hand_begins_where_the_instrument_is(void **state) {
     assert_float_equal(c.hand[0].joint[3], 0.1, 1e-9);
 }
 
+/* Another simulation may run another device: its joints are counted, and begin where the instrument is. */
+static void hand_begins_anew_with_another_device(void **state) {
+    (void)state;
+    play_controls c;
+    view_picture p;
+    view_camera camera;
+    view_hand hand;
+    double tip[3];
+    begin(&c, &p, &camera);
+    const hrt_device_type *desk = hrt_device_types[hrt_device_type_find("desk")];
+    p.instrument[0].device = desk;
+    play_controls_step(&c, &p, &camera, HEIGHT, 0.01);
+    assert_true(play_controls_hand(&c, &p, 0, &hand));
+    assert_int_equal(hand.joints, desk->joints);
+    for (int j = desk->joints; j < HRT_JOINTS; j++) assert_float_equal(hand.joint[j], 0, 0);
+    wanted_tip(&c, &p, 0, tip);
+    for (int k = 0; k < 3; k++) assert_float_equal(tip[k], p.instrument[0].tip_m[k], 1e-6);
+}
+
 static void unknown_instruments_send_nothing(void **state) {
     (void)state;
     play_controls c;
@@ -216,6 +235,7 @@ static void commands_share_one_message(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hand_begins_where_the_instrument_is),
+        cmocka_unit_test(hand_begins_anew_with_another_device),
         cmocka_unit_test(unknown_instruments_send_nothing),
         cmocka_unit_test(drag_moves_the_tip_with_the_mouse),
         cmocka_unit_test(motion_without_button_moves_nothing),
