@@ -95,9 +95,10 @@ class Scene(Object):
                 raise ArgumentError(f"{len(poses)} poses for {self._about.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
             to = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
         status = lib.tm_scene_step(self, to)
+        told = self._said.take()  # also where a stage of one's own raised: the next call's are its own
         if self.world is not None:
             self.world._raise_failed()
-        _raise(self._said.take(), status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
+        _raise(told, status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
         return [self.reaction(i) for i in range(self._about.instrument_count)]
 
     def run(self, seconds: Optional[float] = None, each: Optional[Callable[["Scene"], Any]] = None) -> "Scene":
@@ -121,9 +122,12 @@ class Scene(Object):
 
     def pose_of_joints(self, instrument: int, joints: Any, active: bool = True) -> Pose:
         """Joints of its device, in that one's order and units (of the Impulse Engine pitch rad, yaw rad, insertion m, roll rad, grip 0 to 1), as a pose
-        in the world. Those left out are 0."""
+        in the world. Those left out are 0. ArgumentError: more than a device can have."""
         self._check(instrument)
-        joint = (ctypes.c_double * c.HRT_JOINTS)(*floats(joints, (-1,), "joints"))
+        values = floats(joints, (-1,), "joints")
+        if len(values) > c.HRT_JOINTS:
+            raise ArgumentError(f"joints: {len(values)} of them; a device has {c.HRT_JOINTS} at most", c.TM_ERR_ARGUMENT)
+        joint = (ctypes.c_double * c.HRT_JOINTS)(*values)
         return Pose._of(lib.tm_scene_pose_of(self, instrument, joint, active))
 
     def patch(self, instrument: int = 0) -> Optional[Patch]:

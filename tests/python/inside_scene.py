@@ -54,6 +54,9 @@ def test_hands_of_ones_own():
         scene.step([])
     with pytest.raises(IndexError):
         scene.reaction(1)
+    assert scene.pose_of_joints(0, [0, 0, 0.1]).tip_m == pytest.approx(scene.pose_of_joints(0, [0, 0, 0.1, 0, 0, 0, 0]).tip_m)
+    with pytest.raises(tm.ArgumentError, match="8 of them"):
+        scene.pose_of_joints(0, [0.0] * 8)
 
 
 def test_a_patch_of_a_scene():
