@@ -28,7 +28,7 @@ static void sine_cosine(float angle, float *sine, float *cosine) {
 #define HRT_SIZE_MAX 1.0e6f
 #include "device_types.h"
 
-#include "device_axes.h" /* with what stands in the other */
+#include "device_axes.h" /* uses device_types.h */
 
 /* One device alone is called without a look at the table. */
 #ifdef HRT_ONE_DEVICE

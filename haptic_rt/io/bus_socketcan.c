@@ -109,7 +109,7 @@ static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
     handover *h = bus->shared;
     if (bus->now == HRT_BUS_DOWN) {
         if (atomic_load(&h->fresh_fd) < 0 || atomic_load(&h->old_fd) >= 0) return;
-        atomic_store(&h->down, false); /* first: who looks opens no second one */
+        atomic_store(&h->down, false); /* before the take, so that `look` opens no second socket */
         const int fresh = atomic_exchange(&h->fresh_fd, -1);
         atomic_store(&h->old_fd, bus->fd);
         bus->fd = fresh;

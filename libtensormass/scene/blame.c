@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* The line of the scene that asked for a member of tm_model_def. */
-static tm_status line_of(const app_scene *scene, const char *member) {
+static int line_of(const app_scene *scene, const char *member) {
     const struct {
         const char *member;
         int line;

@@ -8,7 +8,7 @@
 
 enum { TEXT_MAX = 4000 };
 
-/* The "; " between what is wrong and what to do: the first outside parentheses and quotes. */
+/* The "; " between what is wrong and what to do: the first outside parentheses. */
 static const char *seam(const char *text) {
     int depth = 0;
     for (const char *c = text; *c; c++) {

@@ -1,4 +1,4 @@
-/* The scene's fields, except those of effects (apps/sim/effect_*.c). Parsing, errors, defaults and
+/* The scene's fields, except those of effects (effect_*.c). Parsing, errors, defaults and
  * docs/scene-reference.md come from here. */
 #include <math.h>
 

@@ -21,8 +21,8 @@ PURPOSE = {
     "tm-evaluate": "errors of the extrapolators",
     "tm-accuracy": "what accuracy costs in time",
     "tm-stability": "hard cases and their verdicts",
-    "haptic-rt": "the controller of an Impulse Engine",
-    "tm-device": "a virtual Impulse Engine on a CAN bus",
+    "haptic-rt": "the controller of a haptic device",
+    "tm-device": "a virtual haptic device on a CAN bus",
 }
 # Words that a program lists itself.
 LISTED = {"--case": "--list", "--knob": "--list"}

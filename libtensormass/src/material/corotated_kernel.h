@@ -9,7 +9,7 @@
  * dx/dF = ((x^2 + I + d_I/2) F - 2 F C + (2 x + d_J/4) cof F) / (x (x^2 - I) - 2 J), Hoger and Carlson's closed form.
  *
  * Where the two smaller stretches cancel, inside out, two roots meet and R jumps. There d(I, J) > 0 keeps them apart,
- * so that x is smooth for every F (rotation_internal.h). All that is asked of S is asked of x and its gradient R: the
+ * so that x is smooth for every F (material_internal.h). All that is asked of S is asked of x and its gradient R: the
  * energy is one smooth function of F, and the force its gradient, inside out too. */
 
 #include "material/simd_vector.h"
