@@ -126,6 +126,37 @@ static void it_drives_nothing(void **state) {
     scene_destroy(&s);
 }
 
+/* A stiffness or patch that does not know what still fades is not sent; before and after it is. */
+static void no_stiffness_while_it_fades(void **state) {
+    (void)state;
+    scene s = fading_scene(FADE_S, 1);
+    tm_patch_def def = tm_patch_def_default();
+    def.iterations = 4000; /* all columns in one call, after each cut too */
+    tm_patch_maker *maker;
+    tm_error error;
+    fix_ok(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
+    tm_patch patch;
+    double most_N = 0;
+    int fades = 0, before = 0, after = 0;
+    for (int i = 0; i < 20; i++) {
+        cut_frame(&s, i, &most_N);
+        const bool fading = s.contact->fading->count > 0, made = tm_patch_make(maker, CAUTERY, &patch);
+        const int32_t kind = tm_contact_reaction(s.contact, CAUTERY).stiffness_kind;
+        assert_true(made == (kind != 0) && made == (patch.kind != 0));
+        assert_false(fading && made);
+        fades += fading, before += made;
+    }
+    tm_tool_pose still = cautery_at(19);
+    still.active = false;
+    for (int i = 0; i < 8; i++) {
+        scene_frame(&s, CAUTERY, still, FRAME_S);
+        after += s.contact->fading->count == 0 && tm_patch_make(maker, CAUTERY, &patch);
+    }
+    print_message("  no stiffness in %d frames, before them in %d, after them in %d\n", fades, before, after);
+    assert_true(fades > 3 && before > 3 && after > 0);
+    scene_destroy(&s);
+}
+
 static uint64_t hash_of(scene *s) {
     const double *force = s->contact->tool[CAUTERY].substep_force_N;
     return tm_hash(force, 3 * sizeof *force, tm_world_hash(s->world));
@@ -173,11 +204,10 @@ static void bad_fades_are_refused(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(force_falls_evenly),
-                                       cmocka_unit_test(what_is_left_is_a_fresh_build),
-                                       cmocka_unit_test(energy_is_accounted_for),
-                                       cmocka_unit_test(it_drives_nothing),
-                                       cmocka_unit_test(snapshots_and_threads_keep_the_bits),
-                                       cmocka_unit_test(bad_fades_are_refused)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(force_falls_evenly),          cmocka_unit_test(what_is_left_is_a_fresh_build),
+        cmocka_unit_test(energy_is_accounted_for),     cmocka_unit_test(it_drives_nothing),
+        cmocka_unit_test(no_stiffness_while_it_fades), cmocka_unit_test(snapshots_and_threads_keep_the_bits),
+        cmocka_unit_test(bad_fades_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

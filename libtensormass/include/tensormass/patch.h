@@ -175,8 +175,9 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
  * border, the patch is a smaller one that has all around what bears the load. For an instrument that holds tissue
  * (TM_HOLD_VERTICES at most; with conjugate gradients 24 less what the patch takes) the patch holds it too; where that
  * takes more vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. The stiffness
- * is without friction, whose force is held between samples where there is no patch. While the jaws let go there is
- * neither. No allocation, bounded work. */
+ * is without friction, whose force is held between samples where there is no patch. While the jaws let go, and
+ * while what the instrument felt on removed tetrahedra fades (tm_cut_def.fade_s), there is neither. No allocation,
+ * bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* For real time: the source works in a thread of its own from now on, where it can. */
 TM_API tm_status tm_patch_start(tm_patch_maker *maker, tm_error *error);

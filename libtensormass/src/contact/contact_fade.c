@@ -48,6 +48,12 @@ void tm_fading_drop(tm_fading *fading, int32_t instrument) {
     fading->count = left;
 }
 
+bool tm_fading_has(const tm_fading *fading, int32_t instrument) {
+    for (int32_t i = 0; fading && i < fading->count; i++)
+        if (fading->row[i].instrument == instrument) return true;
+    return false;
+}
+
 void tm_fading_age(tm_fading *fading, double dt_s) {
     int32_t left = 0;
     for (int32_t i = 0; i < fading->count; i++) {

@@ -225,6 +225,8 @@ void tm_fading_begin(tm_fading *fading, const int32_t *tet, int32_t count);
 void tm_fading_age(tm_fading *fading, double dt_s);
 /* Of an instrument that was put elsewhere. */
 void tm_fading_drop(tm_fading *fading, int32_t instrument);
+/* Returns whether rows of the instrument fade; fading may be null. */
+bool tm_fading_has(const tm_fading *fading, int32_t instrument);
 /* Returns whether a snapshot may hold the row. */
 bool tm_fading_fits(const tm_fading *fading, const tm_fading_row *row);
 

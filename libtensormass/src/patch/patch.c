@@ -121,6 +121,8 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     tm_patch_hold hold;
     const int32_t count = held(maker, t, &hold);
     tm_patch_want(maker, t, hold.vertex, count, patch);
+    /* Rows that fade bear what no patch knows of, and slip or bear less whatever the tool does. */
+    if (tm_fading_has(contact->fading, t)) return false;
     if (count > 0) return make_held(maker, t, &hold, patch);
     if (count < 0 || !find_surface(maker, t, maker->def.max_vertices, 0, patch)) return false;
     describe(maker, t, patch);
