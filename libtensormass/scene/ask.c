@@ -4,7 +4,8 @@
 #include <string.h>
 
 tm_status sim_report(const app_scene *scene, int line, const tm_error *error) {
-    if (line < 0) return app_scene_bad(scene, line, "%s", error->message);
+    if (line < 0)
+        return app_scene_fail(scene, line, error->status ? error->status : TM_ERR_ARGUMENT, "%s", error->message);
     return app_host_report(&scene->host, scene->file, line, error);
 }
 

@@ -23,7 +23,7 @@ static int line_of(const app_scene *scene, const char *member) {
 tm_status sim_model_made(const sim *s, tm_status status, const tm_error *error) {
     const char *blame = s->def.blame ? s->def.blame : "";
     const int line = line_of(s->scene, blame);
-    if (status == TM_OK) return 0;
+    if (status == TM_OK) return TM_OK;
     if (!strcmp(blame, "precision"))
         return app_scene_bad(s->scene, line,
                              "tissue.precision = single, and %s, or take double: rounded tensors would set it turning",

@@ -17,7 +17,7 @@ tm_status sim_make_supports(sim *s) {
     s->held_by = malloc((size_t)n * 3);
     tm_status rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by
                        ? 0
-                       : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
+                       : app_scene_fail(scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     if (scene->support.count > 100)
         rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
     for (int i = 0; i < scene->support.count && !rc; i++) {
@@ -53,7 +53,7 @@ tm_status sim_make_supports(sim *s) {
 static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark, double *force) {
     const tm_mesh *mesh = s->mesh;
     int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)mesh->surface_count), count = 0;
-    if (!triangle) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
+    if (!triangle) return app_scene_fail(s->scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     for (int32_t t = 0; t < mesh->surface_count; t++) {
         const int32_t *v = &mesh->surface[3 * t];
         if (mark[v[0]] && mark[v[1]] && mark[v[2]]) memcpy(&triangle[3 * count++], v, 3 * sizeof *v);
@@ -72,7 +72,7 @@ tm_status sim_make_loads(sim *s) {
     int32_t n = s->mesh->vertex_count, selected;
     uint8_t *mark = malloc((size_t)n);
     double *force = s->load_N = calloc((size_t)n * 3, sizeof *force);
-    tm_status rc = mark && force ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
+    tm_status rc = mark && force ? 0 : app_scene_fail(scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     for (int i = 0; i < scene->load.count && !rc; i++) {
         const app_load *load = (const app_load *)scene->load.item + i;
         rc = sim_select(s, &load->select, load->here.line, mark, &selected);

@@ -139,7 +139,7 @@ static tm_status from_potential(sim *s, const options *o) {
     uint8_t *mark = malloc(2 * n);
     tm_error error = {0};
     int32_t count;
-    if (!mark) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    if (!mark) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     tm_status rc = sim_select(s, &(app_select){.group = o->from}, o->from.line, mark, &count);
     if (!rc) rc = sim_select(s, &(app_select){.group = o->to}, o->to.line, mark + n, &count);
     if (!rc && sim_laplace(s->mesh, mark, mark + n, s->fibre, &error)) rc = sim_report(s->scene, o->rule.line, &error);
@@ -159,7 +159,7 @@ static void from_rule(sim *s, const options *o) {
 static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->fibre = malloc(sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count);
-    if (!s->fibre) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    if (!s->fibre) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     tm_status rc = 0;
     if (o->file.line)
         rc = from_file(s, o);
@@ -168,7 +168,7 @@ static tm_status prepare(sim *s, const void *own) {
     else
         from_rule(s, o);
     if (!rc && !sim_smooth_axes(s->mesh, (int)o->smooth.value, s->fibre))
-        rc = app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+        rc = app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     return rc;
 }
 

@@ -75,7 +75,7 @@ static tm_status build(sim *s, const void *own) {
         count += s->held_by[i] == support && o->amplitude.v[s->held_dof[i] % 3] != 0;
     size_t bytes = sizeof(breathing) + sizeof(moved) * (size_t)count;
     breathing *b = tm_allocate(bytes);
-    if (!b) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    if (!b) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     *b = (breathing){.angular_1_s = 2 * M_PI / o->period.si, .bytes = (int64_t)bytes};
     for (int32_t i = 0; i < s->held_count; i++) {
         double amplitude = o->amplitude.v[s->held_dof[i] % 3];

@@ -53,7 +53,7 @@ static tm_status build(sim *s, const void *own) {
     s->cuts.capacity = (int32_t)n;
     return s->cuts.tet && s->cuts.instrument
                ? 0
-               : app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+               : app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
 }
 
 static void destroy(sim *s) {

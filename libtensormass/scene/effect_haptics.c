@@ -66,9 +66,9 @@ static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     tm_error error = {0};
     tm_factored *factored;
     sim_solve_api api;
-    if (!sim_solve_open(&s->scene->host, &api, &error)) return app_scene_bad(s->scene, line, "%s", error.message);
+    if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, line, &error);
     uint8_t *fixed = calloc(3 * (size_t)s->mesh->vertex_count, 1);
-    if (!fixed) return app_scene_bad(s->scene, line, "out of memory; use a smaller mesh");
+    if (!fixed) return app_scene_fail(s->scene, line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     for (int32_t i = 0; i < s->held_count; i++) fixed[s->held_dof[i]] = 1;
     tm_factored_def def = api.tm_factored_def_default_();
     def.tissue = s->model->tissue;
@@ -99,7 +99,8 @@ static tm_status build(sim *s, const void *own) {
     s->can_send = sim_may_send(s);
     if (s->can_send == SIM_SENDS_PATCH) {
         s->patch = tm_allocate(sizeof *s->patch * (size_t)s->instrument_count);
-        if (!s->patch) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+        if (!s->patch)
+            return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     }
     if (s->can_send == SIM_SENDS_FORCE) return 0;
     tm_patch_def def = tm_patch_def_default();

@@ -69,7 +69,9 @@ tm_status sim_make_hybrid(sim *s) {
     tm_solve_report report = {0};
     if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     uint8_t *dynamic = calloc((size_t)s->mesh->tet_count, 1);
-    tm_status rc = dynamic ? choose_part(s, o, dynamic) : TM_ERR_MEMORY;
+    tm_status rc =
+        dynamic ? choose_part(s, o, dynamic)
+                : app_scene_fail(s->scene, s->scene->model.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     if (!rc) {
         tm_hybrid_def how = api.tm_hybrid_def_default_();
         sim_solve_file(s, o, "hybrid", file, sizeof file);

@@ -22,7 +22,7 @@ static tm_status build(sim *s, const void *own) {
     const bool renumbered = s->mesh->given_vertex;
     if (renumbered) bytes += n * sizeof(int32_t);
     sim_picture *p = s->picture = tm_allocate(bytes);
-    if (!p) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    if (!p) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     memset(p, 0, bytes);
     p->bytes = bytes;
     p->revision = -1;

@@ -252,6 +252,9 @@ void *app_scene_alloc(app_scene *scene, size_t bytes);
  */
 bool app_scene_quote(const char *text, char *out, size_t size);
 
+/* Adds a fault with the line that is to blame. Returns `status`, not TM_OK. */
+tm_status app_scene_fail(const app_scene *scene, int line, tm_status status, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 /* A fault of a value, by its line. Returns TM_ERR_ARGUMENT. */
 tm_status app_scene_bad(const app_scene *scene, int line, const char *format, ...)
     __attribute__((format(printf, 3, 4)));

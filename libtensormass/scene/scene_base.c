@@ -72,6 +72,14 @@ static tm_status tell(const app_scene *scene, int line, tm_severity severity, tm
     return app_host_tell(&scene->host, severity, status, file, line, message);
 }
 
+tm_status app_scene_fail(const app_scene *scene, int line, tm_status status, const char *format, ...) {
+    va_list list;
+    va_start(list, format);
+    tell(scene, line, TM_FAULT, status, format, list);
+    va_end(list);
+    return status;
+}
+
 tm_status app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
     va_list list;
     va_start(list, format);

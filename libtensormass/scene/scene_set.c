@@ -92,7 +92,7 @@ static tm_status enter_item(reader *r, int set, int value, char **rest, int *at)
         const int list_number = *at;
         *at = **rest ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE) : value;
         if (!*at || !yaml_document_append_sequence_item(&r->document, list_number, *at))
-            return app_scene_bad(r->scene, line_of_set(set), "out of memory; use a smaller value");
+            return app_scene_fail(r->scene, line_of_set(set), TM_ERR_MEMORY, "out of memory; use a smaller value");
         node_at(r, *at)->start_mark.line = SET_LINE + (unsigned)set;
         return 0;
     }
@@ -108,7 +108,7 @@ static tm_status put_key(reader *r, int set, int at, const char *name, int child
     yaml_node_pair_t *found = find_pair(r, node_at(r, at), name);
     if (key && child && found) *found = (yaml_node_pair_t){key, child};
     if (key && child && (found || yaml_document_append_mapping_pair(&r->document, at, key, child))) return 0;
-    return app_scene_bad(r->scene, line_of_set(set), "out of memory; use a smaller value");
+    return app_scene_fail(r->scene, line_of_set(set), TM_ERR_MEMORY, "out of memory; use a smaller value");
 }
 
 /* "name.rest": goes into the key's value, made where it is not there, or puts the value in (or out) where the path

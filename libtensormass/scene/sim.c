@@ -22,6 +22,7 @@ tm_status sim_scene_load(const char *file, char *const *set, int set_count, cons
     app_effect_key *key = app_scene_alloc(*scene, sizeof *key * SIM_MAX_EFFECTS);
     if (!key) {
         app_scene_free(*scene);
+        *scene = NULL;
         return app_scene_no_memory(host, file);
     }
     for (int i = 0; i < sim_effect_count; i++) key[i] = (app_effect_key){sim_effects[i]->name, sim_effects[i]->model};
@@ -145,7 +146,7 @@ static tm_status run_hook(sim *s, bool build) {
 static tm_status define_model(sim *s) {
     tm_model_def *def = &s->def.model;
     s->material = calloc((size_t)s->mesh->region_count, sizeof *s->material);
-    if (!s->material) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
+    if (!s->material) return app_scene_fail(s->scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     *def = tm_model_def_default();
     def->damped = false;
     tm_status rc = run_hook(s, false);

@@ -25,9 +25,9 @@ bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     /* The module never uses more than one thread of OpenBLAS in each of its own. */
     setenv("OPENBLAS_NUM_THREADS", "1", 0);
     if (!has_room()) {
-        snprintf(error->message, sizeof error->message,
-                 "this process may not have the 256 MB of address space that the module solve wants; raise the limit "
-                 "(ulimit -v)");
+        tm_fail(error, TM_ERR_MEMORY, -1,
+                "this process may not have the 256 MB of address space that the module solve wants; raise the limit "
+                "(ulimit -v)");
         return false;
     }
     void *module = app_host_module(host, "solve", error);

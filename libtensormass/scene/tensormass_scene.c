@@ -177,5 +177,10 @@ tm_status tm_scene_save(tm_scene *scene, const char *path) {
 
 tm_status tm_scene_restore(tm_scene *scene, const char *path) {
     REQUIRE(scene && path, "scene or path is null", TM_ERR_ARGUMENT);
-    return sim_snapshot_restore(scene->s, path);
+    sim *s = scene->s;
+    const tm_status status = sim_snapshot_restore(s, path);
+    if (status) return status;
+    for (int i = 0; i < s->model->instrument_count; i++) s->reaction[i] = tm_model_reaction(s->model, i);
+    memset(s->patch_valid, 0, sizeof s->patch_valid); /* the next frame makes new ones */
+    return TM_OK;
 }

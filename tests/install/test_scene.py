@@ -53,6 +53,24 @@ int main(int count, char **word) {
     return 0;
 }
 """
+RESTORED = r"""
+#include <string.h>
+#include <tensormass_scene.h>
+int main(int count, char **word) {
+    const char *const set[] = {"haptics"};
+    tm_scene_def def = tm_scene_def_default();
+    tm_scene *scene, *again;
+    if (count != 3) return 2;
+    def.file = word[1], def.set = set, def.set_count = 1;
+    if (tm_scene_open(&def, &scene) || tm_scene_open(&def, &again)) return 3;
+    for (int i = 0; i < 30; i++)
+        if (tm_scene_step(scene, NULL)) return 4;
+    if (tm_scene_save(scene, word[2]) || tm_scene_restore(again, word[2])) return 5;
+    const tm_tool_reaction was = tm_scene_reaction(scene, 0), is = tm_scene_reaction(again, 0);
+    if (!(was.force_N[2] > 0.05) || was.row_count == 0) return 6;
+    return memcmp(was.force_N, is.force_N, sizeof is.force_N) || was.row_count != is.row_count ? 1 : 0;
+}
+"""
 
 
 def run(*words, code=0):
@@ -76,6 +94,13 @@ def face(root, build, once):
         run("g++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), folder / "face.cpp", f"-L{build}/lib", f"-Wl,-rpath,{build}/lib", "-ltensormass_scene", "-ltensormass",
             "-o", folder / "face")
     return once("scene-face", made) / "face"
+
+
+def test_a_restored_scene_has_the_reactions_of_the_snapshot(root, build, tmp_path):
+    (tmp_path / "restored.c").write_text(RESTORED)
+    libraries = [build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")]
+    run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "restored.c", *libraries, "-lyaml", "-ldl", "-lm", "-o", tmp_path / "restored")
+    run(tmp_path / "restored", root / "apps/scenes/block-press.yaml", tmp_path / "kept")
 
 
 def test_the_guides_program_presses(root, press):

@@ -60,7 +60,8 @@ typedef struct tm_scene_def {
     /* While a precomputed or hybrid model is computed: what, the share that is done, seconds left (below 0: not known).
      * False stops it. May be null. */
     bool (*progress)(void *user, const char *what, double fraction, double seconds_left);
-    /* Asked some ten times a second within tm_scene_step: true breaks the frame off. May be null. */
+    /* Asked some ten times a second within tm_scene_step: true breaks the frame off. The call then returns TM_OK, and
+     * tm_scene_about.frames has not grown: restore a snapshot, or close the scene. May be null. */
     bool (*stop)(void *user);
     void *user;
 } tm_scene_def;
@@ -84,8 +85,8 @@ TM_API tm_status tm_scene_open(const tm_scene_def *def, tm_scene **scene);
 TM_API void tm_scene_close(tm_scene *scene); /* null: nothing */
 
 TM_API tm_scene_about tm_scene_tell(const tm_scene *scene);
-/* One frame: instruments go to `to` [instrument_count], or where the scene's hands want them (null). TM_ERR_UNSTABLE: a
- * displacement stopped being finite, and the frame has not happened. */
+/* One frame: instruments go to `to` [instrument_count], or where the scene's hands want them (null). TM_ERR_UNSTABLE,
+ * without a diagnostic: a displacement stopped being finite, and the frame has not happened. */
 TM_API tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to);
 /* Joints of an instrument's device (room for seven, those that it has not are 0; docs/controller.md) as a pose in the
  * world. */
@@ -103,7 +104,8 @@ TM_API tm_instrument_def tm_scene_instrument(const tm_scene *scene, int32_t inst
 TM_API const tm_patch *tm_scene_patch(const tm_scene *scene, int32_t instrument);
 /* Of the whole state: the same bits, the same hash. */
 TM_API uint64_t tm_scene_hash(const tm_scene *scene);
-/* The files of tm-sim --snapshot. A damaged file, or another scene's, is refused and changes nothing. */
+/* The files of tm-sim --snapshot. A damaged file, or another scene's, is refused and changes nothing. After
+ * tm_scene_restore reactions are those of the snapshot, and there is no patch until the next frame. */
 TM_API tm_status tm_scene_save(tm_scene *scene, const char *path);
 TM_API tm_status tm_scene_restore(tm_scene *scene, const char *path);
 

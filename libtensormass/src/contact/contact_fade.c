@@ -13,7 +13,7 @@
 #include "base/vec.h"
 
 /* What a row can bear now, N. */
-static double bearable(const tm_fading *fading, const tm_fading_row *row) {
+static double bearable(const tm_fading_rows *fading, const tm_fading_row *row) {
     return row->bore_N * law_max(1 - row->age_s / fading->fade_s, 0);
 }
 
@@ -23,7 +23,7 @@ static bool is_of(const int32_t *tet, int32_t count, int32_t which) {
     return false;
 }
 
-void tm_fading_begin(tm_fading *fading, const int32_t *tet, int32_t count) {
+void tm_fading_begin(tm_fading_rows *fading, const int32_t *tet, int32_t count) {
     const tm_contact *contact = fading->contact;
     for (int32_t i = 0; i < contact->row_count && fading->count < TM_FADING_MAX; i++) {
         const tm_contact_row *row = contact->row + i;
@@ -41,20 +41,20 @@ void tm_fading_begin(tm_fading *fading, const int32_t *tet, int32_t count) {
     }
 }
 
-void tm_fading_drop(tm_fading *fading, int32_t instrument) {
+void tm_fading_drop(tm_fading_rows *fading, int32_t instrument) {
     int32_t left = 0;
     for (int32_t i = 0; i < fading->count; i++)
         if (fading->row[i].instrument != instrument) fading->row[left++] = fading->row[i];
     fading->count = left;
 }
 
-bool tm_fading_has(const tm_fading *fading, int32_t instrument) {
+bool tm_fading_has(const tm_fading_rows *fading, int32_t instrument) {
     for (int32_t i = 0; fading && i < fading->count; i++)
         if (fading->row[i].instrument == instrument) return true;
     return false;
 }
 
-void tm_fading_age(tm_fading *fading, double dt_s) {
+void tm_fading_age(tm_fading_rows *fading, double dt_s) {
     int32_t left = 0;
     for (int32_t i = 0; i < fading->count; i++) {
         tm_fading_row *row = fading->row + i;
@@ -88,7 +88,7 @@ static bool share_out(const tm_world *world, tm_fading_row *row) {
     return sum > 0;
 }
 
-static void prepare(const tm_fading *fading, tm_fading_row *row) {
+static void prepare(const tm_fading_rows *fading, tm_fading_row *row) {
     const tm_contact *contact = fading->contact;
     const tm_tool *tool = contact->tool + row->instrument;
     double before[3], now[3], moved[3];
@@ -107,7 +107,7 @@ static void prepare(const tm_fading *fading, tm_fading_row *row) {
 }
 
 static void find(void *self, tm_world *world) {
-    tm_fading *fading = self;
+    tm_fading_rows *fading = self;
     int32_t left = 0;
     if (world->settling) fading->count = 0; /* at rest they are gone */
     for (int32_t i = 0; i < fading->count; i++)
@@ -128,7 +128,7 @@ static double pressed(const tm_state *state, const tm_fading_row *row) {
 }
 
 static void sweep(void *self, tm_world *world, int32_t number) {
-    tm_fading *fading = self;
+    tm_fading_rows *fading = self;
     (void)number;
     for (int32_t i = 0; i < fading->count; i++) {
         tm_fading_row *row = fading->row + i;
@@ -143,7 +143,7 @@ static void sweep(void *self, tm_world *world, int32_t number) {
 
 /* What it cannot bear it slips by. */
 static void finish(void *self, tm_world *world) {
-    tm_fading *fading = self;
+    tm_fading_rows *fading = self;
     for (int32_t i = 0; i < fading->count; i++) {
         tm_fading_row *row = fading->row + i;
         row->stretch_m = law_min(pressed(&world->state, row), row->compliance_m_N * bearable(fading, row));
@@ -151,7 +151,7 @@ static void finish(void *self, tm_world *world) {
 }
 
 static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
-    const tm_fading *fading = self;
+    const tm_fading_rows *fading = self;
     const tm_tool *tool = fading->contact->tool + t;
     for (int32_t i = 0; i < fading->count; i++) {
         const tm_fading_row *row = fading->row + i;
@@ -165,7 +165,7 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
     }
 }
 
-void tm_fading_add(tm_fading *fading, const void *owner) {
+void tm_fading_add(tm_fading_rows *fading, const void *owner) {
     fading->contact->fading = fading;
     tm_contact_add_block_behind(fading->contact, &(tm_block){.self = fading,
                                                              .owner = (void *)(uintptr_t)owner,
@@ -175,14 +175,14 @@ void tm_fading_add(tm_fading *fading, const void *owner) {
                                                              .react = react});
 }
 
-void tm_fading_remove(tm_fading *fading) {
+void tm_fading_remove(tm_fading_rows *fading) {
     tm_contact_remove_block(fading->contact, fading);
     fading->contact->fading = NULL;
 }
 
 /* --- snapshots --- */
 
-bool tm_fading_fits(const tm_fading *fading, const tm_fading_row *row) {
+bool tm_fading_fits(const tm_fading_rows *fading, const tm_fading_row *row) {
     bool good = row->instrument >= 0 && row->instrument < fading->contact->tool_count && row->station >= 0 &&
                 row->station < TM_MAX_STATIONS && !row->unused && row->bore_N >= 0 && row->lambda_N >= 0 &&
                 row->age_s >= 0 && row->compliance_m_N >= 0 && isfinite(row->bore_N + row->lambda_N + row->age_s) &&

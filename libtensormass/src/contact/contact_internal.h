@@ -113,12 +113,12 @@ typedef struct tm_fading_row {
 } tm_fading_row;
 
 enum { TM_FADING_MAX = 256 }; /* rows; more go at once */
-typedef struct tm_fading {
+typedef struct tm_fading_rows {
     tm_contact *contact;
     double fade_s;
     int32_t count;
     tm_fading_row *row; /* [TM_FADING_MAX] */
-} tm_fading;
+} tm_fading_rows;
 
 /* Of a substep: what each tool finds, in its own part of row_before, [max_rows] each, until that becomes `row`. */
 typedef struct tm_sight {
@@ -148,7 +148,7 @@ struct tm_contact {
     int32_t block_count;
     tm_block block[TM_MAX_BLOCKS]; /* the last, but for friction: the rows, the stage's own or another's */
     struct tm_friction *friction;  /* null: there is none */
-    tm_fading *fading;             /* null: what is cut away bears nothing any more */
+    tm_fading_rows *fading;        /* null: what is cut away bears nothing any more */
     tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
     bool unsound;                  /* a row met a number that is not finite, in this substep */
     void *kept;                    /* the snapshot at the start of the step, room for the largest */
@@ -218,17 +218,17 @@ tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument);
 int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count);
 
 /* contact_fade.c. Adds the block, its time booked on `owner`, and removes it. */
-void tm_fading_add(tm_fading *fading, const void *owner);
-void tm_fading_remove(tm_fading *fading);
+void tm_fading_add(tm_fading_rows *fading, const void *owner);
+void tm_fading_remove(tm_fading_rows *fading);
 /* Lets the rows of the last substep on these tetrahedra fade, which have just gone. */
-void tm_fading_begin(tm_fading *fading, const int32_t *tet, int32_t count);
-void tm_fading_age(tm_fading *fading, double dt_s);
+void tm_fading_begin(tm_fading_rows *fading, const int32_t *tet, int32_t count);
+void tm_fading_age(tm_fading_rows *fading, double dt_s);
 /* Of an instrument that was put elsewhere. */
-void tm_fading_drop(tm_fading *fading, int32_t instrument);
+void tm_fading_drop(tm_fading_rows *fading, int32_t instrument);
 /* Returns whether rows of the instrument fade; fading may be null. */
-bool tm_fading_has(const tm_fading *fading, int32_t instrument);
+bool tm_fading_has(const tm_fading_rows *fading, int32_t instrument);
 /* Returns whether a snapshot may hold the row. */
-bool tm_fading_fits(const tm_fading *fading, const tm_fading_row *row);
+bool tm_fading_fits(const tm_fading_rows *fading, const tm_fading_row *row);
 
 /* friction.c: this instrument has friction. */
 bool tm_contact_rubs(const tm_contact *contact, int32_t instrument);

@@ -18,7 +18,7 @@ typedef struct tm_cut_stage {
     int32_t log_begin, log_count;
     int32_t *log_tet; /* [tet_count] */
     int8_t *log_instrument;
-    tm_fading fading; /* rows on what was removed; fade_s 0: they go at once */
+    tm_fading_rows fading; /* rows on what was removed; fade_s 0: they go at once */
     /* the search for loose pieces */
     search state;
     bool waits;       /* for "cut search" to go on, in this substep */

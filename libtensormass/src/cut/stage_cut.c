@@ -189,7 +189,7 @@ static int64_t snapshot(void *self, void *buffer) {
     return bytes;
 }
 
-static bool fading_fits(const tm_fading *fading, const char *buffer, int64_t bytes, int32_t count) {
+static bool fading_fits(const tm_fading_rows *fading, const char *buffer, int64_t bytes, int32_t count) {
     const int32_t most = fading->fade_s > 0 ? TM_FADING_MAX : 0;
     bool good = count >= 0 && count <= most && bytes >= count * (int64_t)sizeof(tm_fading_row);
     for (int32_t i = 0; i < count && good; i++) {
