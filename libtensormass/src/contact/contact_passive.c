@@ -249,12 +249,14 @@ static double stored_by_others_J(const tm_contact *contact, int32_t t) {
     return sum;
 }
 
+/* Farther than the rounding of a path between equal poses. */
 static bool moves(const tm_tool *tool) {
+    const double least_m = 1e-12;
     double here[3], there[3], way[3];
     tm_capsule_station(&tool->capsule, 0, here);
     tm_capsule_station(&tool->before, 0, there);
     vsub(here, there, way);
-    return vdot(way, way) > 0;
+    return vdot(way, way) > least_m * least_m;
 }
 
 /* The window goes on: in each part of it, the newest first, the least that had been made by then. */
