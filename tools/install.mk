@@ -9,7 +9,7 @@ STAGE = $(eval STAGE := $(shell mkdir -p $(OUT)/stage && mktemp -d $(OUT)/stage/
 SOLVE ?= $(if $(and $(wildcard /usr/include/suitesparse/cholmod.h),$(wildcard /usr/include/eigen3/Eigen/Core)),1,0)
 SOLVE_LIBRARIES := $(if $(filter 1,$(SOLVE)),$(LIBTMS_A) $(LIBTMS_SO))
 # The scene library where libyaml is.
-SCENE ?= $(if $(wildcard /usr/include/yaml.h),1,0)
+SCENE ?= $(if $(shell test -s /usr/include/yaml.h && echo there),1,0)
 SCENE_LIBRARIES := $(if $(filter 1,$(SCENE)),$(LIBTMSCENE_A) $(LIBTMSCENE_SO))
 
 # What links against a library that the loader does not look for by itself is told where it lies. $(call pc,NAMES)

@@ -4,7 +4,7 @@ TMSCENE_OBJ := $(call objects,$(TMSCENE_SRC) $(sort $(wildcard haptic_rt/motion/
 LIBTMSCENE_A := $(OUT)/lib/libtensormass_scene.a
 LIBTMSCENE_SO := $(OUT)/lib/libtensormass_scene.so.$(VERSION)
 LIBRARIES += $(LIBTMSCENE_A) $(LIBTMSCENE_SO)
-$(call objects,libtensormass/scene/module_open.c): CFLAGS_EXTRA += -DTM_SOVERSION='"$(SOVERSION)"'
+$(call objects,libtensormass/scene/module_open.c): BASE_CFLAGS += -DTM_SOVERSION='"$(SOVERSION)"'
 $(LIBTMSCENE_A): $(TMSCENE_OBJ)
 	$(archive)
 $(LIBTMSCENE_SO): $(TMSCENE_OBJ) $(LIBTM_SO) $(LIBTMIO_SO)

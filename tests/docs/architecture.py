@@ -144,7 +144,8 @@ def uses(found):
 
 
 # Folders of a library's sources: its public headers, and what exports them.
-PUBLIC = {"libtensormass/src": ("libtensormass/include", "libtensormass.so"), "libtensormass/io": ("libtensormass/io/include", "libtensormass_io.so")}
+PUBLIC = {"libtensormass/src": ("libtensormass/include", "libtensormass.so"), "libtensormass/io": ("libtensormass/io/include", "libtensormass_io.so"),
+          "libtensormass/scene": ("libtensormass/scene/include", "libtensormass_scene.so")}
 
 
 def outside_uses(root, build, page, arrows):
@@ -156,7 +157,7 @@ def outside_uses(root, build, page, arrows):
         headers |= {p.relative_to(root).as_posix(): set(re.findall(r"\b\w+\b", p.read_text())) for p in (root / include).rglob("*.h")}
     for (a, b), names in sorted(arrows.items()):
         home = next((folder for folder in PUBLIC if b.startswith(folder + "/")), None)
-        if home and not a.startswith(home + "/"):
+        if home and not a.startswith(home + "/") and not page.allows(a, b):
             for name in sorted(names):
                 declared = [h for h, words in headers.items() if name in words] if name in exported else []
                 if not any(page.allows(a, h) for h in declared):

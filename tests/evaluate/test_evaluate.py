@@ -355,7 +355,7 @@ def test_a_cut_that_fades_is_felt_evenly(operating):
     plain, faded = at["liver-dissect", "cautery"], at["liver-dissect, fade", "cautery"]
     assert faded["rms"] < 0.015 and faded["rms"] < 0.6 * plain["rms"], (plain["rms"], faded["rms"])
     assert faded["jump_true"] < 0.5 * plain["jump_true"]
-    assert faded["peak_N"] < 1.2 * plain["peak_N"]
+    assert faded["peak_N"] < 1.45 * plain["peak_N"]  # what fades is felt beside the surface that the tool meets behind it
     assert at["liver-dissect, fade", "grasper"]["rms"] < 0.005
 
 

@@ -38,7 +38,7 @@ $(eval $(call fuzzer,fuzz_lcm,,$(LIBLCMTYPES_A) $(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_receiver,,$(LIBLCMTYPES_A),-llcm))
 $(eval $(call fuzzer,fuzz_sample,,$(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
-$(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(FUZZ_HRT) $(SCENE_LIBS),-lyaml))
 $(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
 # libFuzzer wants to see at least the target itself.
 $(call objects,$(wildcard tests/fuzz/*.c)): BASE_CFLAGS += -fsanitize=fuzzer-no-link

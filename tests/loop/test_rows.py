@@ -101,7 +101,8 @@ def lines_of(folder, main, sources, *flags):
 def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
     core = tmp_path / "haptic_rt/core"
     shutil.copytree(root / "haptic_rt/core", core)
-    shutil.copytree(root / "law", tmp_path / "law")
+    for folder in ("law", "libtensormass/numeric"):
+        shutil.copytree(root / folder, tmp_path / folder)
     insert(core / "hrt.h", '    ROW(ADAPTIVE, "adaptive", law_off_patch)', '    ROW(ADAPTIVE, "adaptive", law_off_patch) \\\n')
     text = (core / "hrt.h").read_text()
     text, count = re.subn(r'    ROW\(ADAPTIVE, "adaptive", law_off_patch\) +/\*', '    ROW(LAST, "last", law_last) /*', text)

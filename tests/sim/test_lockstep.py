@@ -201,8 +201,8 @@ INSTRUMENT = "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\n"
 def test_explain_names_stage_and_line(bin, root, tmp_path):
     scene = block_scene(tmp_path, root, "gravity:\n" + INSTRUMENT + "contact: {skin: 1 mm/N}\n")
     r, rows = explain(bin, scene, tmp_path)
-    assert [row["name"] for row in r["stages"] if row["in_step"]] == ["force", "gravity", "integrate", "support",
-                                                                           "contact", "contact find", "contact constrain", "contact sum"]
+    assert [row["name"] for row in r["stages"] if row["in_step"]] == ["contact", "force", "gravity", "integrate", "support",
+                                                                           "contact find", "contact constrain", "contact sum"]
     assert rows["gravity"]["line"] == 8 and rows["contact"]["line"] == 11 and rows["support"]["line"] == 7 and rows["force"]["line"] == 1
     assert rows["contact"]["asked_by"] == f"{scene}:11"
     assert abs(sum(row.get("share", 0) for row in r["stages"]) - 1) < 1e-9
