@@ -1,12 +1,11 @@
-/* Frames <-> messages. The layout of device 1 is that of device 0 with every id one higher (tests hold the DBC file to
- * it), so one set of generated functions serves both. */
+/* Frames <-> messages, by the layout of impulse_engine.dbc, which tests compare bit by bit. Device 1 has the layout of
+ * device 0 under ids one higher. Numbers are little-endian; the last byte is the checksum, and the one before it,
+ * except in DeviceFault, holds the counter and in its top bit a flag. */
 #include "codec.h"
-
-#include "impulse_engine.h"
 
 const float hrt_can_torque_unit[HRT_MOTORS] = {1.0e-4f, 1.0e-4f, 1.0e-3f};
 
-enum { RESET_KEY = 0xA5, COUNTER_MASK = 0x7F };
+enum { RESET_KEY = 0xA5, COUNTER_MASK = 0x7F, FLAG = 0x80 };
 
 typedef struct layout {
     hrt_can_kind kind;
@@ -15,14 +14,9 @@ typedef struct layout {
 } layout;
 
 static const layout layouts[] = {
-    {HRT_CAN_COMMAND, IMPULSE_ENGINE_MOTOR_COMMAND0_FRAME_ID, IMPULSE_ENGINE_MOTOR_COMMAND0_LENGTH},
-    {HRT_CAN_ENCODER_A, IMPULSE_ENGINE_ENCODER_A0_FRAME_ID, IMPULSE_ENGINE_ENCODER_A0_LENGTH},
-    {HRT_CAN_ENCODER_B, IMPULSE_ENGINE_ENCODER_B0_FRAME_ID, IMPULSE_ENGINE_ENCODER_B0_LENGTH},
-    {HRT_CAN_DEVICE_FAULT, IMPULSE_ENGINE_DEVICE_FAULT0_FRAME_ID, IMPULSE_ENGINE_DEVICE_FAULT0_LENGTH},
-    {HRT_CAN_RESET, IMPULSE_ENGINE_RESET0_FRAME_ID, IMPULSE_ENGINE_RESET0_LENGTH},
-    {HRT_CAN_DEVICE_BEAT, IMPULSE_ENGINE_DEVICE_HEARTBEAT0_FRAME_ID, IMPULSE_ENGINE_DEVICE_HEARTBEAT0_LENGTH},
-    {HRT_CAN_CONTROLLER_BEAT, IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_FRAME_ID,
-     IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_LENGTH},
+    {HRT_CAN_COMMAND, 0x100, 8},         {HRT_CAN_ENCODER_A, 0x110, 8}, {HRT_CAN_ENCODER_B, 0x118, 6},
+    {HRT_CAN_DEVICE_FAULT, 0x80, 4},     {HRT_CAN_RESET, 0x90, 3},      {HRT_CAN_DEVICE_BEAT, 0x700, 8},
+    {HRT_CAN_CONTROLLER_BEAT, 0x710, 8},
 };
 enum { LAYOUTS = (int)(sizeof layouts / sizeof layouts[0]) };
 
@@ -51,50 +45,46 @@ static int16_t to_int16(float value) {
     return value < 0.0f ? INT16_MIN : 0;
 }
 
-static bool pack_payload(const hrt_can_message *m, hrt_can_frame *f) {
-    const uint8_t counter = m->counter & COUNTER_MASK;
+static void put16(uint8_t at[2], uint32_t value) {
+    at[0] = (uint8_t)(value & 0xFFu);
+    at[1] = (uint8_t)(value >> 8 & 0xFFu);
+}
+
+static uint16_t get16(const uint8_t at[2]) { return (uint16_t)(at[0] | (uint32_t)at[1] << 8); }
+
+static void put_counts(uint8_t *at, const int32_t *count, size_t n) {
+    for (size_t i = 0; i < n; i++) put16(&at[2 * i], (uint32_t)count_to_int16(count[i]));
+}
+
+static void get_counts(const uint8_t *at, int32_t *count, size_t n) {
+    for (size_t i = 0; i < n; i++) count[i] = (int16_t)get16(&at[2 * i]);
+}
+
+static bool pack_payload(const hrt_can_message *m, uint8_t *d, uint8_t *tail) {
+    if (m->kind != HRT_CAN_DEVICE_FAULT) *tail = m->counter & COUNTER_MASK;
     switch (m->kind) {
-    case HRT_CAN_COMMAND: {
-        const struct impulse_engine_motor_command0_t s = {
-            .torque_pitch = to_int16(m->torque[0] / hrt_can_torque_unit[0]),
-            .torque_yaw = to_int16(m->torque[1] / hrt_can_torque_unit[1]),
-            .force_insertion = to_int16(m->torque[2] / hrt_can_torque_unit[2]),
-            .counter = counter,
-            .motors_on = m->motors_on ? 1u : 0u};
-        return impulse_engine_motor_command0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_ENCODER_A: {
-        const struct impulse_engine_encoder_a0_t s = {.pitch = count_to_int16(m->count[0]),
-                                                      .yaw = count_to_int16(m->count[1]),
-                                                      .insertion = count_to_int16(m->count[2]),
-                                                      .counter = counter};
-        return impulse_engine_encoder_a0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_ENCODER_B: {
-        const struct impulse_engine_encoder_b0_t s = {.roll = count_to_int16(m->count[3]),
-                                                      .grip = count_to_int16(m->count[4]),
-                                                      .counter = counter,
-                                                      .pedal = m->pedal ? 1u : 0u};
-        return impulse_engine_encoder_b0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_DEVICE_BEAT: {
-        const struct impulse_engine_device_heartbeat0_t s = {
-            .state = m->state, .fault = m->fault, .session = m->session, .command_gaps = m->gaps, .counter = counter};
-        return impulse_engine_device_heartbeat0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_CONTROLLER_BEAT: {
-        const struct impulse_engine_controller_heartbeat0_t s = {
-            .state = m->state, .fault = m->fault, .encoder_gaps = m->gaps, .counter = counter};
-        return impulse_engine_controller_heartbeat0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_DEVICE_FAULT: {
-        const struct impulse_engine_device_fault0_t s = {.code = m->fault, .detail = m->detail};
-        return impulse_engine_device_fault0_pack(f->data, &s, sizeof f->data) > 0;
-    }
-    case HRT_CAN_RESET: {
-        const struct impulse_engine_reset0_t s = {.key = RESET_KEY, .counter = counter};
-        return impulse_engine_reset0_pack(f->data, &s, sizeof f->data) > 0;
-    }
+    case HRT_CAN_COMMAND:
+        for (size_t i = 0; i < HRT_MOTORS; i++)
+            put16(&d[2 * i], (uint32_t)to_int16(m->torque[i] / hrt_can_torque_unit[i]));
+        if (m->motors_on) *tail |= FLAG;
+        return true;
+    case HRT_CAN_ENCODER_A: put_counts(d, m->count, 3); return true;
+    case HRT_CAN_ENCODER_B:
+        put_counts(d, &m->count[3], 2);
+        if (m->pedal) *tail |= FLAG;
+        return true;
+    case HRT_CAN_DEVICE_BEAT:
+    case HRT_CAN_CONTROLLER_BEAT:
+        d[0] = m->state;
+        d[1] = m->fault;
+        if (m->kind == HRT_CAN_DEVICE_BEAT) put16(&d[2], m->session);
+        put16(&d[4], m->gaps);
+        return true;
+    case HRT_CAN_DEVICE_FAULT:
+        d[0] = m->fault;
+        put16(&d[1], m->detail);
+        return true;
+    case HRT_CAN_RESET: d[0] = RESET_KEY; return true;
     case HRT_CAN_FOREIGN:
     case HRT_CAN_CORRUPT:
     case HRT_CAN_ERROR_FRAME: break;
@@ -108,9 +98,9 @@ bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame) {
     if (message->instrument < 0 || message->instrument > 1) return false;
     for (int i = 0; i < LAYOUTS; i++) {
         if (layouts[i].kind != message->kind) continue;
-        if (!pack_payload(message, frame)) return false;
         frame->id = (uint32_t)layouts[i].id + (uint32_t)message->instrument;
         frame->length = layouts[i].length;
+        if (!pack_payload(message, frame->data, &frame->data[frame->length - 2])) return false;
         frame->data[frame->length - 1] = checksum(frame);
         return true;
     }
@@ -118,72 +108,33 @@ bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame) {
 }
 
 /* False: a value that no sender of ours can mean. */
-static bool unpack_device_beat(const hrt_can_frame *f, hrt_can_message *m) {
-    struct impulse_engine_device_heartbeat0_t s;
-    if (impulse_engine_device_heartbeat0_unpack(&s, f->data, f->length) != 0) return false;
-    m->state = s.state;
-    m->fault = s.fault;
-    m->session = s.session;
-    m->gaps = s.command_gaps;
-    m->counter = s.counter;
-    return s.state <= 2 && s.session != 0;
-}
-
-static bool unpack_controller_beat(const hrt_can_frame *f, hrt_can_message *m) {
-    struct impulse_engine_controller_heartbeat0_t s;
-    if (impulse_engine_controller_heartbeat0_unpack(&s, f->data, f->length) != 0) return false;
-    m->state = s.state;
-    m->fault = s.fault;
-    m->gaps = s.encoder_gaps;
-    m->counter = s.counter;
-    return s.state < HRT_STATE_COUNT;
-}
-
-static bool unpack_payload(const hrt_can_frame *f, hrt_can_message *m) {
-    const size_t size = f->length;
+static bool unpack_payload(const uint8_t *d, uint8_t tail, hrt_can_message *m) {
+    if (m->kind != HRT_CAN_DEVICE_FAULT) m->counter = tail & COUNTER_MASK;
+    const bool flag = (tail & FLAG) != 0;
     switch (m->kind) {
-    case HRT_CAN_COMMAND: {
-        struct impulse_engine_motor_command0_t s;
-        if (impulse_engine_motor_command0_unpack(&s, f->data, size) != 0) return false;
-        const int16_t raw[HRT_MOTORS] = {s.torque_pitch, s.torque_yaw, s.force_insertion};
-        for (int i = 0; i < HRT_MOTORS; i++) m->torque[i] = (float)raw[i] * hrt_can_torque_unit[i];
-        m->counter = s.counter;
-        m->motors_on = s.motors_on != 0;
+    case HRT_CAN_COMMAND:
+        for (size_t i = 0; i < HRT_MOTORS; i++)
+            m->torque[i] = (float)(int16_t)get16(&d[2 * i]) * hrt_can_torque_unit[i];
+        m->motors_on = flag;
         return true;
-    }
-    case HRT_CAN_ENCODER_A: {
-        struct impulse_engine_encoder_a0_t s;
-        if (impulse_engine_encoder_a0_unpack(&s, f->data, size) != 0) return false;
-        m->count[0] = s.pitch;
-        m->count[1] = s.yaw;
-        m->count[2] = s.insertion;
-        m->counter = s.counter;
-        return (f->data[6] & 0x80u) == 0u;
-    }
-    case HRT_CAN_ENCODER_B: {
-        struct impulse_engine_encoder_b0_t s;
-        if (impulse_engine_encoder_b0_unpack(&s, f->data, size) != 0) return false;
-        m->count[3] = s.roll;
-        m->count[4] = s.grip;
-        m->counter = s.counter;
-        m->pedal = s.pedal != 0;
+    case HRT_CAN_ENCODER_A: get_counts(d, m->count, 3); return !flag;
+    case HRT_CAN_ENCODER_B:
+        get_counts(d, &m->count[3], 2);
+        m->pedal = flag;
         return true;
-    }
-    case HRT_CAN_DEVICE_BEAT: return unpack_device_beat(f, m);
-    case HRT_CAN_CONTROLLER_BEAT: return unpack_controller_beat(f, m);
-    case HRT_CAN_DEVICE_FAULT: {
-        struct impulse_engine_device_fault0_t s;
-        if (impulse_engine_device_fault0_unpack(&s, f->data, size) != 0) return false;
-        m->fault = s.code;
-        m->detail = s.detail;
-        return s.code != 0;
-    }
-    case HRT_CAN_RESET: {
-        struct impulse_engine_reset0_t s;
-        if (impulse_engine_reset0_unpack(&s, f->data, size) != 0) return false;
-        m->counter = s.counter;
-        return s.key == RESET_KEY;
-    }
+    case HRT_CAN_DEVICE_BEAT:
+    case HRT_CAN_CONTROLLER_BEAT:
+        m->state = d[0];
+        m->fault = d[1];
+        m->gaps = get16(&d[4]);
+        if (m->kind == HRT_CAN_CONTROLLER_BEAT) return m->state < HRT_STATE_COUNT;
+        m->session = get16(&d[2]);
+        return m->state <= 2 && m->session != 0;
+    case HRT_CAN_DEVICE_FAULT:
+        m->fault = d[0];
+        m->detail = get16(&d[1]);
+        return m->fault != 0;
+    case HRT_CAN_RESET: return d[0] == RESET_KEY;
     case HRT_CAN_FOREIGN:
     case HRT_CAN_CORRUPT:
     case HRT_CAN_ERROR_FRAME: break;
@@ -204,7 +155,7 @@ void hrt_can_unpack(const hrt_can_frame *frame, hrt_can_message *message) {
         message->kind = layouts[i].kind;
         message->instrument = (int32_t)(frame->id & 1u);
         if (frame->length != layouts[i].length || frame->data[frame->length - 1] != checksum(frame) ||
-            !unpack_payload(frame, message))
+            !unpack_payload(frame->data, frame->data[frame->length - 2], message))
             message->kind = HRT_CAN_CORRUPT;
         return;
     }

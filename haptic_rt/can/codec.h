@@ -1,5 +1,4 @@
-/* The frames of impulse_engine.dbc as structs: counters, checksums and ids handled here, bits packed by the generated
- * impulse_engine.c. No operating system, no heap. */
+/* The frames of impulse_engine.dbc as structs, with their counters, checksums and ids. No operating system, no heap. */
 #ifndef HRT_CODEC_H
 #define HRT_CODEC_H
 

@@ -3,7 +3,7 @@ $(foreach t,$(sort $(wildcard tests/loop/test_*.c)),$(eval $(call test,$(t),$(LI
 $(patsubst %.c,$(OUT)/obj/%.o,$(wildcard tests/loop/test_*.c)): CFLAGS_EXTRA += -Wno-float-conversion
 # The codec alone, for Python (tests/can/test_dbc.py).
 tests: $(OUT)/tests/can/codec.so
-$(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/impulse_engine.c haptic_rt/can/codec.h
+$(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/codec.h
 	@mkdir -p $(@D)
 	$(call say,LINK)
 	$(Q)$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
