@@ -29,7 +29,7 @@ def anchors(text):
 
 def test_every_link_leads_somewhere(root):
     bad = []
-    for page in pages(root):
+    for page in [*pages(root), *sorted((root / "notes").glob("*.md"))]:
         text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
         for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`]*`", "", text)):
             if re.match(r"[a-z]+:", target):
