@@ -3,7 +3,6 @@
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
  * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
-#include "material/material_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
 
@@ -81,27 +80,25 @@ static pass over_tissue(const energy *e, const tm_world *world) {
     return p;
 }
 
-/* What turns stores its own, a function of the state: half of it at each end of a step, and (f' - f).(u' - u)/4 of its
- * force, which makes of both what the scheme conserves of small motions. The work of its force, which over_tissue took
- * for another load's, is not one, and of what takes back what the step made neither. */
-static void over_rotation(const tm_world *world, const tm_rotation *rotation, pass *p) {
+/* A nonlinear law stores its own, a function of the state: half of it at each end of a step, and (f' - f).(u' - u)/4 of
+ * its force, which makes of both what the scheme conserves of small motions. The work of its force, which over_tissue
+ * took for another load's, is not one, and of what takes back what the step made neither. */
+static void over_law(const tm_world *world, const tm_nonlinear *law, pass *p) {
     const tm_state *s = &world->state;
-    const tm_conserving *c = &rotation->conserving;
+    const double *added = law->added_N ? law->added_N(law->self) : NULL;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
     const double *u[3] = {s->u_prev_m, s->u_m, s->u_next_m};
-    double *scratch = tm_rotation_scratch(rotation), energy_J[3];
+    double *scratch = law->scratch_N, energy_J[3];
     for (int k = 0; k < 3; k++) {
-        energy_J[k] = tm_rotation_energy(rotation, u[k]);
-        tm_rotation_force(rotation, u[k], scratch);
+        energy_J[k] = law->energy(law->self, u[k]);
+        law->force(law->self, u[k], scratch);
         for (int32_t i = 0; i < n; i++) {
             if (world->mobility_s2_kg[i / 3] <= 0) continue;
             const double came = 0.25 * scratch[i] * (s->u_m[i] - s->u_prev_m[i]);
             const double goes = 0.25 * scratch[i] * (s->u_next_m[i] - s->u_m[i]);
             if (k < 2) p->before_J += k == 1 ? came : -came;
             if (k > 0) p->elastic_J += k == 2 ? goes : -goes;
-            if (k == 1)
-                p->outer_J -=
-                    (scratch[i] + (c->share != 0 ? c->push_N[i] : 0)) * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+            if (k == 1) p->outer_J -= (scratch[i] + (added ? added[i] : 0)) * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
         }
     }
     p->before_J += 0.5 * (energy_J[0] + energy_J[1]);
@@ -232,8 +229,7 @@ static void run(void *self, tm_world *world) {
     memset(e->reaction_N, 0, sizeof(double) * n);
     tm_support_reaction(world, e->reaction_N);
     pass p = over_tissue(e, world);
-    const tm_rotation *rotation = tm_world_rotation(world);
-    if (rotation) over_rotation(world, rotation, &p);
+    if (world->nonlinear) over_law(world, world->nonlinear, &p);
     if (a->next_step < 0)
         a->sum.start_J = p.before_J;
     else if (a->revision != world->tissue->surface.revision && !anew)

@@ -184,7 +184,4 @@ double tm_packs_way(const tm_rotation *r, const double *u_m, int32_t part, int32
 void tm_packs_list(tm_rotation *r, double way_m);
 void tm_pulls_add(const tm_packs *packs, const int32_t *list, int32_t count, const double *corner_N, const uint8_t *who,
                   int32_t begin, int32_t end, double *force_N);
-
-/* [3*vertex_count] of the stage's own, for whoever measures it. */
-double *tm_rotation_scratch(const tm_rotation *rotation);
 #endif

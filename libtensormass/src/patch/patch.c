@@ -187,7 +187,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                        "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
                        def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
                        def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
-    const bool turns = tm_world_rotation(world) != NULL;
+    const bool turns = world->nonlinear != NULL;
     if (def->source && turns && !def->source->turns)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "patch: its source of compliance knows tissue that does not turn, and the world has the stage "

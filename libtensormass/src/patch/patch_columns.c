@@ -5,7 +5,7 @@
  * neighbour's column: far away both are the same, and what is left is a matter of the neighbourhood. After a cut the
  * old column is the start.
  *
- * Where tetrahedra turn, the stiffness is the tangent at some state. When all that is wanted is there and the tissue
+ * Under a nonlinear law the stiffness is the tangent at some state. When all that is wanted is there and the tissue
  * has moved on, the tangent is taken anew, a slice of tetrahedra a call, and columns follow one by one; until its turn
  * comes a column is that of the tangent before. */
 #include "patch/patch_internal.h"
@@ -43,7 +43,7 @@ struct tm_columns {
     int32_t iterations;
     double rz, scale;
     int64_t now;
-    const tm_rotation *rotation; /* or null */
+    const tm_nonlinear *law; /* or null */
     tm_tangent tangent;
     double *at_m;      /* [3*vertex_count] u of the tangent */
     double moved_on_m; /* a tangent farther away than this is an old one */
@@ -60,11 +60,11 @@ tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, 
     c->inverse = TM_TAKE(pool, double, 3 * n);
     double **vector[] = {&c->x, &c->r, &c->z, &c->p, &c->q};
     for (int i = 0; i < 5; i++) *vector[i] = TM_TAKE(pool, double, n);
-    c->rotation = tm_world_rotation(world);
-    if (c->rotation) {
+    c->law = world->nonlinear;
+    if (c->law) {
         double volume = 0;
         c->at_m = TM_TAKE(pool, double, n);
-        tm_tangent_take(&c->tangent, pool, c->rotation);
+        c->law->take_tangent(c->law->self, &c->tangent, pool);
         for (int32_t t = 0; t < world->tissue->mesh->tet_count; t++) volume += world->tissue->mesh->volume_m3[t];
         c->moved_on_m = MOVED_ON * cbrt(6 * volume / world->tissue->mesh->tet_count);
         c->turned = world->tissue->mesh->tet_count;
@@ -185,7 +185,7 @@ static void refresh(tm_columns *c) {
         memset(inverse, 0, 9 * sizeof *inverse);
         if (tissue->mass_kg[v] <= 0) memset(c->held + 3 * v, 1, 3);
         tm_tissue_vertex_tensor(tissue, v, K);
-        if (c->rotation) memcpy(K, c->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
+        if (c->law) memcpy(K, c->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
                 if (c->held[3 * v + i] || c->held[3 * v + j]) K[3 * i + j] = i == j;
@@ -221,7 +221,7 @@ static void multiply(void *context, int32_t part) {
     const double *p = ((product *)context)->p;
     const tm_tissue *tissue = c->world->tissue;
     tm_force_part *own = &c->world->part[part].force;
-    if (c->rotation)
+    if (c->law)
         c->tangent.force(&c->tangent.graph, own, own->begin, own->end, p, c->q);
     else
         tissue->force(&tissue->graph, own, own->begin, own->end, p, c->q);
@@ -277,7 +277,7 @@ static int32_t next_job(const tm_columns *c) {
             int32_t i = k < c->want_count[o] ? find(c, c->want[o][k]) : -1;
             if (i >= 0 && c->column[i].good < 3 && !c->column[i].hopeless) return i;
         }
-    for (int32_t i = 0; i < c->capacity && c->rotation; i++)
+    for (int32_t i = 0; i < c->capacity && c->law; i++)
         if (c->column[i].vertex >= 0 && c->column[i].wanted_at >= c->now - TM_MAX_INSTRUMENTS &&
             c->column[i].newest < 3 && !c->column[i].hopeless)
             return i;
@@ -299,7 +299,7 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     const int32_t tets = c->world->tissue->mesh->tet_count;
     if (c->stale) {
         memcpy(c->at_m, c->world->state.u_m, sizeof(double) * (size_t)c->n);
-        tm_rotation_tangent_begin(c->rotation, &c->tangent);
+        tm_tangent_begin(c->world->tissue, &c->tangent);
         for (int32_t i = 0; i < c->capacity; i++) c->column[i].newest = 0;
         c->job = -1;
         c->turned = 0;
@@ -307,7 +307,7 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     }
     if (c->turned == tets) return true;
     const int32_t most = TETS_PER_ITERATION * iterations, end = tets - c->turned < most ? tets : c->turned + most;
-    tm_rotation_tangent_add(c->rotation, c->at_m, c->turned, end, &c->tangent);
+    c->law->add_tangent(c->law->self, c->at_m, c->turned, end, &c->tangent);
     c->turned = end;
     if (end == tets) refresh(c);
     return false;
@@ -333,8 +333,8 @@ static void work(tm_columns *c, int32_t iterations) {
 }
 
 void tm_columns_work(tm_columns *c, int32_t iterations) {
-    if (c->rotation && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
-    if (c->rotation && !tangent_is_there(c, iterations)) return;
+    if (c->law && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
+    if (c->law && !tangent_is_there(c, iterations)) return;
     c->world->asking = true; /* outside a step: by the world's own threads alone */
     tm_parts_begin(c->world, iterations);
     work(c, iterations);

@@ -58,7 +58,7 @@ struct tm_patch_maker {
     tm_compliance_source source;
     tm_patch_surface surface;   /* view null: the tissue's */
     const tm_compliance *known; /* what the source gave last */
-    bool turns;                 /* the world has the stage "rotation" */
+    bool turns;                 /* the law of the world is nonlinear */
     tm_patch_solver *solver;
     int32_t revision;
     int32_t missing[TM_MAX_INSTRUMENTS]; /* with a source: wanted vertices without a column, or with an old one */

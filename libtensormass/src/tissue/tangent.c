@@ -1,16 +1,11 @@
-/* The tangent of corotated tissue: tensors of the whole, and of a tissue by itself. */
+/* Tangents on the tissue's graph; those of corotated tissue: of the whole, and of a tissue by itself. */
 #include <math.h>
 #include <string.h>
 
 #include "base/vec.h"
 #include "tissue/tangent.h"
 
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
-    const tm_tissue *tissue = rotation->tissue;
-    tangent->definite = false;
-    if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
-    if (tissue->smoothed)
-        tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
+bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue) {
     tangent->graph = tissue->graph;
     tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
     tangent->graph.edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)tissue->pair_count);
@@ -18,6 +13,13 @@ bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rota
     tangent->force = tm_force_choose(tissue->plain, false);
     tangent->definite = false;
     return !pool->failed;
+}
+
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
+    if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
+    if (rotation->tissue->smoothed)
+        tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
+    return tm_tangent_take_tensors(tangent, pool, rotation->tissue);
 }
 
 /* K_kl of one tetrahedron from its 9x9: rows the components of k. */
@@ -30,7 +32,7 @@ static void block(const double A[81], const double *k, const double *l, double K
         }
 }
 
-static void add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_force_graph *graph) {
+void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent) {
     const tm_mesh *mesh = tissue->mesh;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
     const int32_t *v = mesh->tet + 4 * (int64_t)tet;
@@ -39,7 +41,7 @@ static void add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm
         for (int l = 0; l < 4; l++) {
             if (v[l] < v[k]) continue;
             block(A, alpha + 3 * k, alpha + 3 * l, K);
-            tm_tangent_add(tissue, graph, v[k], v[l], K);
+            tm_tangent_add(tissue, &tangent->graph, v[k], v[l], K);
         }
 }
 
@@ -81,11 +83,10 @@ static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m
     double pull = 0;
     for (int k = 0; k < 4; k++) pull += s->turned[s->domain[4 * (int64_t)tet + k]];
     for (int i = 0; i < 81; i++) A[i] *= s->quarter_m3[tet] * pull;
-    add_tet(tissue, tet, A, &tangent->graph);
+    tm_tangent_add_tet(tissue, tet, A, tangent);
 }
 
-void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent) {
-    const tm_tissue *tissue = rotation->tissue;
+void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent) {
     const tm_mesh *mesh = tissue->mesh;
     double K[9];
     memcpy(tangent->graph.vertex_tensor, tissue->graph.vertex_tensor, 9 * sizeof(double) * (size_t)mesh->vertex_count);
@@ -116,12 +117,12 @@ void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int
             continue;
         }
         tm_rotation_hessian(&lane, A);
-        add_tet(tissue, t, A, &tangent->graph);
+        tm_tangent_add_tet(tissue, t, A, tangent);
     }
 }
 
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent) {
-    tm_rotation_tangent_begin(rotation, tangent);
+    tm_tangent_begin(rotation->tissue, tangent);
     tm_rotation_tangent_add(rotation, u_m, 0, rotation->tissue->mesh->tet_count, tangent);
 }
 

@@ -1,4 +1,4 @@
-/* The tangent of corotated tissue, assembled on its graph. */
+/* Tangents of nonlinear laws, assembled on the tissue's graph. */
 #ifndef TM_TANGENT_H
 #define TM_TANGENT_H
 
@@ -13,6 +13,12 @@ typedef struct tm_tangent {
     double *gradient;   /* [3*most members of a domain] */
     bool definite;      /* without what stress adds: R K R^T of each tetrahedron */
 } tm_tangent;
+/* Takes room for tensors. Returns false without memory. */
+bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
+/* Sets them to the tissue's own. */
+void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
+/* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */
+void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
 bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
 /* The block of vertices k <= l. */
 void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]);
@@ -20,9 +26,8 @@ void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, i
 void tm_swollen_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent);
 int32_t tm_swollen_most_members(const tm_swollen *s);
 
-/* The tangent of the whole at u_m; or the linear tensors first, and what turns in pieces. */
+/* The tangent of the whole at u_m; or what turns, of some tetrahedra. */
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
-void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent);
 void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
                              tm_tangent *tangent);
 

@@ -2,7 +2,7 @@
  *
  * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
  * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
- * gradient method. With the stage "rotation" beside them it is Newton's (settle_turned.c). With any further
+ * gradient method. With a nonlinear law it is Newton's (settle_turned.c). With any further
  * constraint (contact) the stages themselves run, under fictitious masses and a
  * damping taken from the motion. */
 #include "world/settle_turned.h"
@@ -41,17 +41,17 @@ static double largest(const double *a, const uint8_t *held, int32_t n) {
     return most;
 }
 
-static bool known(const tm_stage *stage) {
+static bool known(const tm_world *world, const tm_stage *stage) {
     return stage->range == tm_stage_force || stage->range == tm_stage_integrate ||
            stage->range == tm_stage_integrate_damped || stage->range == tm_stage_gravity_run ||
-           stage->range == tm_stage_load_run || stage->range == tm_stage_support_run || tm_stage_is_rotation(stage) ||
-           tm_stage_is_viscosity(stage);
+           stage->range == tm_stage_load_run || stage->range == tm_stage_support_run ||
+           (world->nonlinear && stage->self == world->nonlinear->self) || tm_stage_is_viscosity(stage);
 }
 
-/* Or would be, did nothing turn. */
+/* Or would be, were the law linear. */
 static bool is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (!known(&world->slot[i].stage)) return false;
+        if (!known(world, &world->slot[i].stage)) return false;
     return true;
 }
 
@@ -157,11 +157,10 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
     }
 }
 
-/* --- tissue that turns --- */
+/* --- nonlinear tissue --- */
 
 /* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
-static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, const tm_settle_def *def, bool turns_only,
-                              tm_error *error) {
+static tm_status relax_turned(relaxation *x, const tm_settle_def *def, bool turns_only, tm_error *error) {
     double *u = x->world->state.u_m, *target = x->scaled;
     const size_t bytes = sizeof(double) * (size_t)x->n;
     tm_settle_result result = {0};
@@ -169,7 +168,7 @@ static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, const 
     memcpy(u, x->start_u, bytes);
     const tm_turned_rest rest = {
         .held = x->held, .external_N = x->external, .target_m = target, .turns_only = turns_only};
-    const tm_status status = tm_settle_turned(rotation, &rest, def, u, &result, error);
+    const tm_status status = tm_settle_turned(x->world, &rest, def, u, &result, error);
     x->steps = result.steps, x->relative = result.residual, x->load_steps = result.load_steps;
     tm_support_impose(x->world, u);
     return status;
@@ -177,12 +176,12 @@ static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, const 
 
 /* Before stages run: supports that turn are led to their places without contact. What does not come to rest on the way
  * is left to the stages. */
-static void lead(relaxation *x, const tm_rotation *rotation) {
+static void lead(relaxation *x) {
     const size_t bytes = sizeof(double) * (size_t)x->n;
     double *u = x->world->state.u_m;
     tm_settle_def def = *x->def;
     def.tolerance = fmax(def.tolerance, 1e-4);
-    if (relax_turned(x, rotation, &def, true, NULL)) {
+    if (relax_turned(x, &def, true, NULL)) {
         memcpy(u, x->start_u, bytes);
         tm_support_impose(x->world, u);
     }
@@ -250,10 +249,10 @@ static double damping_from_motion(const relaxation *x) {
     return fmin(damping, 1.6);
 }
 
-static tm_status relax_stages(relaxation *x, const tm_rotation *rotation, tm_error *error) {
+static tm_status relax_stages(relaxation *x, tm_error *error) {
     enum { IDLE_STEPS = 20000 };
     tm_state *s = &x->world->state;
-    if (rotation) lead(x, rotation);
+    if (x->world->nonlinear) lead(x);
     fictitious_masses(x);
     double damping = 0, best = HUGE_VAL;
     int64_t last = x->steps;
@@ -318,7 +317,7 @@ static void refresh(tm_world *world) {
 static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     x.scale = tm_force_scale_of(world->tissue);
-    const tm_rotation *rotation = tm_world_rotation(world);
+    const tm_nonlinear *law = world->nonlinear;
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {
         tm_pool_release(&x.pool);
@@ -327,9 +326,9 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     prepare(&x);
     tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
     if (!status)
-        status = !linear    ? relax_stages(&x, rotation, error)
-                 : rotation ? relax_turned(&x, rotation, def, false, error)
-                            : relax_linear(&x, error);
+        status = !linear ? relax_stages(&x, error)
+                 : law   ? relax_turned(&x, def, false, error)
+                         : relax_linear(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;
     memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);
@@ -341,7 +340,7 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
                                      .energy_J = tm_tissue_energy(world->tissue, s->u_m),
                                      .load_steps = x.load_steps,
                                      .deformation = tm_tissue_deformation(world->tissue, s->u_m)};
-    if (result && rotation) result->energy_J += tm_rotation_energy(rotation, s->u_m);
+    if (result && law) result->energy_J += law->energy(law->self, s->u_m);
     tm_pool_release(&x.pool);
     return status;
 }

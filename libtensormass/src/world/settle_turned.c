@@ -1,4 +1,4 @@
-/* Rest of tissue that turns: Newton's method on the whole nonlinear problem, with conjugate gradients inside.
+/* Rest of nonlinear tissue: Newton's method on the whole nonlinear problem, with conjugate gradients inside.
  *
  * Supports and loads come on in load steps: supports along their path (settle_path.h), loads as f(s) = f - (1 - s) r0,
  * r0 what the state at the start lacks, so that the start is at rest for s = 0. A load step that does not converge is
@@ -21,7 +21,7 @@ static const double ROUNDING = 1e-6;        /* residuals below that stop falling
 
 typedef struct newton {
     tm_pool pool;
-    const tm_rotation *rotation;
+    const tm_nonlinear *law;
     const tm_tissue *tissue;
     const tm_turned_rest *rest;
     const tm_settle_def *def;
@@ -54,7 +54,7 @@ static double product(const double *a, const double *b, int32_t n) {
 /* Residual at u, and how large it is beside what pulls and pushes. Returns its norm. */
 static double look(newton *w, const double *u) {
     tm_tissue_force(w->tissue, u, w->force);
-    tm_rotation_force(w->rotation, u, w->turned);
+    w->law->force(w->law->self, u, w->turned);
     for (int32_t i = 0; i < w->n; i++) w->force[i] += w->turned[i];
     for (int32_t i = 0; i < w->n; i++) w->residual[i] = w->rest->held[i] ? 0 : w->load[i] + w->force[i];
     const double most = largest(w->residual, w->n);
@@ -64,12 +64,17 @@ static double look(newton *w, const double *u) {
 }
 
 static double stored(const newton *w, const double *u) {
-    return tm_tissue_energy(w->tissue, u) + tm_rotation_energy(w->rotation, u);
+    return tm_tissue_energy(w->tissue, u) + w->law->energy(w->law->self, u);
 }
 
 static double potential(const newton *w, const double *u) { return stored(w, u) - product(w->load, u, w->n); }
 
 /* --- the tangent's system --- */
+
+static void set_tangent(newton *w, const double *u) {
+    tm_tangent_begin(w->tissue, &w->tangent);
+    w->law->add_tangent(w->law->self, u, 0, w->tissue->mesh->tet_count, &w->tangent);
+}
 
 static void invert(newton *w) {
     for (int32_t v = 0; v < w->n / 3; v++) {
@@ -184,7 +189,7 @@ static tm_status settle_here(newton *w, double *u, double tolerance, bool *rests
         if (*rests || !isfinite(w->relative)) return TM_OK;
         idle = w->relative < 0.9 * best || w->fell ? 0 : idle + 1;
         best = fmin(best, w->relative);
-        tm_rotation_tangent(w->rotation, u, &w->tangent);
+        set_tangent(w, u);
         const tm_status status = solve(w, fmax(fmin(0.1, w->relative), 1e-6), error);
         if (status) return status;
         if (!descend(w, u)) return TM_OK;
@@ -197,7 +202,7 @@ static tm_status predict(newton *w, double *u, double to, tm_error *error) {
     const tm_turned_rest *rest = w->rest;
     for (int32_t i = 0; i < w->n; i++) w->load[i] = rest->external_N[i] - (1 - to) * w->lack[i];
     look(w, u);
-    tm_rotation_tangent(w->rotation, u, &w->tangent);
+    set_tangent(w, u);
     tm_settle_path_at(&w->path, to, u);
     for (int32_t i = 0; i < w->n; i++) w->move[i] = rest->held[i] ? u[i] - w->last[i] : 0;
     tm_force_pass(w->tangent.force, &w->tangent.graph, w->move, w->image);
@@ -301,7 +306,7 @@ static tm_status leave_saddle(newton *w, double *u, tm_error *error) {
     const size_t bytes = sizeof(double) * (size_t)w->n;
     for (int k = 0; k < 3; k++) {
         const double before = potential(w, u), relative = w->relative;
-        tm_rotation_tangent(w->rotation, u, &w->tangent);
+        set_tangent(w, u);
         stir(w);
         tm_status status = solve(w, 1e-4, error);
         if (status || !w->indefinite) return status;
@@ -331,7 +336,7 @@ static bool take(newton *w) {
                          &w->scaled, &w->move,  &w->last,   &w->last_force, &w->lack};
     for (size_t i = 0; i < sizeof vector / sizeof vector[0]; i++) *vector[i] = TM_TAKE(&w->pool, double, w->n);
     w->inverse = TM_TAKE(&w->pool, double, 3 * (int64_t)w->n);
-    return tm_tangent_take(&w->tangent, &w->pool, w->rotation);
+    return w->law->take_tangent(w->law->self, &w->tangent, &w->pool);
 }
 
 static tm_status from_here(newton *w, double *u, tm_error *error) {
@@ -345,9 +350,9 @@ static tm_status from_here(newton *w, double *u, tm_error *error) {
     return status ? status : leave_saddle(w, u, error);
 }
 
-tm_status tm_settle_turned(const tm_rotation *rotation, const tm_turned_rest *rest, const tm_settle_def *def,
-                           double *u_m, tm_settle_result *result, tm_error *error) {
-    newton w = {.rotation = rotation, .tissue = rotation->tissue, .rest = rest, .def = def};
+tm_status tm_settle_turned(const tm_world *world, const tm_turned_rest *rest, const tm_settle_def *def, double *u_m,
+                           tm_settle_result *result, tm_error *error) {
+    newton w = {.law = world->nonlinear, .tissue = world->tissue, .rest = rest, .def = def};
     w.n = 3 * w.tissue->mesh->vertex_count;
     w.scale = tm_force_scale_of(w.tissue);
     if (!take(&w) || !tm_settle_path_make(&w.path, &w.pool, w.tissue, rest->held, rest->target_m, u_m)) {

@@ -1,4 +1,4 @@
-/* Between settle.c and the stage "rotation". */
+/* Between settle.c and Newton's method. */
 #ifndef TM_SETTLE_TURNED_H
 #define TM_SETTLE_TURNED_H
 
@@ -15,7 +15,7 @@ typedef struct tm_turned_rest {
 } tm_turned_rest;
 
 /* From u_m, the state now, to the rest; on failure u_m is somewhere between. result: steps and residual. */
-tm_status tm_settle_turned(const tm_rotation *rotation, const tm_turned_rest *rest, const tm_settle_def *def,
-                           double *u_m, tm_settle_result *result, tm_error *error);
+tm_status tm_settle_turned(const tm_world *world, const tm_turned_rest *rest, const tm_settle_def *def, double *u_m,
+                           tm_settle_result *result, tm_error *error);
 
 #endif

@@ -4,6 +4,7 @@
  */
 #include <string.h>
 
+#include "tissue/tangent.h"
 #include "world/conserve.h"
 #include "world/viscosity.h"
 
@@ -27,6 +28,7 @@ typedef struct turner {
     few *few;              /* [part_count] */
     int32_t *begin, *load; /* [part_count] where parts began when they were counted, and their packs then */
     int32_t counted;       /* length of the list then */
+    tm_nonlinear law;      /* what others ask */
 } turner;
 
 /* --- divided among threads: who is to be looked at, and what that adds up to. A pack that reaches over a border is
@@ -166,17 +168,47 @@ static void give_back(void *self, tm_world *world) {
 static void destroy(void *self) {
     turner *t = self;
     if (t->rotation.whole) tm_world_set_force(t->world, NULL);
+    if (t->world->nonlinear == &t->law) t->world->nonlinear = NULL;
     tm_pool pool = t->rotation.pool;
     tm_pool_release(&pool);
 }
-
-bool tm_stage_is_rotation(const tm_stage *stage) { return stage->run == run; }
 
 tm_rotation *tm_world_rotation(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
         if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
     return NULL;
 }
+
+/* --- what others ask --- */
+
+static double law_energy(const void *self, const double *u_m) { return tm_rotation_energy(self, u_m); }
+
+static void law_force(const void *self, const double *u_m, double *force_N) { tm_rotation_force(self, u_m, force_N); }
+
+static const double *law_added(const void *self) {
+    const tm_conserving *c = &((const tm_rotation *)self)->conserving;
+    return c->share != 0 ? c->push_N : NULL;
+}
+
+static bool law_take_tangent(const void *self, tm_tangent *tangent, tm_pool *pool) {
+    return tm_tangent_take(tangent, pool, self);
+}
+
+static void law_add_tangent(const void *self, const double *u_m, int32_t begin, int32_t end, tm_tangent *tangent) {
+    tm_rotation_tangent_add(self, u_m, begin, end, tangent);
+}
+
+static tm_nonlinear law_of(tm_rotation *r) {
+    return (tm_nonlinear){.self = r,
+                          .energy = law_energy,
+                          .force = law_force,
+                          .added_N = law_added,
+                          .take_tangent = law_take_tangent,
+                          .add_tangent = law_add_tangent,
+                          .scratch_N = r->scratch_N};
+}
+
+/* --- how it is made --- */
 
 static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
     reached[0] = mesh->vertex_count, reached[1] = -1;
@@ -274,6 +306,8 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
         tm_pool_release(&pool);
         return status;
     }
+    t->law = law_of(r);
+    world->nonlinear = &t->law;
     if (r->whole) tm_world_set_force(world, &(tm_force_provider){.stage = "rotation"});
     if (rotation) *rotation = r;
     return TM_OK;
@@ -295,5 +329,3 @@ void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *f
     rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N, NULL);
     tm_swollen_add(&rotation->swollen, &rotation->packs, rotation->tissue->plain, u_m, force_N);
 }
-
-double *tm_rotation_scratch(const tm_rotation *rotation) { return rotation->scratch_N; }

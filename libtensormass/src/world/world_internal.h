@@ -26,6 +26,21 @@ typedef struct tm_force_provider {
     tm_stage_range *range; /* null: `stage` computes all of it by itself, and "force" leaves 0 */
 } tm_force_provider;
 
+/* A nonlinear law: what it adds to the tissue's tensors. Settling, the account of energy and compliance columns ask
+ * this, and know no law by name. */
+struct tm_tangent;
+typedef struct tm_nonlinear {
+    void *self; /* of its stage */
+    double (*energy)(const void *self, const double *u_m);
+    void (*force)(const void *self, const double *u_m, double *force_N); /* force_N := */
+    /* [3*vertex_count] added in the last step and no law's (conserve.h); null, or returns null: nothing. */
+    const double *(*added_N)(const void *self);
+    bool (*take_tangent)(const void *self, struct tm_tangent *tangent, tm_pool *pool); /* false: no memory */
+    /* Of the tetrahedra [begin, end), onto the tensors (tm_tangent_begin). */
+    void (*add_tangent)(const void *self, const double *u_m, int32_t begin, int32_t end, struct tm_tangent *tangent);
+    double *scratch_N; /* [3*vertex_count] */
+} tm_nonlinear;
+
 /* Of a stage behind the new displacements that changes few of them, or none. */
 typedef struct tm_few {
     bool (*applies)(const void *self);                           /* in this substep; null: always */
@@ -57,6 +72,7 @@ struct tm_world {
     bool unsound;      /* a stage met a number that is not finite: the step fails */
     bool notes_travel; /* the integrator notes how far vertices came (tm_parts_way) */
     tm_force_provider force;
+    const tm_nonlinear *nonlinear; /* null: the tissue is linear */
     int32_t part_count;
     tm_part *part;     /* [part_count+1] the last: all of it, for passes that one thread does */
     int32_t job_count; /* of force, since the borders were looked at */
@@ -151,6 +167,5 @@ tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *e
 
 /* The stage "rotation" of a world, or null. */
 tm_rotation *tm_world_rotation(const tm_world *world);
-bool tm_stage_is_rotation(const tm_stage *stage);
 
 #endif
