@@ -34,11 +34,6 @@ TM_AVX2 static inline void tm_take_from_ring(double *ring, size_t bytes, __m256d
     _mm256_store_pd(at, _mm256_sub_pd(_mm256_load_pd(at), g));
 }
 
-/* Vertex l begins with what rows too far below it have left in force_N, or with nothing. */
-TM_AVX2 static inline void tm_enter_ring(double *at, int32_t l, int32_t zeroed, const double *force_N) {
-    _mm256_store_pd(at, l < zeroed ? tm_three(force_N + 3 * (int64_t)l) : _mm256_setzero_pd());
-}
-
 /* force_N := the half sum - f: lanes 0 and 1, and 2 and 3, then both. */
 TM_AVX2 static inline void tm_give_sum(double *force_N, const double *half, const tm_sums *f) {
     const __m256d xy = _mm256_add_pd(_mm256_unpacklo_pd(f->x, f->y), _mm256_unpackhi_pd(f->x, f->y)),

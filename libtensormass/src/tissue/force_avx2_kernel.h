@@ -4,8 +4,8 @@
  *
  * A block's rows are loaded as four numbers, the fourth of which belongs to the next row: it meets a zero lane of u or
  * is dropped. What a row gives to its upper neighbours is kept in a ring of half sums, four lanes a vertex, until the
- * neighbour's own row: one aligned load and store, where force_N takes two of each. What is too far ahead for the ring
- * goes into force_N, and from there into the ring when its place falls free: each sum is still made in ascending order.
+ * neighbour's own row: one aligned load and store, where force_N takes two of each. A graph whose neighbours' numbers
+ * are too far apart for a ring (graph->ring is 0) takes force_N. Both have the same bits.
  */
 typedef struct {
     __m256d a, b, c;
@@ -33,11 +33,10 @@ TM_AVX2 static inline void TM_OF(add)(const TM_OF(rows) * K, __m256d u, tm_sums 
     f->z = _mm256_fmadd_pd(K->c, u, f->z);
 }
 
-/* What comes up from rows before the part, through the ring as far as that goes. Edges descending: those into the part
- * are a row's last, and each has a sum of its own. */
+/* Adds what rows before the part give to it. Edges descending: those into the part are a row's last, and each has a sum
+ * of its own. Returns how far force_N is set (without a ring). */
 TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *part,
                                     const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    const int32_t near = part->begin + graph->ring;
     const size_t mask = 32 * (size_t)graph->ring - 32;
     int32_t zeroed = part->begin;
     for (int32_t i = 0; i < part->below_count; i++) {
@@ -48,7 +47,7 @@ TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_
             if (l >= part->end) continue;
             const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
             const __m256d g = TM_OF(transposed)(&K, &u);
-            if (l < near) {
+            if (graph->ring) {
                 tm_take_from_ring(part->ring, (size_t)l << 5 & mask, g);
                 continue;
             }
@@ -59,39 +58,11 @@ TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_
     return zeroed;
 }
 
-/* A row that leaves the ring: edges within it, then those to force_N, then those to parts behind.
- * Returns how far force_N is set. */
-TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(far_row)(const tm_force_graph *graph, const tm_force_part *part,
-                                                                int32_t k, int32_t zeroed,
-                                                                const double *TM_RESTRICT u_m,
-                                                                double *TM_RESTRICT force_N, tm_sums *f) {
-    const int32_t *upper_vertex = graph->upper_vertex, last = graph->upper_end[k];
-    const int32_t near = k + graph->ring < part->end ? k + graph->ring : part->end;
-    const size_t mask = 32 * (size_t)graph->ring - 32;
-    const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
-    int32_t e = graph->upper_begin[k];
-    for (; e < last && upper_vertex[e] < near; e++) {
-        const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
-        TM_OF(add)(&K, tm_three(u_m + 3 * (int64_t)upper_vertex[e]), f);
-        tm_take_from_ring(part->ring, (size_t)upper_vertex[e] << 5 & mask, TM_OF(transposed)(&K, &u));
-    }
-    if (e < last && near < part->end && upper_vertex[last - 1] >= zeroed && zeroed < part->end)
-        zeroed = tm_force_zero(zeroed > near ? zeroed : near, upper_vertex[last - 1] + 1, part->end, force_N);
-    for (; e < last; e++) {
-        const int64_t l = 3 * (int64_t)upper_vertex[e];
-        const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
-        TM_OF(add)(&K, tm_three(u_m + l), f);
-        if (upper_vertex[e] < part->end) tm_take_from(force_N + l, TM_OF(transposed)(&K, &u));
-    }
-    return zeroed;
-}
-
-/* The force on the living vertices [k, end). Returns how far force_N is set. Rows that leave the part but not the ring
- * are rows as any: what they give to vertices behind the part stays in places of the ring that nobody reads. */
-TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph *graph, const tm_force_part *part,
-                                                            int32_t k, int32_t end, int32_t zeroed,
-                                                            const double *TM_RESTRICT u_m,
-                                                            double *TM_RESTRICT force_N) {
+/* Computes the force on the living vertices [k, end). Rows that leave the part are rows as any: what they give to
+ * vertices behind it stays in places of the ring that nobody reads. */
+TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *graph, const tm_force_part *part,
+                                                         int32_t k, int32_t end, const double *TM_RESTRICT u_m,
+                                                         double *TM_RESTRICT force_N) {
     const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
     const double *TM_RESTRICT edge_last = graph->edge_last;
     const double *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
@@ -105,23 +76,16 @@ TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph
         tm_sums f = {_mm256_mul_pd(_mm256_loadu_pd(A), uk), _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk),
                      _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk)};
         const int64_t last = upper_end[k];
-        int64_t e = upper_begin[k];
-        if (e < last && upper_vertex[last - 1] >= k + slots) {
-            tm_sums all = f; /* f itself stays in registers, for nobody has its address */
-            zeroed = TM_OF(far_row)(graph, part, k, zeroed, u_m, force_N, &all);
-            f = all;
-        } else
-            for (; e < last; e++) {
-                const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
-                const size_t l = (uint32_t)upper_vertex[e];
-                TM_OF(add)(&K, tm_three(u_m + 3 * l), &f);
-                tm_take_from_ring(ring, l << 5 & mask, TM_OF(transposed)(&K, &u));
-            }
+        for (int64_t e = upper_begin[k]; e < last; e++) {
+            const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
+            const size_t l = (uint32_t)upper_vertex[e];
+            TM_OF(add)(&K, tm_three(u_m + 3 * l), &f);
+            tm_take_from_ring(ring, l << 5 & mask, TM_OF(transposed)(&K, &u));
+        }
         double *at = ring + 4 * (size_t)(k & (slots - 1));
         tm_give_sum(force_N + 3 * (int64_t)k, at, &f);
-        tm_enter_ring(at, k + slots, zeroed, force_N);
+        _mm256_store_pd(at, _mm256_setzero_pd()); /* for vertex k + slots */
     }
-    return zeroed;
 }
 
 /* The same without a ring: neighbours' numbers are too far apart for one. */
@@ -166,24 +130,18 @@ TM_AVX2 static void TM_OF(pass_direct)(const tm_force_graph *graph, tm_force_par
 
 TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to,
                      const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    const int32_t slots = graph->ring;
-    double *ring = part->ring;
-    if (!slots) {
+    if (!graph->ring) {
         TM_OF(pass_direct)(graph, part, from, to, u_m, force_N);
         return;
     }
     if (from == part->begin) {
-        memset(ring, 0, sizeof(double) * 4 * (size_t)slots);
-        part->zeroed = TM_OF(below)(graph, part, u_m, force_N);
+        memset(part->ring, 0, sizeof(double) * 4 * (size_t)graph->ring);
+        TM_OF(below)(graph, part, u_m, force_N);
     }
     int32_t k = from;
     for (int32_t begin, end = from; k < to; k = end) {
         if (!tm_next_run(graph->living, to, &begin, &end)) begin = end = to;
-        for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead, */
-        /* Their places are zero, as they came: only what is ahead in force_N is to enter. The ring holds so many. */
-        const int32_t ahead = part->zeroed - slots < begin ? part->zeroed - slots : begin;
-        for (k = begin - slots > k ? begin - slots : k; k < ahead; k++)
-            tm_enter_ring(ring + 4 * (size_t)(k & (slots - 1)), k + slots, part->zeroed, force_N);
-        part->zeroed = TM_OF(run)(graph, part, begin, end, part->zeroed, u_m, force_N);
+        for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead */
+        TM_OF(run)(graph, part, begin, end, u_m, force_N);
     }
 }

@@ -24,8 +24,8 @@ typedef struct tm_force_graph {
     void *edge_tensor;     /* by slot. Double: [8*edge_count], a block's nine but for the last, so that it fills a cache
                               line and lies on no border. Single: [9*edge_count], padded; there that brings nothing */
     double *edge_last;     /* [edge_count] by slot: the ninth. Null: single */
-    int32_t ring;          /* half sums that a wide pass keeps, a power of two: more than neighbours' numbers are apart,
-                              or TM_FORCE_RING */
+    int32_t ring;          /* half sums that a wide pass keeps, a power of two: more than neighbours' numbers are apart;
+                              0: none, they are too far apart for TM_FORCE_RING */
 } tm_force_graph;
 
 /* The block of a slot, row by row; whatever its precision. */

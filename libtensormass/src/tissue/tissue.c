@@ -180,17 +180,16 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
 }
 
 static void set_rooms(tm_force_graph *graph, const int32_t *pair, int32_t pairs) {
-    int32_t apart = 0, far = 0;
+    int32_t apart = 0;
     for (int32_t p = 0; p < pairs; p++) {
         const int32_t k = pair[2 * (int64_t)p], l = pair[2 * (int64_t)p + 1];
         graph->upper_begin[k + 1]++;
         if (l - k > apart) apart = l - k;
-        far += l - k >= TM_FORCE_RING;
     }
     for (int32_t v = 0; v < graph->vertex_count; v++) graph->upper_begin[v + 1] += graph->upper_begin[v];
-    if (far > pairs / 8) return; /* a ring would only be in the way */
+    if (apart >= TM_FORCE_RING) return;
     graph->ring = 16;
-    while (graph->ring <= apart && graph->ring < TM_FORCE_RING) graph->ring *= 2;
+    while (graph->ring <= apart) graph->ring *= 2;
 }
 
 static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
