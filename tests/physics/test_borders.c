@@ -99,6 +99,39 @@ static void others_see_the_same_tools_on_any_threads(void **state) {
     }
 }
 
+/* A stage of the caller's may overlap the force pass and place a tool before contact looks. */
+static void place(void *self, tm_world *world) {
+    int32_t *runs = self;
+    if (++*runs % 16) return;
+    tm_tool_pose pose = tm_contact_pose(tm_world_contact(world), CAUTERY);
+    pose.tip_m[0] -= 4e-4;
+    tm_contact_place(tm_world_contact(world), CAUTERY, &pose);
+}
+static bool begin_nothing(void *self, tm_world *world) { return (void)self, (void)world, false; }
+static void work_nothing(void *self, tm_world *world, int32_t part) { (void)self, (void)world, (void)part; }
+
+static void what_places_a_tool_before_a_look_is_seen_by_it(void **state) {
+    (void)state;
+    static const tm_overlap nothing = {begin_nothing, work_nothing};
+    uint64_t hash[2][FRAMES];
+    for (int many = 0; many < 2; many++) {
+        scene s = create(TM_FORCE_BEST, many ? 3 : 1);
+        tm_error error;
+        int32_t runs = 0;
+        const tm_stage stage = {.size = sizeof stage,
+                                .name = "place",
+                                .phase = TM_PHASE_CONSTRAIN,
+                                .run = place,
+                                .self = &runs,
+                                .before = TM_STAGE_CONTACT_FIND,
+                                .overlap = &nothing};
+        fix_ok(tm_world_add_stage(s.world, &stage, 0, &error), &error);
+        play(&s, false, hash[many]);
+        scene_destroy(&s);
+    }
+    assert_memory_equal(hash[0], hash[1], sizeof hash[0]);
+}
+
 /* --- what is looked at once force is done --- */
 
 static int32_t first_of_contact(const scene *s) {
@@ -194,6 +227,7 @@ static void to_where_time_is(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(anywhere_the_same_bits),
                                        cmocka_unit_test(others_see_the_same_tools_on_any_threads),
+                                       cmocka_unit_test(what_places_a_tool_before_a_look_is_seen_by_it),
                                        cmocka_unit_test(what_contact_changes), cmocka_unit_test(to_where_time_is)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

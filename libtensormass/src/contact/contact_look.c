@@ -166,16 +166,16 @@ static bool is_of_contact(const tm_contact *contact, const void *self) {
     return is;
 }
 
-/* A look wants places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
- * waits for the new force. It overlaps that if nobody but contact's own stages comes between new displacements and
- * "contact find"; whose work overlaps too, touches nothing that a look reads. */
+/* A look needs places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
+ * waits for the new force. It overlaps the force pass only if every stage between the new displacements and "contact
+ * find" is contact's own or is known to change nothing (tm_changes_none): any other might move tools or cut. */
 static bool begin_overlap(void *self, tm_world *world) {
     tm_contact *contact = self;
-    int32_t slot = world->group_end;
-    while (slot < world->step_count && world->slot[slot].stage.overlap != &tm_contact_overlap &&
-           (is_of_contact(contact, world->slot[slot].stage.self) || world->slot[slot].stage.overlap))
+    const struct tm_stage_slot *slot = world->slot + world->group_end, *const end = world->slot + world->step_count;
+    while (slot < end && slot->stage.overlap != &tm_contact_overlap &&
+           (is_of_contact(contact, slot->stage.self) || slot->few == &tm_changes_none))
         slot++;
-    if (slot == world->step_count || world->slot[slot].stage.self != contact || contact->others.solve) return false;
+    if (slot == end || slot->stage.self != contact || contact->others.solve) return false;
     begin_look(contact);
     contact->looked = true;
     return true;
