@@ -26,7 +26,7 @@ IN = {
     "physics/test_settle": "physics", "physics/test_step_threads": "physics", "physics/test_windows": "physics",
     "solve/test_factored": "physics", "solve/test_files": "physics", "solve/test_hybrid": "physics", "solve/test_model": "physics", "solve/test_online": "physics",
     "solve/test_precompute": "physics", "solve/test_sent": "physics",
-    "sim/": "physics", "sim/test_input": "unit", "sim/test_interrupt": "unit", "sim/test_quote": "unit", "sim/test_stream": "unit", "sim/test_unstable": "unit",
+    "sim/": "physics", "sim/test_diagnostics": "unit", "sim/test_input": "unit", "sim/test_interrupt": "unit", "sim/test_quote": "unit", "sim/test_stream": "unit", "sim/test_unstable": "unit",
     "sim/test_builds": "system", "sim/test_lockstep": "system", "sim/test_memory": "system", "sim/test_realtime": "system", "sim/test_series": "system",
     "trust/": "unit", "trust/test_trust": "system", "trust/test_flags": "system",
     "view/": "system", "view/test_controls": "unit", "view/test_fairing": "unit", "view/test_marks": "unit", "view/test_skin": "unit",

@@ -1,6 +1,7 @@
 #include "program_host.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 static void print(void *user, const tm_diagnostic *d) {
     (void)user;
@@ -34,9 +35,15 @@ static bool is_interrupted(void *user) {
     return app_interrupted() != 0;
 }
 
+/* The module solve has threads of its own, and uses one of OpenBLAS in each. */
+static void *open_module(const char *name, tm_error *error) {
+    setenv("OPENBLAS_NUM_THREADS", "1", 0);
+    return app_module(name, error);
+}
+
 const app_host *app_program_host(void) {
     static tm_diagnostics printed = {.told = print};
     static const app_host host = {
-        .diagnostics = &printed, .progress = app_solve_progress, .stop = is_interrupted, .module = app_module};
+        .diagnostics = &printed, .progress = app_solve_progress, .stop = is_interrupted, .module = open_module};
     return &host;
 }

@@ -201,7 +201,7 @@ static const sim_solve_options *options_of(const sim *s) {
 
 static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file *json) {
     const sim_solve_options *options = options_of(s);
-    char file[1024];
+    char path[SIM_SOLVE_PATH];
     tm_error error = {0};
     tm_solve_report r = {0};
     sim_solve_api api;
@@ -210,17 +210,14 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     int rc = 0;
     tm_precomputed_def def = api.tm_precomputed_def_default_();
     s->def.model.cut = NULL; /* responses of the tissue as it is */
-    sim_solve_file(s, options, "precomputed", file, sizeof file);
-    if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file)
-        rc = usage("--out '%s' is too long", o->out);
-    if (!rc && !*file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
+    sim_solve_set(s, options, "precomputed", path,
+                  &(sim_solve_members){&def.problem, &def.precision, &def.max_local_vertices, &def.file});
+    if (o->out) def.file = o->out;
+    if (!def.file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
     const bool first = !team || team->rank == 0;
-    def.problem.solver = (tm_solver)options->solver.index;
     def.problem.threads = o->threads;
     def.problem.memory_limit_bytes = o->memory_bytes;
-    if (first) def.problem.progress = app_solve_progress;
-    def.precision = (tm_precision)options->precision.index;
-    def.file = file;
+    if (!first) def.problem.progress = NULL;
     def.team = team;
     def.resume = true;
     const bool alone = !team || team->count == 1;
@@ -231,7 +228,7 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     if (!rc && status)
         rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line,
                         &error);
-    return rc ? rc : report(o, team, &r, file, json);
+    return rc ? rc : report(o, team, &r, def.file, json);
 }
 
 static int run(const choice *o, const tm_solve_team *team) {

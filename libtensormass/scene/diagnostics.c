@@ -18,7 +18,19 @@ static const char *seam(const char *text) {
     return NULL;
 }
 
-static bool has_room(tm_diagnostics *list) {
+/* Drops the last item that is no fault. Returns false if all are. */
+static bool drop_last(tm_diagnostics *list) {
+    int32_t at = list->count;
+    while (at > 0 && list->item[at - 1].severity == TM_FAULT) at--;
+    if (at-- == 0) return false;
+    free((void *)(uintptr_t)list->item[at].file);
+    memmove(list->item + at, list->item + at + 1, sizeof *list->item * (size_t)(--list->count - at));
+    list->lost++;
+    return true;
+}
+
+static bool has_room(tm_diagnostics *list, tm_severity severity) {
+    if (list->count >= TM_DIAGNOSTICS_MAX) return severity == TM_FAULT && drop_last(list);
     if (list->count < list->capacity) return true;
     const int32_t capacity = list->capacity ? 2 * list->capacity : 8;
     tm_diagnostic *item = realloc(list->item, sizeof *item * (size_t)capacity);
@@ -31,7 +43,7 @@ static bool has_room(tm_diagnostics *list) {
 /* One piece of memory for the strings, which begins with the file's name. */
 static void keep(tm_diagnostics *list, const tm_diagnostic *d) {
     const size_t file = strlen(d->file) + 1, what = strlen(d->what) + 1, remedy = strlen(d->remedy) + 1;
-    char *text = has_room(list) ? malloc(file + what + remedy) : NULL;
+    char *text = has_room(list, d->severity) ? malloc(file + what + remedy) : NULL;
     if (!text) {
         list->lost++;
         return;

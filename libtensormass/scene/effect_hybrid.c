@@ -64,7 +64,7 @@ static tm_status choose_part(const sim *s, const sim_solve_options *o, uint8_t *
 tm_status sim_make_hybrid(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "hybrid");
     sim_solve_api api;
-    char file[1024];
+    char path[SIM_SOLVE_PATH];
     tm_error error = {0};
     tm_solve_report report = {0};
     if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
@@ -74,14 +74,10 @@ tm_status sim_make_hybrid(sim *s) {
                 : app_scene_fail(s->scene, s->scene->model.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     if (!rc) {
         tm_hybrid_def how = api.tm_hybrid_def_default_();
-        sim_solve_file(s, o, "hybrid", file, sizeof file);
-        how.problem.progress = s->scene->host.progress;
-        how.problem.user = s->scene->host.user;
+        sim_solve_set(s, o, "hybrid", path,
+                      &(sim_solve_members){&how.problem, &how.precision, &how.max_local_vertices, &how.file});
         how.dynamic = dynamic;
         how.as_marked = !o->smooth.on;
-        how.precision = (tm_precision)o->precision.index;
-        how.file = *file ? file : NULL;
-        how.max_local_vertices = (int32_t)o->max_vertices.value;
         rc = sim_model_made(s, api.tm_model_hybrid_(&s->def.model, &how, &s->model, &report, &error), &error);
     }
     free(dynamic);

@@ -24,18 +24,13 @@ static const app_field fields[] = {
 tm_status sim_make_precomputed(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "precomputed");
     sim_solve_api api;
-    char file[1024];
+    char path[SIM_SOLVE_PATH];
     tm_error error = {0};
     tm_solve_report report = {0};
     if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     tm_precomputed_def how = api.tm_precomputed_def_default_();
-    sim_solve_file(s, o, "precomputed", file, sizeof file);
-    how.problem.solver = (tm_solver)o->solver.index;
-    how.problem.progress = s->scene->host.progress;
-    how.problem.user = s->scene->host.user;
-    how.precision = (tm_precision)o->precision.index;
-    how.file = *file ? file : NULL;
-    how.max_local_vertices = (int32_t)o->max_vertices.value;
+    sim_solve_set(s, o, "precomputed", path,
+                  &(sim_solve_members){&how.problem, &how.precision, &how.max_local_vertices, &how.file});
     const tm_status rc =
         sim_model_made(s, api.tm_model_precomputed_(&s->def.model, &how, &s->model, &report, &error), &error);
     if (!rc) sim_solve_told(s, "the precomputed model", &report);

@@ -7,10 +7,19 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <unistd.h>
 
-/* OpenBLAS, which the module brings, maps 128 MB as it is opened, and where it cannot it tries for ever. */
-static bool has_room(void) {
-    const size_t bytes = (size_t)256 << 20;
+/* OpenBLAS, which the module brings, starts its threads as it is opened, maps 128 MB for itself and for each of them,
+ * and where it cannot it tries for ever. The module uses one in each of its own threads; a process that is short of
+ * address space sets OPENBLAS_NUM_THREADS=1, as our programs do. */
+static size_t blas_bytes(void) {
+    const char *asked = getenv("OPENBLAS_NUM_THREADS");
+    const long most = sysconf(_SC_NPROCESSORS_ONLN), given = asked ? strtol(asked, NULL, 10) : 0;
+    const long threads = given > 0 && given < most ? given : most;
+    return ((size_t)256 << 20) + (threads > 1 ? (size_t)(threads - 1) * ((size_t)208 << 20) : 0);
+}
+
+static bool has_room(size_t bytes) {
     void *all = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (all == MAP_FAILED) return false;
     munmap(all, bytes);
@@ -22,12 +31,11 @@ static bool has_room(void) {
 bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     static const char *const name[] = {SIM_SOLVE(SIM_SOLVE_NAME)};
     void **pointer = (void **)api;
-    /* The module never uses more than one thread of OpenBLAS in each of its own. */
-    setenv("OPENBLAS_NUM_THREADS", "1", 0);
-    if (!has_room()) {
+    if (!has_room(blas_bytes())) {
         tm_fail(error, TM_ERR_MEMORY, -1,
-                "this process may not have the 256 MB of address space that the module solve wants; raise the limit "
-                "(ulimit -v)");
+                "this process may not have the %zu MB of address space that the module solve wants; raise the limit "
+                "(ulimit -v)",
+                blas_bytes() >> 20);
         return false;
     }
     void *module = app_host_module(host, "solve", error);
@@ -39,10 +47,11 @@ bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     return module != NULL;
 }
 
-void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size) {
+/* Writes where the result is kept, made from what it depends on in name and folder. The library checks the contents.
+ * Returns null if nowhere. */
+static const char *name_file(const sim *s, const sim_solve_options *o, const char *kind, char path[SIM_SOLVE_PATH]) {
     char folder[900];
-    path[0] = 0;
-    if (!o->cache.on || !app_cache_folder(folder, sizeof folder)) return;
+    if (!o->cache.on || !app_cache_folder(folder, sizeof folder)) return NULL;
     /* Scenes that differ in anything else than these would only overwrite each other's file, never read it wrongly. */
     uint64_t key = tm_hash(&s->file.hash, sizeof s->file.hash, TM_HASH_SEED);
     for (int32_t r = 0; r < s->mesh->region_count; r++) {
@@ -58,7 +67,18 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
     if (s->def.model.tissue.volume)
         key = tm_hash(&s->def.model.tissue.volume_shear, sizeof s->def.model.tissue.volume_shear, key);
     if (s->fibre) key = tm_hash(s->fibre, sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count, key);
-    snprintf(path, size, "%s/%s-%016llx.tms", folder, kind, (unsigned long long)key);
+    snprintf(path, SIM_SOLVE_PATH, "%s/%s-%016llx.tms", folder, kind, (unsigned long long)key);
+    return path;
+}
+
+void sim_solve_set(const sim *s, const sim_solve_options *o, const char *kind, char path[SIM_SOLVE_PATH],
+                   const sim_solve_members *to) {
+    to->problem->solver = (tm_solver)o->solver.index;
+    to->problem->progress = s->scene->host.progress;
+    to->problem->user = s->scene->host.user;
+    *to->precision = (tm_precision)o->precision.index;
+    *to->max_vertices = (int32_t)o->max_vertices.value;
+    *to->file = name_file(s, o, kind, path);
 }
 
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *r) {

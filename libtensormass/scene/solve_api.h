@@ -33,9 +33,19 @@ typedef struct sim_solve_options {
     app_flag smooth;
 } sim_solve_options;
 
-/* Where the result is kept, made from what it depends on in name and folder; empty: nowhere. The library checks the
- * contents. */
-void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size);
+/* The members that definitions of both kinds of model have. */
+typedef struct sim_solve_members {
+    tm_solve_def *problem;
+    tm_precision *precision;
+    int32_t *max_vertices;
+    const char **file;
+} sim_solve_members;
+
+enum { SIM_SOLVE_PATH = 1024 };
+/* Sets them from a scene's options. `path` holds the name of the file, which differs by `kind` and by what the result
+ * depends on; file null: the scene keeps none. */
+void sim_solve_set(const sim *s, const sim_solve_options *o, const char *kind, char path[SIM_SOLVE_PATH],
+                   const sim_solve_members *to);
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *report);
 
 #endif

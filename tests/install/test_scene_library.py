@@ -1,5 +1,6 @@
 """libtensormass_scene in programs of one's own: docs/scene-guide.md's in C, the C++ face, diagnostics, and the bits of tm-sim."""
 import json
+import os
 import re
 import subprocess
 
@@ -72,9 +73,23 @@ int main(int count, char **word) {
 }
 """
 
+ENVIRONMENT = r"""
+#include <stdlib.h>
+#include <tensormass_scene.h>
+int main(int count, char **word) {
+    const char *const set[] = {"haptics", "model=precomputed", "precomputed={cache: no}"};
+    tm_scene_def def = tm_scene_def_default();
+    tm_scene *scene;
+    def.file = word[count - 1], def.set = set, def.set_count = 3;
+    if (tm_scene_open(&def, &scene)) return 1;
+    tm_scene_close(scene);
+    return getenv("OPENBLAS_NUM_THREADS") ? 2 : 0;
+}
+"""
 
-def run(*words, code=0):
-    out = subprocess.run([str(w) for w in words], capture_output=True, text=True, timeout=400)
+
+def run(*words, code=0, **options):
+    out = subprocess.run([str(w) for w in words], capture_output=True, text=True, timeout=400, **options)
     assert out.returncode == code, out.stdout[-4000:] + out.stderr[-4000:]
     return out
 
@@ -101,6 +116,13 @@ def test_a_restored_scene_has_the_reactions_of_the_snapshot(root, build, tmp_pat
     libraries = [build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")]
     run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "restored.c", *libraries, "-lyaml", "-ldl", "-lm", "-o", tmp_path / "restored")
     run(tmp_path / "restored", root / "apps/scenes/block-press.yaml", tmp_path / "kept")
+
+
+def test_a_precomputed_scene_leaves_the_environment_alone(root, build, tmp_path):
+    (tmp_path / "environment.c").write_text(ENVIRONMENT)
+    run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "environment.c", f"-L{build}/lib", f"-Wl,-rpath,{build}/lib", "-ltensormass_scene", "-ltensormass",
+        "-o", tmp_path / "environment")
+    run(tmp_path / "environment", root / "apps/scenes/block-press.yaml", env={k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"})
 
 
 def test_the_guides_program_presses(root, press):

@@ -28,11 +28,14 @@ typedef struct tm_diagnostic {
     const char *remedy; /* what to do; "": nothing is known */
 } tm_diagnostic;
 
-/* A list that the caller owns: zeroed, it is empty. Calls add to it; strings live as long as the list. */
+/* Most that a list keeps. Past it a fault takes the place of the last item that is none; anything else is lost. */
+enum { TM_DIAGNOSTICS_MAX = 256 };
+
+/* A list that the caller owns: zeroed, it is empty. Calls add to it; strings live as long as their item. */
 typedef struct tm_diagnostics {
     tm_diagnostic *item; /* [count] in the order in which they came */
     int32_t count, capacity;
-    int32_t lost; /* that there was no memory for */
+    int32_t lost; /* that there was no memory for, or no place (TM_DIAGNOSTICS_MAX) */
     /* Called at once with each, also with those that are lost; its strings are valid during the call. May be null. */
     void (*told)(void *user, const tm_diagnostic *diagnostic);
     void *user;
