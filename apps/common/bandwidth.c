@@ -19,6 +19,11 @@ double app_median(double *value, int count) {
     return count % 2 ? value[count / 2] : 0.5 * (value[count / 2 - 1] + value[count / 2]);
 }
 
+double app_percentile(double *value, int count, double share) {
+    qsort(value, (size_t)count, sizeof *value, ascending);
+    return count ? value[(int)(share * (count - 1))] : 0;
+}
+
 static void triad(const double *restrict a, const double *restrict b, double *restrict c, size_t n, double s) {
     for (size_t i = 0; i < n; i++) c[i] = a[i] + s * b[i];
 }

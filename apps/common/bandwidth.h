@@ -12,6 +12,9 @@ double app_bandwidth_B_s(size_t bytes, int rounds);
 /* Median of `count` values, which are sorted in place. */
 double app_median(double *value, int count);
 
+/* The value that a share of `count` values does not exceed; sorted in place. 0: there are none. */
+double app_percentile(double *value, int count, double share);
+
 /* Monotonic seconds. */
 double app_seconds(void);
 

@@ -1,6 +1,9 @@
 /* Figures as JSON files. */
+#include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "json_file.h"
 
@@ -17,6 +20,29 @@ tm_status app_json_write(const char *path, const cJSON *root, tm_error *error) {
     app_output output;
     if (!app_output_begin(&output, path, error)) return TM_ERR_FILE;
     return app_json_end(&output, app_output_stream(&output), root, error) ? TM_OK : TM_ERR_FILE;
+}
+
+cJSON *app_json_add(cJSON *to, const char *members, ...) {
+    cJSON *out = cJSON_IsArray(to) ? cJSON_CreateObject() : to;
+    if (out != to) cJSON_AddItemToArray(to, out);
+    va_list value;
+    va_start(value, members);
+    for (const char *c = members; *c; c += strcspn(c, " "), c += *c == ' ') {
+        char name[64];
+        double number = 0;
+        snprintf(name, sizeof name, "%.*s", (int)strcspn(c, " "), c);
+        c = strchr(c, '%') + 1;
+        if (*c == 'g' || *c == 'f') number = va_arg(value, double);
+        if (*c == 'd') number = va_arg(value, int);
+        if (*c == 's')
+            cJSON_AddStringToObject(out, name, va_arg(value, const char *));
+        else if (*c == 'h')
+            cJSON_AddBoolToObject(out, name, va_arg(value, int));
+        else if (*c != 'f' || isfinite(number))
+            cJSON_AddNumberToObject(out, name, number);
+    }
+    va_end(value);
+    return out;
 }
 
 int app_file_end_json(app_file *file, cJSON *report) {

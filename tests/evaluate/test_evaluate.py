@@ -255,6 +255,19 @@ def test_a_log_without_samples_is_refused(bin, tmp_path):
     assert run.returncode == 2 and "TOOL_0" in run.stderr
 
 
+def test_a_scene_without_instruments_is_refused(bin, root, tmp_path):
+    """Scenes are taken from the working directory first: this one has nothing whose force could be replayed."""
+    scene = tmp_path / "apps/scenes/liver-press.yaml"
+    scene.parent.mkdir(parents=True)
+    scene.write_text(f"""tissue: {{mesh: {root}/meshes/block_1k.msh, materials: {{tissue: {{young: 5 kPa, poisson: 0.4, density: 1050 kg/m3}}}}}}
+supports: [{{name: bottom, group: z_min}}]
+time: {{frame_rate: 20 Hz, duration: 0.1 s}}
+""")
+    run = subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "operating", "--json", "x.json"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 2 and "liver-press.yaml: no instrument" in run.stderr and "add 'instruments:'" in run.stderr, run
+    assert not (tmp_path / "x.json").exists()
+
+
 # --- tissue that is cut or held while it is felt ---
 
 HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid is dearer than both many times over

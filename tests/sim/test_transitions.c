@@ -36,7 +36,8 @@ static int record_all(void **state) {
         static const char *const set[] = {"threads=1", NULL};
         app_shared_file(scene[k].file, file, sizeof file);
         const scene_record of = {.scene = file, .set = set, .duration_s = scene[k].length_s};
-        if (!record_scene(&of, 25.0, rec[k]) || !record_scene_truth(&of, rec[k])) return -1;
+        int instruments = 0;
+        if (record_scene(&of, 25.0, rec[k], &instruments) || record_scene_truth(&of, rec[k])) return -1;
     }
     return 0;
 }

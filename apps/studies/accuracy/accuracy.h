@@ -1,9 +1,8 @@
-/* tm-accuracy: what each choice costs in error and in time. One knob a file, one row in the table of main.c. */
+/* tm-accuracy: what each choice costs in error and in time. A knob is a row in the table of main.c. */
 #ifndef TM_ACCURACY_H
 #define TM_ACCURACY_H
 
-#include <cjson/cJSON.h>
-
+#include "json_file.h"
 #include "tensormass.h"
 
 /* The pressed quarter block of apps/studies/accuracy/reference/make_inp.py, on `cells`^3 cubes of six Kuhn tetrahedra.
@@ -83,17 +82,33 @@ typedef struct run {
     void (*progress)(const char *knob, double fraction);
 } run;
 
-/* One knob: measures, and returns its JSON: {"rows": [...], ...}. Null with `error` filled on failure. */
-cJSON *knob_mesh(const run *r, tm_error *error);
-cJSON *knob_volume(const run *r, tm_error *error);
-cJSON *knob_step(const run *r, tm_error *error);
-cJSON *knob_mass(const run *r, tm_error *error);
-cJSON *knob_precision(const run *r, tm_error *error);
-cJSON *knob_model(const run *r, tm_error *error);
-cJSON *knob_rotation(const run *r, tm_error *error);
-cJSON *knob_viscosity(const run *r, tm_error *error);
-cJSON *knob_friction(const run *r, tm_error *error);
-cJSON *knob_fibre(const run *r, tm_error *error);
+/* The case, or an error that says that the file has none. */
+tm_status reference_take(const run *r, const char *name, int index, double *depth, measured *m, tm_error *error);
+
+/* A block of the run matrix: pressed as its definition says, at rest, held against the truth, and timed beside the
+ * others. */
+typedef struct solved {
+    problem p;
+    measured m;
+    differences off;
+    double seconds_per_step;
+} solved;
+enum { MATRIX = 16 };
+/* All `count` of them; `truth` null: the first. Free with matrix_free whatever is returned. */
+tm_status matrix_solve(const run *r, const char *knob, const problem_def *def, int count, double tolerance,
+                       const measured *truth, solved *out, tm_error *error);
+void matrix_free(solved *s, int count);
+/* Adds displacement, reaction and energy. */
+cJSON *differences_add(cJSON *to, const differences *d);
+/* Adds what a step costs. */
+cJSON *price_add(cJSON *to, const solved *s);
+/* Linear tissue scales. */
+measured measured_scaled(const measured *m, double scale);
+
+/* One knob: measures into `out` and its "rows". */
+typedef tm_status knob_measure(const run *r, cJSON *out, cJSON *rows, tm_error *error);
+knob_measure knob_mesh, knob_volume, knob_step, knob_mass, knob_precision, knob_model, knob_rotation, knob_viscosity,
+    knob_friction, knob_fibre;
 
 /* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left
  * out, having complained. */
@@ -101,7 +116,5 @@ void model_prices(cJSON *rows, void (*progress)(const char *, double));
 
 /* Ramp and hold against the closed form, into `out`: see there. */
 tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error);
-
-cJSON *json_row(cJSON *rows);
 
 #endif

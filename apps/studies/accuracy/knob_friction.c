@@ -87,23 +87,16 @@ static void row_of(cJSON *rows, rubbing *r, const rubbing *without, double plain
     const tm_friction_coefficient *own = COEFFICIENT + (r - without);
     const double seconds = app_median(r->per_step_s + PRESS + REST, 2 * SLIDE),
                  *end = r->force_N[PRESS + REST + SLIDE - 1];
-    cJSON *row = json_row(rows);
-    cJSON_AddNumberToObject(row, "at_rest", own->at_rest);
-    cJSON_AddNumberToObject(row, "sliding", own->sliding);
-    cJSON_AddNumberToObject(row, "along_N", -end[0]);
-    cJSON_AddNumberToObject(row, "pressed_N", end[2]);
-    cJSON_AddNumberToObject(row, "along", left_out(r, without, 0, 0));
-    cJSON_AddNumberToObject(row, "force", left_out(r, without, 0, 2));
-    cJSON_AddNumberToObject(row, "off_law", r->off_law);
-    cJSON_AddNumberToObject(row, "slipped", r->slipped);
-    cJSON_AddNumberToObject(row, "seconds_per_step", seconds);
-    cJSON_AddNumberToObject(row, "price", seconds / plain_s);
+    app_json_add(
+        rows,
+        "at_rest %g sliding %g along_N %g pressed_N %g along %g force %g off_law %g slipped %d seconds_per_step %g price %g",
+        own->at_rest, own->sliding, -end[0], end[2], left_out(r, without, 0, 0), left_out(r, without, 0, 2), r->off_law,
+        r->slipped, seconds, seconds / plain_s);
 }
 
-cJSON *knob_friction(const run *r, tm_error *error) {
+tm_status knob_friction(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     static rubbing world[ROWS]; /* too large for a stack */
     const int cells = r->quick ? 6 : 12;
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     tm_status status = TM_OK;
     memset(world, 0, sizeof world);
     for (int i = 0; i < ROWS && status == TM_OK; i++) status = rubbing_make(cells, COEFFICIENT[i], world + i, error);
@@ -115,11 +108,8 @@ cJSON *knob_friction(const run *r, tm_error *error) {
     memcpy(plain, world->per_step_s + PRESS + REST, sizeof plain); /* the median sorts */
     const double plain_s = app_median(plain, 2 * SLIDE);
     for (int i = 0; i < ROWS && status == TM_OK; i++) row_of(rows, world + i, world, plain_s);
-    cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
-    cJSON_AddNumberToObject(out, "speed_m_s", WAY_M / SLIDE / FRAME_S);
+    app_json_add(out, "tets %g speed_m_s %g", 6.0 * cells * cells * cells, WAY_M / SLIDE / FRAME_S);
     for (int i = 0; i < ROWS; i++)
         if (world[i].p.world) problem_destroy(&world[i].p);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    return status;
 }

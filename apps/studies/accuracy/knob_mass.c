@@ -121,22 +121,16 @@ static tm_status row_of(cJSON *rows, press *p, const press *truth, double own_s,
     if (status != TM_OK) return status;
     tm_tissue_mass_scaling(p->tissue, &m);
     distance(p, truth, &rms, &held);
-    cJSON *row = json_row(rows);
-    cJSON_AddBoolToObject(row, "scaled", scaled);
-    cJSON_AddNumberToObject(row, "dt_s", tm_world_step_s(p->world));
-    cJSON_AddNumberToObject(row, "of_own", tm_world_step_s(p->world) / own_s);
-    cJSON_AddNumberToObject(row, "added", m.added_kg / m.own_kg);
-    cJSON_AddNumberToObject(row, "vertices", m.vertices);
-    cJSON_AddNumberToObject(row, "frequency", Hz[2] / own_Hz[2]);
-    cJSON_AddNumberToObject(row, "force", rms);
-    cJSON_AddNumberToObject(row, "held_force", held);
-    cJSON_AddNumberToObject(row, "wall_per_simulated", p->per_step_s / tm_world_step_s(p->world));
+    app_json_add(
+        rows,
+        "scaled %hhd dt_s %g of_own %g added %g vertices %d frequency %g force %g held_force %g wall_per_simulated %g",
+        scaled, tm_world_step_s(p->world), tm_world_step_s(p->world) / own_s, m.added_kg / m.own_kg, m.vertices,
+        Hz[2] / own_Hz[2], rms, held, p->per_step_s / tm_world_step_s(p->world));
     return TM_OK;
 }
 
-cJSON *knob_mass(const run *r, tm_error *error) {
+tm_status knob_mass(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     static const double times[STEPS] = {0.9, 2, 3, 3.25, 3.5, 4};
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     press truth, p;
     tm_status status = press_make(&truth, 0, false, error);
     const double own_s = status == TM_OK ? tm_critical_step_guaranteed(truth.tissue, NULL) : 0;
@@ -151,8 +145,6 @@ cJSON *knob_mass(const run *r, tm_error *error) {
         r->progress("mass scaling", (double)(i + 1) / STEPS);
     }
     press_free(&truth);
-    cJSON_AddNumberToObject(out, "own_s", own_s);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    app_json_add(out, "own_s %g", own_s);
+    return status;
 }

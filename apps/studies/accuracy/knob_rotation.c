@@ -21,15 +21,10 @@ static tm_status rest(const problem_def *def, double tolerance, measured *m, tm_
 
 static void tell(cJSON *rows, const char *law, bool volume, double depth, const differences *turned,
                  const differences *flat) {
-    cJSON *row = json_row(rows);
-    cJSON_AddStringToObject(row, "law", law);
-    cJSON_AddBoolToObject(row, "volume", volume);
-    cJSON_AddNumberToObject(row, "depth", depth);
-    cJSON_AddNumberToObject(row, "displacement", turned->displacement);
-    cJSON_AddNumberToObject(row, "reaction", turned->reaction);
-    cJSON_AddNumberToObject(row, "energy", turned->energy);
-    cJSON_AddNumberToObject(row, "linear_displacement", flat->displacement);
-    cJSON_AddNumberToObject(row, "linear_reaction", flat->reaction);
+    app_json_add(
+        rows,
+        "law %s volume %hhd depth %g displacement %g reaction %g energy %g linear_displacement %g linear_reaction %g",
+        law, volume, depth, turned->displacement, turned->reaction, turned->energy, flat->displacement, flat->reaction);
 }
 
 /* Linear tissue is solved once and scaled. */
@@ -45,10 +40,7 @@ static tm_status press(const run *r, const char *law, bool volume, int cells, cJ
         def.depth = depth, def.rotation = TM_ROTATION_THRESHOLD;
         status = rest(&def, 1e-8, &m, error);
         if (status != TM_OK) break;
-        measured scaled = linear;
-        const double scale = depth / straight.depth;
-        for (int c = 0; c < 3 * PROBES; c++) scaled.probe_u_m[c] *= scale;
-        scaled.force_z_N *= scale, scaled.energy_J *= scale * scale;
+        const measured scaled = measured_scaled(&linear, depth / straight.depth);
         const differences turned = compare(&m, &truth), flat = compare(&scaled, &truth);
         tell(rows, law, volume, depth, &turned, &flat);
         r->progress("rotation", (double)(i + 1) / reference_cases(r->truth, law));
@@ -91,20 +83,17 @@ static tm_status price(int cells, cJSON *out, tm_error *error) {
     if (status == TM_OK) {
         time_steps(world, 2, 15, seconds);
         const int32_t tets = p[0].mesh->tet_count;
-        cJSON_AddNumberToObject(out, "tets", tets);
-        cJSON_AddNumberToObject(out, "linear_ns", 1e9 * seconds[0] / tets);
-        cJSON_AddNumberToObject(out, "turning_ns", 1e9 * seconds[1] / tets);
-        cJSON_AddNumberToObject(out, "step_ratio", tm_world_step_s(world[1]) / tm_world_step_s(world[0]));
+        app_json_add(out, "tets %d linear_ns %g turning_ns %g step_ratio %g", tets, 1e9 * seconds[0] / tets,
+                     1e9 * seconds[1] / tets, tm_world_step_s(world[1]) / tm_world_step_s(world[0]));
     }
     for (int i = 0; i < 2; i++)
         if (p[i].world) problem_destroy(&p[i]);
     return status;
 }
 
-cJSON *knob_rotation(const run *r, tm_error *error) {
+tm_status knob_rotation(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     const int cells = r->quick ? 6 : 18;
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
-    cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
+    app_json_add(out, "tets %g", 6.0 * cells * cells * cells);
     tm_status status = mesh_alone(r, false, cells, "mesh_alone", out, error);
     if (status == TM_OK) status = mesh_alone(r, true, cells, "mesh_alone_volume", out, error);
     for (int volume = 0; volume < 2 && status == TM_OK; volume++) {
@@ -112,7 +101,5 @@ cJSON *knob_rotation(const run *r, tm_error *error) {
         if (status == TM_OK) status = press(r, "svk", volume, cells, rows, error);
     }
     if (status == TM_OK) status = price(r->quick ? 6 : 26, cJSON_AddObjectToObject(out, "price"), error);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    return status;
 }

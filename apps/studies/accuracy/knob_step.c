@@ -140,12 +140,11 @@ static tm_status settling(double fraction, double *settle_s, tm_error *error) {
     return status;
 }
 
-cJSON *knob_step(const run *r, tm_error *error) {
+tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     static const int divisor[] = {20, 10, 5, 2, 1};
     int count = (int)(sizeof divisor / sizeof *divisor);
     static swing truth, s;
     double u[3 * (CELLS + 1) * (CELLS + 1) * (CELLS + 1)], period = 1;
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     tm_status status = sagged(u, &period, error);
     problem p = {0};
     problem_def def = problem_default(CELLS);
@@ -171,21 +170,13 @@ cJSON *knob_step(const run *r, tm_error *error) {
         status = swing_run(largest / divisor[i], STRIDE * divisor[i], samples, u, &s, error);
         if (status == TM_OK) status = settling(largest / divisor[i] / guaranteed, &settle_s, error);
         for (int k = 0; k < samples; k++) worst = fmax(worst, fabs(s.u[k] - truth.u[k]));
-        cJSON *row = json_row(rows);
-        cJSON_AddNumberToObject(row, "dt_s", largest / divisor[i]);
-        cJSON_AddNumberToObject(row, "of_guaranteed", largest / divisor[i] / guaranteed);
-        cJSON_AddNumberToObject(row, "of_sharp", largest / divisor[i] / sharp);
-        cJSON_AddNumberToObject(row, "trajectory", worst / amplitude);
-        cJSON_AddNumberToObject(row, "phase", phase_error(&s, &truth, samples, sample_s));
-        cJSON_AddNumberToObject(row, "energy", s.energy_drift);
-        cJSON_AddNumberToObject(row, "settle_s", settle_s);
-        cJSON_AddNumberToObject(row, "wall_per_simulated", s.seconds_per_simulated);
+        app_json_add(
+            rows,
+            "dt_s %g of_guaranteed %g of_sharp %g trajectory %g phase %g energy %g settle_s %g wall_per_simulated %g",
+            largest / divisor[i], largest / divisor[i] / guaranteed, largest / divisor[i] / sharp, worst / amplitude,
+            phase_error(&s, &truth, samples, sample_s), s.energy_drift, settle_s, s.seconds_per_simulated);
         r->progress("time step", (double)(i + 1) / count);
     }
-    cJSON_AddNumberToObject(out, "guaranteed_s", guaranteed);
-    cJSON_AddNumberToObject(out, "sharp_s", sharp);
-    cJSON_AddNumberToObject(out, "period_s", period);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    app_json_add(out, "guaranteed_s %g sharp_s %g period_s %g", guaranteed, sharp, period);
+    return status;
 }

@@ -60,9 +60,7 @@ static tm_status errors(const run *r, cJSON *rows, tm_error *error) {
         double complex modulus = 0;
         const tm_status status = swing(steps[i], &modulus, error);
         if (status != TM_OK) return status;
-        cJSON *row = json_row(rows);
-        cJSON_AddNumberToObject(row, "steps_a_cycle", steps[i]);
-        cJSON_AddNumberToObject(row, "modulus", cabs(modulus - truth) / cabs(truth));
+        app_json_add(rows, "steps_a_cycle %d modulus %g", steps[i], cabs(modulus - truth) / cabs(truth));
         r->progress("viscosity", 0.5 * (i + 1) / count);
     }
     return TM_OK;
@@ -98,28 +96,21 @@ static tm_status prices(const run *r, int cells, cJSON *out, tm_error *error) {
         const int32_t stages = tm_world_stages(world[i], stage);
         int64_t bytes = 0;
         for (int32_t k = 0; k < stages; k++) bytes += strcmp(stage[k].name, "viscosity") ? 0 : stage[k].bytes;
-        cJSON *row = json_row(out);
-        cJSON_AddNumberToObject(row, "terms", form[i].terms);
-        cJSON_AddStringToObject(row, "shares", form[i].shares);
-        cJSON_AddNumberToObject(row, "seconds_per_step", seconds[i]);
-        cJSON_AddNumberToObject(row, "price", seconds[i] / seconds[0]);
-        cJSON_AddNumberToObject(row, "bytes", (double)bytes);
+        app_json_add(out, "terms %d shares %s seconds_per_step %g price %g bytes %g", form[i].terms, form[i].shares,
+                     seconds[i], seconds[i] / seconds[0], (double)bytes);
     }
     for (int i = 0; i < FORMS; i++)
         if (p[i].world) problem_destroy(&p[i]);
     return status;
 }
 
-cJSON *knob_viscosity(const run *r, tm_error *error) {
+tm_status knob_viscosity(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     const int cells = r->quick ? 6 : 18;
-    cJSON *out = cJSON_CreateObject();
-    cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
-    tm_status status = errors(r, cJSON_AddArrayToObject(out, "rows"), error);
+    app_json_add(out, "tets %g", 6.0 * cells * cells * cells);
+    tm_status status = errors(r, rows, error);
     if (status == TM_OK) status = viscosity_ramp(r, cJSON_AddObjectToObject(out, "ramp"), error);
     r->progress("viscosity", 0.75);
     if (status == TM_OK) status = prices(r, cells, cJSON_AddArrayToObject(out, "price"), error);
     r->progress("viscosity", 1);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    return status;
 }

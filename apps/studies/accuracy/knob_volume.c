@@ -8,7 +8,7 @@
 #include "accuracy.h"
 #include "block.h"
 
-enum { FORMS = 4, MOST = 6, NUS = 5 };
+enum { FORMS = 4, NUS = 5 };
 
 /* Below 0: linear tetrahedra. */
 static const double shears[FORMS] = {-1, 0.4, 0.75, 1};
@@ -18,48 +18,27 @@ static void set_form(tm_tissue_def *def, double shear) {
     if (def->volume) def->volume_shear = shear;
 }
 
-static void row_of(cJSON *rows, const problem *p, double shear, const differences *d, double seconds) {
-    cJSON *row = json_row(rows);
-    double sharp = NAN;
-    tm_error error;
-    cJSON_AddStringToObject(row, "form", shear < 0 ? "linear" : "volume");
-    cJSON_AddNumberToObject(row, "shear", shear < 0 ? 0 : shear);
-    cJSON_AddNumberToObject(row, "tets", p->mesh->tet_count);
-    cJSON_AddNumberToObject(row, "displacement", d->displacement);
-    cJSON_AddNumberToObject(row, "reaction", d->reaction);
-    cJSON_AddNumberToObject(row, "energy", d->energy);
-    cJSON_AddNumberToObject(row, "step_s", tm_critical_step_guaranteed(p->tissue, NULL));
-    if (!tm_critical_step_sharp(p->tissue, NULL, 1e-4, 100000, &sharp, &error))
-        cJSON_AddNumberToObject(row, "sharp_s", sharp);
-    cJSON_AddNumberToObject(row, "seconds_per_step", seconds);
-    cJSON_AddNumberToObject(row, "wall_per_simulated", seconds / tm_world_step_s(p->world));
-    cJSON_AddNumberToObject(row, "bytes", (double)tm_tissue_bytes(p->tissue));
-    cJSON_AddNumberToObject(row, "pairs", tm_tissue_pairs(p->tissue).count);
-}
-
 /* All forms on one mesh, timed side by side. */
 static tm_status one_mesh(const run *r, int cells, const measured *truth, double depth, cJSON *rows, tm_error *error) {
-    problem p[FORMS] = {{0}};
-    tm_world *world[FORMS];
-    measured m[FORMS];
-    double seconds[FORMS];
-    tm_status status = TM_OK;
+    solved s[FORMS];
+    problem_def def[FORMS];
+    for (int f = 0; f < FORMS; f++) {
+        def[f] = problem_default(cells);
+        def[f].depth = depth, def[f].volume = shears[f] >= 0, def[f].volume_shear = shears[f];
+    }
+    const tm_status status = matrix_solve(r, "volume", def, FORMS, 1e-9, truth, s, error);
     for (int f = 0; f < FORMS && status == TM_OK; f++) {
-        problem_def def = problem_default(cells);
-        def.depth = depth;
-        def.volume = shears[f] >= 0, def.volume_shear = shears[f];
-        status = problem_create(&def, &p[f], error);
-        if (status == TM_OK) status = problem_settle(&p[f], 1e-9, &m[f], error);
-        world[f] = p[f].world;
+        const tm_tissue *tissue = s[f].p.tissue;
+        double sharp = NAN;
+        tm_error ignored;
+        if (tm_critical_step_sharp(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
+        cJSON *row =
+            app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
+                         shears[f] < 0 ? "linear" : "volume", shears[f] < 0 ? 0 : shears[f], s[f].p.mesh->tet_count,
+                         tm_critical_step_guaranteed(tissue, NULL), sharp, tm_tissue_pairs(tissue).count);
+        price_add(differences_add(row, &s[f].off), &s[f]);
     }
-    if (status == TM_OK) {
-        time_steps(world, FORMS, r->rounds, seconds);
-        for (int f = 0; f < FORMS; f++) {
-            const differences d = compare(&m[f], truth);
-            row_of(rows, &p[f], shears[f], &d, seconds[f]);
-        }
-    }
-    for (int f = 0; f < FORMS; f++) problem_destroy(&p[f]);
+    matrix_free(s, FORMS);
     return status;
 }
 
@@ -126,8 +105,7 @@ static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
     app_block_free(&block);
     const int count = r->quick ? NUS - 1 : NUS;
     for (int n = 0; n < count && status == TM_OK; n++) {
-        cJSON *row = json_row(rows);
-        cJSON_AddNumberToObject(row, "nu", nus[n]);
+        cJSON *row = app_json_add(rows, "nu %g", nus[n]);
         for (int f = 0; f < FORMS && status == TM_OK; f++) {
             char name[24] = "linear";
             double ratio = NAN;
@@ -141,22 +119,11 @@ static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
     return status;
 }
 
-cJSON *knob_volume(const run *r, tm_error *error) {
-    static const int cells[MOST] = {3, 6, 9, 12, 15, 18};
-    const int count = r->quick ? 3 : MOST;
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows"),
-          *beams = cJSON_AddArrayToObject(out, "cantilever");
+tm_status knob_volume(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     measured truth;
     double depth;
-    tm_status status = TM_OK;
-    if (!reference_case(r->truth, "iso", 0, &depth, &truth))
-        status = tm_fail(error, TM_ERR_FILE, -1, "the references hold no case 'iso'; make them again");
-    for (int i = 0; i < count && status == TM_OK; i++) {
-        status = one_mesh(r, cells[i], &truth, depth, rows, error);
-        r->progress("volume", (double)(i + 1) / count);
-    }
-    if (status == TM_OK) status = cantilevers(r, beams, error);
-    if (status == TM_OK) return out;
-    cJSON_Delete(out);
-    return NULL;
+    tm_status status = reference_take(r, "iso", 0, &depth, &truth, error);
+    for (int cells = 3; cells <= (r->quick ? 9 : 18) && status == TM_OK; cells += 3)
+        status = one_mesh(r, cells, &truth, depth, rows, error);
+    return status ? status : cantilevers(r, cJSON_AddArrayToObject(out, "cantilever"), error);
 }

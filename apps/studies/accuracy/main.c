@@ -15,7 +15,7 @@
 
 static const struct {
     const char *name, *what;
-    cJSON *(*measure)(const run *r, tm_error *error);
+    knob_measure *measure;
 } knobs[] = {
     {"mesh", "tetrahedra against displacement, reaction and energy, isotropic and fibred", knob_mesh},
     {"volume", "tissue that does not lock against linear tetrahedra, pressed, and bent towards nu = 0.5", knob_volume},
@@ -77,19 +77,17 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     if (!truth) return app_report(NULL, 0, &error);
     run r = {.quick = quick, .rounds = quick ? 5 : 15, .truth = truth, .progress = progress};
     cJSON *root = cJSON_CreateObject();
-    cJSON_AddBoolToObject(root, "quick", quick);
+    app_json_add(root, "quick %hhd", quick);
     int exit = APP_DONE;
     for (int k = 0; k < KNOBS && exit == APP_DONE; k++) {
         if (!wanted[k]) continue;
-        cJSON *figures = knobs[k].measure(&r, &error);
-        app_progress(knobs[k].name, 1, true);
-        if (figures)
-            cJSON_AddItemToObject(root, knobs[k].name, figures);
-        else
+        cJSON *figures = cJSON_AddObjectToObject(root, knobs[k].name);
+        if (knobs[k].measure(&r, figures, cJSON_AddArrayToObject(figures, "rows"), &error))
             exit = app_report(knobs[k].name, 0, &error);
+        app_progress(knobs[k].name, 1, true);
     }
     /* Measured beside what it is held against: arrays as large as the tensors of 10,000 tetrahedra. */
-    cJSON_AddNumberToObject(root, "bandwidth_B_s", app_bandwidth_B_s(4 << 20, 15));
+    app_json_add(root, "bandwidth_B_s %g", app_bandwidth_B_s(4 << 20, 15));
     if (exit == APP_DONE) exit = write_json(json, root);
     cJSON_Delete(root);
     reference_close(truth);

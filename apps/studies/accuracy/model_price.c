@@ -55,13 +55,8 @@ void model_prices(cJSON *rows, void (*progress)(const char *, double)) {
         progress("prices of the models", m / 3.0);
         if (!measure(models[m].scene, &p)) continue;
         if (m == 0) truth = p.force_N;
-        cJSON *row = json_row(rows);
-        cJSON_AddStringToObject(row, "model", models[m].name);
-        cJSON_AddStringToObject(row, "cuttable", models[m].cuttable);
-        cJSON_AddNumberToObject(row, "seconds_per_frame", p.seconds_per_frame);
-        cJSON_AddNumberToObject(row, "setup_s", p.setup_s);
-        cJSON_AddNumberToObject(row, "bytes", (double)p.bytes);
-        cJSON_AddNumberToObject(row, "force_N", p.force_N);
-        cJSON_AddNumberToObject(row, "difference", fabs(p.force_N / truth - 1));
+        app_json_add(rows, "model %s cuttable %s seconds_per_frame %g setup_s %g bytes %g force_N %g difference %g",
+                     models[m].name, models[m].cuttable, p.seconds_per_frame, p.setup_s, (double)p.bytes, p.force_N,
+                     fabs(p.force_N / truth - 1));
     }
 }

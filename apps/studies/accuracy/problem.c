@@ -190,8 +190,43 @@ void time_steps(tm_world **world, int count, int rounds, double *seconds_per_ste
     for (int w = 0; w < count; w++) seconds_per_step[w] = app_median(sample[w], rounds);
 }
 
-cJSON *json_row(cJSON *rows) {
-    cJSON *row = cJSON_CreateObject();
-    cJSON_AddItemToArray(rows, row);
-    return row;
+tm_status matrix_solve(const run *r, const char *knob, const problem_def *def, int count, double tolerance,
+                       const measured *truth, solved *out, tm_error *error) {
+    tm_world *world[MATRIX];
+    double seconds[MATRIX];
+    memset(out, 0, sizeof *out * (size_t)count);
+    for (int i = 0; i < count; i++) {
+        tm_status status = problem_create(&def[i], &out[i].p, error);
+        if (status == TM_OK) status = problem_settle(&out[i].p, tolerance, &out[i].m, error);
+        if (status != TM_OK) return status;
+        world[i] = out[i].p.world;
+        r->progress(knob, (double)(i + 1) / count);
+    }
+    time_steps(world, count, r->rounds, seconds);
+    for (int i = 0; i < count; i++) {
+        out[i].seconds_per_step = seconds[i];
+        out[i].off = compare(&out[i].m, truth ? truth : &out[0].m);
+    }
+    return TM_OK;
+}
+
+void matrix_free(solved *s, int count) {
+    for (int i = 0; i < count; i++) problem_destroy(&s[i].p);
+}
+
+cJSON *differences_add(cJSON *to, const differences *d) {
+    return app_json_add(to, "displacement %g reaction %g energy %g", d->displacement, d->reaction, d->energy);
+}
+
+cJSON *price_add(cJSON *to, const solved *s) {
+    const double step_s = tm_world_step_s(s->p.world);
+    return app_json_add(to, "seconds_per_step %g wall_per_simulated %g bytes %g", s->seconds_per_step,
+                        s->seconds_per_step / step_s, (double)tm_tissue_bytes(s->p.tissue));
+}
+
+measured measured_scaled(const measured *m, double scale) {
+    measured out = *m;
+    for (int c = 0; c < 3 * PROBES; c++) out.probe_u_m[c] *= scale;
+    out.force_z_N *= scale, out.energy_J *= scale * scale;
+    return out;
 }

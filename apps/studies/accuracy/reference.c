@@ -51,3 +51,8 @@ bool reference_case(const reference *r, const char *name, int index, double *dep
     m->force_z_N = force->valuedouble, m->energy_J = energy->valuedouble, *depth = share->valuedouble;
     return true;
 }
+
+tm_status reference_take(const run *r, const char *name, int index, double *depth, measured *m, tm_error *error) {
+    if (reference_case(r->truth, name, index, depth, m)) return TM_OK;
+    return tm_fail(error, TM_ERR_FILE, -1, "the references hold no case '%s'; make them again", name);
+}

@@ -54,11 +54,6 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
     return good ? s : NULL;
 }
 
-static int by_value(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* The same vertices of the file in every run, as finer meshes keep their numbers: the mesh's numbers of them. */
 static void choose_points(const sim *s, int own_vertices, int32_t point[STUDY_POINTS]) {
     int32_t *vertex = calloc((size_t)s->mesh->vertex_count, sizeof *vertex);
@@ -123,16 +118,11 @@ static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s
     r->wall_s = (app_seconds() - wall) / r->frames;
 }
 
-static double percentile_95(double *value, int count) {
-    qsort(value, (size_t)count, sizeof *value, by_value);
-    return value[(int)(0.95 * (count - 1))];
-}
-
 void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) {
     r->cpu_s = 0;
     for (int k = 0; k < frames; k++) r->cpu_s += cost_s[k] / frames;
-    r->cpu_p95_s = percentile_95(cost_s, frames);
-    r->busy_p95_s = percentile_95(busy_s, frames);
+    r->cpu_p95_s = app_percentile(cost_s, frames, 0.95);
+    r->busy_p95_s = app_percentile(busy_s, frames, 0.95);
 }
 
 static void run_frames(study *t, study_run *r, sim *s) {

@@ -69,11 +69,6 @@ static double work_about(const double *work_s, int frames, int k) {
     return app_median(value, n);
 }
 
-static int by_value(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 study_pace study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
                             double allowed_s) {
     study_pace out = {.slower = 1, .over = frames ? 0 : 1, .dearer = frames ? 0 : 1};
@@ -85,8 +80,7 @@ study_pace study_judge_pace(const double *cost_s, const double *work_s, int fram
         out.over += cost_s[k] > allowed_s ? 1.0 / frames : 0;
         out.dearer += cost_s[k] / slower[k] > allowed_s ? 1.0 / frames : 0;
     }
-    qsort(slower, (size_t)frames, sizeof *slower, by_value);
-    if (frames) out.slower = slower[(int)(0.95 * (frames - 1))];
+    if (frames) out.slower = app_percentile(slower, frames, 0.95);
     free(slower);
     return out;
 }

@@ -86,14 +86,11 @@ static void put(cJSON *to, const char *name, double value) {
 
 static cJSON *run_json(const study *t, const study_run *r) {
     cJSON *out = cJSON_CreateObject();
-    cJSON_AddStringToObject(out, "key", r->key);
-    cJSON_AddStringToObject(out, "knob", r->knob);
-    cJSON_AddStringToObject(out, "name", r->name);
-    cJSON_AddNumberToObject(out, "form", r->form);
+    app_json_add(out, "key %s knob %s name %s form %d", r->key, r->knob, r->name, r->form);
     cJSON_AddItemToObject(
         out, "set", cJSON_CreateStringArray((const char *const *)r->set + r->edits_from, r->set_count - r->edits_from));
     if (r->failed) {
-        cJSON_AddStringToObject(out, "cannot", r->why);
+        app_json_add(out, "cannot %s", r->why);
         return out;
     }
     put(out, "frames", r->frames), put(out, "instruments", r->instruments), put(out, "points", r->points);
@@ -109,9 +106,9 @@ static cJSON *run_json(const study *t, const study_run *r) {
     if (r->felt_known) {
         static const char *const sends[] = {"force", "stiffness", "patch"};
         if (!t->truth.force_N) put(out, "change", r->change);
-        cJSON_AddStringToObject(out, "law", hrt_extrapolator_name((hrt_extrapolator)r->law));
+        app_json_add(out, "law %s", hrt_extrapolator_name((hrt_extrapolator)r->law));
         put(out, "sample_rate_Hz", study_rate_Hz(t, r));
-        cJSON_AddStringToObject(out, "sends", sends[r->sends]);
+        app_json_add(out, "sends %s", sends[r->sends]);
         if (t->truth.force_N) cJSON_AddBoolToObject(out, "best_at_rate", r == &t->run[study_best_at(t, r->times)]);
         cJSON_AddItemToObject(out, "felt", cJSON_CreateDoubleArray(r->felt, STUDY_LATE));
         return out;
@@ -124,10 +121,9 @@ static cJSON *run_json(const study *t, const study_run *r) {
 static cJSON *truth_json(const study *t) {
     const study_truth *h = &t->truth;
     cJSON *out = cJSON_CreateObject();
-    cJSON_AddBoolToObject(out, "extrapolated", h->extrapolated);
-    cJSON_AddStringToObject(out, "finest", t->run[h->fine].name);
+    app_json_add(out, "extrapolated %hhd finest %s", h->extrapolated, t->run[h->fine].name);
     put(out, "finest_tets", t->run[h->fine].tets), put(out, "order", h->order);
-    cJSON_AddBoolToObject(out, "order_observed", h->order_observed);
+    app_json_add(out, "order_observed %hhd", h->order_observed);
     put(out, "uncertainty", h->uncertainty), put(out, "rms_N", h->rms_N);
     cJSON_AddItemToObject(out, "force_N", cJSON_CreateDoubleArray(h->force_N, h->frames * h->instruments * 3));
     return out;
@@ -137,28 +133,25 @@ static cJSON *choice_json(const study *t) {
     const study_choice *c = &t->choice;
     cJSON *out = cJSON_CreateObject(), *names = cJSON_AddArrayToObject(out, "settings");
     put(out, "budget", t->budget);
-    cJSON_AddBoolToObject(out, "fits", c->fits);
+    app_json_add(out, "fits %hhd", c->fits);
     cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->mesh_run].name));
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
     const study_run *felt = &t->run[c->felt_run];
     if (c->felt_run) {
-        cJSON_AddStringToObject(out, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)felt->law));
+        app_json_add(out, "extrapolator %s", hrt_extrapolator_name((hrt_extrapolator)felt->law));
         put(out, "sample_rate_Hz", study_rate_Hz(t, felt)), put(out, "felt_error", felt->force_error);
         char why[400];
         study_rate_reason(t, why, sizeof why);
-        cJSON_AddStringToObject(out, "rate_reason", why);
+        app_json_add(out, "rate_reason %s", why);
     }
-    cJSON_AddBoolToObject(out, "untried", c->untried);
-    cJSON_AddStringToObject(out, "file", c->file);
+    app_json_add(out, "untried %hhd file %s", c->untried, c->file);
     put(out, "error", c->error), put(out, "predicted_error", c->predicted), put(out, "worse", t->worse);
     put(out, "cost_s", c->cost_s), put(out, "frame_s", c->frame_s), put(out, "share", c->share),
         put(out, "busy", c->busy);
     if (!c->held_frames) return out;
     char verdict[500];
     study_verdict(c, verdict, sizeof verdict);
-    cJSON_AddStringToObject(out, "verdict", verdict);
-    cJSON_AddBoolToObject(out, "kept", c->kept);
-    cJSON_AddBoolToObject(out, "real_time", c->real_time);
+    app_json_add(out, "verdict %s kept %hhd real_time %hhd", verdict, c->kept, c->real_time);
     put(out, "held_error", c->held_error), put(out, "held_share", c->held_share), put(out, "held_over", c->held.over);
     put(out, "held_dearer", c->held.dearer), put(out, "held_slower", c->held.slower);
     put(out, "held_wall_s", c->held_wall_s), put(out, "held_frames", c->held_frames);
@@ -171,12 +164,10 @@ int study_save(const study *t, bool whole) {
     tm_error error = {0};
     cJSON *root = cJSON_CreateObject();
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->scene_hash);
-    cJSON_AddStringToObject(root, "study", "tensormass accuracy of a scene");
-    cJSON_AddStringToObject(root, "scene", t->file);
-    cJSON_AddStringToObject(root, "scene_hash", hash);
-    cJSON_AddStringToObject(root, "version", tm_version());
+    app_json_add(root, "study %s scene %s scene_hash %s version %s", "tensormass accuracy of a scene", t->file, hash,
+                 tm_version());
     cJSON_AddItemToObject(root, "set", cJSON_CreateStringArray((const char *const *)t->set, t->set_count));
-    cJSON_AddBoolToObject(root, "whole", whole);
+    app_json_add(root, "whole %hhd", whole);
     put(root, "duration_s", t->duration_s), put(root, "asked_duration_s", t->asked_s);
     put(root, "limit_s", t->limit_s);
     cJSON *left_out = cJSON_AddArrayToObject(root, "left_out");
@@ -184,9 +175,7 @@ int study_save(const study *t, bool whole) {
         if (!t->run[i].left_out) continue;
         cJSON *one = cJSON_CreateObject();
         cJSON_AddItemToArray(left_out, one);
-        cJSON_AddStringToObject(one, "knob", t->run[i].knob);
-        cJSON_AddStringToObject(one, "name", t->run[i].name);
-        cJSON_AddStringToObject(one, "why", t->run[i].why);
+        app_json_add(one, "knob %s name %s why %s", t->run[i].knob, t->run[i].name, t->run[i].why);
     }
     if (whole) cJSON_AddItemToObject(root, "truth", truth_json(t));
     if (whole && t->choice.wanted) cJSON_AddItemToObject(root, "recommendation", choice_json(t));

@@ -100,10 +100,7 @@ static tm_status pull(double end_s, cJSON *rows, double *worst, tm_error *error)
         *worst = fmax(*worst, fabs(found - truly) / peak);
         if (t < FIRST_S * pow(LAST_S / FIRST_S, (double)sample / (SAMPLES - 1))) continue;
         sample++;
-        cJSON *row = json_row(rows);
-        cJSON_AddNumberToObject(row, "time_s", t);
-        cJSON_AddNumberToObject(row, "stress_Pa", found);
-        cJSON_AddNumberToObject(row, "closed_Pa", truly);
+        app_json_add(rows, "time_s %g stress_Pa %g closed_Pa %g", t, found, truly);
     }
     free(unit_m);
     problem_destroy(&p);
@@ -112,17 +109,12 @@ static tm_status pull(double end_s, cJSON *rows, double *worst, tm_error *error)
 
 tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error) {
     double worst = 0;
-    cJSON_AddNumberToObject(out, "sudden_shear_Pa", sudden_Pa());
-    cJSON_AddNumberToObject(out, "poisson", POISSON);
-    cJSON_AddNumberToObject(out, "strain", STRAIN);
-    cJSON_AddNumberToObject(out, "ramp_s", RAMP_S);
+    app_json_add(out, "sudden_shear_Pa %g poisson %g strain %g ramp_s %g", sudden_Pa(), POISSON, STRAIN, RAMP_S);
     cJSON *terms = cJSON_AddArrayToObject(out, "terms");
     for (int i = 0; i < TERMS; i++) {
-        cJSON *term = json_row(terms);
-        cJSON_AddNumberToObject(term, "time_s", TIME_S[i]);
-        cJSON_AddNumberToObject(term, "shear", SHARE_PA[i] / sudden_Pa());
+        app_json_add(terms, "time_s %g shear %g", TIME_S[i], SHARE_PA[i] / sudden_Pa());
     }
     const tm_status status = pull(r->quick ? 0.05 : 0.5, cJSON_AddArrayToObject(out, "rows"), &worst, error);
-    cJSON_AddNumberToObject(out, "worst", worst);
+    app_json_add(out, "worst %g", worst);
     return status;
 }

@@ -96,26 +96,22 @@ hrt_pose loop_tissue_pose(const loop_tissue *tissue);
 bool loop_tissue_frame(loop_tissue *tissue, const tensormass_tool_state_t *tool, int64_t now_us,
                        tensormass_force_sample_t *sample, tensormass_contact_patch_t *patch);
 
-/* --- studies: each returns its JSON, null having complained --- */
+/* --- studies --- */
 
 typedef struct study_run {
     bool quick;
     bool model[MODEL_COUNT], path[PATH_COUNT]; /* which were asked for */
 } study_run;
 
-/* Every law on scenes that are pressed, held, lifted and cut, at every rate, by phase, with the price of the rate. */
-cJSON *study_operating(const study_run *r);
-cJSON *study_roughness(const study_run *r);
-cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5 */
-/* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */
-int study_hands(const study_run *r, cJSON *rows);
-cJSON *study_loop(const study_run *r);
-/* The same on simulated tissue, whole and cut: of those models that were asked for. */
-cJSON *study_tissue_loop(const study_run *r);
-/* Two cauteries at random: what `contact` renders at most, over the truth's peak. */
-cJSON *study_cutting(const study_run *r);
-cJSON *study_ready(const study_run *r); /* by the wall clock: how soon patches are exact; empty without the solver */
-cJSON *add_row(cJSON *rows);
+/* Measures a part of the study into `out`, rows or an object of them. Returns 0, or an exit code after a complaint. */
+typedef int study_part_maker(const study_run *run, cJSON *out);
+/* operating: every law on scenes that are pressed, held, lifted and cut, at every rate, by phase, with the price of the
+ * rate. rates: rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5; hands adds to its rows what
+ * is cut by the other hand and by the same, grasped and pulled. tissue_loop: loop on simulated tissue, whole and cut.
+ * ready: by the wall clock, how soon patches are exact; empty without the solver. cutting: two cauteries at random,
+ * what `contact` renders at most, over the truth's peak. */
+study_part_maker study_operating, study_roughness, study_rates, study_hands, study_loop, study_tissue_loop, study_ready,
+    study_cutting;
 
 /* Of a row: how it was made. */
 typedef struct setting {

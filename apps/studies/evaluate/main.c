@@ -80,15 +80,10 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
                  instrument);
         return false;
     }
-    cJSON *one = add_row(logs), *rows;
-    cJSON_AddStringToObject(one, "log", file);
-    cJSON_AddNumberToObject(one, "instrument", instrument);
-    cJSON_AddNumberToObject(one, "controller_sessions", r->sessions);
-    cJSON_AddStringToObject(one, "truth", r->interpolated ? "interpolated" : "recorded");
-    cJSON_AddNumberToObject(one, "ticks", r->ticks);
-    cJSON_AddNumberToObject(one, "samples", r->samples);
-    cJSON_AddNumberToObject(one, "peak_N", r->peak_N);
-    rows = cJSON_AddArrayToObject(one, "rows");
+    cJSON *one = app_json_add(
+        logs, "log %s instrument %d controller_sessions %d truth %s ticks %d samples %d peak_N %g", file, instrument,
+        r->sessions, r->interpolated ? "interpolated" : "recorded", r->ticks, r->samples, r->peak_N);
+    cJSON *rows = cJSON_AddArrayToObject(one, "rows");
     printf("%s: instrument %d: %d samples over %.1f s, %d ticks judged, peak %.3g N, truth %s\n", file, instrument,
            r->samples, 1e-6 * TICK_US * r->ticks, first.judged, r->peak_N,
            r->interpolated ? "interpolated afterwards" : "recorded at 500 Hz");
@@ -97,10 +92,10 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
     for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
         const char *name = hrt_extrapolator_name((hrt_extrapolator)x), *missing = lacks(r, (hrt_extrapolator)x);
         errors e = replay(r, (hrt_extrapolator)x, c, NULL);
-        cJSON *row = missing ? cJSON_CreateObject() : errors_json(&e);
-        cJSON_AddItemToArray(rows, row);
-        cJSON_AddStringToObject(row, "extrapolator", name);
-        if (missing) cJSON_AddStringToObject(row, "needs", missing);
+        if (missing)
+            app_json_add(rows, "extrapolator %s needs %s", name, missing);
+        else
+            app_json_add(errors_add(rows, &e), "extrapolator %s", name);
         print_row(name, missing, &e);
     }
     return true;
@@ -162,12 +157,6 @@ static int evaluate_logs(char **log, int count, const conditions *c, const char 
     return rc;
 }
 
-/* Adds a study's part to the figures. */
-static bool add_part(cJSON *root, const char *name, cJSON *part) {
-    if (part) cJSON_AddItemToObject(root, name, part);
-    return part != NULL;
-}
-
 typedef enum study_part {
     PART_OPERATING,
     PART_ROUGHNESS,
@@ -182,14 +171,19 @@ static const char *const part_name[PART_COUNT] = {"operating",   "roughness", "r
                                                   "tissue-loop", "ready",     "cutting"};
 
 static int study(const study_run *run, const bool wanted[PART_COUNT], const char *json) {
-    static cJSON *(*const make[PART_COUNT])(const study_run *) = {
-        study_operating, study_roughness, study_rates, study_loop, study_tissue_loop, study_ready, study_cutting};
+    static study_part_maker *const make[PART_COUNT] = {study_operating,   study_roughness, study_rates,  study_loop,
+                                                       study_tissue_loop, study_ready,     study_cutting};
     cJSON *root = cJSON_CreateObject();
-    bool good = true;
-    cJSON_AddBoolToObject(root, "quick", run->quick);
-    for (int i = 0; i < PART_COUNT && good; i++) good = !wanted[i] || add_part(root, part_name[i], make[i](run));
-    cJSON_AddNumberToObject(root, "bandwidth_B_s", good ? app_bandwidth_B_s(4 << 20, 15) : 0);
-    int rc = good ? write_json(json, root) : APP_FAILED;
+    int rc = 0;
+    app_json_add(root, "quick %hhd", run->quick);
+    for (int i = 0; i < PART_COUNT && !rc; i++) {
+        if (!wanted[i]) continue;
+        cJSON *part = i == PART_RATES || i == PART_LOOP ? cJSON_CreateObject() : cJSON_CreateArray();
+        cJSON_AddItemToObject(root, part_name[i], part);
+        rc = make[i](run, part);
+    }
+    app_json_add(root, "bandwidth_B_s %g", rc ? 0 : app_bandwidth_B_s(4 << 20, 15));
+    if (!rc) rc = write_json(json, root);
     app_progress("", 1, true);
     cJSON_Delete(root);
     return rc;

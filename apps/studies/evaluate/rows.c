@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "evaluate.h"
+#include "json_file.h"
 
 void progress(const char *what, double fraction) { app_progress(what, fraction, false); }
 
@@ -19,29 +20,15 @@ void copy_truth(const recording *truth, recording *out) {
     memcpy(out->phase, truth->phase, (size_t)truth->ticks);
 }
 
-cJSON *add_row(cJSON *rows) {
-    cJSON *row = cJSON_CreateObject();
-    cJSON_AddItemToArray(rows, row);
-    return row;
-}
-
 void add_error(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth,
                hrt_extrapolator which, const char *name) {
     errors e = replay(r, which, c, NULL);
-    cJSON *row = errors_json(&e);
-    cJSON_AddItemToArray(rows, row);
-    cJSON_AddStringToObject(row, "extrapolator", name);
-    cJSON_AddStringToObject(row, "model", s->model);
-    cJSON_AddStringToObject(row, "path", s->path);
-    cJSON_AddStringToObject(row, "truth", truth);
-    cJSON_AddNumberToObject(row, "rate_Hz", s->rate);
-    cJSON_AddNumberToObject(row, "speed_m_s", s->speed);
-    cJSON_AddNumberToObject(row, "tremor_m", s->tremor);
-    cJSON_AddNumberToObject(row, "latency_frames", c->latency_frames);
-    cJSON_AddNumberToObject(row, "jitter", c->jitter);
-    cJSON_AddNumberToObject(row, "loss", c->loss);
-    cJSON_AddBoolToObject(row, "encoders", s->encoders);
-    cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
+    cJSON *row = errors_add(rows, &e);
+    app_json_add(
+        row,
+        "extrapolator %s model %s path %s truth %s rate_Hz %g speed_m_s %g tremor_m %g latency_frames %d jitter %g loss %g encoders %hhd peak_N %g",
+        name, s->model, s->path, truth, s->rate, s->speed, s->tremor, c->latency_frames, c->jitter, c->loss,
+        s->encoders, r->peak_N);
 }
 
 void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth) {

@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "evaluate.h"
+#include "json_file.h"
 
 static const double SPEED_M_S = 0.01, TREMOR_M = 40e-6, RATE_HZ = 20, SOAK_S = 600;
 /* of a quick run: one session, a few strokes of either hand */
@@ -11,15 +12,10 @@ enum { QUICK_POINTS = 9 };
 static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_extrapolator which) {
     const conditions c = {.latency_frames = late, .seed = seed};
     const errors e = replay(r, which, &c, NULL);
-    cJSON *row = errors_json(&e);
-    cJSON_AddItemToArray(rows, row);
-    cJSON_AddNumberToObject(row, "seed", (double)seed);
-    cJSON_AddNumberToObject(row, "instrument", r->instrument);
-    cJSON_AddNumberToObject(row, "latency_frames", late);
-    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(which));
-    cJSON_AddNumberToObject(row, "seconds", 1e-6 * TICK_US * r->ticks);
-    cJSON_AddNumberToObject(row, "cut", r->replay ? r->replay->count : 0);
-    cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
+    cJSON *row = errors_add(rows, &e);
+    app_json_add(row, "seed %g instrument %d latency_frames %d extrapolator %s seconds %g cut %d peak_N %g",
+                 (double)seed, r->instrument, late, hrt_extrapolator_name(which), 1e-6 * TICK_US * r->ticks,
+                 r->replay ? r->replay->count : 0, r->peak_N);
 }
 
 /* The hands of one session, from one run of the tissue. */
@@ -40,17 +36,14 @@ static int felt(const path *p, uint64_t seed, cJSON *rows) {
     return rc;
 }
 
-cJSON *study_cutting(const study_run *run) {
-    cJSON *rows = cJSON_CreateArray();
+int study_cutting(const study_run *run, cJSON *rows) {
     double done_s = run->model[MODEL_ISOTROPIC] ? 0 : SOAK_S;
     for (uint64_t seed = 1; done_s < SOAK_S; seed++) {
         const path p = path_make_random(seed, run->quick ? QUICK_POINTS : PATH_RANDOM_POINTS, SPEED_M_S, TREMOR_M);
         progress("two cauteries at random", done_s / SOAK_S);
-        if (felt(&p, seed, rows)) {
-            cJSON_Delete(rows);
-            return NULL;
-        }
+        const int rc = felt(&p, seed, rows);
+        if (rc) return rc;
         done_s += run->quick ? SOAK_S : path_length_s(&p);
     }
-    return rows;
+    return 0;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "evaluate.h"
+#include "json_file.h"
 
 static const double SPEED_M_S = 0.01, TREMOR_M = 40e-6, RATE_HZ = 20;
 
@@ -30,9 +31,8 @@ static int sampled_rows(model m, const path *p, const recording *truth, bool own
         r.params.blend_us = blend_us;
         for (int i = before; i < cJSON_GetArraySize(rows); i++) {
             cJSON *row = cJSON_GetArrayItem(rows, i);
-            cJSON_AddNumberToObject(row, "cut_true", truth->cuts.count);
-            cJSON_AddNumberToObject(row, "cut_shared",
-                                    own_cuts ? cut_list_shared(&truth->cuts, &r.cuts) : truth->cuts.count);
+            app_json_add(row, "cut_true %d cut_shared %d", truth->cuts.count,
+                         own_cuts ? cut_list_shared(&truth->cuts, &r.cuts) : truth->cuts.count);
         }
     }
     recording_free(&r);

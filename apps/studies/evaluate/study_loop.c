@@ -18,6 +18,7 @@
 #include "device/device.h"
 #include "evaluate.h"
 #include "io/node.h"
+#include "json_file.h"
 
 enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
 static const double TISSUE_COUNTS = 4;
@@ -275,18 +276,14 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
 static void add_largest(cJSON *rows, const loop_case *c, bool quick, double damping_N_s_m) {
     bool beyond;
     const loop_result r = largest(c, quick, &beyond);
-    cJSON *row = add_row(rows);
-    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c->which));
-    cJSON_AddNumberToObject(row, "rate_Hz", c->rate_Hz);
-    cJSON_AddNumberToObject(row, "tick_Hz", 1e6 / c->tick_us);
-    cJSON_AddNumberToObject(row, "delay_frames", c->delay_frames);
-    cJSON_AddBoolToObject(row, "passivity", c->passivity);
-    cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
-    cJSON_AddBoolToObject(row, "beyond", beyond);
-    cJSON_AddNumberToObject(row, "wall_N_s_m", c->wall_N_s_m);
+    cJSON *row = app_json_add(
+        rows,
+        "extrapolator %s rate_Hz %g tick_Hz %g delay_frames %d passivity %hhd stiffness_N_m %g beyond %hhd wall_N_s_m %g",
+        hrt_extrapolator_name(c->which), c->rate_Hz, 1e6 / c->tick_us, c->delay_frames, c->passivity, r.stiffness_N_m,
+        beyond, c->wall_N_s_m);
     /* a sample is heard in the tick after it was taken */
     const double late_s = (0.5 + c->delay_frames) / c->rate_Hz + 1e-6 * c->tick_us;
-    cJSON_AddNumberToObject(row, "theory_N_m", (damping_N_s_m - c->wall_N_s_m) / late_s);
+    app_json_add(row, "theory_N_m %g", (damping_N_s_m - c->wall_N_s_m) / late_s);
 }
 
 /* At streaming rates laws go by forces alone, so that fewer of them differ. */
@@ -318,13 +315,13 @@ static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
     }
 }
 
-cJSON *study_loop(const study_run *run) {
+int study_loop(const study_run *run, cJSON *out) {
     static const double whole[] = {10, 20, 30, 50, 100, 250, 500}, quick[] = {30};
     const double *rates = run->quick ? quick : whole;
     const int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
     const hrt_device_config device = hrt_device_config_default(0);
     const double b = device.viscous[HRT_INSERTION] + device.hand_damping[HRT_INSERTION];
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
+    cJSON *rows = cJSON_AddArrayToObject(out, "rows");
     for (int k = 0; k < count; k++)
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
@@ -333,28 +330,22 @@ cJSON *study_loop(const study_run *run) {
                             run->quick, b);
         }
     add_z_width(cJSON_AddArrayToObject(out, "z_width"), run->quick, b);
-    cJSON_AddNumberToObject(out, "damping_N_s_m", b);
-    cJSON_AddNumberToObject(out, "hand_stiffness_N_m", device.hand_stiffness[HRT_INSERTION]);
-    cJSON_AddNumberToObject(out, "mass_kg", device.inertia[HRT_INSERTION]);
-    return out;
+    app_json_add(out, "damping_N_s_m %g hand_stiffness_N_m %g mass_kg %g", b, device.hand_stiffness[HRT_INSERTION],
+                 device.inertia[HRT_INSERTION]);
+    return 0;
 }
 
-cJSON *study_tissue_loop(const study_run *run) {
+int study_tissue_loop(const study_run *run, cJSON *rows) {
     static const hrt_extrapolator which[] = {HRT_HOLD, HRT_CONTACT, HRT_POSITION, HRT_TANGENT};
     static const model tissue[] = {MODEL_ISOTROPIC, MODEL_CUT};
-    cJSON *rows = cJSON_CreateArray();
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
             const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0};
             bool beyond;
             progress("closed loop on tissue", (4.0 * i + x) / 8);
             const loop_result r = largest(&c, run->quick, &beyond);
-            cJSON *row = add_row(rows);
-            cJSON_AddStringToObject(row, "model", model_name[tissue[i]]);
-            cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c.which));
-            cJSON_AddNumberToObject(row, "rate_Hz", c.rate_Hz);
-            cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
-            cJSON_AddBoolToObject(row, "beyond", beyond);
+            app_json_add(rows, "model %s extrapolator %s rate_Hz %g stiffness_N_m %g beyond %hhd",
+                         model_name[tissue[i]], hrt_extrapolator_name(c.which), c.rate_Hz, r.stiffness_N_m, beyond);
         }
-    return rows;
+    return 0;
 }

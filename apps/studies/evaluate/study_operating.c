@@ -6,6 +6,7 @@
 #include <stdio.h>
 
 #include "evaluate.h"
+#include "json_file.h"
 
 static const struct {
     const char *file, *name;
@@ -30,8 +31,7 @@ static void add_phases(cJSON *row, const errors *e) {
     for (int p = 0; p < PHASE_COUNT; p++) {
         if (!(e->phase_ticks[p] > 0)) continue;
         cJSON *one = cJSON_AddObjectToObject(phases, phase_name[p]);
-        cJSON_AddNumberToObject(one, "ticks", e->phase_ticks[p]);
-        cJSON_AddNumberToObject(one, "rms", e->phase_rms[p]);
+        app_json_add(one, "ticks %d rms %g", e->phase_ticks[p], e->phase_rms[p]);
     }
 }
 
@@ -41,16 +41,11 @@ static void add_rows(cJSON *rows, const char *name, const recording *r, double r
         for (int x = 0; x < REPLAY_LAWS; x++) {
             const conditions c = {.latency_frames = late, .seed = 1};
             const errors e = replay(r, (hrt_extrapolator)x, &c, NULL);
-            cJSON *row = errors_json(&e);
-            cJSON_AddItemToArray(rows, row);
-            cJSON_AddStringToObject(row, "extrapolator", replay_law_name(x));
-            cJSON_AddStringToObject(row, "scene", name);
-            cJSON_AddNumberToObject(row, "instrument", r->instrument);
-            cJSON_AddStringToObject(row, "mode", modes[r->mode]);
-            cJSON_AddNumberToObject(row, "rate_Hz", rate_Hz);
-            cJSON_AddNumberToObject(row, "latency_samples", late);
-            cJSON_AddNumberToObject(row, "processor_share", r->processor_share);
-            cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
+            cJSON *row = errors_add(rows, &e);
+            app_json_add(
+                row,
+                "extrapolator %s scene %s instrument %d mode %s rate_Hz %g latency_samples %d processor_share %g peak_N %g",
+                replay_law_name(x), name, r->instrument, modes[r->mode], rate_Hz, late, r->processor_share, r->peak_N);
             add_phases(row, &e);
         }
 }
@@ -63,13 +58,14 @@ static int one_rate(const char *name, const scene_record *of, double rate_Hz, co
     scene_record with = *of;
     recording r[TM_MAX_INSTRUMENTS] = {0};
     with.force_alone = rate_Hz > patch_rate_max_Hz;
-    const int hands = record_scene(&with, rate_Hz, r);
+    int hands = 0;
+    const int rc = record_scene(&with, rate_Hz, r, &hands);
     for (int h = 0; h < hands; h++) {
         copy_truth(&truth[h], &r[h]);
         add_rows(rows, name, &r[h], rate_Hz);
     }
     free_all(r);
-    return hands ? 0 : APP_FAILED;
+    return rc;
 }
 
 static int one_scene(int which, bool quick, cJSON *rows) {
@@ -83,7 +79,7 @@ static int one_scene(int which, bool quick, cJSON *rows) {
     app_shared_file(scene, file, sizeof file);
     const scene_record of = {.scene = file, .set = set};
     progress(name, done);
-    int rc = record_scene_truth(&of, truth) ? 0 : APP_FAILED;
+    int rc = record_scene_truth(&of, truth);
     for (size_t k = 0; k < rates && !rc; k++) {
         rc = one_rate(name, &of, rate_Hz[k], truth, rows);
         progress(name, done + (double)(k + 1) / (double)(rates + 1) / SCENES);
@@ -92,12 +88,9 @@ static int one_scene(int which, bool quick, cJSON *rows) {
     return rc;
 }
 
-cJSON *study_operating(const study_run *run) {
-    cJSON *rows = cJSON_CreateArray();
+int study_operating(const study_run *run, cJSON *rows) {
     int rc = 0;
     for (int i = 0; i < SCENES && !rc; i++)
         if (scenes[i].quick || !run->quick) rc = one_scene(i, run->quick, rows);
-    if (!rc) return rows;
-    cJSON_Delete(rows);
-    return NULL;
+    return rc;
 }

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "evaluate.h"
+#include "json_file.h"
 
 static const double TREMOR_M = 40e-6;
 static const double rates[] = {10, 15, 20, 25, 30, 50, 100}, speeds[] = {0.005, 0.01, 0.02, 0.03, 0.05, 0.1};
@@ -87,8 +88,7 @@ static int figure5(model m, cJSON *out) {
             cJSON *own = cJSON_AddArrayToObject(series, hrt_extrapolator_name((hrt_extrapolator)x));
             for (int k = 0; k < r.ticks; k += 2) cJSON_AddItemToArray(own, cJSON_CreateFloatArray(force + 3 * k, 3));
         }
-        cJSON_AddNumberToObject(out, "dt_s", 2e-6 * TICK_US);
-        cJSON_AddStringToObject(out, "model", model_name[m]);
+        app_json_add(out, "dt_s %g model %s", 2e-6 * TICK_US, model_name[m]);
     }
     free(force);
     recording_free(&r);
@@ -96,9 +96,8 @@ static int figure5(model m, cJSON *out) {
     return rc;
 }
 
-cJSON *study_rates(const study_run *run) {
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows"),
-          *figure = cJSON_AddObjectToObject(out, "figure5");
+int study_rates(const study_run *run, cJSON *out) {
+    cJSON *rows = cJSON_AddArrayToObject(out, "rows"), *figure = cJSON_AddObjectToObject(out, "figure5");
     int rc = 0;
     bool drawn = false;
     for (int m = 0; m < MODEL_COUNT && !rc; m++) {
@@ -118,8 +117,5 @@ cJSON *study_rates(const study_run *run) {
         if (!rc) rc = without_encoders((model)m, rows);
         if (!rc && !drawn) rc = figure5((model)m, figure), drawn = true;
     }
-    if (!rc) rc = study_hands(run, rows);
-    if (!rc) return out;
-    cJSON_Delete(out);
-    return NULL;
+    return rc ? rc : study_hands(run, rows);
 }

@@ -11,6 +11,7 @@
 #include "block.h"
 #include "common/program_host.h"
 #include "evaluate.h"
+#include "json_file.h"
 #include "scene/solve_api.h"
 #include "tensormass/cut.h"
 
@@ -176,40 +177,25 @@ static void session(bed *b, ready *r) {
     for (int k = 0; k < APART; k++) frame(b);
 }
 
-static int ascending(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *value, int count) {
-    qsort(value, (size_t)count, sizeof *value, ascending);
-    return count ? value[count / 2] : 0;
-}
-
-static void report(cJSON *row, const bed *alone, bed *beside, const ready *r) {
+static void report(cJSON *rows, const bed *alone, bed *beside, const ready *r) {
     double small[SMALL_CUTS];
     static double step_s[4 * PATIENCE];
     const int most = (int)(sizeof step_s / sizeof *step_s);
     for (int i = 0; i < SMALL_CUTS; i++) small[i] = r->small[i];
     const int count = beside->frames < most ? beside->frames : most;
     memcpy(step_s, alone->step_s, sizeof step_s);
-    const double own_s = median(step_s, count), with_s = median(beside->step_s, count);
-    cJSON_AddNumberToObject(row, "tets", beside->mesh->tet_count);
-    cJSON_AddNumberToObject(row, "first_whole_patch_s", r->first_s);
-    cJSON_AddNumberToObject(row, "first_whole_patch_worker_s", r->first_cpu_s);
-    cJSON_AddNumberToObject(row, "cut_tets", r->small_tets / 2.0 / SMALL_CUTS);
-    cJSON_AddNumberToObject(row, "exact_after_cut_frames", median(small, SMALL_CUTS));
-    cJSON_AddNumberToObject(row, "exact_after_cut_frames_most", small[SMALL_CUTS - 1]);
-    cJSON_AddNumberToObject(row, "large_cut_tets", r->large_tets / 2.0);
-    cJSON_AddNumberToObject(row, "exact_after_large_cut_frames", r->large);
-    cJSON_AddNumberToObject(row, "step_alone_s", own_s);
-    cJSON_AddNumberToObject(row, "step_beside_s", with_s);
-    cJSON_AddNumberToObject(row, "slower", own_s > 0 ? with_s / own_s - 1 : 0);
+    const double own_s = app_median(step_s, count), with_s = app_median(beside->step_s, count);
+    const double small_frames = app_median(small, SMALL_CUTS); /* sorts */
     double load[1] = {0};
-    cJSON_AddNumberToObject(row, "load_average", getloadavg(load, 1) == 1 ? load[0] : 0);
+    app_json_add(
+        rows,
+        "tets %d first_whole_patch_s %g first_whole_patch_worker_s %g cut_tets %g exact_after_cut_frames %g exact_after_cut_frames_most %g large_cut_tets %g exact_after_large_cut_frames %d step_alone_s %g step_beside_s %g slower %g load_average %g",
+        beside->mesh->tet_count, r->first_s, r->first_cpu_s, r->small_tets / 2.0 / SMALL_CUTS, small_frames,
+        small[SMALL_CUTS - 1], r->large_tets / 2.0, r->large, own_s, with_s, own_s > 0 ? with_s / own_s - 1 : 0,
+        getloadavg(load, 1) == 1 ? load[0] : 0);
 }
 
-static bool one(const sim_solve_api *api, const int32_t cells[3], cJSON *rows) {
+static int one(const sim_solve_api *api, const int32_t cells[3], cJSON *rows) {
     static bed beside, alone;
     ready r = {0};
     tm_error error = {0};
@@ -222,23 +208,21 @@ static bool one(const sim_solve_api *api, const int32_t cells[3], cJSON *rows) {
     if (!status) status = make_tissue(&alone, cells, &error);
     if (!status) status = make_world(&alone, &error);
     if (!status) session(&alone, &r);
-    if (!status) report(add_row(rows), &alone, &beside, &r);
+    if (!status) report(rows, &alone, &beside, &r);
     bed_close(&beside);
     bed_close(&alone);
-    return !status || app_report(NULL, 0, &error) == 0;
+    return status ? app_report(NULL, 0, &error) : 0;
 }
 
-cJSON *study_ready(const study_run *run) {
+int study_ready(const study_run *run, cJSON *out) {
     static const int32_t cells[][3] = {{14, 14, 13}, {20, 20, 21}};
-    cJSON *out = cJSON_CreateArray();
     sim_solve_api api;
     tm_error error = {0};
-    if (!sim_solve_open(app_program_host(), &api, &error)) return out;
+    if (!sim_solve_open(app_program_host(), &api, &error)) return 0;
     for (int i = 0; i < (run->quick ? 1 : 2); i++) {
         progress("ready times", 0.5 * i);
-        if (one(&api, cells[i], out)) continue;
-        cJSON_Delete(out);
-        return NULL;
+        const int rc = one(&api, cells[i], out);
+        if (rc) return rc;
     }
-    return out;
+    return 0;
 }

@@ -4,14 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "evaluate.h"
+#include "json_file.h"
 
-static int ascending(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static int one(model m, double depth_m, cJSON *row) {
+static int one(model m, double depth_m, cJSON *rows) {
     path p = path_make(PATH_TOUR, 0.01, 0);
     p.depth_m = depth_m;
     recording r = {0};
@@ -30,30 +27,22 @@ static int one(model m, double depth_m, cJSON *row) {
         second[count++] = sqrt(d2) / r.peak_N;
         most = fmax(most, second[count - 1]);
     }
-    qsort(second, (size_t)count, sizeof *second, ascending);
-    cJSON_AddStringToObject(row, "model", model_name[m]);
-    cJSON_AddNumberToObject(row, "depth_m", depth_m);
-    cJSON_AddNumberToObject(row, "largest", most);
-    cJSON_AddNumberToObject(row, "p99", count ? second[(int)(0.99 * (count - 1))] : 0);
-    cJSON_AddNumberToObject(row, "peak_N", r.peak_N);
-    cJSON_AddNumberToObject(row, "ticks", count);
+    app_json_add(rows, "model %s depth_m %g largest %g p99 %g peak_N %g ticks %d", model_name[m], depth_m, most,
+                 app_percentile(second, count, 0.99), r.peak_N, count);
     free(second);
     recording_free(&r);
     return 0;
 }
 
-cJSON *study_roughness(const study_run *run) {
+int study_roughness(const study_run *run, cJSON *rows) {
     static const double depths_m[] = {0.001, 0.002, 0.003, 0.005, 0.008};
     int count = (int)(sizeof depths_m / sizeof *depths_m);
-    cJSON *rows = cJSON_CreateArray();
     for (int m = 0; m < MODEL_COUNT; m++)
         for (int d = 0; d < count; d++) {
             if (!run->model[m] || ((run->quick || m == MODEL_HYBRID) && d != 2)) continue;
             progress("roughness", (m * count + d + 1.0) / (MODEL_COUNT * count));
-            if (one((model)m, depths_m[d], add_row(rows))) {
-                cJSON_Delete(rows);
-                return NULL;
-            }
+            const int rc = one((model)m, depths_m[d], rows);
+            if (rc) return rc;
         }
-    return rows;
+    return 0;
 }

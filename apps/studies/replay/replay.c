@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bandwidth.h"
+#include "json_file.h"
 #include "studies/replay/frozen.h"
 #include "studies/replay/replay.h"
 
@@ -36,16 +37,11 @@ static int arrivals(const recording *r, const conditions *c, arrival *out) {
     return count;
 }
 
-static int ascending(const void *a, const void *b) {
-    float x = *(const float *)a, y = *(const float *)b;
-    return (x > y) - (x < y);
-}
-
 const char *const phase_name[PHASE_COUNT] = {"free", "touch", "press", "slide", "grasp", "lift", "cut", "let go"};
 
 typedef struct sums {
     double error2, angle2, cut_error2, phase_error2[PHASE_COUNT];
-    float *of_tick; /* squared error of each judged tick */
+    double *of_tick; /* squared error of each judged tick */
     int cut, angled, in_contact, off_patch;
     errors e;
 } sums;
@@ -115,7 +111,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     static player player;
     sums s = {0};
     arrival *line = malloc(sizeof *line * (size_t)(r->samples + 1));
-    float *jump = malloc(sizeof *jump * (size_t)r->ticks), last[3] = {0};
+    double *jump = malloc(sizeof *jump * (size_t)r->ticks);
+    float last[3] = {0};
     s.of_tick = malloc(sizeof *s.of_tick * (size_t)r->ticks);
     if (!line || !jump || !s.of_tick) abort();
     int count = arrivals(r, c, line), next = 0, jumps = 0;
@@ -151,33 +148,21 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     s.e.cut_since_error2 = s.error2 > 0 ? s.cut_error2 / s.error2 : 0;
     s.e.cut_since_ticks = s.e.judged ? (double)s.cut / s.e.judged : 0;
     s.e.ns_per_tick = 1e9 * spent / r->ticks;
-    qsort(jump, (size_t)jumps, sizeof *jump, ascending);
-    if (jumps) s.e.jump_peak = jump[jumps - 1] / r->peak_N, s.e.jump_p99 = jump[(int)(0.99 * (jumps - 1))] / r->peak_N;
-    qsort(s.of_tick, (size_t)s.e.judged, sizeof *s.of_tick, ascending);
+    s.e.jump_p99 = app_percentile(jump, jumps, 0.99) / r->peak_N; /* sorts */
+    s.e.jump_peak = jumps ? jump[jumps - 1] / r->peak_N : 0;
+    app_percentile(s.of_tick, s.e.judged, 1);
     for (int i = s.e.judged - s.e.judged / 50; i < s.e.judged && s.error2 > 0; i++)
-        s.e.worst_error2 += (double)s.of_tick[i] / s.error2;
+        s.e.worst_error2 += s.of_tick[i] / s.error2;
     free(line);
     free(jump);
     free(s.of_tick);
     return s.e;
 }
 
-cJSON *errors_json(const errors *e) {
-    cJSON *row = cJSON_CreateObject();
-    cJSON_AddNumberToObject(row, "judged", e->judged);
-    cJSON_AddNumberToObject(row, "rms", e->rms);
-    cJSON_AddNumberToObject(row, "peak", e->peak);
-    cJSON_AddNumberToObject(row, "jump_peak", e->jump_peak);
-    cJSON_AddNumberToObject(row, "jump_p99", e->jump_p99);
-    cJSON_AddNumberToObject(row, "jump_arrival", e->jump_arrival);
-    cJSON_AddNumberToObject(row, "jump_true", e->jump_true);
-    cJSON_AddNumberToObject(row, "cut_since_error2", e->cut_since_error2);
-    cJSON_AddNumberToObject(row, "cut_since_ticks", e->cut_since_ticks);
-    cJSON_AddNumberToObject(row, "worst_error2", e->worst_error2);
-    cJSON_AddNumberToObject(row, "direction_rad", e->direction_rad);
-    cJSON_AddNumberToObject(row, "largest", e->largest);
-    cJSON_AddNumberToObject(row, "over_limit", e->over_limit);
-    cJSON_AddNumberToObject(row, "off_patch", e->off_patch);
-    cJSON_AddNumberToObject(row, "ns_per_tick", e->ns_per_tick);
-    return row;
+cJSON *errors_add(cJSON *rows, const errors *e) {
+    return app_json_add(
+        rows,
+        "judged %d rms %g peak %g jump_peak %g jump_p99 %g jump_arrival %g jump_true %g cut_since_error2 %g cut_since_ticks %g worst_error2 %g direction_rad %g largest %g over_limit %g off_patch %g ns_per_tick %g",
+        e->judged, e->rms, e->peak, e->jump_peak, e->jump_p99, e->jump_arrival, e->jump_true, e->cut_since_error2,
+        e->cut_since_ticks, e->worst_error2, e->direction_rad, e->largest, e->over_limit, e->off_patch, e->ns_per_tick);
 }

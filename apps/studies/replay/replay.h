@@ -104,8 +104,8 @@ typedef struct scene_record {
     bool force_alone;       /* samples without stiffness and patch */
 } scene_record;
 /* Fills frame_s, params, mode, samples, processor_share and cuts (the first's) of out[TM_MAX_INSTRUMENTS] from frames
- * of `rate_Hz`. Returns how many instruments there are; 0 after a complaint. */
-int record_scene(const scene_record *of, double rate_Hz, recording *out);
+ * of `rate_Hz`. Returns 0, or an exit code after a complaint: APP_BAD_INPUT for a scene without instruments. */
+int record_scene(const scene_record *of, double rate_Hz, recording *out, int *instruments);
 /* Fills ticks, tip, truth, phases and mode of out[] from the scene run at every tick. Returns as record_scene. */
 int record_scene_truth(const scene_record *of, recording *out);
 /* Fills tick k of a recording's tip and truth from the frame just simulated. */
@@ -146,7 +146,8 @@ const char *replay_law_name(int law);
 
 /* `which`: an extrapolator, or REPLAY_FROZEN. */
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
-cJSON *errors_json(const errors *e);
+/* A row of their own. */
+cJSON *errors_add(cJSON *rows, const errors *e);
 /* 0 to 1, evenly; moves the state on. */
 double uniform(uint64_t *state);
 

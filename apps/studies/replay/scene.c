@@ -10,15 +10,27 @@
 
 enum { SETTINGS = 16 };
 
-static sim *open_at(const scene_record *of, double rate_Hz, const char *const *more) {
+/* Returns an exit code after a complaint: the scene has no tool whose force could be replayed. Read without settings
+ * of haptics, which want instruments themselves. */
+static int check_instruments(const scene_record *of) {
+    app_scene *scene = NULL;
+    int rc = sim_scene_load(of->scene, NULL, 0, app_program_host(), &scene);
+    if (!rc && !scene->instrument.count)
+        rc = app_bad_input(of->scene, 0, "no instrument, so there is no force to replay; add 'instruments:'");
+    app_scene_free(scene);
+    return rc;
+}
+
+/* Returns 0, or an exit code after a complaint. */
+static int open_at(const scene_record *of, double rate_Hz, const char *const *more, sim **out) {
     char rate[64], *set[SETTINGS] = {rate};
-    int count = 1;
-    sim *s = NULL;
+    int count = 1, rc = check_instruments(of);
     app_scene *scene = NULL;
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (; *more && count < SETTINGS; more++) set[count++] = (char *)(uintptr_t)*more;
     for (int i = 0; of->set && of->set[i] && count < SETTINGS; i++) set[count++] = (char *)(uintptr_t)of->set[i];
-    return sim_scene_load(of->scene, set, count, app_program_host(), &scene) || sim_create(scene, &s) ? NULL : s;
+    if (!rc) rc = sim_scene_load(of->scene, set, count, app_program_host(), &scene);
+    return rc ? rc : sim_create(scene, out);
 }
 
 /* The hands' poses, and what their devices see of them. By whole microseconds, so that hands are at the same places to
@@ -48,19 +60,19 @@ static double length_s(const scene_record *of, const sim *s) {
     return of->duration_s > 0 ? of->duration_s : s->scene->duration.si;
 }
 
-/* Returns how many instruments a run has that ended with `status`; 0 after a complaint. */
 static int finish(sim *s, tm_status status, const scene_record *of, double rate_Hz) {
-    const int count = s->instrument_count;
     sim_destroy(s);
     if (status) fprintf(stderr, "%s became unstable at %g Hz\n", of->scene, rate_Hz);
-    return status ? 0 : count;
+    return status ? APP_FAILED : 0;
 }
 
-int record_scene(const scene_record *of, double rate_Hz, recording *out) {
+int record_scene(const scene_record *of, double rate_Hz, recording *out, int *instruments) {
     static sim_publisher publisher[TM_MAX_INSTRUMENTS];
     const char *const more[] = {of->force_alone ? "haptics.sends=force" : "haptics.sends=patch", NULL};
-    sim *s = open_at(of, rate_Hz, more);
-    if (!s) return 0;
+    sim *s = NULL;
+    const int rc = open_at(of, rate_Hz, more, &s);
+    if (rc) return rc;
+    *instruments = s->instrument_count;
     const int frames = (int)(length_s(of, s) / s->frame_s + 1e-9), count = s->instrument_count;
     for (int i = 0; i < count; i++) {
         publisher[i] = (sim_publisher){.session = 1};
@@ -99,8 +111,9 @@ void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
 
 int record_scene_truth(const scene_record *of, recording *out) {
     const char *const more[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold", NULL};
-    sim *s = open_at(of, 1e6 / TICK_US, more);
-    if (!s) return 0;
+    sim *s = NULL;
+    const int rc = open_at(of, 1e6 / TICK_US, more, &s);
+    if (rc) return rc;
     const int ticks = (int)(length_s(of, s) * 1e6 / TICK_US), count = s->instrument_count;
     phase_watch watch[TM_MAX_INSTRUMENTS];
     for (int i = 0; i < count; i++) {

@@ -58,22 +58,14 @@ static cJSON *as_json(const hard_case *c, const outcome *o, bool quick) {
     cJSON *row = cJSON_CreateObject();
     char command[200];
     snprintf(command, sizeof command, "tm-stability --case %s%s", c->name, quick ? " --quick" : "");
-    cJSON_AddStringToObject(row, "group", c->group);
-    cJSON_AddStringToObject(row, "name", c->name);
-    cJSON_AddStringToObject(row, "what", c->what);
-    cJSON_AddStringToObject(row, "verdict", verdict_name(o->verdict));
-    cJSON_AddStringToObject(row, "expected", verdict_name(c->expected));
-    cJSON_AddBoolToObject(row, "good", good(c, o));
-    cJSON_AddStringToObject(row, "figure_name", c->figure_name);
+    app_json_add(row, "group %s name %s what %s verdict %s expected %s good %hhd figure_name %s", c->group, c->name,
+                 c->what, verdict_name(o->verdict), verdict_name(c->expected), good(c, o), c->figure_name);
     if (c->expected != REFUSED) {
-        cJSON_AddNumberToObject(row, "figure", isfinite(o->figure) ? o->figure : -1);
-        cJSON_AddNumberToObject(row, "bound", c->bound);
+        app_json_add(row, "figure %g bound %g", isfinite(o->figure) ? o->figure : -1, c->bound);
     }
-    cJSON_AddStringToObject(row, "text", o->text);
-    cJSON_AddStringToObject(row, "command", command);
+    app_json_add(row, "text %s command %s", o->text, command);
     if (o->count) {
-        cJSON_AddStringToObject(row, "x_name", o->x_name);
-        cJSON_AddStringToObject(row, "y_name", o->y_name);
+        app_json_add(row, "x_name %s y_name %s", o->x_name, o->y_name);
         cJSON_AddItemToObject(row, "x", cJSON_CreateDoubleArray(o->x, o->count));
         cJSON_AddItemToObject(row, "y", cJSON_CreateDoubleArray(o->y, o->count));
     }
@@ -95,7 +87,7 @@ static int run_all(char **wanted, int wanted_count, bool quick, const char *json
     static outcome o;
     cJSON *root = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(root, "cases");
     int failed = 0, ran = 0;
-    cJSON_AddBoolToObject(root, "quick", quick);
+    app_json_add(root, "quick %hhd", quick);
     for (int g = 0; g < GROUPS; g++)
         for (int i = 0; i < *groups[g].count; i++) {
             const hard_case *c = &groups[g].row[i];

@@ -1,6 +1,6 @@
 """Writes the CalculiX inputs of the accuracy study and gathers what CalculiX answered into reference.json.
 
-    python make_inp.py                write neo.inp, iso.inp and fibre.inp (committed)
+    python make_inp.py                write neo.inp, iso.inp and fibre.inp (64,000 lines, not committed)
     python make_inp.py --gather       read neo.dat, iso.dat, fibre.dat after `ccx neo`, ... into reference.json (committed)
 
 The problem, a quarter of a block of tissue pressed by a smooth round indenter (docs/accuracy.md):
@@ -150,19 +150,22 @@ def gather(name):
                 block["u_m"][int(value[0])] = [float(v) for v in value[1:4]]
             else:
                 block["energy_J"] = float(value[0])
-    side, half = grid.side, grid.half_m
     for case in cases:
-        points = sorted(case.pop("u_m").items())
-        case["probe_m"] = [[((n - 1) % side) * half, ((n - 1) // side % side) * half, ((n - 1) // side ** 2) * half] for n, _ in points]
-        case["probe_u_m"] = [u for _, u in points]
-    return {"cells": CELLS[name], "nodes": side ** 3, "cases": cases}
+        case["probe_u_m"] = [u for _, u in sorted(case.pop("u_m").items())]
+    return {"cells": CELLS[name], "nodes": grid.side ** 3, "cases": cases}
+
+
+def dump(facts):
+    """Writes reference.json, a vector on a line."""
+    text = re.sub(r"\[[^][{}]*\]", lambda row: " ".join(row[0].split()), json.dumps(facts, indent=1))
+    (HERE / "reference.json").write_text(text + "\n")
 
 
 if __name__ == "__main__":
     if "--gather" in sys.argv:
         facts = {"L_m": L_m, "R_m": R_m, "young_Pa": YOUNG_Pa, "poisson": POISSON, "fibre_constants": FIBRE, "code": "CalculiX 2.20, C3D10"}
         facts.update({name: gather(name) for name in CELLS})
-        (HERE / "reference.json").write_text(json.dumps(facts, indent=1) + "\n")
+        dump(facts)
     else:
         for each in CELLS:
             write(each)

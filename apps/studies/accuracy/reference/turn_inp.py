@@ -100,10 +100,9 @@ def gather_press():
 
 if __name__ == "__main__":
     if "--gather" in sys.argv:
-        path = make_inp.HERE / "reference.json"
-        facts = json.loads(path.read_text())
+        facts = json.loads((make_inp.HERE / "reference.json").read_text())
         facts.update(svk={"cases": gather_press()}, twist={law: gather_twist(law) for law in ("neo", "svk")})
-        path.write_text(json.dumps(facts, indent=1) + "\n")
+        make_inp.dump(facts)
     else:
         write_twist("neo")
         write_twist("svk")

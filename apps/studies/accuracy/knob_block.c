@@ -1,0 +1,113 @@
+/* Knobs that one matrix of pressed blocks answers, against CalculiX's ten-node tetrahedra (reference.json):
+ *   mesh       error against the number of tetrahedra, and its two prices: more of them a step, and more steps a second
+ *   precision  the same press with single and with double stored tensors, the mesh's own error beside it
+ *   model      linear elasticity against large displacements (neo-Hookean, "neo"), pressed from 1 % to 40 % of the
+ *              edge; all three of our models are linear and agree at rest, so that one solution, scaled, serves them
+ *   fibre      fibred tissue taken for isotropic, with Young's moduli from E_T to E_L, against what the fibre costs:
+ * set-up alone; in the step it should be nothing, and the figure says whether it is */
+#include "accuracy.h"
+
+static const double along_x[3] = {1, 0, 0};
+
+static tm_status one_law(const run *r, bool fibred, cJSON *rows, tm_error *error) {
+    static const int cells[] = {3, 6, 9, 12, 15, 18, 24, 30};
+    const int count = r->quick ? 3 : 8;
+    solved s[MATRIX];
+    problem_def def[MATRIX];
+    measured truth;
+    double depth;
+    tm_status status = reference_take(r, fibred ? "fibre" : "iso", 0, &depth, &truth, error);
+    if (status != TM_OK) return status;
+    for (int i = 0; i < count; i++) {
+        def[i] = problem_default(cells[i]);
+        def[i].depth = depth;
+        if (fibred) def[i].material = material_fibre(), def[i].fibre = along_x;
+    }
+    status = matrix_solve(r, fibred ? "mesh, fibred" : "mesh, isotropic", def, count, 1e-9, &truth, s, error);
+    for (int i = 0; i < count && status == TM_OK; i++) {
+        cJSON *row =
+            app_json_add(rows, "law %s tets %d h_m %g step_s %g", fibred ? "fibred" : "isotropic",
+                         s[i].p.mesh->tet_count, BLOCK_M / cells[i], tm_critical_step_guaranteed(s[i].p.tissue, NULL));
+        price_add(differences_add(row, &s[i].off), &s[i]);
+    }
+    matrix_free(s, count);
+    return status;
+}
+
+tm_status knob_mesh(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
+    (void)out;
+    const tm_status status = one_law(r, false, rows, error);
+    return status ? status : one_law(r, true, rows, error);
+}
+
+tm_status knob_precision(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
+    (void)out;
+    measured truth;
+    double depth;
+    tm_status status = reference_take(r, "iso", 0, &depth, &truth, error);
+    for (int cells = 3; cells <= (r->quick ? 6 : 12) && status == TM_OK; cells += 3) {
+        problem_def def[2] = {problem_default(cells), problem_default(cells)};
+        solved s[2];
+        def[0].depth = def[1].depth = depth, def[1].precision = TM_SINGLE;
+        status = matrix_solve(r, "precision", def, 2, 1e-11, NULL, s, error);
+        for (int i = 0; i < 2 && status == TM_OK; i++) {
+            cJSON *row = app_json_add(rows, "precision %s tets %d mesh_displacement %g", i ? "single" : "double",
+                                      s[i].p.mesh->tet_count, compare(&s[i].m, &truth).displacement);
+            price_add(differences_add(row, &s[i].off), &s[i]);
+        }
+        matrix_free(s, 2);
+    }
+    return status;
+}
+
+tm_status knob_model(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
+    const int cases = reference_cases(r->truth, "neo");
+    problem_def def = problem_default(r->quick ? 6 : 30);
+    solved s;
+    measured truth;
+    double depth;
+    tm_status status = reference_take(r, "iso", 0, &depth, &truth, error);
+    if (status == TM_OK) status = matrix_solve(r, "model", &def, 1, 1e-10, &truth, &s, error);
+    for (int i = 0; i < cases && status == TM_OK; i++) {
+        if (!reference_case(r->truth, "neo", i, &depth, &truth)) continue;
+        const measured scaled = measured_scaled(&s.m, depth / def.depth);
+        const differences off = compare(&scaled, &truth);
+        differences_add(
+            app_json_add(rows, "depth %g force_N %g true_force_N %g", depth, -scaled.force_z_N, -truth.force_z_N),
+            &off);
+        r->progress("model", (double)(i + 1) / cases);
+    }
+    if (status != TM_OK) return status;
+    differences_add(cJSON_AddObjectToObject(out, "mesh_alone"), &s.off);
+    matrix_free(&s, 1);
+    model_prices(cJSON_AddArrayToObject(out, "prices"), r->progress);
+    return TM_OK;
+}
+
+tm_status knob_fibre(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
+    enum { MODELS = 6 };
+    static const double young_Pa[MODELS] = {0, 6e3, 8e3, 10e3, 15e3, 30e3}; /* 0: fibred */
+    (void)out;
+    solved s[MODELS];
+    problem_def def[MODELS];
+    measured truth;
+    double depth;
+    tm_status status = reference_take(r, "fibre", 0, &depth, &truth, error);
+    for (int i = 0; i < MODELS && status == TM_OK; i++) {
+        def[i] = problem_default(r->quick ? 6 : 24);
+        def[i].depth = depth;
+        if (i == 0)
+            def[i].material = material_fibre(), def[i].fibre = along_x;
+        else
+            status = tm_material_young(young_Pa[i], 0.45, &def[i].material, error);
+    }
+    if (status != TM_OK) return status;
+    status = matrix_solve(r, "fibres", def, MODELS, 1e-9, &truth, s, error);
+    for (int i = 0; i < MODELS && status == TM_OK; i++) {
+        cJSON *row = app_json_add(rows, "model %s young_Pa %g step_s %g", i ? "isotropic" : "fibred", young_Pa[i],
+                                  tm_world_step_s(s[i].p.world));
+        price_add(differences_add(row, &s[i].off), &s[i]);
+    }
+    matrix_free(s, MODELS);
+    return status;
+}
