@@ -51,81 +51,92 @@ ORIGIN ?= -Wl,-rpath,'$$ORIGIN'
 pkg_cflags = $(shell pkg-config --cflags $(1))
 pkg_libs = $(shell pkg-config --libs $(1))
 
-# One word and the file; V=1 shows whole command lines.
+# First line of a recipe: makes the folder and prints one word and the file; V=1 shows whole command lines instead.
 Q := $(if $(V),,@)
-say = $(if $(V),,@printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
-# Recipe of a .a from what it waits for.
-define archive
-@mkdir -p $(@D)
-$(call say,AR)
-$(Q)rm -f $@ && ar rcs $@ $^
-endef
-
-# $(call objects,SOURCES): their object files.
+step = @mkdir -p $(@D)$(if $(V),,; printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
+files = $(sort $(wildcard $(1)))
+# $(call objects,SOURCES), $(call lib,NAMES): their object files; the archives of our libraries of these names.
 objects = $(patsubst %,$(OUT)/obj/%.o,$(basename $(1)))
+lib = $(patsubst %,$(OUT)/lib/lib%.a,$(1))
+# Our libraries that are linked together, by name.
+APP_LIBS := app platform tensormass_io
+SCENE_LIBS := app tensormass_scene platform tensormass_io tensormass
+DEVICE_LIBS := hrt_device hrt_motion hrt_io hrt
+SIM_LIBS := sim $(SCENE_LIBS) $(DEVICE_LIBS) lcm_types
 
-# Programs that are not compiled, and their parts.
-SCRIPTS :=
-# $(eval $(call program,NAME,SOURCES,OTHER PREREQUISITES (.a/.o, linked),LIBRARY FLAGS)): build/bin/NAME.
-PROGRAMS :=
-define program
-PROGRAMS += $(OUT)/bin/$(1)
-$(OUT)/bin/$(1): $(call objects,$(2)) $(3)
-	@mkdir -p $$(@D)
-	$$(call say,LINK)
-	$$(Q)$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(2)) -Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
+# Each of these is a line of a module.mk. Libraries are named, not read, so that the order of the lines is free.
+# $(call library,NAME,SOURCES): build/lib/libNAME.a.
+library = $(eval $(call library_rule,$(1),$(2)))
+define library_rule
+LIBRARIES += $(call lib,$(1))
+$(call lib,$(1)): $(call objects,$(2))
+	$$(call step,AR)
+	$$(Q)rm -f $$@ && ar rcs $$@ $$^
 endef
-
-# $(eval $(call module,NAME,SOURCES,OTHER PREREQUISITES,LIBRARY FLAGS)): build/lib/tensormass/NAME.so, opened on demand (libtensormass/platform/module.c).
-MODULES :=
-define module
-MODULES += $(OUT)/lib/tensormass/$(1).so
-$(OUT)/lib/tensormass/$(1).so: $(call objects,$(2)) $(3)
-	@mkdir -p $$(@D)
-	$$(call say,LINK)
-	$$(Q)$$(if $$(filter %.cpp,$(2)),$$(CXX),$$(CC)) $$(SAN) -shared -o $$@ $$(call objects,$(2)) $(3) $(4) -lm
+# $(call shared,NAME,SOURCES,OUR SHARED LIBRARIES,FLAGS): the same, and libNAME.so.
+shared = $(eval $(call library_rule,$(1),$(2)))$(eval $(call shared_rule,$(1),$(2),$(3),$(4)))
+define shared_rule
+LIBRARIES += $(OUT)/lib/lib$(1).so.$(VERSION)
+$(OUT)/lib/lib$(1).so.$(VERSION): $(call objects,$(2)) $(3:%=$(OUT)/lib/lib%.so.$(VERSION))
+	$$(call step,LINK)
+	$$(Q)$$($(call linker,$(2))) $$(SAN) -shared -Wl,-soname,lib$(1).so.$(SOVERSION) $$(if $$(SAN),,-Wl,--no-undefined) $(if $(3),$$(ORIGIN)) -o $$@ $$(filter %.o,$$^) -L$(OUT)/lib $(3:%=-l%) $(4) -lm
+	$$(Q)ln -sf $$(@F) $$(@D)/lib$(1).so.$(SOVERSION) && ln -sf lib$(1).so.$(SOVERSION) $$(@D)/lib$(1).so
 endef
-
-# $(eval $(call test,tests/DIR/test_x.c,PREREQUISITES,FLAGS)): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
-TESTS :=
-define test
-TESTS += $(OUT)/$(basename $(1))
-$(OUT)/$(basename $(1)): $(call objects,$(1)) $(2)
-	@mkdir -p $$(@D)
-	$$(call say,LINK)
-	$$(Q)$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(1)) -Wl,--start-group $(2) -Wl,--end-group $(3) -lcmocka -ldl -lm -lpthread
+# $(call module,NAME,SOURCES,OUR LIBRARIES,FLAGS): build/lib/tensormass/NAME.so, opened on demand (libtensormass/platform/module.c).
+module = $(eval MODULES += $(OUT)/lib/tensormass/$(1).so)$(eval $(call module_rule,$(1),$(2),$(3),$(4)))
+define module_rule
+$(OUT)/lib/tensormass/$(1).so: $(call objects,$(2)) $(call lib,$(3))
+	$$(call step,LINK)
+	$$(Q)$$($(call linker,$(2))) $$(SAN) -shared -o $$@ $$^ $(4) -lm
+endef
+# $(call executable,FILE IN build/,SOURCES,OUR LIBRARIES,FLAGS); $(call program,NAME,...): build/bin/NAME.
+# $(call test,tests/DIR/test_x.c...,SOURCES BESIDE,OUR LIBRARIES,FLAGS): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
+executable = $(eval $(call executable_rule,$(1),$(2),$(3),$(4)))
+program = $(eval PROGRAMS += $(OUT)/bin/$(1))$(call executable,bin/$(1),$(2),$(3),$(4))
+test = $(foreach t,$(1),$(eval TESTS += $(OUT)/$(basename $(t)))$(call executable,$(basename $(t)),$(t) $(2),$(3),$(4) -lcmocka))
+linker = $(if $(filter %.cpp,$(1)),CXX,CC)
+define executable_rule
+$(OUT)/$(1): $(call objects,$(2)) $(call lib,$(3))
+	$$(call step,LINK)
+	$$(Q)$$($(call linker,$(2))) $$(SAN) -rdynamic -o $$@ $(call objects,$(2)) -Wl,--start-group $(call lib,$(3)) -Wl,--end-group $(4) -ldl -lm -lpthread
+endef
+# $(call script,FILE IN build/,SOURCE): a program in Python, told its version.
+script = $(eval SCRIPTS += $(OUT)/$(1))$(eval $(OUT)/$(1): $(2))
+# $(call ready,PACKAGE GROUPS,TARGETS): first line of what a user types: installs what is missing, then builds.
+define ready
+@tools/setup.sh $(1)
+@+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) $(2)
 endef
 
 # Pointers that wrap are looked for by the fuzzing build in the core too: in its loops it is half of their time.
 $(OUT)/obj/libtensormass/src/%.o: BASE_CFLAGS += $(if $(filter asan,$(config)),-fno-sanitize=pointer-overflow)
 $(OUT)/obj/%.o: %.c Makefile
-	@mkdir -p $(@D)
-	$(call say,CC)
+	$(call step,CC)
 	$(Q)$(CC) $(BASE_CFLAGS) $(INCLUDES) $(CFLAGS_EXTRA) -c $< -o $@
 $(OUT)/obj/%.o: %.cpp Makefile
-	@mkdir -p $(@D)
-	$(call say,CXX)
+	$(call step,CXX)
 	$(Q)$(CXX) $(BASE_CXXFLAGS) $(INCLUDES) $(CFLAGS_EXTRA) -c $< -o $@
 # Generated by lcm-gen: not ours to warn about, nor that LCM copies nothing from nowhere (an array of no elements).
 $(OUT)/obj/%.o: $(OUT)/gen/%.c
-	@mkdir -p $(@D)
-	$(call say,CC)
+	$(call step,CC)
 	$(Q)$(CC) $(BASE_CFLAGS) -w $(if $(findstring undefined,$(OPT)),-fno-sanitize=nonnull-attribute) $(INCLUDES) -c $< -o $@
 
-# What other programs link comes first.
-APPS_FIRST := $(wildcard apps/common/module.mk) $(wildcard apps/sim/module.mk) $(wildcard apps/studies/replay/module.mk)
-# Each folder says in its module.mk what is built from it.
-MODULE_MK := $(sort $(wildcard libtensormass/module.mk libtensormass/*/module.mk lcm_types/module.mk haptic_rt/module.mk \
-	haptic_rt/*/module.mk)) $(APPS_FIRST) \
-	$(sort $(filter-out $(APPS_FIRST),$(wildcard apps/*/module.mk apps/*/*/module.mk))) $(sort $(wildcard tests/module.mk tests/*/module.mk)) \
-	$(wildcard python/module.mk packaging/module.mk plugins/*/module.mk)
-include $(MODULE_MK)
-include tools/install.mk
-include tools/site/site.mk
+# Each folder says in its module.mk what is built from it; a folder may be absent (the Python sources).
+include $(wildcard $(addsuffix /module.mk,libtensormass lcm_types haptic_rt haptic_rt/firmware apps python packaging plugins/mujoco tests tests/firmware tests/fuzz))
+include tools/install.mk tools/site/site.mk
+$(SCRIPTS): Makefile
+	$(call step,COPY)
+	$(Q)sed 's/@VERSION@/$(VERSION)/' $(filter-out Makefile,$^) > $@ && chmod 755 $@
+# Python environments that one target alone needs: build/NAME/venv of the file of requirements that it waits for.
+$(OUT)/%/venv/.done:
+	@mkdir -p $(@D)
+	@flock $(@D).lock sh -c '/usr/bin/python3 -m venv $(@D) && $(@D)/bin/pip install -q --disable-pip-version-check -r $^' || { echo "make: pip could not install what $^ names; check the network or the package index" >&2; exit 2; }
+	@touch $@
 
 # ---- targets ----
 
-.PHONY: all programs tests tests-short help clean setup venv test check check-long check-run
+# What help names is no file, though a folder may be called so.
+.PHONY: all programs tests help venv $(shell sed -n 's/^#: make \([a-z-]*\).*/\1/p' $(MAKEFILE_LIST))
 all: programs
 programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
@@ -161,14 +172,11 @@ test:
 #: make check                  install what is missing, build, run every test (long ones in a short form)
 #: make check-long             the counts and durations that the documentation quotes
 check check-long:
-	@tools/setup.sh build demo check image
-	@$(MAKE) --no-print-directory -j$$(nproc) venv tests $(IMAGE_SO)
-	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) $(MAKE) --no-print-directory check-run
-check-run:
-	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)
+	$(call ready,build demo check image,venv tests $(OUT)/lib/tensormass/image.so)
+	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)
 
 #: make clean                  remove build/
 clean:
 	rm -rf $(BUILD)
 
--include $(shell find $(OUT)/obj -name '*.d' 2>/dev/null)
+-include $(shell find $(OUT)/obj $(OUT)/tests/firmware $(BUILD)/firmware -name '*.d' 2>/dev/null)

@@ -3,13 +3,9 @@ LCM_TYPES := $(sort $(wildcard lcm_types/*.lcm))
 LCM_GEN := $(patsubst lcm_types/%.lcm,$(OUT)/gen/lcm_types/tensormass_%.c,$(LCM_TYPES))
 # Every type's, generated with its description, by which message.c walks what comes; without functions that call liblcm.
 LCM_ALL_H := $(OUT)/gen/lcm_types/tensormass.h
-# Beside the generated code: the table of messages and the ways they go, how they are received, and how they are sealed. LCM is linked into the module alone.
-LCM_OWN := $(filter-out %/link_network.c,$(sort $(wildcard lcm_types/*.c)))
-LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
-LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass_lcm/__init__.py
+LIBRARIES += $(OUT)/python/tensormass_lcm/__init__.py
 $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm lcm_types/module.mk
-	@mkdir -p $(@D)
-	$(call say,LCM)
+	$(call step,LCM)
 	$(Q)lcm-gen -c --c-typeinfo --c-no-pubsub --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
 # The header comes with its .c: what includes it is built anew when its type changes.
 $(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
@@ -17,19 +13,18 @@ $(LCM_ALL_H): $(LCM_TYPES) lcm_types/module.mk | $(LCM_GEN)
 	@printf '#include "lcm_types/tensormass_%s.h"\n' $(LCM_TYPES:lcm_types/%.lcm=%) > $@
 # The first build does not know yet who includes them.
 $(call objects,$(wildcard lcm_types/*.c apps/*/*.c apps/*/*/*.c haptic_rt/*/*.c python/*/*.c tests/*/*.c)): | $(LCM_GEN) $(LCM_ALL_H)
-$(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN)) $(call objects,$(LCM_OWN))
-	$(archive)
-$(eval $(call module,lcm,lcm_types/link_network.c,$(LIBLCMTYPES_A),-llcm))
+# Beside the generated code: the table of messages and the ways they go, how they are received, and how they are sealed. LCM is linked into the module alone.
+$(call library,lcm_types,$(LCM_GEN:$(OUT)/gen/%=%) $(filter-out %/link_network.c,$(call files,lcm_types/*.c)))
+$(call module,lcm,lcm_types/link_network.c,lcm_types,-llcm)
 # Named tensormass_lcm: `tensormass` is the Python package, and a program may want both.
 $(OUT)/python/tensormass_lcm/__init__.py: $(LCM_TYPES)
+	$(call step,LCM)
 	@rm -rf $(OUT)/python && mkdir -p $(OUT)/python/made
-	$(call say,LCM)
 	$(Q)lcm-gen -p --ppath $(OUT)/python/made $(LCM_TYPES)
 	@mv $(OUT)/python/made/tensormass $(@D) && rmdir $(OUT)/python/made && touch $@
-LCM_JAVA := $(OUT)/java/tensormass_types.jar
-$(LCM_JAVA): $(LCM_TYPES)
+$(OUT)/java/tensormass_types.jar: $(LCM_TYPES)
+	$(call step,LCM)
 	@rm -rf $(OUT)/java && mkdir -p $(OUT)/java/src $(OUT)/java/classes
-	$(call say,LCM)
 	$(Q)lcm-gen -j --jpath $(OUT)/java/src $(LCM_TYPES)
 	$(Q)javac -nowarn -cp /usr/share/java/lcm.jar -d $(OUT)/java/classes $$(find $(OUT)/java/src -name '*.java')
 	$(Q)jar cf $@ -C $(OUT)/java/classes .

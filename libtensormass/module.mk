@@ -1,12 +1,18 @@
-# libtensormass.so and .a: the core, with no dependency but libc and libm.
-TM_SRC := $(sort $(wildcard libtensormass/src/*/*.c))
-LIBTM_A := $(OUT)/lib/libtensormass.a
-LIBTM_SO := $(OUT)/lib/libtensormass.so.$(VERSION)
-LIBRARIES += $(LIBTM_A) $(LIBTM_SO)
-$(LIBTM_A): $(call objects,$(TM_SRC))
-	$(archive)
-$(LIBTM_SO): $(call objects,$(TM_SRC))
-	@mkdir -p $(@D)
-	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $^ -lm
-	$(Q)ln -sf $(@F) $(@D)/libtensormass.so.$(SOVERSION) && ln -sf libtensormass.so.$(SOVERSION) $(@D)/libtensormass.so
+# The libraries: build/lib/libNAME.a and .so. The core needs libc and libm alone; a reader of files, scenes and solvers lean on it.
+$(call library,platform,$(call files,libtensormass/platform/*.c))
+$(call shared,tensormass,$(call files,libtensormass/src/*/*.c))
+$(call shared,tensormass_io,$(call files,libtensormass/io/*.c),tensormass)
+
+# Scenes: besides its own files it holds the devices, joints to tips, scripted hands and output files.
+SCENE_SRC := $(call files,libtensormass/scene/*.c) $(call files,haptic_rt/motion/*.c) haptic_rt/core/kinematics.c libtensormass/platform/output.c
+$(call shared,tensormass_scene,$(SCENE_SRC),tensormass_io tensormass,-Wl$(,)-Bsymbolic -lyaml -ldl)
+$(call objects,libtensormass/scene/module_open.c): BASE_CFLAGS += -DTM_SOVERSION='"$(SOVERSION)"'
+
+# Precomputed and hybrid models. The same as a module that is opened when a scene says so; the core's functions come from the program.
+SOLVE_SRC := $(call files,libtensormass/solve/*.c libtensormass/solve/*.cpp)
+SOLVE_LD := -lcholmod -lsuitesparseconfig -lblas -lstdc++ -lpthread
+$(call shared,tensormass_solve,$(SOLVE_SRC),tensormass,$(SOLVE_LD))
+$(call module,solve,$(SOLVE_SRC),,$(SOLVE_LD))
+$(call objects,$(SOLVE_SRC)): INCLUDES += -I/usr/include/suitesparse -isystem /usr/include/eigen3
+# Eigen's templates: lines alone for a debugger, and their undefined behaviour is not ours to look for: half of the time they take to compile.
+$(call objects,$(filter %.cpp,$(SOLVE_SRC))): BASE_CXXFLAGS += $(if $(SAN),-fno-sanitize=undefined,-g1)

@@ -21,35 +21,23 @@ FW_CFLAGS := $(FW_CODE) $(FW_DEVICE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihapti
 # The core is made into code as one when it is linked: 0.5 to 0.8 kB less. Not the rest, so that the map tells what is whose.
 fw_whole = $(if $(filter haptic_rt/core/%,$(1)),-flto)
 FW_LDFLAGS := $(FW_CODE) -flto -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
-FW_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c haptic_rt/can/*.c))
+FW_CORE_SRC := $(HRT_CORE_SRC)
 FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)
-FW_BOARD_SRC := haptic_rt/firmware/board_mps2.c
-FW_LINK_LD := haptic_rt/firmware/link.ld
-
-# $(call fw_objects,CPU,VARIANT,SOURCES)
-fw_objects = $(patsubst %.c,$(BUILD)/firmware/$(1)/$(2)/obj/%.o,$(3))
-# $(eval $(call fw_image,CPU,VARIANT,NAME,SOURCES BESIDE THE CORE)): build/firmware/CPU/VARIANT/NAME.elf and its map.
-define fw_image
-$(BUILD)/firmware/$(1)/$(2)/$(3).elf: $(call fw_objects,$(1),$(2),$(4) $(FW_CORE_SRC)) $(FW_LINK_LD)
-	$$(call say,LINK)
-	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_LDFLAGS) -Wl,-Map=$$(@:.elf=.map) -o $$@ $$(filter %.o,$$^) -lm
+# $(call firmware,NAME,SOURCES BESIDE THE CORE): build/firmware/CPU/VARIANT/NAME.elf and its map, of every processor and variant; firmware_elf: these files.
+firmware = $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call firmware_rule,$(BUILD)/firmware/$(c)/$(v),$(1),$(2),$(FW_CPU_$(c)),$(FW_DEF_$(v))))))
+firmware_elf = $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/$(1).elf))
+define firmware_rule
+$(1)/$(2).elf: $(patsubst %.c,$(1)/obj/%.o,$(3) $(FW_CORE_SRC)) haptic_rt/firmware/link.ld
+	$$(call step,LINK)
+	$$(Q)$$(FW_CC) $(4) $$(FW_LDFLAGS) -Wl,-Map=$$(@:.elf=.map) -o $$@ $$(filter %.o,$$^) -lm
+$(1)/obj/%.o: %.c haptic_rt/firmware/module.mk
+	$$(call step,CC)
+	$$(Q)$$(FW_CC) $(4) $$(FW_CFLAGS) $(5) $$(call fw_whole,$$<) -c $$< -o $$@
 endef
-define fw_compile
-$(BUILD)/firmware/$(1)/$(2)/obj/%.o: %.c haptic_rt/firmware/module.mk
-	@mkdir -p $$(@D)
-	$$(call say,CC)
-	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) $$(call fw_whole,$$<) -c $$< -o $$@
-endef
-$(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_compile,$(c),$(v)))))
-$(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),haptic_rt,$(FW_SRC) $(FW_BOARD_SRC)))))
-FW_ELF := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/haptic_rt.elf))
+$(call firmware,haptic_rt,$(FW_SRC) haptic_rt/firmware/board_mps2.c)
 
 #: make firmware             the controller for Cortex-M7 and M4F: build/firmware/CPU/VARIANT/haptic_rt.elf and their sizes
-.PHONY: firmware
 firmware:
-	@tools/setup.sh build check
-	@$(MAKE) --no-print-directory firmware-elf
-.PHONY: firmware-elf
-firmware-elf: $(FW_ELF)
-	@arm-none-eabi-size $(FW_ELF)
--include $(shell find $(BUILD)/firmware -name '*.d' 2>/dev/null)
+	$(call ready,build check,firmware-elf)
+firmware-elf: $(call firmware_elf,haptic_rt)
+	@arm-none-eabi-size $^

@@ -1,28 +1,16 @@
-# The MuJoCo plugin (docs/mujoco.md), against the headers and the library that MuJoCo's PyPI package brings. Nothing else waits for it: `make mujoco` alone builds it.
-MUJOCO_VENV := $(OUT)/mujoco/venv
-MUJOCO = $(firstword $(wildcard $(MUJOCO_VENV)/lib/python3*/site-packages/mujoco))
-MUJOCO_PLUGIN := $(OUT)/mujoco/libtensormass_mujoco.so
-$(MUJOCO_VENV)/.done: plugins/mujoco/requirements.txt
-	@mkdir -p $(@D)
-	@/usr/bin/python3 -m venv $(@D)
-	@$(@D)/bin/pip install -q --disable-pip-version-check -r $< || { echo "make mujoco: pip could not install what $< names; check the network or the package index" >&2; exit 2; }
-	@touch $@
-$(OUT)/obj/plugins/mujoco/tissue.o: plugins/mujoco/tissue.c Makefile $(MUJOCO_VENV)/.done
-	@mkdir -p $(@D)
-	$(call say,CC)
-	$(Q)$(CC) $(BASE_CFLAGS) $(INCLUDES) -isystem $(MUJOCO)/include -c $< -o $@
+# The MuJoCo plugin (docs/mujoco.md), against the headers and the library that MuJoCo's PyPI package brings. Nothing else waits for it.
+MUJOCO := $(OUT)/mujoco
+MUJOCO_PACKAGE = $(firstword $(wildcard $(MUJOCO)/venv/lib/python3*/site-packages/mujoco))
+$(MUJOCO)/venv/.done: plugins/mujoco/requirements.txt
+$(OUT)/obj/plugins/mujoco/tissue.o: BASE_CFLAGS += -isystem $(MUJOCO_PACKAGE)/include
+$(OUT)/obj/plugins/mujoco/tissue.o: $(MUJOCO)/venv/.done
 # Scenes and solvers lie beside it, and are found from there.
-MUJOCO_LIBRARIES := $(patsubst $(PYTHON_LIB)/%,$(OUT)/mujoco/%,$(filter-out %_controller.so,$(PYTHON_LIBRARIES)))
-$(MUJOCO_LIBRARIES): $(OUT)/mujoco/%: $(PYTHON_LIB)/%
-	@mkdir -p $(@D)
-	$(call say,COPY)
+$(MUJOCO)/lib%.so.$(SOVERSION): $(OUT)/python-lib/lib%.so.$(SOVERSION)
+	$(call step,COPY)
 	$(Q)cp $< $@
-$(MUJOCO_PLUGIN): $(OUT)/obj/plugins/mujoco/tissue.o $(MUJOCO_LIBRARIES)
-	@mkdir -p $(@D)
-	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -shared -o $@ $< $(filter %/libtensormass_scene.so.$(SOVERSION),$^) $(filter %/libtensormass.so.$(SOVERSION),$^) $(wildcard $(MUJOCO)/libmujoco.so.*) \
-		-Wl,--disable-new-dtags -Wl,-rpath,'$$ORIGIN' -Wl,-rpath,$(abspath $(MUJOCO)) -lm
-.PHONY: mujoco
+$(MUJOCO)/libtensormass_mujoco.so: $(OUT)/obj/plugins/mujoco/tissue.o $(patsubst %,$(MUJOCO)/lib%.so.$(SOVERSION),tensormass_scene tensormass tensormass_io tensormass_solve)
+	$(call step,LINK)
+	$(Q)$(CC) $(SAN) -shared -o $@ $(wordlist 1,3,$^) $(wildcard $(MUJOCO_PACKAGE)/libmujoco.so.*) -Wl,--disable-new-dtags -Wl,-rpath,'$$ORIGIN' -Wl,-rpath,$(abspath $(MUJOCO_PACKAGE)) -lm
 #: make mujoco                 the MuJoCo plugin, against MuJoCo's PyPI package: build/mujoco/libtensormass_mujoco.so
-mujoco: $(MUJOCO_VENV)/.done
-	@$(MAKE) --no-print-directory $(MUJOCO_PLUGIN)
+mujoco: $(MUJOCO)/venv/.done
+	@$(MAKE) --no-print-directory $(MUJOCO)/libtensormass_mujoco.so

@@ -105,7 +105,7 @@ def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path
 
 
 def test_a_planted_link_is_found(copy, page):
-    plant(copy / "haptic_rt/module.mk", "program,haptic-rt,haptic_rt/io/haptic_rt.c libtensormass/scene/units.c ", "program,haptic-rt,haptic_rt/io/haptic_rt.c ")
-    plant(copy / "libtensormass/module.mk", "$^ -lcjson -lm", "$^ -lm")
+    plant(copy / "haptic_rt/module.mk", "settings.c) libtensormass/scene/units.c ", "settings.c) ")
+    plant(copy / "libtensormass/module.mk", "libtensormass/src/*/*.c),,-lcjson)", "libtensormass/src/*/*.c))")
     found = list(architecture.outside_links(page, architecture.link_lines(copy)))
     assert found == ["build/bin/haptic-rt of haptic_rt/io links libtensormass/scene", "build/lib/libtensormass.so.0.1.0 of libtensormass/src links -lcjson"]

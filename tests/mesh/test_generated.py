@@ -27,7 +27,7 @@ def test_same_bytes(shape, size, build, root, tmp_path):
 
 
 def test_the_cut_liver_is_the_refined_one_renumbered(tm_mesh, env, root, tmp_path):
-    box = re.search(r"^CUT_BOX := (.*)$", (root / "apps/mesh/generator/module.mk").read_text(), re.M).group(1)
+    box = re.search(r"^CUT_BOX := (.*)$", (root / "apps/module.mk").read_text(), re.M).group(1)
     result = meshlib.run(tm_mesh, "refine", "--box", box, "--size", "8mm", "--fibres", root / "meshes" / "liver_10k.fibres.csv",
                          "--write-fibres", tmp_path / "refined.fibres.csv", root / "meshes" / "liver_10k.msh", "-o", tmp_path / "refined.msh", env=env)
     assert result.returncode == 0, result.stderr

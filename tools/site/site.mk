@@ -1,25 +1,18 @@
 # The reference as HTML and the programs' man pages. Nothing else waits for it.
 SITE := $(OUT)/site
-SITE_VENV := $(SITE)/venv
 SITE_HEADERS := $(wildcard libtensormass/include libtensormass/include/tensormass libtensormass/*/include) haptic_rt/core/hrt.h
-$(SITE_VENV)/.done: tools/site/requirements.txt
-	@mkdir -p $(@D)
-	@/usr/bin/python3 -m venv $(@D)
-	@$(@D)/bin/pip install -q --disable-pip-version-check -r $< || { echo "make docs: pip could not install what tools/site/requirements.txt names; check the network or the package index" >&2; exit 2; }
-	@touch $@
-.PHONY: docs man
+$(SITE)/venv/.done: tools/site/requirements.txt
 #: make docs                   guides, C and Python interfaces and programs as HTML with one search: build/site/html
 docs: man
-	@tools/setup.sh docs
-	@$(MAKE) --no-print-directory $(SITE_VENV)/.done
+	$(call ready,docs,$(SITE)/venv/.done)
 	@mkdir -p $(SITE)/doxygen
 	@sed -e 's|@INPUT@|$(SITE_HEADERS)|' -e 's|@OUT@|$(SITE)/doxygen|' -e 's|@SITE@|tools/site|' tools/site/Doxyfile.in > $(SITE)/Doxyfile
 	@doxygen $(SITE)/Doxyfile
-	@$(SITE_VENV)/bin/python tools/site/site.py $(SITE)/source $(OUT)/reference/man1
+	@$(SITE)/venv/bin/python tools/site/site.py $(SITE)/source $(OUT)/reference/man1
 	@rm -rf $(SITE)/html
 	@TM_VERSION=$(VERSION) TM_DOXYGEN=$(abspath $(SITE)/doxygen/xml) TM_PYTHON=$(abspath python/tensormass) PYTHONWARNINGS=ignore \
-		$(SITE_VENV)/bin/sphinx-build -b html -q -W --keep-going $(SITE)/source $(SITE)/html
+		$(SITE)/venv/bin/sphinx-build -b html -q -W --keep-going $(SITE)/source $(SITE)/html
 	@echo "$(SITE)/html/index.html"
 #: make man                    man pages and completion of every program: build/reference
 man: programs
-	@/usr/bin/python3 tools/reference/make_reference.py $(OUT)/bin $(OUT)/reference $(VERSION) $(REFERENCE_PROGRAMS)
+	@/usr/bin/python3 tools/reference/make_reference.py $(OUT)/bin $(OUT)/reference $(VERSION) $(call REFERENCE_OF,$(PROGRAMS) $(PYTHON_PROGRAMS))

@@ -1,0 +1,122 @@
+# The programs. What several share are archives: libapp (a program around scenes), libsim (controllers in lockstep and messages), libreplay (samples replayed).
+# None links a heavy library: those sit in modules.
+$(call library,app,$(call files,apps/common/*.c))
+$(call library,sim,$(filter-out apps/sim/main.c,$(call files,apps/sim/*.c)))
+$(call library,replay,$(call files,apps/studies/replay/*.c))
+$(call program,tm-mesh,$(call files,apps/mesh/*.c),tensormass_scene $(APP_LIBS) tensormass,-lcjson)
+$(call program,tm-scene,$(call files,apps/scene/*.c),$(SCENE_LIBS),-lyaml -lcjson)
+$(call program,tm-sim,apps/sim/main.c,$(SIM_LIBS),-lyaml -lcjson)
+$(call program,tm-accuracy,$(call files,apps/studies/accuracy/*.c),replay $(SIM_LIBS),-lyaml -lcjson)
+$(call program,tm-evaluate,$(call files,apps/studies/evaluate/*.c),replay $(SIM_LIBS),-lyaml -lcjson)
+$(call program,tm-stability,$(call files,apps/studies/stability/*.c),$(APP_LIBS) tensormass $(DEVICE_LIBS),-lcjson)
+
+# tm-view and tm-play, and the modules they open: osmesa draws (opengl where a window is open), window is the one of tm-play, lcm listens to the network.
+VIEW_SRC := camera feed font inbox inside intake layout marks_find output overlay picture regions scene_marks still dress studio
+VIEW_LIBS := $(SCENE_LIBS) hrt_io hrt lcm_types
+$(call program,tm-view,$(patsubst %,apps/view/%.c,$(VIEW_SRC) main options),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
+$(call program,tm-play,apps/play/main.c apps/play/controls.c $(patsubst %,apps/view/%.c,$(VIEW_SRC)),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
+RENDER_SRC := $(patsubst %,apps/view/%.c,camera fairing marks marks_find picture reference render render_light render_make rim shapes sides skin)
+$(call module,osmesa,$(RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa))
+$(call module,opengl,$(RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl))
+$(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2))
+$(call objects,apps/view/context_window.c apps/play/window.c): CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
+
+# tm-precompute, and with Open MPI (MPI=1, the default where mpicc is) tm-precompute-mpi, whose ranks share one factor with MUMPS (MUMPS=1, the default where its header is).
+$(call program,tm-precompute,apps/precompute/main.c apps/precompute/team_alone.c,$(SCENE_LIBS),-lyaml -lcjson)
+MPI ?= $(if $(shell command -v mpicc),1,0)
+ifeq ($(MPI),1)
+MUMPS ?= $(if $(shell $(CC) -include dmumps_c.h -E -x c /dev/null 2>/dev/null | grep -m1 DMUMPS_STRUC_C),1,0)
+MUMPS := $(MUMPS)
+MPI_SRC := apps/precompute/team_mpi.c apps/precompute/shared_$(if $(filter 1,$(MUMPS)),mumps,none).c
+$(call objects,$(MPI_SRC)): INCLUDES += $(call pkg_cflags,ompi-c)
+$(call program,tm-precompute-mpi,apps/precompute/main.c $(MPI_SRC),$(SCENE_LIBS),-lyaml -lcjson $$(call pkg_libs,ompi-c) $(if $(filter 1,$(MUMPS)),-ldmumps))
+# Linked anew when MUMPS came or went since it was built: what is only missing (.SECONDARY) makes nothing anew.
+MUMPS_STAMP := $(OUT)/obj/apps/precompute/mumps
+ifneq ($(if $(wildcard $(MUMPS_STAMP)),$(file <$(MUMPS_STAMP))),$(MUMPS))
+$(shell mkdir -p $(dir $(MUMPS_STAMP)) && echo $(MUMPS) >$(MUMPS_STAMP))
+endif
+$(OUT)/bin/tm-precompute-mpi: $(MUMPS_STAMP)
+endif
+
+# Python with its own library alone: from a prefix as from here. Beside tm-session what it runs.
+$(call script,bin/tm-organ,apps/organ/tm_organ.py)
+$(call script,bin/tm-study,apps/study/tm_study.py)
+$(call script,bin/tm-session,apps/session/tm_session.py)
+$(foreach f,session.py netns.sh display.py,$(call script,lib/tensormass/session/$(f),apps/demo/$(f)))
+
+#: make demo                   the ring in real time and in lockstep: pictures, film, force plot, figures in build/demo
+#: make play                   a window: mouse and keys move the instruments (PLAY_ARGS='--record session.lcm')
+#: make spy                    lcm-spy on the session that runs
+DEMO_SCENE ?= apps/scenes/liver-cut.yaml
+DEMO_CAMERA ?= --azimuth -72 --elevation 32 --zoom 1.15
+PLAY_SCENE ?= $(DEMO_SCENE)
+demo:
+	@apps/demo/opening.sh $(OUT) $(DEMO_SCENE)
+	$(call ready,build demo,all venv)
+	@$(VENV)/bin/python apps/demo/demo.py --build $(OUT) --scene $(DEMO_SCENE) --camera='$(DEMO_CAMERA)' $(DEMO_ARGS)
+play:
+	@[ -n "$$DISPLAY$$WAYLAND_DISPLAY" ] || { echo "play: no display (neither DISPLAY nor WAYLAND_DISPLAY is set); run it on a desktop or over ssh -X, or use make demo, which needs none" >&2; exit 2; }
+	$(call ready,build demo,all venv)
+	@$(VENV)/bin/python apps/play/play.py --build $(OUT) --scene $(PLAY_SCENE) $(PLAY_ARGS) -- $(DEMO_CAMERA) $(PLAY_WINDOW)
+spy:
+	@OUT=$(OUT) apps/demo/spy.sh
+
+#: make organ IMAGE= ORGAN_ARGS=  from a segmented image, a surface or a mesh to an organ that is felt: build/organ/
+#: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)
+#: make evaluate               extrapolation errors: build/evaluate/index.html (QUICK=1: the short form)
+#: make stability              every hard case and its verdict: build/stability/index.html (QUICK=1: the short form)
+organ:
+	@$(if $(IMAGE),,echo "make organ: no IMAGE; make organ IMAGE=seg.nii.gz (or .stl, .msh; tm-organ --help)" >&2; exit 2)
+	$(call ready,build,programs)
+	@$(OUT)/bin/tm-organ '$(IMAGE)' -o $(OUT)/organ $(ORGAN_ARGS)
+# $(call draw,STUDY,FIGURES,OPTIONS): the page of a study.
+draw = TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/$(1)/page.py $(OUT)/$(1)/$(2).json -o $(OUT)/$(1) $(3)
+accuracy:
+	$(call ready,build,venv programs)
+	@mkdir -p $(OUT)/accuracy
+	$(OUT)/bin/tm-accuracy $(if $(QUICK),--quick) --json $(OUT)/accuracy/figures.json
+	$(call draw,accuracy,figures,$(if $(wildcard $(OUT)/evaluate/rates.json),--rates $(OUT)/evaluate/rates.json))
+# Of tm-stability, shown there too.
+EVALUATE_CASES := spike-1mm spike-10mm spike-50mm spike-100mm tears-away each-its-own lump-20 replays doubled reordered loss-10 delay-50 two-sims
+evaluate:
+	$(call ready,build,venv programs)
+	@mkdir -p $(OUT)/evaluate
+	$(OUT)/bin/tm-evaluate --study $(if $(QUICK),--quick) $(EVALUATE_ARGS) --json $(OUT)/evaluate/figures.json
+	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) $(EVALUATE_CASES:%=--case %) --quiet --json $(OUT)/evaluate/torture.json || [ $$? -eq 1 ]
+	$(call draw,evaluate,figures,--torture $(OUT)/evaluate/torture.json)
+stability:
+	$(call ready,build,venv programs)
+	@mkdir -p $(OUT)/stability
+	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) --json $(OUT)/stability/verdicts.json; code=$$?; \
+	$(call draw,stability,verdicts,--fuzz $(BUILD)/fuzz/fuzz.json --sanitize $(BUILD)/sanitize.json) && exit $$code
+
+# image.so: images by ITK and GDCM (which ITK's package brings), tetrahedra by CGAL (GPL), for tm-mesh image and fill. Optional: nothing else waits for it.
+#: make image                  the module of tm-mesh image (ITK, CGAL: 47 MB of packages, installed if missing)
+IMAGE_SRC := $(call files,apps/image/*.cpp)
+newest = $(firstword $(wildcard /usr/include/$(1)-*) /usr/include/$(1))
+# -O1: these headers take half as long to compile, and the mesher runs as fast.
+$(call objects,$(IMAGE_SRC)): BASE_CXXFLAGS += $(if $(filter release,$(config)),-O1 -g1) -isystem $(call newest,ITK)
+$(call objects,apps/image/dicom.cpp): BASE_CXXFLAGS += -isystem $(call newest,gdcm)
+# CGAL's own: a warning of its header repair_self_intersections.h
+$(call objects,apps/image/surface.cpp): BASE_CXXFLAGS += -Wno-maybe-uninitialized
+IMAGE_LIBS = $(patsubst %,-l%-$(patsubst ITK-%,%,$(notdir $(call newest,ITK))),ITKIONIFTI ITKIONRRD ITKIOMeta ITKIOImageBase ITKCommon itksys) -lgdcmMSFF -lgdcmDSED -lgdcmDICT -lgdcmCommon -lz -lgmp -lmpfr
+$(eval $(call module_rule,image,$(IMAGE_SRC),,$$(IMAGE_LIBS)))
+image:
+	$(call ready,build image,$(OUT)/lib/tensormass/image.so)
+
+# The generated meshes. 1k and 10k are committed (tests compare them with what the generator makes).
+#: make meshes               the generated meshes of 50,000 tetrahedra, into build/meshes/
+MESHES_DIR ?= $(OUT)/meshes
+MESH_GENERATOR := $(OUT)/obj/apps/mesh/generate
+$(call executable,obj/apps/mesh/generate,$(call files,apps/mesh/generator/*.c) $(patsubst %,apps/mesh/%.c,growing bisect improve lattice))
+meshes: $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
+$(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
+	@mkdir -p $(@D)
+	$(MESH_GENERATOR) $* 50000 $(basename $@)
+# Makes the committed meshes anew. liver_cut is finer where the demo cuts: the front margin of the left lobe; renumbered,
+# for what refining adds is numbered last, wherever it lies.
+CUT_BOX := 35mm,-70mm,-20mm,75mm,-35mm,60mm
+meshes-committed: $(MESH_GENERATOR) $(OUT)/bin/tm-mesh
+	for s in block cylinder liver; do $(MESH_GENERATOR) $$s 1000 meshes/$${s}_1k && $(MESH_GENERATOR) $$s 10000 meshes/$${s}_10k || exit 1; done
+	$(OUT)/bin/tm-mesh refine --box $(CUT_BOX) --size 8mm --fibres meshes/liver_10k.fibres.csv --write-fibres $(OUT)/refined.fibres.csv meshes/liver_10k.msh -o $(OUT)/refined.msh
+	$(OUT)/bin/tm-mesh renumber --fibres $(OUT)/refined.fibres.csv --write-fibres meshes/liver_cut.fibres.csv $(OUT)/refined.msh -o meshes/liver_cut.msh
