@@ -117,6 +117,16 @@ def test_every_target_exists(root):
     assert not bad, "\n".join(bad)
 
 
+def test_make_demo_opens_with_what_it_will_do(root, build, tmp_path):
+    """Before the first compiler line: what, how long, where, and what is built first."""
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
+    first = subprocess.run(["make", "-n", "--no-print-directory", "demo", f"BUILD={tmp_path}"], cwd=root, env=clean, capture_output=True, text=True, timeout=300).stdout.splitlines()[0]
+    assert first.startswith("apps/demo/opening.sh")
+    for out, of_the_build in ((tmp_path, "builds everything first"), (build, "builds first what has changed")):
+        said = subprocess.run([root / "apps/demo/opening.sh", out, "a.yaml"], capture_output=True, text=True, check=True, timeout=60).stdout
+        assert all(words in said for words in ("demo: runs a.yaml", "minute", f"results in {out}/demo", of_the_build)), said
+
+
 def test_scenes_are_taken_as_they_are_given(root, bin):
     """tm-sim with a scene of the tree: its --set and --unset are those of the scene's keys. --check builds it and runs nothing."""
     tried = set()
