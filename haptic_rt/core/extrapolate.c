@@ -103,12 +103,9 @@ const char *hrt_extrapolator_name(hrt_extrapolator which) {
 
 bool hrt_extrapolator_find(const char *name, hrt_extrapolator *which) {
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
-        const char *a = laws[w].name, *b = name;
-        while (*a && *a == *b) a++, b++;
-        if (*a == *b) {
-            *which = (hrt_extrapolator)w;
-            return true;
-        }
+        if (!hrt_same_name(laws[w].name, name)) continue;
+        *which = (hrt_extrapolator)w;
+        return true;
     }
     return false;
 }

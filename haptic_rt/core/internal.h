@@ -45,6 +45,11 @@ static inline void hrt_apply(const float m[9], const float x[3], float y[3]) {
 static inline void hrt_apply_transposed(const float m[9], const float x[3], float y[3]) {
     for (int i = 0; i < 3; i++) y[i] = m[i] * x[0] + m[3 + i] * x[1] + m[6 + i] * x[2];
 }
+/* Without string.h, which the core does not use. */
+static inline bool hrt_same_name(const char *a, const char *b) {
+    while (*a && *a == *b) a++, b++;
+    return *a == *b;
+}
 static inline float hrt_clamp(float value, float low, float high) {
     return value < low ? low : value > high ? high : value;
 }

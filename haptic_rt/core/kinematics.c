@@ -43,11 +43,8 @@ const int32_t hrt_device_type_count = (int32_t)(sizeof hrt_device_types / sizeof
 
 #if HRT_WITH_WORDS
 int32_t hrt_device_type_find(const char *name) {
-    for (int32_t t = 0; t < hrt_device_type_count; t++) {
-        const char *a = hrt_device_types[t]->name, *b = name;
-        while (*a && *a == *b) a++, b++;
-        if (*a == *b) return t;
-    }
+    for (int32_t t = 0; t < hrt_device_type_count; t++)
+        if (hrt_same_name(hrt_device_types[t]->name, name)) return t;
     return -1;
 }
 #endif

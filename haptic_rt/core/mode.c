@@ -1,5 +1,7 @@
 #include "mode.h"
 
+#include "internal.h"
+
 #define NAME_OF(mode, name) name,
 static const char *const names[HRT_MODE_COUNT] = {HRT_MODES(NAME_OF)};
 
@@ -7,12 +9,9 @@ const char *hrt_mode_name(hrt_mode mode) { return (int)mode >= 0 && mode < HRT_M
 
 bool hrt_mode_find(const char *name, hrt_mode *mode) {
     for (int m = 0; m < HRT_MODE_COUNT; m++) {
-        const char *a = names[m], *b = name;
-        while (*a && *a == *b) a++, b++;
-        if (*a == *b) {
-            *mode = (hrt_mode)m;
-            return true;
-        }
+        if (!hrt_same_name(names[m], name)) continue;
+        *mode = (hrt_mode)m;
+        return true;
     }
     return false;
 }
