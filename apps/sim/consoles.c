@@ -28,12 +28,33 @@ static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_pa
                           haptics->latency.si, 1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
 }
 
+/* Of this instrument: its own, else the one for all; null: neither. */
+static const app_text *profile_of(const sim_haptics *haptics, const app_instrument *scene) {
+    if (scene->profile.line) return &scene->profile;
+    return haptics->profile.line ? &haptics->profile : NULL;
+}
+
+/* Whether this instrument's device can be on the bus, with the profile that it would get. */
+static tm_status check_device(const sim *s, int i, const sim_haptics *haptics, const app_instrument *scene) {
+    char why[200];
+    const int line = scene->device.line ? scene->device.line : scene->here.line;
+    if (!hrt_bus_carries(s->axes[i].device, why, sizeof why))
+        return app_scene_bad(s->scene, line, "instrument %d: %s, or leave out haptics", i, why);
+    if (profile_of(haptics, scene) != &haptics->profile || sim_same_devices(s)) return 0;
+    return app_scene_bad(s->scene, haptics->profile.line,
+                         "haptics.profile is for instruments of one device, and these have a %s and a %s; give each "
+                         "its own: instruments: - profile: FILE",
+                         s->axes[0].device->name, s->axes[1].device->name);
+}
+
 static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {
     sim_console *t = &all->console[i];
     const app_instrument *scene = (const app_instrument *)s->scene->instrument.item + i;
     hrt_device_config device = hrt_device_config_of(s->axes[i].device, i);
     hrt_node_config node = hrt_node_config_default(i);
-    if (haptics->profile.line && !hrt_profile_read(haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
+    const app_text *profile = profile_of(haptics, scene);
+    if (check_device(s, i, haptics, scene)) return APP_BAD_INPUT;
+    if (profile && !hrt_profile_read(profile->s, &device.profile)) return APP_BAD_INPUT;
     node.params = device.profile;
     if (i == 0 && warn_age(s, haptics, &node.params, 1e-6 * (double)tick_us)) return APP_BAD_INPUT;
     node.mode = (hrt_mode)s->instrument_def[i].mode;

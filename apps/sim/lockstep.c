@@ -40,6 +40,7 @@ typedef struct lockstep {
     int64_t second_frame;                                        /* with which it began */
     hrt_histogram frame_processor;
     sim_magnitude force;
+    int joint_columns; /* of the trace: of the one device that all have, else as many as any may have */
 } lockstep;
 
 static int64_t sample_us(const lockstep *l, int64_t sample) {
@@ -58,13 +59,13 @@ static void hear_controller(void *user, int instrument, const tensormass_control
 }
 
 /* Joints by name where all instruments have them, else by number. */
-static int joint_columns(const sim *s) { return sim_same_devices(s) ? s->axes[0].device->joints : SIM_JOINTS; }
-
-static void trace_header(const sim *s, FILE *out) {
+static void trace_header(lockstep *l, FILE *out) {
+    const hrt_device_type *device = sim_same_devices(l->s) ? l->s->axes[0].device : NULL;
+    l->joint_columns = device ? device->joints : SIM_JOINTS;
     fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N", out);
-    for (int j = 0; j < joint_columns(s); j++)
-        if (sim_same_devices(s))
-            fprintf(out, ",%s", s->axes[0].device->joint[j].name);
+    for (int j = 0; j < l->joint_columns; j++)
+        if (device)
+            fprintf(out, ",%s", device->joint[j].name);
         else
             fprintf(out, ",joint_%d", j);
     fputs(",age_s\n", out);
@@ -77,7 +78,7 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
             h->limits);
     for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
     for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
-    for (int j = 0; j < joint_columns(l->s); j++) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
+    for (int j = 0; j < l->joint_columns; j++) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
@@ -115,7 +116,8 @@ static void trace_sample(lockstep *l, const tensormass_force_sample_t *m, int64_
             fprintf(l->csv.stream, "%.6f,%d,-1,0,0", (double)(now_us - START_US) * 1e-6, m->instrument);
             for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
             for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
-            fprintf(l->csv.stream, ",0,0,0,0,0,0\n");
+            for (int j = 0; j < l->joint_columns; j++) fputs(",0", l->csv.stream);
+            fputs(",0\n", l->csv.stream);
         }
     }
 }
@@ -293,7 +295,7 @@ static int begin(lockstep *l, const char *log) {
     l->frame = l->first_frame = s->frames;
     l->sample = l->frame * s->samples;
     sim_stream_begin(&l->stream, s, 0);
-    if (l->csv.begun) trace_header(s, l->csv.stream);
+    if (l->csv.begun) trace_header(l, l->csv.stream);
     if (l->samples.begun)
         fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,"
               "k12,k13,k21,k22,k23,k31,k32,k33\n",

@@ -128,8 +128,6 @@ static int complete(program *p) {
         c->hand_stiffness[j] *= p->grasp;
         c->hand_damping[j] *= sqrt(p->grasp);
     }
-    if (c->profile.device->joints > HRT_CAN_JOINTS)
-        return app_bad_input("--device-type", 0, "the bus carries %d joints", HRT_CAN_JOINTS);
     return p->start ? checked(read_start(p->start, c->profile.device, c->rest)) : -1;
 }
 

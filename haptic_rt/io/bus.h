@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "can/frame.h"
+#include "hrt.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -86,6 +87,9 @@ bool hrt_bus_claim(hrt_bus *bus, hrt_bus_role role, int32_t instrument, char *wh
 /* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure
  * `why` says what is wrong and what to do. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
+
+/* False with `why`: the frames carry fewer joints than the device has. For whoever opens a bus for a device. */
+bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size);
 
 /* For the drivers: counts a frame's bits. */
 static inline void hrt_bus_count(hrt_bus *bus, uint64_t *what, const hrt_can_frame *frame) {

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 
 #include "app.h"
+#include "bus.h"
 #include "loop.h"
 #include "network.h"
 #include "profile.h"
@@ -66,6 +67,8 @@ int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc,
     if (optind < argc) return app_bad_input(argv[optind], 0, "not an option; see %s --help", line->program);
     if (!common->bus)
         return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
+    char why[200];
+    if (!hrt_bus_carries(common->params.device, why, sizeof why)) return app_bad_input("--device-type", 0, "%s", why);
     return -1;
 }
 

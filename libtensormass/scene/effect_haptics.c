@@ -32,7 +32,8 @@ static const app_field fields[] = {
     {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0,
      "passivity control, in lockstep"},
     {"haptics.profile", APP_PATH, NULL, NULL, 0, 0, offsetof(sim_haptics, profile), 0,
-     "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the device's own"},
+     "device profile (haptic_rt/device/profiles; `haptic-rt --params`) of all instruments, in lockstep; left out, the "
+     "device's own; where devices differ, give `instruments[].profile`"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0,
      "in lockstep: periods of `rate` between a tool sample and the publishing of its force; a warning says when the "
      "force is then older than the controller goes on with (`stale_us`)"},

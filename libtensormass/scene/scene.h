@@ -172,6 +172,7 @@ typedef struct app_instrument {
     app_section here;
     app_choice mode; /* tm_tool_mode */
     app_text device; /* a name of hrt_device_types */
+    app_text profile;
     app_vector trocar, axis, up;
     app_number radius, contact_length;
     app_section friction; /* of the effect of this name, what this one has of its own; null default: the effect's */

@@ -112,6 +112,8 @@ static const app_field fields[] = {
      0, "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
     {"instruments[].device", APP_TEXT, NULL, "impulse_engine", 0, 0, offsetof(app_instrument, device), 0,
      "what the hand holds; `haptic-rt --list` says which there are"},
+    {"instruments[].profile", APP_PATH, NULL, NULL, 0, 0, offsetof(app_instrument, profile), 0,
+     "this one's device profile, in lockstep with `haptics`; left out, `haptics.profile`"},
     {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0, "the pivot, world"},
     {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0,
      "where the shaft points at zero pitch and yaw, any length"},

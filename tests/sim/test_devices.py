@@ -47,6 +47,28 @@ def test_its_hand_is_written_in_its_joints(bin, root, tmp_path):
     assert '"desk"' in (tmp_path / "hand.json").read_text()
 
 
+@pytest.mark.parametrize("device", JOINTS)
+def test_a_table_without_controllers_has_a_column_for_each_joint(bin, root, tmp_path, device):
+    sim(bin, root, "--lockstep", "--quiet", "--frames", "2", "--unset", "haptics", "--set", f"instruments[0].device={device}", "--csv", tmp_path / "t.csv")
+    widths = {len(line.split(",")) for line in (tmp_path / "t.csv").read_text().splitlines()}
+    assert widths == {12 + len(JOINTS[device])}
+
+
+@pytest.mark.parametrize("words, says", [
+    (["haptics.profile={profile}"], "haptics.profile is for instruments of one device, and these have a impulse_engine and a desk"),
+    (["instruments[0].profile={profile}", "instruments[1].profile={profile}"], "mine.profile:1: joint_max: '7' will not do; it has 3 value(s)"),
+    (["instruments[0].profile={profile}"], None), (["haptics.profile={profile}", "instruments[1].device=impulse_engine"], None)])
+def test_a_profile_is_of_one_device(bin, root, tmp_path, words, says):
+    """Two devices never share one; each may have its own."""
+    profile, scene, text = tmp_path / "mine.profile", tmp_path / "two.yaml", (root / SCENE).read_text()
+    profile.write_text("joint_max = 1 1 0.3 7 1\n")
+    trocar = "    trocar: [50 mm, 50 mm, 180 mm]\n"
+    scene.write_text(text.replace("../..", str(root)).replace(trocar, trocar + "  - mode: probe\n    device: desk\n    trocar: [20 mm, 20 mm, 180 mm]\n"))
+    sets = [w for word in words for w in ("--set", word.format(profile=profile))]
+    run = subprocess.run([bin / "tm-sim", scene, "--lockstep", "--quiet", "--frames", "2", *sets], capture_output=True, text=True, timeout=60)
+    assert run.returncode == (2 if says else 0) and (says or "") in run.stderr, run.stderr
+
+
 @pytest.mark.parametrize("words, says", [
     (["instruments[0].device=deks"], "device 'deks' is not known; use one of impulse_engine desk"),
     (["instruments[0].device=desk", "hand[0].path[1].roll=0.2 rad"], "the device of instrument 0, desk, has no such joint; leave it out")])
