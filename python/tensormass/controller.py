@@ -48,8 +48,10 @@ def parameters(device: str = "impulse_engine", **values: Any) -> c.hrt_params:
             raise ArgumentError(f"parameter {name!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
         field = getattr(params, name)
         if isinstance(field, ctypes.Array):
-            for i, number in enumerate(value):
-                field[i] = number
+            numbers = [float(x) for x in value]
+            if len(numbers) > len(field):
+                raise ArgumentError(f"parameter {name!r}: {len(numbers)} values; it has {len(field)} at most", c.TM_ERR_ARGUMENT)
+            field[:len(numbers)] = numbers
         else:
             setattr(params, name, value)
     row = lib.hrt_params_check(ctypes.byref(params))
@@ -143,9 +145,19 @@ class Controller:
         lib.hrt_init(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(self._axes), session)
         self._kept: List[Any] = [None, None, None]
 
+    def _device(self) -> Any:
+        return ctypes.cast(self.params.device, ctypes.POINTER(c.hrt_device_type)).contents
+
+    def _counted(self, joints: Any) -> List[float]:
+        """Of the device's joints the values, the first ones at least."""
+        values, device = [float(x) for x in joints], self._device()
+        if len(values) > device.joints:
+            raise ArgumentError(f"joints: {len(values)} of them; a {device.name.decode()} has {device.joints}", c.TM_ERR_ARGUMENT)
+        return values
+
     def tip(self, joints: Any) -> Any:
         """(3,) tip of the device's joints, relative to the trocar, m."""
-        joint, out = (ctypes.c_float * _JOINTS)(*map(float, joints)), (ctypes.c_float * 3)()
+        joint, out = (ctypes.c_float * _JOINTS)(*self._counted(joints)), (ctypes.c_float * 3)()
         lib.hrt_tip(ctypes.byref(self._axes), joint, out)
         return np.array(out, float)
 
@@ -154,8 +166,7 @@ class Controller:
         out = (ctypes.c_float * _JOINTS)()
         if not lib.hrt_inverse(ctypes.byref(self._axes), (ctypes.c_float * 3)(*map(float, tip_m)), out):
             raise ArgumentError("tip_m: no joints put the tip at the trocar itself; give another", c.TM_ERR_ARGUMENT)
-        device = ctypes.cast(self.params.device, ctypes.POINTER(c.hrt_device_type)).contents
-        return np.array(out[:device.joints], float)
+        return np.array(out[:self._device().joints], float)
 
     def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
              passivity: bool = True, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
@@ -164,10 +175,10 @@ class Controller:
 
         The result (hrt_result, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
         """
-        i = self._input
+        i, values = self._input, self._counted(joints)
         i.encoder_us, i.device_session, i.device_fault, i.bus_ok = t_us, 1, device_fault, bus_ok
-        for j, value in enumerate(joints):
-            i.count[j] = round(lib.hrt_count_of_joint(ctypes.byref(self.params), j, float(value)))
+        for j, value in enumerate(values):
+            i.count[j] = round(lib.hrt_count_of_joint(ctypes.byref(self.params), j, value))
         i.enable, i.passivity, i.coupling, i.pedal, i.reset, i.extrapolator = enable, passivity, coupling, pedal, reset, self.extrapolator
         if newest is not None:
             newest.patch = None if patch is None else ctypes.addressof(patch)

@@ -249,6 +249,25 @@ def test_bad_use(bin, tmp_path, arguments, says):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_log_is_judged_by_its_own_device(bin, root, build, tmp_path):
+    """A desk gives 3.2 N, an Impulse Engine 8.9 N: how far a force is over the limit says whose was taken."""
+    log = tmp_path / "desk.lcm"
+    subprocess.run([bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--quiet", "--set", "instruments[0].device=desk", "--set", f"recording.file={log}"],
+                   check=True, timeout=300)
+    one, = figures(bin, root, tmp_path, log)
+    hold = one["rows"][0]
+    assert one["device"] == "desk" and hold["over_limit"] == pytest.approx(one["peak_N"] / 3.2, rel=0.2)
+
+    def change(event, message, kind):
+        if kind == "TOOL":
+            message.device = 99
+        return [(event.timestamp, event.channel, message.encode() if message else event.data)]
+
+    rewrite(root, build, log, tmp_path / "strange.lcm", change)
+    run = subprocess.run([bin / "tm-evaluate", tmp_path / "strange.lcm"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and "TOOL_0 is of device 99, which this build does not know" in run.stderr
+
+
 def test_a_log_without_samples_is_refused(bin, tmp_path):
     (tmp_path / "empty.lcm").write_bytes(b"")
     run = subprocess.run([bin / "tm-evaluate", tmp_path / "empty.lcm"], capture_output=True, text=True, timeout=300)

@@ -196,5 +196,13 @@ def test_the_controller_knows_devices_by_name():
     joints = desk.joints(tip)
     assert joints.shape == (3,) and np.allclose(desk.tip(joints), tip, atol=1e-7)
     assert desk.tick(10**6, joints).joint[2] == pytest.approx(0.1, abs=1e-4)
+    for device, count in (("desk", 3), ("impulse_engine", 5)):
+        controller = tm.Controller(params=tm.controller.parameters(device=device))
+        for given in (count + 1, 8):
+            for call in (controller.tip, lambda joints: controller.tick(10**6, joints)):
+                with pytest.raises(tm.ArgumentError, match=f"joints: {given} of them; a {device} has {count}"):
+                    call([0.1] * given)
+    with pytest.raises(tm.ArgumentError, match="torque_max': 9 values; it has 3 at most"):
+        tm.controller.parameters(torque_max=[1.0] * 9)
     with pytest.raises(tm.ArgumentError, match="use one of impulse_engine, desk"):
         tm.controller.parameters(device="stylus")

@@ -53,7 +53,13 @@ static bool put_patch(app_link *log, const sampled *x, const double trocar[3]) {
 
 static bool put_tick(app_link *log, const recording *r, int k, const double trocar_m[3]) {
     const int64_t at = (int64_t)k * TICK_US;
-    tensormass_tool_state_t tool = {.utime = START_US + at, .seq = k, .session = 1, .state = HRT_ENGAGED, .active = 1};
+    tensormass_tool_state_t tool = {.utime = START_US + at,
+                                    .seq = k,
+                                    .session = 1,
+                                    .state = HRT_ENGAGED,
+                                    .active = 1,
+                                    .device = (int8_t)hrt_device_type_number(r->params.device),
+                                    .joints = (int8_t)r->params.device->joints};
     if (r->samples && !r->sample[0].sample.unilateral) tool.mode = HRT_MODE_GRASPER;
     hrt_sample truth = {.t_us = at, .seq = (uint32_t)k};
     for (int i = 0; i < 3; i++) {
@@ -228,7 +234,7 @@ typedef struct survey {
     double origin[INSTRUMENTS][3];
     struct {
         int64_t id;
-        int ticks;
+        int ticks, device;
     } session[INSTRUMENTS][SESSIONS];
     int sessions[INSTRUMENTS]; /* further ones are not looked at */
 } survey;
@@ -242,6 +248,7 @@ static app_verdict survey_tool(void *user, int i, int64_t logged_us, const void 
     if (k == SESSIONS) return APP_LEFT;
     if (k == v->sessions[i]) v->session[i][v->sessions[i]++].id = m->session;
     v->session[i][k].ticks++;
+    v->session[i][k].device = m->device;
     return APP_TAKEN;
 }
 
@@ -288,7 +295,6 @@ int log_read(const char *file, int instrument, recording *out) {
     int longest = 0;
     reading g = {.r = out};
     memset(out, 0, sizeof *out);
-    hrt_params_default(&out->params);
     snprintf(out->name, sizeof out->name, "%s", file);
     if (!survey_log(file, &v))
         return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
@@ -296,6 +302,12 @@ int log_read(const char *file, int instrument, recording *out) {
         if (v.session[instrument][k].ticks > v.session[instrument][longest].ticks) longest = k;
     out->sessions = v.sessions[instrument];
     g.session = v.session[instrument][longest].id;
+    const int device = v.session[instrument][longest].device;
+    if (device < 0 || device >= hrt_device_type_count)
+        return app_bad_input(file, 0,
+                             "TOOL_%d is of device %d, which this build does not know; use the build that wrote it",
+                             instrument, device);
+    hrt_params_of_device(&out->params, hrt_device_types[device]);
     g.origin_known = v.origin_known[instrument];
     memcpy(g.origin, v.origin[instrument], sizeof g.origin);
     const app_topic topic[] = {{APP_TOOL, instrument, take_tool, &g},

@@ -81,8 +81,9 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
         return false;
     }
     cJSON *one = app_json_add(
-        logs, "log %s instrument %d controller_sessions %d truth %s ticks %d samples %d peak_N %g", file, instrument,
-        r->sessions, r->interpolated ? "interpolated" : "recorded", r->ticks, r->samples, r->peak_N);
+        logs, "log %s instrument %d device %s controller_sessions %d truth %s ticks %d samples %d peak_N %g", file,
+        instrument, r->params.device->name, r->sessions, r->interpolated ? "interpolated" : "recorded", r->ticks,
+        r->samples, r->peak_N);
     cJSON *rows = cJSON_AddArrayToObject(one, "rows");
     printf("%s: instrument %d: %d samples over %.1f s, %d ticks judged, peak %.3g N, truth %s\n", file, instrument,
            r->samples, 1e-6 * TICK_US * r->ticks, first.judged, r->peak_N,
