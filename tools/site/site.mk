@@ -16,3 +16,7 @@ docs: man
 #: make man                    man pages and completion of every program: build/reference
 man: programs
 	@/usr/bin/python3 tools/reference/make_reference.py $(OUT)/bin $(OUT)/reference $(VERSION) $(call REFERENCE_OF,$(PROGRAMS) $(PYTHON_PROGRAMS))
+#: make pictures               plots, drawings and tutorial pictures of the pages, drawn anew into docs/images
+pictures:
+	$(call ready,build demo image,venv programs $(OUT)/lib/tensormass/image.so)
+	@for script in plots drawings tutorial; do $(VENV)/bin/python tools/pictures/$$script.py || exit; done

@@ -1,4 +1,4 @@
-"""site.py OUT MAN: lays the pages' sources out in OUT: docs/ as they are, one page for each public header, one for each program's man page."""
+"""site.py OUT MAN: lays the pages' sources out in OUT: docs/ and its tutorial as they are, one page for each public header, one for each program's man page."""
 import pathlib
 import re
 import shutil
@@ -17,8 +17,11 @@ def headers():
 
 
 def guides(out):
-    for page in (ROOT / "docs").glob("*.md"):
-        (out / page.name).write_text(TREE.sub(r"\1", page.read_text()))
+    (out / "tutorial").mkdir()
+    for page in (ROOT / "docs").rglob("*.md"):
+        place = page.relative_to(ROOT / "docs")
+        text = page.read_text()
+        (out / place).write_text(TREE.sub(r"\1", text) if place.parent == pathlib.Path(".") else text)
     shutil.copytree(ROOT / "docs/images", out / "images")
 
 
