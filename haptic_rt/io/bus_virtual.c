@@ -75,13 +75,15 @@ static void begin_anew(hrt_virtual_bus *v) {
 }
 
 static void virtual_recover(hrt_bus *bus, int64_t now_us) {
-    if (now_us - bus->tried_us < 100000) return;
+    hrt_virtual_hold *hold = bus->shared;
+    const bool ready = atomic_exchange(&hold->ready, false);
+    if (!ready && (in_trouble(bus) || !is_garbage(bus) || now_us - bus->tried_us < 100000)) return;
     bus->tried_us = now_us;
-    if (!in_trouble(bus) && is_garbage(bus)) {
+    if (ready)
+        atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
+    else
         begin_anew(memory_of(bus));
-        bus->next = atomic_load(&memory_of(bus)->head);
-    }
-    if (hrt_virtual_mend(bus->shared)) bus->next = atomic_load(&memory_of(bus)->head);
+    bus->next = atomic_load(&memory_of(bus)->head);
 }
 
 static void virtual_close(hrt_bus *bus) {

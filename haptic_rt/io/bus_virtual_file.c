@@ -24,9 +24,8 @@ static struct sigaction before;
  * be in trouble. */
 static void on_sigbus(int number, siginfo_t *info, void *context) {
     const uintptr_t at = (uintptr_t)info->si_addr;
-    for (int i = 0; i < 2 * HRT_VIRTUAL_HOLDS; i++) {
-        hrt_virtual_hold *hold = &holds[i / 2];
-        void *memory = atomic_load(i % 2 ? &hold->fresh : &hold->memory);
+    for (hrt_virtual_hold *hold = holds; hold < holds + HRT_VIRTUAL_HOLDS; hold++) {
+        void *memory = atomic_load(&hold->memory);
         if (!memory || at < (uintptr_t)memory || at >= (uintptr_t)memory + sizeof(hrt_virtual_bus)) continue;
         const int kept = errno;
         if (mmap(memory, sizeof(hrt_virtual_bus), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1,
@@ -147,24 +146,18 @@ static int enter(const char *path, struct stat *st) {
     return -1;
 }
 
-/* cut: a shorter file is one that was cut short, and grown again. */
-static hrt_virtual_bus *map(int fd, off_t size, bool cut) {
+/* Over the mapping at `place`, null: there is none. grown: a shorter file is one that was cut short, and made whole. */
+static hrt_virtual_bus *map(void *place, int fd, off_t size, bool grown) {
     const off_t whole = (off_t)sizeof(hrt_virtual_bus);
-    if (size != whole && (size > whole || (size > 0 && !cut) || ftruncate(fd, whole) != 0)) return NULL;
-    void *memory = mmap(NULL, (size_t)whole, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
+    if (size != whole && (size > whole || (size > 0 && !grown) || ftruncate(fd, whole) != 0)) return NULL;
+    const int flags = MAP_SHARED | MAP_POPULATE | (place ? MAP_FIXED : 0);
+    void *memory = mmap(place, (size_t)whole, PROT_READ | PROT_WRITE, flags, fd, 0);
     return memory == MAP_FAILED ? NULL : memory;
 }
 
 static bool is_a_bus(hrt_virtual_bus *v) {
     uint64_t none = 0;
     return atomic_compare_exchange_strong(&v->magic, &none, HRT_VIRTUAL_MAGIC) || none == HRT_VIRTUAL_MAGIC;
-}
-
-static void take_over(hrt_virtual_hold *hold, hrt_virtual_bus *memory, int fd, const struct stat *st) {
-    hold->fd = fd;
-    atomic_store(&hold->device, (uint64_t)st->st_dev);
-    atomic_store(&hold->inode, (uint64_t)st->st_ino);
-    atomic_store(&hold->memory, memory);
 }
 
 hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
@@ -183,13 +176,14 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
         folder(directory, sizeof directory, why, why_size); /* it went with the last bus in it */
     }
     catch_sigbus();
-    hrt_virtual_bus *memory = fd < 0 ? NULL : map(fd, st.st_size, false);
+    hrt_virtual_bus *memory = fd < 0 ? NULL : map(NULL, fd, st.st_size, false);
     hold->path = path;
+    hold->fd = fd;
     hold->claimed = -1;
     hold->told = HRT_VIRTUAL_WELL;
     atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
-    atomic_store(&hold->past, HRT_VIRTUAL_WELL);
-    if (memory) take_over(hold, memory, fd, &st);
+    atomic_store(&hold->ready, false);
+    atomic_store(&hold->memory, memory);
     if (memory && is_a_bus(memory)) return hold;
     if (fd < 0)
         snprintf(why, (size_t)why_size, "cannot open %s (%s); set TM_BUS_DIR to a directory of your own", path,
@@ -202,91 +196,50 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
     return NULL;
 }
 
-/* --- by the thread that looks --- */
-
-static void unmap_old(hrt_virtual_hold *hold) {
-    hrt_virtual_bus *old = atomic_load(&hold->old);
-    if (!old) return;
-    munmap(old, sizeof *old);
-    close(hold->old_fd);
-    atomic_store(&hold->old, NULL);
-}
-
-static void drop_fresh(hrt_virtual_hold *hold) {
-    hrt_virtual_bus *fresh = atomic_exchange(&hold->fresh, NULL);
-    atomic_store(&hold->ready, false);
-    if (!fresh) return;
-    munmap(fresh, sizeof *fresh);
-    close(hold->fresh_fd);
-}
-
-/* Maps the file anew, once a call. */
-static void map_anew(hrt_virtual_hold *hold) {
-    struct stat st;
+/* Opens what is there now in the place of a file that was removed or replaced, with our place on it. */
+static bool enter_anew(hrt_virtual_hold *hold, struct stat *st) {
     char directory[200], why[300];
-    int fd = enter(hold->path, &st);
-    if (fd < 0 && errno == ENOENT && folder(directory, sizeof directory, why, sizeof why)) fd = enter(hold->path, &st);
-    if (fd < 0) return;
-    const bool ours =
-        (uint64_t)st.st_dev == atomic_load(&hold->device) && (uint64_t)st.st_ino == atomic_load(&hold->inode);
-    if (ours) /* the old descriptor's lock would be in the way of the new one's */
-        for (int place = 0; place < PLACES; place++) lock(hold->fd, F_UNLCK, place);
-    const bool taken = hold->claimed >= 0 && !lock(fd, F_WRLCK, hold->claimed);
-    hrt_virtual_bus *fresh = taken ? NULL : map(fd, st.st_size, true);
-    if (!fresh) {
-        if (taken) atomic_store(&hold->trouble, HRT_VIRTUAL_TAKEN);
+    int fd = enter(hold->path, st);
+    if (fd < 0 && errno == ENOENT && folder(directory, sizeof directory, why, sizeof why)) fd = enter(hold->path, st);
+    if (fd < 0) return false;
+    if (hold->claimed >= 0 && !lock(fd, F_WRLCK, hold->claimed)) {
+        atomic_store(&hold->trouble, HRT_VIRTUAL_TAKEN);
         close(fd);
-        return;
+        return false;
     }
-    hold->fresh_fd = fd;
-    hold->fresh_device = (uint64_t)st.st_dev, hold->fresh_inode = (uint64_t)st.st_ino;
-    atomic_store(&hold->fresh, fresh);
-    if (is_a_bus(fresh))
-        atomic_store(&hold->ready, true);
-    else
-        drop_fresh(hold);
-}
-
-static void prepare(hrt_virtual_hold *hold) {
-    unmap_old(hold);
-    if (atomic_load(&hold->trouble) != HRT_VIRTUAL_WELL && !atomic_load(&hold->ready)) map_anew(hold);
-}
-
-/* --- by the tick's thread --- */
-
-bool hrt_virtual_mend(hrt_virtual_hold *hold) {
-    if (atomic_load(&hold->trouble) == HRT_VIRTUAL_WELL || !atomic_load(&hold->ready)) return false;
-    hrt_virtual_bus *old = atomic_load(&hold->memory), *fresh = atomic_load(&hold->fresh);
-    hold->old_fd = hold->fd;
-    hold->fd = hold->fresh_fd;
-    atomic_store(&hold->device, hold->fresh_device);
-    atomic_store(&hold->inode, hold->fresh_inode);
-    atomic_store(&hold->memory, fresh);
-    atomic_store(&hold->fresh, NULL);
-    atomic_store(&hold->ready, false);
-    atomic_store(&hold->old, old);
-    atomic_store(&hold->past, atomic_exchange(&hold->trouble, HRT_VIRTUAL_WELL));
+    close(hold->fd);
+    hold->fd = fd;
     return true;
+}
+
+/* The file over the old mapping. In trouble the tick's thread does not look there; what it was about when the trouble
+ * came is over, but for one that it ran into by itself: that frame may be lost. */
+static void map_anew(hrt_virtual_hold *hold) {
+    hrt_virtual_bus *memory = atomic_load(&hold->memory);
+    struct stat st;
+    if (fstat(hold->fd, &st) != 0 || (!same_file(hold->path, &st) && !enter_anew(hold, &st))) return;
+    if (map(memory, hold->fd, st.st_size, true) && is_a_bus(memory)) atomic_store(&hold->ready, true);
 }
 
 const char *hrt_virtual_look(hrt_virtual_hold *hold) {
     static const char *const text[] = {"its file is there again", "its file was cut short under way",
                                        "its file was removed or replaced under way",
                                        "somebody else has this program's place on the new file; end one of the two"};
-    const uint64_t device = atomic_load(&hold->device), inode = atomic_load(&hold->inode);
-    struct stat st;
-    const bool gone = stat(hold->path, &st) != 0 || (uint64_t)st.st_dev != device || (uint64_t)st.st_ino != inode;
-    const bool cut = !gone && st.st_size < (off_t)sizeof(hrt_virtual_bus);
-    int well = HRT_VIRTUAL_WELL;
-    if ((gone || cut) && inode == atomic_load(&hold->inode)) /* not mended meanwhile */
-        atomic_compare_exchange_strong(&hold->trouble, &well, gone ? HRT_VIRTUAL_REMOVED : HRT_VIRTUAL_CUT_SHORT);
-    prepare(hold);
-    /* One that came and went since the last look is told too. */
-    const int past = atomic_exchange(&hold->past, HRT_VIRTUAL_WELL), now = atomic_load(&hold->trouble);
-    const int next = now != HRT_VIRTUAL_WELL ? now : past != hold->told ? past : HRT_VIRTUAL_WELL;
-    if (next == hold->told) return NULL;
-    hold->told = next;
-    return text[next];
+    struct stat st = {.st_size = 0};
+    int trouble = atomic_load(&hold->trouble);
+    if (trouble == HRT_VIRTUAL_WELL) {
+        const bool there = fstat(hold->fd, &st) == 0 && same_file(hold->path, &st);
+        trouble = !there                                        ? HRT_VIRTUAL_REMOVED
+                  : st.st_size < (off_t)sizeof(hrt_virtual_bus) ? HRT_VIRTUAL_CUT_SHORT
+                                                                : HRT_VIRTUAL_WELL;
+        if (trouble != HRT_VIRTUAL_WELL) atomic_store(&hold->trouble, trouble);
+    } else if (!atomic_load(&hold->ready)) {
+        map_anew(hold);
+        if (atomic_load(&hold->trouble) == HRT_VIRTUAL_TAKEN) trouble = HRT_VIRTUAL_TAKEN;
+    }
+    if (trouble == hold->told) return NULL;
+    hold->told = trouble;
+    return text[trouble];
 }
 
 void hrt_virtual_close(hrt_virtual_hold *hold) {
@@ -299,8 +252,6 @@ void hrt_virtual_close(hrt_virtual_hold *hold) {
         *strrchr(directory, '/') = 0;
         if (!set_folder()) rmdir(directory);
     }
-    unmap_old(hold);
-    drop_fresh(hold);
     atomic_store(&hold->memory, NULL);
     munmap(memory, sizeof *memory);
     close(hold->fd);

@@ -17,33 +17,22 @@ typedef enum hrt_virtual_trouble {
 /* One endpoint's hold on the file. At most HRT_VIRTUAL_HOLDS in a process. */
 enum { HRT_VIRTUAL_HOLDS = 16 };
 typedef struct hrt_virtual_hold {
-    _Atomic(hrt_virtual_bus *) memory; /* null: this hold is free */
+    _Atomic(hrt_virtual_bus *) memory; /* the same until it is closed; null: this hold is free */
     _Atomic int trouble;               /* hrt_virtual_trouble; not well: what is read is worth nothing, do not send */
-    _Atomic int past;                  /* a trouble that was mended */
-    _Atomic uint64_t device, inode;
-    int fd; /* kept for its locks */
-    int claimed;
-    /* The file mapped anew by hrt_virtual_look, until the tick's thread takes it over (ready), and the mapping that it
-     * had, until hrt_virtual_look unmaps it. */
-    _Atomic(hrt_virtual_bus *) fresh, old;
-    _Atomic bool ready;
-    uint64_t fresh_device, fresh_inode;
-    int fresh_fd, old_fd;
+    _Atomic bool ready;                /* mapped anew: the tick's thread may say that all is well, and go on */
+    int fd;                            /* kept for its locks */
+    int claimed, told;
     const char *path;
-    int told;
 } hrt_virtual_hold;
 
 /* The file's path for a bus name. False with `why`. */
 bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, int why_size);
 /* `path` outlives the hold. Null with `why`. */
 hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size);
-/* Of the tick's thread: loads and stores alone. Takes over what hrt_virtual_look has mapped anew, where there is such.
- * True: the bus is there, from its beginning. */
-bool hrt_virtual_mend(hrt_virtual_hold *hold);
 /* 1 claimed, 0 somebody else has that place. Released when the process ends, however it does. */
 int hrt_virtual_claim(hrt_virtual_hold *hold, int place);
-/* From one other thread: is the file still there? Where it is not, maps it anew for hrt_virtual_mend. What is wrong,
- * once each time; null: nothing new. */
+/* From one thread other than the tick's: is the file still there? Where it was not when last looked at, or that thread
+ * ran into it, maps it anew in its place and says `ready`. What is wrong, once each time; null: nothing new. */
 const char *hrt_virtual_look(hrt_virtual_hold *hold);
 /* The last one removes the file, and its folder if that is the default one and empty. */
 void hrt_virtual_close(hrt_virtual_hold *hold);
