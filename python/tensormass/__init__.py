@@ -25,8 +25,9 @@ from .solve import Factored, Precomputed, Problem, Report, solve_static
 from .patch import Patch, PatchMaker, PatchSolver
 from .model import Model, Pace
 from .scene import Scene
+from .state import Settled, Stage
 from .tissue import Deformation, Material, Surface, Tissue
-from .world import Settled, Stage, World
+from .world import World
 
 __version__: str = lib.tm_version().decode()
 __all__ = [

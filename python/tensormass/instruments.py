@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _bind as c
 from ._core import ArgumentError, Floats, Ints, address, call, choice, fields, floats, inside, lib, vector, view
-from .world import World
+from .state import WorldState
 
 MODES = {"probe": c.TM_TOOL_PROBE, "grasper": c.TM_TOOL_GRASPER, "cautery": c.TM_TOOL_CAUTERY}
 FLAGS: Dict[int, str] = {
@@ -111,7 +111,7 @@ def fill(definition: Any, options: Dict[str, Any]) -> None:
 class _Part:
     """A stage's handle, which the world owns."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: WorldState) -> None:
         self.world = world
         self._handle = ctypes.c_void_p()
 
@@ -126,7 +126,7 @@ class Contact(_Part):
     Options (tm_contact_def): skin_compliance_m_N (0.5e-3), sweeps (10), max_rows (256), force_cap_N (50).
     """
 
-    def __init__(self, world: World, instruments: Sequence[Instrument], **options: Any) -> None:
+    def __init__(self, world: WorldState, instruments: Sequence[Instrument], **options: Any) -> None:
         super().__init__(world)
         self.instrument_count = len(instruments)
         definition, _listed = contact_definition(instruments, options)
@@ -192,7 +192,7 @@ class Grip(NamedTuple):
 class Friction(_Part):
     """Coulomb friction of the instruments of a Contact: (static, sliding) of each, (0, 0) for one that slides freely."""
 
-    def __init__(self, world: World, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> None:
+    def __init__(self, world: WorldState, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> None:
         super().__init__(world)
         definition = friction_definition(coefficients, contact.instrument_count)
         call(lib.tm_stage_friction, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
@@ -211,7 +211,7 @@ class Grasp(_Part):
     Options (tm_grasp_def): close_grip (0.7), open_grip (0.3), jaw_length_m, reach_m, compliance_m_N, fade_s, force_cap_N, max_vertices.
     """
 
-    def __init__(self, world: World, contact: Contact, **options: Any) -> None:
+    def __init__(self, world: WorldState, contact: Contact, **options: Any) -> None:
         super().__init__(world)
         definition = lib.tm_grasp_def_default()
         fill(definition, options)
@@ -231,7 +231,7 @@ class Cut(_Part):
     a tetrahedron that goes fades within this time; 0: at once.
     """
 
-    def __init__(self, world: World, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall", fade_s: float = 0.0) -> None:
+    def __init__(self, world: WorldState, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall", fade_s: float = 0.0) -> None:
         super().__init__(world)
         definition = lib.tm_cut_def_default()
         definition.rate_1_s = rate_1_s

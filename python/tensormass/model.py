@@ -14,8 +14,9 @@ from .instruments import Instrument, Pose, Reaction, contact_definition, fill, f
 from .mesh import Mesh
 from .patch import Patch
 from .solve import File, Problem, Progress, Report, report_of
+from .state import Stage, stages_of
 from .tissue import FORM, PRECISION, Material, Surface, Tissue, deformation_of, surface_of
-from .world import Stage, World, stages_of
+from .world import World
 
 LOOSE = {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}
 

@@ -10,7 +10,7 @@ from . import _bind as c
 from ._core import Floats, Ints, Object, address, call, floats, inside, lib
 from .instruments import Contact, _Part, fill
 from .solve import Factored
-from .world import World
+from .state import WorldState
 
 
 class Patch:
@@ -62,7 +62,7 @@ class PatchMaker(_Part):
     column_vertices, iterations, tolerance, horizon_s.
     """
 
-    def __init__(self, world: World, contact: Contact, source: Optional[Factored] = None, **options: Any) -> None:
+    def __init__(self, world: WorldState, contact: Contact, source: Optional[Factored] = None, **options: Any) -> None:
         super().__init__(world)
         definition = lib.tm_patch_def_default()
         if source is not None:

@@ -11,7 +11,7 @@ from . import _bind as c
 from ._core import ArgumentError, Floats, Ints, Object, address, call, choice, field_type, fields, floats, ints, lib, view
 from .instruments import HELD, Instrument, Pose, Reaction, contact_definition, fill, reaction_of, rows_of
 from .tissue import PRECISION, Tissue
-from .world import World
+from .state import WorldState
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the library has threads of its own, and uses one of OpenBLAS in each
 
@@ -103,7 +103,7 @@ class Problem:
                 raise self._raised[0]
 
     @classmethod
-    def of_world(cls, world: World, load_N: Any = None, **options: Any) -> "Problem":
+    def of_world(cls, world: WorldState, load_N: Any = None, **options: Any) -> "Problem":
         """The supports of a world as they are, with these loads."""
         mask = world.support_mask
         return cls(world.tissue, mask, np.where(mask, world.u_m, 0.0), load_N, **options)

@@ -1,4 +1,5 @@
-"""What docs/architecture.md says, and what the tree does: includes, symbols, links, circles of files."""
+"""What walls.md says, and what the tree does: includes, symbols, links, circles of files, Python imports."""
+import ast
 import collections
 import os
 import pathlib
@@ -23,7 +24,7 @@ def table(page, first):
 
 
 class Page:
-    """Folders in the order of the page, what each may lean on, and the libraries it may link; the same of rooms."""
+    """Folders in the order of walls.md, what each may lean on, and the libraries it may link; the same of rooms."""
     def __init__(self, text):
         self.leans, self.links, self.gives, self.room_leans = {}, {}, {}, {}
         for folders, _, leans, links in table(text, "folder"):
@@ -31,7 +32,7 @@ class Page:
                 self.leans[folder], self.links[folder] = set(leans), set(links)
         for (room,), _, gives, leans in table(text, "room"):
             self.gives[room], self.room_leans[room] = set(gives), set(leans)
-        self.reach = self.leans
+        self.reach, self.room_reach = self.leans, self.room_leans
 
     def follow(self, found):
         """Whoever leans on a folder may use what its headers include: found, as includes() yields them."""
@@ -41,7 +42,19 @@ class Page:
             if name.endswith(".h") and a and b and a != b:
                 shown[a].add(b if b in self.leans[a] or b in self.reach_of(a, shown) else target)
         self.reach = {folder: leans | self.reach_of(folder, shown) for folder, leans in self.leans.items()}
+        self.room_reach = self.rooms_shown(found)
         return self
+
+    def rooms_shown(self, found):
+        """The same of rooms: who leans on a room may use those that the headers which it gives include, in the order of the table."""
+        inside, reach = "libtensormass/src/", {}
+        headers = {room: {inside + h for h in given} for room, given in self.gives.items()}
+        for room, leans in self.room_leans.items():
+            reach[room] = set(leans)
+            for lean in leans:
+                shown = {self.room_of(target) for name, _, target in found if name in headers[lean]} - {None, lean}
+                reach[room] |= (shown & reach[lean]).union(*(reach[s] for s in shown & reach[lean]))
+        return reach
 
     def reach_of(self, folder, shown):
         """What the headers of the folders that it leans on include, and theirs."""
@@ -72,7 +85,7 @@ class Page:
         if fa != fb:
             return fb in self.reach[fa] or b in self.reach[fa]
         ra, rb = self.room_of(a), self.room_of(b)
-        return ra == rb or rb in self.room_leans[ra]
+        return ra == rb or rb in self.room_reach[ra]
 
 
 def sources(root, page):
@@ -193,6 +206,17 @@ def circles(arrows):
         if v not in index:
             visit(v)
     return sorted(found)
+
+
+def python_imports(package):
+    """{(module, module of the package that it imports)}, imports inside functions and for type checkers too."""
+    arrows = set()
+    for path in sorted(package.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 1:
+                names = [node.module] if node.module else [a.name for a in node.names]
+                arrows |= {(path.stem, name) for name in names if (package / f"{name}.py").exists()}
+    return arrows
 
 
 def link_lines(root):

@@ -1,14 +1,16 @@
-"""The tree holds to the tables of docs/architecture.md: who includes, uses and links whom; no file leads back to itself."""
+"""The tree holds to the tables of walls.md: who includes, uses and links whom; no file leads back to itself."""
 import os
+import re
 import shutil
 import subprocess
+import sys
 
 import architecture
 import pytest
 
 @pytest.fixture(scope="module")
 def page(root):
-    page = architecture.Page((root / "docs/architecture.md").read_text())
+    page = architecture.Page((root / "tests/docs/walls.md").read_text())
     return page.follow(architecture.includes(root, architecture.sources(root, page)))
 
 
@@ -40,7 +42,7 @@ def test_a_row_leans_on_rows_above_it(page):
 
 
 def test_a_row_leans_on_five_at_most(page):
-    assert not {name: leans for name, leans in page.leans.items() if len(leans) > 5}
+    assert not {name: leans for names in (page.leans, page.room_leans) for name, leans in names.items() if len(leans) > 5}
 
 
 def test_includes(root, page, files):
@@ -66,6 +68,22 @@ def test_no_circle_of_files(root, files, arrows):
     assert not architecture.circles(between)
 
 
+def test_no_circle_of_python_modules(root):
+    arrows = architecture.python_imports(root / "python/tensormass")
+    assert len(arrows) > 25 and ("world", "instruments") in arrows
+    assert not architecture.circles(arrows)
+
+
+def test_the_page_is_an_overview_with_its_picture(root, tmp_path):
+    text = (root / "docs/architecture.md").read_text()
+    assert len(text.split()) < 900
+    assert re.search(r"^!\[[^\]]{40,}\]\(images/architecture\.svg\)$", "\n".join(text.splitlines()[:8]), re.M), "the picture and its words come first"
+    subprocess.run([sys.executable, root / "tools/pictures/architecture.py", tmp_path / "drawn.svg"], check=True, timeout=60)
+    assert (tmp_path / "drawn.svg").read_text() == (root / "docs/images/architecture.svg").read_text(), "draw it anew: python tools/pictures/architecture.py"
+    for name in re.findall(r"`([a-z_]+(?:/[a-z_.]+)+)`", text):
+        assert any((root / under / name).exists() for under in ("", "libtensormass/include")), name
+
+
 # --- it would tell ---
 
 @pytest.fixture
@@ -89,6 +107,12 @@ def test_a_planted_include_is_found(copy, page):
     plant(copy / "libtensormass/src/world/step.c", '#include "tissue/cut_work.h"\n')
     found = list(architecture.outside_includes(copy, page, architecture.sources(copy, page)))
     assert [line.split(":")[0] for line in found] == ["haptic_rt/io/say.c", "libtensormass/src/tissue/force.c", "libtensormass/src/world/step.c"], found
+
+
+def test_a_planted_circle_of_python_modules_is_found(root, tmp_path):
+    shutil.copytree(root / "python/tensormass", tmp_path / "package")
+    plant(tmp_path / "package/state.py", "        from .patch import PatchMaker\n        call(lib.tm_stage_energy, self)\n", "        call(lib.tm_stage_energy, self)\n")
+    assert ["instruments", "patch", "state"] == [m for m in architecture.circles(architecture.python_imports(tmp_path / "package"))[0] if m in ("instruments", "patch", "state")]
 
 
 def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path):

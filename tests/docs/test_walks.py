@@ -1,11 +1,10 @@
-"""The two walks of docs/architecture.md: each file they name is there, and named once."""
+"""docs/walks.md: each file they name is there, and named once."""
 import re
 
 
 def test_the_walks_name_each_file_once(root):
-    page = (root / "docs/architecture.md").read_text()
-    walks = page[page.index("## Two walks"):page.index("## Rules")]
-    assert walks.count("**A force, from the tensor to the motor.**") == walks.count("**An encoder count, to the capsule.**") == 1
+    walks = (root / "docs/walks.md").read_text()
+    assert walks.count("## A force, from the tensor to the motor") == walks.count("## An encoder count, to the capsule") == 1
     named = re.findall(r"`([a-z_]+/[a-z_/0-9]+\.[ch])`", walks)
     assert len(named) > 40
     for name in named:
