@@ -36,7 +36,7 @@ class Page:
 
     def follow(self, found):
         """Whoever leans on a folder may use what its headers include: found, as includes() yields them."""
-        shown = collections.defaultdict(set)
+        shown, found = collections.defaultdict(set), list(found)
         for name, _, target in found:
             a, b = self.folder_of(name), self.folder_of(target)
             if name.endswith(".h") and a and b and a != b:
