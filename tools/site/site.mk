@@ -19,4 +19,4 @@ man: programs
 #: make pictures               plots, drawings and tutorial pictures of the pages, drawn anew into docs/images
 pictures:
 	$(call ready,build demo image,venv programs $(OUT)/lib/tensormass/image.so)
-	@for script in plots drawings tutorial; do $(VENV)/bin/python tools/pictures/$$script.py || exit; done
+	@for script in architecture plots drawings tutorial; do $(VENV)/bin/python tools/pictures/$$script.py || exit; done
