@@ -69,6 +69,22 @@ void tm_contact_push_vertex(tm_contact *contact, int32_t vertex, const double fo
             world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
 }
 
+bool tm_contact_hold_back_blocks(tm_contact *contact, int32_t instrument) {
+    bool held_back = false;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].hold_back)
+            held_back |= contact->block[b].hold_back(contact->block[b].self, contact->world, instrument);
+    return held_back;
+}
+
+double tm_contact_lost_J(const tm_contact *contact) {
+    double sum = 0;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        for (int32_t t = 0; contact->block[b].lost && t < contact->tool_count; t++)
+            sum += contact->block[b].lost(contact->block[b].self, contact->world, t);
+    return sum;
+}
+
 bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex) {
     bool held = false;
     for (int32_t b = 0; b < contact->block_count && !held; b++)

@@ -90,6 +90,10 @@ typedef struct tm_block {
     /* After the sweeps: moves a vertex that it holds by a force on it, its own following; null, false: it is not held.
      */
     bool (*push)(void *self, tm_world *world, int32_t vertex, const double force_N[3]);
+    /* Where its forces on an instrument's vertices give tissue more than they held and the hand put in: reduces them.
+     * Returns whether it did. */
+    bool (*hold_back)(void *self, tm_world *world, int32_t instrument);
+    double (*lost)(void *self, const tm_world *world, int32_t instrument); /* what they took, J, not below 0 */
     /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N);
@@ -150,6 +154,7 @@ struct tm_contact {
     struct tm_friction *friction;  /* null: there is none */
     tm_fading_rows *fading;        /* null: what is cut away bears nothing any more */
     tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
+    double all_stored_J;           /* in all tissue, in this substep; negative: not looked yet */
     bool unsound;                  /* a row met a number that is not finite, in this substep */
     void *kept;                    /* the snapshot at the start of the step, room for the largest */
     int64_t kept_bytes;
@@ -208,6 +213,8 @@ void tm_contact_remove_block(tm_contact *contact, const void *self);
 /* The one driver: every block in every sweep, then what solves at once. */
 void tm_contact_constrain(tm_contact *contact, tm_world *world);
 void tm_contact_push_vertex(tm_contact *contact, int32_t vertex, const double force_N[3]);
+bool tm_contact_hold_back_blocks(tm_contact *contact, int32_t instrument);
+double tm_contact_lost_J(const tm_contact *contact); /* of all blocks and instruments */
 bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex);
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
 bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row);

@@ -24,6 +24,8 @@ static const double CREDIT_SHARE = 0.06;
 static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
 /* Of what it gave too much, a tool pays back at least this share in a substep. */
 static const double DEBT_SHARE = 0.125;
+/* From this share of what a window may be given on, the estimate of what is stored is checked. */
+static const double LOOKED_AT = 0.25;
 enum { ROUNDS = 4, HALVINGS = 30 };
 
 static double skin_J(const tm_contact *contact, const tm_contact_row *row, double share) {
@@ -163,52 +165,133 @@ static void push(tm_contact *contact, span s, double share) {
     }
 }
 
-/* The largest share of the forces that gives no more than `may_J`: their work is (share) bare + (share^2) own, convex,
- * and nothing without them. Halving: the skins' energy has a knee. */
-static double find_share(const tm_contact *contact, int32_t t, span s, double bare_J, double own_J, double may_J) {
+/* What the rows of one tool give at a share of their forces, if those of all tools in `set` are at it: their work is
+ * (share) bare + (share^2) own, and nothing without them. */
+typedef struct bound {
+    span rows;
+    double bare_J, own_J, hand_J, may_J;
+} bound;
+
+typedef struct set {
+    int32_t first, end; /* tools */
+    bound bound[TM_MAX_INSTRUMENTS];
+} set;
+
+static bool keeps(const tm_contact *contact, int32_t t, const bound *b, double share) {
+    const double gives = share * (b->bare_J - b->hand_J) + share * share * b->own_J;
+    return gives + 0.5 * (sprung_J(contact, t, b->rows, share) - contact->tool[t].sprung_J[1]) <= b->may_J;
+}
+
+/* The largest share at which every tool of the set gives no more than it may. Halving: the skins' energy has a knee. */
+static double find_share(const tm_contact *contact, const set *of) {
     double least = 0, most = 1;
     for (int halving = 0; halving < HALVINGS; halving++) {
         const double share = 0.5 * (least + most);
-        const double gives = share * bare_J + share * share * own_J + 0.5 * sprung_J(contact, t, s, share);
-        *(gives <= may_J ? &least : &most) = share;
+        bool keep = true;
+        for (int32_t t = of->first; t < of->end; t++) keep = keep && keeps(contact, t, of->bound + t, share);
+        *(keep ? &least : &most) = share;
     }
     return least;
 }
 
-static void reduce(tm_contact *contact, int32_t t, span s, const row_sum *sum, double may_J) {
-    push(contact, s, -1);
-    const double bare = sum_work(contact, s).tissue_J;
-    const double share =
-        find_share(contact, t, s, bare - sum->hand_J, sum->tissue_J - bare, may_J + 0.5 * contact->tool[t].sprung_J[1]);
-    push(contact, s, share);
-    for (int32_t i = s.first; i < s.end; i++) {
-        contact->row[i].lambda_N *= share;
-        vscale(share, contact->solver[i].drag_N, contact->solver[i].drag_N);
+static void reduce(tm_contact *contact, set *of) {
+    for (int32_t t = of->first; t < of->end; t++) {
+        const row_sum sum = sum_work(contact, of->bound[t].rows);
+        of->bound[t].hand_J = sum.hand_J, of->bound[t].own_J = sum.tissue_J;
     }
-    if (contact->friction) tm_friction_scale(contact->friction, t, share);
+    for (int32_t t = of->first; t < of->end; t++) push(contact, of->bound[t].rows, -1);
+    for (int32_t t = of->first; t < of->end; t++) {
+        of->bound[t].bare_J = sum_work(contact, of->bound[t].rows).tissue_J;
+        of->bound[t].own_J -= of->bound[t].bare_J;
+    }
+    const double share = find_share(contact, of);
+    for (int32_t t = of->first; t < of->end; t++) {
+        const span s = of->bound[t].rows;
+        push(contact, s, share);
+        for (int32_t i = s.first; i < s.end; i++) {
+            contact->row[i].lambda_N *= share;
+            vscale(share, contact->solver[i].drag_N, contact->solver[i].drag_N);
+        }
+        if (contact->friction) tm_friction_scale(contact->friction, t, share);
+    }
+}
+
+/* Moving and strained, without the skins. */
+static double held_by_tissue_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    const double *g = tm_world_gravity_m_s2(world);
+    double moving = 0, strained = 0;
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++)
+        for (int32_t i = 3 * v, c = 0; c < 3; i++, c++) {
+            const double went = s->u_m[i] - s->u_prev_m[i];
+            moving += world->tissue->mass_kg[v] * went * went;
+            strained += s->u_m[i] * (world->tissue->own_mass_kg[v] * g[c] - s->force_N[i]);
+        }
+    return 0.5 * (moving / (s->dt_s * s->dt_s) + law_max(strained, 0));
+}
+
+/* What is stored under the tools is an estimate; where a good part of what it allows is made it may be no more than all
+ * that there is. (A pass over the vertices. Of a nonlinear law the force tells no energy: there it stays.) */
+static void bound_estimates(tm_contact *contact) {
+    if (contact->all_stored_J >= 0 || contact->world->nonlinear) return;
+    double estimated = 0, stored = contact->all_stored_J = held_by_tissue_J(contact->world);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        estimated += contact->tool[t].stored_J;
+        stored += contact->tool[t].sprung_J[0];
+    }
+    for (int32_t t = 0; t < contact->tool_count && estimated > stored; t++)
+        contact->tool[t].stored_J *= stored / estimated;
+}
+
+/* May be given in this substep. Tells whether it gives more. */
+static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J) {
+    tm_tool *tool = contact->tool + t;
+    const row_sum sum = sum_work(contact, s);
+    const double gain = gain_J(tool, &sum, sprung_J(contact, t, s, 1));
+    if (gain > 1e-3 * LITTLE_J && lately_made_J(tool) + gain > LOOKED_AT * window_J(tool)) bound_estimates(contact);
+    tool->sliding_J = sliding_J(contact, tool, s);
+    *may_J = allowed_J(tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
+    return gain > law_max(*may_J, 0) + 1e-3 * LITTLE_J;
 }
 
 /* Returns whether it gave more than it may, and was reduced. */
 static bool hold_tool(tm_contact *contact, int32_t t, span s) {
-    tm_tool *tool = contact->tool + t;
-    const row_sum sum = sum_work(contact, s);
-    tool->sliding_J = sliding_J(contact, tool, s);
-    const double may = allowed_J(tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
-    if (!(gain_J(tool, &sum, sprung_J(contact, t, s, 1)) > law_max(may, 0) + 1e-3 * LITTLE_J)) return false;
-    reduce(contact, t, s, &sum, may);
+    set alone = {.first = t, .end = t + 1};
+    alone.bound[t].rows = s;
+    if (s.first == s.end || !gives_too_much(contact, t, s, &alone.bound[t].may_J)) return false;
+    reduce(contact, &alone);
     return true;
+}
+
+/* Tools on the same tissue that still give too much after their turns: all of them at once, by one share. */
+static void hold_together(tm_contact *contact) {
+    set all = {.end = contact->tool_count};
+    bool held = false;
+    span s = {0, 0};
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        all.bound[t].rows = s = rows_of(contact, t, s.end);
+        held |= gives_too_much(contact, t, s, &all.bound[t].may_J);
+        all.bound[t].may_J = law_max(all.bound[t].may_J, 0);
+    }
+    if (held) reduce(contact, &all);
 }
 
 void tm_contact_hold_back(tm_contact *contact) {
     bool held = !contact->world->settling;
+    if (!held) return;
+    contact->all_stored_J = -1;
     for (int round = 0; held && round < ROUNDS; round++) { /* tools that touch the same tissue: in turn */
         span s = {0, 0};
         held = false;
         for (int32_t t = 0; t < contact->tool_count; t++) {
             s = rows_of(contact, t, s.end);
-            if (s.first < s.end && hold_tool(contact, t, s)) held = true;
+            held |= hold_tool(contact, t, s);
+            held |= tm_contact_hold_back_blocks(contact, t);
         }
     }
+    if (!held) return;
+    hold_together(contact);
+    for (int32_t t = 0; t < contact->tool_count; t++) tm_contact_hold_back_blocks(contact, t);
 }
 
 /* --- the account --- */
@@ -284,7 +367,7 @@ static void pay(tm_tool *tool, double paid_J) { tool->made_J -= law_min(paid_J, 
 void tm_contact_observe(tm_contact *contact) {
     if (contact->others.solve) return; /* their rows are not ours to hold back */
     span s = {0, 0};
-    double damped = -1;
+    double taken = -1;
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
         s = rows_of(contact, t, s.end);
@@ -299,8 +382,8 @@ void tm_contact_observe(tm_contact *contact) {
         tool->reserve_J -= gain;
         tool->given_J += sum.tissue_J;
         if (tool->bears_N > 0 && lately_made_J(tool) > 0) {
-            if (damped < 0) damped = damped_J(contact->world);
-            pay(tool, damped / contact->tool_count);
+            if (taken < 0) taken = damped_J(contact->world) + tm_contact_lost_J(contact);
+            pay(tool, taken / contact->tool_count);
         }
         double stored = sprung + law_max(law_min(sum.strain_J, tool->given_J), 0);
         if (cuts(contact, tool))

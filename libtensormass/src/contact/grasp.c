@@ -1,5 +1,5 @@
-/* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact.
- */
+/* Stage "grasp": springs between the jaws and the vertices that they closed upon (grasp_springs.c), solved in the same
+ * sweeps as contact. */
 #include "contact/grasp_hold.h"
 
 #include <math.h>
@@ -19,11 +19,6 @@ tm_grasp_def tm_grasp_def_default(void) {
                           .fade_s = 0.1,
                           .force_cap_N = 20,
                           .max_vertices = 64};
-}
-
-static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
-    for (int c = 0; c < 3; c++)
-        at_m[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];
 }
 
 /* --- capture --- */
@@ -56,10 +51,11 @@ static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world
     }
     for (int32_t i = 0; i < h->count; i++) {
         double at[3];
-        vertex_at(world, h->vertex[i], at);
+        tm_hold_vertex_at(world, world->state.u_m, h->vertex[i], at);
         vmadd(at, grasp->def.compliance_m_N, h->force_N + 3 * i, at);
         tm_jaw_to_tool(&h->jaw, &contact->tool[t].pose, at, h->offset_m + 3 * i);
     }
+    tm_hold_take_over(grasp, h, t);
 }
 
 /* --- the jaw --- */
@@ -84,7 +80,7 @@ static void open_jaw(hold *h) {
 static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *world) {
     for (int32_t i = h->count - 1; i >= 0; i--) {
         double at[3], d[3];
-        vertex_at(world, h->vertex[i], at);
+        tm_hold_vertex_at(world, world->state.u_m, h->vertex[i], at);
         vsub(at, tool->capsule.tip_m, d);
         double along = law_clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
         vmadd(d, -along, h->jaw.axis_m[2], d);
@@ -152,40 +148,6 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
     }
 }
 
-static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, const double force_N[3]) {
-    for (int c = 0; c < 3; c++)
-        if (!grasp->contact->held[3 * vertex + c])
-            world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
-}
-
-/* What the spring on a vertex can bear, N: the cap, and while letting go the share of what it bore when the jaw opened.
- */
-static double bearable(const tm_grasp *grasp, const hold *h, int32_t i) {
-    if (h->state != TM_GRASP_LETTING_GO) return grasp->def.force_cap_N;
-    return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
-}
-
-/* Returns whether the spring would have to bear more than it can. */
-static bool limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
-    const double most = bearable(grasp, h, i), size = vnorm(force_N);
-    if (size > most) vscale(most / size, force_N, force_N);
-    return size > most || most == 0;
-}
-
-/* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
- * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
- * tissue meanwhile, it goes on driving it; docs/physics.md, "Letting go".) Called before the jaw turns. */
-static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
-    for (int32_t i = 0; i < h->count; i++) {
-        double at[3], d[3];
-        vertex_at(world, h->vertex[i], at);
-        vsub(h->target_m + 3 * i, at, d);
-        const double stretch = vnorm(d), most = grasp->def.compliance_m_N * bearable(grasp, h, i);
-        for (int c = 0; c < 3 && stretch > most; c++)
-            h->offset_m[3 * i + c] -= (1 - most / stretch) * vdot(d, h->jaw.axis_m[c]);
-    }
-}
-
 /* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
 static void run(void *self, tm_world *world) {
     tm_grasp *grasp = self;
@@ -193,70 +155,22 @@ static void run(void *self, tm_world *world) {
         hold *h = grasp->hold + t;
         const tm_tool *tool = grasp->contact->tool + t;
         if (tool->def.mode != TM_TOOL_GRASPER) continue;
-        slip(grasp, h, world);
+        tm_hold_begin(grasp, h, world);
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
         if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
             h->count = 0;
             h->state = TM_GRASP_OPEN;
             h->placings = tool->placings;
+            tm_hold_place(h, tool);
         }
+        tm_hold_follow(h, tool);
         work_jaw(grasp, t, world);
         for (int32_t i = 0; i < h->count; i++) {
             tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
-            limit_force(grasp, h, i, h->force_N + 3 * i);
-            push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
+            tm_hold_start(grasp, h, i, world);
         }
     }
 }
-
-/* One vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
-static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *world) {
-    int32_t vertex = h->vertex[i];
-    double *force = h->force_N + 3 * i, wanted[3], change[3];
-    for (int c = 0; c < 3; c++) {
-        int32_t dof = 3 * vertex + c;
-        double mobility = grasp->contact->held[dof] ? 0 : world->mobility_s2_kg[vertex];
-        double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
-        wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
-    }
-    h->slips[i] = limit_force(grasp, h, i, wanted);
-    vsub(wanted, force, change);
-    push_vertex(grasp, world, vertex, change);
-    vset(wanted, force);
-}
-
-static void sweep(void *self, tm_world *world, int32_t number) {
-    const tm_grasp *grasp = self;
-    (void)number;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++)
-        for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
-}
-
-/* A spring follows. One that bears all that it can does not: where contact is held back, a jaw that has let go would
- * take over the force. */
-static bool push_held(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
-    const tm_grasp *grasp = self;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        const hold *h = grasp->hold + t;
-        for (int32_t i = 0; i < h->count; i++) {
-            if (h->vertex[i] != vertex || h->slips[i]) continue;
-            double *force = h->force_N + 3 * i, yields[3];
-            for (int c = 0; c < 3; c++) {
-                const double mobility = grasp->contact->held[3 * vertex + c] ? 0 : world->mobility_s2_kg[vertex];
-                yields[c] = mobility / (mobility + grasp->def.compliance_m_N) * force_N[c];
-            }
-            vmadd(force, -1, yields, force);
-            for (int c = 0; c < 3; c++)
-                if (!grasp->contact->held[3 * vertex + c])
-                    world->state.u_next_m[3 * vertex + c] += grasp->def.compliance_m_N * yields[c];
-            return true;
-        }
-    }
-    return false;
-}
-
-/* Last of all sweeps: what a spring bears is then what it holds. */
-static void finish(void *self, tm_world *world) { sweep(self, world, 0); }
 
 static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
     const tm_grasp *grasp = self;
@@ -311,9 +225,9 @@ static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
     h->force_N = TM_TAKE(pool, double, 3 * n);
     h->let_go_N = TM_TAKE(pool, double, 3 * n);
     h->distance_m = TM_TAKE(pool, double, n);
-    h->slips = TM_TAKE(pool, bool, n);
     tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
     h->placings = tool->placings;
+    tm_hold_place(h, tool);
     return !pool->failed;
 }
 
@@ -375,9 +289,11 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact constrain" does */
     const tm_block block = {.self = self,
                             .owner = self,
-                            .sweep = sweep,
-                            .finish = finish,
-                            .push = push_held,
+                            .sweep = tm_grasp_sweep,
+                            .finish = tm_grasp_finish,
+                            .push = tm_grasp_push,
+                            .hold_back = tm_grasp_hold_back,
+                            .lost = tm_grasp_lost,
                             .react = react,
                             .holds = holds,
                             .held = held,

@@ -1,9 +1,14 @@
-/* What graspers hold: shared by grasp.c and grasp_snapshot.c. */
+/* What graspers hold: shared by grasp.c, grasp_springs.c and grasp_snapshot.c. */
 #ifndef TM_GRASP_HOLD_H
 #define TM_GRASP_HOLD_H
 
 #include "contact/contact_internal.h"
 #include "tensormass/grasp.h"
+
+/* Where a jaw is: its frame and the tip. */
+typedef struct tm_jaw_place {
+    double axis_m[3][3], tip_m[3];
+} tm_jaw_place;
 
 typedef struct hold {
     tm_grasp_state state;
@@ -19,10 +24,12 @@ typedef struct hold {
     double *force_N;    /* [3*max_vertices] on the tissue */
     double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
     double *distance_m; /* [max_vertices] scratch of the capture */
-    bool *slips;        /* [max_vertices] scratch of a substep: its spring bears all that it can */
     /* While letting go, of each station of the tool: how deep what it lets go lies in it. That is forgiven: it may not
      * go deeper, and as it gets out, less is. */
     double embedded_m[TM_MAX_STATIONS];
+    /* for what the springs make: where the jaw is, and was at the ends of the last two substeps; what they held then */
+    tm_jaw_place place[3];
+    double sprung_J[2];
 } hold;
 
 struct tm_grasp {
@@ -31,6 +38,25 @@ struct tm_grasp {
     tm_contact *contact;
     hold hold[TM_MAX_INSTRUMENTS], kept[TM_MAX_INSTRUMENTS]; /* kept: when the step began */
 };
+
+void tm_hold_vertex_at(const tm_world *world, const double *u_m, int32_t vertex, double at_m[3]);
+
+/* grasp_springs.c */
+/* Put somewhere at once. */
+void tm_hold_place(hold *h, const tm_tool *tool);
+/* A substep begins: what could not be borne in the last one slips, before the jaw turns. */
+void tm_hold_begin(const tm_grasp *grasp, hold *h, const tm_world *world);
+void tm_hold_follow(hold *h, const tm_tool *tool); /* it has turned */
+/* It has just closed, upon what contact bore: with the forces go what their skins held. */
+void tm_hold_take_over(tm_grasp *grasp, hold *h, int32_t t);
+/* One spring starts from the last substep's force. */
+void tm_hold_start(const tm_grasp *grasp, hold *h, int32_t i, tm_world *world);
+/* The block's hooks. */
+void tm_grasp_sweep(void *self, tm_world *world, int32_t number);
+void tm_grasp_finish(void *self, tm_world *world);
+bool tm_grasp_push(void *self, tm_world *world, int32_t vertex, const double force_N[3]);
+bool tm_grasp_hold_back(void *self, tm_world *world, int32_t t);
+double tm_grasp_lost(void *self, const tm_world *world, int32_t t);
 
 /* The stage's hooks. */
 int64_t tm_grasp_snapshot(void *self, void *buffer);

@@ -6,7 +6,8 @@
 /* What one instrument's hold is between steps; its vertices' arrays follow it. */
 typedef struct kept {
     int32_t state, was_closed, count, seen;
-    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS];
+    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS], sprung_J[2];
+    tm_jaw_place place[3];
 } kept;
 
 static int64_t kept_bytes(int32_t count) {
@@ -45,6 +46,8 @@ int64_t tm_grasp_snapshot(void *self, void *buffer) {
             memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
             memcpy(k.origin, h->jaw.origin, sizeof k.origin);
             memcpy(k.embedded_m, h->embedded_m, sizeof k.embedded_m);
+            memcpy(k.sprung_J, h->sprung_J, sizeof k.sprung_J);
+            memcpy(k.place, h->place, sizeof k.place);
             memcpy((char *)buffer + bytes, &k, sizeof k);
             move_arrays(h, (char *)buffer + bytes + sizeof k, true);
         }
@@ -91,6 +94,8 @@ bool tm_grasp_restore(void *self, tm_world *world, const void *buffer, int64_t b
         memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
         memcpy(h->jaw.origin, k.origin, sizeof k.origin);
         memcpy(h->embedded_m, k.embedded_m, sizeof k.embedded_m);
+        memcpy(h->sprung_J, k.sprung_J, sizeof k.sprung_J);
+        memcpy(h->place, k.place, sizeof k.place);
         h->seen = k.seen != 0;
         move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
         from += kept_bytes(k.count);
@@ -104,7 +109,7 @@ static void copy_hold(const hold *from, hold *to) {
     const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
     *to = *from;
     to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
-    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m, to->slips = own.slips;
+    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m;
     memcpy(to->vertex, from->vertex, sizeof *to->vertex * (size_t)from->count);
     memcpy(to->offset_m, from->offset_m, bytes);
     memcpy(to->target_m, from->target_m, bytes);

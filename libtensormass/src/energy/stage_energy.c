@@ -45,16 +45,9 @@ typedef struct pass {
     double before_J, kinetic_J, elastic_J, damping_J, gravity_J, outer_J, support_J;
 } pass;
 
-static const double *gravity_of(const tm_world *world) {
-    static const double none[3] = {0, 0, 0};
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.range == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
-    return none;
-}
-
 static pass over_tissue(const energy *e, const tm_world *world) {
     const tm_state *s = &world->state;
-    const double *g = gravity_of(world), *inner = e->internal_N, dt = s->dt_s;
+    const double *g = tm_world_gravity_m_s2(world), *inner = e->internal_N, dt = s->dt_s;
     double kinetic_before = 0, kinetic = 0, elastic_before = 0, elastic = 0, drag = 0;
     pass p = {0};
     for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {

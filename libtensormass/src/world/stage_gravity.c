@@ -50,6 +50,13 @@ void tm_stage_gravity_run(void *self, tm_world *world, const tm_range *range) {
 
 const double *tm_stage_gravity_m_s2(const void *self) { return ((const gravity *)self)->g_m_s2; }
 
+const double *tm_world_gravity_m_s2(const tm_world *world) {
+    static const double none[3] = {0, 0, 0};
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.range == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
+    return none;
+}
+
 static void destroy(void *self) {
     tm_pool pool = ((gravity *)self)->pool;
     tm_pool_release(&pool);

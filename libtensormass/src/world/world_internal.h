@@ -158,7 +158,8 @@ void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t 
 void tm_stage_integrate_still(tm_world *world);
 /* The stages settle knows: with these alone the rest state is a linear system. */
 tm_stage_range tm_stage_gravity_run, tm_stage_load_run, tm_stage_support_run;
-const double *tm_stage_gravity_m_s2(const void *self); /* [3] */
+const double *tm_stage_gravity_m_s2(const void *self);      /* [3] */
+const double *tm_world_gravity_m_s2(const tm_world *world); /* [3]; none: zeros */
 /* Writes the prescribed values into u. */
 void tm_support_impose(const tm_world *world, double *u_m);
 
