@@ -14,6 +14,7 @@
 #include "io/command.h"
 #include "io/loop.h"
 #include "io/report.h"
+#include "json_file.h"
 #include "log_line.h"
 
 enum { UNREAD = 4, LOOKS_PER_SECOND = 20, QUIET_LOOKS = 5 };
@@ -218,16 +219,13 @@ static void watch(program *p) {
 }
 
 static int write_json(program *p) {
-    cJSON *json = cJSON_CreateObject();
-    cJSON_AddNumberToObject(json, "instrument", p->config.instrument);
+    cJSON *json = app_json_add(cJSON_CreateObject(), "instrument %d", p->config.instrument);
     hrt_report_loop(json, &p->loop);
-    cJSON_AddNumberToObject(json, "commands", p->device.commands);
-    cJSON_AddNumberToObject(json, "fault", (double)p->device.fault);
+    app_json_add(json, "commands %g fault %d", (double)p->device.commands, (int)p->device.fault);
     const double ticks = fmax(1.0, (double)p->loop.ticks);
-    const double peak[HRT_MOTORS] = {p->torque_peak[0], p->torque_peak[1], p->torque_peak[2]};
-    const double rms[HRT_MOTORS] = {sqrt(p->torque_square[0] / ticks), sqrt(p->torque_square[1] / ticks),
-                                    sqrt(p->torque_square[2] / ticks)};
-    cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(peak, HRT_MOTORS));
+    double rms[HRT_MOTORS];
+    for (int j = 0; j < HRT_MOTORS; j++) rms[j] = sqrt(p->torque_square[j] / ticks);
+    cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(p->torque_peak, HRT_MOTORS));
     cJSON_AddItemToObject(json, "torque_rms", cJSON_CreateDoubleArray(rms, HRT_MOTORS));
     cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, p->config.profile.device->joints));
     hrt_report_can(json, &p->wires, &p->device.can, ticks / p->common.rate);

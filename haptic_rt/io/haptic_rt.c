@@ -8,6 +8,7 @@
 #include <time.h>
 
 #include "app.h"
+#include "json_file.h"
 #include "loop.h"
 #include "record.h"
 #include "report.h"
@@ -168,25 +169,17 @@ static cJSON *figures_json(program *p) {
     cJSON *json = cJSON_CreateObject();
     tensormass_controller_status_t s;
     hrt_node_status(&p->node, &s);
-    cJSON_AddNumberToObject(json, "instrument", p->set.node.instrument);
-    cJSON_AddNumberToObject(json, "rate_Hz", p->set.common.rate);
+    app_json_add(json, "instrument %d rate_Hz %d", p->set.node.instrument, p->set.common.rate);
     hrt_report_loop(json, &p->loop);
     cJSON *stages = cJSON_AddObjectToObject(json, "stage_us");
     for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_report_quantiles(stages, stage_name[i], &p->stage[i]);
-    cJSON_AddStringToObject(json, "state", hrt_state_name((hrt_state)s.state));
-    cJSON_AddStringToObject(json, "fault", hrt_fault_name((hrt_fault)s.fault));
-    cJSON_AddNumberToObject(json, "resets", (double)p->resets);
-    cJSON_AddStringToObject(json, "extrapolator", s.extrapolator);
-    cJSON_AddBoolToObject(json, "passivity", s.passivity_on);
-    cJSON *force = cJSON_AddObjectToObject(json, "force_N");
-    cJSON_AddNumberToObject(force, "rms", p->force_ticks ? sqrt(p->force_square / (double)p->force_ticks) : 0.0);
-    cJSON_AddNumberToObject(force, "peak", p->force_peak_N);
-    cJSON *samples = cJSON_AddObjectToObject(json, "samples");
-    cJSON_AddNumberToObject(samples, "received", (double)s.samples_received);
-    cJSON_AddNumberToObject(samples, "late", (double)s.samples_late);
-    cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
-    cJSON_AddNumberToObject(samples, "superseded", (double)p->node.superseded);
-    cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
+    app_json_add(json, "state %s fault %s resets %g extrapolator %s passivity %hhd", hrt_state_name((hrt_state)s.state),
+                 hrt_fault_name((hrt_fault)s.fault), (double)p->resets, s.extrapolator, s.passivity_on);
+    app_json_add(cJSON_AddObjectToObject(json, "force_N"), "rms %g peak %g",
+                 p->force_ticks ? sqrt(p->force_square / (double)p->force_ticks) : 0.0, p->force_peak_N);
+    app_json_add(cJSON_AddObjectToObject(json, "samples"), "received %g late %g lost %g superseded %g rejected %g",
+                 (double)s.samples_received, (double)s.samples_late, (double)s.samples_lost, (double)p->node.superseded,
+                 (double)s.samples_rejected);
     hrt_report_can(json, &p->wires, &p->node.exchange.can, (double)p->loop.ticks / p->set.common.rate);
     if (p->live) hrt_report_refused(json, p->live);
     return json;
@@ -194,9 +187,8 @@ static cJSON *figures_json(program *p) {
 
 static int write_json(program *p, cJSON *json) {
     if (p->live) {
-        cJSON *sent = cJSON_AddObjectToObject(json, "sent");
-        cJSON_AddNumberToObject(sent, "tools", (double)p->sent.tools);
-        cJSON_AddNumberToObject(sent, "skipped", (double)p->sent.skipped);
+        cJSON *sent = app_json_add(cJSON_AddObjectToObject(json, "sent"), "tools %g skipped %g", (double)p->sent.tools,
+                                   (double)p->sent.skipped);
         hrt_report_quantiles(sent, "lay_us", &p->sent.lay);
     }
     return hrt_report_write(json, &p->json_out);

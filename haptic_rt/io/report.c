@@ -9,14 +9,12 @@
 #include "log_line.h"
 
 void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
-    cJSON_AddNumberToObject(json, "ticks", (double)loop->ticks);
-    cJSON_AddNumberToObject(json, "missed_ticks", (double)loop->missed);
-    cJSON_AddNumberToObject(json, "start_us", (double)loop->start_us); /* of the clock that TOOL messages carry */
-    cJSON_AddBoolToObject(json, "real_time", loop->real_time);
-    cJSON_AddBoolToObject(json, "idle_states_held_off", loop->awake_fd >= 0);
-    cJSON_AddNumberToObject(json, "page_faults_minor", (double)loop->faults_minor);
-    cJSON_AddNumberToObject(json, "page_faults_major", (double)loop->faults_major);
-    cJSON_AddNumberToObject(json, "cpu_us", (double)loop->cpu_us);
+    /* start_us: of the clock that TOOL messages carry */
+    app_json_add(json,
+                 "ticks %g missed_ticks %g start_us %g real_time %hhd idle_states_held_off %hhd page_faults_minor %g "
+                 "page_faults_major %g cpu_us %g",
+                 (double)loop->ticks, (double)loop->missed, (double)loop->start_us, loop->real_time,
+                 loop->awake_fd >= 0, (double)loop->faults_minor, (double)loop->faults_major, (double)loop->cpu_us);
     hrt_report_quantiles(json, "lateness_us", &loop->lateness);
     hrt_report_quantiles(json, "duration_us", &loop->duration);
 }
@@ -25,12 +23,9 @@ static int64_t strange(const hrt_live_refused *r) { return r->packets.malformed 
 
 void hrt_report_refused(cJSON *json, hrt_live *live) {
     const hrt_live_refused now = hrt_live_refusals(live);
-    cJSON *row = cJSON_AddObjectToObject(json, "refused");
-    cJSON_AddNumberToObject(row, "malformed", (double)now.malformed);
-    cJSON_AddNumberToObject(row, "forged", (double)now.forged);
-    cJSON_AddNumberToObject(row, "commands", (double)now.commands);
-    cJSON_AddNumberToObject(row, "packets", (double)strange(&now));
-    cJSON_AddNumberToObject(row, "foreign", (double)now.packets.foreign);
+    app_json_add(cJSON_AddObjectToObject(json, "refused"), "malformed %g forged %g commands %g packets %g foreign %g",
+                 (double)now.malformed, (double)now.forged, (double)now.commands, (double)strange(&now),
+                 (double)now.packets.foreign);
 }
 
 void hrt_say_refused(const char *program, hrt_live *live, hrt_live_refused *told) {
@@ -46,23 +41,12 @@ void hrt_say_refused(const char *program, hrt_live *live, hrt_live_refused *told
 }
 
 void hrt_report_can(cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds) {
-    cJSON *row = cJSON_AddObjectToObject(json, "can");
-    const struct {
-        const char *name;
-        double value;
-    } figures[] = {{"tx", (double)bus->tx},
-                   {"rx", (double)bus->rx},
-                   {"dropped", (double)bus->dropped},
-                   {"lost", can->lost},
-                   {"repeated", can->repeated},
-                   {"corrupt", can->corrupt},
-                   {"foreign", can->foreign},
-                   {"error_frames", can->error},
-                   {"bus_off", can->bus_off},
-                   {"command_gaps", can->command_gaps},
-                   {"load_percent", seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0}};
-    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++)
-        cJSON_AddNumberToObject(row, figures[i].name, figures[i].value);
+    app_json_add(cJSON_AddObjectToObject(json, "can"),
+                 "tx %g rx %g dropped %g lost %g repeated %g corrupt %g foreign %g error_frames %g bus_off %g "
+                 "command_gaps %g load_percent %g",
+                 (double)bus->tx, (double)bus->rx, (double)bus->dropped, (double)can->lost, (double)can->repeated,
+                 (double)can->corrupt, (double)can->foreign, (double)can->error, (double)can->bus_off,
+                 (double)can->command_gaps, seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0);
 }
 
 int hrt_output_begin(app_output *output, const char *path) {
