@@ -114,7 +114,7 @@ def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
 
 
 def test_a_bus_is_a_file_and_a_row(root, tmp_path):
-    for folder in ("io", "can"):
+    for folder in ("io", "can", "core"):
         shutil.copytree(root / "haptic_rt" / folder, tmp_path / "haptic_rt" / folder)
     io = tmp_path / "haptic_rt/io"
     (io / "bus_mine.c").write_text(BUS)
