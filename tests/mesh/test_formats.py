@@ -1,4 +1,4 @@
-"""The table of formats in docs/meshes.md: each row tried, in and out."""
+"""The table of formats in docs/mesh-formats.md: each row tried, in and out."""
 import re
 import xml.etree.ElementTree as xml
 
@@ -26,7 +26,7 @@ def surface_file(path, triangles):
 
 @pytest.fixture(scope="module")
 def rows(root):
-    table = re.search(r"\n## Formats\n.*?\n\|---.*?\n(.*?)\n\n", (root / "docs" / "meshes.md").read_text(), re.S).group(1)
+    table = re.search(r"\n## Formats\n.*?\n\|---.*?\n(.*?)\n\n", (root / "docs" / "mesh-formats.md").read_text(), re.S).group(1)
     return {cells[0].strip("` "): (cells[2].strip(), cells[3].strip()) for cells in (line.strip("|").split("|") for line in table.split("\n"))}
 
 
