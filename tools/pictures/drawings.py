@@ -1,4 +1,4 @@
-"""drawings.py [OUT]: the drawings of the pages, as SVG in OUT (docs/images): contact, loop, step, patch, smoothing, objects.
+"""drawings.py [OUT]: the drawings of the pages, as SVG in OUT (docs/images): contact, loop, step, patch, smoothing, objects, states.
 
 Run it after a change: build/venv/bin/python tools/pictures/drawings.py"""
 import pathlib
@@ -199,10 +199,33 @@ def objects(out):
     save(figure, out, "objects")
 
 
+def states(out):
+    """States of the controller; force flows in two of them."""
+    figure, axes = sheet(13, 5.0, (8.6, 3.3))
+    places = {"boot": (0.3, 3.4, GREY), "self_test": (3.0, 3.4, GREY), "idle": (5.7, 3.4, BLUE), "engaged": (8.4, 3.4, GREEN), "stale": (11.1, 3.4, GREEN), "fault": (5.7, 0.4, RED)}
+    for name, (x, y, colour) in places.items():
+        box(axes, x, y, 1.6, 0.8, name, "", colour)
+    for start, end, words in ((1.9, 3.0, "encoders"), (4.6, 5.7, "100 ms\nwell"), (7.3, 8.4, "fresh\nsample")):
+        arrow(axes, (start + 0.05, 3.8), (end - 0.05, 3.8))
+        axes.text((start + end) / 2, 3.95, words, ha="center", va="bottom", fontsize=9)
+    arrow(axes, (10.05, 4.0), (11.05, 4.0))
+    axes.text(10.55, 4.15, "sample\ntoo old", ha="center", va="bottom", fontsize=9)
+    arrow(axes, (11.05, 3.6), (10.05, 3.6))
+    axes.text(10.55, 3.45, "fresh", ha="center", va="top", fontsize=9)
+    arrow(axes, (11.9, 3.35), (6.9, 3.35), bend=-0.28)
+    axes.text(9.5, 2.35, "faded, or a pause", ha="center", va="top", fontsize=9)
+    arrow(axes, (6.5, 3.35), (6.5, 1.25), RED)
+    axes.text(6.6, 1.7, "any state: first fault is latched", va="center", color=RED, fontsize=9)
+    arrow(axes, (5.65, 0.8), (1.1, 3.35), RED, bend=-0.25)
+    axes.text(2.6, 1.1, "reset", color=RED, fontsize=9)
+    axes.text(10.55, 0.8, "force: ramps in when engaged,\nfades when stale, else zero", ha="center", va="center", color=GREEN, fontsize=9.5)
+    save(figure, out, "states")
+
+
 def main():
     out = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs/images"
     with matplotlib.rc_context({**STYLE, "axes.grid": False}):
-        for draw in (contact, loop, step, patch, smoothing, objects):
+        for draw in (contact, loop, step, patch, smoothing, objects, states):
             draw(out)
 
 
