@@ -20,6 +20,7 @@ suppress_warnings = ["misc.highlighting_failure", "autoapi.python_import_resolut
 html_theme = "furo"
 html_title = f"tensormass {version}"
 html_show_sourcelink = False
+html_show_copyright = False
 
 
 def private(app, what, name, obj, skip, options):
