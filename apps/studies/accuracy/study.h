@@ -312,9 +312,7 @@ study_pace study_judge_pace(const double *cost_s, const double *work_s, int fram
 void study_verdict(const study_choice *c, char *text, size_t size);
 
 /* --- study_yaml.c --- */
-/* The scene with `edit` (as --set takes them) laid over its lines, after the comment `evidence`. */
-/* Whether study_write_yaml can write this one; the others are left out, with a remark. */
-bool study_yaml_can(const char *edit);
+/* The scene with `edit` (as --set takes them) laid over its text, after the comment `evidence`. */
 int study_write_yaml(const study *t, const char *path, char *const *edit, int edit_count, const char *evidence);
 
 #endif

@@ -94,10 +94,8 @@ static sim *build_written(const study *t, char *why, size_t size) {
     char *set[STUDY_SETS];
     int count = 0;
     const study_choice *c = &t->choice;
-    for (int i = 0; i < t->set_count; i++) { /* what the file could not take, and what no study runs with */
-        const bool quiet = is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"));
-        if (quiet || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
-    }
+    for (int i = 0; i < t->set_count; i++) /* what no study runs with */
+        if (is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"))) set[count++] = t->set[i];
     sim *s = study_build(c->file, set, count, why, size);
     for (int i = 0; s && i < s->instrument_count && c->felt_run; i++)
         s->wants[i] = c->sends < s->can_send ? c->sends : s->can_send;

@@ -1,209 +1,171 @@
-/* A scene with some keys changed: its own lines stay, comments and all. Keys of one or two levels ("model",
- * "tissue.mesh"), and of a list's item ("supports[0].group"), which is what a recommendation changes. */
-#include <ctype.h>
+/* A scene with some keys changed: its own lines stay, comments and all. The parser says where in the text a value
+ * begins and ends; the text is read anew after each change. Changes are as --set takes them ("tissue.mesh=a.msh",
+ * "supports[0].vertex"). */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <yaml.h>
 
 #include "study.h"
-#include "study_yaml.h"
-
-enum { LINES = 4000, LONG = 4096 };
 
 typedef struct text {
-    char *line[LINES];
-    int count;
+    char *whole;
+    yaml_document_t document;
 } text;
 
-static bool put_line(text *t, int at, const char *line) {
-    if (t->count == LINES) return false;
-    for (int i = t->count++; i > at; i--) t->line[i] = t->line[i - 1];
-    t->line[at] = strdup(line);
-    return t->line[at] != NULL;
+/* Marks count characters, the text is of bytes. */
+static size_t byte_at(const text *t, size_t character) {
+    size_t at = 0;
+    for (; t->whole[at]; at++)
+        if (((unsigned char)t->whole[at] & 0xc0) != 0x80 && character-- == 0) break;
+    return at;
 }
 
-static void change_line(text *t, int at, const char *line) {
-    char *old = t->line[at];
-    t->line[at] = strdup(line);
-    free(old);
-}
-
-static bool read_lines(text *t, const char *path) {
-    char line[LONG];
-    FILE *file = fopen(path, "r");
-    bool good = file != NULL;
-    while (good && fgets(line, sizeof line, file)) {
-        line[strcspn(line, "\r\n")] = 0;
-        good = put_line(t, t->count, line);
-    }
-    if (file) fclose(file);
+static bool parse(text *t) {
+    yaml_parser_t parser;
+    if (!yaml_parser_initialize(&parser)) return false;
+    yaml_parser_set_input_string(&parser, (const unsigned char *)t->whole, strlen(t->whole));
+    const bool good = yaml_parser_load(&parser, &t->document) != 0;
+    yaml_parser_delete(&parser);
     return good;
 }
 
-/* "key:" at the beginning of `line`, or at `indent` in it. */
-static bool is_key(const char *line, const char *key, size_t indent) {
-    return strspn(line, " ") == indent && !strncmp(line + indent, key, strlen(key)) &&
-           line[indent + strlen(key)] == ':';
+static bool read_text(text *t, const char *path) {
+    size_t room = 0;
+    FILE *file = fopen(path, "r");
+    *t = (text){NULL};
+    const bool good = file && getdelim(&t->whole, &room, 0, file) > 0 && parse(t);
+    if (file) fclose(file);
+    if (!good) free(t->whole);
+    return good;
 }
 
-static int find_section(const text *t, const char *key) {
-    for (int i = 0; i < t->count; i++)
-        if (is_key(t->line[i], key, 0)) return i;
-    return -1;
+/* Puts words in place of the bytes from `from` to before `to`. */
+static bool replace(text *t, size_t from, size_t to, const char *words) {
+    char *whole = NULL;
+    if (asprintf(&whole, "%.*s%s%s", (int)from, t->whole, words, t->whole + to) < 0) return false;
+    free(t->whole);
+    yaml_document_delete(&t->document);
+    t->whole = whole;
+    return parse(t);
 }
 
-/* First line that is not the section's any more. */
-static int section_end(const text *t, int at) {
-    int end = at + 1;
-    for (int i = at + 1; i < t->count; i++) {
-        const char *line = t->line[i];
-        const bool inside = line[0] == ' ' || line[0] == '-';
-        if (inside) end = i + 1;
-        if (!inside && line[0] && line[0] != '#') break;
-    }
-    return end;
+static yaml_node_t *node(text *t, int id) { return yaml_document_get_node(&t->document, id); }
+
+static bool is_flow(const yaml_node_t *n) { return n->data.mapping.style == YAML_FLOW_MAPPING_STYLE; }
+
+/* Where a value's text ends; the parser ends a block where the next thing begins. */
+static size_t end_of(text *t, const yaml_node_t *n) {
+    if (n->type == YAML_MAPPING_NODE && !is_flow(n) && n->data.mapping.pairs.top > n->data.mapping.pairs.start)
+        return end_of(t, node(t, n->data.mapping.pairs.top[-1].value));
+    if (n->type == YAML_SEQUENCE_NODE && n->data.sequence.style != YAML_FLOW_SEQUENCE_STYLE &&
+        n->data.sequence.items.top > n->data.sequence.items.start)
+        return end_of(t, node(t, n->data.sequence.items.top[-1]));
+    return byte_at(t, n->end_mark.index);
 }
 
-/* Where the value beginning at `from` ends: at a comma or bracket of its own level, a comment, or the end. */
-static const char *value_end(const char *from, bool flow) {
-    int depth = 0;
-    char quote = 0;
-    for (const char *c = from;; c++) {
-        if (!*c) return c;
-        if (quote) {
-            if (*c == quote) quote = 0;
-        } else if (*c == '"' || *c == '\'')
-            quote = *c;
-        else if (*c == '{' || *c == '[')
-            depth++;
-        else if (flow && depth == 0 && (*c == ',' || *c == '}'))
-            return c;
-        else if (*c == '}' || *c == ']')
-            depth--;
-        else if (*c == '#' && c > from && c[-1] == ' ')
-            return c - 1;
-    }
+static size_t start_of(text *t, int id) { return byte_at(t, node(t, id)->start_mark.index); }
+
+static yaml_node_pair_t *find(text *t, const yaml_node_t *in, const char *key) {
+    if (!in || in->type != YAML_MAPPING_NODE) return NULL;
+    for (yaml_node_pair_t *p = in->data.mapping.pairs.start; p < in->data.mapping.pairs.top; p++)
+        if (!strcmp((const char *)node(t, p->key)->data.scalar.value, key)) return p;
+    return NULL;
 }
 
-/* The value after "key:" at `colon` becomes another. */
-static void change_value(text *t, int at, const char *colon, const char *value, bool flow) {
-    char line[LONG];
-    const char *begin = colon + 1, *end = value_end(begin, flow);
-    snprintf(line, sizeof line, "%.*s %s%s", (int)(begin - t->line[at]), t->line[at], value, end);
-    change_line(t, at, line);
-}
-
-/* "{... key: value ...}" on one line. */
-static bool change_flow(text *t, int at, const char *key, const char *value) {
-    char line[LONG];
-    const char *open = strchr(t->line[at], '{');
-    for (const char *c = open; *c;) {
-        const char *word = c + 1 + strspn(c + 1, " "), *end = value_end(word, true);
-        if (!strncmp(word, key, strlen(key)) && word[strlen(key)] == ':') {
-            change_value(t, at, word + strlen(key), value, true);
-            return true;
+/* Goes down from the top as far as the path exists: `in` is then what has, or would have, its rest. */
+static yaml_node_pair_t *walk(text *t, char **path, yaml_node_t **in) {
+    *in = yaml_document_get_root_node(&t->document);
+    for (;;) {
+        char key[80], *rest = *path + strcspn(*path, ".[");
+        snprintf(key, sizeof key, "%.*s", (int)(rest - *path), *path);
+        yaml_node_pair_t *pair = find(t, *in, key);
+        if (!pair || !*rest) return pair;
+        yaml_node_t *value = node(t, pair->value);
+        if (*rest == '[') {
+            const long item = strtol(rest + 1, &rest, 10);
+            const bool there = value->type == YAML_SEQUENCE_NODE && item >= 0 &&
+                               item < value->data.sequence.items.top - value->data.sequence.items.start;
+            *in = value = there ? node(t, value->data.sequence.items.start[item]) : NULL;
+            if (!value || value->type != YAML_MAPPING_NODE) return NULL;
+            rest += *rest == ']';
         }
-        if (*end != ',') break;
-        c = end;
+        if (value->type != YAML_MAPPING_NODE) return pair; /* "volume:" and nothing */
+        *in = value, *path = rest + (*rest == '.');
     }
-    const char *rest = open + 1;
-    snprintf(line, sizeof line, "%.*s%s: %s%s%s", (int)(rest - t->line[at]), t->line[at], key, value,
-             rest[strspn(rest, " ")] == '}' ? "" : ", ", rest);
-    change_line(t, at, line);
-    return true;
 }
 
-static bool set_nested(text *t, const char *section, const char *key, const char *value) {
-    char line[LONG];
-    const int at = find_section(t, section);
-    if (at < 0) {
-        snprintf(line, sizeof line, "%s: {%s: %s}", section, key, value);
-        return put_line(t, t->count, line);
+/* "a.b.c", 1: as one key's value, "{b: {c: 1}}". */
+static void wrap(const char *path, const char *value, char *out, size_t size) {
+    const char *dot = strchr(path, '.');
+    char inner[4096];
+    if (!dot) {
+        snprintf(out, size, "%s: %s", path, value);
+        return;
     }
-    const char *rest = t->line[at] + strlen(section) + 1;
-    if (rest[strspn(rest, " ")] == '{') return change_flow(t, at, key, value);
-    const int end = section_end(t, at);
-    size_t indent = 2;
-    for (int i = at + 1; i < end; i++) {
-        if (t->line[i][strspn(t->line[i], " ")] == '#') continue;
-        indent = strspn(t->line[i], " ");
-        break;
+    wrap(dot + 1, value, inner, sizeof inner);
+    snprintf(out, size, "%.*s: {%s}", (int)(dot - path), path, inner);
+}
+
+static bool set(text *t, char *path, const char *value) {
+    yaml_node_t *in;
+    char words[4200], line[4300];
+    const yaml_node_pair_t *pair = walk(t, &path, &in);
+    if (pair) {
+        const size_t from = start_of(t, pair->value);
+        const char *dot = strchr(path, '.');
+        wrap(dot ? dot + 1 : path, value, words, sizeof words);
+        snprintf(line, sizeof line, dot ? "%s{%s}" : "%s%s", from && t->whole[from - 1] == ':' ? " " : "",
+                 dot ? words : value);
+        return replace(t, from, end_of(t, node(t, pair->value)), line);
     }
-    for (int i = at + 1; i < end; i++)
-        if (is_key(t->line[i], key, indent)) {
-            change_value(t, i, t->line[i] + indent + strlen(key), value, false);
-            return true;
+    if (!in || in->type != YAML_MAPPING_NODE || strchr(path, '[')) return false;
+    wrap(path, value, words, sizeof words);
+    const yaml_node_pair_t *first = in->data.mapping.pairs.start;
+    const bool empty = first == in->data.mapping.pairs.top;
+    if (is_flow(in)) {
+        snprintf(line, sizeof line, "%s%s", words, empty ? "" : ", ");
+        const size_t at = byte_at(t, in->start_mark.index) + 1;
+        return replace(t, at, at, line);
+    }
+    const size_t end = strlen(t->whole), at = start_of(t, first->key);
+    if (in == yaml_document_get_root_node(&t->document)) {
+        snprintf(line, sizeof line, "%s%s\n", end && t->whole[end - 1] != '\n' ? "\n" : "", words);
+        return replace(t, end, end, line);
+    }
+    snprintf(line, sizeof line, "%s\n%*s", words, (int)node(t, first->key)->start_mark.column, "");
+    return replace(t, at, at, line);
+}
+
+/* A section becomes a comment. */
+static bool leave_out(text *t, size_t from, size_t to) {
+    bool good = true;
+    for (size_t at = to; good && at-- > from;)
+        if (at == from || t->whole[at - 1] == '\n') {
+            char *whole = NULL;
+            good = asprintf(&whole, "%.*s# left out: %s", (int)at, t->whole, t->whole + at) >= 0;
+            if (good) free(t->whole), t->whole = whole;
         }
-    snprintf(line, sizeof line, "%*s%s: %s", (int)indent, "", key, value);
-    return put_line(t, at + 1, line);
+    return good && replace(t, 0, 0, "");
 }
 
-static void unset(text *t, const char *section) {
-    char line[LONG];
-    const int at = find_section(t, section);
-    for (int i = at, end = at < 0 ? at : section_end(t, at); i < end; i++) {
-        snprintf(line, sizeof line, "# left out: %s", t->line[i]);
-        change_line(t, i, line);
-    }
-}
-
-/* "list[2].key" taken apart. */
-static bool is_item(const char *edit, char list[40], int *number, char key[40]) {
-    int end = 0;
-    return sscanf(edit, "%39[a-z_][%d].%39[a-z_]%n", list, number, key, &end) == 3 && *number >= 0 &&
-           (!edit[end] || edit[end] == '=');
-}
-
-/* A path of more levels cannot be. */
-bool study_yaml_can(const char *edit) {
-    const size_t path = strcspn(edit, "="), dot = strcspn(edit, ".");
-    char list[40], key[40];
-    int number;
-    if (memchr(edit, '[', path)) return is_item(edit, list, &number, key);
-    return dot >= path || (edit[path] && !memchr(edit + dot + 1, '.', path - dot - 1));
-}
-
-/* The lines as one text, and back. */
-static bool change_item(text *t, const char *list, int number, const char *key, const char *value) {
-    size_t room = 1000;
-    for (int i = 0; i < t->count; i++) room += strlen(t->line[i]) + 1;
-    char *whole = malloc(room), *end = whole;
-    if (!whole) return false;
-    for (int i = 0; i < t->count; i++) {
-        end += sprintf(end, "\n%s", t->line[i]);
-        free(t->line[i]);
-    }
-    const bool good = study_yaml_item(whole, list, number, key, value);
-    t->count = 0;
-    bool fits = true;
-    for (char *rest = whole + 1, *line; (line = strsep(&rest, "\n"));) fits = put_line(t, t->count, line) && fits;
-    free(whole);
-    return good && fits;
+static bool unset(text *t, char *path) {
+    yaml_node_t *in;
+    const yaml_node_pair_t *pair = walk(t, &path, &in);
+    if (!pair || strchr(path, '.')) return in && in->type == YAML_MAPPING_NODE; /* it is not there */
+    const yaml_node_pair_t *begin = in->data.mapping.pairs.start, *end = in->data.mapping.pairs.top;
+    const size_t from = start_of(t, pair->key), to = end_of(t, node(t, pair->value));
+    if (in == yaml_document_get_root_node(&t->document) && !is_flow(in)) return leave_out(t, from, to);
+    if (pair + 1 < end) return replace(t, from, start_of(t, pair[1].key), "");
+    if (pair > begin) return replace(t, end_of(t, node(t, pair[-1].value)), to, "");
+    return replace(t, from, to, is_flow(in) ? "" : "{}");
 }
 
 static bool change(text *t, const char *edit) {
-    char path[200], line[LONG], list[40], key[40];
+    char path[200];
     const char *value = strchr(edit, '=');
-    int number;
-    if (is_item(edit, list, &number, key)) return change_item(t, list, number, key, value ? value + 1 : NULL);
     snprintf(path, sizeof path, "%.*s", value ? (int)(value - edit) : 199, edit);
-    char *dot = strchr(path, '.');
-    if (!study_yaml_can(edit)) return false;
-    if (!value) {
-        unset(t, path);
-        return true;
-    }
-    if (dot) {
-        *dot = 0;
-        return set_nested(t, path, dot + 1, value + 1);
-    }
-    const int at = find_section(t, path);
-    if (at >= 0) {
-        change_value(t, at, t->line[at] + strlen(path), value + 1, false);
-        return true;
-    }
-    snprintf(line, sizeof line, "%s: %s", path, value + 1);
-    return put_line(t, t->count, line);
+    return value ? set(t, path, value + 1) : unset(t, path);
 }
 
 /* `file`, absolute, from the folder `from`, absolute and without a slash at its end. */
@@ -229,59 +191,43 @@ static bool find_folder(const char *path, char folder[4096]) {
 }
 
 /* A change whose value is a file's absolute name, from the written scene's folder. */
-static void make_relative(const char *edit, const char *path, char *out, size_t size) {
-    char folder[4096], file[LONG];
+static bool change_moved(text *t, const char *edit, const char *to) {
+    char folder[4096], file[4096], moved[4300];
     const char *value = strchr(edit, '=');
-    snprintf(out, size, "%s", edit);
-    if (!value || value[1] != '/' || !find_folder(path, folder)) return;
+    if (!value || value[1] != '/' || !find_folder(to, folder)) return change(t, edit);
     write_relative(value + 1, folder, file, sizeof file);
-    snprintf(out, size, "%.*s=%s", (int)(value - edit), edit, file);
+    snprintf(moved, sizeof moved, "%.*s=%s", (int)(value - edit), edit, file);
+    return change(t, moved);
 }
 
 /* Paths are relative to the scene's folder, and this one may be written to another. */
-static void move_path(text *t, const char *scene, const char *to, const char *section, const char *key) {
-    char folder[2048], found[4096], target[4096], value[LONG];
-    const int at = find_section(t, section);
-    snprintf(folder, sizeof folder, "%s", scene);
-    char *slash = strrchr(folder, '/');
-    if (slash) slash[1] = 0;
-    for (int i = at, end = at < 0 ? at : section_end(t, at); i < end; i++) {
-        char wanted[80];
-        snprintf(wanted, sizeof wanted, "%s:", key);
-        char *word = strstr(t->line[i], wanted), *comment = strstr(t->line[i], " #");
-        if (!word || (comment && comment < word) || (word > t->line[i] && isalnum((unsigned char)word[-1]))) continue;
-        const char *begin = word + strlen(wanted), *end_of = value_end(begin, strchr(t->line[i], '{') != NULL);
-        begin += strspn(begin, " \"'");
-        while (end_of > begin && strchr(" \"'", end_of[-1])) end_of--;
-        snprintf(value, sizeof value, "%s%.*s", *begin == '/' || !slash ? "" : folder, (int)(end_of - begin), begin);
-        if (!realpath(value, found) || !find_folder(to, target)) return;
-        write_relative(found, target, value, sizeof value);
-        set_nested(t, section, key, value);
-        return;
-    }
+static void move_path(text *t, const char *scene, const char *to, const char *key) {
+    char path[40], *rest = path, file[4096], found[4096], edit[4200];
+    yaml_node_t *in;
+    snprintf(path, sizeof path, "%s", key);
+    const yaml_node_pair_t *pair = walk(t, &rest, &in);
+    if (!pair || strchr(rest, '.') || node(t, pair->value)->type != YAML_SCALAR_NODE) return;
+    const char *name = (const char *)node(t, pair->value)->data.scalar.value, *slash = strrchr(scene, '/');
+    snprintf(file, sizeof file, "%.*s%s", *name == '/' || !slash ? 0 : (int)(slash + 1 - scene), scene, name);
+    if (!realpath(file, found)) return;
+    snprintf(edit, sizeof edit, "%s=%s", key, found);
+    change_moved(t, edit, to);
 }
 
 int study_write_yaml(const study *t, const char *path, char *const *edit, int edit_count, const char *evidence) {
-    static text lines;
+    static const char *const files[] = {"tissue.mesh", "anisotropy.file", "haptics.profile"};
+    text scene;
     tm_error error = {0};
     app_output output;
-    lines.count = 0;
-    if (!read_lines(&lines, t->file)) return app_bad_input(t->file, 0, "cannot be read again, or is very long");
-    move_path(&lines, t->file, path, "tissue", "mesh");
-    move_path(&lines, t->file, path, "anisotropy", "file");
-    move_path(&lines, t->file, path, "haptics", "profile");
-    for (int i = 0; i < edit_count; i++) {
-        char moved[LONG + 200];
-        make_relative(edit[i], path, moved, sizeof moved);
-        if (!change(&lines, moved))
+    if (!read_text(&scene, t->file)) return app_bad_input(t->file, 0, "cannot be read again; leave it as it is");
+    for (int i = 0; i < 3; i++) move_path(&scene, t->file, path, files[i]);
+    for (int i = 0; i < edit_count; i++)
+        if (!change_moved(&scene, edit[i], path))
             app_remark("tm-accuracy: --set %s cannot be written into %s; give it to tm-sim again", edit[i], path);
-    }
-    if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
-    FILE *file = app_output_stream(&output);
-    if (file) fputs(evidence, file);
-    for (int i = 0; i < lines.count; i++) {
-        if (file) fprintf(file, "%s\n", lines.line[i]);
-        free(lines.line[i]);
-    }
-    return app_output_end(&output, file, &error) ? 0 : app_report(NULL, 0, &error);
+    const bool begun = app_output_begin(&output, path, &error);
+    FILE *file = begun ? app_output_stream(&output) : NULL;
+    if (file) fprintf(file, "%s%s", evidence, scene.whole);
+    yaml_document_delete(&scene.document);
+    free(scene.whole);
+    return begun && app_output_end(&output, file, &error) ? 0 : app_report(NULL, 0, &error);
 }
