@@ -88,15 +88,23 @@ static sim *build_with(const study *t, const study_run *r, const char *const *mo
     return study_build(t->file, set, count, why, size);
 }
 
-static void take_tick(recording *rec, const sim *s, const tm_tool_pose *to, int instrument, int k) {
-    double size = 0;
-    for (int a = 0; a < 3; a++) {
-        const double force_N = s->reaction[instrument].force_N[a];
-        rec->tip_m[3 * k + a] = (float)(to->tip_m[a] - s->instrument_def[instrument].trocar_m[a]);
-        rec->truth_N[3 * k + a] = (float)force_N;
-        size += force_N * force_N;
-    }
-    rec->peak_N = fmax(rec->peak_N, sqrt(size));
+typedef struct truth_run {
+    study *t;
+    study_run *r;
+    double began_s;
+    int ticks;
+} truth_run;
+
+static void lead(void *user, const sim *s, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
+    (void)user;
+    for (int i = 0; i < s->instrument_count; i++) to[i] = sim_hand_pose(s, i, time_s);
+}
+
+static bool goes_on(void *user, const sim *s, int k) {
+    truth_run *now = user;
+    (void)s;
+    study_doing(now->t, "extrapolators: the truth, at 500 Hz", (k + 1.0) / now->ticks);
+    return study_part_goes_on(now->t, now->r, now->began_s, k + 1, now->ticks) && !app_interrupted();
 }
 
 /* At 500 frames a second, each the last substep's force alone. */
@@ -105,45 +113,15 @@ static bool record_truth(study *t, study_run *r, recording *rec, char *why, size
                                 "haptics.extrapolator=hold", "haptics.sends=force", NULL};
     sim *s = build_with(t, r, more, why, size);
     if (!s) return false;
-    const double began_s = app_seconds();
-    const int ticks = (int)(t->duration_s * 1e6 / TICK_US), count = s->instrument_count;
-    for (int i = 0; i < count; i++) {
-        rec[i].ticks = ticks;
-        rec[i].tip_m = calloc(3 * (size_t)ticks + 1, sizeof *rec->tip_m);
-        rec[i].truth_N = calloc(3 * (size_t)ticks + 1, sizeof *rec->truth_N);
-        if (!rec[i].tip_m || !rec[i].truth_N) abort();
-    }
-    bool good = true;
-    for (int k = 0; k < ticks && good && !app_interrupted(); k++) {
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        for (int i = 0; i < count; i++) to[i] = sim_hand_pose(s, i, 1e-6 * k * TICK_US);
-        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
-        for (int i = 0; i < count; i++) take_tick(&rec[i], s, &to[i], i, k);
-        study_doing(t, "extrapolators: the truth, at 500 Hz", (k + 1.0) / ticks);
-        if (!study_part_goes_on(t, r, began_s, k + 1, ticks)) break;
-    }
+    truth_run now = {t, r, app_seconds(), (int)(t->duration_s * 1e6 / TICK_US)};
+    const bool good =
+        record_ticks(s, now.ticks, s->instrument_count, &(leader){lead, goes_on, &now}, rec) == TM_OK && !s->broken_off;
     if (!good) snprintf(why, size, "went unstable at 500 frames a second");
     sim_destroy(s);
     return good && !r->left_out;
 }
 
 /* --- samples --- */
-
-static void drop_samples(recording *rec) {
-    for (int i = 0; i < rec->samples; i++) free(rec->sample[i].patch);
-    free(rec->sample);
-    rec->sample = NULL, rec->samples = 0;
-}
-
-static void take_room(const sim *s, recording *rec, int frames) {
-    for (int i = 0; i < s->instrument_count; i++) {
-        drop_samples(&rec[i]);
-        rec[i].frame_s = s->sample_s, rec[i].samples = frames * s->samples, rec[i].instrument = i;
-        hrt_params_of_device(&rec[i].params, s->axes[i].device);
-        rec[i].sample = calloc((size_t)rec[i].samples + 1, sizeof *rec->sample);
-        if (!rec[i].sample) abort();
-    }
-}
 
 typedef struct taking {
     sim_publisher publisher;
@@ -155,10 +133,8 @@ typedef struct taking {
 static void take_sample(void *user, const sim *s, int sample) {
     taking *now = user;
     const int k = now->frame * s->samples + sample, count = s->instrument_count;
-    const int64_t end_us = llround((k + 1) * s->sample_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
     for (int i = 0; i < count; i++) {
-        recording *rec = &now->rec[i];
-        sampled_take(&now->publisher, s, i, &rec->params, end_us - back_us, end_us, &rec->sample[k]);
+        recording_sample(&now->rec[i], &now->publisher, s, k);
         memcpy(now->force_N + 3 * ((size_t)k * (size_t)count + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
     }
 }
@@ -192,7 +168,7 @@ static double change_of(const study *t, const sim *s, const double *samples_N, i
 }
 
 /* The scene's frames with so many samples each; what they cost goes into `r`. */
-static bool record_samples(study *t, study_run *r, recording *rec, char *why, size_t size) {
+static bool sample_scene(study *t, study_run *r, recording *rec, char *why, size_t size) {
     static taking now;
     char rate[60];
     snprintf(rate, sizeof rate, "haptics.rate=%.9g Hz", study_rate_Hz(t, r));
@@ -207,8 +183,10 @@ static bool record_samples(study *t, study_run *r, recording *rec, char *why, si
     now = (taking){.publisher = {.session = 1}, .rec = rec};
     now.force_N = calloc(3 * (size_t)frames * (size_t)s->samples * (size_t)s->instrument_count + 1, sizeof(double));
     if (!cost_s || !now.force_N) abort();
-    take_room(s, rec, frames);
-    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send;
+    for (int i = 0; i < s->instrument_count; i++) {
+        s->wants[i] = s->can_send, rec[i].instrument = i;
+        recording_begin(&rec[i], s, frames * s->samples, 0);
+    }
     const bool good = drive(t, r, s, &now, cost_s, frames);
     if (!good && !r->left_out) snprintf(why, size, "went unstable with its samples");
     study_take_price(r, cost_s, cost_s, frames);
@@ -281,8 +259,7 @@ static bool is_done(const study *t, const study_run *first) {
 static bool measure_group(study *t, study_run *r, recording *rec, bool *truth) {
     char why[sizeof r->why] = "";
     if (is_done(t, r)) return true;
-    const bool good = study_may_start(t, r, study_expected_group_s(t, r)) &&
-                      record_samples(t, r, rec, why, sizeof why) &&
+    const bool good = study_may_start(t, r, study_expected_group_s(t, r)) && sample_scene(t, r, rec, why, sizeof why) &&
                       (*truth || app_interrupted() || (*truth = record_truth(t, r, rec, why, sizeof why)));
     if (app_interrupted()) return false;
     const study_run first = *r; /* rewritten with its own */

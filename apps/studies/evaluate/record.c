@@ -59,16 +59,25 @@ static sim *path_open(model m, const path *p, double rate_Hz, const char *const 
     return scene_open(scene[p->kind], rate_Hz, all);
 }
 
+typedef struct follower {
+    recording *r;
+    path p;
+    bool encoders;
+    int hands;
+} follower;
+
 /* Of every instrument; the one that is recorded as its encoders see it, and both of two that move at random. */
-static void poses_at(const sim *s, const recording *r, const path *p, double time_s, bool encoders,
-                     tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
+static void poses_at(void *user, const sim *s, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
+    const follower *f = user;
+    const recording *r = f->r;
+    const path *p = &f->p;
     float seen[3];
     const int mine = r->instrument;
     for (int i = 0; i < s->instrument_count; i++) {
         to[i] = path_pose(p, i, time_s);
         if (r->replay && s->instrument_def[i].mode == TM_TOOL_CAUTERY) to[i].active = false;
     }
-    for (int i = 0; encoders && i < s->instrument_count && i < TM_MAX_INSTRUMENTS; i++) {
+    for (int i = 0; f->encoders && i < s->instrument_count && i < TM_MAX_INSTRUMENTS; i++) {
         if (i != mine && p->kind != PATH_RANDOM) continue;
         device_see(s, i, &r->params, to[i].tip_m, true, seen);
         for (int c = 0; c < 3; c++) to[i].tip_m[c] = s->instrument_def[i].trocar_m[c] + (double)seen[c];
@@ -93,9 +102,10 @@ static path placed(const path *p, const sim *s) {
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
  * before contact: frames of before have made the first patch. */
-static void start(sim *s, const recording *r, const path *p, bool encoders) {
+static void start(sim *s, follower *f) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
-    poses_at(s, r, p, 0, encoders, to);
+    hrt_params_of_device(&f->r->params, s->axes[f->r->instrument].device);
+    poses_at(f, s, 0, to);
     for (int i = 0; i < s->instrument_count; i++) {
         tm_model_place(s->model, i, &to[i]);
         s->pose[i] = to[i];
@@ -104,45 +114,31 @@ static void start(sim *s, const recording *r, const path *p, bool encoders) {
 
 enum { BEFORE = 3 };
 
+static bool flag_cutting(void *user, const sim *s, int k) {
+    follower *f = user;
+    for (int h = 0; h < f->hands; h++)
+        if (is_cutting(s, &f->r[h], &f->p, (k + 1) * s->frame_s)) f->r[h].sample[k].sample.flags |= HRT_FLAG_CUTTING;
+    return true;
+}
+
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
     return record_hands(m, p, rate_Hz, encoders, patches, 1, out);
 }
 
 int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool patches, int hands, recording *out) {
-    static sim_publisher publisher[PATH_HANDS];
     sim *s = path_open(m, p, rate_Hz, NULL);
     cut_replay replay;
     if (!s) return APP_FAILED;
     if (out->replay) cut_replay_begin(&replay, out->replay, s);
     for (int i = 0; i < s->instrument_count; i++) s->wants[i] = patches ? s->can_send : SIM_SENDS_FORCE;
-    path q = placed(p, s);
-    for (int h = 0; h < hands; h++) {
-        recording *r = &out[h];
-        publisher[h] = (sim_publisher){.session = 1};
-        hrt_params_default(&r->params);
-        r->frame_s = s->frame_s;
-        r->samples = (int)(path_length_s(&q) / s->frame_s);
-        r->sample = calloc((size_t)r->samples, sizeof *r->sample);
-        if (!r->sample) abort();
-    }
-    start(s, out, &q, encoders);
+    follower f = {out, placed(p, s), encoders, hands};
+    start(s, &f);
     tm_status status = TM_OK;
     for (int k = 0; k < BEFORE && !status; k++) status = sim_frame(s, s->pose, s->substeps);
     if (out->replay) replay.begin_s = sim_time_s(s);
-    for (int k = 0; k < out->samples && !status; k++) {
-        /* The frame's path ends where the tool is when the sample is taken: t_n is on the tool's clock. */
-        double end_s = (k + 1) * s->frame_s;
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        poses_at(s, out, &q, end_s, encoders, to);
-        status = sim_frame(s, to, s->substeps);
-        cut_list_take(&out->cuts, s, end_s);
-        int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        for (int h = 0; h < hands; h++) {
-            sampled_take(&publisher[h], s, out[h].instrument, &out[h].params, end_us - back_us, end_us,
-                         &out[h].sample[k]);
-            if (is_cutting(s, &out[h], &q, end_s)) out[h].sample[k].sample.flags |= HRT_FLAG_CUTTING;
-        }
-    }
+    if (!status)
+        status = record_samples(s, (int)(path_length_s(&f.p) / s->frame_s), hands,
+                                &(leader){poses_at, flag_cutting, &f}, out);
     sim_destroy(s);
     if (!status) return 0;
     fprintf(stderr, "tm-evaluate: the %s model became unstable at %g Hz\n", model_name[m], rate_Hz);
@@ -158,24 +154,10 @@ int record_hands_truth(model m, const path *p, bool encoders, int hands, recordi
                                              NULL};
     sim *s = path_open(m, p, 1e6 / TICK_US, last_alone);
     if (!s) return APP_FAILED;
-    path q = placed(p, s);
-    for (int h = 0; h < hands; h++) {
-        recording *r = &out[h];
-        hrt_params_default(&r->params);
-        r->ticks = (int)(path_length_s(&q) * 1e6 / TICK_US);
-        r->tip_m = calloc(3 * (size_t)r->ticks, sizeof *r->tip_m);
-        r->truth_N = calloc(3 * (size_t)r->ticks, sizeof *r->truth_N);
-        if (!r->tip_m || !r->truth_N) abort();
-    }
-    start(s, out, &q, encoders);
-    tm_status status = TM_OK;
-    for (int k = 0; k < out->ticks && !status; k++) {
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        poses_at(s, out, &q, k * 1e-6 * TICK_US, encoders, to);
-        status = sim_frame(s, to, s->substeps);
-        cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
-        for (int h = 0; h < hands; h++) truth_take(&out[h], s, k, to);
-    }
+    follower f = {out, placed(p, s), encoders, hands};
+    start(s, &f);
+    const tm_status status =
+        record_ticks(s, (int)(path_length_s(&f.p) * 1e6 / TICK_US), hands, &(leader){poses_at, NULL, &f}, out);
     sim_destroy(s);
     if (!status) return 0;
     fprintf(stderr, "tm-evaluate: the %s model became unstable at 500 Hz\n", model_name[m]);

@@ -73,6 +73,7 @@ typedef struct recording {
     float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
     float *truth_N; /* [3*ticks]; NaN: not known at this tick, which is then not judged */
     uint8_t *phase; /* [ticks] phase; null: not told apart */
+    phase_watch watch;
     int samples;
     sampled *sample;
     double frame_s, peak_N;
@@ -88,10 +89,20 @@ typedef struct recording {
 } recording;
 void recording_free(recording *r);
 
-/* As messages carry the instrument's force after a frame, and as the controller takes it. `t_us`: when the tool was
- * where the frame ended; `ready_us`: when the frame was done. */
-void sampled_take(sim_publisher *p, const sim *s, int instrument, const hrt_params *params, int64_t t_us,
-                  int64_t ready_us, sampled *out);
+/* Room for so many samples and ticks of r->instrument, of which one kind is made by a run; samples of before go. */
+void recording_begin(recording *r, const sim *s, int samples, int ticks);
+/* Takes sample k as messages carry the instrument's force after it, and as the controller takes that. */
+void recording_sample(recording *r, sim_publisher *p, const sim *s, int k);
+/* Who leads the instruments along a path. */
+typedef struct leader {
+    void (*pose)(void *user, const sim *s, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]);
+    bool (*after)(void *user, const sim *s,
+                  int k); /* frame or tick k is simulated; false: that will do. Null: nothing */
+    void *user;
+} leader;
+/* Runs the path frame by frame for samples, or for the truth at every tick, into `hands` of out[]. */
+tm_status record_samples(sim *s, int frames, int hands, const leader *by, recording *out);
+tm_status record_ticks(sim *s, int ticks, int hands, const leader *by, recording *out);
 /* The device as the models' scenes hold it: world to trocar, and through its encoders. */
 void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
                 float seen_m[3]);
@@ -108,8 +119,6 @@ typedef struct scene_record {
 int record_scene(const scene_record *of, double rate_Hz, recording *out, int *instruments);
 /* Fills ticks, tip, truth, phases and mode of out[] from the scene run at every tick. Returns as record_scene. */
 int record_scene_truth(const scene_record *of, recording *out);
-/* Fills tick k of a recording's tip and truth from the frame just simulated. */
-void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to);
 
 /* --- replay --- */
 

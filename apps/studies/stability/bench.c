@@ -8,6 +8,9 @@
 #include "block.h"
 #include "stability.h"
 
+#define LAW_REAL double
+#include "libtensormass/numeric/vec.h"
+
 static void say(outcome *o, verdict v, double figure, const char *format, va_list arguments) {
     o->verdict = v, o->figure = figure;
     vsnprintf(o->text, sizeof o->text, format, arguments);
@@ -139,6 +142,78 @@ void bench_close(bench *b) {
     tm_tissue_destroy(b->tissue);
     tm_mesh_destroy(b->mesh);
     memset(b, 0, sizeof *b);
+}
+
+rig_def rig_default(int tools, const tm_tool_pose *start) {
+    rig_def def = {.bench = bench_default(), .tools = tools, .skin_m_N = tm_contact_def_default().skin_compliance_m_N};
+    for (int t = 0; t < tools; t++)
+        def.tool[t] = (tm_instrument_def){.radius_m = 0.0025,
+                                          .contact_length_m = 0.1,
+                                          .trocar_m = {start[t].tip_m[0], start[t].tip_m[1], 0.2},
+                                          .pose = start[t]};
+    return def;
+}
+
+bool rig_open(const rig_def *def, rig *r, const char *force_name, outcome *o) {
+    tm_contact_def contact = tm_contact_def_default();
+    const tm_grasp_def grasp = tm_grasp_def_default();
+    const tm_cut_def cut = tm_cut_def_default();
+    tm_error error = {0};
+    *r = (rig){.tools = def->tools, .finite = true, .o = o};
+    if (!bench_open(&def->bench, &r->b, o)) return false;
+    for (int t = 0; t < def->tools; t++) r->at[t] = def->tool[t].pose;
+    contact.instrument_count = def->tools, contact.instrument = def->tool, contact.skin_compliance_m_N = def->skin_m_N;
+    o->x_name = "simulated s", o->y_name = force_name;
+    tm_world *world = r->b.world;
+    if (tm_stage_contact(world, &contact, &r->contact, &error) == TM_OK &&
+        (!def->jaws || tm_stage_grasp(world, r->contact, &grasp, &r->grasp, &error) == TM_OK) &&
+        (!def->friction || tm_stage_friction(world, r->contact, def->friction, &r->friction, &error) == TM_OK) &&
+        (!def->bench.cuttable || tm_stage_cut(world, r->contact, &cut, &error) == TM_OK) &&
+        (!def->energy || tm_stage_energy(world, &error) == TM_OK))
+        return true;
+    bench_close(&r->b);
+    refused(o, &error);
+    return false;
+}
+
+void rig_steps(rig *r, int32_t steps, int32_t window, bool jump) {
+    tm_contact_begin_frame(r->contact, steps, window < steps ? window : steps);
+    for (int t = 0; t < r->tools; t++) {
+        if (jump)
+            tm_contact_place(r->contact, t, &r->at[t]);
+        else
+            tm_contact_move(r->contact, t, &r->at[t], steps);
+    }
+    r->finite = r->finite && tm_world_step(r->b.world, steps) == TM_OK;
+    for (int t = 0; t < r->tools; t++) {
+        memcpy(r->force_N[t], tm_contact_reaction(r->contact, t).force_N, sizeof r->force_N[t]);
+        r->finite = r->finite && isfinite(vnorm(r->force_N[t]));
+    }
+}
+
+void rig_frame(rig *r, double frame_s, int32_t window) {
+    rig_steps(r, (int32_t)ceil(frame_s / tm_world_step_s(r->b.world)), window, false);
+}
+
+void rig_lead(rig *r, const tm_tool_pose *from, const tm_tool_pose *to, int k, int frames) {
+    for (int t = 0; t < r->tools; t++) {
+        r->at[t] = to[t];
+        for (int c = 0; c < 3; c++)
+            r->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / frames;
+    }
+}
+
+double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *pressed_N) {
+    tm_friction_grip grip[64];
+    const int32_t there = r->friction ? tm_friction_grips(r->friction, tool, grip, 64) : 0;
+    double over = 0;
+    for (int32_t i = 0; i < there && i < 64; i++) {
+        const double size = vnorm(grip[i].force_N);
+        over = fmax(over, size / grip[i].pressed_N - grip[i].coefficient);
+        if (slips) *slips = *slips || grip[i].slips;
+        if (along_N) *along_N += size, *pressed_N += grip[i].pressed_N;
+    }
+    return over;
 }
 
 void random_velocities(bench *b, uint64_t seed, double speed_m_s) {

@@ -33,48 +33,38 @@ static int64_t differing_bytes(bench *b, const bench_def *def) {
     return count;
 }
 
-static tm_status add_tool(bench *b, double size_m, tm_contact **contact) {
-    tm_instrument_def tool = {.mode = TM_TOOL_PROBE,
-                              .radius_m = 0.0025,
-                              .contact_length_m = 0.1,
-                              .trocar_m = {size_m / 2, size_m / 2, 4 * size_m},
-                              .pose = {.tip_m = {size_m / 2, size_m / 2, 2 * size_m}, .active = true}};
-    tm_contact_def def = tm_contact_def_default();
-    def.instrument_count = 1, def.instrument = &tool;
-    return tm_stage_contact(b->world, &def, contact, NULL);
+static bool open_block(int cells, bool volume, const char *y_name, rig_def *def, rig *r, outcome *o) {
+    *def = rig_default(1, &(tm_tool_pose){.tip_m = {0.02, 0.02, 0.08}, .active = true});
+    def->tool[0].trocar_m[2] = 0.16;
+    def->bench.cells[0] = def->bench.cells[1] = def->bench.cells[2] = cells;
+    def->bench.material[0].damping_1_s = 40, def->bench.cuttable = true, def->bench.volume = volume;
+    return rig_open(def, r, y_name, o);
 }
 
 /* Random living tetrahedra, one to ten a frame, until `goal` are gone; the tool presses and slides all the while. */
 static void random_cuts_of(bool quick, double whole_goal, bool volume, outcome *o) {
-    bench_def def = bench_default();
-    bench b;
-    tm_contact *contact = NULL;
-    int cells = quick ? 6 : 13;
+    rig_def def;
+    rig r;
     int32_t goal = quick ? 1000 : (int32_t)whole_goal, gone = 0;
-    def.cells[0] = def.cells[1] = def.cells[2] = cells;
-    def.material[0].damping_1_s = 40, def.cuttable = true, def.volume = volume;
-    if (!bench_open(&def, &b, o)) return;
-    tm_status status = add_tool(&b, def.size_m[0], &contact);
+    if (!open_block(quick ? 6 : 13, volume, "force N", &def, &r, o)) return;
+    bench b = r.b;
     uint64_t seed = 2024;
     double peak = 0;
-    o->x_name = "tetrahedra removed", o->y_name = "force N";
-    for (int frame = 0; gone < goal && tm_tissue_alive_count(b.tissue) > 0 && status == TM_OK; frame++) {
+    o->x_name = "tetrahedra removed";
+    for (int frame = 0; gone < goal && tm_tissue_alive_count(b.tissue) > 0 && r.finite; frame++) {
         int32_t pick[10], wanted = 1 + (int32_t)(4.5 * (1 + random_unit(&seed)));
         for (int i = 0; i < wanted; i++) pick[i] = (int32_t)(0.5 * (1 + random_unit(&seed)) * (b.mesh->tet_count - 1));
         gone += tm_cut_remove(b.tissue, pick, wanted, NULL, 0);
-        int32_t n = (int32_t)(0.01 / tm_world_step_s(b.world));
-        tm_tool_pose to = {.tip_m = {0.02 + 0.01 * cos(0.1 * frame), 0.02 + 0.01 * sin(0.07 * frame),
-                                     0.038 + 0.004 * sin(0.05 * frame)},
-                           .active = true};
-        tm_contact_begin_frame(contact, n, 4);
-        tm_contact_move(contact, 0, &to, n);
-        status = tm_world_step(b.world, n);
-        double force = fabs(tm_contact_reaction(contact, 0).force_N[2]);
+        r.at[0] = (tm_tool_pose){.tip_m = {0.02 + 0.01 * cos(0.1 * frame), 0.02 + 0.01 * sin(0.07 * frame),
+                                           0.038 + 0.004 * sin(0.05 * frame)},
+                                 .active = true};
+        rig_steps(&r, (int32_t)(0.01 / tm_world_step_s(b.world)), 4, false);
+        const double force = fabs(r.force_N[0][2]);
         peak = fmax(peak, force);
         if (frame % 5 == 0) series_add(o, gone, force);
     }
-    int64_t bytes = differing_bytes(&b, &def);
-    if (status != TM_OK)
+    int64_t bytes = differing_bytes(&b, &def.bench);
+    if (!r.finite)
         broken(o, "unstable after %d removals", (int)gone);
     else
         accurate(o, (double)bytes,
@@ -92,28 +82,23 @@ static void random_cuts_volume(bool quick, double whole_goal, outcome *o) {
  * stepping. */
 static void cut_all(bool quick, double argument, outcome *o) {
     (void)argument;
-    bench_def def = bench_default();
-    bench b;
-    tm_contact *contact = NULL;
-    def.cells[0] = def.cells[1] = def.cells[2] = quick ? 4 : 8;
-    def.material[0].damping_1_s = 40, def.cuttable = true;
-    if (!bench_open(&def, &b, o)) return;
-    tm_status status = add_tool(&b, def.size_m[0], &contact);
-    o->x_name = "frame", o->y_name = "tetrahedra";
-    for (int32_t t = b.mesh->tet_count - 1, frame = 0; t >= 0 && status == TM_OK; t -= 7, frame++) {
+    rig_def def;
+    rig r;
+    if (!open_block(quick ? 4 : 8, false, "tetrahedra", &def, &r, o)) return;
+    bench b = r.b;
+    o->x_name = "frame";
+    for (int32_t t = b.mesh->tet_count - 1, frame = 0; t >= 0 && r.finite; t -= 7, frame++) {
         int32_t pick[7], n = 0;
         while (n < 7 && t - n >= 0) pick[n] = t - n, n++;
         tm_cut_remove(b.tissue, pick, n, NULL, 0);
-        tm_tool_pose to = {.tip_m = {0.02, 0.02, 0.04 * t / b.mesh->tet_count}, .active = true};
-        tm_contact_begin_frame(contact, 8, 4);
-        tm_contact_move(contact, 0, &to, 8);
-        status = tm_world_step(b.world, 8);
+        r.at[0].tip_m[2] = 0.04 * t / b.mesh->tet_count;
+        rig_steps(&r, 8, 4, false);
         series_add(o, frame, tm_tissue_alive_count(b.tissue));
     }
-    if (status == TM_OK) status = tm_world_step(b.world, 1000);
+    const bool goes_on = r.finite && tm_world_step(b.world, 1000) == TM_OK;
     double mass = 0;
     for (int32_t v = 0; v < b.mesh->vertex_count; v++) mass += tm_tissue_mass_kg(b.tissue)[v];
-    if (status != TM_OK)
+    if (!goes_on)
         broken(o, "the emptied model became unstable");
     else
         accurate(o, tm_tissue_alive_count(b.tissue) + mass + tm_tissue_surface(b.tissue).count,

@@ -65,80 +65,49 @@ static void closes(bool quick, double argument, outcome *o) {
 static const double TOP_M = 0.04;
 
 typedef struct hands {
-    bench b;
-    tm_contact *contact;
-    tm_tool_pose at[2];
+    rig r;
     tm_energy now, before;
     double through_J, surplus_J, residual; /* through the hands; tissue's and springs' beyond it at most */
-    bool finite;
-    outcome *o;
 } hands;
 
 static bool hands_open(hands *h, tm_tool_mode other, outcome *o) {
     static const tm_tool_pose start[2] = {{.tip_m = {0.022, 0.02, 0.05}, .active = true},
                                           {.tip_m = {0.016, 0.02, 0.06}, .active = true}};
-    bench_def def = bench_default();
+    rig_def def = rig_default(2, start);
     memset(h, 0, sizeof *h);
-    h->o = o, h->finite = true;
-    def.cells[0] = def.cells[1] = def.cells[2] = 8;
-    def.material[0].damping_1_s = 40, def.cuttable = true;
-    if (!bench_open(&def, &h->b, o)) return false;
-    tm_instrument_def tool[2];
-    for (int t = 0; t < 2; t++) {
-        h->at[t] = start[t];
-        tool[t] = (tm_instrument_def){.mode = t ? other : TM_TOOL_GRASPER,
-                                      .radius_m = 0.0025,
-                                      .contact_length_m = 0.1,
-                                      .trocar_m = {t ? -0.08 : 0.12, 0.02, 0.2},
-                                      .pose = start[t]};
-        if (tool[t].mode == TM_TOOL_CAUTERY) h->at[t].active = tool[t].pose.active = false;
-    }
-    tm_contact_def contact = tm_contact_def_default();
-    contact.instrument_count = 2, contact.instrument = tool;
-    tm_grasp_def grasp = tm_grasp_def_default();
-    tm_cut_def cut = tm_cut_def_default();
-    tm_grasp *jaws;
-    tm_error error = {0};
-    o->x_name = "simulated s", o->y_name = "surplus J";
-    if (tm_stage_contact(h->b.world, &contact, &h->contact, &error) == TM_OK &&
-        tm_stage_grasp(h->b.world, h->contact, &grasp, &jaws, &error) == TM_OK &&
-        tm_stage_cut(h->b.world, h->contact, &cut, &error) == TM_OK && tm_stage_energy(h->b.world, &error) == TM_OK)
-        return true;
-    bench_close(&h->b);
-    refused(o, &error);
-    return false;
+    def.bench.cells[0] = def.bench.cells[1] = def.bench.cells[2] = 8;
+    def.bench.material[0].damping_1_s = 40, def.bench.cuttable = def.jaws = def.energy = true;
+    def.tool[0].mode = TM_TOOL_GRASPER, def.tool[0].trocar_m[0] = 0.12;
+    def.tool[1].mode = other, def.tool[1].trocar_m[0] = -0.08;
+    def.tool[1].pose.active = other != TM_TOOL_CAUTERY;
+    return rig_open(&def, &h->r, "surplus J", o);
 }
 
-/* Both go where `at` says, in frames of 10 ms. */
+/* Both go where they are told, in frames of 10 ms. */
 static void go(hands *h, tm_tool_pose first, tm_tool_pose second, int frames) {
-    const tm_tool_pose from[2] = {h->at[0], h->at[1]}, to[2] = {first, second};
-    const int32_t n = (int32_t)ceil(0.01 / tm_world_step_s(h->b.world));
-    for (int k = 1; k <= frames && h->finite; k++) {
-        tm_contact_begin_frame(h->contact, n, 4);
-        for (int t = 0; t < 2; t++) {
-            h->at[t] = to[t];
-            for (int c = 0; c < 3; c++)
-                h->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / frames;
-            tm_contact_move(h->contact, t, &h->at[t], n);
-        }
+    rig *r = &h->r;
+    const tm_tool_pose from[2] = {r->at[0], r->at[1]}, to[2] = {first, second};
+    for (int k = 1; k <= frames && r->finite; k++) {
+        rig_lead(r, from, to, k, frames);
         h->before = h->now;
-        h->finite = tm_world_step(h->b.world, n) == TM_OK && tm_world_energy(h->b.world, &h->now, NULL) == TM_OK;
+        rig_frame(r, 0.01, 4);
+        r->finite = r->finite && tm_world_energy(r->b.world, &h->now, NULL) == TM_OK;
         for (int t = 0; t < 2; t++) h->through_J += fabs(h->now.hand_J[t] - h->before.hand_J[t]);
         h->surplus_J = fmax(h->surplus_J, h->now.made_J - h->now.film_J);
         h->residual = fmax(h->residual, fabs(h->now.residual_J) / (turnover(&h->now) + 1e-12));
-        series_add(h->o, h->now.time_s, h->now.made_J - h->now.film_J);
+        series_add(r->o, h->now.time_s, h->now.made_J - h->now.film_J);
     }
 }
 
 static void hands_close(hands *h, const char *words) {
-    if (!h->finite || h->residual > 1e-9)
-        broken(h->o, "%s: %s", words, h->finite ? "the tissue's side does not close" : "unstable");
+    if (!h->r.finite || h->residual > 1e-9)
+        broken(h->r.o, "%s: %s", words, h->r.finite ? "the tissue's side does not close" : "unstable");
     else
-        stable(h->o, h->surplus_J / h->through_J,
+        stable(h->r.o, h->surplus_J / h->through_J,
                "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, film took "
                "%.1e J, cuts %.1e J",
                words, h->through_J, h->surplus_J, h->now.film_J, h->now.cut_J);
-    bench_close(&h->b);
+    bench_close(&h->r.b);
 }
 
 static tm_tool_pose at(double x, double z, double grip) {
@@ -170,19 +139,19 @@ static void deeds(bool quick, double argument, outcome *o) {
     }
     if (which == HOLD) go(&h, at(0.022, TOP_M + 0.001, 1), aside, 20);
     if (which == RELEASE_UNDER) {
-        go(&h, h.at[0], at(0.019, TOP_M + 0.011, 0), 10);
-        go(&h, h.at[0], at(0.019, TOP_M + 0.002, 0), 20);
+        go(&h, h.r.at[0], at(0.019, TOP_M + 0.011, 0), 10);
+        go(&h, h.r.at[0], at(0.019, TOP_M + 0.002, 0), 20);
     }
     if (which == HAND_OVER) {
-        go(&h, h.at[0], at(0.020, TOP_M + 0.006, 0), 20);
-        go(&h, h.at[0], at(0.020, TOP_M + 0.006, 1), 4);
+        go(&h, h.r.at[0], at(0.020, TOP_M + 0.006, 0), 20);
+        go(&h, h.r.at[0], at(0.020, TOP_M + 0.006, 1), 4);
     }
-    if (which == CUT_HELD) go(&h, h.at[0], at(0.014, TOP_M - 0.002, 0), 30);
-    tm_tool_pose open = h.at[0];
+    if (which == CUT_HELD) go(&h, h.r.at[0], at(0.014, TOP_M - 0.002, 0), 30);
+    tm_tool_pose open = h.r.at[0];
     open.grip = 0;
-    go(&h, open, h.at[1], 30); /* the release */
-    go(&h, at(0.022, TOP_M + 0.02, 0), h.at[1], 20);
-    go(&h, h.at[0], at(-0.02, TOP_M + 0.02, 0), 40);
+    go(&h, open, h.r.at[1], 30); /* the release */
+    go(&h, at(0.022, TOP_M + 0.02, 0), h.r.at[1], 20);
+    go(&h, h.r.at[0], at(-0.02, TOP_M + 0.02, 0), 40);
     hands_close(&h, words[which]);
 }
 

@@ -5,78 +5,45 @@
 
 #include "stability.h"
 
-enum { TOOLS = 2 };
-static const double TOP_M = 0.04, FRAME_S = 0.005, RADIUS_M = 0.0025;
+enum { TOOLS = RIG_TOOLS };
+#define TOP_M 0.04
+static const double FRAME_S = 0.005, RADIUS_M = 0.0025;
 
 typedef struct rubbing {
-    bench b;
-    tm_contact *contact;
-    tm_friction *friction;
-    tm_friction_coefficient coefficient;
+    rig r;
     double over_cone, peak_N, hands_J, made_J;
-    bool finite;
-    outcome *o;
 } rubbing;
 
-static bool open_rubbing(rubbing *r, double at_rest, double sliding, double skin_m_N, double damping, outcome *o) {
-    bench_def def = bench_default();
-    *r = (rubbing){.coefficient = {at_rest, sliding}, .finite = true, .o = o};
-    def.material[0].damping_1_s = damping;
-    if (!bench_open(&def, &r->b, o)) return false;
-    tm_instrument_def tool[TOOLS];
-    for (int t = 0; t < TOOLS; t++) {
-        const double x = 0.012 + 0.016 * t;
-        tool[t] = (tm_instrument_def){.radius_m = RADIUS_M,
-                                      .contact_length_m = 0.1,
-                                      .trocar_m = {x, 0.02, 0.2},
-                                      .pose = {.tip_m = {x, 0.02, TOP_M + 0.003}, .active = true}};
-    }
-    tm_contact_def contact = tm_contact_def_default();
-    contact.instrument_count = TOOLS, contact.instrument = tool, contact.skin_compliance_m_N = skin_m_N;
+static bool open_rubbing(rubbing *x, double at_rest, double sliding, double skin_m_N, outcome *o) {
+    static const tm_tool_pose start[TOOLS] = {{.tip_m = {0.012, 0.02, TOP_M + 0.003}, .active = true},
+                                              {.tip_m = {0.028, 0.02, TOP_M + 0.003}, .active = true}};
     tm_friction_def friction = tm_friction_def_default();
-    for (int t = 0; t < TOOLS; t++) friction.instrument[t] = r->coefficient;
-    tm_error error = {0};
-    o->x_name = "simulated s", o->y_name = "force along the surface over what presses";
-    if (tm_stage_contact(r->b.world, &contact, &r->contact, &error) == TM_OK &&
-        (at_rest == 0 || tm_stage_friction(r->b.world, r->contact, &friction, &r->friction, &error) == TM_OK) &&
-        tm_stage_energy(r->b.world, &error) == TM_OK)
-        return true;
-    bench_close(&r->b);
-    refused(o, &error);
-    return false;
-}
-
-static void look_at_grips(rubbing *r, int t) {
-    tm_friction_grip grip[64];
-    const int32_t there = r->friction ? tm_friction_grips(r->friction, t, grip, 64) : 0, n = there < 64 ? there : 64;
-    double along = 0, pressed = 0;
-    for (int32_t i = 0; i < n; i++) {
-        const double *f = grip[i].force_N, size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
-        r->over_cone = fmax(r->over_cone, size / grip[i].pressed_N - grip[i].coefficient);
-        along += size, pressed += grip[i].pressed_N;
-    }
-    if (t == 0 && pressed > 0) series_add(r->o, tm_world_state(r->b.world)->time_s, along / pressed);
+    rig_def def = rig_default(TOOLS, start);
+    *x = (rubbing){.over_cone = 0};
+    for (int t = 0; t < TOOLS; t++) friction.instrument[t] = (tm_friction_coefficient){at_rest, sliding};
+    def.bench.material[0].damping_1_s = 60, def.skin_m_N = skin_m_N, def.energy = true;
+    if (at_rest > 0) def.friction = &friction;
+    return rig_open(&def, &x->r, "force along the surface over what presses", o);
 }
 
 /* Tools to x[t] aside of where they began, `deep` into the surface. */
-static void frame(rubbing *r, const double x_m[TOOLS], double deep_m) {
-    const int32_t n = (int32_t)ceil(FRAME_S / tm_world_step_s(r->b.world));
-    tm_contact_begin_frame(r->contact, n, 1);
-    for (int t = 0; t < TOOLS; t++) {
-        const tm_tool_pose to = {.tip_m = {0.012 + 0.016 * t + x_m[t], 0.02, TOP_M + RADIUS_M - deep_m},
-                                 .active = true};
-        tm_contact_move(r->contact, t, &to, n);
-    }
-    r->finite = r->finite && tm_world_step(r->b.world, n) == TM_OK;
+static void frame(rubbing *x, const double x_m[TOOLS], double deep_m) {
+    rig *r = &x->r;
     tm_energy e;
+    for (int t = 0; t < TOOLS; t++)
+        r->at[t] =
+            (tm_tool_pose){.tip_m = {0.012 + 0.016 * t + x_m[t], 0.02, TOP_M + RADIUS_M - deep_m}, .active = true};
+    rig_frame(r, FRAME_S, 1);
     if (tm_world_energy(r->b.world, &e, NULL) == TM_OK) {
-        r->hands_J = fmax(r->hands_J, fabs(e.hand_J[0]) + fabs(e.hand_J[1]));
-        r->made_J = fmax(r->made_J, e.made_J);
+        x->hands_J = fmax(x->hands_J, fabs(e.hand_J[0]) + fabs(e.hand_J[1]));
+        x->made_J = fmax(x->made_J, e.made_J);
     }
     for (int t = 0; t < TOOLS; t++) {
-        const tm_tool_reaction f = tm_contact_reaction(r->contact, t);
-        r->peak_N = fmax(r->peak_N, fabs(f.force_N[0]) + fabs(f.force_N[1]) + fabs(f.force_N[2]));
-        look_at_grips(r, t);
+        const double *f = r->force_N[t];
+        double along_N = 0, pressed_N = 0;
+        x->peak_N = fmax(x->peak_N, fabs(f[0]) + fabs(f[1]) + fabs(f[2]));
+        x->over_cone = fmax(x->over_cone, rig_over_cone(r, t, NULL, &along_N, &pressed_N));
+        if (t == 0 && pressed_N > 0) series_add(r->o, tm_world_state(r->b.world)->time_s, along_N / pressed_N);
     }
 }
 
@@ -98,15 +65,15 @@ static void drags(rubbing *r, bool quick) {
 static void judge(double at_rest, double sliding, double skin_m_N, bool quick, outcome *o) {
     rubbing r, plain;
     outcome ignored = {0};
-    if (!open_rubbing(&r, at_rest, sliding, skin_m_N, 60, o)) return;
+    if (!open_rubbing(&r, at_rest, sliding, skin_m_N, o)) return;
     drags(&r, quick);
-    bench_close(&r.b);
-    if (!open_rubbing(&plain, 0, 0, skin_m_N, 60, &ignored)) abort();
+    bench_close(&r.r.b);
+    if (!open_rubbing(&plain, 0, 0, skin_m_N, &ignored)) abort();
     drags(&plain, quick);
-    bench_close(&plain.b);
+    bench_close(&plain.r.b);
     const double made = (r.made_J - plain.made_J) / r.hands_J;
-    if (!r.finite || !(r.peak_N < 200))
-        broken(o, "%s, %.3g N", r.finite ? "the force grew" : "a step failed", r.peak_N);
+    if (!r.r.finite || !(r.peak_N < 200))
+        broken(o, "%s, %.3g N", r.r.finite ? "the force grew" : "a step failed", r.peak_N);
     else if (r.over_cone > 1e-6)
         broken(o, "a force is outside its cone by %.1e of what presses", r.over_cone);
     else
@@ -126,23 +93,23 @@ static void skin(bool quick, double skin_m_N, outcome *o) { judge(0.4, 0.3, skin
 /* What it bears when it is held still inside its cone, and minutes later. */
 static void pause_for(bool quick, double minutes, outcome *o) {
     rubbing r;
-    if (!open_rubbing(&r, 0.5, 0.4, 0.5e-3, 60, o)) return;
+    if (!open_rubbing(&r, 0.5, 0.4, 0.5e-3, o)) return;
     double x[TOOLS] = {0, 0};
     press_in(&r, 0.003);
     for (int i = 0; i < 40; i++) x[0] += 2e-5, frame(&r, x, 0.003);
     for (int i = 0; i < 300; i++) frame(&r, x, 0.003);
-    const tm_tool_reaction was = tm_contact_reaction(r.contact, 0);
+    const tm_tool_reaction was = tm_contact_reaction(r.r.contact, 0);
     const int frames = (int)(60 * (quick ? 0.05 : minutes) / FRAME_S);
     for (int i = 0; i < frames; i++) frame(&r, x, 0.003);
-    const tm_tool_reaction is = tm_contact_reaction(r.contact, 0);
+    const tm_tool_reaction is = tm_contact_reaction(r.r.contact, 0);
     double crept = 0;
     for (int c = 0; c < 3; c++) crept = fmax(crept, fabs(is.force_N[c] - was.force_N[c]));
-    if (r.finite && fabs(was.force_N[0]) > 0.01)
+    if (r.r.finite && fabs(was.force_N[0]) > 0.01)
         accurate(o, crept, "held with %.3f N aside, %.2g N of it gone after %.3g min", fabs(was.force_N[0]), crept,
                  frames * FRAME_S / 60);
     else
         broken(o, "it does not hold: %.3g N aside", was.force_N[0]);
-    bench_close(&r.b);
+    bench_close(&r.r.b);
 }
 
 #define FRICTION "tool"

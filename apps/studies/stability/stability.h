@@ -3,6 +3,8 @@
 #define TM_STABILITY_H
 
 #include "tensormass.h"
+#include "tensormass/cut.h"
+#include "tensormass/grasp.h"
 
 /* What became of a case. Anything else than the row expects is a failure of the project. */
 typedef enum verdict {
@@ -75,6 +77,42 @@ bool bench_open(const bench_def *def, bench *b, outcome *o);
 /* The same on a mesh that is in `b` already, its lowest layer of vertices first. */
 bool bench_start(const bench_def *def, bench *b, outcome *o);
 void bench_close(bench *b);
+
+/* A bench with instruments of 2.5 mm, whose contact every case here presses, and what was felt of it. */
+enum { RIG_TOOLS = 2 };
+typedef struct rig {
+    bench b;
+    tm_contact *contact;
+    tm_grasp *grasp;
+    tm_friction *friction;
+    int tools;
+    tm_tool_pose at[RIG_TOOLS];
+    double force_N[RIG_TOOLS][3]; /* of the last frame */
+    bool finite;                  /* no step failed, no force was not finite */
+    outcome *o;
+} rig;
+
+typedef struct rig_def {
+    bench_def bench; /* cuttable: with the stage that cuts */
+    int tools;
+    tm_instrument_def tool[RIG_TOOLS];
+    double skin_m_N;
+    const tm_friction_def *friction; /* or null */
+    bool jaws, energy;
+} rig_def;
+
+/* `tools` probes that stand upright above where they start. */
+rig_def rig_default(int tools, const tm_tool_pose *start);
+/* As bench_open; closed by bench_close(&r->b). `force_name` is of the curve's axis. */
+bool rig_open(const rig_def *def, rig *r, const char *force_name, outcome *o);
+/* Runs one frame of so many steps in which tools go to r->at, or jump there; forces are means over `window` of them. */
+void rig_steps(rig *r, int32_t steps, int32_t window, bool jump);
+void rig_frame(rig *r, double frame_s, int32_t window);
+/* Tools go on to the k-th of `frames` equal parts of the way; roll and grip are those of its end. */
+void rig_lead(rig *r, const tm_tool_pose *from, const tm_tool_pose *to, int k, int frames);
+/* Of the stations of a tool: how far its worst is outside its cone, and whether one slips; adds up, where wanted, what
+ * is borne along the surface and presses. */
+double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *pressed_N);
 
 void accurate(outcome *o, double figure, const char *format, ...) __attribute__((format(printf, 3, 4)));
 void stable(outcome *o, double figure, const char *format, ...) __attribute__((format(printf, 3, 4)));
