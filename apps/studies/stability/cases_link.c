@@ -1,7 +1,7 @@
 /* Hard links: what a network, a clock, a simulation or a device may do to the controller. A hand presses a spring wall
  * through the real node, codec and virtual device on a virtual clock; a line between wall and node loses, delays,
  * doubles and reorders. Whatever arrives, the force at the motors stays within the device's limit, finite, and ends
- * where it should. Over 400 lines: the rig and the cases that it plays are read together. */
+ * where it should. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -28,6 +28,7 @@ typedef struct line_def {
     int hand_count;
     double noise_counts;
     hrt_extrapolator extrapolator;
+    double seconds;
 } line_def;
 
 static const hrt_keyframe press[] = {
@@ -171,12 +172,12 @@ static void babble(link_run *r) {
     }
 }
 
-static void run_line(const line_def *def, double seconds, link_run *r, outcome *o) {
+static void run_line(const line_def *def, link_run *r, outcome *o) {
     tensormass_tool_state_t tool = {0};
     o->x_name = "s", o->y_name = "force N";
     if (!set_up(r, def)) return;
     int64_t back_us = 0;
-    for (int64_t t = 0; t < (int64_t)(seconds * 1e6); t += TICK_US) {
+    for (int64_t t = 0; t < (int64_t)(def->seconds * 1e6); t += TICK_US) {
         double time_s = 1e-6 * (double)t;
         bool sim_gone = def->kill_s > 0 && time_s >= def->kill_s && !(def->restart_s > 0 && time_s >= def->restart_s);
         if (def->restart_s > 0 && time_s >= def->restart_s && r->session == 100) r->session = 200, r->seq = 0;
@@ -217,104 +218,7 @@ static void verdict_of(const link_run *r, outcome *o) {
     }
 }
 
-static line_def honest(void) { return (line_def){.wall_N_m = 300, .extrapolator = HRT_TANGENT}; }
-
-static void judged(const line_def *def, double seconds, outcome *o) {
-    static link_run r;
-    run_line(def, seconds, &r, o);
-    verdict_of(&r, o);
-}
-
-/* Every extrapolator in turn; the worst force is the figure. */
-static void every_extrapolator(line_def def, double seconds, outcome *o) {
-    static link_run r;
-    outcome kept = {0};
-    double worst = -1;
-    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
-        outcome one = {0};
-        def.extrapolator = (hrt_extrapolator)x;
-        run_line(&def, seconds, &r, &one);
-        verdict_of(&r, &one);
-        if (one.verdict != STABLE) {
-            *o = one;
-            return;
-        }
-        if (one.figure > worst) {
-            worst = one.figure, kept = one;
-            snprintf(kept.text, sizeof kept.text, "worst of all extrapolators is %s: %s",
-                     hrt_extrapolator_name(def.extrapolator), one.text);
-        }
-    }
-    *o = kept;
-}
-
-static void loss(bool quick, double share, outcome *o) {
-    (void)quick;
-    line_def def = honest();
-    def.loss = share;
-    every_extrapolator(def, 6, o);
-}
-static void burst(bool quick, double length, outcome *o) {
-    (void)quick;
-    line_def def = honest();
-    def.loss = 0.1, def.burst = (int)length;
-    every_extrapolator(def, 6, o);
-}
-static void doubled(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.doubled = true;
-    every_extrapolator(def, 6, o);
-}
-static void reordered(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.reordered = true, def.jitter_us = 20000;
-    every_extrapolator(def, 6, o);
-}
-static void delayed(bool quick, double delay_s, outcome *o) {
-    (void)quick;
-    line_def def = honest();
-    def.delay_us = (int64_t)(1e6 * delay_s);
-    static link_run r;
-    run_line(&def, 6, &r, o);
-    /* So late a sample is stale before it comes: no force at all is the right answer. */
-    if (delay_s > 0.2 && r.finite && !r.engaged)
-        stable(o, r.peak_N / r.limit_N,
-               "every sample is older than the stale limit: the controller never engages, peak force %.2g N", r.peak_N);
-    else
-        verdict_of(&r, o);
-}
-static void wraps(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.first_seq = UINT32_MAX - 60;
-    static link_run r;
-    run_line(&def, 6, &r, o);
-    verdict_of(&r, o);
-    tensormass_controller_status_t status;
-    hrt_node_status(&r.node, &status);
-    if (o->verdict == STABLE && status.samples_lost + status.samples_late > 0)
-        broken(o, "samples counted as lost or late when seq wrapped");
-}
-static void stands_still(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.hand = still, def.hand_count = 3;
-    every_extrapolator(def, 6, o);
-}
-static void reverses(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.hand = reverse, def.hand_count = 4;
-    every_extrapolator(def, 4, o);
-}
-static void jitters(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.hand = still, def.hand_count = 3, def.noise_counts = 0.6;
-    every_extrapolator(def, 6, o);
-}
+/* --- lines --- */
 
 static void zero(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) memset(s->force_N, 0, sizeof s->force_N);
@@ -342,95 +246,164 @@ static void anything(tensormass_force_sample_t *s, int64_t n) {
     for (size_t i = 0; i < sizeof *s; i += 1 + (size_t)(3 + 3 * random_unit(&seed)))
         byte[i] = (unsigned char)(127 * (1 + random_unit(&seed)));
 }
-static void (*const spoilers[])(tensormass_force_sample_t *, int64_t) = {zero, tiny,         large,
-                                                                         huge, not_a_number, anything};
-static void spoiled(bool quick, double which, outcome *o) {
+enum {
+    HAND_STILL,
+    HAND_REVERSES,
+    HAND_ONE_COUNT,
+    FORCE_ZERO,
+    FORCE_TINY,
+    FORCE_LARGE,
+    FORCE_HUGE,
+    FORCE_NAN,
+    FORCE_ANYTHING,
+    WALL_STIFF,
+    LOSS_10,
+    LOSS_30,
+    LOSS_50,
+    LOSS_BURSTS,
+    DOUBLED,
+    REORDERED,
+    DELAY_50,
+    DELAY_500,
+    CLOCK_BACK,
+    SEQ_WRAPS,
+    SIM_KILLED,
+    SIM_RESTARTED,
+    TWO_SIMS,
+    DEVICE_SILENT,
+    DEVICE_BABBLES
+};
+static const line_def lines[] = {[HAND_STILL] = {.hand = still, .hand_count = 3},
+                                 [HAND_REVERSES] = {.hand = reverse, .hand_count = 4, .seconds = 4},
+                                 [HAND_ONE_COUNT] = {.hand = still, .hand_count = 3, .noise_counts = 0.6},
+                                 [FORCE_ZERO] = {.spoil = zero},
+                                 [FORCE_TINY] = {.spoil = tiny},
+                                 [FORCE_LARGE] = {.spoil = large},
+                                 [FORCE_HUGE] = {.spoil = huge},
+                                 [FORCE_NAN] = {.spoil = not_a_number},
+                                 [FORCE_ANYTHING] = {.spoil = anything},
+                                 [WALL_STIFF] = {.wall_N_m = 5000},
+                                 [LOSS_10] = {.loss = 0.1},
+                                 [LOSS_30] = {.loss = 0.3},
+                                 [LOSS_50] = {.loss = 0.5},
+                                 [LOSS_BURSTS] = {.loss = 0.1, .burst = 8},
+                                 [DOUBLED] = {.doubled = true},
+                                 [REORDERED] = {.reordered = true, .jitter_us = 20000},
+                                 [DELAY_50] = {.delay_us = 50000},
+                                 [DELAY_500] = {.delay_us = 500000},
+                                 [CLOCK_BACK] = {.clock_back_s = 2.5, .seconds = 5},
+                                 [SEQ_WRAPS] = {.first_seq = UINT32_MAX - 60},
+                                 [SIM_KILLED] = {.kill_s = 2.5, .seconds = 4},
+                                 [SIM_RESTARTED] = {.kill_s = 2.5, .restart_s = 3.5},
+                                 [TWO_SIMS] = {.two_sims = true},
+                                 [DEVICE_SILENT] = {.silent_s = 2.5, .seconds = 4},
+                                 [DEVICE_BABBLES] = {.babble_s = 1.5}};
+
+/* 300 N/m, for six seconds, unless the line says otherwise. */
+static line_def line_of(double which, hrt_extrapolator extrapolator) {
+    line_def def = lines[(int)which];
+    if (!(def.wall_N_m > 0)) def.wall_N_m = 300;
+    if (!(def.seconds > 0)) def.seconds = 6;
+    def.extrapolator = extrapolator;
+    return def;
+}
+
+/* Every extrapolator in turn; the worst force is the figure. */
+static void every_extrapolator(bool quick, double which, outcome *o) {
+    static link_run r;
+    outcome kept = {0};
+    double worst = -1;
     (void)quick;
-    line_def def = honest();
-    def.spoil = spoilers[(int)which];
-    every_extrapolator(def, 6, o);
+    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+        outcome one = {0};
+        const line_def def = line_of(which, (hrt_extrapolator)x);
+        run_line(&def, &r, &one);
+        verdict_of(&r, &one);
+        if (one.verdict != STABLE) {
+            *o = one;
+            return;
+        }
+        if (one.figure > worst) {
+            worst = one.figure, kept = one;
+            snprintf(kept.text, sizeof kept.text, "worst of all extrapolators is %s: %s",
+                     hrt_extrapolator_name(def.extrapolator), one.text);
+        }
+    }
+    *o = kept;
 }
 
 /* The force must be gone 150 ms after the last valid sample, and the controller must not fault for it. */
-static void sim_killed(bool quick, double restart_s, outcome *o) {
-    (void)quick;
-    line_def def = honest();
-    def.kill_s = 2.5, def.restart_s = restart_s;
+static void judge_kill(const link_run *r, outcome *o) {
+    const double late_ms = 1e3 * (r->quiet_s - r->def->kill_s);
+    if (r->def->restart_s > 0) {
+        if (r->last_N < 0.1 || r->node.result.state != HRT_ENGAGED)
+            broken(o, "the restarted simulation was not taken up again");
+    } else if (late_ms > 150)
+        broken(o, "force was still rendered %.0f ms after the simulation was killed", late_ms);
+    else
+        snprintf(o->text + strlen(o->text), sizeof o->text - strlen(o->text),
+                 ", zero force %.0f ms after the last frame", late_ms);
+}
+
+/* By `tangent` alone. */
+static void once(bool quick, double which, outcome *o) {
     static link_run r;
-    run_line(&def, restart_s > 0 ? 6 : 4, &r, o);
+    static line_def def;
+    tensormass_controller_status_t status;
+    (void)quick;
+    def = line_of(which, HRT_TANGENT);
+    run_line(&def, &r, o);
+    /* So late a sample is stale before it comes: no force at all is the right answer. */
+    if (def.delay_us > 200000 && r.finite && !r.engaged) {
+        stable(o, r.peak_N / r.limit_N,
+               "every sample is older than the stale limit: the controller never engages, peak force %.2g N", r.peak_N);
+        return;
+    }
     verdict_of(&r, o);
     if (o->verdict != STABLE) return;
-    if (restart_s <= 0 && r.quiet_s > def.kill_s + 0.15)
-        broken(o, "force was still rendered %.0f ms after the simulation was killed", 1e3 * (r.quiet_s - def.kill_s));
-    else if (restart_s > 0 && (r.last_N < 0.1 || r.node.result.state != HRT_ENGAGED))
-        broken(o, "the restarted simulation was not taken up again");
-    else if (restart_s <= 0)
-        snprintf(o->text + strlen(o->text), sizeof o->text - strlen(o->text),
-                 ", zero force %.0f ms after the last frame", 1e3 * (r.quiet_s - def.kill_s));
-}
-static void two_sims(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.two_sims = true;
-    every_extrapolator(def, 6, o);
-}
-static void device_silent(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.silent_s = 2.5;
-    static link_run r;
-    run_line(&def, 4, &r, o);
-    verdict_of(&r, o);
-    if (o->verdict == STABLE && (r.quiet_s > def.silent_s + 0.02 || r.node.result.state == HRT_ENGAGED))
+    hrt_node_status(&r.node, &status);
+    if (def.first_seq && status.samples_lost + status.samples_late > 0)
+        broken(o, "samples counted as lost or late when seq wrapped");
+    if (def.kill_s > 0) judge_kill(&r, o);
+    if (def.silent_s > 0 && (r.quiet_s > def.silent_s + 0.02 || r.node.result.state == HRT_ENGAGED))
         broken(o, "force for %.3f s after the device fell silent, ended %s", r.quiet_s - def.silent_s,
                hrt_state_name(r.node.result.state));
-}
-static void device_babbles(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.babble_s = 1.5;
-    judged(&def, 6, o);
-}
-static void clock_back(bool quick, double a, outcome *o) {
-    (void)quick, (void)a;
-    line_def def = honest();
-    def.clock_back_s = 2.5;
-    judged(&def, 5, o);
-}
-static void stiff_wall(bool quick, double stiffness, outcome *o) {
-    (void)quick;
-    line_def def = honest();
-    def.wall_N_m = stiffness;
-    every_extrapolator(def, 6, o);
 }
 
 #define LINK "link"
 #define OVER "peak force over the limit"
 const hard_case cases_link[] = {
-    {LINK, "hand-still", "the hand stands still in contact, every extrapolator", STABLE, 1, OVER, stands_still, 0},
-    {LINK, "hand-reverses", "the hand reverses at 0.1 m/s, every extrapolator", STABLE, 1, OVER, reverses, 0},
-    {LINK, "hand-one-count", "encoders jitter by one count, every extrapolator", STABLE, 1, OVER, jitters, 0},
-    {LINK, "force-zero", "every third sample says zero", STABLE, 1, OVER, spoiled, 0},
-    {LINK, "force-tiny", "every third sample is subnormal", STABLE, 1, OVER, spoiled, 1},
-    {LINK, "force-large", "every third sample is 50 N with a stiffness of 1e7 N/m", STABLE, 1, OVER, spoiled, 2},
-    {LINK, "force-huge", "every third sample is 1e30 N", STABLE, 1, OVER, spoiled, 3},
-    {LINK, "force-nan", "every third sample holds NaN and infinity", STABLE, 1, OVER, spoiled, 4},
-    {LINK, "force-anything", "random bytes in half of the samples", STABLE, 1, OVER, spoiled, 5},
-    {LINK, "wall-stiff", "a wall of 5 kN/m, beyond what the device can render", STABLE, 1, OVER, stiff_wall, 5000},
-    {LINK, "loss-10", "10 % of the samples lost", STABLE, 1, OVER, loss, 0.1},
-    {LINK, "loss-30", "30 % lost", STABLE, 1, OVER, loss, 0.3},
-    {LINK, "loss-50", "50 % lost", STABLE, 1, OVER, loss, 0.5},
-    {LINK, "loss-bursts", "bursts of eight lost in a row", STABLE, 1, OVER, burst, 8},
-    {LINK, "doubled", "every sample twice", STABLE, 1, OVER, doubled, 0},
-    {LINK, "reordered", "samples overtake each other", STABLE, 1, OVER, reordered, 0},
-    {LINK, "delay-50", "50 ms late", STABLE, 1, OVER, delayed, 0.05},
-    {LINK, "delay-500", "500 ms late", STABLE, 1, OVER, delayed, 0.5},
-    {LINK, "clock-back", "the caller's clock steps back by 50 ms", STABLE, 1, OVER, clock_back, 0},
-    {LINK, "seq-wraps", "seq wraps from 2^32-1 to 0", STABLE, 1, OVER, wraps, 0},
-    {LINK, "sim-killed", "the simulation is killed in contact", STABLE, 1, OVER, sim_killed, 0},
-    {LINK, "sim-restarted", "killed, and restarted a second later", STABLE, 1, OVER, sim_killed, 3.5},
-    {LINK, "two-sims", "two simulations on one channel, one three times stiffer", STABLE, 1, OVER, two_sims, 0},
-    {LINK, "device-silent", "the device falls silent in contact", STABLE, 1, OVER, device_silent, 0},
-    {LINK, "device-babbles", "ten thousand random frames a second on the bus", STABLE, 1, OVER, device_babbles, 0},
+    {LINK, "hand-still", "the hand stands still in contact, every extrapolator", STABLE, 1, OVER, every_extrapolator,
+     HAND_STILL},
+    {LINK, "hand-reverses", "the hand reverses at 0.1 m/s, every extrapolator", STABLE, 1, OVER, every_extrapolator,
+     HAND_REVERSES},
+    {LINK, "hand-one-count", "encoders jitter by one count, every extrapolator", STABLE, 1, OVER, every_extrapolator,
+     HAND_ONE_COUNT},
+    {LINK, "force-zero", "every third sample says zero", STABLE, 1, OVER, every_extrapolator, FORCE_ZERO},
+    {LINK, "force-tiny", "every third sample is subnormal", STABLE, 1, OVER, every_extrapolator, FORCE_TINY},
+    {LINK, "force-large", "every third sample is 50 N with a stiffness of 1e7 N/m", STABLE, 1, OVER, every_extrapolator,
+     FORCE_LARGE},
+    {LINK, "force-huge", "every third sample is 1e30 N", STABLE, 1, OVER, every_extrapolator, FORCE_HUGE},
+    {LINK, "force-nan", "every third sample holds NaN and infinity", STABLE, 1, OVER, every_extrapolator, FORCE_NAN},
+    {LINK, "force-anything", "random bytes in half of the samples", STABLE, 1, OVER, every_extrapolator,
+     FORCE_ANYTHING},
+    {LINK, "wall-stiff", "a wall of 5 kN/m, beyond what the device can render", STABLE, 1, OVER, every_extrapolator,
+     WALL_STIFF},
+    {LINK, "loss-10", "10 % of the samples lost", STABLE, 1, OVER, every_extrapolator, LOSS_10},
+    {LINK, "loss-30", "30 % lost", STABLE, 1, OVER, every_extrapolator, LOSS_30},
+    {LINK, "loss-50", "50 % lost", STABLE, 1, OVER, every_extrapolator, LOSS_50},
+    {LINK, "loss-bursts", "bursts of eight lost in a row", STABLE, 1, OVER, every_extrapolator, LOSS_BURSTS},
+    {LINK, "doubled", "every sample twice", STABLE, 1, OVER, every_extrapolator, DOUBLED},
+    {LINK, "reordered", "samples overtake each other", STABLE, 1, OVER, every_extrapolator, REORDERED},
+    {LINK, "delay-50", "50 ms late", STABLE, 1, OVER, once, DELAY_50},
+    {LINK, "delay-500", "500 ms late", STABLE, 1, OVER, once, DELAY_500},
+    {LINK, "clock-back", "the caller's clock steps back by 50 ms", STABLE, 1, OVER, once, CLOCK_BACK},
+    {LINK, "seq-wraps", "seq wraps from 2^32-1 to 0", STABLE, 1, OVER, once, SEQ_WRAPS},
+    {LINK, "sim-killed", "the simulation is killed in contact", STABLE, 1, OVER, once, SIM_KILLED},
+    {LINK, "sim-restarted", "killed, and restarted a second later", STABLE, 1, OVER, once, SIM_RESTARTED},
+    {LINK, "two-sims", "two simulations on one channel, one three times stiffer", STABLE, 1, OVER, every_extrapolator,
+     TWO_SIMS},
+    {LINK, "device-silent", "the device falls silent in contact", STABLE, 1, OVER, once, DEVICE_SILENT},
+    {LINK, "device-babbles", "ten thousand random frames a second on the bus", STABLE, 1, OVER, once, DEVICE_BABBLES},
 };
 const int cases_link_count = sizeof cases_link / sizeof *cases_link;

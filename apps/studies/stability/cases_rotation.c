@@ -26,13 +26,19 @@ static bool open_turning(int tissue, double damping, bench *b, outcome *o) {
     return bench_open(&def, b, o);
 }
 
+void turn_inside_out(bench *b) {
+    tm_state *s = tm_world_state(b->world);
+    uint64_t seed = 5;
+    for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++)
+        s->u_m[i] = s->u_prev_m[i] = 0.02 + 0.01 * random_unit(&seed) - b->mesh->rest_m[i];
+}
+
 static double stored(const bench *b) {
     const double *u = tm_world_state(b->world)->u_m;
     return tm_tissue_energy(b->tissue, u) + tm_rotation_energy(b->rotation, u);
 }
 
-/* Puts the tissue somewhere, leaves it alone for `seconds`, and says what energy is left of what it had. */
-static void comes_back(bench *b, double seconds, outcome *o) {
+void come_back(bench *b, double seconds, outcome *o) {
     const double start = stored(b);
     const int32_t piece = (int32_t)(seconds / 100 / tm_world_step_s(b->world));
     o->x_name = "simulated s", o->y_name = "energy / energy at the start";
@@ -47,16 +53,12 @@ static void comes_back(bench *b, double seconds, outcome *o) {
            stored(b) / start);
 }
 
-/* Each vertex anywhere in a box of half the size. */
 static void inside_out(bool quick, double tissue, outcome *o) {
     bench b;
     (void)quick;
     if (!open_turning((int)tissue, 30, &b, o)) return;
-    tm_state *s = tm_world_state(b.world);
-    uint64_t seed = 5;
-    for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++)
-        s->u_m[i] = s->u_prev_m[i] = 0.02 + 0.01 * random_unit(&seed) - b.mesh->rest_m[i];
-    comes_back(&b, 8, o);
+    turn_inside_out(&b);
+    come_back(&b, 8, o);
     bench_close(&b);
 }
 
@@ -70,7 +72,7 @@ static void crushed(bool quick, double height, outcome *o) {
     for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++)
         s->u_m[i] = s->u_prev_m[i] =
             (i % 3 == 2 ? (height - 1) * b.mesh->rest_m[i] : 0) + 1e-5 * random_unit(&seed); /* no perfect symmetry */
-    comes_back(&b, 8, o);
+    come_back(&b, 8, o);
     bench_close(&b);
 }
 

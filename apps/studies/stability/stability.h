@@ -125,6 +125,10 @@ void series_add(outcome *o, double x, double y);
 double energy_drift(bench *b, int64_t steps, outcome *o);
 /* The scheme's own energy: v.Mv/2 at n+1/2 plus u_n.K u_(n+1)/2, from the world's u_prev and u. */
 double scheme_energy(bench *b, double *scratch);
+/* Of turning tissue: puts each vertex anywhere in a box of half the size. */
+void turn_inside_out(bench *b);
+/* Leaves turning tissue alone for `seconds` and says what energy is left of what it had. */
+void come_back(bench *b, double seconds, outcome *o);
 void random_velocities(bench *b, uint64_t seed, double speed_m_s);
 double random_unit(uint64_t *state); /* -1..1 */
 
