@@ -16,6 +16,17 @@ bool app_json_end(app_output *output, FILE *stream, const cJSON *root, tm_error 
     return good;
 }
 
+cJSON *app_json_read(const char *path) {
+    char *text = NULL;
+    size_t room = 0;
+    FILE *file = fopen(path, "rb");
+    const ssize_t length = file ? getdelim(&text, &room, 0, file) : -1;
+    cJSON *root = length > 0 ? cJSON_Parse(text) : NULL;
+    if (file) fclose(file);
+    free(text);
+    return root;
+}
+
 tm_status app_json_write(const char *path, const cJSON *root, tm_error *error) {
     app_output output;
     if (!app_output_begin(&output, path, error)) return TM_ERR_FILE;

@@ -12,6 +12,9 @@ tm_status app_json_write(const char *path, const cJSON *root, tm_error *error);
 /* The same into an output that has begun, which ends here. */
 bool app_json_end(app_output *output, FILE *stream, const cJSON *root, tm_error *error);
 
+/* The whole file; null where it cannot be read or is no JSON. */
+cJSON *app_json_read(const char *path);
+
 /* Adds members: "NAME %g NAME %d ..." says their names and what the arguments are: %g a double, %f one that is left out
  * where it is not finite, %d an int, %s a string, %hhd a bool. To an array it adds them as a new object. Returns what
  * has the members. */

@@ -10,17 +10,8 @@ struct reference {
 };
 
 reference *reference_open(const char *path, tm_error *error) {
-    FILE *file = fopen(path, "rb");
-    char *text = NULL;
-    long size = 0;
-    if (file && fseek(file, 0, SEEK_END) == 0 && (size = ftell(file)) > 0 && (text = malloc((size_t)size + 1))) {
-        rewind(file);
-        text[fread(text, 1, (size_t)size, file)] = 0;
-    }
-    if (file) fclose(file);
     reference *r = calloc(1, sizeof *r);
-    if (r && text) r->root = cJSON_Parse(text);
-    free(text);
+    if (r) r->root = app_json_read(path);
     if (r && r->root) return r;
     free(r);
     tm_fail(error, TM_ERR_FILE, -1,

@@ -87,7 +87,7 @@ typedef struct study_truth {
     bool order_observed;
     double uncertainty; /* relative: what other orders, and the other form's limit, would give */
     double *force_N, *u_m, rms_N;
-    int frames, instruments, points;
+    int frames, instruments;
 } study_truth;
 
 /* Of frames that are held to a price. */

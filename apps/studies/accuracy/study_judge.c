@@ -56,6 +56,21 @@ static bool observe(const study *t, const int *run, double *p) {
     return plausible;
 }
 
+/* Force and shape of `f`, and as many times what they differ by from those of `c` more. */
+static void go_beyond(study_truth *h, const study_run *c, const study_run *f, double times) {
+    const size_t shape = STUDY_MOMENTS * STUDY_POINTS * 3;
+    double sum = 0;
+    h->force_N = realloc(h->force_N, sizeof(double) * (forces(f) + 1));
+    h->u_m = realloc(h->u_m, sizeof(double) * shape);
+    if (!h->force_N || !h->u_m) abort();
+    for (size_t i = 0; i < forces(f); i++) {
+        h->force_N[i] = f->force_N[i] + times * (f->force_N[i] - c->force_N[i]);
+        sum += h->force_N[i] * h->force_N[i];
+    }
+    for (size_t i = 0; i < shape; i++) h->u_m[i] = f->u_m[i] + times * (f->u_m[i] - c->u_m[i]);
+    h->frames = f->frames, h->instruments = f->instruments, h->rms_N = sqrt(sum / f->frames);
+}
+
 /* Limit of one form: a study_truth, without the other form's doubt. */
 static bool limit(const study *t, study_form form, study_truth *out) {
     int run[STUDY_RUNS];
@@ -70,18 +85,8 @@ static bool limit(const study *t, study_form form, study_truth *out) {
     const study_run *c = &t->run[out->coarse], *f = &t->run[out->fine];
     const double w = weight(size_of(c), size_of(f), out->order),
                  spread = fmax(weight(size_of(c), size_of(f), 1) - w, w - weight(size_of(c), size_of(f), 2));
-    out->force_N = malloc(sizeof(double) * forces(f));
-    out->u_m = malloc(sizeof(double) * STUDY_MOMENTS * STUDY_POINTS * 3);
-    if (!out->force_N || !out->u_m) abort();
-    double sum = 0;
-    for (size_t i = 0; i < forces(f); i++) {
-        out->force_N[i] = f->force_N[i] + w * (f->force_N[i] - c->force_N[i]);
-        sum += out->force_N[i] * out->force_N[i];
-    }
-    for (size_t i = 0; i < STUDY_MOMENTS * STUDY_POINTS * 3; i++) out->u_m[i] = f->u_m[i] + w * (f->u_m[i] - c->u_m[i]);
+    go_beyond(out, c, f, w);
     out->extrapolated = true;
-    out->frames = f->frames, out->instruments = f->instruments, out->points = STUDY_POINTS;
-    out->rms_N = sqrt(sum / f->frames);
     out->uncertainty = fabs(spread) * study_distance(c->force_N, f->force_N, forces(f));
     return true;
 }
@@ -96,24 +101,8 @@ static void fall_back(study *t) {
     int best = 0;
     for (int i = 0; i < t->run_count; i++)
         if (!strcmp(t->run[i].name, "half the step") && usable(&t->run[i])) best = i;
-    const study_run *r = &t->run[best];
-    study_truth *h = &t->truth;
-    *h = (study_truth){.fine = best,
-                       .coarse = best,
-                       .uncertainty = NAN,
-                       .frames = r->frames,
-                       .instruments = r->instruments,
-                       .points = r->points};
-    h->force_N = malloc(sizeof(double) * (forces(r) + 1));
-    h->u_m = malloc(sizeof(double) * STUDY_MOMENTS * STUDY_POINTS * 3);
-    if (!h->force_N || !h->u_m) abort();
-    double sum = 0;
-    for (size_t i = 0; i < forces(r); i++) {
-        h->force_N[i] = r->force_N[i];
-        sum += r->force_N[i] * r->force_N[i];
-    }
-    memcpy(h->u_m, r->u_m, sizeof(double) * STUDY_MOMENTS * STUDY_POINTS * 3);
-    h->rms_N = sqrt(sum / r->frames);
+    t->truth = (study_truth){.fine = best, .coarse = best, .uncertainty = NAN};
+    go_beyond(&t->truth, &t->run[best], &t->run[best], 0);
 }
 
 /* Above this doubt an estimate says less than the finest run by itself. */
@@ -123,12 +112,8 @@ static const double DOUBT = 0.5;
 static void take_finest(study *t) {
     study_truth *h = &t->truth;
     const study_run *c = &t->run[h->coarse], *f = &t->run[h->fine];
-    double sum = 0;
     h->extrapolated = false;
-    memcpy(h->force_N, f->force_N, sizeof(double) * forces(f));
-    memcpy(h->u_m, f->u_m, sizeof(double) * STUDY_MOMENTS * STUDY_POINTS * 3);
-    for (size_t i = 0; i < forces(f); i++) sum += f->force_N[i] * f->force_N[i];
-    h->rms_N = sqrt(sum / f->frames);
+    go_beyond(h, f, f, 0);
     h->uncertainty = weight(size_of(c), size_of(f), 1) * study_distance(c->force_N, f->force_N, forces(f));
 }
 

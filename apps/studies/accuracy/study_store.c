@@ -1,5 +1,6 @@
 /* The file of a study: written after every run, so that Ctrl-C loses one run at most, and read again by the next. */
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,18 +8,22 @@
 #include "json_file.h"
 #include "study.h"
 
-void study_open(study *t) {
-    FILE *file = fopen(t->json, "rb");
-    char *text = NULL;
-    long size = 0;
-    if (file && fseek(file, 0, SEEK_END) == 0 && (size = ftell(file)) > 0 && (text = malloc((size_t)size + 1))) {
-        rewind(file);
-        text[fread(text, 1, (size_t)size, file)] = 0;
-        t->old = cJSON_Parse(text);
-    }
-    free(text);
-    if (file) fclose(file);
-}
+void study_open(study *t) { t->old = app_json_read(t->json); }
+
+/* What a run's file has of every run but of those that cannot be. */
+static const struct {
+    const char *name;
+    size_t at;
+    bool whole; /* an int, else a double */
+} member[] = {
+#define RUN_INT(name)                                                                                                  \
+    { #name, offsetof(study_run, name), true }
+#define RUN_DOUBLE(name)                                                                                               \
+    { #name, offsetof(study_run, name), false }
+    RUN_INT(frames),     RUN_INT(instruments),   RUN_INT(points),     RUN_INT(tets),     RUN_INT(substeps),
+    RUN_DOUBLE(frame_s), RUN_DOUBLE(dt_s),       RUN_DOUBLE(setup_s), RUN_DOUBLE(cpu_s), RUN_DOUBLE(cpu_p95_s),
+    RUN_DOUBLE(wall_s),  RUN_DOUBLE(busy_p95_s), RUN_INT(threads)};
+enum { MEMBERS = sizeof member / sizeof *member };
 
 static double number(const cJSON *from, const char *name) {
     const cJSON *item = cJSON_GetObjectItem(from, name);
@@ -43,12 +48,13 @@ static bool take(study_run *r, const cJSON *from) {
         snprintf(r->why, sizeof r->why, "%s", why->valuestring);
         return true;
     }
-    r->frames = (int)number(from, "frames"), r->instruments = (int)number(from, "instruments");
-    r->points = (int)number(from, "points"), r->tets = (int)number(from, "tets");
-    r->substeps = (int)number(from, "substeps");
-    r->frame_s = number(from, "frame_s"), r->dt_s = number(from, "dt_s"), r->setup_s = number(from, "setup_s");
-    r->cpu_s = number(from, "cpu_s"), r->cpu_p95_s = number(from, "cpu_p95_s"), r->wall_s = number(from, "wall_s");
-    r->busy_p95_s = number(from, "busy_p95_s"), r->threads = (int)number(from, "threads");
+    for (int i = 0; i < MEMBERS; i++) {
+        char *to = (char *)r + member[i].at;
+        if (member[i].whole)
+            *(int *)(void *)to = (int)number(from, member[i].name);
+        else
+            *(double *)(void *)to = number(from, member[i].name);
+    }
     if (r->frames < 1 || r->frames > 10000000 || r->instruments < 1 || r->instruments > TM_MAX_INSTRUMENTS)
         return false;
     double *felt = numbers(from, "felt", STUDY_LATE);
@@ -80,36 +86,28 @@ bool study_find(const study *t, study_run *r) {
     return false;
 }
 
-static void put(cJSON *to, const char *name, double value) {
-    if (isfinite(value)) cJSON_AddNumberToObject(to, name, value);
-}
+static cJSON *words(char *const *text, int count) { return cJSON_CreateStringArray((const char *const *)text, count); }
 
 static cJSON *run_json(const study *t, const study_run *r) {
-    cJSON *out = cJSON_CreateObject();
-    app_json_add(out, "key %s knob %s name %s form %d", r->key, r->knob, r->name, r->form);
-    cJSON_AddItemToObject(
-        out, "set", cJSON_CreateStringArray((const char *const *)r->set + r->edits_from, r->set_count - r->edits_from));
-    if (r->failed) {
-        app_json_add(out, "cannot %s", r->why);
-        return out;
+    static const char *const sends[] = {"force", "stiffness", "patch"};
+    cJSON *out =
+        app_json_add(cJSON_CreateObject(), "key %s knob %s name %s form %d", r->key, r->knob, r->name, r->form);
+    cJSON_AddItemToObject(out, "set", words(r->set + r->edits_from, r->set_count - r->edits_from));
+    if (r->failed) return app_json_add(out, "cannot %s", r->why);
+    for (int i = 0; i < MEMBERS; i++) {
+        const char *from = (const char *)r + member[i].at;
+        const double value = member[i].whole ? *(const int *)(const void *)from : *(const double *)(const void *)from;
+        if (isfinite(value)) cJSON_AddNumberToObject(out, member[i].name, value);
     }
-    put(out, "frames", r->frames), put(out, "instruments", r->instruments), put(out, "points", r->points);
-    put(out, "tets", r->tets), put(out, "substeps", r->substeps), put(out, "frame_s", r->frame_s);
-    put(out, "dt_s", r->dt_s), put(out, "setup_s", r->setup_s), put(out, "cpu_s", r->cpu_s);
-    put(out, "cpu_p95_s", r->cpu_p95_s), put(out, "wall_s", r->wall_s);
-    put(out, "busy_p95_s", r->busy_p95_s), put(out, "threads", r->threads);
-    put(out, "share", r->cpu_p95_s / r->frame_s);
-    if (t->truth.force_N) {
-        put(out, "force_error", r->force_error), put(out, "shape_error", r->shape_error);
-        put(out, "change", r->change), put(out, "peak_change", r->peak_change);
-    }
+    app_json_add(out, "share %f", r->cpu_p95_s / r->frame_s);
+    if (t->truth.force_N)
+        app_json_add(out, "force_error %f shape_error %f change %f peak_change %f", r->force_error, r->shape_error,
+                     r->change, r->peak_change);
     if (r->felt_known) {
-        static const char *const sends[] = {"force", "stiffness", "patch"};
-        if (!t->truth.force_N) put(out, "change", r->change);
-        app_json_add(out, "law %s", hrt_extrapolator_name((hrt_extrapolator)r->law));
-        put(out, "sample_rate_Hz", study_rate_Hz(t, r));
-        app_json_add(out, "sends %s", sends[r->sends]);
-        if (t->truth.force_N) cJSON_AddBoolToObject(out, "best_at_rate", r == &t->run[study_best_at(t, r->times)]);
+        if (!t->truth.force_N) app_json_add(out, "change %f", r->change);
+        app_json_add(out, "law %s sample_rate_Hz %f sends %s", hrt_extrapolator_name((hrt_extrapolator)r->law),
+                     study_rate_Hz(t, r), sends[r->sends]);
+        if (t->truth.force_N) app_json_add(out, "best_at_rate %hhd", r == &t->run[study_best_at(t, r->times)]);
         cJSON_AddItemToObject(out, "felt", cJSON_CreateDoubleArray(r->felt, STUDY_LATE));
         return out;
     }
@@ -118,45 +116,37 @@ static cJSON *run_json(const study *t, const study_run *r) {
     return out;
 }
 
-static cJSON *truth_json(const study *t) {
+static void add_truth(cJSON *out, const study *t) {
     const study_truth *h = &t->truth;
-    cJSON *out = cJSON_CreateObject();
-    app_json_add(out, "extrapolated %hhd finest %s", h->extrapolated, t->run[h->fine].name);
-    put(out, "finest_tets", t->run[h->fine].tets), put(out, "order", h->order);
-    app_json_add(out, "order_observed %hhd", h->order_observed);
-    put(out, "uncertainty", h->uncertainty), put(out, "rms_N", h->rms_N);
+    app_json_add(out, "extrapolated %hhd finest %s finest_tets %d order %f order_observed %hhd uncertainty %f rms_N %f",
+                 h->extrapolated, t->run[h->fine].name, t->run[h->fine].tets, h->order, h->order_observed,
+                 h->uncertainty, h->rms_N);
     cJSON_AddItemToObject(out, "force_N", cJSON_CreateDoubleArray(h->force_N, h->frames * h->instruments * 3));
-    return out;
 }
 
-static cJSON *choice_json(const study *t) {
+static void add_choice(cJSON *out, const study *t) {
     const study_choice *c = &t->choice;
-    cJSON *out = cJSON_CreateObject(), *names = cJSON_AddArrayToObject(out, "settings");
-    put(out, "budget", t->budget);
-    app_json_add(out, "fits %hhd", c->fits);
+    const study_run *felt = &t->run[c->felt_run];
+    char text[500];
+    cJSON *names = cJSON_AddArrayToObject(out, "settings");
+    app_json_add(out, "budget %f fits %hhd", t->budget, c->fits);
     cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->mesh_run].name));
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
-    const study_run *felt = &t->run[c->felt_run];
     if (c->felt_run) {
-        app_json_add(out, "extrapolator %s", hrt_extrapolator_name((hrt_extrapolator)felt->law));
-        put(out, "sample_rate_Hz", study_rate_Hz(t, felt)), put(out, "felt_error", felt->force_error);
-        char why[400];
-        study_rate_reason(t, why, sizeof why);
-        app_json_add(out, "rate_reason %s", why);
+        study_rate_reason(t, text, sizeof text);
+        app_json_add(out, "extrapolator %s sample_rate_Hz %f felt_error %f rate_reason %s",
+                     hrt_extrapolator_name((hrt_extrapolator)felt->law), study_rate_Hz(t, felt), felt->force_error,
+                     text);
     }
-    app_json_add(out, "untried %hhd file %s", c->untried, c->file);
-    put(out, "error", c->error), put(out, "predicted_error", c->predicted), put(out, "worse", t->worse);
-    put(out, "cost_s", c->cost_s), put(out, "frame_s", c->frame_s), put(out, "share", c->share),
-        put(out, "busy", c->busy);
-    if (!c->held_frames) return out;
-    char verdict[500];
-    study_verdict(c, verdict, sizeof verdict);
-    app_json_add(out, "verdict %s kept %hhd real_time %hhd", verdict, c->kept, c->real_time);
-    put(out, "held_error", c->held_error), put(out, "held_share", c->held_share), put(out, "held_over", c->held.over);
-    put(out, "held_dearer", c->held.dearer), put(out, "held_slower", c->held.slower);
-    put(out, "held_wall_s", c->held_wall_s), put(out, "held_frames", c->held_frames);
-    put(out, "held_late", c->held_late);
-    return out;
+    app_json_add(out, "untried %hhd file %s error %f predicted_error %f worse %d cost_s %f frame_s %f share %f busy %f",
+                 c->untried, c->file, c->error, c->predicted, t->worse, c->cost_s, c->frame_s, c->share, c->busy);
+    if (!c->held_frames) return;
+    study_verdict(c, text, sizeof text);
+    app_json_add(
+        out,
+        "verdict %s kept %hhd real_time %hhd held_error %f held_share %f held_over %f held_dearer %f held_slower %f held_wall_s %f held_frames %d held_late %d",
+        text, c->kept, c->real_time, c->held_error, c->held_share, c->held.over, c->held.dearer, c->held.slower,
+        c->held_wall_s, c->held_frames, c->held_late);
 }
 
 int study_save(const study *t, bool whole) {
@@ -166,19 +156,15 @@ int study_save(const study *t, bool whole) {
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->scene_hash);
     app_json_add(root, "study %s scene %s scene_hash %s version %s", "tensormass accuracy of a scene", t->file, hash,
                  tm_version());
-    cJSON_AddItemToObject(root, "set", cJSON_CreateStringArray((const char *const *)t->set, t->set_count));
-    app_json_add(root, "whole %hhd", whole);
-    put(root, "duration_s", t->duration_s), put(root, "asked_duration_s", t->asked_s);
-    put(root, "limit_s", t->limit_s);
+    cJSON_AddItemToObject(root, "set", words(t->set, t->set_count));
+    app_json_add(root, "whole %hhd duration_s %f asked_duration_s %f limit_s %f", whole, t->duration_s, t->asked_s,
+                 t->limit_s);
     cJSON *left_out = cJSON_AddArrayToObject(root, "left_out");
-    for (int i = 0; i < t->run_count; i++) {
-        if (!t->run[i].left_out) continue;
-        cJSON *one = cJSON_CreateObject();
-        cJSON_AddItemToArray(left_out, one);
-        app_json_add(one, "knob %s name %s why %s", t->run[i].knob, t->run[i].name, t->run[i].why);
-    }
-    if (whole) cJSON_AddItemToObject(root, "truth", truth_json(t));
-    if (whole && t->choice.wanted) cJSON_AddItemToObject(root, "recommendation", choice_json(t));
+    for (int i = 0; i < t->run_count; i++)
+        if (t->run[i].left_out)
+            app_json_add(left_out, "knob %s name %s why %s", t->run[i].knob, t->run[i].name, t->run[i].why);
+    if (whole) add_truth(cJSON_AddObjectToObject(root, "truth"), t);
+    if (whole && t->choice.wanted) add_choice(cJSON_AddObjectToObject(root, "recommendation"), t);
     cJSON *runs = cJSON_AddArrayToObject(root, "runs");
     for (int i = 0; i < t->run_count; i++)
         if (t->run[i].done) cJSON_AddItemToArray(runs, run_json(t, &t->run[i]));
