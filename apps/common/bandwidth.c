@@ -3,11 +3,15 @@
 
 #include "bandwidth.h"
 
-double app_seconds(void) {
+static double read_clock(clockid_t clock) {
     struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
+    clock_gettime(clock, &now);
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
+
+double app_seconds(void) { return read_clock(CLOCK_MONOTONIC); }
+
+double app_processor_s(void) { return read_clock(CLOCK_PROCESS_CPUTIME_ID); }
 
 static int ascending(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;

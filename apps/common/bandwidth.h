@@ -17,5 +17,7 @@ double app_percentile(double *value, int count, double share);
 
 /* Monotonic seconds. */
 double app_seconds(void);
+/* Processor time of all threads of this process. */
+double app_processor_s(void);
 
 #endif

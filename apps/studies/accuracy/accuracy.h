@@ -51,7 +51,6 @@ typedef struct measured {
     double energy_J;
 } measured;
 tm_status problem_settle(problem *p, double tolerance, measured *m, tm_error *error);
-void problem_measure(problem *p, measured *m);
 
 /* Largest probe difference over the largest probe displacement; relative differences of force and energy. */
 typedef struct differences {
@@ -109,12 +108,5 @@ measured measured_scaled(const measured *m, double scale);
 typedef tm_status knob_measure(const run *r, cJSON *out, cJSON *rows, tm_error *error);
 knob_measure knob_mesh, knob_volume, knob_step, knob_mass, knob_precision, knob_model, knob_rotation, knob_viscosity,
     knob_friction, knob_fibre;
-
-/* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left
- * out, having complained. */
-void model_prices(cJSON *rows, void (*progress)(const char *, double));
-
-/* Ramp and hold against the closed form, into `out`: see there. */
-tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error);
 
 #endif

@@ -1,9 +1,8 @@
 /* tm-accuracy --scene: what each setting of one's own scene does to the force at the hand, and what it costs here.
- * study_vary.c says what is run, study_measure.c runs one, study_store.c keeps what is done, study_judge.c holds it
- * against the finest, study_recommend.c chooses, study_try.c tries the choice out, study_yaml.c writes its scene,
- * study_hold.c runs it, study_pace.c tells a slower machine from a dearer setting, study_order.c says in which order,
- * study_time.c within which time. A frame is stepped by its force samples (study_sample.c); study_felt.c judges the
- * rates of samples, study_rate.c chooses one. */
+ * study.c is the whole, in order; study_vary.c says what is run, on meshes of study_mesh.c; study_measure.c runs one,
+ * within the time of study_time.c; study_felt.c runs the rates of samples; study_store.c keeps what is done;
+ * study_judge.c holds it against the finest; study_recommend.c chooses; study_hold.c tries the choice out and holds it
+ * to its promise, written by study_yaml.c; study_pace.c tells a slower machine from a dearer setting. */
 #ifndef TM_STUDY_H
 #define TM_STUDY_H
 
@@ -143,12 +142,6 @@ typedef struct study {
 /* All of it: 0 or an exit code, having complained. */
 int study_whole(study *t);
 
-/* --- study_order.c --- */
-/* The scene as it is, along as much of its path as the limit holds. */
-int study_measure_own(study *t);
-/* All other runs: the finest mesh, extrapolators, then the quicker before the longer. */
-int study_measure_all(study *t);
-
 /* --- study_vary.c --- */
 /* The run "as it is", then all others; those need it done. */
 int study_plan_own(study *t);
@@ -190,26 +183,11 @@ const char *study_span(double seconds, char text[24]);
 /* "the path", or "the first 1.6 s of the path's 8 s". */
 void study_path_words(const study *t, char *text, size_t size);
 
-/* --- study_run.c --- */
-/* Whether it is judged by the error at the hand between samples. */
-bool study_is_felt(const study_run *r);
-study_run *study_add(study *t, const char *knob, const char *name);
-void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
-
 /* --- study_mesh.c --- */
 /* Makes coarser meshes, refined ones by bisection as far as `limit_s` allows, and takes --mesh ones. */
 int study_make_meshes(study *t, const sim *own);
 /* Files with every fibre turned by +-angle about an axis across fibres and hand. */
 bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]);
-
-/* --- study_files.c --- */
-/* tm-mesh beside this program, without a word; ended where it takes longer than a run may. */
-bool study_run_mesh(const study *t, char *const *argument);
-bool study_write_fibres(const double *fibre, int32_t tet_count, const char *path);
-
-/* --- study_coarse.c --- */
-/* About `factor` times fewer tetrahedra, inside the scene's surface. */
-bool study_coarsen(study *t, const sim *own, double factor, const char *name);
 
 /* --- study_carry.c --- */
 /* How many supports name vertices by their numbers. */
@@ -223,9 +201,12 @@ bool study_write_carried(const sim *own, const char *path);
 bool study_transfer(const sim *own, const tm_mesh *mesh, const char *path, double *fibre);
 
 /* --- study_measure.c --- */
+/* Whether it is judged by the error at the hand between samples. */
+bool study_is_felt(const study_run *r);
+study_run *study_add(study *t, const char *knob, const char *name);
+void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
 int study_measure(study *t, study_run *r);
-double study_cpu_s(void);
 /* Mean and 95th percentile of frames; sorts both. */
 void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames);
 /* Among how many threads its step is divided. */
@@ -233,7 +214,6 @@ int study_threads(const sim *s);
 /* Builds with stderr turned into `why`; null: it cannot be. */
 sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
 
-/* --- study_sample.c --- */
 /* Called before and after each force sample of a frame; null: not. */
 typedef struct study_each {
     void (*before)(void *user, int sample);
@@ -253,22 +233,6 @@ void study_at_frames(const double *samples_N, int frames, int samples, size_t wi
 void study_plan_felt(study *t, const sim *own);
 int study_measure_felt(study *t);
 
-/* --- study_rate.c --- */
-double study_rate_Hz(const study *t, const study_run *r);
-/* Processor time of a second of the path over that of the scene as it is. */
-double study_times_dearer(const study *t, const study_run *r);
-/* Errors of a force that no hand tells apart. */
-double study_alike(double error);
-/* Of extrapolators and rates that cost no more than `dearer_max` times the scene as it is, and are not excluded
- * [run_count], the truest at the hand; of alike ones the cheapest, and of those the scene's own. 0: none. */
-int study_choose_felt(const study *t, double dearer_max, const bool *excluded);
-/* The best extrapolator of those with so many samples a frame, whatever they cost; 0: none. */
-int study_best_at(const study *t, int times);
-/* Table of them. */
-void study_print_rates(const study *t);
-/* Why the recommended rate: a sentence; empty where there is none. */
-void study_rate_reason(const study *t, char *text, size_t size);
-
 /* --- study_store.c --- */
 void study_open(study *t);
 bool study_find(const study *t, study_run *r);
@@ -282,24 +246,24 @@ void study_judge(study *t);
 double study_distance(const double *a, const double *b, size_t count);
 
 /* --- study_recommend.c --- */
+double study_rate_Hz(const study *t, const study_run *r);
+/* The best extrapolator of those with so many samples a frame, whatever they cost; 0: none. */
+int study_best_at(const study *t, int times);
+/* Table of them. */
+void study_print_rates(const study *t);
+/* Why the recommended rate: a sentence; empty where there is none. */
+void study_rate_reason(const study *t, char *text, size_t size);
 int study_recommend(study *t);
 void study_say(const study *t);
 
-/* --- study_try.c --- */
-void study_choice_names(const study *t, char *text, size_t size);
+/* --- study_hold.c --- */
 /* Written, and built; null: that, or `rc`. */
 sim *study_build_choice(study *t, char *why, size_t size, int *rc);
-/* As it was written; null: it cannot be. */
-sim *study_build_again(study *t);
-
-/* --- study_hold.c --- */
 /* Both end the simulation. */
 /* The choice's scene along the path, frame after frame: its error, price and work in `out`; false: went unstable. */
 bool study_price(study *t, sim *s, study_choice *out);
-/* The same in real time, for `hold_s` at least, held to what was promised; `fresh` builds it for every time round,
- * null: it cannot. */
-typedef sim *study_builder(study *t);
-void study_hold(study *t, sim *s, study_builder *fresh);
+/* The same in real time, for `hold_s` at least, held to what was promised, built anew for every time round. */
+void study_hold(study *t, sim *s);
 
 /* --- study_pace.c --- */
 /* Processor time, s, of a fixed piece of work. One thread's. */

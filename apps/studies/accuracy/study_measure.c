@@ -1,9 +1,10 @@
-/* One setting of the scene, along its hand's path: force a frame, shape at some moments, price. */
+/* One setting of the scene, along its hand's path: force a frame, shape at some moments, price. A frame goes by its
+ * force samples: `haptics.rate` divides it, and forces are compared at frames' ends. */
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "bandwidth.h"
@@ -12,11 +13,67 @@
 #include "sim/stream.h"
 #include "study.h"
 
-double study_cpu_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+/* --- a run before it is made --- */
+
+void study_set(study_run *r, const char *format, ...) {
+    va_list list;
+    if (r->set_count == STUDY_SETS) abort(); /* the tables below are shorter */
+    va_start(list, format);
+    if (vasprintf(&r->set[r->set_count++], format, list) < 0) abort();
+    va_end(list);
 }
+
+study_run *study_add(study *t, const char *knob, const char *name) {
+    if (t->run_count == STUDY_RUNS) abort();
+    study_run *r = &t->run[t->run_count++];
+    *r = (study_run){.force_error = NAN, .shape_error = NAN, .change = NAN, .peak_change = NAN};
+    snprintf(r->knob, sizeof r->knob, "%s", knob);
+    snprintf(r->name, sizeof r->name, "%s", name);
+    for (int i = 0; i < t->set_count; i++) study_set(r, "%s", t->set[i]);
+    r->edits_from = r->set_count;
+    return r;
+}
+
+bool study_is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }
+
+/* --- a frame by its samples --- */
+
+bool study_frame(sim *s, int k, const study_each *each, double *cost_s) {
+    *cost_s = 0;
+    for (int j = 0; j < s->samples; j++) {
+        tm_tool_pose to[TM_MAX_INSTRUMENTS];
+        const double time_s = (k * s->samples + j + 1) * s->sample_s;
+        if (each->before) each->before(each->user, j);
+        for (int i = 0; i < s->instrument_count; i++) to[i] = sim_hand_pose(s, i, time_s);
+        const double before_s = app_processor_s();
+        if (sim_sample(s, to, s->substeps / s->samples) || s->broken_off) return false;
+        if (each->after) each->after(each->user, s, j);
+        if (j == s->samples - 1) sim_frame_end(s);
+        *cost_s += app_processor_s() - before_s;
+    }
+    return true;
+}
+
+/* A force is the mean of its last substeps: of a sample those of its end, of a frame with one sample more of them. */
+double study_back(const sim *s) {
+    const double frame_s = 0.5 * fmax(s->scene->average.si * s->frame_s - s->dt_s, 0),
+                 sample_s = 0.5 * (s->average - 1) * s->dt_s;
+    return s->samples > 1 ? fmax(frame_s - sample_s, 0) / s->sample_s : 0;
+}
+
+void study_at_frames(const double *samples_N, int frames, int samples, size_t width, double back, double *out_N) {
+    for (int k = 0; k < frames; k++) {
+        const double at = fmax((k + 1) * samples - 1 - back, 0);
+        const size_t low = (size_t)floor(at);
+        const double part = at - floor(at);
+        for (size_t c = 0; c < width; c++) {
+            const double *f = samples_N + low * width + c;
+            out_N[(size_t)k * width + c] = part > 0 ? (1 - part) * f[0] + part * f[width] : f[0];
+        }
+    }
+}
+
+/* --- a run --- */
 
 /* The first line of what was said, without its "scene.yaml:12: " where it stays readable. */
 static void keep_words(FILE *said, char *why, size_t size) {
@@ -97,10 +154,10 @@ static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s
     const double wall = app_seconds();
     for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
         for (int i = 0; i < r->instruments; i++) to[i] = sim_hand_pose(s, i, k * s->frame_s);
-        const double before = study_cpu_s(), began = app_seconds();
+        const double before = app_processor_s(), began = app_seconds();
         const tm_status status = sim_frame(s, to, s->substeps);
         if (s->broken_off) return;
-        cost_s[k - 1] = study_cpu_s() - before;
+        cost_s[k - 1] = app_processor_s() - before;
         busy_s[k - 1] = r->threads > 1 ? app_seconds() - began : cost_s[k - 1];
         if (status) {
             r->failed = true;
@@ -138,7 +195,7 @@ static void run_frames(study *t, study_run *r, sim *s) {
 
 int study_measure(study *t, study_run *r) {
     if (study_find(t, r)) return 0;
-    const double start = study_cpu_s();
+    const double start = app_processor_s();
     char label[120];
     snprintf(label, sizeof label, "%s: %s, set-up", r->knob, r->name);
     study_doing(t, label, 0);
@@ -152,7 +209,7 @@ int study_measure(study *t, study_run *r) {
     }
     r->failed = !s;
     if (s) {
-        r->setup_s = study_cpu_s() - start;
+        r->setup_s = app_processor_s() - start;
         run_frames(t, r, s);
         sim_destroy(s);
     }

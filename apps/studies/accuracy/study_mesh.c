@@ -1,14 +1,149 @@
-/* Meshes of the same organ: finer ones by bisection (tm-mesh refine), coarser ones, others that the user has; and
- * turned fibres. */
+/* Other meshes of the study: its own made coarser (its surface filled anew by tm-mesh fill, with regions, groups and
+ * fibres of what lies nearest; surface and inner boundaries are then rounder) and finer by tm-mesh refine, those of
+ * --mesh; and files of fibres. */
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "bandwidth.h"
 #include "study.h"
+
+/* --- tm-mesh, and files of fibres --- */
+
+/* Waits for it as long as a run may take. */
+static int wait_for(const study *t, pid_t child) {
+    const double began_s = app_seconds(), allowed_s = fmin(study_run_limit_s(t), study_left_s(t));
+    int status = -1;
+    for (pid_t ended = 0; child > 0 && ended != child;) {
+        const struct timespec nap = {0, 5000000};
+        ended = waitpid(child, &status, WNOHANG);
+        if (ended < 0 && errno != EINTR) return -1;
+        if (ended == child) break;
+        study_doing(t, "making a mesh", -1);
+        if (app_interrupted() || app_seconds() - began_s > allowed_s) kill(child, SIGKILL);
+        nanosleep(&nap, NULL);
+    }
+    return status;
+}
+
+/* tm-mesh beside this program, its words into the void: what it cannot do shows in the file that is not there. */
+static bool study_run_mesh(const study *t, char *const *argument) {
+    char path[1100];
+    const ssize_t length = readlink("/proc/self/exe", path, 1000);
+    if (length < 0) return false;
+    path[length] = 0;
+    snprintf(strrchr(path, '/') + 1, 20, "tm-mesh");
+    const pid_t child = fork();
+    if (child == 0) {
+        const int nowhere = open("/dev/null", O_WRONLY);
+        dup2(nowhere, STDOUT_FILENO);
+        dup2(nowhere, STDERR_FILENO);
+        execv(path, argument);
+        _exit(127);
+    }
+    const int status = wait_for(t, child);
+    return child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+/* tm-mesh beside this program, without a word; ended where it takes longer than a run may. */
+static bool study_write_fibres(const double *fibre, int32_t tet_count, const char *path) {
+    tm_error error = {0};
+    app_output output;
+    if (!app_output_begin(&output, path, &error)) return false;
+    FILE *file = app_output_stream(&output);
+    if (file) fprintf(file, "tet,ax,ay,az\n");
+    for (int32_t t = 0; file && t < tet_count; t++) {
+        const double *a = fibre + 3 * (size_t)t;
+        fprintf(file, "%d,%.9g,%.9g,%.9g\n", t, a[0], a[1], a[2]);
+    }
+    return app_output_end(&output, file, &error);
+}
+
+/* --- coarser --- */
+
+static bool write_surface(const tm_mesh *mesh, const char *path) {
+    tm_error error = {0};
+    app_output output;
+    if (!app_output_begin(&output, path, &error)) return false;
+    FILE *file = app_output_stream(&output);
+    if (file) fputs("solid organ\n", file);
+    for (int32_t i = 0; file && i < mesh->surface_count; i++) {
+        fputs("facet normal 0 0 0\nouter loop\n", file);
+        for (int k = 0; k < 3; k++) {
+            const double *p = mesh->rest_m + 3 * (size_t)mesh->surface[3 * (size_t)i + (size_t)k];
+            fprintf(file, "vertex %.9g %.9g %.9g\n", p[0], p[1], p[2]);
+        }
+        fputs("endloop\nendfacet\n", file);
+    }
+    if (file) fputs("endsolid organ\n", file);
+    return app_output_end(&output, file, &error);
+}
+
+/* The lattice has twelve tetrahedra in the cube of its longest edge. */
+static double edge_m(const tm_mesh *mesh, double tets) {
+    double volume_m3 = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++) volume_m3 += mesh->volume_m3[t];
+    return cbrt(12 * volume_m3 / tets);
+}
+
+static bool fill(const study *t, const sim *own, double factor, const char *surface, const char *path) {
+    char size[40];
+    snprintf(size, sizeof size, "%.9g", edge_m(own->mesh, own->mesh->tet_count / factor));
+    const char *const argument[] = {"tm-mesh", "fill", "--size", size, "--unit", "m", surface, "-o", path, NULL};
+    char *copy[sizeof argument / sizeof *argument];
+    for (size_t i = 0; i < sizeof argument / sizeof *argument; i++) copy[i] = (char *)(uintptr_t)argument[i];
+    return write_surface(own->mesh, surface) && study_run_mesh(t, copy);
+}
+
+/* Regions, groups and fibres into the mesh of `path`; how many tetrahedra it has, 0: cannot be. */
+static int dress(const sim *own, study_mesh *m) {
+    tm_mesh_file file = {0};
+    tm_mesh *mesh = NULL;
+    tm_error error = {0};
+    int tets = 0;
+    if (!tm_mesh_file_load(m->path, 1, &file, &error) && !tm_mesh_file_build(&file, &mesh, &error)) {
+        double *fibre = calloc(3 * (size_t)mesh->tet_count + 1, sizeof *fibre);
+        if (!fibre) abort();
+        const bool good = study_transfer(own, mesh, m->path, fibre) &&
+                          (!own->fibre || study_write_fibres(fibre, mesh->tet_count, m->fibres));
+        tets = good ? mesh->tet_count : 0;
+        free(fibre);
+    }
+    tm_mesh_destroy(mesh);
+    tm_mesh_file_free(&file);
+    return tets;
+}
+
+/* About `factor` times fewer tetrahedra, inside the scene's surface. */
+static bool study_coarsen(study *t, const sim *own, double factor, const char *name) {
+    study_mesh *m = &t->mesh[t->mesh_count];
+    char surface[1024];
+    *m = (study_mesh){.made = true, .foreign = true};
+    snprintf(m->path, sizeof m->path, "%.990s/%.8s.msh", t->folder, name);
+    snprintf(surface, sizeof surface, "%.990s/surface.stl", t->folder);
+    if (own->fibre) snprintf(m->fibres, sizeof m->fibres, "%.990s/%.8s.fibres.csv", t->folder, name);
+    if (fill(t, own, factor, surface, m->path)) m->tets = dress(own, m);
+    unlink(surface);
+    if (!m->tets || m->tets > own->mesh->tet_count) {
+        unlink(m->path);
+        app_remark("tm-accuracy: no mesh of %.3g times fewer tetrahedra holds this organ's surface, regions and groups",
+                   factor);
+        return false;
+    }
+    snprintf(m->name, sizeof m->name, "%s mesh, %d tetrahedra", name, m->tets);
+    t->mesh_count++;
+    return true;
+}
+
+/* --- finer, and others --- */
 
 static double longest_edge_m(const tm_mesh *mesh) {
     double sum = 0;

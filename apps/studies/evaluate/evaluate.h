@@ -113,16 +113,6 @@ typedef int study_part_maker(const study_run *run, cJSON *out);
 study_part_maker study_operating, study_roughness, study_rates, study_hands, study_loop, study_tissue_loop, study_ready,
     study_cutting;
 
-/* Of a row: how it was made. */
-typedef struct setting {
-    const char *model, *path;
-    double rate, speed, tremor;
-    bool encoders;
-} setting;
-/* One row, and one for each extrapolator. */
-void add_error(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth,
-               hrt_extrapolator which, const char *name);
-void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth);
 /* `out` gets ticks, tip and truth of `truth`. */
 void copy_truth(const recording *truth, recording *out);
 void progress(const char *what, double fraction);

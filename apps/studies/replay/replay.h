@@ -20,9 +20,6 @@ typedef struct cut_list {
     double *time_s;
     int32_t *tet;
 } cut_list;
-/* What the simulation's last frame cut, all at one time. */
-void cut_list_take(cut_list *list, const sim *s, double time_s);
-void cut_list_free(cut_list *list);
 /* Whether anything went in (from_s, to_s]. */
 bool cut_list_between(const cut_list *list, double from_s, double to_s);
 /* How many of `a` are in `b`. */
@@ -63,9 +60,6 @@ typedef struct phase_watch {
     double touched_s, closed_s, opened_s, cut_s;
     float tip_m[3];
 } phase_watch;
-void phase_watch_begin(phase_watch *w);
-/* Returns the phase of the tick that ended at time_s, and moves the watch on. */
-phase phase_at(phase_watch *w, const sim *s, int instrument, double time_s, const float tip_m[3]);
 
 typedef struct recording {
     char name[64];

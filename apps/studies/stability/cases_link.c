@@ -67,7 +67,7 @@ typedef struct link_run {
     hrt_fault fault;
 } link_run;
 
-static const double TROCAR[3] = {0, 0, 0}, WALL_M = 0.105;
+static const double WALL_M = 0.105;
 
 /* The wall: pushes back along -z, with a little sideways give so that all axes are used. */
 static void wall(const line_def *def, const double tip[3], double force[3], double stiffness[9]) {
@@ -78,10 +78,6 @@ static void wall(const line_def *def, const double tip[3], double force[3], doub
     force[2] = -def->wall_N_m * depth;
     force[0] = -0.2 * def->wall_N_m * tip[0], force[1] = -0.2 * def->wall_N_m * tip[1];
     stiffness[8] = -def->wall_N_m, stiffness[0] = stiffness[4] = -0.2 * def->wall_N_m;
-}
-
-static void put(link_run *r, const tensormass_force_sample_t *sample, int64_t due_us) {
-    if (r->in_line < LINE_MAX) r->line[r->in_line++] = (struct pending){due_us, *sample};
 }
 
 static bool lost(link_run *r) {
@@ -109,8 +105,8 @@ static void simulate(link_run *r, int64_t now_us, const tensormass_tool_state_t 
     int64_t due =
         now_us + r->def->delay_us + (int64_t)(0.5 * (1 + random_unit(&r->random)) * (double)r->def->jitter_us);
     if (r->def->reordered && r->frames % 3 == 0) due += FRAME_US + FRAME_US / 2;
-    put(r, &s, due);
-    if (r->def->doubled) put(r, &s, due + TICK_US);
+    for (int copy = 0; copy <= r->def->doubled && r->in_line < LINE_MAX; copy++)
+        r->line[r->in_line++] = (struct pending){due + copy * TICK_US, s};
 }
 
 static void deliver(link_run *r, int64_t now_us) {
@@ -128,7 +124,7 @@ static void judge(link_run *r, double time_s, outcome *o) {
     const float *f = r->node.result.force_N;
     double size = sqrt((double)f[0] * f[0] + (double)f[1] * f[1] + (double)f[2] * f[2]), truth[3], ignored[9], tip[3],
            error = 0, size_true = 0;
-    for (int i = 0; i < 3; i++) tip[i] = TROCAR[i] + r->node.result.tip_m[i];
+    for (int i = 0; i < 3; i++) tip[i] = r->node.result.tip_m[i];
     wall(r->def, tip, truth, ignored);
     for (int i = 0; i < 3; i++) error += (f[i] - truth[i]) * (f[i] - truth[i]), size_true += truth[i] * truth[i];
     r->finite = r->finite && isfinite(size);
@@ -161,12 +157,11 @@ static bool set_up(link_run *r, const line_def *def) {
 }
 
 static void babble(link_run *r) {
-    for (int i = 0; i < 20;
-         i++) { /* random identifiers and bytes: foreign frames, and forged ones of our own with bad checksums */
-        hrt_can_frame frame = {.id = (uint32_t)(0x7ff * 0.5 * (1 + random_unit(&r->random))), .length = 8};
+    /* Random identifiers and bytes: foreign frames, and forged ones of our own with bad checksums. */
+    for (int i = 0; i < 20; i++) {
+        hrt_can_frame unread, frame = {.id = (uint32_t)(0x7ff * 0.5 * (1 + random_unit(&r->random))), .length = 8};
         for (int b = 0; b < 8; b++) frame.data[b] = (uint8_t)(255 * 0.5 * (1 + random_unit(&r->random)));
         hrt_bus_send(&r->babbler, &frame);
-        hrt_can_frame unread;
         while (hrt_bus_receive(&r->babbler, &unread) == 1) {
         }
     }
@@ -199,10 +194,8 @@ static void run_line(const line_def *def, link_run *r, outcome *o) {
 static void verdict_of(const link_run *r, outcome *o) {
     double rms = r->compared ? sqrt(r->sum_sq / (double)r->compared) / r->peak_true_N : 0;
     char end[160];
-    if (r->faulted)
-        snprintf(end, sizeof end, "fault '%s', latched", hrt_fault_text(r->fault));
-    else
-        snprintf(end, sizeof end, "ended %s", hrt_state_name(r->node.result.state));
+    snprintf(end, sizeof end, r->faulted ? "fault '%s', latched" : "ended %s",
+             r->faulted ? hrt_fault_text(r->fault) : hrt_state_name(r->node.result.state));
     if (!r->finite)
         broken(o, "a force was not finite");
     else if (!r->engaged)
@@ -224,16 +217,13 @@ static void zero(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) memset(s->force_N, 0, sizeof s->force_N);
 }
 static void tiny(tensormass_force_sample_t *s, int64_t n) {
-    if (n % 3 == 1)
-        for (int i = 0; i < 3; i++) s->force_N[i] = 1e-310, s->tip_m[i] *= 1 + 1e-12;
+    for (int i = 0; i < 3 && n % 3 == 1; i++) s->force_N[i] = 1e-310, s->tip_m[i] *= 1 + 1e-12;
 }
 static void huge(tensormass_force_sample_t *s, int64_t n) {
-    if (n % 3 == 1)
-        for (int i = 0; i < 3; i++) s->force_N[i] = i == 1 ? -1e30 : 1e30;
+    for (int i = 0; i < 3 && n % 3 == 1; i++) s->force_N[i] = i == 1 ? -1e30 : 1e30;
 }
 static void large(tensormass_force_sample_t *s, int64_t n) {
-    if (n % 3 == 1)
-        for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = 1e7, s->force_N[i % 3] = 50 * (n % 2 ? 1 : -1);
+    for (int i = 0; i < 9 && n % 3 == 1; i++) s->stiffness_N_m[i] = 1e7, s->force_N[i % 3] = 50 * (n % 2 ? 1 : -1);
 }
 static void not_a_number(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) s->force_N[n % 3] = NAN, s->stiffness_N_m[n % 9] = INFINITY;

@@ -54,7 +54,7 @@ static void three(bool quick, double unused, outcome *o) {
     relaxing(quick, term, 3, true, o);
 }
 
-/* Perfused liver under fast compression (apps/studies/accuracy/viscosity_ramp.c says whose): 99 % of the shear goes
+/* Perfused liver under fast compression (apps/studies/accuracy/knob_viscosity.c says whose): 99 % of the shear goes
  * within a tenth of a second, the volume stays, and it hardly changes. */
 static void liver(bool quick, double poisson, outcome *o) {
     bench b;
