@@ -201,8 +201,6 @@ bool study_write_carried(const sim *own, const char *path);
 bool study_transfer(const sim *own, const tm_mesh *mesh, const char *path, double *fibre);
 
 /* --- study_measure.c --- */
-/* Whether it is judged by the error at the hand between samples. */
-bool study_is_felt(const study_run *r);
 study_run *study_add(study *t, const char *knob, const char *name);
 void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
 /* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
@@ -233,6 +231,24 @@ void study_at_frames(const double *samples_N, int frames, int samples, size_t wi
 void study_plan_felt(study *t, const sim *own);
 int study_measure_felt(study *t);
 
+/* --- study_rate.c --- */
+/* Whether it is judged by the error at the hand between samples. */
+bool study_is_felt(const study_run *r);
+double study_rate_Hz(const study *t, const study_run *r);
+/* The best extrapolator of those with so many samples a frame, whatever they cost; 0: none. */
+int study_best_at(const study *t, int times);
+/* Table of them. */
+void study_print_rates(const study *t);
+/* Why the recommended rate: a sentence; empty where there is none. */
+void study_rate_reason(const study *t, char *text, size_t size);
+/* Processor time of a second of the path over that of the scene as it is. */
+double study_times_dearer(const study *t, const study_run *r);
+/* Errors of a force that no hand tells apart. */
+double study_alike(double error);
+/* Of extrapolators and rates that cost no more than `dearer_max` times the scene as it is, and are not excluded
+ * [run_count], the truest at the hand; of alike ones the cheapest, and of those the scene's own. 0: none. */
+int study_choose_felt(const study *t, double dearer_max, const bool *excluded);
+
 /* --- study_store.c --- */
 void study_open(study *t);
 bool study_find(const study *t, study_run *r);
@@ -246,13 +262,6 @@ void study_judge(study *t);
 double study_distance(const double *a, const double *b, size_t count);
 
 /* --- study_recommend.c --- */
-double study_rate_Hz(const study *t, const study_run *r);
-/* The best extrapolator of those with so many samples a frame, whatever they cost; 0: none. */
-int study_best_at(const study *t, int times);
-/* Table of them. */
-void study_print_rates(const study *t);
-/* Why the recommended rate: a sentence; empty where there is none. */
-void study_rate_reason(const study *t, char *text, size_t size);
 int study_recommend(study *t);
 void study_say(const study *t);
 

@@ -34,8 +34,6 @@ study_run *study_add(study *t, const char *knob, const char *name) {
     return r;
 }
 
-bool study_is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }
-
 /* --- a frame by its samples --- */
 
 bool study_frame(sim *s, int k, const study_each *each, double *cost_s) {
