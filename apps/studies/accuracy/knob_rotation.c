@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "accuracy.h"
-#include "block.h"
 
 static const double LEAST_DEPTH = 0.045;
 

@@ -6,17 +6,12 @@
 #include <stdlib.h>
 
 #include "accuracy.h"
-#include "block.h"
+#include "bench.h"
 
 enum { FORMS = 4, NUS = 5 };
 
 /* Below 0: linear tetrahedra. */
 static const double shears[FORMS] = {-1, 0.4, 0.75, 1};
-
-static void set_form(tm_tissue_def *def, double shear) {
-    def->volume = shear >= 0;
-    if (def->volume) def->volume_shear = shear;
-}
 
 /* All forms on one mesh, timed side by side. */
 static tm_status one_mesh(const run *r, int cells, const measured *truth, double depth, cJSON *rows, tm_error *error) {
@@ -46,13 +41,9 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
 
 static const double SIDE_M = 0.1, LENGTH_M = 0.6, YOUNG_PA = 1e4, PULL_N = 1e-3;
 
-/* Clamped at z = 0; the pull along x spread over the triangles of the other end. */
-static tm_status hold_and_pull(tm_world *world, const tm_mesh *mesh, double *load, tm_error *error) {
-    int32_t *dof = malloc(sizeof *dof * 3 * (size_t)mesh->vertex_count), count = 0;
-    double *rest = calloc(3 * (size_t)mesh->vertex_count, sizeof *rest), area = 0;
-    for (int32_t d = 0; dof && d < 3 * mesh->vertex_count; d++)
-        if (mesh->rest_m[d / 3 * 3 + 2] < 1e-9) dof[count++] = d;
-    tm_status status = problem_hold(world, count, dof, rest, error);
+/* The pull along x spread over the triangles of the end that is not held. */
+static void pull_end(const tm_mesh *mesh, double *load) {
+    double area = 0;
     for (int pass = 0; pass < 2; pass++)
         for (int32_t s = 0; s < mesh->surface_count; s++) { /* the end's triangles are all alike */
             const int32_t *v = mesh->surface + 3 * s;
@@ -62,47 +53,38 @@ static tm_status hold_and_pull(tm_world *world, const tm_mesh *mesh, double *loa
             if (pass == 0) area++;
             for (int k = 0; pass == 1 && k < 3; k++) load[3 * v[k]] += PULL_N / area / 3;
         }
-    return status ? status : tm_stage_load(world, load, error);
 }
 
 /* Way of the pull over Timoshenko's. */
-static tm_status tip(const tm_mesh *mesh, double nu, double shear, double *ratio, tm_error *error) {
-    tm_material material;
-    tm_tissue *tissue = NULL;
-    tm_world *world = NULL;
-    double *load = calloc(3 * (size_t)mesh->vertex_count, sizeof *load), moved = 0;
-    tm_status status = load ? tm_material_young(YOUNG_PA, nu, &material, error) : problem_no_memory(error);
-    tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh, def.material_count = 1, def.material = &material;
-    set_form(&def, shear);
-    if (status == TM_OK) status = tm_tissue_create(&def, &tissue, error);
-    tm_world_def world_def = tm_world_def_default();
-    world_def.tissue = tissue;
-    if (status == TM_OK) status = tm_world_create(&world_def, &world, error);
-    if (status == TM_OK) status = hold_and_pull(world, mesh, load, error);
+static tm_status tip(double nu, double shear, double *ratio, tm_error *error) {
+    app_bench_def def = app_bench_default(4, SIDE_M);
+    app_bench b = {0};
+    double moved = 0, *load = NULL;
+    def.cells[2] = 24, def.size_m[2] = LENGTH_M, def.volume = shear >= 0;
+    if (def.volume) def.volume_shear = shear;
+    tm_status status = tm_material_young(YOUNG_PA, nu, &def.material[0], error);
+    if (status == TM_OK) status = app_bench_open(&def, &b, error);
+    if (status != TM_OK) return status;
+    load = calloc(3 * (size_t)b.mesh->vertex_count, sizeof *load);
+    if (load) pull_end(b.mesh, load);
+    status = load ? tm_stage_load(b.world, load, error) : problem_no_memory(error);
     tm_settle_def settle = tm_settle_def_default();
     tm_settle_result result;
     settle.tolerance = 1e-9;
-    if (status == TM_OK) status = tm_world_settle(world, &settle, &result, error);
-    for (int32_t d = 0; status == TM_OK && d < 3 * mesh->vertex_count; d++)
-        moved += load[d] * tm_world_state(world)->u_m[d] / PULL_N;
+    if (status == TM_OK) status = tm_world_settle(b.world, &settle, &result, error);
+    for (int32_t d = 0; status == TM_OK && d < 3 * b.mesh->vertex_count; d++)
+        moved += load[d] * tm_world_state(b.world)->u_m[d] / PULL_N;
     const double inertia = pow(SIDE_M, 4) / 12, shear_Pa = YOUNG_PA / (2 * (1 + nu));
     *ratio = moved / (PULL_N * pow(LENGTH_M, 3) / (3 * YOUNG_PA * inertia) +
                       PULL_N * LENGTH_M / (shear_Pa * 5 / 6 * SIDE_M * SIDE_M));
     free(load);
-    tm_world_destroy(world);
-    tm_tissue_destroy(tissue);
+    app_bench_close(&b);
     return status;
 }
 
 static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
     static const double nus[NUS] = {0.3, 0.45, 0.49, 0.499, 0.4999};
-    app_block block;
-    tm_mesh *mesh = NULL;
-    if (!app_block_make(&block, (int32_t[3]){4, 4, 24}, (double[3]){SIDE_M, SIDE_M, LENGTH_M}))
-        return problem_no_memory(error);
-    tm_status status = app_block_mesh(&block, NULL, &mesh, error);
-    app_block_free(&block);
+    tm_status status = TM_OK;
     const int count = r->quick ? NUS - 1 : NUS;
     for (int n = 0; n < count && status == TM_OK; n++) {
         cJSON *row = app_json_add(rows, "nu %g", nus[n]);
@@ -110,12 +92,11 @@ static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
             char name[24] = "linear";
             double ratio = NAN;
             if (shears[f] >= 0) snprintf(name, sizeof name, "shear_%g", shears[f]);
-            status = tip(mesh, nus[n], shears[f], &ratio, error);
+            status = tip(nus[n], shears[f], &ratio, error);
             cJSON_AddNumberToObject(row, name, ratio);
         }
         r->progress("volume, cantilever", (double)(n + 1) / count);
     }
-    tm_mesh_destroy(mesh);
     return status;
 }
 

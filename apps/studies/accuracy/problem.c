@@ -6,7 +6,7 @@
 
 #include "accuracy.h"
 #include "bandwidth.h"
-#include "block.h"
+#include "bench.h"
 
 /* --- references --- */
 
@@ -70,15 +70,6 @@ tm_status problem_hold(tm_world *world, int32_t count, int32_t *dof, double *val
     return status;
 }
 
-static tm_status make_mesh(int n, tm_mesh **mesh, tm_error *error) {
-    app_block block;
-    if (!app_block_make(&block, (int32_t[3]){n, n, n}, (double[3]){BLOCK_M, BLOCK_M, BLOCK_M}))
-        return problem_no_memory(error);
-    tm_status status = app_block_mesh(&block, NULL, mesh, error);
-    app_block_free(&block);
-    return status;
-}
-
 static double indenter(double x, double y) {
     double s = (x * x + y * y) / (INDENTER_M * INDENTER_M);
     return s < 1 ? (1 - s) * (1 - s) : 0;
@@ -118,41 +109,23 @@ problem_def problem_default(int cells) {
 }
 
 tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
-    memset(p, 0, sizeof *p);
-    p->cells = def->cells, p->depth = def->depth;
-    tm_status status = make_mesh(def->cells, &p->mesh, error);
-    double *fibre = NULL;
-    if (status == TM_OK && def->fibre) {
-        fibre = malloc(sizeof *fibre * 3 * (size_t)p->mesh->tet_count);
-        if (!fibre) status = problem_no_memory(error);
-        for (int32_t t = 0; fibre && t < p->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
-    }
-    if (status == TM_OK) {
-        tm_tissue_def tissue = tm_tissue_def_default();
-        tissue.mesh = p->mesh, tissue.material_count = 1, tissue.material = &def->material;
-        tissue.fibre = fibre, tissue.precision = def->precision;
-        tissue.rotation = def->rotation;
-        tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
-        status = tm_tissue_create(&tissue, &p->tissue, error);
-    }
-    free(fibre);
-    if (status == TM_OK) {
-        tm_world_def world = tm_world_def_default();
-        world.tissue = p->tissue, world.dt_s = def->dt_s, world.step_fraction = def->step_fraction;
-        world.damped = def->material.damping_1_s > 0;
-        status = tm_world_create(&world, &p->world, error);
-    }
-    if (status == TM_OK && def->held) status = add_supports(def, p, error);
-    if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(p->world, &p->rotation, error);
-    if (status == TM_OK && def->viscosity) status = tm_stage_viscosity(p->world, def->viscosity, error);
+    app_bench_def bench = app_bench_default(def->cells, BLOCK_M);
+    app_bench b;
+    bench.material[0] = def->material, bench.fibre = def->fibre, bench.precision = def->precision;
+    bench.rotation = def->rotation, bench.viscosity = def->viscosity;
+    bench.volume = def->volume, bench.volume_shear = def->volume_shear;
+    bench.dt_s = def->dt_s, bench.step_fraction = def->step_fraction, bench.held = APP_HELD_NOT;
+    *p = (problem){.cells = def->cells, .depth = def->depth};
+    tm_status status = app_bench_open(&bench, &b, error);
+    if (status != TM_OK) return status;
+    p->mesh = b.mesh, p->tissue = b.tissue, p->world = b.world, p->rotation = b.rotation;
+    if (def->held) status = add_supports(def, p, error);
     if (status != TM_OK) problem_destroy(p);
     return status;
 }
 
 void problem_destroy(problem *p) {
-    tm_world_destroy(p->world);
-    tm_tissue_destroy(p->tissue);
-    tm_mesh_destroy(p->mesh);
+    app_bench_close(&(app_bench){p->mesh, p->tissue, p->world, p->rotation});
     memset(p, 0, sizeof *p);
 }
 

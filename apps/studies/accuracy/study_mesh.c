@@ -53,7 +53,6 @@ static bool study_run_mesh(const study *t, char *const *argument) {
     return child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-/* tm-mesh beside this program, without a word; ended where it takes longer than a run may. */
 static bool study_write_fibres(const double *fibre, int32_t tet_count, const char *path) {
     tm_error error = {0};
     app_output output;

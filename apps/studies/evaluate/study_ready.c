@@ -8,7 +8,7 @@
 
 #include "app.h"
 #include "bandwidth.h"
-#include "block.h"
+#include "bench.h"
 #include "common/program_host.h"
 #include "evaluate.h"
 #include "json_file.h"
@@ -19,9 +19,7 @@ enum { SETTLED = 12, SMALL_CUTS = 5, APART = 8, PATIENCE = 200 };
 static const double EDGE_M = 0.005, FRAME_S = 0.04, RADIUS_M = 0.0035, DEEP_M = 0.003;
 
 typedef struct bed {
-    tm_mesh *mesh;
-    tm_tissue *tissue;
-    tm_world *world;
+    app_bench b;
     tm_contact *contact;
     tm_patch_maker *maker;
     double top_m, middle_m, begin_s;
@@ -30,51 +28,29 @@ typedef struct bed {
     double step_s[4 * PATIENCE]; /* of each frame, without the patch */
 } bed;
 
-static tm_status make_tissue(bed *b, const int32_t cells[3], tm_error *error) {
-    const double size[3] = {cells[0] * EDGE_M, cells[1] * EDGE_M, cells[2] * EDGE_M};
-    app_block block;
-    tm_material material;
-    if (!app_block_make(&block, cells, size)) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the block");
-    tm_status status = app_block_mesh(&block, NULL, &b->mesh, error);
-    app_block_free(&block);
-    b->top_m = size[2], b->middle_m = 0.5 * size[0] + 0.0013;
-    if (!status) status = tm_material_young(5e3, 0.4, &material, error);
-    material.damping_1_s = 60;
-    tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = b->mesh, def.material = &material, def.material_count = 1, def.cuttable = true;
-    return status ? status : tm_tissue_create(&def, &b->tissue, error);
-}
-
-static tm_status make_world(bed *b, tm_error *error) {
-    tm_world_def def = tm_world_def_default();
-    def.tissue = b->tissue;
-    def.damped = true;
-    tm_status status = tm_world_create(&def, &b->world, error);
-    int32_t count = 0, *dof = malloc(sizeof *dof * 3 * (size_t)b->mesh->vertex_count);
-    double *zero = calloc(3 * (size_t)b->mesh->vertex_count, sizeof *zero);
-    if (!dof || !zero) abort();
-    for (int32_t v = 0; v < b->mesh->vertex_count; v++)
-        for (int c = 0; c < 3 && b->mesh->rest_m[3 * v + 2] < 0.1 * EDGE_M; c++) dof[count++] = 3 * v + c;
-    tm_support_def support = tm_support_def_default();
-    support.count = count, support.dof = dof, support.value_m = zero;
-    if (!status) status = tm_stage_support(b->world, &support, error);
-    free(dof);
-    free(zero);
+static tm_status make_bed(bed *b, const int32_t cells[3], tm_error *error) {
+    app_bench_def def = app_bench_default(0, 0);
+    memset(b, 0, sizeof *b);
+    for (int c = 0; c < 3; c++) def.cells[c] = cells[c], def.size_m[c] = cells[c] * EDGE_M;
+    b->top_m = def.size_m[2], b->middle_m = 0.5 * def.size_m[0] + 0.0013;
+    tm_status status = tm_material_young(5e3, 0.4, &def.material[0], error);
+    def.material[0].damping_1_s = 60, def.cuttable = true;
+    if (!status) status = app_bench_open(&def, &b->b, error);
     tm_instrument_def tool = {.radius_m = RADIUS_M,
                               .contact_length_m = 0.1,
                               .trocar_m = {b->middle_m, b->middle_m, b->top_m + 0.1},
                               .pose = {.tip_m = {b->middle_m, b->middle_m, b->top_m + RADIUS_M}, .active = true}};
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = 1, contact.instrument = &tool;
-    return status ? status : tm_stage_contact(b->world, &contact, &b->contact, error);
+    return status ? status : tm_stage_contact(b->b.world, &contact, &b->contact, error);
 }
 
 static tm_status make_patches(bed *b, const sim_solve_api *api, tm_error *error) {
-    uint8_t *fixed = calloc(3 * (size_t)b->mesh->vertex_count, 1);
+    uint8_t *fixed = calloc(3 * (size_t)b->b.mesh->vertex_count, 1);
     if (!fixed) abort();
-    tm_support_mask(b->world, fixed);
+    tm_support_mask(b->b.world, fixed);
     tm_factored_def def = api->tm_factored_def_default_();
-    def.tissue = b->tissue, def.fixed = fixed;
+    def.tissue = b->b.tissue, def.fixed = fixed;
     tm_factored *factored;
     tm_status status = api->tm_factored_create_(&def, &factored, error);
     free(fixed);
@@ -82,15 +58,9 @@ static tm_status make_patches(bed *b, const sim_solve_api *api, tm_error *error)
     tm_compliance_source source = api->tm_factored_given_(factored);
     tm_patch_def patch = tm_patch_def_default();
     patch.horizon_s = 2 * FRAME_S, patch.source = &source;
-    status = tm_stage_patch(b->world, b->contact, &patch, &b->maker, error);
+    status = tm_stage_patch(b->b.world, b->contact, &patch, &b->maker, error);
     if (status) source.destroy(source.self);
     return status ? status : tm_patch_start(b->maker, error);
-}
-
-static void bed_close(bed *b) {
-    tm_world_destroy(b->world);
-    tm_tissue_destroy(b->tissue);
-    tm_mesh_destroy(b->mesh);
 }
 
 static void sleep_until(double at_s) {
@@ -101,7 +71,7 @@ static void sleep_until(double at_s) {
 /* One frame of 40 ms, no sooner than it is due: the tool circles slowly, pressed in, so that new vertices come near. */
 static bool frame(bed *b) {
     static tm_patch patch;
-    const int32_t n = (int32_t)ceil(FRAME_S / tm_world_step_s(b->world));
+    const int32_t n = (int32_t)ceil(FRAME_S / tm_world_step_s(b->b.world));
     const double angle = 0.06 * b->frames, radius = 0.008 * fmin(b->frames / 20.0, 1);
     tm_tool_pose to = {.active = true};
     to.tip_m[0] = b->middle_m + radius * cos(angle), to.tip_m[1] = b->middle_m + radius * sin(angle);
@@ -109,7 +79,7 @@ static bool frame(bed *b) {
     const double start = app_seconds();
     tm_contact_begin_frame(b->contact, n, n);
     tm_contact_move(b->contact, 0, &to, n);
-    bool good = tm_world_step(b->world, n) == TM_OK;
+    bool good = tm_world_step(b->b.world, n) == TM_OK;
     if (b->frames < (int)(sizeof b->step_s / sizeof *b->step_s)) b->step_s[b->frames] = app_seconds() - start;
     b->exact = b->maker && tm_patch_make(b->maker, 0, &patch) && patch.kind == 2;
     b->whole = b->exact && !tm_patch_pending(b->maker);
@@ -122,11 +92,11 @@ static bool frame(bed *b) {
 static int32_t cut(bed *b, double angle, double radius_m) {
     int32_t gone = 0;
     const double centre[3] = {b->middle_m + 0.017 * cos(angle), b->middle_m + 0.017 * sin(angle), b->top_m};
-    for (int32_t t = 0; t < b->mesh->tet_count; t++) {
+    for (int32_t t = 0; t < b->b.mesh->tet_count; t++) {
         double d[3] = {-centre[0], -centre[1], -centre[2]};
-        for (int k = 0; k < 12; k++) d[k % 3] += 0.25 * b->mesh->rest_m[3 * b->mesh->tet[4 * t + k / 3] + k % 3];
+        for (int k = 0; k < 12; k++) d[k % 3] += 0.25 * b->b.mesh->rest_m[3 * b->b.mesh->tet[4 * t + k / 3] + k % 3];
         if (d[0] * d[0] + d[1] * d[1] + d[2] * d[2] < radius_m * radius_m)
-            gone += tm_cut_remove(b->tissue, &t, 1, NULL, 0);
+            gone += tm_cut_remove(b->b.tissue, &t, 1, NULL, 0);
     }
     return gone;
 }
@@ -190,7 +160,7 @@ static void report(cJSON *rows, const bed *alone, bed *beside, const ready *r) {
     app_json_add(
         rows,
         "tets %d first_whole_patch_s %g first_whole_patch_worker_s %g cut_tets %g exact_after_cut_frames %g exact_after_cut_frames_most %g large_cut_tets %g exact_after_large_cut_frames %d step_alone_s %g step_beside_s %g slower %g load_average %g",
-        beside->mesh->tet_count, r->first_s, r->first_cpu_s, r->small_tets / 2.0 / SMALL_CUTS, small_frames,
+        beside->b.mesh->tet_count, r->first_s, r->first_cpu_s, r->small_tets / 2.0 / SMALL_CUTS, small_frames,
         small[SMALL_CUTS - 1], r->large_tets / 2.0, r->large, own_s, with_s, own_s > 0 ? with_s / own_s - 1 : 0,
         getloadavg(load, 1) == 1 ? load[0] : 0);
 }
@@ -199,18 +169,14 @@ static int one(const sim_solve_api *api, const int32_t cells[3], cJSON *rows) {
     static bed beside, alone;
     ready r = {0};
     tm_error error = {0};
-    memset(&beside, 0, sizeof beside);
-    memset(&alone, 0, sizeof alone);
-    tm_status status = make_tissue(&beside, cells, &error);
-    if (!status) status = make_world(&beside, &error);
+    tm_status status = make_bed(&beside, cells, &error);
     if (!status) status = make_patches(&beside, api, &error);
     if (!status) session(&beside, &r);
-    if (!status) status = make_tissue(&alone, cells, &error);
-    if (!status) status = make_world(&alone, &error);
+    if (!status) status = make_bed(&alone, cells, &error);
     if (!status) session(&alone, &r);
     if (!status) report(rows, &alone, &beside, &r);
-    bed_close(&beside);
-    bed_close(&alone);
+    app_bench_close(&beside.b);
+    app_bench_close(&alone.b);
     return status ? app_report(NULL, 0, &error) : 0;
 }
 

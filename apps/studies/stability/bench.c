@@ -5,7 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "block.h"
 #include "stability.h"
 
 #define LAW_REAL double
@@ -44,104 +43,25 @@ double random_unit(uint64_t *state) {
     return (double)(int64_t)(*state >> 11) / (double)(1ULL << 52) - 1;
 }
 
-bench_def bench_default(void) {
-    bench_def def = {.cells = {4, 4, 4},
-                     .size_m = {0.04, 0.04, 0.04},
-                     .material_count = 1,
-                     .step_fraction = 0.95,
-                     .held = 2,
-                     .volume_shear = 0.4};
-    if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of ours */
-    def.material[1] = def.material[0];
+app_bench_def bench_default(void) {
+    app_bench_def def = app_bench_default(4, 0.04);
+    def.step_fraction = 0.95;
     return def;
 }
 
-static tm_status hold(const bench_def *def, bench *b, tm_error *error) {
-    int32_t layer = (def->cells[0] + 1) * (def->cells[1] + 1), n = b->mesh->vertex_count;
-    int32_t held = def->held == 0 ? 0 : def->held == 1 ? 1 : def->held == 2 ? layer : n;
-    if (!held) return TM_OK;
-    int32_t *dof = malloc(sizeof *dof * 3 * (size_t)held);
-    double *zero = calloc(3 * (size_t)held, sizeof *zero);
-    tm_status status;
-    if (!dof || !zero) {
-        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the supports");
-    } else {
-        for (int32_t i = 0; i < 3 * held; i++) dof[i] = i;
-        tm_support_def support = tm_support_def_default();
-        support.count = 3 * held, support.dof = dof, support.value_m = zero;
-        status = tm_stage_support(b->world, &support, error);
-    }
-    free(dof);
-    free(zero);
-    return status;
+static bool is_open(tm_status status, const tm_error *error, outcome *o) {
+    if (status != TM_OK) refused(o, error);
+    return status == TM_OK;
 }
 
-static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
-    double *fibre = NULL;
-    if (def->fibre) {
-        fibre = malloc(sizeof *fibre * 3 * (size_t)b->mesh->tet_count);
-        if (!fibre) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the fibres");
-        for (int32_t t = 0; t < b->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
-    }
-    tm_tissue_def tissue = tm_tissue_def_default();
-    tissue.mesh = b->mesh, tissue.material = def->material, tissue.material_count = def->material_count;
-    tissue.fibre = fibre, tissue.cuttable = def->cuttable;
-    tissue.rotation = def->rotation;
-    tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
-    tm_status status = tm_tissue_create(&tissue, &b->tissue, error);
-    free(fibre);
-    return status;
-}
-
-static bool second(const bench_def *def, const app_block *block, int32_t tet) {
-    double centre[3] = {0};
-    for (int k = 0; k < 12; k++) centre[k % 3] += 0.25 * block->vertex_m[3 * block->tet[4 * tet + k / 3] + k % 3];
-    return def->second(centre);
-}
-
-bool bench_open(const bench_def *def, bench *b, outcome *o) {
+bool bench_open(const app_bench_def *def, app_bench *b, outcome *o) {
     tm_error error = {0};
-    app_block block;
-    memset(b, 0, sizeof *b);
-    if (!app_block_make(&block, def->cells, def->size_m)) {
-        broken(o, "no memory for the block");
-        return false;
-    }
-    int32_t *region = calloc((size_t)block.tet_count, sizeof *region);
-    for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++)
-        region[t] = def->second ? second(def, &block, t) : t >= block.tet_count / 2;
-    if (def->deform) def->deform(block.vertex_m, block.vertex_count, def->argument);
-    tm_status status = app_block_mesh(&block, region, &b->mesh, &error);
-    free(region);
-    app_block_free(&block);
-    if (status == TM_OK) return bench_start(def, b, o);
-    refused(o, &error);
-    return false;
+    return is_open(app_bench_open(def, b, &error), &error, o);
 }
 
-bool bench_start(const bench_def *def, bench *b, outcome *o) {
+bool bench_start(const app_bench_def *def, app_bench *b, outcome *o) {
     tm_error error = {0};
-    tm_status status = open_tissue(def, b, &error);
-    if (status == TM_OK) {
-        tm_world_def world = tm_world_def_default();
-        world.tissue = b->tissue, world.dt_s = def->dt_s, world.step_fraction = def->step_fraction;
-        world.damped = def->material[0].damping_1_s > 0;
-        status = tm_world_create(&world, &b->world, &error);
-    }
-    if (status == TM_OK) status = hold(def, b, &error);
-    if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(b->world, &b->rotation, &error);
-    if (status == TM_OK && def->viscosity) status = tm_stage_viscosity(b->world, def->viscosity, &error);
-    if (status == TM_OK) return true;
-    bench_close(b);
-    refused(o, &error);
-    return false;
-}
-
-void bench_close(bench *b) {
-    tm_world_destroy(b->world);
-    tm_tissue_destroy(b->tissue);
-    tm_mesh_destroy(b->mesh);
-    memset(b, 0, sizeof *b);
+    return is_open(app_bench_start(def, b, &error), &error, o);
 }
 
 rig_def rig_default(int tools, const tm_tool_pose *start) {
@@ -171,7 +91,7 @@ bool rig_open(const rig_def *def, rig *r, const char *force_name, outcome *o) {
         (!def->bench.cuttable || tm_stage_cut(world, r->contact, &cut, &error) == TM_OK) &&
         (!def->energy || tm_stage_energy(world, &error) == TM_OK))
         return true;
-    bench_close(&r->b);
+    app_bench_close(&r->b);
     refused(o, &error);
     return false;
 }
@@ -216,7 +136,7 @@ double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, doubl
     return over;
 }
 
-void random_velocities(bench *b, uint64_t seed, double speed_m_s) {
+void random_velocities(app_bench *b, uint64_t seed, double speed_m_s) {
     tm_state *s = tm_world_state(b->world);
     int32_t n = 3 * b->mesh->vertex_count;
     uint8_t *held = calloc((size_t)n, 1);
@@ -227,7 +147,7 @@ void random_velocities(bench *b, uint64_t seed, double speed_m_s) {
     free(held);
 }
 
-double scheme_energy(bench *b, double *scratch) {
+double scheme_energy(app_bench *b, double *scratch) {
     const tm_state *s = tm_world_state(b->world);
     const double *mass = tm_tissue_mass_kg(b->tissue);
     double kinetic = 0, elastic = 0;
@@ -240,7 +160,7 @@ double scheme_energy(bench *b, double *scratch) {
     return kinetic + elastic;
 }
 
-double energy_drift(bench *b, int64_t steps, outcome *o) {
+double energy_drift(app_bench *b, int64_t steps, outcome *o) {
     double *scratch = malloc(sizeof *scratch * 3 * (size_t)b->mesh->vertex_count), worst = 0;
     if (!scratch) return -1;
     random_velocities(b, 12345, 0.1);

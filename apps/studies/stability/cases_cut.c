@@ -7,7 +7,7 @@
 #include "stability.h"
 
 /* Differing bytes of forces and masses between the cut tissue and a fresh one with the same living tetrahedra. */
-static int64_t differing_bytes(bench *b, const bench_def *def) {
+static int64_t differing_bytes(app_bench *b, const app_bench_def *def) {
     tm_tissue_def fresh_def = tm_tissue_def_default();
     tm_tissue *fresh = NULL;
     int64_t count = -1;
@@ -47,7 +47,7 @@ static void random_cuts_of(bool quick, double whole_goal, bool volume, outcome *
     rig r;
     int32_t goal = quick ? 1000 : (int32_t)whole_goal, gone = 0;
     if (!open_block(quick ? 6 : 13, volume, "force N", &def, &r, o)) return;
-    bench b = r.b;
+    app_bench b = r.b;
     uint64_t seed = 2024;
     double peak = 0;
     o->x_name = "tetrahedra removed";
@@ -70,7 +70,7 @@ static void random_cuts_of(bool quick, double whole_goal, bool volume, outcome *
         accurate(o, (double)bytes,
                  "%d removed, %d left, peak force %.3g N; %lld bytes of force and mass differ from a fresh build",
                  (int)gone, (int)tm_tissue_alive_count(b.tissue), peak, (long long)bytes);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 static void random_cuts(bool quick, double whole_goal, outcome *o) { random_cuts_of(quick, whole_goal, false, o); }
@@ -85,7 +85,7 @@ static void cut_all(bool quick, double argument, outcome *o) {
     rig_def def;
     rig r;
     if (!open_block(quick ? 4 : 8, false, "tetrahedra", &def, &r, o)) return;
-    bench b = r.b;
+    app_bench b = r.b;
     o->x_name = "frame";
     for (int32_t t = b.mesh->tet_count - 1, frame = 0; t >= 0 && r.finite; t -= 7, frame++) {
         int32_t pick[7], n = 0;
@@ -104,7 +104,7 @@ static void cut_all(bool quick, double argument, outcome *o) {
         accurate(o, tm_tissue_alive_count(b.tissue) + mass + tm_tissue_surface(b.tissue).count,
                  "%d tetrahedra, %g kg and %d triangles left; it goes on stepping",
                  (int)tm_tissue_alive_count(b.tissue), mass, (int)tm_tissue_surface(b.tissue).count);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 #define CUT "cut"

@@ -16,7 +16,7 @@ static double turnover(const tm_energy *e) {
 
 typedef enum motion { SWING, DAMPED, WEIGHT, MOVING_SUPPORT, NEW_STEPS, CUTS } motion;
 
-static void one_motion(bench *b, motion which, int64_t i, double longest_s, uint64_t *seed) {
+static void one_motion(app_bench *b, motion which, int64_t i, double longest_s, uint64_t *seed) {
     const int32_t held = 3 * 25; /* the bottom layer of the default bench */
     if (which == MOVING_SUPPORT)
         for (int32_t k = 0; k < held; k += 3) tm_support_move(b->world, k, 0.002 * sin(0.05 * (double)i));
@@ -29,8 +29,8 @@ static void one_motion(bench *b, motion which, int64_t i, double longest_s, uint
 
 static void closes(bool quick, double argument, outcome *o) {
     const motion which = (motion)(int)argument;
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     tm_energy e = {0};
     def.cuttable = which == CUTS;
     def.material[0].damping_1_s = which == SWING ? 0 : which == NEW_STEPS || which == CUTS ? 1 : 20;
@@ -57,7 +57,7 @@ static void closes(bool quick, double argument, outcome *o) {
                  turnover(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.moved_J, worst);
     else
         broken(o, "the run became unstable");
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* --- with tools --- */
@@ -107,7 +107,7 @@ static void hands_close(hands *h, const char *words) {
                "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, film took "
                "%.1e J, cuts %.1e J",
                words, h->through_J, h->surplus_J, h->now.film_J, h->now.cut_J);
-    bench_close(&h->r.b);
+    app_bench_close(&h->r.b);
 }
 
 static tm_tool_pose at(double x, double z, double grip) {

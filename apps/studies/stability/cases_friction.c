@@ -67,10 +67,10 @@ static void judge(double at_rest, double sliding, double skin_m_N, bool quick, o
     outcome ignored = {0};
     if (!open_rubbing(&r, at_rest, sliding, skin_m_N, o)) return;
     drags(&r, quick);
-    bench_close(&r.r.b);
+    app_bench_close(&r.r.b);
     if (!open_rubbing(&plain, 0, 0, skin_m_N, &ignored)) abort();
     drags(&plain, quick);
-    bench_close(&plain.r.b);
+    app_bench_close(&plain.r.b);
     const double made = (r.made_J - plain.made_J) / r.hands_J;
     if (!r.r.finite || !(r.peak_N < 200))
         broken(o, "%s, %.3g N", r.r.finite ? "the force grew" : "a step failed", r.peak_N);
@@ -109,7 +109,7 @@ static void pause_for(bool quick, double minutes, outcome *o) {
                  frames * FRAME_S / 60);
     else
         broken(o, "it does not hold: %.3g N aside", was.force_N[0]);
-    bench_close(&r.r.b);
+    app_bench_close(&r.r.b);
 }
 
 #define FRICTION "tool"

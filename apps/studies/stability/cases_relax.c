@@ -79,7 +79,7 @@ static void relax(bool quick, double rotation, outcome *o) {
     take_hold(&truth);
     for (int i = 0; i < 400; i++) frame(&truth);
     if (!open_hold(&h, true, rotation, &ignored)) {
-        bench_close(&truth.r.b);
+        app_bench_close(&truth.r.b);
         *o = ignored;
         return;
     }
@@ -106,8 +106,8 @@ static void relax(bool quick, double rotation, outcome *o) {
                  "%d vertices held: %.3f N fell to %.4f in %d s, never rising by more than %.1e; both tools' forces "
                  "are %.1e of the largest from those on tissue of the relaxed moduli",
                  held, first, last, (int)(frames * FRAME_S), rise, off);
-    bench_close(&h.r.b);
-    bench_close(&truth.r.b);
+    app_bench_close(&h.r.b);
+    app_bench_close(&truth.r.b);
 }
 
 #define VISCOSITY "viscosity"

@@ -10,8 +10,8 @@ static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
 
 enum { PLAIN, FIBRED, NEAR_INCOMPRESSIBLE }; /* the last with the effect "volume" */
 
-static bool open_turning(int tissue, double damping, bench *b, outcome *o) {
-    bench_def def = bench_default();
+static bool open_turning(int tissue, double damping, app_bench *b, outcome *o) {
+    app_bench_def def = bench_default();
     tm_error error = {0};
     const bool fibred = tissue == FIBRED;
     if (fibred && tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &def.material[0], &error) != TM_OK) abort();
@@ -26,19 +26,19 @@ static bool open_turning(int tissue, double damping, bench *b, outcome *o) {
     return bench_open(&def, b, o);
 }
 
-void turn_inside_out(bench *b) {
+void turn_inside_out(app_bench *b) {
     tm_state *s = tm_world_state(b->world);
     uint64_t seed = 5;
     for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++)
         s->u_m[i] = s->u_prev_m[i] = 0.02 + 0.01 * random_unit(&seed) - b->mesh->rest_m[i];
 }
 
-static double stored(const bench *b) {
+static double stored(const app_bench *b) {
     const double *u = tm_world_state(b->world)->u_m;
     return tm_tissue_energy(b->tissue, u) + tm_rotation_energy(b->rotation, u);
 }
 
-void come_back(bench *b, double seconds, outcome *o) {
+void come_back(app_bench *b, double seconds, outcome *o) {
     const double start = stored(b);
     const int32_t piece = (int32_t)(seconds / 100 / tm_world_step_s(b->world));
     o->x_name = "simulated s", o->y_name = "energy / energy at the start";
@@ -54,17 +54,17 @@ void come_back(bench *b, double seconds, outcome *o) {
 }
 
 static void inside_out(bool quick, double tissue, outcome *o) {
-    bench b;
+    app_bench b;
     (void)quick;
     if (!open_turning((int)tissue, 30, &b, o)) return;
     turn_inside_out(&b);
     come_back(&b, 8, o);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* To a fiftieth of its height (argument 0.02), or through the floor (negative). */
 static void crushed(bool quick, double height, outcome *o) {
-    bench b;
+    app_bench b;
     (void)quick;
     if (!open_turning(PLAIN, 30, &b, o)) return;
     tm_state *s = tm_world_state(b.world);
@@ -73,19 +73,19 @@ static void crushed(bool quick, double height, outcome *o) {
         s->u_m[i] = s->u_prev_m[i] =
             (i % 3 == 2 ? (height - 1) * b.mesh->rest_m[i] : 0) + 1e-5 * random_unit(&seed); /* no perfect symmetry */
     come_back(&b, 8, o);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* Free and undamped, turning `rate` radians a second: the scheme's energy must stay. Below 0: near incompressible. */
 static void spun(bool quick, double rate, outcome *o) {
-    bench b;
+    app_bench b;
     tm_error error = {0};
     tm_energy e;
     if (!open_turning(rate < 0 ? NEAR_INCOMPRESSIBLE : PLAIN, 0, &b, o)) return;
     rate = fabs(rate);
     if (tm_stage_energy(b.world, &error) != TM_OK) {
         refused(o, &error);
-        bench_close(&b);
+        app_bench_close(&b);
         return;
     }
     tm_state *s = tm_world_state(b.world);
@@ -101,7 +101,7 @@ static void spun(bool quick, double rate, outcome *o) {
     for (int i = 0; i < pieces; i++) {
         if (tm_world_step(b.world, steps) != TM_OK || tm_world_energy(b.world, &e, &error) != TM_OK) {
             broken(o, "displacements stopped being finite");
-            bench_close(&b);
+            app_bench_close(&b);
             return;
         }
         const double now = (e.kinetic_J + e.elastic_J) / e.start_J;
@@ -110,7 +110,7 @@ static void spun(bool quick, double rate, outcome *o) {
     }
     stable(o, worst, "energy within %.1e over %d steps, %.0f turns", worst, pieces * steps,
            rate * s->time_s / (2 * M_PI));
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 #define ROTATION "rotation"

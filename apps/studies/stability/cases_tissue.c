@@ -16,7 +16,7 @@
 static int64_t steps(bool quick) { return quick ? 20000 : 200000; }
 
 /* Runs undamped from random velocities at 0.95 of the guaranteed step and judges the scheme's own energy. */
-static void swing(bench *b, bool quick, outcome *o, const char *loss) {
+static void swing(app_bench *b, bool quick, outcome *o, const char *loss) {
     double dt = tm_world_step_s(b->world), drift = energy_drift(b, steps(quick), o);
     if (drift < 0)
         broken(o, "displacements stopped being finite");
@@ -26,48 +26,48 @@ static void swing(bench *b, bool quick, outcome *o, const char *loss) {
 }
 
 static void poisson(bool quick, double nu, outcome *o) {
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     tm_error error = {0};
     if (tm_material_young(5e3, nu, &def.material[0], &error) != TM_OK) {
         refused(o, &error);
         return;
     }
     if (!bench_open(&def, &b, o)) return;
-    bench_def soft = bench_default();
+    app_bench_def soft = bench_default();
     soft.material[0] = def.material[0];
     if (tm_material_young(5e3, 0.3, &soft.material[0], NULL) != TM_OK) abort();
-    bench s;
+    app_bench s;
     char loss[200] = "";
     outcome ignored = {0};
     if (bench_open(&soft, &s, &ignored)) {
         snprintf(loss, sizeof loss,
                  "the step is %.1f times shorter than at nu = 0.3, and linear tetrahedra lock (see make accuracy)",
                  tm_world_step_s(s.world) / tm_world_step_s(b.world));
-        bench_close(&s);
+        app_bench_close(&s);
     }
     swing(&b, quick, o, loss);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 static void contrast(bool quick, double ratio, outcome *o) {
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     def.material_count = 2;
     if (tm_material_young(5e3 * ratio, 0.45, &def.material[1], NULL) != TM_OK) abort();
     if (!bench_open(&def, &b, o)) return;
     char loss[120];
     snprintf(loss, sizeof loss, "the step is that of the stiff half, %.0f times shorter", sqrt(ratio));
     swing(&b, quick, o, loss);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* lambda = mu = 1 kPa, C13 = lambda: positive definite while C33 > C13^2 / (lambda_T + mu_T) = 500 Pa. `margin` above
  * or below it. */
 static void fibre_margin(bool quick, double margin, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     tm_error error = {0};
     double beta = 500.0 * (1 + margin) - 3000.0;
     if (tm_material_five(1e3, 1e3, 1e3, 1e3, beta, &def.material[0], &error) != TM_OK) {
@@ -77,7 +77,7 @@ static void fibre_margin(bool quick, double margin, outcome *o) {
     def.fibre = oblique;
     if (!bench_open(&def, &b, o)) return;
     swing(&b, quick, o, "one mode is a thousand times softer than the others");
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* One inner vertex is moved towards the opposite face of one of its tetrahedra: aspect ratios up to 1e6. */
@@ -89,8 +89,8 @@ static void squash(double *v, int32_t count, double aspect) {
 }
 
 static void sliver(bool quick, double aspect, outcome *o) {
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     def.deform = squash, def.argument = aspect;
     if (!bench_open(&def, &b, o)) return;
     int32_t tet = -1;
@@ -101,7 +101,7 @@ static void sliver(bool quick, double aspect, outcome *o) {
     snprintf(loss, sizeof loss, "aspect %.1e, and tetrahedron %d alone sets the step: %.3g us", worst, (int)tet,
              1e6 * step);
     swing(&b, quick, o, loss);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 typedef enum damage { FLAT, INVERTED, TWICE, UNUSED, VERTEX_TWICE, NOT_A_NUMBER, OUT_OF_RANGE } damage;
@@ -156,8 +156,8 @@ static void write_damaged(FILE *file, const app_block *block) {
 static void mended(bool quick, double argument, outcome *o) {
     (void)argument;
     char folder[] = "/tmp/tm-stability-XXXXXX", bad[64], good[64], command[1400], here[1024] = "";
-    bench_def def = bench_default();
-    bench b = {0};
+    app_bench_def def = bench_default();
+    app_bench b = {0};
     app_block block = {0};
     tm_mesh_file file = {0};
     tm_error error = {0};
@@ -188,7 +188,7 @@ static void mended(bool quick, double argument, outcome *o) {
         swing(
             &b, quick, o,
             "every seventh tetrahedron turned; a double, a flat, one with a vertex twice and an unused vertex dropped");
-    bench_close(&b);
+    app_bench_close(&b);
     tm_mesh_file_free(&file);
     app_block_free(&block);
     unlink(bad);
@@ -201,12 +201,12 @@ static void mended(bool quick, double argument, outcome *o) {
 static void disconnected(bool quick, double settle, outcome *o) {
     app_block block;
     tm_error error = {0};
-    bench b = {0};
+    app_bench b = {0};
     if (!app_block_make(&block, (int32_t[3]){2, 2, 3}, (double[3]){0.02, 0.02, 0.03})) return;
     /* The middle layer is left out; each layer has four cubes of six. */
     memmove(block.tet + 4 * 24, block.tet + 4 * 48, sizeof(int32_t) * 4 * 24);
     block.tet_count = 48;
-    bench_def def = bench_default();
+    app_bench_def def = bench_default();
     def.cells[0] = def.cells[1] = 2, def.cells[2] = 3;
     tm_status status = app_block_mesh(&block, NULL, &b.mesh, &error);
     app_block_free(&block);
@@ -238,14 +238,14 @@ static void disconnected(bool quick, double settle, outcome *o) {
                  -fall);
     }
     if (status != TM_OK) refused(o, &error);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* Held nowhere, at one vertex, everywhere: the motion stays bounded, and the clamp's rigid motions are the right ones.
  */
 static void supports(bool quick, double held, outcome *o) {
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     def.held = (int)held;
     if (!bench_open(&def, &b, o)) return;
     if (held == 3) {
@@ -259,15 +259,15 @@ static void supports(bool quick, double held, outcome *o) {
             broken(o, "a fully held block became unstable");
     } else
         swing(&b, quick, o, held == 1 ? "swings about its one vertex" : "flies freely");
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* A damped block comes to rest and stays there: no drift. What is left may be subnormal: the curve shows whether that
  * is slower. */
 static void ten_million(bool quick, double argument, outcome *o) {
     (void)argument;
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     def.cells[0] = def.cells[1] = def.cells[2] = 1;
     def.material[0].damping_1_s = 60;
     if (!bench_open(&def, &b, o)) return;
@@ -297,28 +297,28 @@ static void ten_million(bool quick, double argument, outcome *o) {
             o, moved,
             "after %lld steps the block is %.1e m from rest with %d subnormal components; the last steps took %.2f of the first ones' time",
             (long long)total, moved, subnormal, last / first);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 static void step_above(bool quick, double factor, outcome *o) {
     (void)quick;
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     if (!bench_open(&def, &b, o)) return;
     double guaranteed = tm_critical_step_guaranteed(b.tissue, NULL);
-    bench_close(&b);
+    app_bench_close(&b);
     def.dt_s = guaranteed * factor;
     if (bench_open(&def, &b, o)) {
         broken(o, "a step of %.3g times the guaranteed one was taken", factor);
-        bench_close(&b);
+        app_bench_close(&b);
     }
 }
 
 /* The step changes at random within the guaranteed one while the block swings. */
 static void changing_step(bool quick, double argument, outcome *o) {
     (void)argument;
-    bench_def def = bench_default();
-    bench b;
+    app_bench_def def = bench_default();
+    app_bench b;
     def.material[0].damping_1_s = 1;
     if (!bench_open(&def, &b, o)) return;
     double guaranteed = tm_critical_step_guaranteed(b.tissue, NULL), most = 0, start = 0;
@@ -340,7 +340,7 @@ static void changing_step(bool quick, double argument, outcome *o) {
         broken(o, "changing the step made it unstable");
     else
         stable(o, most, "the largest energy was %.3f of the first", most);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 #define TISSUE "tissue"

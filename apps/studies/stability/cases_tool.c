@@ -59,7 +59,7 @@ static void arena_close(arena *a, const char *words) {
                "%s: peak force %.3g N%s%s, largest displacement %.1f mm; %.1e m left after 3 s without the tool", words,
                a->peak_N, a->capped ? " (capped, flagged)" : "", a->inside ? " (inside, flagged)" : "",
                1e3 * a->deepest_m, left);
-    bench_close(&a->r.b);
+    app_bench_close(&a->r.b);
 }
 
 static void teleport(bool quick, double argument, outcome *o) {
@@ -117,7 +117,7 @@ static void from_inside(bool quick, double argument, outcome *o) {
     }
     if (a.peak_N <= 0) {
         broken(o, "after leaving the tissue the tool no longer touches it");
-        bench_close(&a.r.b);
+        app_bench_close(&a.r.b);
         return;
     }
     arena_close(&a, "placed inside, drawn out, pressed again");
@@ -191,7 +191,7 @@ static void standing(bool quick, double argument, outcome *o) {
         accurate(o, worst, "%.4g N, within %.1e of it for %d s", first, worst, quick ? 10 : 100);
     else
         broken(o, "no steady force");
-    bench_close(&a.r.b);
+    app_bench_close(&a.r.b);
 }
 
 #define TOOL "tool"

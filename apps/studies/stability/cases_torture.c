@@ -25,8 +25,8 @@ static tm_tool_pose tip(double x, double y, double deep_m) {
     return (tm_tool_pose){.tip_m = {x, y, TOP_M + RADIUS_M - deep_m}, .active = true};
 }
 
-static bench_def block(void) {
-    bench_def def = bench_default();
+static app_bench_def block(void) {
+    app_bench_def def = bench_default();
     def.cells[0] = def.cells[1] = 10, def.cells[2] = 6;
     def.size_m[2] = TOP_M;
     for (int i = 0; i < 2; i++) {
@@ -37,8 +37,8 @@ static bench_def block(void) {
 }
 
 /* Tools (mode and start [tools]) stand upright over their starts. */
-static bool torture_open(torture *x, bench_def block, int tools, const tm_tool_mode *mode, const tm_tool_pose *start,
-                         outcome *o) {
+static bool torture_open(torture *x, app_bench_def block, int tools, const tm_tool_mode *mode,
+                         const tm_tool_pose *start, outcome *o) {
     rig_def def = rig_default(tools, start);
     *x = (torture){.felt = false};
     def.bench = block, def.jaws = true;
@@ -92,14 +92,14 @@ static void spike(bool quick, double speed_m_s, outcome *o) {
                rest_N, x.jump_N);
     else
         unstable(&x);
-    bench_close(&x.r.b);
+    app_bench_close(&x.r.b);
 }
 
 /* A lip between two slits, under the tool, goes all at once. */
 static void tears(bool quick, double argument, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_PROBE};
     const tm_tool_pose above = tip(HERE_M[0], HERE_M[1], -0.001), deep = tip(HERE_M[0], HERE_M[1], 0.003);
-    bench_def def = block();
+    app_bench_def def = block();
     torture x;
     int32_t gone = 0;
     (void)quick, (void)argument;
@@ -125,7 +125,7 @@ static void tears(bool quick, double argument, outcome *o) {
             gone, before_N, x.peak_N[0], 100 * x.jump_N / before_N, vnorm(x.r.force_N[0]));
     else
         unstable(&x);
-    bench_close(&x.r.b);
+    app_bench_close(&x.r.b);
 }
 
 /* Two probes 9 mm apart, one deeper; then the same with the instruments' numbers exchanged. */
@@ -145,7 +145,7 @@ static void each_its_own(bool quick, double argument, outcome *o) {
         go(&x, deep, 0.5);
         go(&x, deep, 1);
         memcpy(force[run], x.r.force_N, sizeof force[run]);
-        bench_close(&x.r.b);
+        app_bench_close(&x.r.b);
         if (!x.r.finite) {
             unstable(&x);
             return;
@@ -167,7 +167,7 @@ static void lump(bool quick, double ratio, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_PROBE};
     const tm_tool_pose above = tip(0.0061, 0.0187, -0.001), beside = tip(0.0061, 0.0187, 0.003),
                        over = tip(0.0203, 0.0187, 0.003), beyond = tip(0.0341, 0.0187, 0.003);
-    bench_def def = block();
+    app_bench_def def = block();
     torture x;
     (void)quick;
     def.material_count = 2, def.second = in_lump;
@@ -185,7 +185,7 @@ static void lump(bool quick, double ratio, outcome *o) {
                stiff_N, x.jump_N);
     else
         unstable(&x);
-    bench_close(&x.r.b);
+    app_bench_close(&x.r.b);
 }
 
 /* Grasped, lifted, cut beside; twice. */
@@ -197,7 +197,7 @@ static void replays(bool quick, double argument, outcome *o) {
     (void)quick, (void)argument;
     for (int run = 0; run < 2; run++) {
         tm_tool_pose at[TOOLS] = {tip(0.014, 0.0187, -0.001), tip(0.028, 0.0187, -0.003)};
-        bench_def def = block();
+        app_bench_def def = block();
         torture x;
         def.cuttable = true;
         at[1].active = false;
@@ -209,7 +209,7 @@ static void replays(bool quick, double argument, outcome *o) {
         at[0].grip = 0, go(&x, at, 0.4), sum[run] += vnorm(x.r.force_N[0]);
         hash[run] = tm_world_hash(x.r.b.world);
         left = tm_tissue_alive_count(x.r.b.tissue) - x.r.b.mesh->tet_count;
-        bench_close(&x.r.b);
+        app_bench_close(&x.r.b);
         if (!x.r.finite) {
             unstable(&x);
             return;

@@ -7,7 +7,7 @@
 #include "stability.h"
 
 /* The mean square speed at the end of the run over that at its beginning: undamped, from random velocities. */
-static void swing(bench *b, int64_t steps, outcome *o) {
+static void swing(app_bench *b, int64_t steps, outcome *o) {
     const tm_state *s = tm_world_state(b->world);
     const int32_t n = 3 * b->mesh->vertex_count;
     double first = 0, last = 0;
@@ -29,15 +29,15 @@ static void swing(bench *b, int64_t steps, outcome *o) {
 }
 
 static void relaxing(bool quick, const tm_viscosity_term *term, int32_t count, bool volume, outcome *o) {
-    bench b;
-    bench_def def = bench_default();
+    app_bench b;
+    app_bench_def def = bench_default();
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     viscosity.count = count;
     memcpy(viscosity.term, term, sizeof *term * (size_t)count);
     def.viscosity = &viscosity, def.volume = volume;
     if (!bench_open(&def, &b, o)) return;
     swing(&b, quick ? 4000 : 200000, o);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 static void alone(bool quick, double time_s, outcome *o) {
@@ -57,8 +57,8 @@ static void three(bool quick, double unused, outcome *o) {
 /* Perfused liver under fast compression (apps/studies/accuracy/knob_viscosity.c says whose): 99 % of the shear goes
  * within a tenth of a second, the volume stays, and it hardly changes. */
 static void liver(bool quick, double poisson, outcome *o) {
-    bench b;
-    bench_def def = bench_default();
+    app_bench b;
+    app_bench_def def = bench_default();
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     viscosity.count = 3;
     viscosity.term[0] = (tm_viscosity_term){1e-3, 0.3479, 0};
@@ -68,15 +68,15 @@ static void liver(bool quick, double poisson, outcome *o) {
     def.viscosity = &viscosity, def.volume = true;
     if (!bench_open(&def, &b, o)) return;
     swing(&b, quick ? 4000 : 200000, o);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 /* With `rotation`: every vertex anywhere in a box of half the size, left alone. What is left of the energy after 8 s.
  */
 static void inside_out(bool quick, double fibred, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
-    bench b;
-    bench_def def = bench_default();
+    app_bench b;
+    app_bench_def def = bench_default();
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     (void)quick;
     viscosity.count = 2;
@@ -87,10 +87,10 @@ static void inside_out(bool quick, double fibred, outcome *o) {
     if (!bench_open(&def, &b, o)) return;
     turn_inside_out(&b);
     come_back(&b, 8, o);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
-static double difference(const bench *b, const double *truth) {
+static double difference(const app_bench *b, const double *truth) {
     const double *u = tm_world_state(b->world)->u_m;
     double off = 0, most = 0;
     for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++)
@@ -101,8 +101,8 @@ static double difference(const bench *b, const double *truth) {
 /* Under its own weight, a fifth of its tetrahedra removed one by one while it relaxes; where it comes to lie is where
  * it settles. */
 static void cut(bool quick, double unused, outcome *o) {
-    bench b;
-    bench_def def = bench_default();
+    app_bench b;
+    app_bench_def def = bench_default();
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     tm_error error = {0};
     (void)quick, (void)unused;
@@ -131,7 +131,7 @@ static void cut(bool quick, double unused, outcome *o) {
     else
         broken(o, "%s: %s", tm_status_name(status), error.message);
     free(truth);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 #define VISCOSITY "viscosity"

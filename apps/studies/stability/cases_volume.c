@@ -8,8 +8,8 @@
 
 /* Undamped from random velocities at 0.95 of the guaranteed step; the scheme's own energy, and the step beside that of
  * linear tetrahedra. */
-static void swing(bench_def *def, bool quick, outcome *o) {
-    bench b, linear;
+static void swing(app_bench_def *def, bool quick, outcome *o) {
+    app_bench b, linear;
     outcome ignored = {0};
     def->volume = true;
     if (!bench_open(def, &b, o)) return;
@@ -19,24 +19,24 @@ static void swing(bench_def *def, bool quick, outcome *o) {
     def->volume = false;
     if (bench_open(def, &linear, &ignored)) {
         gain = dt / tm_world_step_s(linear.world);
-        bench_close(&linear);
+        app_bench_close(&linear);
     }
     if (drift < 0)
         broken(o, "displacements stopped being finite");
     else
         stable(o, drift, "energy within %.1e over %lld steps of %.3g us, %.2f times those of linear tetrahedra", drift,
                (long long)steps, 1e6 * dt, gain);
-    bench_close(&b);
+    app_bench_close(&b);
 }
 
 static void poisson(bool quick, double nu, outcome *o) {
-    bench_def def = bench_default();
+    app_bench_def def = bench_default();
     if (tm_material_young(5e3, nu, &def.material[0], NULL) != TM_OK) abort();
     swing(&def, quick, o);
 }
 
 static void contrast(bool quick, double ratio, outcome *o) {
-    bench_def def = bench_default();
+    app_bench_def def = bench_default();
     def.material_count = 2;
     if (tm_material_young(5e3 * ratio, 0.49, &def.material[1], NULL) != TM_OK) abort();
     swing(&def, quick, o);
@@ -49,14 +49,14 @@ static void squash(double *v, int32_t count, double aspect) {
 }
 
 static void sliver(bool quick, double aspect, outcome *o) {
-    bench_def def = bench_default();
+    app_bench_def def = bench_default();
     def.deform = squash, def.argument = aspect;
     swing(&def, quick, o);
 }
 
 static void fibred(bool quick, double shear, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
-    bench_def def = bench_default();
+    app_bench_def def = bench_default();
     def.fibre = oblique, def.volume_shear = shear;
     if (tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &def.material[0], NULL) != TM_OK) abort();
     swing(&def, quick, o);

@@ -2,6 +2,7 @@
 #ifndef TM_STABILITY_H
 #define TM_STABILITY_H
 
+#include "bench.h"
 #include "tensormass.h"
 #include "tensormass/cut.h"
 #include "tensormass/grasp.h"
@@ -42,46 +43,17 @@ extern const int cases_tissue_count, cases_volume_count, cases_tool_count, cases
 
 /* --- helpers of the cases --- */
 
-/* A clamped block (z = 0 held), ready to step. */
-typedef struct bench {
-    tm_mesh *mesh;
-    tm_tissue *tissue;
-    tm_world *world;
-    tm_rotation *rotation; /* or null */
-} bench;
-
-typedef struct bench_def {
-    int32_t cells[3];
-    double size_m[3];
-    tm_material material[2];
-    int material_count; /* 2: the second fills the upper half, or where `second` says */
-    bool (*second)(const double centre_m[3]);
-    const double *fibre; /* one direction for all */
-    double dt_s;         /* 0: step_fraction of the guaranteed */
-    double step_fraction;
-    bool cuttable;
-    double rotation;                   /* threshold of the effect; 0: linear */
-    bool volume;                       /* the effect of that name */
-    const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
-    double volume_shear;
-    int held; /* 0 none, 1 one vertex, 2 the bottom, 3 all */
-    /* Last word on the geometry before the mesh is made; may be null. */
-    void (*deform)(double *vertex_m, int32_t vertex_count, double argument);
-    double argument;
-} bench_def;
-
-bench_def bench_default(
-    void); /* 4x4x4 cells of 10 mm, E = 5 kPa, nu = 0.45, undamped, bottom held, 0.95 of the guaranteed step */
-/* On failure the outcome is REFUSED with the message, and false comes back. */
-bool bench_open(const bench_def *def, bench *b, outcome *o);
+/* 4x4x4 cells of 10 mm, E = 5 kPa, nu = 0.45, undamped, bottom held, 0.95 of the guaranteed step. */
+app_bench_def bench_default(void);
+/* On failure the outcome is REFUSED with the message, and false comes back. Closed by app_bench_close. */
+bool bench_open(const app_bench_def *def, app_bench *b, outcome *o);
 /* The same on a mesh that is in `b` already, its lowest layer of vertices first. */
-bool bench_start(const bench_def *def, bench *b, outcome *o);
-void bench_close(bench *b);
+bool bench_start(const app_bench_def *def, app_bench *b, outcome *o);
 
 /* A bench with instruments of 2.5 mm, whose contact every case here presses, and what was felt of it. */
 enum { RIG_TOOLS = 2 };
 typedef struct rig {
-    bench b;
+    app_bench b;
     tm_contact *contact;
     tm_grasp *grasp;
     tm_friction *friction;
@@ -93,7 +65,7 @@ typedef struct rig {
 } rig;
 
 typedef struct rig_def {
-    bench_def bench; /* cuttable: with the stage that cuts */
+    app_bench_def bench; /* cuttable: with the stage that cuts */
     int tools;
     tm_instrument_def tool[RIG_TOOLS];
     double skin_m_N;
@@ -103,7 +75,7 @@ typedef struct rig_def {
 
 /* `tools` probes that stand upright above where they start. */
 rig_def rig_default(int tools, const tm_tool_pose *start);
-/* As bench_open; closed by bench_close(&r->b). `force_name` is of the curve's axis. */
+/* As bench_open; closed by app_bench_close(&r->b). `force_name` is of the curve's axis. */
 bool rig_open(const rig_def *def, rig *r, const char *force_name, outcome *o);
 /* Runs one frame of so many steps in which tools go to r->at, or jump there; forces are means over `window` of them. */
 void rig_steps(rig *r, int32_t steps, int32_t window, bool jump);
@@ -122,14 +94,14 @@ void series_add(outcome *o, double x, double y);
 
 /* Random velocities, then `steps` undamped steps: the scheme's own energy must stay. Returns its largest relative
  * change; negative: the run broke. Adds energy to the series. */
-double energy_drift(bench *b, int64_t steps, outcome *o);
+double energy_drift(app_bench *b, int64_t steps, outcome *o);
 /* The scheme's own energy: v.Mv/2 at n+1/2 plus u_n.K u_(n+1)/2, from the world's u_prev and u. */
-double scheme_energy(bench *b, double *scratch);
+double scheme_energy(app_bench *b, double *scratch);
 /* Of turning tissue: puts each vertex anywhere in a box of half the size. */
-void turn_inside_out(bench *b);
+void turn_inside_out(app_bench *b);
 /* Leaves turning tissue alone for `seconds` and says what energy is left of what it had. */
-void come_back(bench *b, double seconds, outcome *o);
-void random_velocities(bench *b, uint64_t seed, double speed_m_s);
+void come_back(app_bench *b, double seconds, outcome *o);
+void random_velocities(app_bench *b, uint64_t seed, double speed_m_s);
 double random_unit(uint64_t *state); /* -1..1 */
 
 #endif
