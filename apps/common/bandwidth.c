@@ -13,6 +13,12 @@ double app_seconds(void) { return read_clock(CLOCK_MONOTONIC); }
 
 double app_processor_s(void) { return read_clock(CLOCK_PROCESS_CPUTIME_ID); }
 
+void *app_zeroed(size_t count, size_t size) {
+    void *memory = calloc(count + 1, size);
+    if (!memory) abort();
+    return memory;
+}
+
 static int ascending(const void *a, const void *b) {
     double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);

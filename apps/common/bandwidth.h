@@ -9,6 +9,9 @@
  * that is judged. */
 double app_bandwidth_B_s(size_t bytes, int rounds);
 
+/* Memory for `count` things, zeroed, of 1 at least; a program that has none left ends here. */
+void *app_zeroed(size_t count, size_t size);
+
 /* Median of `count` values, which are sorted in place. */
 double app_median(double *value, int count);
 

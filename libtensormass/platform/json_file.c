@@ -56,6 +56,11 @@ cJSON *app_json_add(cJSON *to, const char *members, ...) {
     return out;
 }
 
+int app_json_save(const char *path, const cJSON *root) {
+    tm_error error = {0};
+    return path && app_json_write(path, root, &error) ? app_report(NULL, 0, &error) : 0;
+}
+
 int app_file_end_json(app_file *file, cJSON *report) {
     tm_error error = {0};
     const bool begun = file->begun;

@@ -9,6 +9,8 @@
 
 /* Writes `root` (not freed). On failure the message names the path. */
 tm_status app_json_write(const char *path, const cJSON *root, tm_error *error);
+/* The same: 0 or an exit code, having complained. `path` null: nobody asked. */
+int app_json_save(const char *path, const cJSON *root);
 /* The same into an output that has begun, which ends here. */
 bool app_json_end(app_output *output, FILE *stream, const cJSON *root, tm_error *error);
 

@@ -66,11 +66,6 @@ static void list(void) {
     for (int k = 0; k < KNOBS; k++) printf("%-10s %s\n", knobs[k].name, knobs[k].what);
 }
 
-static int write_json(const char *path, cJSON *root) {
-    tm_error error = {0};
-    return app_json_write(path, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
-}
-
 static int measure(const char *json, const char *reference_path, bool quick, const bool *wanted) {
     tm_error error = {0};
     reference *truth = reference_open(reference_path, &error);
@@ -88,7 +83,7 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     }
     /* Measured beside what it is held against: arrays as large as the tensors of 10,000 tetrahedra. */
     app_json_add(root, "bandwidth_B_s %g", app_bandwidth_B_s(4 << 20, 15));
-    if (exit == APP_DONE) exit = write_json(json, root);
+    if (exit == APP_DONE) exit = app_json_save(json, root);
     cJSON_Delete(root);
     reference_close(truth);
     return exit;

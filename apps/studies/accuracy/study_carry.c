@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "mesh_file.h"
 #include "study.h"
 
@@ -103,8 +104,7 @@ bool study_write_carried(const sim *own, const char *path) {
     tm_mesh_file out;
     tm_error error = {0};
     groups g = groups_of(own);
-    int32_t *self = calloc((size_t)file->vertex_count + 1, sizeof *self);
-    if (!self) abort();
+    int32_t *self = app_zeroed((size_t)file->vertex_count, sizeof *self);
     for (int32_t v = 0; v < file->vertex_count; v++) self[v] = v;
     bool good = like(own, &g, file->vertex_count, file->tet_count, &out);
     if (good) {
@@ -134,16 +134,14 @@ static int32_t nearest(const double *point, int32_t count, const unsigned char *
 }
 
 static double *centres(const double *vertex, const int32_t *tet, int32_t count) {
-    double *out = calloc(3 * (size_t)count + 1, sizeof *out);
-    if (!out) abort();
+    double *out = app_zeroed(3 * (size_t)count, sizeof *out);
     for (int32_t i = 0; i < 12 * count; i++) /* tetrahedron, corner, axis */
         out[3 * (i / 12) + i % 3] += 0.25 * vertex[3 * (size_t)tet[i / 3] + (size_t)(i % 3)];
     return out;
 }
 
 static unsigned char *outer(const tm_mesh *mesh) {
-    unsigned char *out = calloc((size_t)mesh->vertex_count + 1, 1);
-    if (!out) abort();
+    unsigned char *out = app_zeroed((size_t)mesh->vertex_count, 1);
     for (int32_t i = 0; i < 3 * mesh->surface_count; i++) out[mesh->surface[i]] = 1;
     return out;
 }
@@ -151,9 +149,8 @@ static unsigned char *outer(const tm_mesh *mesh) {
 /* Of each vertex of `mesh` the one of the scene's file that it takes groups from. Those of the surface go to vertices
  * of the surface. */
 static int32_t *partners(const sim *own, const tm_mesh *mesh) {
-    int32_t *from = calloc((size_t)mesh->vertex_count + 1, sizeof *from);
+    int32_t *from = app_zeroed((size_t)mesh->vertex_count, sizeof *from);
     unsigned char *old_outer = outer(own->mesh), *new_outer = outer(mesh);
-    if (!from) abort();
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         from[v] = nearest(own->mesh->rest_m, own->mesh->vertex_count, new_outer[v] ? old_outer : NULL,
                           mesh->rest_m + 3 * (size_t)v);

@@ -159,8 +159,7 @@ static double change_of(const study *t, const sim *s, const double *samples_N, i
     const study_run *own = &t->run[0];
     const size_t width = 3 * (size_t)s->instrument_count;
     if (frames != own->frames) return NAN;
-    double *force_N = malloc(sizeof *force_N * (width * (size_t)frames + 1));
-    if (!force_N) abort();
+    double *force_N = app_zeroed(width * (size_t)frames, sizeof *force_N);
     study_at_frames(samples_N, frames, s->samples, width, study_back(s), force_N);
     const double change = study_distance(force_N, own->force_N, width * (size_t)frames);
     free(force_N);
@@ -179,10 +178,9 @@ static bool sample_scene(study *t, study_run *r, recording *rec, char *why, size
     sim *s = build_with(t, r, more, why, size);
     if (!s) return false;
     const int frames = (int)llround(t->duration_s / s->frame_s);
-    double *cost_s = calloc((size_t)frames + 1, sizeof *cost_s);
+    double *cost_s = app_zeroed((size_t)frames, sizeof *cost_s);
     now = (taking){.publisher = {.session = 1}, .rec = rec};
-    now.force_N = calloc(3 * (size_t)frames * (size_t)s->samples * (size_t)s->instrument_count + 1, sizeof(double));
-    if (!cost_s || !now.force_N) abort();
+    now.force_N = app_zeroed(3 * (size_t)frames * (size_t)s->samples * (size_t)s->instrument_count, sizeof(double));
     for (int i = 0; i < s->instrument_count; i++) {
         s->wants[i] = s->can_send, rec[i].instrument = i;
         recording_begin(&rec[i], s, frames * s->samples, 0);
@@ -272,9 +270,8 @@ static bool measure_group(study *t, study_run *r, recording *rec, bool *truth) {
 
 /* A frame's samples first, then from the highest rate down. */
 int study_measure_felt(study *t) {
-    recording *rec = calloc(TM_MAX_INSTRUMENTS, sizeof *rec);
+    recording *rec = app_zeroed(TM_MAX_INSTRUMENTS, sizeof *rec);
     bool truth = false, goes_on = true;
-    if (!rec) abort();
     for (int i = 1; i < t->run_count && goes_on; i++)
         if (t->run[i].felt_first && t->run[i].times == 1) goes_on = measure_group(t, &t->run[i], rec, &truth);
     for (int i = t->run_count - 1; i > 0 && goes_on; i--)

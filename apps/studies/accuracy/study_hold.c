@@ -143,10 +143,9 @@ static walk begin_walk(const study_run *own, const sim *s, double seconds) {
               .back = study_back(s),
               .frame_s = s->frame_s,
               .sample_s = s->sample_s};
-    w.cost_s = calloc((size_t)w.frames + 1, sizeof *w.cost_s);
-    w.work_s = calloc((size_t)w.frames + 1, sizeof *w.work_s);
-    w.force_N = calloc((size_t)w.frames * (size_t)w.samples * (size_t)own->instruments * 3 + 1, sizeof *w.force_N);
-    if (!w.cost_s || !w.work_s || !w.force_N) abort();
+    w.cost_s = app_zeroed((size_t)w.frames, sizeof *w.cost_s);
+    w.work_s = app_zeroed((size_t)w.frames, sizeof *w.work_s);
+    w.force_N = app_zeroed((size_t)w.frames * (size_t)w.samples * (size_t)own->instruments * 3, sizeof *w.force_N);
     return w;
 }
 
@@ -211,8 +210,7 @@ static double error_of(const study *t, const walk *w) {
     const study_run *own = &t->run[0];
     const size_t width = (size_t)own->instruments * 3, path = (size_t)own->frames * width;
     const int laps = w->frames / own->frames;
-    double worst = laps ? 0 : NAN, *force_N = malloc(sizeof *force_N * (path + 1));
-    if (!force_N) abort();
+    double worst = laps ? 0 : NAN, *force_N = app_zeroed(path, sizeof *force_N);
     for (int lap = 0; lap < laps; lap++) {
         study_at_frames(w->force_N + (size_t)lap * path * (size_t)w->samples, own->frames, w->samples, width, w->back,
                         force_N);

@@ -111,8 +111,7 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
 
 /* The same vertices of the file in every run, as finer meshes keep their numbers: the mesh's numbers of them. */
 static void choose_points(const sim *s, int own_vertices, int32_t point[STUDY_POINTS]) {
-    int32_t *vertex = calloc((size_t)s->mesh->vertex_count, sizeof *vertex);
-    if (!vertex) abort();
+    int32_t *vertex = app_zeroed((size_t)s->mesh->vertex_count, sizeof *vertex);
     sim_vertices_of_file(s, vertex);
     for (int p = 0; p < STUDY_POINTS; p++) point[p] = vertex[(size_t)p * (size_t)own_vertices / STUDY_POINTS];
     free(vertex);
@@ -129,35 +128,31 @@ static void take_shape(const sim *s, const int32_t point[STUDY_POINTS], study_ru
 
 int study_threads(const sim *s) { return s->model->world ? tm_world_parts(s->model->world) : 1; }
 
-static bool take_memory(study_run *r, const sim *s, double duration_s) {
+static void take_memory(study_run *r, const sim *s, double duration_s) {
     r->frames = (int)llround(duration_s / s->frame_s);
     r->instruments = s->instrument_count;
     r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps, r->tets = s->mesh->tet_count;
     r->threads = study_threads(s);
     /* The precomputed model moves the surface alone. */
     r->points = r->foreign || s->scene->model.index == APP_PRECOMPUTED ? 0 : STUDY_POINTS;
-    r->force_N = calloc((size_t)r->frames * (size_t)r->instruments * 3 + 1, sizeof(double));
-    r->u_m = calloc((size_t)STUDY_MOMENTS * STUDY_POINTS * 3, sizeof(double));
-    return r->force_N && r->u_m;
+    r->force_N = app_zeroed((size_t)r->frames * (size_t)r->instruments * 3, sizeof(double));
+    r->u_m = app_zeroed((size_t)STUDY_MOMENTS * STUDY_POINTS * 3, sizeof(double));
 }
 
 /* The frames. What a frame costs is processor time, which other programs on the machine stretch least; how long several
  * threads take over it is not to be had from that. */
 static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
-    tm_tool_pose to[TM_MAX_INSTRUMENTS];
     int32_t point[STUDY_POINTS];
     char label[120];
     if (r->points) choose_points(s, t->own_vertices, point);
     snprintf(label, sizeof label, "%s: %s", r->knob, r->name);
     const double wall = app_seconds();
     for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
-        for (int i = 0; i < r->instruments; i++) to[i] = sim_hand_pose(s, i, k * s->frame_s);
-        const double before = app_processor_s(), began = app_seconds();
-        const tm_status status = sim_frame(s, to, s->substeps);
+        const double began = app_seconds();
+        const bool good = study_frame(s, k - 1, &(study_each){0}, &cost_s[k - 1]);
         if (s->broken_off) return;
-        cost_s[k - 1] = app_processor_s() - before;
         busy_s[k - 1] = r->threads > 1 ? app_seconds() - began : cost_s[k - 1];
-        if (status) {
+        if (!good) {
             r->failed = true;
             snprintf(r->why, sizeof r->why, "went unstable in frame %d", k);
             return;
@@ -181,10 +176,9 @@ void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) 
 }
 
 static void run_frames(study *t, study_run *r, sim *s) {
-    if (!take_memory(r, s, t->duration_s)) abort();
-    double *cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s);
-    double *busy_s = calloc((size_t)r->frames + 1, sizeof *busy_s);
-    if (!cost_s || !busy_s) abort();
+    take_memory(r, s, t->duration_s);
+    double *cost_s = app_zeroed((size_t)r->frames, sizeof *cost_s);
+    double *busy_s = app_zeroed((size_t)r->frames, sizeof *busy_s);
     drive(t, r, s, cost_s, busy_s);
     study_take_price(r, cost_s, busy_s, r->frames);
     free(cost_s);

@@ -109,8 +109,7 @@ static int dress(const sim *own, study_mesh *m) {
     tm_error error = {0};
     int tets = 0;
     if (!tm_mesh_file_load(m->path, 1, &file, &error) && !tm_mesh_file_build(&file, &mesh, &error)) {
-        double *fibre = calloc(3 * (size_t)mesh->tet_count + 1, sizeof *fibre);
-        if (!fibre) abort();
+        double *fibre = app_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre);
         const bool good = study_transfer(own, mesh, m->path, fibre) &&
                           (!own->fibre || study_write_fibres(fibre, mesh->tet_count, m->fibres));
         tets = good ? mesh->tet_count : 0;

@@ -72,8 +72,7 @@ static double work_about(const double *work_s, int frames, int k) {
 study_pace study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
                             double allowed_s) {
     study_pace out = {.slower = 1, .over = frames ? 0 : 1, .dearer = frames ? 0 : 1};
-    double *slower = malloc(sizeof *slower * ((size_t)frames + 1));
-    if (!slower) abort();
+    double *slower = app_zeroed((size_t)frames, sizeof *slower);
     for (int k = 0; k < frames; k++) {
         /* A machine that became faster makes nothing dearer. */
         slower[k] = work_then_s > 0 ? fmax(1, work_about(work_s, frames, k) / work_then_s) : 1;

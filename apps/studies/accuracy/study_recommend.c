@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "study.h"
 
 /* Of the budget, and of the frame; the rest is for what the hand does that its path did not. */
@@ -128,9 +129,8 @@ static void consider(study *t, study_choice c, int knob, const tried *known, boo
 
 static bool choose(study *t, const tried *known) {
     const study_run *own = &t->run[0];
-    double *scratch = malloc(sizeof(double) * ((size_t)own->frames * (size_t)own->instruments * 3 + 1));
+    double *scratch = app_zeroed((size_t)own->frames * (size_t)own->instruments * 3, sizeof(double));
     bool any = false;
-    if (!scratch) abort();
     for (int i = 0; i < t->run_count; i++)
         if (is_mesh(&t->run[i]) && usable(t, &t->run[i]))
             consider(t, (study_choice){.wanted = true, .mesh_run = i}, 0, known, &any, scratch);

@@ -151,7 +151,6 @@ static void add_choice(cJSON *out, const study *t) {
 
 int study_save(const study *t, bool whole) {
     char hash[17];
-    tm_error error = {0};
     cJSON *root = cJSON_CreateObject();
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)t->scene_hash);
     app_json_add(root, "study %s scene %s scene_hash %s version %s", "tensormass accuracy of a scene", t->file, hash,
@@ -176,7 +175,7 @@ int study_save(const study *t, bool whole) {
         for (int i = 0; i < t->run_count && !here; i++) here = t->run[i].done && !strcmp(t->run[i].key, key);
         if (!here && !whole) cJSON_AddItemToArray(runs, cJSON_Duplicate(one, true));
     }
-    const int rc = app_json_write(t->json, root, &error) ? app_report(NULL, 0, &error) : 0;
+    const int rc = app_json_save(t->json, root);
     cJSON_Delete(root);
     return rc;
 }

@@ -230,8 +230,7 @@ static bool touches(const study_run *r, int frames) {
 }
 
 static bool own_goes_on(study *t, const study_run *r, int k, double spent_s) {
-    if (!t->time.path) t->time.path = calloc((size_t)r->frames + 1, sizeof *t->time.path);
-    if (!t->time.path) abort();
+    if (!t->time.path) t->time.path = app_zeroed((size_t)r->frames, sizeof *t->time.path);
     t->time.path[k - 1] = spent_s;
     const bool enough = spent_s > OWN * t->limit_s && touches(r, k);
     if (k == r->frames || k < 2 || (!enough && spent_s <= UNTOUCHED * t->limit_s)) return true;

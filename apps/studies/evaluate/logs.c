@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "app.h"
+#include "bandwidth.h"
 #include "evaluate.h"
 #include "io/from_message.h"
 #include "link.h"
@@ -209,8 +210,7 @@ static app_verdict take_patch(void *user, int instrument, int64_t logged_us, con
 /* The truth of the log, or the paper's. */
 static void finish(reading *g) {
     recording *r = g->r;
-    r->truth_N = calloc(3 * (size_t)r->ticks, sizeof *r->truth_N);
-    if (!r->truth_N) abort();
+    r->truth_N = app_zeroed(3 * (size_t)r->ticks, sizeof *r->truth_N);
     r->frame_s = r->samples > 1 ? 1e-6 * (double)(r->sample[r->samples - 1].sample.t_us - r->sample[0].sample.t_us) /
                                       (r->samples - 1)
                                 : 0;

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "evaluate.h"
 #include "sim/publish.h"
 
@@ -19,8 +20,7 @@ struct loop_tissue {
 loop_tissue *loop_tissue_open(model m, double rate_Hz, double factor) {
     char mesh[2048], of_mesh[2100];
     const char *const coarse[] = {of_mesh, NULL};
-    loop_tissue *t = calloc(1, sizeof *t);
-    if (!t) abort();
+    loop_tissue *t = app_zeroed(1, sizeof *t);
     app_shared_file("meshes/block_1k.msh", mesh, sizeof mesh);
     snprintf(of_mesh, sizeof of_mesh, "tissue.mesh=%s", mesh);
     t->s = model_open(m, rate_Hz, coarse);

@@ -39,12 +39,6 @@ static void list(void) {
     printf("\n");
 }
 
-static int write_json(const char *file_name, cJSON *root) {
-    tm_error error = {0};
-    if (!file_name) return APP_DONE;
-    return app_json_write(file_name, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
-}
-
 /* What the log must hold for an extrapolator to be itself: without it the controller runs another in its place. */
 static const char *lacks(const recording *r, hrt_extrapolator which) {
     bool stiffness = false, patch = false;
@@ -106,8 +100,7 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
 static void write_forces(FILE *to, const recording *r, int instrument, const conditions *c) {
     float *force[HRT_EXTRAPOLATOR_COUNT];
     for (int x = 0; to && x < HRT_EXTRAPOLATOR_COUNT; x++) {
-        force[x] = calloc(3 * (size_t)r->ticks, sizeof *force[x]);
-        if (!force[x]) abort();
+        force[x] = app_zeroed(3 * (size_t)r->ticks, sizeof *force[x]);
         replay(r, (hrt_extrapolator)x, c, force[x]);
     }
     for (int k = 0; to && k < r->ticks; k++) {
@@ -153,7 +146,7 @@ static int evaluate_logs(char **log, int count, const conditions *c, const char 
     if (rc && to) fclose(to);
     if (rc) app_output_abandon(&output);
     if (output.begun && !app_output_end(&output, to, &error)) rc = app_report(NULL, 0, &error);
-    if (!rc) rc = write_json(json, root);
+    if (!rc) rc = app_json_save(json, root);
     cJSON_Delete(root);
     return rc;
 }
@@ -184,7 +177,7 @@ static int study(const study_run *run, const bool wanted[PART_COUNT], const char
         rc = make[i](run, part);
     }
     app_json_add(root, "bandwidth_B_s %g", rc ? 0 : app_bandwidth_B_s(4 << 20, 15));
-    if (!rc) rc = write_json(json, root);
+    if (!rc) rc = app_json_save(json, root);
     app_progress("", 1, true);
     cJSON_Delete(root);
     return rc;

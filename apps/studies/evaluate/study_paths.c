@@ -20,17 +20,13 @@ typedef struct setting {
 
 void progress(const char *what, double fraction) { app_progress(what, fraction, false); }
 
+static void *copy_of(const void *from, size_t bytes) { return memcpy(app_zeroed(bytes, 1), from, bytes); }
+
 void copy_truth(const recording *truth, recording *out) {
-    size_t bytes = 3 * (size_t)truth->ticks * sizeof(float);
+    const size_t bytes = 3 * (size_t)truth->ticks * sizeof(float);
     out->ticks = truth->ticks, out->peak_N = truth->peak_N;
-    out->tip_m = malloc(bytes), out->truth_N = malloc(bytes);
-    if (!out->tip_m || !out->truth_N) abort();
-    memcpy(out->tip_m, truth->tip_m, bytes);
-    memcpy(out->truth_N, truth->truth_N, bytes);
-    if (!truth->phase) return;
-    out->phase = malloc((size_t)truth->ticks);
-    if (!out->phase) abort();
-    memcpy(out->phase, truth->phase, (size_t)truth->ticks);
+    out->tip_m = copy_of(truth->tip_m, bytes), out->truth_N = copy_of(truth->truth_N, bytes);
+    if (truth->phase) out->phase = copy_of(truth->phase, (size_t)truth->ticks);
 }
 
 static void add_error(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth,
@@ -236,9 +232,8 @@ static int one_depth(model m, double depth_m, cJSON *rows) {
     p.depth_m = depth_m;
     recording r = {0};
     if (record_truth(m, &p, false, &r)) return APP_FAILED;
-    double *second = malloc(sizeof *second * (size_t)r.ticks), most = 0;
+    double *second = app_zeroed((size_t)r.ticks, sizeof *second), most = 0;
     int count = 0;
-    if (!second) abort();
     for (int k = 1; k + 1 < r.ticks; k++) {
         const float *a = r.truth_N + 3 * (k - 1), *b = a + 3, *c = b + 3;
         double d2 = 0, na = 0, nb = 0, nc = 0;

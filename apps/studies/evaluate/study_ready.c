@@ -46,8 +46,7 @@ static tm_status make_bed(bed *b, const int32_t cells[3], tm_error *error) {
 }
 
 static tm_status make_patches(bed *b, const sim_solve_api *api, tm_error *error) {
-    uint8_t *fixed = calloc(3 * (size_t)b->b.mesh->vertex_count, 1);
-    if (!fixed) abort();
+    uint8_t *fixed = app_zeroed(3 * (size_t)b->b.mesh->vertex_count, 1);
     tm_support_mask(b->b.world, fixed);
     tm_factored_def def = api->tm_factored_def_default_();
     def.tissue = b->b.tissue, def.fixed = fixed;

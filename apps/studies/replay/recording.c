@@ -125,12 +125,6 @@ void device_see(const sim *s, int instrument, const hrt_params *params, const do
     hrt_tip(&axes, joint, seen_m);
 }
 
-static void *zeroed(size_t count, size_t size) {
-    void *memory = calloc(count + 1, size);
-    if (!memory) abort();
-    return memory;
-}
-
 static void drop_samples(recording *r) {
     for (int i = 0; i < r->samples; i++) free(r->sample[i].patch);
     free(r->sample);
@@ -141,12 +135,12 @@ void recording_begin(recording *r, const sim *s, int samples, int ticks) {
     r->mode = s->instrument_def[r->instrument].mode;
     if (ticks) {
         r->ticks = ticks;
-        r->tip_m = zeroed(3 * (size_t)ticks, sizeof *r->tip_m),
-        r->truth_N = zeroed(3 * (size_t)ticks, sizeof *r->truth_N);
+        r->tip_m = app_zeroed(3 * (size_t)ticks, sizeof *r->tip_m),
+        r->truth_N = app_zeroed(3 * (size_t)ticks, sizeof *r->truth_N);
         return;
     }
     drop_samples(r);
-    r->frame_s = s->sample_s, r->samples = samples, r->sample = zeroed((size_t)samples, sizeof *r->sample);
+    r->frame_s = s->sample_s, r->samples = samples, r->sample = app_zeroed((size_t)samples, sizeof *r->sample);
 }
 
 /* The force is the mean of the last substeps: the tool was where it is told of half as long before the sample's end. */
@@ -160,7 +154,7 @@ void recording_sample(recording *r, sim_publisher *p, const sim *s, int k) {
     *out = (sampled){.ready_us = end_us};
     hrt_sample_from_message(&m, def->trocar_m, def->mode != TM_TOOL_GRASPER, &r->params, &out->sample);
     if (!sim_contact_patch(p, s, &m, &p->patch)) return;
-    out->patch = zeroed(1, sizeof *out->patch);
+    out->patch = app_zeroed(1, sizeof *out->patch);
     if (hrt_patch_from_message(&p->patch, def->trocar_m, scratch, out->patch) == HRT_ACCEPT)
         out->sample.patch = out->patch;
     else
@@ -292,8 +286,7 @@ int record_scene_truth(const scene_record *of, recording *out) {
     for (int i = 0; i < count; i++) {
         phase_watch_begin(&out[i].watch);
         out[i].instrument = i;
-        out[i].phase = calloc((size_t)ticks + 1, sizeof *out->phase);
-        if (!out[i].phase) abort();
+        out[i].phase = app_zeroed((size_t)ticks, sizeof *out->phase);
     }
     return finish(s, record_ticks(s, ticks, count, &(leader){poses_at, NULL, out}, out), of, 1e6 / TICK_US);
 }

@@ -108,32 +108,31 @@ const char *replay_law_name(int law) {
 }
 
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N) {
-    static player player;
+    static player playing;
     sums s = {0};
-    arrival *line = malloc(sizeof *line * (size_t)(r->samples + 1));
-    double *jump = malloc(sizeof *jump * (size_t)r->ticks);
+    arrival *line = app_zeroed((size_t)r->samples, sizeof *line);
+    double *jump = app_zeroed((size_t)r->ticks, sizeof *jump);
     float last[3] = {0};
-    s.of_tick = malloc(sizeof *s.of_tick * (size_t)r->ticks);
-    if (!line || !jump || !s.of_tick) abort();
+    s.of_tick = app_zeroed((size_t)r->ticks, sizeof *s.of_tick);
     int count = arrivals(r, c, line), next = 0, jumps = 0;
     bool begun = false;
     int since = SETTLING; /* ticks after the last arrival */
     double spent = 0;
-    player_reset(&player, which);
+    player_reset(&playing, which);
     for (int tick = 0; tick < r->ticks; tick++) {
         int64_t now = (int64_t)tick * TICK_US;
         float force[3];
         double start = app_seconds();
         const int before = next;
         for (; next < count && line[next].at_us <= now; next++) {
-            player_take(&player, r, &line[next].sample->sample);
+            player_take(&playing, r, &line[next].sample->sample);
             begun = true;
         }
-        player_force(&player, r, now, r->tip_m + 3 * (size_t)tick, force);
+        player_force(&playing, r, now, r->tip_m + 3 * (size_t)tick, force);
         spent += app_seconds() - start;
         if (force_N) memcpy(force_N + 3 * tick, force, sizeof force);
         if (!begun || isnan(r->truth_N[3 * tick])) continue;
-        judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, player.law.limits);
+        judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, playing.law.limits);
         float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
         jump[jumps++] = (float)length3(step);
         since = next > before ? 0 : since + 1;

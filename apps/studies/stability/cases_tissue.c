@@ -207,21 +207,10 @@ static void disconnected(bool quick, double settle, outcome *o) {
     memmove(block.tet + 4 * 24, block.tet + 4 * 48, sizeof(int32_t) * 4 * 24);
     block.tet_count = 48;
     app_bench_def def = bench_default();
-    def.cells[0] = def.cells[1] = 2, def.cells[2] = 3;
+    def.cells[0] = def.cells[1] = 2, def.cells[2] = 3, def.step_fraction = 0.9;
     tm_status status = app_block_mesh(&block, NULL, &b.mesh, &error);
     app_block_free(&block);
-    tm_tissue_def tissue = tm_tissue_def_default();
-    tissue.mesh = b.mesh, tissue.material = def.material, tissue.material_count = 1;
-    if (status == TM_OK) status = tm_tissue_create(&tissue, &b.tissue, &error);
-    tm_world_def world = tm_world_def_default();
-    world.tissue = b.tissue, world.damped = false;
-    if (status == TM_OK) status = tm_world_create(&world, &b.world, &error);
-    int32_t dof[27];
-    double zero[27] = {0};
-    for (int i = 0; i < 27; i++) dof[i] = i;
-    tm_support_def support = tm_support_def_default();
-    support.count = 27, support.dof = dof, support.value_m = zero;
-    if (status == TM_OK) status = tm_stage_support(b.world, &support, &error);
+    if (status == TM_OK) status = app_bench_start(&def, &b, &error);
     static const double g[3] = {0, 0, -9.81};
     if (status == TM_OK) status = tm_stage_gravity(b.world, g, &error);
     if (status == TM_OK && settle != 0) {

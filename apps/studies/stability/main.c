@@ -72,11 +72,6 @@ static cJSON *as_json(const hard_case *c, const outcome *o, bool quick) {
     return row;
 }
 
-static int write_json(const char *path, cJSON *root) {
-    tm_error error = {0};
-    return app_json_write(path, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
-}
-
 static bool is_wanted(const char *name, char **wanted, int count) {
     for (int i = 0; i < count; i++)
         if (strcmp(wanted[i], name) == 0) return true;
@@ -104,7 +99,7 @@ static int run_all(char **wanted, int wanted_count, bool quick, const char *json
             cJSON_AddItemToArray(rows, as_json(c, &o, quick));
         }
     if (failed || !app_is_quiet()) printf("%d cases, %d not as they should be\n", ran, failed);
-    int exit = json ? write_json(json, root) : APP_DONE;
+    int exit = app_json_save(json, root);
     cJSON_Delete(root);
     return exit != APP_DONE ? exit : failed ? APP_FAILED : APP_DONE;
 }
