@@ -34,6 +34,11 @@ double app_percentile(double *value, int count, double share) {
     return count ? value[(int)(share * (count - 1))] : 0;
 }
 
+double app_uniform(uint64_t *state) {
+    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (double)(*state >> 11) * 0x1p-53;
+}
+
 static void triad(const double *restrict a, const double *restrict b, double *restrict c, size_t n, double s) {
     for (size_t i = 0; i < n; i++) c[i] = a[i] + s * b[i];
 }

@@ -3,6 +3,7 @@
 #define TM_BANDWIDTH_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 /* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the
  * triad of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set
@@ -17,6 +18,9 @@ double app_median(double *value, int count);
 
 /* The value that a share of `count` values does not exceed; sorted in place. 0: there are none. */
 double app_percentile(double *value, int count, double share);
+
+/* 0 to 1, evenly; moves the state on. */
+double app_uniform(uint64_t *state);
 
 /* Monotonic seconds. */
 double app_seconds(void);

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "evaluate.h"
 
 const char *const path_name[PATH_COUNT] = {"tour",           "reversals",          "other-hand-cuts",
@@ -57,7 +58,7 @@ path path_make(path_kind kind, double speed_m_s, double tremor_m) {
     return (path){.kind = kind, .speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m};
 }
 
-static double between(uint64_t *seed, double least, double most) { return least + (most - least) * uniform(seed); }
+static double between(uint64_t *seed, double least, double most) { return least + (most - least) * app_uniform(seed); }
 
 /* A point in four is in the air, every hand begins and ends there; from three in eight on the pedal is down. Hands keep
  * to their sides, 12 mm apart, and reach 8 mm across. */
@@ -65,13 +66,13 @@ static void make_random(path *p, int hand, uint64_t *seed) {
     const double middle_mm = hand ? 6 : -6;
     for (int i = 0; i < p->random_points; i++) {
         double *to = p->random[hand][i];
-        const bool end = i == 0 || i == p->random_points - 1, air = uniform(seed) < 0.25 || end;
+        const bool end = i == 0 || i == p->random_points - 1, air = app_uniform(seed) < 0.25 || end;
         to[0] = middle_mm + between(seed, -14, 14);
         to[1] = between(seed, -10, 10);
         to[2] = air ? -3 : between(seed, 1, 5);
         to[GRIP] = 0;
-        to[PEDAL] = !end && uniform(seed) < 0.375;
-        if (i > 0 && uniform(seed) < 0.2) memcpy(to, to - FIELDS, 3 * sizeof *to); /* a pause */
+        to[PEDAL] = !end && app_uniform(seed) < 0.375;
+        if (i > 0 && app_uniform(seed) < 0.2) memcpy(to, to - FIELDS, 3 * sizeof *to); /* a pause */
     }
 }
 
@@ -79,7 +80,7 @@ path path_make_random(uint64_t seed, int points, double speed_m_s, double tremor
     path p = path_make(PATH_RANDOM, speed_m_s, tremor_m);
     uint64_t state = 2 * seed + 1;
     p.random_points = points;
-    for (int i = 0; i < 8; i++) uniform(&state); /* neighbouring seeds begin alike */
+    for (int i = 0; i < 8; i++) app_uniform(&state); /* neighbouring seeds begin alike */
     for (int hand = 0; hand < PATH_HANDS; hand++) make_random(&p, hand, &state);
     return p;
 }

@@ -8,11 +8,6 @@
 #include "studies/replay/frozen.h"
 #include "studies/replay/replay.h"
 
-double uniform(uint64_t *state) {
-    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
-    return (double)(*state >> 11) * 0x1p-53;
-}
-
 /* Ticks for which a sample's arrival is still felt: `contact` begins its bridge to other tissue in the second. */
 enum { SETTLING = 3 };
 
@@ -27,8 +22,8 @@ static int arrivals(const recording *r, const conditions *c, arrival *out) {
     int count = 0;
     int64_t frame_us = llround(r->frame_s * 1e6), last = 0;
     for (int i = 0; i < r->samples; i++) {
-        double late = (double)c->latency_frames + c->jitter * uniform(&seed);
-        bool lost = uniform(&seed) < c->loss;
+        double late = (double)c->latency_frames + c->jitter * app_uniform(&seed);
+        bool lost = app_uniform(&seed) < c->loss;
         if (lost) continue;
         int64_t at = r->sample[i].ready_us + llround(late * (double)frame_us);
         if (at < last) at = last;

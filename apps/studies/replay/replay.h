@@ -151,7 +151,5 @@ const char *replay_law_name(int law);
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
 /* A row of their own. */
 cJSON *errors_add(cJSON *rows, const errors *e);
-/* 0 to 1, evenly; moves the state on. */
-double uniform(uint64_t *state);
 
 #endif

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "stability.h"
 
 #define LAW_REAL double
@@ -38,10 +39,7 @@ void series_add(outcome *o, double x, double y) {
     if (o->count < SERIES_MAX && isfinite(x) && isfinite(y)) o->x[o->count] = x, o->y[o->count++] = y;
 }
 
-double random_unit(uint64_t *state) {
-    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
-    return (double)(int64_t)(*state >> 11) / (double)(1ULL << 52) - 1;
-}
+double random_unit(uint64_t *state) { return 2 * app_uniform(state) - 1; }
 
 app_bench_def bench_default(void) {
     app_bench_def def = app_bench_default(4, 0.04);
