@@ -179,13 +179,13 @@ static void look_at_depth(review *r, int i) {
     const double deep = 0.4; /* of the thickness: what is left bears half as much again as a linear law knows */
     const sim *s = r->s;
     double worst = 0, depth, thickness, worst_m = 0, of_m = 0;
-    if (sim_has(s, "rotation")) return;
+    if (sim_has(s, "rotation") || sim_law_line(s->scene)) return;
     for (int k = 0; k < s->hand[i].key_count; k++)
         if (depth_m(s, i, s->hand[i].key[k].time_s, &depth, &thickness) && depth / thickness > worst)
             worst = depth / thickness, worst_m = depth, of_m = thickness;
     if (worst > deep)
         odd(r, s->scene->hand.line,
-            "the hand of instrument %d presses %.3g mm into %.3g mm of linear tissue, far outside its range; press less, or add 'rotation:'",
+            "the hand of instrument %d presses %.3g mm into %.3g mm of linear tissue, far outside its range; press less, or add 'rotation:' or a nonlinear 'law:'",
             i, 1e3 * worst_m, 1e3 * of_m);
 }
 

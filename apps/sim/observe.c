@@ -72,6 +72,6 @@ void sim_shape_report(const sim *s, cJSON *report) {
     if (!s->shape_noted) return;
     snprintf(when, sizeof when, "at %.3g s ", s->worst_s);
     /* Tissue that turns gets over being crushed, as between jaws: of that a run tells in its report alone. */
-    if (!sim_has(s, "rotation")) sim_shape_warn(s, &s->worst, when);
+    if (!sim_has(s, "rotation") && !sim_law_line(s->scene)) sim_shape_warn(s, &s->worst, when);
     if (report) sim_shape_json(&s->worst, report);
 }

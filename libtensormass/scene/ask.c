@@ -35,6 +35,13 @@ const void *sim_options(const app_scene *scene, const char *effect) {
     return i >= 0 && sim_effect_line(scene, i) ? scene->effect[i] : NULL;
 }
 
+int sim_law_line(const app_scene *scene) {
+    const app_material *m = scene->material.item;
+    for (int i = 0; i < scene->material.count; i++)
+        if (m[i].law.index != TM_LAW_LINEAR) return m[i].law.line ? m[i].law.line : m[i].region.line;
+    return 0;
+}
+
 bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, effect) != NULL; }
 
 tm_surface_view sim_surface(const sim *s) { return tm_model_surface(s->model); }

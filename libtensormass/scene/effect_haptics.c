@@ -112,7 +112,7 @@ static tm_status build(sim *s, const void *own) {
     tm_compliance_source source;
     tm_status rc = warn_of_coverage(s, o);
     if (rc) return rc;
-    if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !sim_law_line(s->scene)) {
         rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;

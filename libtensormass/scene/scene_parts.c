@@ -106,6 +106,9 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
         if (rc) return rc;
         if (make_material(m, law, &out[r], &error))
             return app_scene_bad(scene, m->region.line, "material '%s': %s", m->region.s, error.message);
+        const double stretch = m->stretch.line ? m->stretch.si : 0;
+        if (tm_material_set_law(&out[r], (tm_law_kind)m->law.index, NULL, stretch, &error))
+            return app_scene_bad(scene, m->law.line, "material '%s': %s", m->region.s, error.message);
         out[r].density_kg_m3 = m->density.si;
         out[r].damping_1_s = m->damping.line ? m->damping.si : default_damping_1_s;
     }

@@ -6,6 +6,7 @@
 #include "scene.h"
 #include "tensormass.h"
 
+APP_CHOICE_CHECK(APP_LAWS)
 APP_CHOICE_CHECK(APP_PRECISIONS)
 APP_CHOICE_CHECK(APP_FORCE_FORMS)
 APP_CHOICE_CHECK(APP_TOOL_MODES)
@@ -86,6 +87,10 @@ static const app_field fields[] = {
     MAT("nu_LT", nu_LT, "none", NULL, -10, 10, "fibred, engineering: contraction across under tension along the fibre"),
     MAT("nu_TT", nu_TT, "none", NULL, -1, 1, "fibred, engineering: Poisson's ratio in the cross plane"),
     MAT("G_L", G_L, "pressure", NULL, 0, 1e15, "fibred, engineering: axial shear modulus"),
+    {"tissue.materials.*.law", APP_CHOICE, APP_CHOICE_WORDS(APP_LAWS), "linear", 0, 0, MATERIAL(law),
+     "what large strains follow; small ones follow the constants above under each law. `neo-hooke`: isotropic, turns and bends by itself. All materials or none"},
+    MAT("stretch", stretch, "none", NULL, TM_STRETCH_LEAST, TM_STRETCH_MOST,
+        "of a nonlinear law: uniaxial stretch up to which it is followed, 1.6 if left out; beyond it force grows linearly. More makes steps shorter"),
     MAT("density", density, "density", "1000 kg/m3", 1e-9, 1e9, "mass per rest volume"),
     MAT("damping", damping, "rate", NULL, 0, 1e9,
         "this region's damping rate d (force -d m v on each mass); needs the effect `damping`, whose `rate` it replaces"),

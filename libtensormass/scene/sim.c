@@ -50,6 +50,43 @@ static tm_status check_effect(const app_scene *scene, int index) {
     return e->check ? e->check(scene, scene->effect[index]) : 0;
 }
 
+/* What nonlinear laws cannot be with. */
+static tm_status check_law(const app_scene *scene, const app_material *m) {
+    static const struct {
+        const char *effect, *why;
+    } not_with[] = {{"rotation", "the law turns by itself"},
+                    {"volume", "changes of volume are averaged for the linear law alone"},
+                    {"viscosity", "it keeps histories of the linear law"}};
+    if (m->law.index == TM_LAW_LINEAR) {
+        const int other = sim_law_line(scene);
+        if (m->stretch.line)
+            return app_scene_bad(
+                scene, m->stretch.line,
+                "material '%s' has a stretch, and the linear law has no limit; give a nonlinear 'law:', "
+                "or remove 'stretch:'",
+                m->region.s);
+        return other
+                   ? app_scene_bad(scene, m->region.line,
+                                   "material '%s' has the linear law, and another (line %d) a nonlinear one; give all "
+                                   "of them one, as the linear law is wrong where the other is needed",
+                                   m->region.s, other)
+                   : 0;
+    }
+    for (size_t i = 0; i < sizeof not_with / sizeof *not_with; i++)
+        if (sim_options(scene, not_with[i].effect))
+            return app_scene_bad(scene, m->law.line, "law '%s' and %s exclude each other: %s; leave one of them out",
+                                 tm_law_name((tm_law_kind)m->law.index), not_with[i].effect, not_with[i].why);
+    if (scene->model.index != APP_DYNAMIC)
+        return app_scene_bad(scene, m->law.line,
+                             "law '%s' needs 'model: dynamic': responses are computed for the linear law",
+                             tm_law_name((tm_law_kind)m->law.index));
+    if (scene->precision.index == TM_SINGLE)
+        return app_scene_bad(scene, m->law.line,
+                             "law '%s' and tissue.precision = single exclude each other; write 'precision: double'",
+                             tm_law_name((tm_law_kind)m->law.index));
+    return 0;
+}
+
 static tm_status check_scene(const app_scene *scene) {
     tm_status rc = app_scene_check(scene);
     for (int i = 0; i < sim_effect_count && !rc; i++)
@@ -63,6 +100,7 @@ static tm_status check_scene(const app_scene *scene) {
                                "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file "
                                "or a rule, or give isotropic constants",
                                m->region.s);
+        if (!rc) rc = check_law(scene, m);
         if (!rc && m->damping.line && !sim_options(scene, "damping"))
             rc = app_scene_bad(scene, m->damping.line,
                                "material '%s' has a damping rate, but the scene does not name the effect; add "

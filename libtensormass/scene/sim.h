@@ -153,6 +153,8 @@ void sim_destroy(sim *s);
 bool sim_has(const sim *s, const char *effect);
 /* For an effect's options: null when the scene does not name it. */
 const void *sim_options(const app_scene *scene, const char *effect);
+/* The line of a material that has a nonlinear law, 0: none has. */
+int sim_law_line(const app_scene *scene);
 /* A fault by a library's error, on the line that is to blame. */
 tm_status sim_report(const app_scene *scene, int line, const tm_error *error);
 /* The same for what is wrong inside a file that the scene names on `line`. */

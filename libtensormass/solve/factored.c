@@ -79,6 +79,10 @@ tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored,
     if (def->turns && !(tm_tissue_rotation(def->tissue) > 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "compliance of tissue that turns, and its definition has no rotation; give it a threshold");
+    if (tm_tissue_tet_material(def->tissue, 0)->law != TM_LAW_LINEAR)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "compliance of tissue with the law %s: a factor is of the linear law; leave the source out",
+                       tm_law_name((tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law));
     tm_factored *f = tm_allocate(sizeof *f);
     if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     memset(f, 0, sizeof *f);

@@ -23,6 +23,11 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
                        def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads,
                        (long long)def->memory_limit_bytes);
     const tm_mesh *mesh = tm_tissue_mesh(def->tissue);
+    const tm_law_kind law = (tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law;
+    if (law != TM_LAW_LINEAR)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "law %s: responses and solutions are those of the linear law; take the dynamic model",
+                       tm_law_name(law));
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
         const int32_t vertex = tm_mesh_given(mesh, d / 3);
         if (def->fixed[d] && def->fixed_value_m && !tm_is_place(def->fixed_value_m[d]))

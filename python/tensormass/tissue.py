@@ -11,11 +11,12 @@ from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, ch
 from .mesh import Mesh
 
 PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
+LAW = {"linear": c.TM_LAW_LINEAR, "neo-hooke": c.TM_LAW_NEO_HOOKE}
 FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
 class Material:
-    """Constants of linear, transversely isotropic tissue (docs/physics.md, eq. 1). Made by one of the class methods.
+    """Constants of linear, transversely isotropic tissue (docs/physics.md, eq. 1), and a law for large strains (with_law). Made by one of the class methods.
 
     Pa; density_kg_m3 > 0; damping_1_s >= 0, the rate d of gamma_i = d m_i. MaterialError: constants that are not positive definite.
     """
@@ -62,6 +63,22 @@ class Material:
         """Five engineering constants; nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane."""
         return cls._made(lib.tm_material_engineering, (E_L_Pa, E_T_Pa, nu_LT, nu_TT, G_L_Pa), density_kg_m3, damping_1_s)
 
+    def with_law(self, law: str, stretch_max: float = 0.0) -> "Material":
+        """A copy with this law: small strains keep the elastic constants, large ones follow it (docs/nonlinear-laws.md).
+
+        law: "linear" or "neo-hooke" (isotropic). stretch_max: uniaxial stretch up to which it is followed, 0: 1.6. MaterialError: what is violated.
+        """
+        made = Material.__new__(Material)
+        made._struct = type(self._struct).from_buffer_copy(self._struct)
+        call(lib.tm_material_set_law, ctypes.byref(made._struct), choice(law, LAW, "law"), None, stretch_max)
+        return made
+
+    @property
+    def law(self) -> str:
+        """ "linear" or "neo-hooke"."""
+        return lib.tm_law_name(self._struct.law).decode()
+
+    stretch_max: float = property(lambda self: self._struct.stretch_max)  # type: ignore[assignment]
     lambda_Pa: float = property(lambda self: self._struct.lambda_Pa)  # type: ignore[assignment]
     mu_Pa: float = property(lambda self: self._struct.mu_Pa)  # type: ignore[assignment]
     dlambda_Pa: float = property(lambda self: self._struct.dlambda_Pa)  # type: ignore[assignment]
@@ -85,8 +102,8 @@ class Material:
         return out
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{n}={getattr(self, n):g}" for n in fields(c.tm_material))
-        return f"Material({values})"
+        values = ", ".join(f"{n}={getattr(self, n):g}" for n in fields(c.tm_material) if n not in ("law", "law_constant", "stretch_max"))
+        return f"Material({values})" + ("" if self.law == "linear" else f".with_law({self.law!r}, {self.stretch_max:g})")
 
 
 class Surface(NamedTuple):

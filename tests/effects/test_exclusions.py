@@ -43,6 +43,21 @@ def test_the_others_go_together(bin, root, tmp_path):
         assert code == 0, said
 
 
+@pytest.mark.parametrize("other", ["rotation", "volume", "viscosity", "model: precomputed", "linear", "stretch", "single"])
+def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
+    law = "density: 1000 kg/m3, law: neo-hooke"
+    text = SCENE.replace("density: 1000 kg/m3", law + (", stretch: 1.1" if other == "stretch" else ""))
+    if other == "linear":
+        text = text.replace("supports:", '    "elsewhere": {{young: 5 kPa, poisson: 0.45}}\nsupports:')
+    if other == "single":
+        text = text.replace("  materials:", "  precision: single\n  materials:")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text.format(root=root) + EFFECT.get(other, f"{other}\n" if ":" in other else ""))
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
+    expected = {"model: precomputed": "needs 'model: dynamic'", "linear": "has the linear law", "stretch": "1.2"}.get(other, f"{other} exclude each other")
+    assert done.returncode == 2 and f"{scene}:" in done.stderr and expected.replace("single", "tissue.precision = single") in done.stderr, done.stderr
+
+
 def test_turning_tissue_averages_no_shear(bin, root, tmp_path):
     """rotation takes volume with its share at 0, which is what it has there where none is written."""
     scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["volume"])

@@ -105,6 +105,10 @@ def test_errors_are_the_librarys_sentences():
     assert caught.value.status == "TM_ERR_MESH" and caught.value.entity == 0
     with pytest.raises(tm.MaterialError, match="positive definite"):
         tm.Material.young(-1, 0.3)
+    with pytest.raises(tm.MaterialError, match="stretch <= 4 is violated"):
+        LIVER.with_law("neo-hooke", 9)
+    with pytest.raises(tm.ArgumentError, match="neo-hooke"):
+        LIVER.with_law("hooke")
     mesh, tissue, world = block()
     with pytest.raises(tm.StepError, match="critical"):
         world.dt_s = 1
@@ -427,3 +431,18 @@ def test_the_interpreter_runs_while_a_world_steps():
     done.set()
     other.join()
     assert most > 10
+
+
+def test_a_nonlinear_law_stiffens_and_settles():
+    """Pressed by 40 %, sides free: the force of neo-Hooke's closed form (tests/physics/test_hyperelastic.c); the linear law's is E A times the strain."""
+    mesh, force = tm.Mesh.block((0.02, 0.02, 0.02), (3, 3, 3)), {}
+    rest = mesh.rest_m
+    low, top = np.argwhere(np.isclose(rest, 0)), np.flatnonzero(np.isclose(rest[:, 0], 0.02))
+    for law in ("linear", "neo-hooke"):
+        material = tm.Material.young(5e3, 0.45).with_law(law, 0 if law == "linear" else 2)
+        assert material.law == law and (law in repr(material)) == (law != "linear")
+        world = tm.World(tm.Tissue(mesh, material))
+        world.add_support_components(np.concatenate([3 * low[:, 0] + low[:, 1], 3 * top]), np.concatenate([np.zeros(len(low)), np.full(len(top), -0.008)]))
+        world.settle(1e-9)
+        force[law] = -world.support_reaction_N[top, 0].sum()
+    assert force["linear"] == pytest.approx(0.8, rel=1e-6) and force["neo-hooke"] == pytest.approx(1.40686, rel=1e-5)

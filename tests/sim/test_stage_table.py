@@ -30,6 +30,7 @@ CASES = {
     "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"],
                                                                              force_force_divided=["viscous bulk force"]))),
     "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force=["viscosity force"]))),
+    "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force", *MOTION, *ROWS, "patch between"])),
     "friction": (PRESS, ["friction={}"], among(PLAIN, support_constrain_divided=["friction constrain"])),
     "energy": (PRESS, ["energy={}"], among(PLAIN, contact_sum_constrain=["energy end"])),
     "cut": (CUT, [], ["cut begin", *among(PLAIN, support_constrain_divided=["cut search constrain overlap", "grasp constrain"])]),

@@ -1,4 +1,4 @@
-/* Constants of linear, transversely isotropic tissue, and the conversions people hold them in. */
+/* Constants of linear, transversely isotropic tissue, the conversions people hold them in, and nonlinear laws. */
 #ifndef TENSORMASS_MATERIAL_H
 #define TENSORMASS_MATERIAL_H
 
@@ -7,6 +7,15 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+/* Constitutive laws. Small strains follow the material's elastic constants under each of them (docs/nonlinear-laws.md).
+ */
+typedef enum tm_law_kind {
+    TM_LAW_LINEAR = 0,
+    TM_LAW_NEO_HOOKE = 1, /* compressible, stable under inversion (Smith, de Goes and Kim 2018); isotropic */
+    TM_LAW_COUNT
+} tm_law_kind;
+enum { TM_LAW_CONSTANTS = 4 };
 
 /* w = lambda/2 I1^2 + mu tr E^2 + dlambda I1 I4 + 2 dmu I5 + beta/2 I4^2     (docs/physics.md, eq. 1)
  * Isotropic tissue has dlambda = dmu = beta = 0 and needs no fibre. */
@@ -17,6 +26,10 @@ typedef struct tm_material {
     double beta_Pa;          /* the paper's law: -(dlambda + 2 dmu) */
     double density_kg_m3;    /* > 0 */
     double damping_1_s;      /* rate d >= 0: gamma_i = d m_i */
+    /* Set by tm_material_set_law; all 0: linear. */
+    int64_t law; /* tm_law_kind; no padding, as materials are hashed */
+    double law_constant[TM_LAW_CONSTANTS];
+    double stretch_max;
 } tm_material;
 
 /* Each refuses (TM_ERR_MATERIAL) constants that are not positive definite, naming constants and inequality.
@@ -32,6 +45,18 @@ TM_API tm_status tm_material_five(double lambda_T_Pa, double mu_T_Pa, double lam
 /* Five engineering constants: nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane. */
 TM_API tm_status tm_material_engineering(double E_L_Pa, double E_T_Pa, double nu_LT, double nu_TT, double G_L_Pa,
                                          tm_material *out, tm_error *error);
+
+/* Uniaxial stretch, at constant volume, up to which a nonlinear law is followed; beyond it force grows linearly. */
+#define TM_STRETCH_DEFAULT 1.6
+#define TM_STRETCH_LEAST 1.2
+#define TM_STRETCH_MOST 4
+/* Gives an isotropic material with its elastic constants set a nonlinear law. `constant` [TM_LAW_CONSTANTS] or null:
+ * what the law needs beside the elastic constants. stretch_max 0: the default. TM_ERR_MATERIAL, and the material is as
+ * it was: constants that are not stable, naming the inequality that fails. */
+TM_API tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,
+                                     tm_error *error);
+/* "linear", "neo-hooke"; null: no such law. */
+TM_API const char *tm_law_name(tm_law_kind law);
 
 /* Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0, damping >= 0. */
 TM_API tm_status tm_material_check(const tm_material *material, tm_error *error);

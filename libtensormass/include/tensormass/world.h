@@ -199,6 +199,9 @@ TM_API void tm_support_move(tm_world *world, int32_t component, double value_m);
 TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 /* TM_ERR_SUPPORT, naming a vertex, if the supports leave a piece of the tissue free to move or turn as a whole. Such a
  * piece has no rest, and in TM_SINGLE it is driven by rounding (see there). Contact and grasps are not counted. */
+/* Tetrahedra that the last force found beyond a limit of their nonlinear law, where it goes on linearly
+ * (tm_material_set_law). */
+TM_API int32_t tm_world_limited_tets(const tm_world *world);
 TM_API tm_status tm_world_check_held(const tm_world *world, tm_error *error);
 
 /* --- rest --- */

@@ -13,6 +13,7 @@
  * energy is one smooth function of F, and the force its gradient, inside out too. */
 
 #include "material/simd_vector.h"
+#include "material/tet_batch_kernel.h"
 
 /* d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat or inside out, compared with its size.
  */
@@ -59,15 +60,6 @@ INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, co
         if (!TM_NAME(any)(&under_way)) break;
     }
     *trace = x;
-}
-
-/* F's cofactors. */
-INSIDE void TM_NAME(cofactors)(const V8 F[9], V8 cof[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const int a = 3 * ((i + 1) % 3), b = 3 * ((i + 2) % 3), c = (j + 1) % 3, d = (j + 2) % 3;
-            cof[3 * i + j] = F[a + c] * F[b + d] - F[a + d] * F[b + c];
-        }
 }
 
 INSIDE void TM_NAME(polar)(const V8 F[9], V8 R[9], V8 *I, V8 *trace) {
@@ -233,42 +225,6 @@ INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(la
     return true;
 }
 
-INSIDE void TM_NAME(living)(const tm_packs *packs, int32_t p, int at, M8 *there) {
-    if (p < packs->count - 1 &&
-        !memcmp(packs->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
-        *there = (M8){0} == 0;
-        return;
-    }
-    for (int l = 0; l < TM_WIDTH; l++) {
-        const int32_t tet = TM_LANES * p + at + l;
-        (*there)[l] = tet < packs->tet_count && packs->alive[tet] ? -1 : 0;
-    }
-}
-
-/* grad u of the pack's living tetrahedra, 0 of the others. */
-INSIDE void TM_NAME(gradient)(const tm_packs *packs, int32_t p, int at, const double *u, V8 H[9]) {
-    const tm_pack *pack = packs->pack + p;
-    M8 there;
-    TM_NAME(living)(packs, p, at, &there);
-    for (int i = 0; i < 3; i++) {
-        V8 first, d[3], alpha;
-        TM_NAME(pick)(u + i, pack->component[0] + at, 1, &first);
-        for (int k = 0; k < 3; k++) {
-            TM_NAME(pick)(u + i, pack->component[k + 1] + at, 1, &d[k]);
-            d[k] -= first;
-        }
-        for (int j = 0; j < 3; j++) {
-            memcpy(&alpha, pack->shape_1_m[j] + at, sizeof alpha);
-            H[3 * i + j] = d[0] * alpha;
-            for (int k = 1; k < 3; k++) {
-                memcpy(&alpha, pack->shape_1_m[3 * k + j] + at, sizeof alpha);
-                H[3 * i + j] += d[k] * alpha;
-            }
-            H[3 * i + j] = (V8)((M8)H[3 * i + j] & there);
-        }
-    }
-}
-
 /* 0 below the threshold, 1 above the band, between them the polynomial whose first two derivatives vanish at both ends;
  * slope: its derivative by |H|^2. False: all are 0. */
 INSIDE bool TM_NAME(blend)(const tm_packs *packs, const V8 H[9], V8 *weight, V8 *slope) {
@@ -317,20 +273,6 @@ INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double
     TM_NAME(straighten)(b);
     TM_NAME(turn_law)(&w, fibred, wants_energy, b);
     return true;
-}
-
-/* What a stress times the volume pulls a tetrahedron's corners with: 1, 2, 3, and what is left to corner 0. */
-INSIDE void TM_NAME(pull)(const tm_packs *packs, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
-    const tm_pack *pack = packs->pack + p;
-    V8 alpha[9];
-    for (int i = 0; i < 9; i++) memcpy(&alpha[i], pack->shape_1_m[i] + at, sizeof(V8));
-    for (int i = 0; i < 3; i++) {
-        f[0][i] = (V8){0};
-        for (int k = 0; k < 3; k++) {
-            f[k + 1][i] = P[3 * i] * alpha[3 * k] + P[3 * i + 1] * alpha[3 * k + 1] + P[3 * i + 2] * alpha[3 * k + 2];
-            f[0][i] -= f[k + 1][i];
-        }
-    }
 }
 
 /* The same onto force_N, the marked lanes ascending. */

@@ -1,9 +1,12 @@
 /* The table of laws. */
 #include "material/law.h"
 
-const tm_law *const tm_laws[] = {&tm_law_linear, &tm_law_corotated, &tm_law_corotated_averaged, NULL};
+const tm_law *const tm_laws[] = {&tm_law_linear, &tm_law_corotated, &tm_law_corotated_averaged, &tm_law_neo_hooke,
+                                 NULL};
 
 const tm_law *tm_law_of(const tm_material_field *field) {
+    for (const tm_law *const *law = tm_laws; field->stiffest_Pa && *law; law++) /* all share one bound */
+        if ((*law)->kind == (tm_law_kind)field->material[0].law) return *law;
     if (!(field->rotation > 0)) return &tm_law_linear;
     return field->smoothed ? &tm_law_corotated_averaged : &tm_law_corotated;
 }
@@ -11,6 +14,11 @@ const tm_law *tm_law_of(const tm_material_field *field) {
 bool tm_law_take(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
     static const double NEVER = 1e100; /* |grad u| that no tetrahedron passes */
     *state = (tm_law_state){.law = law, .field = *field};
+    if (law->kind != TM_LAW_LINEAR) {
+        if (!tm_hyperelastic_take(&state->hyper, pool, field)) return false;
+        state->work.corner_N = TM_TAKE(pool, double, 12 * TM_LANES * (int64_t)state->hyper.packs.count);
+        return !pool->failed;
+    }
     if (law->has_constant_tangent) state->field.rotation = NEVER;
     if (!law->averages) state->field.smoothed = NULL;
     if (!tm_packs_take(&state->batches, pool, &state->field)) return false;

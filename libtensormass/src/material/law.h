@@ -4,7 +4,7 @@
 #ifndef TM_LAW_H
 #define TM_LAW_H
 
-#include "material/material_internal.h"
+#include "material/hyperelastic.h"
 
 struct tm_law;
 
@@ -15,11 +15,14 @@ typedef struct tm_law_state {
     tm_packs batches;
     tm_swollen averages;
     tm_viscous work;
+    tm_hyperelastic hyper; /* of nonlinear laws, with work.corner_N */
 } tm_law_state;
 
 typedef struct tm_law {
     const char *name;
+    tm_law_kind kind;          /* of a material; rows of the linear one differ by the field */
     bool has_constant_tangent; /* stiffness tensors are its fast path (tissue/force.c) */
+    bool has_fibres;           /* a material with fibres may have it */
     bool is_objective;         /* no energy by rigid rotation */
     bool averages;             /* changes of volume are averaged around vertices: of a smoothed field */
     /* J, of all active tetrahedra. */
@@ -33,7 +36,7 @@ typedef struct tm_law {
     double (*bound)(const tm_material_field *field, int32_t tet, const double mass_kg[4]);
 } tm_law;
 
-extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged;
+extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged, tm_law_neo_hooke;
 /* All rows, null behind the last. */
 extern const tm_law *const tm_laws[];
 /* The law that a field names. */
@@ -43,6 +46,9 @@ const tm_law *tm_law_of(const tm_material_field *field);
 bool tm_law_take(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field);
 
 /* --- what rows share (law_batch.c) --- */
+
+/* What the corners of all living tetrahedra are pulled with, ascending. */
+void tm_law_gather(const tm_law_state *state, double *force_N);
 
 /* Force by the passes over batches (kernel_forms.c), gathered in ascending order. */
 void tm_law_batch_force(const tm_law_state *state, bool plain, const double *u_m, double *force_N);

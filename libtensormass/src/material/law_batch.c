@@ -5,12 +5,16 @@
 void tm_law_batch_force(const tm_law_state *state, bool plain, const double *u_m, double *force_N) {
     const tm_viscous_passes passes = tm_viscous_choose(plain);
     const tm_swollen *averages = tm_swollen_is_on(&state->averages) ? &state->averages : NULL;
-    const tm_mesh *mesh = state->field.mesh;
     passes.strain(&state->batches, &state->work, averages, 0, state->batches.count, u_m);
     if (averages) {
         tm_swollen_average(averages, NULL, 0, tm_swollen_domains(averages));
         passes.pressure(&state->batches, &state->work, averages, 0, state->batches.count);
     }
+    tm_law_gather(state, force_N);
+}
+
+void tm_law_gather(const tm_law_state *state, double *force_N) {
+    const tm_mesh *mesh = state->field.mesh;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         const double *corner = state->work.corner_N + 12 * TM_LANES * (int64_t)(t / TM_LANES) + t % TM_LANES;
         for (int i = 0; i < 12; i++)

@@ -1,4 +1,4 @@
-/* Constants: conversions, positive definiteness, the elasticity matrix, the stiffness block. */
+/* Constants: conversions, positive definiteness, laws, the elasticity matrix, the stiffness block. */
 #include "material/material_field.h"
 
 #include <math.h>
@@ -43,6 +43,30 @@ static tm_status check_definite(const tm_material *m, tm_error *error) {
     return TM_OK;
 }
 
+/* --- laws --- */
+
+static const char *const law_name[TM_LAW_COUNT] = {"linear", "neo-hooke"};
+
+const char *tm_law_name(tm_law_kind law) { return law >= 0 && law < TM_LAW_COUNT ? law_name[law] : NULL; }
+
+static tm_status check_law(const tm_material *m, tm_error *error) {
+    if (m->law == TM_LAW_LINEAR) return TM_OK;
+    if (!(m->law > 0 && m->law < TM_LAW_COUNT))
+        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %lld; give one below %d (tm_law_kind)", (long long)m->law,
+                       TM_LAW_COUNT);
+    const char *name = law_name[m->law];
+    if (!(m->stretch_max >= TM_STRETCH_LEAST && m->stretch_max <= TM_STRETCH_MOST))
+        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s up to a stretch of %g: %g <= stretch <= %g is violated",
+                       name, m->stretch_max, TM_STRETCH_LEAST, (double)TM_STRETCH_MOST);
+    if (!tm_material_is_isotropic(m))
+        return tm_fail(
+            error, TM_ERR_MATERIAL, -1,
+            "law %s is isotropic, and dlambda = dmu = beta = 0 is violated: %g, %g, %g Pa; give an isotropic "
+            "family of constants, or the linear law",
+            name, m->dlambda_Pa, m->dmu_Pa, m->beta_Pa);
+    return TM_OK;
+}
+
 tm_status tm_material_check(const tm_material *m, tm_error *error) {
     TM_REQUIRE(m, "material is null", TM_ERR_ARGUMENT);
     const double value[7] = {m->lambda_Pa, m->mu_Pa,         m->dlambda_Pa, m->dmu_Pa,
@@ -59,7 +83,20 @@ tm_status tm_material_check(const tm_material *m, tm_error *error) {
                        "damping = %g 1/s: damping >= 0 is violated, a negative rate feeds energy in; "
                        "give 0 or more",
                        m->damping_1_s);
-    return check_definite(m, error);
+    const tm_status status = check_definite(m, error);
+    return status ? status : check_law(m, error);
+}
+
+tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,
+                              tm_error *error) {
+    TM_REQUIRE(material, "material is null", TM_ERR_ARGUMENT);
+    tm_material m = *material;
+    m.law = law;
+    m.stretch_max = law == TM_LAW_LINEAR ? 0 : stretch_max != 0 ? stretch_max : TM_STRETCH_DEFAULT;
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) m.law_constant[i] = law != TM_LAW_LINEAR && constant ? constant[i] : 0;
+    const tm_status status = tm_material_check(&m, error);
+    if (!status) *material = m;
+    return status;
 }
 
 /* Writes `out` only when the constants stand. */

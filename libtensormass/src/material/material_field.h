@@ -14,6 +14,7 @@ typedef struct tm_material_field {
     const double *fibre;                /* [3*tet_count] or null */
     const struct tm_smoothed *smoothed; /* null: linear tetrahedra (strain_smoothing.h) */
     double rotation;                    /* |grad u| from which on tetrahedra are corotated; 0: none is */
+    const double *stiffest_Pa;          /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
     int32_t material_count;
     bool plain; /* plain form of all loops */
 } tm_material_field;

@@ -169,6 +169,8 @@ struct tm_rotation {
 
 /* Laws without what is averaged around vertices. */
 bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_material_field *field);
+/* place[i], in the order of mesh->vertex_tet: the first component of that corner's force among 12*TM_LANES a pack. */
+void tm_packs_corners(const tm_mesh *mesh, int32_t *place);
 double tm_pack_spread(const tm_mesh *mesh, int32_t p);
 /* Of `count` things, those of the parts before this one. */
 static inline int32_t tm_packs_before(int32_t count, int32_t part, int32_t parts) {

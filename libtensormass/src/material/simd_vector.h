@@ -50,6 +50,8 @@ INSIDE void TM_NAME(root)(V8 *x) {
 #endif
 }
 
+INSIDE M8 TM_NAME(exceeds)(const V8 *x, const V8 *most) { return *x > *most; }
+
 /* C = A^T B and C = A B of 3x3 matrices. */
 INSIDE void TM_NAME(transposed_times)(const V8 A[9], const V8 B[9], V8 C[9]) {
     for (int i = 0; i < 3; i++)
@@ -64,3 +66,5 @@ INSIDE void TM_NAME(times_transposed)(const V8 A[9], const V8 B[9], V8 C[9]) {
         for (int j = 0; j < 3; j++)
             C[3 * i + j] = A[3 * i] * B[3 * j] + A[3 * i + 1] * B[3 * j + 1] + A[3 * i + 2] * B[3 * j + 2];
 }
+
+#include "material/cofactor.h"

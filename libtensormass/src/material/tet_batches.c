@@ -69,6 +69,17 @@ bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_material_field *fiel
     return true;
 }
 
+/* Places of the pulls on each vertex, in the order of mesh->vertex_tet. */
+void tm_packs_corners(const tm_mesh *mesh, int32_t *place) {
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
+            const int32_t tet = mesh->vertex_tet[i];
+            int k = 0;
+            while (mesh->tet[4 * (int64_t)tet + k] != v) k++;
+            place[i] = TM_LANES * (12 * (tet / TM_LANES) + 3 * k) + tet % TM_LANES;
+        }
+}
+
 /* --- who has to be looked at --- */
 
 double tm_pack_spread(const tm_mesh *mesh, int32_t p) {

@@ -58,7 +58,7 @@ static const double DOUBTFUL_SHARE = 0.01;
 bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation, char sentence[TM_ERROR_MESSAGE_MAX]) {
     TM_REQUIRE(tissue && deformation && sentence, "tissue, deformation or sentence is null", false);
     const tm_deformation *d = deformation;
-    const bool turns = tissue->rotation > 0;
+    const bool turns = tissue->rotation > 0 || tissue->stiffest_Pa;
     const char *linear = turns ? "" : "; give the tissue 'rotation', without which it must not turn or bend far";
     sentence[0] = 0;
     if (d->inverted > 0)

@@ -1,5 +1,5 @@
 /* Tissue: what it is made from, checked and copied. */
-#include "tensormass/rotation.h"
+#include "material/hyperelastic.h"
 #include "tissue/cut_work.h"
 #include "tissue/scaled.h"
 #include "tissue/smoothed.h"
@@ -82,6 +82,34 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
+/* What a nonlinear law is not known with yet. */
+static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
+    int32_t linear = -1, other = -1;
+    for (int32_t i = 0; i < def->material_count; i++) {
+        if (def->material[i].law == TM_LAW_LINEAR)
+            linear = i;
+        else
+            other = i;
+    }
+    if (other < 0) return TM_OK;
+    const char *name = tm_law_name((tm_law_kind)def->material[other].law), *with = NULL;
+    if (linear >= 0)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "material %d has the law %s and material %d the linear one, which is wrong where the other is "
+                       "needed; give every material a nonlinear law",
+                       (int)other, name, (int)linear);
+    if (def->rotation > 0) with = "rotation, which the law needs none of";
+    if (def->volume) with = "averaged changes of volume, which only the linear law has";
+    if (def->precision == TM_SINGLE) with = "single precision, whose rounding tensors alone bear";
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere) with = "a condensed part, which is linear";
+    return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s with %s; leave one of them out", name, with) : TM_OK;
+}
+
+static void find_stiffest(tm_tissue *tissue) {
+    for (int32_t i = 0; tissue->stiffest_Pa && i < tissue->material_count; i++)
+        tissue->stiffest_Pa[i] = tm_law_stiffest_Pa(tissue->material + i);
+}
+
 static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
     if (def->scaled_step_s == 0) return TM_OK;
     if (!(def->scaled_step_s > 0 && isfinite(def->scaled_step_s)) || !(def->scaled_share >= 0))
@@ -149,6 +177,7 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->material = TM_TAKE(pool, tm_material, def->material_count);
     tissue->region_material = TM_TAKE(pool, int32_t, mesh->region_count);
     if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_TAKE(pool, double, 3 * (int64_t)mesh->tet_count);
+    if (def->material[0].law != TM_LAW_LINEAR) tissue->stiffest_Pa = TM_TAKE(pool, double, def->material_count);
     tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
@@ -228,6 +257,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     if (!status) status = check_fibres(def, error);
     if (!status) status = check_volume(def, error);
     if (!status) status = check_rotation(def, error);
+    if (!status) status = check_law(def, error);
     if (!status) status = check_scaling(def, error);
     if (!status) status = check_extra(def->mesh, def->extra_mass_kg, "mass", error);
     if (!status) status = check_extra(def->mesh, def->extra_damping_kg_s, "damping", error);
@@ -241,6 +271,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
         return tm_fail_memory(error, "tissue");
     }
     copy_constants(t, def);
+    find_stiffest(t);
     if (t->cuttable) tm_tissue_keep_blocks(t);
     if ((t->asked_kg && !tm_scaled_ask(t)) || !tm_tissue_assemble(t)) {
         tm_pool_release(&pool);

@@ -18,6 +18,7 @@ struct tm_tissue {
     double *fibre;            /* [3*tet_count] or null */
     tm_precision precision;
     bool cuttable, plain; /* plain: the force loop's form */
+    double *stiffest_Pa;  /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
     double rotation;      /* threshold of the stage "rotation", 0: no such stage may come */
     uint8_t *alive;       /* [tet_count] */
     int32_t alive_count;
@@ -56,6 +57,7 @@ static inline tm_material_field tm_tissue_field(const tm_tissue *tissue) {
                                .fibre = tissue->fibre,
                                .smoothed = tissue->smoothed,
                                .rotation = tissue->rotation,
+                               .stiffest_Pa = tissue->stiffest_Pa,
                                .material_count = tissue->material_count,
                                .plain = tissue->plain};
 }

@@ -190,11 +190,21 @@ static void lead(relaxation *x) {
 
 /* --- with contact --- */
 
+static double stiffening(const tm_tissue *tissue) {
+    double most = 1;
+    for (int32_t i = 0; i < tissue->material_count; i++) {
+        const tm_material *m = tissue->material + i;
+        most = fmax(most, tissue->stiffest_Pa[i] / (m->lambda_Pa + 2 * m->mu_Pa));
+    }
+    return most;
+}
+
 /* Row sums bound the eigenvalues: with a unit step, mass above a quarter of them is stable. */
 static void fictitious_masses(relaxation *x) {
     const tm_tissue *tissue = x->world->tissue;
     const tm_mesh *mesh = tissue->mesh;
-    const double margin = tissue->rotation > 0 ? 2.2 : 1.1; /* what turns stiffens: by less than twice */
+    /* What turns stiffens by less than twice; a nonlinear law by what its bound has more than small strains. */
+    const double margin = tissue->rotation > 0 ? 2.2 : tissue->stiffest_Pa ? 1.1 * stiffening(tissue) : 1.1;
     double K[9], *sum = x->scaled;
     memset(sum, 0, sizeof(double) * (size_t)x->n);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {

@@ -9,17 +9,6 @@
 
 /* --- room --- */
 
-/* Places of the pulls on each vertex, in the order of mesh->vertex_tet. */
-static void find_corners(const tm_mesh *mesh, int32_t *place) {
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
-            const int32_t tet = mesh->vertex_tet[i];
-            int k = 0;
-            while (mesh->tet[4 * (int64_t)tet + k] != v) k++;
-            place[i] = TM_LANES * (12 * (tet / TM_LANES) + 3 * k) + tet % TM_LANES;
-        }
-}
-
 int64_t tm_relaxing_kept(const tm_rotation *rotation) {
     return 6 * TM_LANES * (int64_t)rotation->packs.count + tm_swollen_domains(&rotation->swollen);
 }
@@ -40,7 +29,7 @@ static bool take_room(tm_relaxing *r, tm_pool *pool) {
     if (r->world->tissue->smoothed) v->stress_J = TM_TAKE(pool, double, 9 * lanes);
     r->place = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     if (pool->failed) return false;
-    find_corners(mesh, r->place);
+    tm_packs_corners(mesh, r->place);
     return true;
 }
 

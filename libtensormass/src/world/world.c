@@ -62,7 +62,8 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
                                 .range = def->damped ? tm_stage_integrate_damped : tm_stage_integrate,
                                 .divided = true};
     status = tm_world_add_stage(world, &force, 0, error);
-    return status ? status : tm_world_add_stage(world, &integrate, world->carry_bytes, error);
+    if (!status) status = tm_world_add_stage(world, &integrate, world->carry_bytes, error);
+    return status || !world->tissue->stiffest_Pa ? status : tm_stage_law(world, error);
 }
 
 tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error) {

@@ -166,6 +166,9 @@ void tm_support_impose(const tm_world *world, double *u_m);
 /* held.c: TM_ERR_SUPPORT if the supports leave a piece a rigid motion; with `load_N` [3*vertex_count], a loaded one. */
 tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *error);
 
+/* stage_law.c: the stage "law", of tissue whose materials have nonlinear laws. */
+tm_status tm_stage_law(tm_world *world, tm_error *error);
+
 /* The stage "rotation" of a world, or null. */
 tm_rotation *tm_world_rotation(const tm_world *world);
 

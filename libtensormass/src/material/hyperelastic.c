@@ -1,0 +1,223 @@
+/* Nonlinear laws: forms of their kernel, energies, and tangents by the complex step. */
+#include "material/hyperelastic.h"
+
+#include <complex.h>
+#undef I
+#include <math.h>
+#include <string.h>
+
+#include "base/intrinsics.h"
+
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */
+
+#define TM_NAME(x) tm_plain_##x
+#define TM_TARGET
+#define TM_WIDTH 2
+#define TM_ENERGIES
+#include "material/hyperelastic_pass.h"
+#undef TM_ENERGIES
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+
+#ifdef TM_HAS_AVX2
+#define TM_NAME(x) tm_avx2_##x
+#define TM_TARGET __attribute__((target("avx2")))
+#define TM_WIDTH 4
+#include "material/hyperelastic_pass.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+
+#define TM_NAME(x) tm_avx512_##x
+#define TM_TARGET __attribute__((target("avx512f,avx512dq,avx512vl")))
+#define TM_WIDTH 8
+#include "material/hyperelastic_pass.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+#endif
+
+#define TM_NAME(x) tm_complex_##x
+#define TM_TARGET
+#include "material/complex_lane.h"
+
+#include "material/hyperelastic_kernel.h"
+#undef V8
+#undef M8
+#undef INSIDE
+#undef TM_NAME
+#undef TM_TARGET
+
+tm_hyper_force tm_hyper_force_form(int form) {
+#ifdef TM_HAS_AVX2
+    if (form == 2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        return tm_avx512_hyper_force;
+    if (form == 1 && __builtin_cpu_supports("avx2")) return tm_avx2_hyper_force;
+#endif
+    return form == 0 ? tm_plain_hyper_force : NULL;
+}
+
+tm_hyper_force tm_hyper_force_choose(bool plain) {
+    int form = plain ? 0 : 2;
+    while (!tm_hyper_force_form(form)) form--;
+    return tm_hyper_force_form(form);
+}
+
+/* --- packs --- */
+
+static const double NO_LIMIT = 1e300;
+
+static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *pack, int l) {
+    const tm_material *m = tm_field_material(field, tet);
+    const double *a = tm_field_fibre(field, tet), s = m->stretch_max;
+    pack->law[l] = m->law;
+    pack->laws |= 1u << m->law;
+    /* Of a uniaxial stretch s that keeps the volume. */
+    pack->I3_max[l] = s * s + 2 / s - 3;
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) pack->constant[i][l] = m->law_constant[i];
+    for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
+}
+
+bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_field *field) {
+    if (!tm_packs_take(&h->packs, pool, field)) return false;
+    tm_law_pack *law = TM_TAKE(pool, tm_law_pack, h->packs.count);
+    if (!law) return false;
+    for (int32_t p = 0; p < h->packs.count; p++)
+        for (int l = 0; l < TM_LANES; l++) {
+            if (TM_LANES * p + l < field->mesh->tet_count)
+                fill(field, TM_LANES * p + l, law + p, l);
+            else
+                law[p].I3_max[l] = NO_LIMIT;
+        }
+    h->law = law;
+    return true;
+}
+
+/* --- energy --- */
+
+static double energy_of(int64_t law, const tm_plain_hyper *w, const tm_plain_strain *s, int lane) {
+    switch (law) {
+    case TM_LAW_NEO_HOOKE: return tm_plain_neo_hooke_energy(w, s, lane);
+    default: return 0;
+    }
+}
+
+double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const double *u_m) {
+    const int32_t p = tet / TM_LANES;
+    const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
+    tm_plain_v8 H[9];
+    tm_plain_hyper w;
+    tm_plain_strain s;
+    tm_plain_beyond b;
+    tm_plain_gradient(&h->packs, p, at, u_m, H);
+    tm_plain_hyper_of(h, p, at, &w);
+    tm_plain_strain_of(H, &s);
+    b.who = tm_plain_exceeds(&s.I3, &w.I3_max);
+    double spring_J = 0;
+    if (b.who[l]) {
+        tm_plain_scale_back(&w, &s.I3, H, &b);
+        tm_plain_strain_of(H, &s);
+        spring_J = 2.0 / 3 * w.mu[l] * b.excess[l] * b.excess[l];
+    }
+    return energy_of(h->law[p].law[tet % TM_LANES], &w, &s, l) + spring_J;
+}
+
+double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m) {
+    double sum = 0;
+    for (int32_t t = 0; t < h->packs.tet_count; t++)
+        if (h->packs.alive[t]) sum += tm_hyperelastic_tet_energy(h, t, u_m);
+    return sum;
+}
+
+/* --- tangent --- */
+
+static void differentiate(int64_t law, const tm_complex_hyper *w, const double H[9], double A[81]) {
+    static const double step = 1e-100;
+    for (int k = 0; k < 9; k++) {
+        double _Complex at[9], P[9];
+        int64_t outside;
+        for (int i = 0; i < 9; i++) at[i] = H[i] + (i == k ? step : 0) * _Complex_I;
+        tm_complex_hyper_stress(law, w, at, P, &outside);
+        for (int i = 0; i < 9; i++) A[9 * i + k] = cimag(P[i]) / step;
+    }
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < i; j++) A[9 * i + j] = A[9 * j + i] = 0.5 * (A[9 * i + j] + A[9 * j + i]);
+}
+
+void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
+    const int32_t p = tet / TM_LANES;
+    const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
+    tm_plain_v8 gradient[9];
+    tm_plain_hyper w;
+    double H[9];
+    tm_plain_gradient(&h->packs, p, at, u_m, gradient);
+    tm_plain_hyper_of(h, p, at, &w);
+    tm_complex_hyper one = {.mu = w.mu[l], .lambda = w.lambda[l], .I3_max = w.I3_max[l]};
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) one.c[i] = w.c[i][l];
+    for (int i = 0; i < 3; i++) one.fibre[i] = w.fibre[i][l];
+    for (int i = 0; i < 9; i++) H[i] = gradient[i][l];
+    differentiate(h->law[p].law[tet % TM_LANES], &one, H, A);
+}
+
+/* --- the bound --- */
+
+static double largest_eigenvalue(double A[81]) {
+    for (int sweep = 0; sweep < 12; sweep++) {
+        double off = 0, diagonal = 0;
+        for (int i = 0; i < 81; i++) *(i % 10 ? &off : &diagonal) += A[i] * A[i];
+        if (off <= 1e-12 * diagonal) break;
+        for (int p = 0; p < 8; p++)
+            for (int q = p + 1; q < 9; q++) tm_jacobi(A, 9, p, q, &(double){0}, &(double){0});
+    }
+    double most = A[0];
+    for (int i = 10; i < 81; i += 10) most = fmax(most, A[i]);
+    return most;
+}
+
+/* x: |F| by that at the limit, and two angles of the principal stretches; the third may be negative. */
+static double stiffness_at(const tm_material *m, const tm_complex_hyper *w, const double x[3]) {
+    const double t = x[0] * sqrt(creal(w->I3_max) + 3);
+    double H[9] = {0}, A[81];
+    H[0] = t * sin(x[1]) * cos(x[2]) - 1, H[4] = t * sin(x[1]) * sin(x[2]) - 1, H[8] = t * cos(x[1]) - 1;
+    differentiate(m->law, w, H, A);
+    return largest_eigenvalue(A);
+}
+
+/* Uphill from x, by steps that halve. */
+static double climb(const tm_material *m, const tm_complex_hyper *w, double x[3], double best) {
+    for (double step = 0.1; step > 1e-4; step *= 0.5)
+        for (bool moved = true; moved;) {
+            moved = false;
+            for (int k = 0; k < 6; k++) {
+                double y[3] = {x[0], x[1], x[2]};
+                y[k / 2] += k % 2 ? step : -step;
+                if (!(y[0] > 0 && y[0] < 4)) continue;
+                const double there = stiffness_at(m, w, y);
+                if (there > best * (1 + 1e-9)) best = there, memcpy(x, y, sizeof y), moved = true;
+            }
+        }
+    return best;
+}
+
+double tm_law_stiffest_Pa(const tm_material *m) {
+    enum { LENGTHS = 24, ANGLES = 16, TOPS = 8 };
+    const double s = m->stretch_max, pi = acos(-1);
+    tm_complex_hyper w = {.mu = m->mu_Pa, .lambda = m->lambda_Pa, .I3_max = s * s + 2 / s - 3};
+    double top[TOPS] = {0}, at[TOPS][3] = {{0}};
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) w.c[i] = m->law_constant[i];
+    for (int i = 1; i <= LENGTHS; i++)
+        for (int j = 0; j < 2 * ANGLES; j++)
+            for (int k = 0; k <= ANGLES / 2; k++) { /* the first two stretches are alike in the other half */
+                const double x[3] = {2.0 * i / LENGTHS, pi * (j + 0.5) / (2 * ANGLES), pi / 2 * k / ANGLES};
+                const double a = stiffness_at(m, &w, x);
+                int least = 0;
+                for (int n = 1; n < TOPS; n++)
+                    if (top[n] < top[least]) least = n;
+                if (a > top[least]) top[least] = a, memcpy(at[least], x, sizeof x);
+            }
+    double most = 0;
+    for (int n = 0; n < TOPS; n++) most = fmax(most, climb(m, &w, at[n], top[n]));
+    return TM_BOUND_MARGIN * most;
+}

@@ -1,0 +1,102 @@
+/* Nonlinear laws, WIDTH lanes at a time: stress of each law (NAME_law.h), and what goes on beyond the largest stretch;
+ * included once for each set of instructions and once for complex numbers, with TM_NAME(x) set. Energies and stresses
+ * are times the volume. A law is written in H = grad u, not in F, so that small strains lose no digits.
+ *
+ * Limits of stretch. No law's tangent is bounded for every F, and a step needs a bound. Beyond |F|^2 = 3 + I3_max the
+ * law is asked at F scaled back to phi(|F|), which ends at 1 + TM_STRETCH_BAND of the limit, and a spring of stiffness
+ * kappa = 4/3 mu holds what is beyond: |F| is the same for every rotated F, so that no energy comes from turning. Force
+ * and energy have no jump there, the tangent has one. */
+
+/* Of WIDTH lanes. */
+typedef struct TM_NAME(hyper) {
+    V8 mu, lambda, c[TM_LAW_CONSTANTS], fibre[3]; /* moduli times volume; what `c` is, the law says */
+    V8 I3_max;
+} TM_NAME(hyper);
+
+/* What every law asks for first. */
+typedef struct TM_NAME(strain) {
+    V8 trace, I3, J1; /* tr H; |F|^2 - 3; det F - 1 */
+    V8 cof[9];        /* cofactors of F, less the unit tensor */
+} TM_NAME(strain);
+
+INSIDE void TM_NAME(clamp)(const V8 *x, double least, double most, V8 *y, M8 *outside) {
+    const V8 low = *x * 0 + least, high = *x * 0 + most;
+    const M8 above = TM_NAME(exceeds)(x, &high), below = TM_NAME(exceeds)(&low, x);
+    TM_NAME(choose)(y, &above, &high, x);
+    TM_NAME(choose)(y, &below, &low, y);
+    *outside = *outside | above | below;
+}
+
+INSIDE void TM_NAME(strain_of)(const V8 H[9], TM_NAME(strain) * s) {
+    V8 cof[9], square = H[0] * H[0];
+    TM_NAME(cofactors)(H, cof);
+    for (int i = 1; i < 9; i++) square += H[i] * H[i];
+    s->trace = H[0] + H[4] + H[8];
+    s->I3 = 2 * s->trace + square;
+    s->J1 = s->trace + (cof[0] + cof[4] + cof[8]) + (H[0] * cof[0] + H[1] * cof[1] + H[2] * cof[2]);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) s->cof[3 * i + j] = cof[3 * i + j] - H[3 * j + i];
+    for (int i = 0; i < 9; i += 4) s->cof[i] += s->trace;
+}
+
+#include "material/neo_hooke_law.h"
+
+/* First Piola stress; `outside`: lanes that go on linearly. */
+INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s,
+                                   V8 P[9], M8 *outside) {
+    switch (law) {
+    case TM_LAW_NEO_HOOKE: TM_NAME(neo_hooke)(w, H, s, P, outside); break;
+    default:
+        for (int i = 0; i < 9; i++) P[i] = s->I3 * 0;
+    }
+}
+
+/* phi(t), its derivative, and t - limit, of lanes beyond. */
+typedef struct TM_NAME(beyond) {
+    V8 scale, slope, excess, N[9]; /* phi/t; N = F/t */
+    M8 who;
+} TM_NAME(beyond);
+
+INSIDE void TM_NAME(scale_back)(const TM_NAME(hyper) * w, const V8 *I3, V8 H[9], TM_NAME(beyond) * b) {
+    V8 t = *I3 + 3.0, limit = w->I3_max + 3.0;
+    TM_NAME(root)(&t);
+    TM_NAME(root)(&limit);
+    const V8 band = TM_STRETCH_BAND * limit, x = (t - limit) / band, over = 1.0 / (1.0 + x);
+    b->excess = t - limit;
+    b->scale = (limit + band * x * over) / t;
+    b->slope = over * over;
+    for (int i = 0; i < 9; i++) {
+        b->N[i] = (H[i] + (i % 4 ? 0.0 : 1.0)) / t;
+        const V8 scaled = b->scale * H[i] + (i % 4 ? 0.0 : 1.0) * (b->scale - 1.0);
+        TM_NAME(choose)(&H[i], &b->who, &scaled, &H[i]);
+    }
+}
+
+/* The stress of what was scaled back, and the spring's. */
+INSIDE void TM_NAME(pull_back)(const TM_NAME(hyper) * w, const TM_NAME(beyond) * b, V8 P[9]) {
+    V8 along = P[0] * b->N[0];
+    for (int i = 1; i < 9; i++) along += P[i] * b->N[i];
+    along = (b->slope - b->scale) * along + (4.0 / 3) * w->mu * b->excess;
+    for (int i = 0; i < 9; i++) {
+        const V8 whole = b->scale * P[i] + along * b->N[i];
+        TM_NAME(choose)(&P[i], &b->who, &whole, &P[i]);
+    }
+}
+
+INSIDE void TM_NAME(hyper_stress)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], V8 P[9], M8 *outside) {
+    TM_NAME(strain) s;
+    TM_NAME(beyond) b;
+    V8 G[9];
+    TM_NAME(strain_of)(H, &s);
+    b.who = TM_NAME(exceeds)(&s.I3, &w->I3_max);
+    *outside = b.who;
+    if (!TM_NAME(any)(&b.who)) {
+        TM_NAME(stress_of_law)(law, w, H, &s, P, outside);
+        return;
+    }
+    for (int i = 0; i < 9; i++) G[i] = H[i];
+    TM_NAME(scale_back)(w, &s.I3, G, &b);
+    TM_NAME(strain_of)(G, &s);
+    TM_NAME(stress_of_law)(law, w, G, &s, P, outside);
+    TM_NAME(pull_back)(w, &b, P);
+}

@@ -1,0 +1,46 @@
+/* The rows of nonlinear laws: all share passes, tangents and the form of the bound (hyperelastic.c). */
+#include <math.h>
+
+#include "base/vec.h"
+#include "material/law.h"
+
+static double energy(const tm_law_state *s, const double *u_m) { return tm_hyperelastic_energy(&s->hyper, u_m); }
+
+static void force(const tm_law_state *s, bool plain, const double *u_m, double *force_N) {
+    tm_hyper_force_choose(plain)(&s->hyper, 0, s->hyper.packs.count, u_m, s->work.corner_N);
+    tm_law_gather(s, force_N);
+}
+
+static void tangent(const tm_law_state *s, const double *u_m, const double *d_m, double *change_N) {
+    const tm_mesh *mesh = s->field.mesh;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double A[81], D[9], P[9] = {0};
+        if (!s->field.alive[t]) continue;
+        tm_law_gradient(mesh, t, d_m, D);
+        tm_hyperelastic_hessian(&s->hyper, t, u_m, A);
+        for (int i = 0; i < 81; i++) P[i / 9] += A[i] * D[i % 9];
+        tm_law_add_stress(mesh, t, P, change_N);
+    }
+}
+
+/* K_e = V sum alpha_k.A.alpha_l is at most that of A = a 1, whose eigenvalues are those of a V sum alpha_k
+ * alpha_k^T/m_k. */
+static double bound(const tm_material_field *field, int32_t tet, const double mass_kg[4]) {
+    const double *alpha = field->mesh->shape_1_m + 12 * (int64_t)tet;
+    double G[9] = {0};
+    for (int k = 0; k < 4; k++)
+        for (int i = 0; i < 9; i++) G[i] += alpha[3 * k + i / 3] * alpha[3 * k + i % 3] / mass_kg[k];
+    for (int sweep = 0; sweep < 8; sweep++)
+        for (int p = 0; p < 2; p++)
+            for (int q = p + 1; q < 3; q++) tm_jacobi(G, 3, p, q, &(double){0}, &(double){0});
+    const double most = fmax(G[0], fmax(G[4], G[8]));
+    return field->stiffest_Pa[field->region_material[field->mesh->region[tet]]] * field->mesh->volume_m3[tet] * most;
+}
+
+const tm_law tm_law_neo_hooke = {.name = "neo-hooke",
+                                 .kind = TM_LAW_NEO_HOOKE,
+                                 .is_objective = true,
+                                 .energy = energy,
+                                 .force = force,
+                                 .tangent = tangent,
+                                 .bound = bound};

@@ -1,0 +1,59 @@
+/* Passes of nonlinear laws over packs; a part of hyperelastic.c, for real numbers. */
+
+#include "material/simd_vector.h"
+
+#include "material/tet_batch_kernel.h"
+
+#include "material/hyperelastic_kernel.h"
+
+INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NAME(hyper) * w) {
+    const tm_law_pack *law = h->law + p;
+    memcpy(&w->mu, h->packs.pack[p].mu_J + at, sizeof(V8));
+    memcpy(&w->lambda, h->packs.pack[p].lambda_J + at, sizeof(V8));
+    memcpy(&w->I3_max, law->I3_max + at, sizeof(V8));
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) memcpy(&w->c[i], law->constant[i] + at, sizeof(V8));
+    for (int i = 0; i < 3; i++) memcpy(&w->fibre[i], law->fibre[i] + at, sizeof(V8));
+}
+
+/* A pack of several laws: every one of all lanes, and each lane's own is kept. */
+INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, const TM_NAME(hyper) * w, const V8 H[9],
+                                  V8 P[9], M8 *outside) {
+    V8 Q[9];
+    M8 own, out;
+    *outside = (M8){0};
+    for (int i = 0; i < 9; i++) P[i] = (V8){0};
+    for (int64_t law = 1; law < TM_LAW_COUNT; law++) {
+        if (!(h->law[p].laws >> law & 1)) continue;
+        TM_NAME(hyper_stress)(law, w, H, Q, &out);
+        for (int l = 0; l < TM_WIDTH; l++) own[l] = h->law[p].law[at + l] == law ? -1 : 0;
+        for (int i = 0; i < 9; i++) TM_NAME(choose)(&P[i], &own, &Q[i], &P[i]);
+        *outside |= out & own;
+    }
+}
+
+/* Corner forces of the packs [begin, end). Returns how many tetrahedra are beyond a limit. */
+TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
+                                              double *corner_N) {
+    int32_t count = 0;
+    for (int32_t p = begin; p < end; p++)
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 H[9], P[9], f[4][3];
+            M8 outside;
+            TM_NAME(hyper) w;
+            TM_NAME(gradient)(&h->packs, p, at, u_m, H);
+            TM_NAME(hyper_of)(h, p, at, &w);
+            if (h->law[p].laws == 1u << TM_LAW_NEO_HOOKE)
+                TM_NAME(hyper_stress)(TM_LAW_NEO_HOOKE, &w, H, P, &outside);
+            else
+                TM_NAME(mixed_stress)(h, p, at, &w, H, P, &outside);
+            TM_NAME(pull)(&h->packs, p, at, P, f);
+            for (int i = 0; i < 12; i++)
+                memcpy(corner_N + 12 * TM_LANES * (int64_t)p + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
+            if (TM_NAME(any)(&outside))
+                for (int l = 0; l < TM_WIDTH; l++) count += outside[l] != 0;
+        }
+    return count;
+}
+#undef V8
+#undef M8
+#undef INSIDE

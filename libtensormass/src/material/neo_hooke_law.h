@@ -1,0 +1,26 @@
+/* Compressible neo-Hooke, stable under inversion (Smith, de Goes and Kim, ACM Trans. Graph. 37 (2018) 12), a part of
+ * hyperelastic_kernel.h:
+ *     W = m/2 (I - 3) - m/2 log((I + 1)/4) + l/2 (J - 1)^2 - 3/4 m (J - 1),  I = |F|^2, J = det F,
+ * m = 4/3 mu and l = lambda + 5/6 mu, so that small strains have lambda and mu. Beyond TM_VOLUME_LEAST and _MOST the
+ * pressure stays as it is there: the tangent has a bound, and a tetrahedron that is flat or inside out still comes
+ * back. */
+
+INSIDE void TM_NAME(neo_hooke)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
+                               M8 *outside) {
+    const V8 m = (4.0 / 3) * w->mu, l = w->lambda + (5.0 / 6) * w->mu, over = 1.0 / (s->I3 + 4.0);
+    V8 J1;
+    TM_NAME(clamp)(&s->J1, TM_VOLUME_LEAST - 1, TM_VOLUME_MOST - 1, &J1, outside);
+    /* shear (F - cof F) + pressure cof F: each vanishes at rest without a difference of large numbers. */
+    const V8 shear = m - m * over, pressure = l * J1 + 0.25 * m * s->I3 * over;
+    for (int i = 0; i < 9; i++)
+        P[i] = shear * (H[i] - s->cof[i]) + pressure * s->cof[i] + (i % 4 ? 0.0 : 1.0) * pressure;
+}
+
+#ifdef TM_ENERGIES
+INSIDE double TM_NAME(neo_hooke_energy)(const TM_NAME(hyper) * w, const TM_NAME(strain) * s, int lane) {
+    const double mu = w->mu[lane], m = 4.0 / 3 * mu, l = w->lambda[lane] + 5.0 / 6 * mu;
+    const double I3 = s->I3[lane], J1 = s->J1[lane];
+    const double c = fmin(fmax(J1, TM_VOLUME_LEAST - 1), TM_VOLUME_MOST - 1);
+    return 0.5 * m * (I3 - log1p(0.25 * I3)) + l * c * (J1 - 0.5 * c) - 0.75 * m * J1;
+}
+#endif

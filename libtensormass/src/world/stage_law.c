@@ -1,0 +1,155 @@
+/* Stage "law": nonlinear laws of materials, in every world whose tissue has one. Stresses of packs come first, a share
+ * of them by each thread; the stage "force" then gathers what pulls on its vertices, ascending, so that the bits are
+ * those of one thread. */
+#include <string.h>
+
+#include "material/hyperelastic.h"
+#include "tissue/tangent.h"
+#include "world/world_internal.h"
+
+typedef struct law_stage {
+    tm_pool pool;
+    tm_world *world;
+    tm_hyperelastic hyper;
+    tm_hyper_force force;
+    double *corner_N; /* [12*TM_LANES*packs] */
+    int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
+    int32_t *beyond;  /* [part_count] tetrahedra that go on linearly */
+    tm_nonlinear law; /* what others ask */
+} law_stage;
+
+/* --- the step --- */
+
+static void stress_part(void *context, int32_t part) {
+    const law_stage *l = context;
+    const int32_t count = l->hyper.packs.count, parts = l->world->part_count;
+    l->beyond[part] = l->force(&l->hyper, tm_packs_before(count, part, parts), tm_packs_before(count, part + 1, parts),
+                               l->world->state.u_m, l->corner_N);
+}
+
+static void run(void *self, tm_world *world) { tm_parts_do(world, stress_part, self); }
+
+static void gather(const law_stage *l, const double *corner_N, int32_t begin, int32_t end, double *TM_RESTRICT force) {
+    const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
+    for (int32_t v = begin; v < end; v++) {
+        double x = 0, y = 0, z = 0;
+        for (int32_t i = first[v]; i < first[v + 1]; i++) {
+            const double *pull = corner_N + l->place[i];
+            x -= pull[0], y -= pull[TM_LANES], z -= pull[2 * TM_LANES];
+        }
+        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
+    }
+}
+
+/* The law of the stage "force"; the account of energy reads the tensors' part apart. */
+static void force_range(void *self, tm_world *world, const tm_range *range) {
+    const law_stage *l = self;
+    const tm_tissue *tissue = world->tissue;
+    if (world->internal_N)
+        tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m,
+                      world->internal_N);
+    gather(l, l->corner_N, range->begin, range->end, world->state.force_N);
+}
+
+/* --- what others ask: what the law has beyond the tensors, which are its own for small strains --- */
+
+static double energy(const void *self, const double *u_m) {
+    const law_stage *l = self;
+    return tm_hyperelastic_energy(&l->hyper, u_m) - tm_tissue_energy(l->world->tissue, u_m);
+}
+
+/* Leaves the step's corner forces as they are no more, which every pass computes anew. */
+static void force(const void *self, const double *u_m, double *force_N) {
+    const law_stage *l = self;
+    double *tensors_N = l->law.scratch_N + 3 * (int64_t)l->hyper.packs.mesh->vertex_count;
+    l->force(&l->hyper, 0, l->hyper.packs.count, u_m, l->corner_N);
+    gather(l, l->corner_N, 0, l->hyper.packs.mesh->vertex_count, force_N);
+    tm_tissue_force(l->world->tissue, u_m, tensors_N);
+    for (int32_t i = 0; i < 3 * l->hyper.packs.mesh->vertex_count; i++) force_N[i] -= tensors_N[i];
+}
+
+static bool take_tangent(const void *self, tm_tangent *tangent, tm_pool *pool) {
+    return tm_tangent_take_tensors(tangent, pool, ((const law_stage *)self)->world->tissue);
+}
+
+static void add_tangent(const void *self, const double *u_m, int32_t begin, int32_t end, tm_tangent *tangent) {
+    const law_stage *l = self;
+    for (int32_t t = begin; t < end; t++) {
+        double A[81], linear[81];
+        tm_turned_lane lane;
+        if (!l->hyper.packs.alive[t]) continue;
+        tm_hyperelastic_hessian(&l->hyper, t, u_m, A);
+        tm_rotation_lane_law(&l->hyper.packs, t, &lane);
+        tm_rotation_linear(&lane, linear);
+        for (int i = 0; i < 81; i++) A[i] -= linear[i];
+        tm_tangent_add_tet(l->world->tissue, t, A, tangent);
+    }
+}
+
+/* --- how it is made --- */
+
+static void destroy(void *self) {
+    law_stage *l = self;
+    tm_world_set_force(l->world, NULL);
+    l->world->nonlinear = NULL;
+    tm_pool pool = l->pool;
+    tm_pool_release(&pool);
+}
+
+static bool take(law_stage *l, tm_pool *pool) {
+    const tm_tissue *tissue = l->world->tissue;
+    const tm_material_field field = tm_tissue_field(tissue);
+    if (!tm_hyperelastic_take(&l->hyper, pool, &field)) return false;
+    l->force = tm_hyper_force_choose(tissue->plain);
+    l->corner_N = TM_TAKE(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    l->place = TM_TAKE(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);
+    l->beyond = TM_TAKE(pool, int32_t, l->world->part_count);
+    l->law = (tm_nonlinear){.self = l,
+                            .energy = energy,
+                            .force = force,
+                            .take_tangent = take_tangent,
+                            .add_tangent = add_tangent,
+                            .scratch_N = TM_TAKE(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
+    if (pool->failed) return false;
+    tm_packs_corners(tissue->mesh, l->place);
+    return true;
+}
+
+static const char STAGE[] = "law";
+
+tm_status tm_stage_law(tm_world *world, tm_error *error) {
+    tm_pool pool = {0};
+    law_stage *l = TM_TAKE(&pool, law_stage, 1);
+    if (l) l->world = world;
+    if (!l || !take(l, &pool)) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "nonlinear law");
+    }
+    l->pool = pool;
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = STAGE,
+                            .phase = TM_PHASE_FORCE,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = l,
+                            .before = "force"};
+    const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    tm_world_set_force(world, &(tm_force_provider){STAGE, l, force_range});
+    world->nonlinear = &l->law;
+    return TM_OK;
+}
+
+int32_t tm_world_limited_tets(const tm_world *world) {
+    TM_REQUIRE(world, "world is null", 0);
+    int32_t count = 0;
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        if (world->slot[i].stage.run != run) continue;
+        const law_stage *l = world->slot[i].stage.self;
+        for (int32_t p = 0; p < world->part_count; p++) count += l->beyond[p];
+    }
+    return count;
+}

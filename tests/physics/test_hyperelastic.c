@@ -1,0 +1,325 @@
+/* Tissue under a nonlinear law: uniaxial stretch, press and simple shear by 40 % against closed forms, settling, the
+ * step's energy, threads, cuts and snapshots with the same bits, tetrahedra that come back from inside out, and what is
+ * refused. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "../fixture.h"
+#include "tensormass/cut.h"
+#include "tensormass/energy.h"
+#include "tensormass/rotation.h"
+#include "tensormass/viscosity.h"
+
+static const double YOUNG_PA = 5e3, SIDE_M = 0.02, JITTER = 0.2;
+
+typedef struct block {
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    tm_world *world;
+    int32_t n;
+    int32_t *dof, held;
+    double *value_m;
+} block;
+
+static tm_material material_of(double poisson, tm_law_kind law) {
+    tm_material m;
+    tm_error error;
+    fix_ok(tm_material_young(YOUNG_PA, poisson, &m, &error), &error);
+    fix_ok(tm_material_set_law(&m, law, NULL, 2, &error), &error);
+    return m;
+}
+
+static block make(const int cells[3], const tm_material *material, int32_t threads, bool damped) {
+    fix_random random = {11};
+    tm_error error;
+    block b = {.mesh = fix_block(cells, (double[]){SIDE_M, SIDE_M, SIDE_M}, JITTER, &random)};
+    b.n = 3 * b.mesh->vertex_count;
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = b.mesh, def.material_count = 1, def.material = material, def.cuttable = true;
+    fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
+    tm_world_def world = tm_world_def_default();
+    world.tissue = b.tissue, world.threads = threads, world.damped = damped;
+    fix_ok(tm_world_create(&world, &b.world, &error), &error);
+    b.dof = malloc(sizeof *b.dof * (size_t)b.n);
+    b.value_m = malloc(sizeof *b.value_m * (size_t)b.n);
+    return b;
+}
+
+static void destroy(block *b) {
+    tm_world_destroy(b->world);
+    tm_tissue_destroy(b->tissue);
+    tm_mesh_destroy(b->mesh);
+    free(b->dof);
+    free(b->value_m);
+}
+
+static double *zeros(const block *b) {
+    assert_true(b->n > 0);
+    return calloc((size_t)b->n, sizeof(double));
+}
+
+static bool is_at(const block *b, int32_t i, double place_m) { return fabs(b->mesh->rest_m[i] - place_m) < 1e-9; }
+
+static void hold(block *b, int32_t dof, double value_m) { b->dof[b->held] = dof, b->value_m[b->held++] = value_m; }
+
+static void settle(block *b) {
+    tm_support_def support = tm_support_def_default();
+    tm_settle_def def = tm_settle_def_default();
+    tm_error error;
+    support.count = b->held, support.dof = b->dof, support.value_m = b->value_m;
+    fix_ok(tm_stage_support(b->world, &support, &error), &error);
+    def.tolerance = 1e-9;
+    fix_ok(tm_world_settle(b->world, &def, NULL, &error), &error);
+}
+
+/* --- closed forms --- */
+
+/* P = dW/dF of F, as Smith, de Goes and Kim write it. */
+static void stress_of(double poisson, const double F[9], double P[9]) {
+    const double mu = YOUNG_PA / (2 * (1 + poisson)), lambda = YOUNG_PA * poisson / ((1 + poisson) * (1 - 2 * poisson));
+    const double m = 4.0 / 3 * mu, l = lambda + 5.0 / 6 * mu, alpha = 1 + m / l - m / (4 * l);
+    double I = 0, cof[9];
+    for (int i = 0; i < 9; i++) I += F[i] * F[i];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int a = 3 * ((i + 1) % 3), b = 3 * ((i + 2) % 3), c = (j + 1) % 3, d = (j + 2) % 3;
+            cof[3 * i + j] = F[a + c] * F[b + d] - F[a + d] * F[b + c];
+        }
+    const double J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
+    for (int i = 0; i < 9; i++) P[i] = m * (1 - 1 / (I + 1)) * F[i] + l * (J - alpha) * cof[i];
+}
+
+/* The lateral stretch at which nothing pulls sideways, by bisection; and the stress along. */
+static double uniaxial(double poisson, double stretch, double *lateral) {
+    double low = 0.5, high = 1.6, P[9];
+    for (int k = 0; k < 100; k++) {
+        *lateral = 0.5 * (low + high);
+        stress_of(poisson, (double[]){stretch, 0, 0, 0, *lateral, 0, 0, 0, *lateral}, P);
+        *(P[4] < 0 ? &low : &high) = *lateral;
+    }
+    return P[0];
+}
+
+static void stretched(double poisson, double stretch) {
+    const tm_material m = material_of(poisson, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){3, 3, 3}, &m, 1, true);
+    double lateral, force_N = 0;
+    for (int32_t i = 0; i < b.n; i++) {
+        if (is_at(&b, i, 0)) hold(&b, i, 0);
+        if (i % 3 == 0 && is_at(&b, i, SIDE_M)) hold(&b, i, (stretch - 1) * SIDE_M);
+    }
+    settle(&b);
+    const double expected_N = SIDE_M * SIDE_M * uniaxial(poisson, stretch, &lateral);
+    const double *u = tm_world_state(b.world)->u_m;
+    double *reaction = zeros(&b);
+    tm_support_reaction(b.world, reaction);
+    for (int32_t i = 0; i < b.n; i++) {
+        if (i % 3 == 0 && is_at(&b, i, SIDE_M)) force_N += reaction[i];
+        const double exact = ((i % 3 ? lateral : stretch) - 1) * b.mesh->rest_m[i];
+        assert_true(fabs(u[i] - exact) < 1e-6 * SIDE_M);
+    }
+    print_message("nu %g, stretch %g: %.6g N, closed form %.6g N\n", poisson, stretch, force_N, expected_N);
+    assert_true(fabs(force_N - expected_N) < 1e-6 * fabs(expected_N));
+    assert_int_equal(tm_world_limited_tets(b.world), 0);
+    free(reaction);
+    destroy(&b);
+}
+
+static void uniaxial_stretch_and_press_to_40_percent(void **state) {
+    (void)state;
+    for (double stretch = 0.6; stretch < 1.5; stretch += 0.2)
+        if (fabs(stretch - 1) > 0.01) stretched(0.3, stretch), stretched(0.45, stretch);
+    stretched(0.49, 0.6);
+}
+
+static void simple_shear_by_40_percent(void **state) {
+    (void)state;
+    const double poisson = 0.45, gamma = 0.4, F[9] = {1, 0, gamma, 0, 1, 0, 0, 0, 1};
+    const tm_material m = material_of(poisson, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){3, 3, 3}, &m, 1, true);
+    double P[9], force_N[3] = {0};
+    for (int32_t v = 0; v < b.n; v += 3) {
+        bool outside = false;
+        for (int i = v; i < v + 3; i++) outside = outside || is_at(&b, i, 0) || is_at(&b, i, SIDE_M);
+        for (int i = 0; i < 3 && outside; i++) hold(&b, v + i, i ? 0 : gamma * b.mesh->rest_m[v + 2]);
+    }
+    settle(&b);
+    stress_of(poisson, F, P);
+    double *reaction = zeros(&b);
+    tm_support_reaction(b.world, reaction);
+    /* The moment of all reactions about the origin is the volume times P. */
+    for (int32_t i = 0; i < b.n; i++) force_N[i % 3] += reaction[i] * b.mesh->rest_m[i / 3 * 3 + 2];
+    for (int i = 0; i < 3; i++)
+        assert_true(fabs(force_N[i] - SIDE_M * SIDE_M * SIDE_M * P[3 * i + 2]) <
+                    1e-6 * SIDE_M * SIDE_M * SIDE_M * P[2]);
+    free(reaction);
+    destroy(&b);
+}
+
+/* --- the step --- */
+
+/* Pushed out of shape, some of it inside out, held at the bottom: comes back to rest. */
+static void comes_back_from_inside_out(void **state) {
+    (void)state;
+    const tm_material base = material_of(0.45, TM_LAW_NEO_HOOKE);
+    tm_material m = base;
+    m.damping_1_s = 40;
+    block b = make((int[]){3, 3, 3}, &m, 1, true);
+    fix_random random = {3};
+    tm_error error;
+    tm_state *s = tm_world_state(b.world);
+    for (int32_t i = 0; i < b.n; i++)
+        if (is_at(&b, i / 3 * 3 + 2, 0)) hold(&b, i, 0);
+    tm_support_def support = tm_support_def_default();
+    support.count = b.held, support.dof = b.dof, support.value_m = b.value_m;
+    fix_ok(tm_stage_support(b.world, &support, &error), &error);
+    for (int32_t i = 0; i < b.n; i++)
+        if (!is_at(&b, i / 3 * 3 + 2, 0)) s->u_m[i] = s->u_prev_m[i] = 0.4 * SIDE_M * fix_signed(&random);
+    assert_true(tm_tissue_deformation(b.tissue, s->u_m).inverted > 20);
+    fix_ok(tm_world_step(b.world, 1), &error);
+    assert_true(tm_world_limited_tets(b.world) > 20);
+    fix_ok(tm_world_step(b.world, (int32_t)(1.5 / s->dt_s)), &error);
+    assert_true(fix_largest(s->u_m, b.n) < 1e-6 * SIDE_M);
+    destroy(&b);
+}
+
+/* Let go from a stretch, undamped: the account closes, and energy stays within the wobble of the scheme. */
+static void keeps_its_energy(void **state) {
+    (void)state;
+    const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){3, 3, 3}, &m, 1, false);
+    tm_error error;
+    tm_energy e;
+    tm_state *s = tm_world_state(b.world);
+    fix_ok(tm_stage_energy(b.world, &error), &error);
+    for (int32_t i = 0; i < b.n; i++)
+        s->u_m[i] = s->u_prev_m[i] = (i % 3 == 2 ? 0.4 : -0.12) * (b.mesh->rest_m[i] - SIDE_M / 2);
+    double least = HUGE_VAL, most = 0;
+    for (int k = 0; k < 40; k++) {
+        fix_ok(tm_world_step(b.world, 100), &error);
+        fix_ok(tm_world_energy(b.world, &e, &error), &error);
+        const double total = e.kinetic_J + e.elastic_J;
+        least = fmin(least, total), most = fmax(most, total);
+        assert_true(fabs(e.residual_J) < 0.02 * e.start_J);
+    }
+    print_message("energy between %.4f and %.4f of the start\n", least / e.start_J, most / e.start_J);
+    assert_true(most - least < 0.02 * e.start_J);
+    destroy(&b);
+}
+
+/* Shaken, cut on the way. */
+static uint64_t story(int32_t threads, int32_t snapshot_at) {
+    const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){12, 12, 8}, &m, threads, true);
+    fix_random random = {5};
+    tm_error error;
+    tm_state *s = tm_world_state(b.world);
+    assert_int_equal(tm_world_parts(b.world), threads);
+    for (int32_t i = 0; i < b.n; i++) s->u_m[i] = s->u_prev_m[i] = 0.02 * SIDE_M * fix_signed(&random);
+    for (int32_t k = 0; k < 30; k++) {
+        if (k == 10) assert_true(tm_cut_remove(b.tissue, (int32_t[]){100, 700, 1200}, 3, NULL, 0) >= 3);
+        fix_ok(tm_world_step(b.world, 1), &error);
+        if (k != snapshot_at) continue;
+        const int64_t bytes = tm_snapshot_bytes(b.world);
+        void *kept = malloc((size_t)bytes);
+        fix_ok(tm_snapshot_save(b.world, kept, bytes, &error), &error);
+        fix_ok(tm_world_step(b.world, 5), &error);
+        fix_ok(tm_snapshot_restore(b.world, kept, bytes, &error), &error);
+        free(kept);
+    }
+    const uint64_t hash = tm_world_hash(b.world);
+    destroy(&b);
+    return hash;
+}
+
+static void has_the_same_bits_by_threads_and_snapshots(void **state) {
+    (void)state;
+    const uint64_t one = story(1, -1);
+    assert_true(one == story(2, -1));
+    assert_true(one == story(3, 20));
+}
+
+/* After a cut the force is that of a fresh build of what is left, bit for bit. */
+static void a_cut_equals_a_fresh_build(void **state) {
+    (void)state;
+    const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){4, 4, 4}, &m, 1, true);
+    fix_random random = {5};
+    tm_error error;
+    tm_tissue *fresh;
+    assert_true(tm_cut_remove(b.tissue, (int32_t[]){5, 31, 90}, 3, NULL, 0) >= 3);
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = b.mesh, def.material_count = 1, def.material = &m, def.cuttable = true,
+    def.alive = tm_tissue_alive(b.tissue);
+    fix_ok(tm_tissue_create(&def, &fresh, &error), &error);
+    tm_world_def whole = tm_world_def_default();
+    tm_world *other;
+    whole.tissue = fresh, whole.dt_s = tm_world_step_s(b.world);
+    fix_ok(tm_world_create(&whole, &other, &error), &error);
+    tm_state *s = tm_world_state(b.world), *t = tm_world_state(other);
+    for (int32_t i = 0; i < b.n; i++)
+        if (tm_tissue_mass_kg(fresh)[i / 3] > 0)
+            t->u_m[i] = t->u_prev_m[i] = s->u_m[i] = s->u_prev_m[i] = 0.1 * SIDE_M * fix_signed(&random);
+    fix_ok(tm_world_step(b.world, 20), &error);
+    fix_ok(tm_world_step(other, 20), &error);
+    assert_memory_equal(s->u_m, t->u_m, sizeof *s->u_m * (size_t)b.n);
+    tm_world_destroy(other);
+    tm_tissue_destroy(fresh);
+    destroy(&b);
+}
+
+/* --- what is refused --- */
+
+static void tissue_is_refused(tm_tissue_def def, tm_status expected, const char *what) {
+    tm_tissue *tissue;
+    tm_error error;
+    assert_int_equal(tm_tissue_create(&def, &tissue, &error), expected);
+    assert_non_null(strstr(error.message, what));
+}
+
+static void refusals_say_why(void **state) {
+    (void)state;
+    fix_random random = {1};
+    tm_error error;
+    tm_mesh *mesh = fix_block((int[]){1, 1, 1}, (double[]){1, 1, 1}, 0, &random);
+    const tm_material law = material_of(0.3, TM_LAW_NEO_HOOKE), linear = material_of(0.3, TM_LAW_LINEAR);
+    const tm_material both[2] = {law, linear};
+    tm_tissue_def def = tm_tissue_def_default(), other;
+    def.mesh = mesh, def.material_count = 1, def.material = &law;
+    other = def, other.material_count = 2, other.material = both;
+    tissue_is_refused(other, TM_ERR_EXCLUDED, "the linear one");
+    other = def, other.rotation = TM_ROTATION_THRESHOLD;
+    tissue_is_refused(other, TM_ERR_EXCLUDED, "rotation");
+    other = def, other.volume = true, other.volume_shear = 0;
+    tissue_is_refused(other, TM_ERR_EXCLUDED, "averaged");
+    other = def, other.precision = TM_SINGLE;
+    tissue_is_refused(other, TM_ERR_EXCLUDED, "single");
+    tm_material m = linear;
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_NEO_HOOKE, NULL, 1.1, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "1.2 <= stretch <= 4 is violated"));
+    fix_ok(tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &m, &error), &error);
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_NEO_HOOKE, NULL, 0, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "dlambda = dmu = beta = 0 is violated"));
+    assert_int_equal(m.law, TM_LAW_LINEAR);
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_COUNT, NULL, 0, &error), TM_ERR_MATERIAL);
+    block b = make((int[]){1, 1, 1}, &law, 1, true);
+    tm_viscosity_def relaxing = tm_viscosity_def_default();
+    relaxing.count = 1, relaxing.term[0] = (tm_viscosity_term){.time_s = 1, .shear = 0.5, .volume = 0.5};
+    assert_int_equal(tm_stage_viscosity(b.world, &relaxing, &error), TM_ERR_EXCLUDED);
+    destroy(&b);
+    tm_mesh_destroy(mesh);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(uniaxial_stretch_and_press_to_40_percent),
+        cmocka_unit_test(simple_shear_by_40_percent),
+        cmocka_unit_test(comes_back_from_inside_out),
+        cmocka_unit_test(keeps_its_energy),
+        cmocka_unit_test(has_the_same_bits_by_threads_and_snapshots),
+        cmocka_unit_test(a_cut_equals_a_fresh_build),
+        cmocka_unit_test(refusals_say_why),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
