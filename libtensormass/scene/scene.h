@@ -143,8 +143,8 @@ typedef struct app_material {
     app_number lambda, mu;
     app_number lambda_T, mu_T, lambda_L, mu_L, beta;
     app_number E_L, E_T, nu_LT, nu_TT, G_L;
-    app_choice law; /* tm_law_kind */
-    app_number stretch;
+    app_choice law;                                                 /* tm_law_kind */
+    app_number stretch, compression, second, C, k1, k2, dispersion; /* of laws */
     app_number density, damping;
 } app_material;
 

@@ -69,6 +69,32 @@ tm_status app_scene_law(const app_scene *scene, const app_material *m, app_law *
                          m->region.s);
 }
 
+tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
+    const struct {
+        const char *key;
+        const app_number *given;
+        tm_law_kind law;
+        bool needed;
+    } row[] = {{"compression", &m->compression, TM_LAW_ST_VENANT_KIRCHHOFF, false},
+               {"second", &m->second, TM_LAW_MOONEY_RIVLIN, false},
+               {"C", &m->C, TM_LAW_FUNG, true},
+               {"k1", &m->k1, TM_LAW_HOLZAPFEL, true},
+               {"k2", &m->k2, TM_LAW_HOLZAPFEL, true},
+               {"dispersion", &m->dispersion, TM_LAW_HOLZAPFEL, false}};
+    const tm_law_kind law = (tm_law_kind)m->law.index;
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+        if (row[i].given->line && row[i].law != law)
+            return app_scene_bad(
+                scene, row[i].given->line,
+                "material '%s' has '%s' of the law '%s', and its law is '%s'; give 'law: %s', or remove it",
+                m->region.s, row[i].key, tm_law_name(row[i].law), tm_law_name(law), tm_law_name(row[i].law));
+        if (!row[i].given->line && row[i].needed && row[i].law == law)
+            return app_scene_bad(scene, m->law.line, "material '%s' has the law '%s' and no '%s'; give it", m->region.s,
+                                 tm_law_name(law), row[i].key);
+    }
+    return 0;
+}
+
 tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
     int count =
         (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);

@@ -71,6 +71,15 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
     return TM_ERR_MATERIAL;
 }
 
+static tm_status set_law(const app_material *m, tm_material *out, tm_error *error) {
+    const double all[][TM_LAW_CONSTANTS] = {[TM_LAW_ST_VENANT_KIRCHHOFF] = {m->compression.si},
+                                            [TM_LAW_MOONEY_RIVLIN] = {m->second.si},
+                                            [TM_LAW_FUNG] = {m->C.si},
+                                            [TM_LAW_HOLZAPFEL] = {m->k1.si, m->k2.si, m->dispersion.si}};
+    return tm_material_set_law(out, (tm_law_kind)m->law.index, all[m->law.index], m->stretch.line ? m->stretch.si : 0,
+                               error);
+}
+
 tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
                               tm_material *out) {
     const app_material *all = scene->material.item;
@@ -106,8 +115,7 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
         if (rc) return rc;
         if (make_material(m, law, &out[r], &error))
             return app_scene_bad(scene, m->region.line, "material '%s': %s", m->region.s, error.message);
-        const double stretch = m->stretch.line ? m->stretch.si : 0;
-        if (tm_material_set_law(&out[r], (tm_law_kind)m->law.index, NULL, stretch, &error))
+        if (set_law(m, &out[r], &error))
             return app_scene_bad(scene, m->law.line, "material '%s': %s", m->region.s, error.message);
         out[r].density_kg_m3 = m->density.si;
         out[r].damping_1_s = m->damping.line ? m->damping.si : default_damping_1_s;

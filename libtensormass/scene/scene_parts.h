@@ -22,6 +22,8 @@ tm_status app_select_vertices(const app_scene *scene, const app_select *select, 
 /* Everything that needs no mesh. app_scene_load does not call it: effects check theirs in the same round. */
 tm_status app_scene_check(const app_scene *scene);
 
+/* Whether constants of nonlinear laws are those of the material's own. */
+tm_status app_scene_law_check(const app_scene *scene, const app_material *material);
 /* The scene's materials, one a region of the mesh: out[mesh->region_count]. `default_damping_1_s` where a material
  * names none. */
 tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,

@@ -57,6 +57,8 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
     } not_with[] = {{"rotation", "the law turns by itself"},
                     {"volume", "changes of volume are averaged for the linear law alone"},
                     {"viscosity", "it keeps histories of the linear law"}};
+    const tm_status constants = app_scene_law_check(scene, m);
+    if (constants) return constants;
     if (m->law.index == TM_LAW_LINEAR) {
         const int other = sim_law_line(scene);
         if (m->stretch.line)
@@ -95,7 +97,8 @@ static tm_status check_scene(const app_scene *scene) {
         const app_material *m = (const app_material *)scene->material.item + i;
         app_law law;
         rc = app_scene_law(scene, m, &law);
-        if (!rc && app_law_fibred(law) && !sim_options(scene, "anisotropy"))
+        const bool fibred = app_law_fibred(law) || m->law.index == TM_LAW_HOLZAPFEL;
+        if (!rc && fibred && !sim_options(scene, "anisotropy"))
             rc = app_scene_bad(scene, m->region.line,
                                "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file "
                                "or a rule, or give isotropic constants",

@@ -11,7 +11,8 @@ from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, ch
 from .mesh import Mesh
 
 PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
-LAW = {"linear": c.TM_LAW_LINEAR, "neo-hooke": c.TM_LAW_NEO_HOOKE}
+LAW = {"linear": c.TM_LAW_LINEAR, "neo-hooke": c.TM_LAW_NEO_HOOKE, "st-venant-kirchhoff": c.TM_LAW_ST_VENANT_KIRCHHOFF,
+       "mooney-rivlin": c.TM_LAW_MOONEY_RIVLIN, "fung": c.TM_LAW_FUNG, "holzapfel": c.TM_LAW_HOLZAPFEL}
 FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
@@ -63,19 +64,23 @@ class Material:
         """Five engineering constants; nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane."""
         return cls._made(lib.tm_material_engineering, (E_L_Pa, E_T_Pa, nu_LT, nu_TT, G_L_Pa), density_kg_m3, damping_1_s)
 
-    def with_law(self, law: str, stretch_max: float = 0.0) -> "Material":
+    def with_law(self, law: str, stretch_max: float = 0.0, constants: Sequence[float] = ()) -> "Material":
         """A copy with this law: small strains keep the elastic constants, large ones follow it (docs/nonlinear-laws.md).
 
-        law: "linear" or "neo-hooke" (isotropic). stretch_max: uniaxial stretch up to which it is followed, 0: 1.6. MaterialError: what is violated.
+        law: linear, neo-hooke, st-venant-kirchhoff, mooney-rivlin, fung or holzapfel. stretch_max: uniaxial stretch up to which it is followed, 0: 1.6.
+        constants, at most four: st-venant-kirchhoff its share of compression, mooney-rivlin its share of the second invariant, fung C in Pa, holzapfel
+        k1 in Pa, k2, kappa. MaterialError: what is violated.
         """
         made = Material.__new__(Material)
         made._struct = type(self._struct).from_buffer_copy(self._struct)
-        call(lib.tm_material_set_law, ctypes.byref(made._struct), choice(law, LAW, "law"), None, stretch_max)
+        given = np.zeros(c.TM_LAW_CONSTANTS)
+        given[: len(constants)] = constants
+        call(lib.tm_material_set_law, ctypes.byref(made._struct), choice(law, LAW, "law"), address(given), stretch_max)
         return made
 
     @property
     def law(self) -> str:
-        """ "linear" or "neo-hooke"."""
+        """Its name, as with_law takes it."""
         return lib.tm_law_name(self._struct.law).decode()
 
     stretch_max: float = property(lambda self: self._struct.stretch_max)  # type: ignore[assignment]

@@ -58,6 +58,15 @@ def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
     assert done.returncode == 2 and f"{scene}:" in done.stderr and expected.replace("single", "tissue.precision = single") in done.stderr, done.stderr
 
 
+@pytest.mark.parametrize("law,said", [("fung", "no 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' of the law 'fung'"),
+                                      ("holzapfel, k1: 1 kPa, k2: 1", "add 'anisotropy:'"), ("mooney-rivlin, second: 0.3", ""), ("fung, C: 5 kPa", "")])
+def test_a_law_asks_for_its_constants(bin, root, tmp_path, law, said):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE.replace("density: 1000 kg/m3", f"law: {law}").format(root=root))
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
+    assert done.returncode == (2 if said else 0) and said in done.stderr and (not said or f"{scene}:4: " in done.stderr), done.stderr
+
+
 def test_turning_tissue_averages_no_shear(bin, root, tmp_path):
     """rotation takes volume with its share at 0, which is what it has there where none is written."""
     scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["volume"])

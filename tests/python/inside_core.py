@@ -107,6 +107,8 @@ def test_errors_are_the_librarys_sentences():
         tm.Material.young(-1, 0.3)
     with pytest.raises(tm.MaterialError, match="stretch <= 4 is violated"):
         LIVER.with_law("neo-hooke", 9)
+    with pytest.raises(tm.MaterialError, match="2 w/C <= 6 is violated"):
+        LIVER.with_law("fung", constants=[100])
     with pytest.raises(tm.ArgumentError, match="neo-hooke"):
         LIVER.with_law("hooke")
     mesh, tissue, world = block()

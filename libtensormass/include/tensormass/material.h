@@ -13,6 +13,16 @@ extern "C" {
 typedef enum tm_law_kind {
     TM_LAW_LINEAR = 0,
     TM_LAW_NEO_HOOKE = 1, /* compressible, stable under inversion (Smith, de Goes and Kim 2018); isotropic */
+    /* The linear law in Green's strain, with fibres (Picinbono, Delingette and Ayache 2003). Constant: the share, 0 to
+     * 1, of lambda that resists J - 1 instead of tr E, without which pressed tissue gives way. */
+    TM_LAW_ST_VENANT_KIRCHHOFF = 2,
+    TM_LAW_MOONEY_RIVLIN = 3, /* isotropic. Constant: the share, 0 to 1, of mu in the second invariant */
+    /* An exponential of the linear law in Green's strain, with fibres; Guccione's with C, bf, bt, bfs is mu_T = C bt/2,
+     * mu_L = C bfs/2, beta = C (bf + bt - 2 bfs), lambda the bulk modulus. Constant: C, Pa. */
+    TM_LAW_FUNG = 4,
+    /* Fibres with dispersion that pull alone, in neo-Hookean tissue (Holzapfel, Gasser and Ogden). Constants: k1, Pa;
+     * k2; kappa, 0 (all along the fibre) to 1/3 (any direction). */
+    TM_LAW_HOLZAPFEL = 5,
     TM_LAW_COUNT
 } tm_law_kind;
 enum { TM_LAW_CONSTANTS = 4 };
@@ -50,12 +60,12 @@ TM_API tm_status tm_material_engineering(double E_L_Pa, double E_T_Pa, double nu
 #define TM_STRETCH_DEFAULT 1.6
 #define TM_STRETCH_LEAST 1.2
 #define TM_STRETCH_MOST 4
-/* Gives an isotropic material with its elastic constants set a nonlinear law. `constant` [TM_LAW_CONSTANTS] or null:
+/* Gives a material with its elastic constants set a nonlinear law. `constant` [TM_LAW_CONSTANTS] or null:
  * what the law needs beside the elastic constants. stretch_max 0: the default. TM_ERR_MATERIAL, and the material is as
  * it was: constants that are not stable, naming the inequality that fails. */
 TM_API tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,
                                      tm_error *error);
-/* "linear", "neo-hooke"; null: no such law. */
+/* "linear", "neo-hooke", "st-venant-kirchhoff", "mooney-rivlin", "fung", "holzapfel"; null: no such law. */
 TM_API const char *tm_law_name(tm_law_kind law);
 
 /* Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0, damping >= 0. */

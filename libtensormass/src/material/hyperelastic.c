@@ -69,6 +69,12 @@ tm_hyper_force tm_hyper_force_choose(bool plain) {
 
 static const double NO_LIMIT = 1e300;
 
+void tm_law_constants(const tm_material *m, double volume, double c[TM_LAW_CONSTANTS]) {
+    memcpy(c, m->law_constant, TM_LAW_CONSTANTS * sizeof *c);
+    if (m->law == TM_LAW_FUNG) c[0] *= volume, c[1] = tm_law_exponent_limit(m);
+    if (m->law == TM_LAW_HOLZAPFEL) c[0] *= volume, c[3] = tm_law_fibre_limit(m);
+}
+
 static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *pack, int l) {
     const tm_material *m = tm_field_material(field, tet);
     const double *a = tm_field_fibre(field, tet), s = m->stretch_max;
@@ -76,7 +82,12 @@ static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *pack,
     pack->laws |= 1u << m->law;
     /* Of a uniaxial stretch s that keeps the volume. */
     pack->I3_max[l] = s * s + 2 / s - 3;
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++) pack->constant[i][l] = m->law_constant[i];
+    const double volume = field->mesh->volume_m3[tet];
+    double c[TM_LAW_CONSTANTS];
+    tm_law_constants(m, volume, c);
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) pack->constant[i][l] = c[i];
+    pack->dlambda_J[l] = volume * m->dlambda_Pa, pack->dmu_J[l] = volume * m->dmu_Pa;
+    pack->beta_J[l] = volume * m->beta_Pa;
     for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
 }
 
@@ -97,9 +108,14 @@ bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_f
 
 /* --- energy --- */
 
-static double energy_of(int64_t law, const tm_plain_hyper *w, const tm_plain_strain *s, int lane) {
+static double energy_of(int64_t law, const tm_plain_hyper *w, const tm_plain_v8 H[9], const tm_plain_strain *s,
+                        int lane) {
     switch (law) {
     case TM_LAW_NEO_HOOKE: return tm_plain_neo_hooke_energy(w, s, lane);
+    case TM_LAW_ST_VENANT_KIRCHHOFF: return tm_plain_green_energy(w, H, s, lane, false);
+    case TM_LAW_MOONEY_RIVLIN: return tm_plain_mooney_rivlin_energy(w, s, lane);
+    case TM_LAW_FUNG: return tm_plain_green_energy(w, H, s, lane, true);
+    case TM_LAW_HOLZAPFEL: return tm_plain_holzapfel_energy(w, H, s, lane);
     default: return 0;
     }
 }
@@ -121,7 +137,7 @@ double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const d
         tm_plain_strain_of(H, &s);
         spring_J = 2.0 / 3 * w.mu[l] * b.excess[l] * b.excess[l];
     }
-    return energy_of(h->law[p].law[tet % TM_LANES], &w, &s, l) + spring_J;
+    return energy_of(h->law[p].law[tet % TM_LANES], &w, H, &s, l) + spring_J;
 }
 
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m) {
@@ -154,7 +170,12 @@ void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double
     double H[9];
     tm_plain_gradient(&h->packs, p, at, u_m, gradient);
     tm_plain_hyper_of(h, p, at, &w);
-    tm_complex_hyper one = {.mu = w.mu[l], .lambda = w.lambda[l], .I3_max = w.I3_max[l]};
+    tm_complex_hyper one = {.mu = w.mu[l],
+                            .lambda = w.lambda[l],
+                            .dlambda = w.dlambda[l],
+                            .dmu = w.dmu[l],
+                            .beta = w.beta[l],
+                            .I3_max = w.I3_max[l]};
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) one.c[i] = w.c[i][l];
     for (int i = 0; i < 3; i++) one.fibre[i] = w.fibre[i][l];
     for (int i = 0; i < 9; i++) H[i] = gradient[i][l];
@@ -176,25 +197,35 @@ static double largest_eigenvalue(double A[81]) {
     return most;
 }
 
-/* x: |F| by that at the limit, and two angles of the principal stretches; the third may be negative. */
-static double stiffness_at(const tm_material *m, const tm_complex_hyper *w, const double x[3]) {
-    const double t = x[0] * sqrt(creal(w->I3_max) + 3);
+/* A place of the search: |F| by that at the limit, and two angles of the principal stretches, of which the third may be
+ * negative; where there are fibres, two angles of theirs among the principal axes. */
+enum { PLACE = 5 };
+typedef struct search {
+    int64_t law;
+    tm_complex_hyper w;
+    int angles; /* of the stretches alone, or of the fibre too */
+} search;
+
+static double stiffness_at(search *s, const double x[PLACE]) {
+    const double t = x[0] * sqrt(creal(s->w.I3_max) + 3);
     double H[9] = {0}, A[81];
     H[0] = t * sin(x[1]) * cos(x[2]) - 1, H[4] = t * sin(x[1]) * sin(x[2]) - 1, H[8] = t * cos(x[1]) - 1;
-    differentiate(m->law, w, H, A);
+    s->w.fibre[0] = sin(x[3]) * cos(x[4]), s->w.fibre[1] = sin(x[3]) * sin(x[4]), s->w.fibre[2] = cos(x[3]);
+    differentiate(s->law, &s->w, H, A);
     return largest_eigenvalue(A);
 }
 
 /* Uphill from x, by steps that halve. */
-static double climb(const tm_material *m, const tm_complex_hyper *w, double x[3], double best) {
+static double climb(search *s, double x[PLACE], double best) {
     for (double step = 0.1; step > 1e-4; step *= 0.5)
         for (bool moved = true; moved;) {
             moved = false;
-            for (int k = 0; k < 6; k++) {
-                double y[3] = {x[0], x[1], x[2]};
+            for (int k = 0; k < 2 * (1 + s->angles); k++) {
+                double y[PLACE];
+                memcpy(y, x, sizeof y);
                 y[k / 2] += k % 2 ? step : -step;
                 if (!(y[0] > 0 && y[0] < 4)) continue;
-                const double there = stiffness_at(m, w, y);
+                const double there = stiffness_at(s, y);
                 if (there > best * (1 + 1e-9)) best = there, memcpy(x, y, sizeof y), moved = true;
             }
         }
@@ -202,22 +233,34 @@ static double climb(const tm_material *m, const tm_complex_hyper *w, double x[3]
 }
 
 double tm_law_stiffest_Pa(const tm_material *m) {
-    enum { LENGTHS = 24, ANGLES = 16, TOPS = 8 };
-    const double s = m->stretch_max, pi = acos(-1);
-    tm_complex_hyper w = {.mu = m->mu_Pa, .lambda = m->lambda_Pa, .I3_max = s * s + 2 / s - 3};
-    double top[TOPS] = {0}, at[TOPS][3] = {{0}};
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++) w.c[i] = m->law_constant[i];
-    for (int i = 1; i <= LENGTHS; i++)
-        for (int j = 0; j < 2 * ANGLES; j++)
-            for (int k = 0; k <= ANGLES / 2; k++) { /* the first two stretches are alike in the other half */
-                const double x[3] = {2.0 * i / LENGTHS, pi * (j + 0.5) / (2 * ANGLES), pi / 2 * k / ANGLES};
-                const double a = stiffness_at(m, &w, x);
-                int least = 0;
-                for (int n = 1; n < TOPS; n++)
-                    if (top[n] < top[least]) least = n;
-                if (a > top[least]) top[least] = a, memcpy(at[least], x, sizeof x);
-            }
-    double most = 0;
-    for (int n = 0; n < TOPS; n++) most = fmax(most, climb(m, &w, at[n], top[n]));
+    enum { TOPS = 8 };
+    const double stretch = m->stretch_max, pi = acos(-1);
+    const bool fibred = m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m);
+    const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
+    search s = {.law = m->law, .angles = fibred ? 4 : 2};
+    double top[TOPS] = {0}, at[TOPS][PLACE] = {{0}}, c[TM_LAW_CONSTANTS], most = 0;
+    tm_law_constants(m, 1, c);
+    s.w = (tm_complex_hyper){.mu = m->mu_Pa,
+                             .lambda = m->lambda_Pa,
+                             .dlambda = m->dlambda_Pa,
+                             .dmu = m->dmu_Pa,
+                             .beta = m->beta_Pa,
+                             .I3_max = stretch * stretch + 2 / stretch - 3};
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) s.w.c[i] = c[i];
+    const int64_t places = (int64_t)lengths * 2 * turns * (turns + 1) * (fibres + 1) * (fibres + 1);
+    for (int64_t n = 0; n < places; n++) {
+        int64_t left = n;
+        const int i = (int)(left % lengths), j = (int)((left /= lengths) % (2 * turns));
+        const int k = (int)((left /= 2 * turns) % (turns + 1)), f = (int)((left /= turns + 1) % (fibres + 1));
+        const int g = (int)(left / (fibres + 1));
+        const double x[PLACE] = {2.0 * (i + 1) / lengths, pi * (j + 0.5) / (2 * turns), pi / 2 * k / turns,
+                                 fibres ? pi / 2 * f / fibres : 0, fibres ? pi / 2 * g / fibres : 0};
+        const double a = stiffness_at(&s, x);
+        int least = 0;
+        for (int q = 1; q < TOPS; q++)
+            if (top[q] < top[least]) least = q;
+        if (a > top[least]) top[least] = a, memcpy(at[least], x, sizeof x);
+    }
+    for (int q = 0; q < TOPS; q++) most = fmax(most, climb(&s, at[q], top[q]));
     return TM_BOUND_MARGIN * most;
 }

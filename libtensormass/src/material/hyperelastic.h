@@ -12,6 +12,7 @@
 
 typedef struct tm_law_pack {
     double constant[TM_LAW_CONSTANTS][TM_LANES]; /* times the volume where the law's is in Pa */
+    double dlambda_J[TM_LANES], dmu_J[TM_LANES], beta_J[TM_LANES];
     double fibre[3][TM_LANES];
     double I3_max[TM_LANES]; /* |F|^2 - 3 at the limit of stretch */
     int64_t law[TM_LANES];   /* tm_law_kind */
@@ -43,5 +44,7 @@ void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double
 /* The largest eigenvalue of d2W/dF2 over all F, Pa: by search over principal stretches, and TM_BOUND_MARGIN more. */
 #define TM_BOUND_MARGIN 1.05
 double tm_law_stiffest_Pa(const tm_material *material);
+/* Constants as the law takes them, for a volume: law_constant, and what follows from the limit of stretch. */
+void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 
 #endif

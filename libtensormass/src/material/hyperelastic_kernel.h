@@ -9,7 +9,8 @@
 
 /* Of WIDTH lanes. */
 typedef struct TM_NAME(hyper) {
-    V8 mu, lambda, c[TM_LAW_CONSTANTS], fibre[3]; /* moduli times volume; what `c` is, the law says */
+    V8 mu, lambda, dlambda, dmu, beta; /* times volume */
+    V8 c[TM_LAW_CONSTANTS], fibre[3];  /* what `c` is, the law says */
     V8 I3_max;
 } TM_NAME(hyper);
 
@@ -41,11 +42,19 @@ INSIDE void TM_NAME(strain_of)(const V8 H[9], TM_NAME(strain) * s) {
 
 #include "material/neo_hooke_law.h"
 
+#include "material/green_law.h"
+#include "material/holzapfel_law.h"
+#include "material/mooney_rivlin_law.h"
+
 /* First Piola stress; `outside`: lanes that go on linearly. */
 INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s,
                                    V8 P[9], M8 *outside) {
     switch (law) {
     case TM_LAW_NEO_HOOKE: TM_NAME(neo_hooke)(w, H, s, P, outside); break;
+    case TM_LAW_ST_VENANT_KIRCHHOFF: TM_NAME(st_venant_kirchhoff)(w, H, s, P, outside); break;
+    case TM_LAW_MOONEY_RIVLIN: TM_NAME(mooney_rivlin)(w, H, s, P, outside); break;
+    case TM_LAW_FUNG: TM_NAME(fung)(w, H, s, P, outside); break;
+    case TM_LAW_HOLZAPFEL: TM_NAME(holzapfel)(w, H, s, P, outside); break;
     default:
         for (int i = 0; i < 9; i++) P[i] = s->I3 * 0;
     }

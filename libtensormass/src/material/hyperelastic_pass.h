@@ -10,6 +10,9 @@ INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NA
     const tm_law_pack *law = h->law + p;
     memcpy(&w->mu, h->packs.pack[p].mu_J + at, sizeof(V8));
     memcpy(&w->lambda, h->packs.pack[p].lambda_J + at, sizeof(V8));
+    memcpy(&w->dlambda, law->dlambda_J + at, sizeof(V8));
+    memcpy(&w->dmu, law->dmu_J + at, sizeof(V8));
+    memcpy(&w->beta, law->beta_J + at, sizeof(V8));
     memcpy(&w->I3_max, law->I3_max + at, sizeof(V8));
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) memcpy(&w->c[i], law->constant[i] + at, sizeof(V8));
     for (int i = 0; i < 3; i++) memcpy(&w->fibre[i], law->fibre[i] + at, sizeof(V8));
@@ -19,7 +22,7 @@ INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NA
 INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, const TM_NAME(hyper) * w, const V8 H[9],
                                   V8 P[9], M8 *outside) {
     V8 Q[9];
-    M8 own, out;
+    M8 own = {0}, out;
     *outside = (M8){0};
     for (int i = 0; i < 9; i++) P[i] = (V8){0};
     for (int64_t law = 1; law < TM_LAW_COUNT; law++) {
@@ -42,10 +45,12 @@ TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t 
             TM_NAME(hyper) w;
             TM_NAME(gradient)(&h->packs, p, at, u_m, H);
             TM_NAME(hyper_of)(h, p, at, &w);
-            if (h->law[p].laws == 1u << TM_LAW_NEO_HOOKE)
-                TM_NAME(hyper_stress)(TM_LAW_NEO_HOOKE, &w, H, P, &outside);
-            else
-                TM_NAME(mixed_stress)(h, p, at, &w, H, P, &outside);
+            switch (h->law[p].laws) {
+            case 1u << TM_LAW_NEO_HOOKE: TM_NAME(hyper_stress)(TM_LAW_NEO_HOOKE, &w, H, P, &outside); break;
+            case 1u << TM_LAW_MOONEY_RIVLIN: TM_NAME(hyper_stress)(TM_LAW_MOONEY_RIVLIN, &w, H, P, &outside); break;
+            case 1u << TM_LAW_FUNG: TM_NAME(hyper_stress)(TM_LAW_FUNG, &w, H, P, &outside); break;
+            default: TM_NAME(mixed_stress)(h, p, at, &w, H, P, &outside);
+            }
             TM_NAME(pull)(&h->packs, p, at, P, f);
             for (int i = 0; i < 12; i++)
                 memcpy(corner_N + 12 * TM_LANES * (int64_t)p + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));

@@ -1,8 +1,9 @@
 /* The table of laws. */
 #include "material/law.h"
 
-const tm_law *const tm_laws[] = {&tm_law_linear, &tm_law_corotated, &tm_law_corotated_averaged, &tm_law_neo_hooke,
-                                 NULL};
+const tm_law *const tm_laws[] = {&tm_law_linear,    &tm_law_corotated,           &tm_law_corotated_averaged,
+                                 &tm_law_neo_hooke, &tm_law_st_venant_kirchhoff, &tm_law_mooney_rivlin,
+                                 &tm_law_fung,      &tm_law_holzapfel,           NULL};
 
 const tm_law *tm_law_of(const tm_material_field *field) {
     for (const tm_law *const *law = tm_laws; field->stiffest_Pa && *law; law++) /* all share one bound */

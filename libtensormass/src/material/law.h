@@ -36,7 +36,8 @@ typedef struct tm_law {
     double (*bound)(const tm_material_field *field, int32_t tet, const double mass_kg[4]);
 } tm_law;
 
-extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged, tm_law_neo_hooke;
+extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged;
+extern const tm_law tm_law_neo_hooke, tm_law_st_venant_kirchhoff, tm_law_mooney_rivlin, tm_law_fung, tm_law_holzapfel;
 /* All rows, null behind the last. */
 extern const tm_law *const tm_laws[];
 /* The law that a field names. */

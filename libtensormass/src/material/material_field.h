@@ -26,6 +26,14 @@ static inline const double *tm_field_fibre(const tm_material_field *field, int32
     return field->fibre ? field->fibre + 3 * (int64_t)tet : NULL;
 }
 
+/* Largest exponent that a law may have at its limit of stretch. */
+#define TM_EXPONENT_MAX 6.0
+/* Of the law "fung": 2 w/C of the uniaxial stretch that is the limit, along the fibre; beyond it the exponential stays.
+ */
+double tm_law_exponent_limit(const tm_material *material);
+/* Of the law "holzapfel": y at which fibres' pull goes on along its tangent, that of the largest stretch along them. */
+double tm_law_fibre_limit(const tm_material *material);
+
 /* Bulk modulus whose subtraction leaves the law semidefinite, the largest there is: 1 / (m.C^-1 m), m the unit tensor;
  * lambda + 2/3 mu of isotropic tissue. */
 double tm_material_bulk_Pa(const tm_material *material);

@@ -122,11 +122,13 @@ static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
+static bool has_direction(const tm_material *m) { return m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m); }
+
 static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
     for (int32_t t = 0; t < def->mesh->tet_count; t++) {
         const int32_t r = def->mesh->region[t];
         const tm_material *m = def->material + (def->region_material ? def->region_material[r] : r);
-        if (tm_material_is_isotropic(m)) continue;
+        if (!has_direction(m)) continue;
         if (!def->fibre)
             return tm_fail(error, TM_ERR_ARGUMENT, t,
                            "tetrahedron %d: region %d is anisotropic and there are no fibres; give a "
@@ -143,7 +145,7 @@ static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
 
 static bool any_anisotropic(const tm_tissue_def *def) {
     for (int32_t i = 0; i < def->material_count; i++)
-        if (!tm_material_is_isotropic(def->material + i)) return true;
+        if (has_direction(def->material + i)) return true;
     return false;
 }
 

@@ -1,0 +1,46 @@
+/* Fibres of Holzapfel, Gasser and Ogden with dispersion (Gasser, Ogden and Holzapfel, J. R. Soc. Interface 3 (2006) 15)
+ * in neo-Hookean tissue, a part of hyperelastic_kernel.h:
+ *     W = neo-Hooke + k1/(2 k2) (exp(k2 y^2) - 1),   y = kappa (I - 3) + (1 - 3 kappa) (|F a|^2 - 1) where positive,
+ * else 0: they pull, and do not push. Beyond y_max their pull grows on along its tangent. */
+
+/* c: k1 times the volume, k2, kappa, y_max. */
+INSIDE void TM_NAME(holzapfel)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
+                               M8 *outside) {
+    const V8 *a = w->fibre, share = 1.0 - 3.0 * w->c[2], zero = 0.0 * w->mu;
+    V8 g[3], z = zero, inner, steep;
+    TM_NAME(neo_hooke)(w, H, s, P, outside);
+    for (int i = 0; i < 3; i++) {
+        const V8 d = H[3 * i] * a[0] + H[3 * i + 1] * a[1] + H[3 * i + 2] * a[2];
+        z += d * (2.0 * a[i] + d);
+        g[i] = a[i] + d;
+    }
+    const V8 y = w->c[2] * s->I3 + share * z;
+    const M8 taut = TM_NAME(exceeds)(&y, &zero), above = TM_NAME(exceeds)(&y, &w->c[3]);
+    if (!TM_NAME(any)(&taut)) return;
+    *outside = *outside | above;
+    TM_NAME(choose)(&inner, &above, &w->c[3], &y);
+    const V8 exponent = w->c[1] * inner * inner;
+    TM_NAME(exponential)(&exponent, &steep);
+    V8 pull = w->c[0] * steep * (inner + (1.0 + 2.0 * exponent) * (y - inner));
+    TM_NAME(choose)(&pull, &taut, &pull, &zero);
+    const V8 even = 2.0 * w->c[2] * pull, along = 2.0 * share * pull;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) P[3 * i + j] += even * H[3 * i + j] + along * g[i] * a[j];
+    for (int i = 0; i < 9; i += 4) P[i] += even;
+}
+
+#ifdef TM_ENERGIES
+INSIDE double TM_NAME(holzapfel_energy)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, int lane) {
+    const double k1 = w->c[0][lane], k2 = w->c[1][lane], kappa = w->c[2][lane], most = w->c[3][lane];
+    double z = 0;
+    for (int i = 0; i < 3; i++) {
+        double d = 0;
+        for (int j = 0; j < 3; j++) d += H[3 * i + j][lane] * w->fibre[j][lane];
+        z += d * (2 * w->fibre[i][lane] + d);
+    }
+    const double y = fmax(0, kappa * s->I3[lane] + (1 - 3 * kappa) * z), inner = fmin(y, most), x = k2 * inner * inner;
+    const double more = y - inner,
+                 fibres = k1 / (2 * k2) * expm1(x) + k1 * exp(x) * more * (inner + 0.5 * (1 + 2 * x) * more);
+    return TM_NAME(neo_hooke_energy)(w, s, lane) + fibres;
+}
+#endif

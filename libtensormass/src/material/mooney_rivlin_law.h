@@ -1,0 +1,32 @@
+/* Compressible Mooney-Rivlin, a part of hyperelastic_kernel.h:
+ *     W = a/2 (I - 3) + b/2 (II - 3) - (a + 2 b) (J - 1) + l/2 (J - 1)^2,  II = |cof F|^2,
+ * a = (1 - c) mu, b = c mu and l = lambda + (1 - c) mu, so that small strains have lambda and mu; c the share of the
+ * second invariant. Pressure as in neo_hooke_law.h. */
+
+INSIDE void TM_NAME(mooney_rivlin)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
+                                   M8 *outside) {
+    const V8 a = (1.0 - w->c[0]) * w->mu, b = w->c[0] * w->mu;
+    V8 E[9], J1;
+    TM_NAME(green_strain)(H, E);
+    TM_NAME(clamp)(&s->J1, TM_VOLUME_LEAST - 1, TM_VOLUME_MOST - 1, &J1, outside);
+    const V8 pressure = (w->lambda + a) * J1;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int k = 3 * i + j;
+            const V8 HE = H[3 * i] * E[j] + H[3 * i + 1] * E[3 + j] + H[3 * i + 2] * E[6 + j];
+            /* F - cof F, and I F - F C - 2 cof F, at rest both 0. */
+            const V8 first = H[k] - s->cof[k], second = 2.0 * (H[k] - E[k] - HE - s->cof[k]) + s->I3 * H[k];
+            P[k] = a * first + b * second + pressure * s->cof[k];
+        }
+    for (int i = 0; i < 9; i += 4) P[i] += b * s->I3 + pressure;
+}
+
+#ifdef TM_ENERGIES
+INSIDE double TM_NAME(mooney_rivlin_energy)(const TM_NAME(hyper) * w, const TM_NAME(strain) * s, int lane) {
+    const double a = (1 - w->c[0][lane]) * w->mu[lane], b = w->c[0][lane] * w->mu[lane], J1 = s->J1[lane];
+    const double c = fmin(fmax(J1, TM_VOLUME_LEAST - 1), TM_VOLUME_MOST - 1);
+    double II3 = 2 * (s->cof[0][lane] + s->cof[4][lane] + s->cof[8][lane]);
+    for (int i = 0; i < 9; i++) II3 += s->cof[i][lane] * s->cof[i][lane];
+    return 0.5 * a * s->I3[lane] + 0.5 * b * II3 - (a + 2 * b) * J1 + (w->lambda[lane] + a) * c * (J1 - 0.5 * c);
+}
+#endif
