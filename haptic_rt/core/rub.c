@@ -1,5 +1,5 @@
-/* Coulomb friction on the patch, from tick to tick: the law of the simulation (law/friction.h; docs/contact.md,
- * "Friction") at the stations of the tool. How far the tissue under one has gone is read from the displacements of the
+/* Coulomb friction on the patch, from tick to tick: the law of the simulation (law/friction.h; docs/friction.md)
+ * at the stations of the tool. How far the tissue under one has gone is read from the displacements of the
  * patch's vertices now and in the last tick, so what a new sample corrects is in it too. */
 #include "internal.h"
 

@@ -48,7 +48,7 @@ static tm_status prepare(sim *s, const void *own) {
 const sim_effect sim_effect_friction = {
     .name = "friction",
     .doc = "Coulomb friction of the instruments on the tissue, swept with contact: they stick within the cone of their "
-           "static coefficient, slide at the other, and the hand feels both (docs/contact.md).",
+           "static coefficient, slide at the other, and the hand feels both (docs/friction.md).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .excludes = {{"hybrid",

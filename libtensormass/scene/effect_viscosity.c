@@ -54,7 +54,7 @@ const sim_effect sim_effect_viscosity = {
     .name = "viscosity",
     .doc = "Stress that fades at constant strain, and creep at constant load: a Prony series, integrated exactly along "
            "straight strain paths. The step stays as it is; `--settle` gives the rest after infinite time "
-           "(docs/physics.md).",
+           "(docs/viscosity.md).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue that does not relax; write 'model: dynamic'"},
                  {"hybrid", "its condensed part does not relax; write 'model: dynamic'"}},

@@ -46,7 +46,7 @@ const sim_effect sim_effect_volume = {
         "Changes of volume are averaged around vertices and a share of the shear around edges, so that tetrahedra "
         "lock far less towards Poisson's ratio 0.5 and are exacter at any. A cantilever of 4 cells across bends by 0.92 of "
         "what it should at nu 0.3, 0.86 at 0.49 and 0.81 at 0.4999 (linear tetrahedra: 0.78, 0.29, 0.03); finer meshes "
-        "and a larger `shear` bend better (docs/physics.md, 'How much locking is left'). Four times the tensors, steps a "
+        "and a larger `shear` bend better (docs/strain-smoothing.md, 'How much locking is left'). Four times the tensors, steps a "
         "third longer (not of tissue that may be cut).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_VOLUME,

@@ -218,7 +218,8 @@ bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool
 int64_t tms_local_snapshot_most(const tms_local *local);
 
 /* dense.c: LU with partial pivoting, row-major. Its own, because it runs inside steps: OpenBLAS's dgetrf and dgetrs
- * take a lock each, Eigen's memory from some size on; and up to 45 unknowns it is the fastest (docs/models.md). */
+ * take a lock each, Eigen's memory from some size on; and up to 45 unknowns it is the fastest
+ * (notes/2026-11-24-models.md). */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
 #endif

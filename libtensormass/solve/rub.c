@@ -1,4 +1,4 @@
-/* Friction on line (docs/contact.md, "Friction"): the law of the core's stage, at every shape that Newton's method
+/* Friction on line (docs/friction.md): the law of the core's stage, at every shape that Newton's method
  * looks at. A station's force is the stretch of its skin since the solution before, shortened to its cone, so it is a
  * function of the shape as a row's force is of its gap; what slipped is settled when a solution is taken. */
 #include "local_eval.h"

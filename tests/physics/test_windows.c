@@ -1,9 +1,9 @@
 /* Energy in every window: random sessions of two hands with every effect. From any instant on, for 1 to 200 ms, tissue
  * and springs gain no more than hands, loads and supports put in since, but for 1.5 % of the most that was stored
- * meanwhile (the aim is 0.1 %: docs/contact.md says why it is missed). Not of what is stored at the window's ends: what
- * was rightly gained while tissue was pressed stays when it is not. The account of a whole session (test_sessions.c)
- * does not see what contact hands out while hands stand still: that is less than all that hands put in before. A
- * session that breaks the bound is shrunk to the fewest actions and effects that still do, and printed.
+ * meanwhile (the aim is 0.1 %: docs/passivity.md says why it is missed). Not of what is stored at the window's ends:
+ * what was rightly gained while tissue was pressed stays when it is not. The account of a whole session
+ * (test_sessions.c) does not see what contact hands out while hands stand still: that is less than all that hands put
+ * in before. A session that breaks the bound is shrunk to the fewest actions and effects that still do, and printed.
  *
  * What the tissue's own law makes, or viscosity, is not asked here (test_loops.c, test_viscosity.c): only contact, jaws
  * and their springs, less what damping took meanwhile.

@@ -1,6 +1,6 @@
 /* Contact of instruments with the tissue's surface: capsule against triangles, unilateral, frictionless (friction.h
  * adds that), regularised by a stated skin compliance. One stage for all instruments. Rows are found by tm_contact_find
- * (also used by the precomputed model) and made non-penetrating by projection (docs/physics.md, "Contact"). */
+ * (also used by the precomputed model) and made non-penetrating by projection (docs/contact.md). */
 #ifndef TENSORMASS_CONTACT_H
 #define TENSORMASS_CONTACT_H
 

@@ -1,6 +1,6 @@
 /* Energy: an account of what goes into the tissue of a world and what comes out, kept step by step in the terms of the
- * integrator itself, so that it closes to rounding (docs/physics.md, "Energy"). A stage of its own: a world without it
- * pays nothing; with it, two passes over the vertices a step and 48 bytes a vertex. */
+ * integrator itself, so that it closes to rounding (docs/time-stepping.md, "Energy"). A stage of its own: a world
+ * without it pays nothing; with it, two passes over the vertices a step and 48 bytes a vertex. */
 #ifndef TENSORMASS_ENERGY_H
 #define TENSORMASS_ENERGY_H
 

@@ -1,4 +1,4 @@
-/* Coulomb friction of instruments on the tissue (docs/contact.md, "Friction"): a stage of its own beside contact, swept
+/* Coulomb friction of instruments on the tissue (docs/friction.md): a stage of its own beside contact, swept
  * with its rows. A world without it pays nothing. */
 #ifndef TENSORMASS_FRICTION_H
 #define TENSORMASS_FRICTION_H

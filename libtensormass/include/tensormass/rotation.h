@@ -1,6 +1,6 @@
 /* Rotation: tissue that turns and bends far, and keeps its law. Tetrahedra whose displacement gradient passes a
  * threshold get the difference between the corotational law and the linear one on top of the tensors
- * (docs/physics.md, "Rotation"). A stage of its own: a world without it pays nothing. */
+ * (docs/corotation.md). A stage of its own: a world without it pays nothing. */
 #ifndef TENSORMASS_ROTATION_H
 #define TENSORMASS_ROTATION_H
 
@@ -23,7 +23,7 @@ typedef struct tm_rotation tm_rotation;
 /* Adds the stage "rotation", after "force", to a world whose tissue was made with tm_tissue_def.rotation > 0 (so that
  * its guaranteed step holds for tissue that turns) and in TM_DOUBLE. The world owns the handle, which may be asked for
  * (rotation null: not). Of steps before it keeps energy that they made and that could not be
- * taken back at once (docs/physics.md, "Energy of the step"), in snapshots too: mostly 0. */
+ * taken back at once (docs/corotation.md, "Energy of the step"), in snapshots too: mostly 0. */
 TM_API tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error);
 
 typedef struct tm_rotation_report {

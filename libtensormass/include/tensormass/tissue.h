@@ -33,7 +33,7 @@ typedef struct tm_tissue_def {
                                                          (the condensed part of a hybrid); copied; null: none */
     const uint8_t
         *alive; /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
-    /* Far less locking towards Poisson's ratio 0.5, and a better element altogether (docs/physics.md, "Volume"): the
+    /* Far less locking towards Poisson's ratio 0.5, and a better element altogether (docs/strain-smoothing.md): the
      * change of volume is averaged over the tetrahedra around each vertex, and `volume_shear` of the shear, from 0 to
      * 1, over those around each edge. Four times the blocks, a longer step. Double only; not under a hybrid. */
     bool volume;
@@ -135,8 +135,8 @@ TM_API bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *defo
  * supports. Cuttable, or with extra masses (on which something else lives): the least of tm_critical_step_element over
  * the living tetrahedra, which holds after any cut; with mass scaling that too, and at least the step asked for.
  * Otherwise the masses of vertices are shared among their tetrahedra
- * by demand, which is never shorter, and much longer where the mesh has slivers (docs/physics.md); takes work space,
- * and without memory for it is the former. Some microseconds a tetrahedron. */
+ * by demand, which is never shorter, and much longer where the mesh has slivers (docs/time-stepping.md); takes work
+ * space, and without memory for it is the former. Some microseconds a tetrahedron. */
 TM_API double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet);
 /* 2/sqrt(largest eigenvalue of M_e^-1 K_e) of one tetrahedron (Irons): its critical step should it be left alone, s. */
 TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);

@@ -1,4 +1,4 @@
-/* Viscosity: tissue that relaxes, by a Prony series (docs/physics.md, "Viscosity"). The materials' constants are those
+/* Viscosity: tissue that relaxes, by a Prony series (docs/viscosity.md). The materials' constants are those
  * of a sudden load; with time the shear modulus falls to 1 - (sum of `shear`) of its own, the bulk modulus to
  * 1 - (sum of `volume`):
  *     G(t) = G_0 (1 - sum_i shear_i (1 - exp(-t/time_i))),   kappa(t) alike.

@@ -3,7 +3,8 @@
  * nowhere, and does not care about the process's locale. Its own memory is malloc's.
  *
  * Messages about a file are "file:line: what; what to do" (the line where there is one: not in binary files; a long
- * path is told by its end); those about a mesh that came from none are "what; what to do". Pages: docs/meshes.md. */
+ * path is told by its end); those about a mesh that came from none are "what; what to do". Pages: docs/mesh-formats.md.
+ */
 #ifndef TENSORMASS_IO_H
 #define TENSORMASS_IO_H
 

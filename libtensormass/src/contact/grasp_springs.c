@@ -36,7 +36,7 @@ static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double 
 
 /* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
  * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
- * tissue meanwhile, it goes on driving it; docs/physics.md, "Letting go".) Called before the jaw turns. */
+ * tissue meanwhile, it goes on driving it; docs/time-stepping.md, "Energy".) Called before the jaw turns. */
 static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
     for (int32_t i = 0; i < h->count; i++) {
         double at[3], d[3];

@@ -1,5 +1,5 @@
 /* Strain smoothing (effect "volume"): strain averaged over the tetrahedra around a vertex for the change of volume,
- * around an edge for a share of the shear, so that tissue does not lock (docs/physics.md). */
+ * around an edge for a share of the shear, so that tissue does not lock (docs/strain-smoothing.md). */
 #ifndef TM_STRAIN_SMOOTHING_H
 #define TM_STRAIN_SMOOTHING_H
 
