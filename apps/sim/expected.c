@@ -1,5 +1,6 @@
 /* The study of a scene, as far as tm-sim --explain shows it. */
 #include "expected.h"
+#include "json_file.h"
 
 #include <cjson/cJSON.h>
 #include <math.h>
@@ -22,21 +23,6 @@ uint64_t sim_hash_file(uint64_t hash, const char *path) {
     for (size_t n; file && (n = fread(part, 1, sizeof part, file)) > 0;) hash = sim_hash_bytes(hash, part, n);
     if (file) fclose(file);
     return hash;
-}
-
-static cJSON *read_json(const char *path) {
-    FILE *file = fopen(path, "rb");
-    char *text = NULL;
-    long size = 0;
-    cJSON *root = NULL;
-    if (file && fseek(file, 0, SEEK_END) == 0 && (size = ftell(file)) > 0 && (text = malloc((size_t)size + 1))) {
-        rewind(file);
-        text[fread(text, 1, (size_t)size, file)] = 0;
-        root = cJSON_Parse(text);
-    }
-    free(text);
-    if (file) fclose(file);
-    return root;
 }
 
 static double number(const cJSON *from, const char *name) {
@@ -62,7 +48,7 @@ void sim_expected_open(sim_expected *x, const sim *s) {
     const size_t length = strlen(s->scene->file);
     const size_t stem = length > 5 && !strcmp(s->scene->file + length - 5, ".yaml") ? length - 5 : length;
     snprintf(x->file, sizeof x->file, "%.*s.accuracy.json", (int)stem, s->scene->file);
-    x->study = read_json(x->file);
+    x->study = app_json_read(x->file);
     if (!x->study) return;
     const cJSON *own = cJSON_GetArrayItem(cJSON_GetObjectItem(x->study, "runs"), 0);
     x->error = number(own, "force_error");

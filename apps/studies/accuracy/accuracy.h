@@ -67,17 +67,14 @@ tm_material material_fibre(void);
 void time_steps(tm_world **world, int count, int rounds, double *seconds_per_step);
 
 /* The references of CalculiX, from reference.json. `name`: "iso", "fibre" or "neo"; `index`-th case. */
-typedef struct reference reference;
-reference *reference_open(const char *path, tm_error *error);
-void reference_close(reference *r);
-int reference_cases(const reference *r, const char *name);
-bool reference_case(const reference *r, const char *name, int index, double *depth, measured *m);
+int reference_cases(const cJSON *truth, const char *name);
+bool reference_case(const cJSON *truth, const char *name, int index, double *depth, measured *m);
 
 /* Settings shared by all knobs. */
 typedef struct run {
-    bool quick; /* the short form: fewer and smaller meshes */
-    int rounds; /* of interleaved timing */
-    const reference *truth;
+    bool quick;         /* the short form: fewer and smaller meshes */
+    int rounds;         /* of interleaved timing */
+    const cJSON *truth; /* the references */
     void (*progress)(const char *knob, double fraction);
 } run;
 

@@ -68,8 +68,11 @@ static void list(void) {
 
 static int measure(const char *json, const char *reference_path, bool quick, const bool *wanted) {
     tm_error error = {0};
-    reference *truth = reference_open(reference_path, &error);
-    if (!truth) return app_report(NULL, 0, &error);
+    cJSON *truth = app_json_read(reference_path);
+    if (!truth)
+        return app_bad_input(
+            reference_path, 0,
+            "not the JSON of the references; make it with make_inp.py --gather, or name it with --reference");
     run r = {.quick = quick, .rounds = quick ? 5 : 15, .truth = truth, .progress = progress};
     cJSON *root = cJSON_CreateObject();
     app_json_add(root, "quick %hhd", quick);
@@ -85,7 +88,7 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     app_json_add(root, "bandwidth_B_s %g", app_bandwidth_B_s(4 << 20, 15));
     if (exit == APP_DONE) exit = app_json_save(json, root);
     cJSON_Delete(root);
-    reference_close(truth);
+    cJSON_Delete(truth);
     return exit;
 }
 

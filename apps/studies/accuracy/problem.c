@@ -10,33 +10,14 @@
 
 /* --- references --- */
 
-struct reference {
-    cJSON *root;
-};
-
-reference *reference_open(const char *path, tm_error *error) {
-    reference *r = calloc(1, sizeof *r);
-    if (r) r->root = app_json_read(path);
-    if (r && r->root) return r;
-    free(r);
-    tm_fail(error, TM_ERR_FILE, -1,
-            "%s: not the JSON of the references; make it with make_inp.py --gather, or name it with --reference", path);
-    return NULL;
+static const cJSON *cases(const cJSON *truth, const char *name) {
+    return cJSON_GetObjectItem(cJSON_GetObjectItem(truth, name), "cases");
 }
 
-void reference_close(reference *r) {
-    if (r) cJSON_Delete(r->root);
-    free(r);
-}
+int reference_cases(const cJSON *truth, const char *name) { return cJSON_GetArraySize(cases(truth, name)); }
 
-static const cJSON *cases(const reference *r, const char *name) {
-    return cJSON_GetObjectItem(cJSON_GetObjectItem(r->root, name), "cases");
-}
-
-int reference_cases(const reference *r, const char *name) { return cJSON_GetArraySize(cases(r, name)); }
-
-bool reference_case(const reference *r, const char *name, int index, double *depth, measured *m) {
-    const cJSON *one = cJSON_GetArrayItem(cases(r, name), index), *u = cJSON_GetObjectItem(one, "probe_u_m");
+bool reference_case(const cJSON *truth, const char *name, int index, double *depth, measured *m) {
+    const cJSON *one = cJSON_GetArrayItem(cases(truth, name), index), *u = cJSON_GetObjectItem(one, "probe_u_m");
     const cJSON *force = cJSON_GetObjectItem(one, "force_z_N"), *energy = cJSON_GetObjectItem(one, "energy_J");
     const cJSON *share = cJSON_GetObjectItem(one, "depth");
     if (cJSON_GetArraySize(u) != PROBES || !cJSON_IsNumber(force) || !cJSON_IsNumber(energy) || !cJSON_IsNumber(share))

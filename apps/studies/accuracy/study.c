@@ -10,8 +10,6 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* --- order --- */
-
 /* --- the scene as it is --- */
 
 /* The path ends at frame t->time.cut_at: all runs, and the promise, are of what is before. */
