@@ -1,3 +1,4 @@
+#include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
 
@@ -15,8 +16,9 @@ double app_processor_s(void) { return read_clock(CLOCK_PROCESS_CPUTIME_ID); }
 
 void *app_zeroed(size_t count, size_t size) {
     void *memory = calloc(count + 1, size);
-    if (!memory) abort();
-    return memory;
+    if (memory) return memory;
+    fprintf(stderr, "no memory for %zu bytes; take a smaller mesh or --quick\n", count * size);
+    exit(1);
 }
 
 static int ascending(const void *a, const void *b) {

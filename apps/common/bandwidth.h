@@ -10,7 +10,7 @@
  * that is judged. */
 double app_bandwidth_B_s(size_t bytes, int rounds);
 
-/* Memory for `count` things, zeroed, of 1 at least; a program that has none left ends here. */
+/* Memory for `count` things, zeroed; room for one more. A program that gets none says so and exits with 1. */
 void *app_zeroed(size_t count, size_t size);
 
 /* Median of `count` values, which are sorted in place. */

@@ -40,9 +40,8 @@ typedef struct problem_def {
 problem_def problem_default(int cells);
 tm_status problem_create(const problem_def *def, problem *p, tm_error *error);
 void problem_destroy(problem *p);
-/* Holds `count` components at `value_m`; frees both arrays. A null one is TM_ERR_MEMORY. */
+/* Holds `count` components at `value_m`; frees both arrays. */
 tm_status problem_hold(tm_world *world, int32_t count, int32_t *dof, double *value_m, tm_error *error);
-tm_status problem_no_memory(tm_error *error);
 
 /* What is compared, at rest. */
 typedef struct measured {

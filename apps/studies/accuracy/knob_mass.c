@@ -60,9 +60,9 @@ static tm_status press_make(press *p, double step_s, bool scaled, tm_error *erro
 static tm_status press_run(press *p) {
     const double dt = tm_world_step_s(p->b.world);
     const int32_t n = 3 * p->b.mesh->vertex_count, steps = (int32_t)(ALL_S / dt);
-    double *reaction = malloc(sizeof *reaction * (size_t)n), spent = 0;
+    double *reaction = app_zeroed((size_t)n, sizeof *reaction), spent = 0;
     int32_t count[FRAMES] = {0};
-    tm_status status = reaction ? TM_OK : TM_ERR_MEMORY;
+    tm_status status = TM_OK;
     for (int32_t i = 0; i < steps && status == TM_OK; i++) {
         const double s = fmin(1, (i + 1) * dt / PRESS_S), way = -DEPTH_M * s * s * (3 - 2 * s), start = app_seconds();
         for (int32_t c = p->pressed_from; c < p->held; c++) tm_support_move(p->b.world, c, way);
@@ -94,9 +94,9 @@ static void distance(const press *p, const press *truth, double *rms, double *he
 static tm_status row_of(cJSON *rows, press *p, const press *truth, double own_s, bool scaled, tm_error *error) {
     double rms, held, own_Hz[3], Hz[3];
     tm_mass_scaling m;
-    uint8_t *fixed = calloc(3, (size_t)p->b.mesh->vertex_count);
-    for (int32_t i = 0; fixed && i < p->pressed_from; i++) fixed[p->dof[i]] = 1;
-    const tm_status status = fixed ? tm_mass_scaling_frequencies(p->b.tissue, fixed, own_Hz, Hz, error) : TM_ERR_MEMORY;
+    uint8_t *fixed = app_zeroed(3, (size_t)p->b.mesh->vertex_count);
+    for (int32_t i = 0; i < p->pressed_from; i++) fixed[p->dof[i]] = 1;
+    const tm_status status = tm_mass_scaling_frequencies(p->b.tissue, fixed, own_Hz, Hz, error);
     free(fixed);
     if (status != TM_OK) return status;
     tm_tissue_mass_scaling(p->b.tissue, &m);

@@ -76,10 +76,9 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
     if (status != TM_OK) return status;
     start_from(&p, u);
     size_t n = 3 * (size_t)p.mesh->vertex_count;
-    double *before = malloc(sizeof *before * n), *now = malloc(sizeof *now * n), first = tm_tissue_energy(p.tissue, u),
-           spent = 0;
+    double *before = app_zeroed(n, sizeof *before), *now = app_zeroed(n, sizeof *now),
+           first = tm_tissue_energy(p.tissue, u), spent = 0;
     int32_t corner = p.mesh->vertex_count - 1;
-    if (!before || !now) status = problem_no_memory(error);
     *out = (swing){.finite = true};
     for (int s = 0; s < samples && status == TM_OK; s++) {
         double start = app_seconds();
@@ -122,8 +121,7 @@ static tm_status settling(double fraction, double *settle_s, tm_error *error) {
     if (status == TM_OK) status = tm_stage_gravity(p.world, g, error);
     double dt = status == TM_OK ? tm_world_step_s(p.world) : 1;
     int32_t corner = 3 * ((CELLS + 1) * (CELLS + 1) * (CELLS + 1) - 1) + 2, steps = (int32_t)(1.0 / dt);
-    double *path = malloc(sizeof *path * (size_t)steps);
-    if (status == TM_OK && !path) status = problem_no_memory(error);
+    double *path = app_zeroed((size_t)steps, sizeof *path);
     for (int32_t i = 0; i < steps && status == TM_OK; i++) {
         status = tm_world_step(p.world, 1);
         path[i] = tm_world_state(p.world)->u_m[corner];
@@ -153,9 +151,9 @@ tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     if (status == TM_OK) status = problem_create(&def, &p, error);
     if (status == TM_OK) {
         guaranteed = tm_critical_step_guaranteed(p.tissue, NULL);
-        uint8_t *mask = calloc(3, (size_t)p.mesh->vertex_count);
-        if (mask) tm_support_mask(p.world, mask);
-        status = mask ? tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error) : problem_no_memory(error);
+        uint8_t *mask = app_zeroed(3, (size_t)p.mesh->vertex_count);
+        tm_support_mask(p.world, mask);
+        status = tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error);
         free(mask);
     }
     problem_destroy(&p);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "accuracy.h"
+#include "bandwidth.h"
 
 /* --- a ramp and a hold --- */
 
@@ -45,9 +46,9 @@ static double closed_Pa(double t) {
 /* Every vertex is led. */
 static tm_status lead_all(const problem *p, tm_error *error) {
     const int32_t n = 3 * p->mesh->vertex_count;
-    int32_t *dof = malloc(sizeof *dof * (size_t)n);
-    double *zero = calloc((size_t)n, sizeof *zero);
-    for (int32_t i = 0; dof && i < n; i++) dof[i] = i;
+    int32_t *dof = app_zeroed((size_t)n, sizeof *dof);
+    double *zero = app_zeroed((size_t)n, sizeof *zero);
+    for (int32_t i = 0; i < n; i++) dof[i] = i;
     return problem_hold(p->world, n, dof, zero, error);
 }
 
@@ -133,9 +134,8 @@ static tm_status swing(int steps, double complex *modulus, tm_error *error) {
     const tm_state *s = status == TM_OK ? tm_world_state(p.world) : NULL;
     const int32_t n = 3 * p.mesh->vertex_count, at = n - 3;
     double complex sum = 0;
-    double *elastic = calloc((size_t)n, sizeof *elastic), *u = calloc((size_t)n, sizeof *u);
-    for (int32_t i = 0; u && i < n; i += 3) u[i] = 0.01 * p.mesh->rest_m[i];
-    if (!elastic || !u) status = problem_no_memory(error);
+    double *elastic = app_zeroed((size_t)n, sizeof *elastic), *u = app_zeroed((size_t)n, sizeof *u);
+    for (int32_t i = 0; i < n; i += 3) u[i] = 0.01 * p.mesh->rest_m[i];
     if (status == TM_OK) tm_tissue_force(p.tissue, u, elastic);
     for (int step = 0; step < 3 * steps && status == TM_OK; step++) {
         for (int32_t i = 0; i < n; i++) tm_support_move(p.world, i, u[i] * sin(angular * (step + 1) * s->dt_s));

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "accuracy.h"
+#include "bandwidth.h"
 #include "bench.h"
 
 enum { FORMS = 4, NUS = 5 };
@@ -59,15 +60,15 @@ static void pull_end(const tm_mesh *mesh, double *load) {
 static tm_status tip(double nu, double shear, double *ratio, tm_error *error) {
     app_bench_def def = app_bench_default(4, SIDE_M);
     app_bench b = {0};
-    double moved = 0, *load = NULL;
+    double moved = 0;
     def.cells[2] = 24, def.size_m[2] = LENGTH_M, def.volume = shear >= 0;
     if (def.volume) def.volume_shear = shear;
     tm_status status = tm_material_young(YOUNG_PA, nu, &def.material[0], error);
     if (status == TM_OK) status = app_bench_open(&def, &b, error);
     if (status != TM_OK) return status;
-    load = calloc(3 * (size_t)b.mesh->vertex_count, sizeof *load);
-    if (load) pull_end(b.mesh, load);
-    status = load ? tm_stage_load(b.world, load, error) : problem_no_memory(error);
+    double *load = app_zeroed(3 * (size_t)b.mesh->vertex_count, sizeof *load);
+    pull_end(b.mesh, load);
+    status = tm_stage_load(b.world, load, error);
     tm_settle_def settle = tm_settle_def_default();
     tm_settle_result result;
     settle.tolerance = 1e-9;

@@ -38,14 +38,10 @@ tm_status reference_take(const run *r, const char *name, int index, double *dept
 
 static int32_t node(int n, int i, int j, int k) { return i + (n + 1) * (j + (n + 1) * k); }
 
-tm_status problem_no_memory(tm_error *error) {
-    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the block; use --quick");
-}
-
 tm_status problem_hold(tm_world *world, int32_t count, int32_t *dof, double *value_m, tm_error *error) {
     tm_support_def def = tm_support_def_default();
     def.count = count, def.dof = dof, def.value_m = value_m;
-    const tm_status status = dof && value_m ? tm_stage_support(world, &def, error) : problem_no_memory(error);
+    const tm_status status = tm_stage_support(world, &def, error);
     free(dof);
     free(value_m);
     return status;
@@ -59,20 +55,18 @@ static double indenter(double x, double y) {
 static tm_status add_supports(const problem_def *def, problem *p, tm_error *error) {
     int n = def->cells;
     size_t most = (size_t)(n + 1) * (n + 1) * 6;
-    int32_t *dof = malloc(most * sizeof *dof), count = 0;
-    double *value = calloc(most, sizeof *value);
-    if (dof && value) {
-        for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
-            int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
-            const double *x = p->mesh->rest_m + 3 * v;
-            if (k == 0)
-                for (int axis = 0; axis < 3; axis++) dof[count++] = 3 * v + axis;
-            if (k > 0 && i == 0) dof[count++] = 3 * v;
-            if (k > 0 && j == 0) dof[count++] = 3 * v + 1;
-            if (def->pressed && k == n && indenter(x[0], x[1]) > 0) {
-                value[count] = -def->depth * BLOCK_M * indenter(x[0], x[1]);
-                dof[count++] = 3 * v + 2;
-            }
+    int32_t *dof = app_zeroed(most, sizeof *dof), count = 0;
+    double *value = app_zeroed(most, sizeof *value);
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
+        int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
+        const double *x = p->mesh->rest_m + 3 * v;
+        if (k == 0)
+            for (int axis = 0; axis < 3; axis++) dof[count++] = 3 * v + axis;
+        if (k > 0 && i == 0) dof[count++] = 3 * v;
+        if (k > 0 && j == 0) dof[count++] = 3 * v + 1;
+        if (def->pressed && k == n && indenter(x[0], x[1]) > 0) {
+            value[count] = -def->depth * BLOCK_M * indenter(x[0], x[1]);
+            dof[count++] = 3 * v + 2;
         }
     }
     return problem_hold(p->world, count, dof, value, error);
@@ -120,9 +114,7 @@ static void problem_measure(problem *p, measured *m) {
     m->energy_J = tm_tissue_energy(p->tissue, u) + (p->rotation ? tm_rotation_energy(p->rotation, u) : 0);
     /* Summed from the internal force: exact at rest. */
     const size_t count = 3 * (size_t)p->mesh->vertex_count;
-    double *force = calloc(2 * count, sizeof *force), *turned = force + count;
-    m->force_z_N = NAN;
-    if (!force) return;
+    double *force = app_zeroed(2 * count, sizeof *force), *turned = force + count;
     tm_tissue_force(p->tissue, u, force);
     if (p->rotation) tm_rotation_force(p->rotation, u, turned);
     m->force_z_N = 0;

@@ -137,8 +137,7 @@ double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, doubl
 void random_velocities(app_bench *b, uint64_t seed, double speed_m_s) {
     tm_state *s = tm_world_state(b->world);
     int32_t n = 3 * b->mesh->vertex_count;
-    uint8_t *held = calloc((size_t)n, 1);
-    if (!held) return;
+    uint8_t *held = app_zeroed((size_t)n, 1);
     tm_support_mask(b->world, held);
     for (int32_t i = 0; i < n; i++)
         s->u_prev_m[i] = s->u_m[i] - (held[i] ? 0 : speed_m_s * s->dt_s * random_unit(&seed));
@@ -159,8 +158,7 @@ double scheme_energy(app_bench *b, double *scratch) {
 }
 
 double energy_drift(app_bench *b, int64_t steps, outcome *o) {
-    double *scratch = malloc(sizeof *scratch * 3 * (size_t)b->mesh->vertex_count), worst = 0;
-    if (!scratch) return -1;
+    double *scratch = app_zeroed(3 * (size_t)b->mesh->vertex_count, sizeof *scratch), worst = 0;
     random_velocities(b, 12345, 0.1);
     double start = scheme_energy(b, scratch);
     int64_t piece = steps / 100 > 0 ? steps / 100 : 1;

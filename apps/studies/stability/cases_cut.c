@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "stability.h"
 
 /* Differing bytes of forces and masses between the cut tissue and a fresh one with the same living tetrahedra. */
@@ -12,11 +13,11 @@ static int64_t differing_bytes(app_bench *b, const app_bench_def *def) {
     tm_tissue *fresh = NULL;
     int64_t count = -1;
     size_t n = 3 * (size_t)b->mesh->vertex_count;
-    double *mine = malloc(n * sizeof *mine), *theirs = malloc(n * sizeof *theirs);
+    double *mine = app_zeroed(n, sizeof *mine), *theirs = app_zeroed(n, sizeof *theirs);
     fresh_def.mesh = b->mesh, fresh_def.material = def->material, fresh_def.material_count = 1,
     fresh_def.alive = tm_tissue_alive(b->tissue), fresh_def.volume = def->volume,
     fresh_def.volume_shear = def->volume_shear;
-    if (mine && theirs && tm_tissue_create(&fresh_def, &fresh, NULL) == TM_OK) {
+    if (tm_tissue_create(&fresh_def, &fresh, NULL) == TM_OK) {
         const double *u = tm_world_state(b->world)->u_m;
         tm_tissue_force(b->tissue, u, mine);
         tm_tissue_force(fresh, u, theirs);

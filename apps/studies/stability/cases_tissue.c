@@ -311,7 +311,7 @@ static void changing_step(bool quick, double argument, outcome *o) {
     def.material[0].damping_1_s = 1;
     if (!bench_open(&def, &b, o)) return;
     double guaranteed = tm_critical_step_guaranteed(b.tissue, NULL), most = 0, start = 0;
-    double *scratch = malloc(sizeof *scratch * 3 * (size_t)b.mesh->vertex_count);
+    double *scratch = app_zeroed(3 * (size_t)b.mesh->vertex_count, sizeof *scratch);
     random_velocities(&b, 3, 0.1);
     start = scheme_energy(&b, scratch);
     uint64_t seed = 99;

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "bandwidth.h"
 #include "stability.h"
 
 /* The mean square speed at the end of the run over that at its beginning: undamped, from random velocities. */
@@ -112,9 +113,8 @@ static void cut(bool quick, double unused, outcome *o) {
     if (!bench_open(&def, &b, o)) return;
     const double g[3] = {0, 0, -9.81};
     const tm_settle_def settle = tm_settle_def_default();
-    double *truth = malloc(sizeof *truth * 3 * (size_t)b.mesh->vertex_count);
-    tm_status status =
-        truth ? tm_stage_gravity(b.world, g, &error) : tm_fail(&error, TM_ERR_MEMORY, -1, "no memory for the truth");
+    double *truth = app_zeroed(3 * (size_t)b.mesh->vertex_count, sizeof *truth);
+    tm_status status = tm_stage_gravity(b.world, g, &error);
     for (int32_t t = b.mesh->tet_count - 1; t > b.mesh->tet_count * 4 / 5 && status == TM_OK; t--) {
         tm_cut_remove(b.tissue, &t, 1, NULL, 0);
         status = tm_world_step(b.world, 3);
