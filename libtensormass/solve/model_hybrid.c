@@ -24,11 +24,6 @@ static void destroy(tm_model *m) {
 
 /* --- frames --- */
 
-static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
-    tm_model_begin(of(m)->moving, to, substeps);
-}
-static tm_status step(tm_model *m, int32_t substeps) { return tm_model_step(of(m)->moving, substeps); }
-
 static void end(tm_model *m) {
     tm_model_end(of(m)->moving);
     of(m)->hybrid->owed = true;
@@ -41,17 +36,12 @@ static part *with_inside(const tm_model *m) {
     return p;
 }
 
-static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
-    tm_model_place(of(m)->moving, instrument, at);
-}
-
 static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
     return tm_hybrid_reaction(of(m)->hybrid, instrument);
 }
 
 static tm_surface_view surface(tm_model *m) { return tm_hybrid_surface(of(m)->hybrid); }
 static const double *displacement(tm_model *m) { return tm_model_displacement(with_inside(m)->moving); }
-static double time_s(const tm_model *m) { return tm_model_time_s(of(m)->moving); }
 static uint64_t hash(tm_model *m) { return tm_model_hash(with_inside(m)->moving); }
 
 /* --- patches: of the whole organ's surface, with the whole organ's compliance --- */
@@ -80,8 +70,6 @@ static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *e
 static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
     return tm_model_patch(with_inside(m)->moving, instrument, out);
 }
-
-static tm_status start(tm_model *m, tm_error *error) { return tm_model_start(of(m)->moving, error); }
 
 /* --- rest, snapshots, accounts --- */
 
@@ -129,9 +117,6 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     return status;
 }
 
-static int64_t snapshot_bytes(const tm_model *m) { return tm_model_snapshot_bytes(of(m)->moving); }
-static int64_t snapshot_bytes_most(const tm_model *m) { return tm_model_snapshot_bytes_most(of(m)->moving); }
-
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     return tm_model_save(with_inside(m)->moving, buffer, bytes, error);
 }
@@ -143,35 +128,20 @@ static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_erro
     return status;
 }
 
-static int32_t stages(const tm_model *m, tm_stage_report report[TM_MAX_STAGES]) {
-    return tm_model_stages(of(m)->moving, report);
-}
-
-static void set_timing(tm_model *m, bool on) { tm_model_set_timing(of(m)->moving, on); }
-
 static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .name = "hybrid",
                                    .knows_compliance = true,
                                    .destroy = destroy,
-                                   .begin = begin,
-                                   .step = step,
                                    .end = end,
-                                   .place = place,
                                    .reaction = reaction,
                                    .surface = surface,
                                    .displacement = displacement,
-                                   .time_s = time_s,
                                    .hash = hash,
                                    .allow_patches = allow_patches,
                                    .patch = patch,
                                    .settle = settle,
-                                   .snapshot_bytes = snapshot_bytes,
                                    .save = save,
-                                   .restore = restore,
-                                   .start = start,
-                                   .stages = stages,
-                                   .set_timing = set_timing,
-                                   .snapshot_bytes_most = snapshot_bytes_most};
+                                   .restore = restore};
 
 /* --- how it is made --- */
 
@@ -207,6 +177,7 @@ static tm_status make(const tm_model_def *def, const tm_hybrid_def *how, part *p
     const tm_model_kind *own = p->is.kind;
     p->is = *p->moving;
     p->is.kind = own;
+    p->is.inner = p->moving;
     p->is.condensed_tets = tm_tissue_mesh(p->is.tissue)->tet_count - tm_tissue_alive_count(p->is.tissue);
     return TM_OK;
 }

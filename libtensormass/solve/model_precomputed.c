@@ -35,12 +35,6 @@ static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
     of(m)->way_s = substeps * m->pace.dt_s;
 }
 
-static tm_status step(tm_model *m, int32_t substeps) {
-    (void)m;
-    (void)substeps;
-    return TM_OK;
-}
-
 static void end(tm_model *m) {
     quasi *q = of(m);
     const double start_s = q->timing ? tms_clock_s() : 0;
@@ -67,7 +61,6 @@ static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
     return r;
 }
 
-static tm_surface_view surface(tm_model *m) { return tm_tissue_surface(m->tissue); }
 static const double *displacement(tm_model *m) { return tm_precomputed_displacement(of(m)->model); }
 static double time_s(const tm_model *m) { return of(m)->time_s; }
 
@@ -169,12 +162,6 @@ static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_erro
     return TM_OK;
 }
 
-static tm_status start(tm_model *m, tm_error *error) {
-    (void)m;
-    (void)error;
-    return TM_OK;
-}
-
 static int32_t stages(const tm_model *m, tm_stage_report report[TM_MAX_STAGES]) {
     const quasi *q = of(m);
     report[0] = (tm_stage_report){.name = "precomputed",
@@ -192,11 +179,9 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .knows_compliance = true,
                                    .destroy = destroy,
                                    .begin = begin,
-                                   .step = step,
                                    .end = end,
                                    .place = place,
                                    .reaction = reaction,
-                                   .surface = surface,
                                    .displacement = displacement,
                                    .time_s = time_s,
                                    .hash = hash,
@@ -206,7 +191,6 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .snapshot_bytes = snapshot_bytes,
                                    .save = save,
                                    .restore = restore,
-                                   .start = start,
                                    .stages = stages,
                                    .set_timing = set_timing,
                                    .snapshot_bytes_most = snapshot_bytes_most};

@@ -50,7 +50,8 @@ typedef struct tm_pace {
     int32_t critical_tet;      /* tetrahedron that sets it */
 } tm_pace;
 
-/* What a model is made of. All functions are there; `model` is its own. None allocates but settle, save and restore
+/* What a model is made of; `model` is its own. A null function is done by tm_model.inner, and without that as follows:
+ * step, end and start do nothing, surface is the tissue's. None allocates but settle, save and restore
  * and `allow_patches`. Contracts were looked at by the functions below, which are what programs call. */
 typedef struct tm_model_kind {
     uint32_t size;
@@ -86,6 +87,7 @@ struct tm_model {
     tm_tissue *tissue;   /* that of the world where there is one: it alone may be cut */
     tm_world *world;     /* for stages of your own; null: quasi-static, there is nothing to step */
     tm_contact *contact; /* of that world; null: none */
+    tm_model *inner;     /* the model that does what the kind leaves null, or null */
     int32_t instrument_count;
     int32_t condensed_tets;                /* of the organ that are not in `tissue`: quasi-static, never cut */
     tm_tool_pose pose[TM_MAX_INSTRUMENTS]; /* at the end of the last frame */

@@ -105,8 +105,6 @@ static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
 }
 
 static tm_status step(tm_model *m, int32_t substeps) { return tm_world_step(m->world, substeps); }
-static void end(tm_model *m) { (void)m; }
-
 static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
     tm_contact_place(m->contact, instrument, at);
 }
@@ -115,7 +113,6 @@ static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
     return tm_contact_reaction(m->contact, instrument);
 }
 
-static tm_surface_view surface(tm_model *m) { return tm_tissue_surface(m->tissue); }
 static const double *displacement(tm_model *m) { return tm_world_state(m->world)->u_m; }
 static double time_s(const tm_model *m) { return tm_world_state(m->world)->time_s; }
 static uint64_t hash(tm_model *m) { return tm_world_hash(m->world); }
@@ -175,10 +172,8 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .destroy = destroy,
                                    .begin = begin,
                                    .step = step,
-                                   .end = end,
                                    .place = place,
                                    .reaction = reaction,
-                                   .surface = surface,
                                    .displacement = displacement,
                                    .time_s = time_s,
                                    .hash = hash,

@@ -30,19 +30,29 @@ void tm_model_begin(tm_model *model, const tm_tool_pose *to, int32_t substeps) {
         TM_REQUIRE(TM_IS_POSE(to + i), "a pose is not finite or beyond 1e6", );
     for (int i = 0; i < model->instrument_count; i++) model->to[i] = to[i];
     model->failed = false;
-    model->kind->begin(model, to, substeps);
+    if (model->kind->begin)
+        model->kind->begin(model, to, substeps);
+    else
+        tm_model_begin(model->inner, to, substeps);
 }
 
 tm_status tm_model_step(tm_model *model, int32_t substeps) {
     TM_REQUIRE(model && substeps >= 1, "model is null or substeps is below 1", TM_ERR_ARGUMENT);
-    const tm_status status = model->kind->step(model, substeps);
+    tm_status status = TM_OK;
+    if (model->kind->step)
+        status = model->kind->step(model, substeps);
+    else if (model->inner)
+        status = tm_model_step(model->inner, substeps);
     model->failed = status != TM_OK;
     return status;
 }
 
 void tm_model_end(tm_model *model) {
     TM_REQUIRE(model && !model->failed, "model is null, or its frame failed", );
-    model->kind->end(model);
+    if (model->kind->end)
+        model->kind->end(model);
+    else if (model->inner)
+        tm_model_end(model->inner);
     for (int i = 0; i < model->instrument_count; i++) model->pose[i] = model->to[i];
 }
 
@@ -61,7 +71,10 @@ tm_status tm_model_frame(tm_model *model, const tm_tool_pose *to) {
 void tm_model_place(tm_model *model, int32_t instrument, const tm_tool_pose *at) {
     INSTRUMENT_IS_THERE();
     TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
-    model->kind->place(model, instrument, at);
+    if (model->kind->place)
+        model->kind->place(model, instrument, at);
+    else
+        tm_model_place(model->inner, instrument, at);
     model->pose[instrument] = *at;
 }
 
@@ -70,14 +83,14 @@ void tm_model_place(tm_model *model, int32_t instrument, const tm_tool_pose *at)
 tm_tool_reaction tm_model_reaction(const tm_model *model, int32_t instrument) {
     INSTRUMENT_IS_THERE((tm_tool_reaction){0});
     if (!model->failed) return model->kind->reaction(model, instrument);
-    tm_tool_reaction none = {.time_s = model->kind->time_s(model), .flags = TM_REACTION_UNSTABLE};
+    tm_tool_reaction none = {.time_s = tm_model_time_s(model), .flags = TM_REACTION_UNSTABLE};
     memcpy(none.tip_m, model->pose[instrument].tip_m, sizeof none.tip_m);
     return none;
 }
 
 tm_surface_view tm_model_surface(tm_model *model) {
     TM_REQUIRE(model, "model is null", (tm_surface_view){0});
-    return model->kind->surface(model);
+    return model->kind->surface ? model->kind->surface(model) : tm_tissue_surface(model->tissue);
 }
 
 const double *tm_model_displacement(tm_model *model) {
@@ -87,7 +100,7 @@ const double *tm_model_displacement(tm_model *model) {
 
 double tm_model_time_s(const tm_model *model) {
     TM_REQUIRE(model, "model is null", 0);
-    return model->kind->time_s(model);
+    return model->kind->time_s ? model->kind->time_s(model) : tm_model_time_s(model->inner);
 }
 
 int32_t tm_model_alive(const tm_model *model) {
@@ -128,12 +141,13 @@ tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, double *u_m
 
 int64_t tm_model_snapshot_bytes(const tm_model *model) {
     TM_REQUIRE(model, "model is null", 0);
-    return model->kind->snapshot_bytes(model);
+    return model->kind->snapshot_bytes ? model->kind->snapshot_bytes(model) : tm_model_snapshot_bytes(model->inner);
 }
 
 int64_t tm_model_snapshot_bytes_most(const tm_model *model) {
     TM_REQUIRE(model, "model is null", 0);
-    return model->kind->snapshot_bytes_most(model);
+    return model->kind->snapshot_bytes_most ? model->kind->snapshot_bytes_most(model)
+                                            : tm_model_snapshot_bytes_most(model->inner);
 }
 
 tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error) {
@@ -152,15 +166,19 @@ tm_status tm_model_restore(tm_model *model, const void *buffer, int64_t bytes, t
 
 tm_status tm_model_start(tm_model *model, tm_error *error) {
     TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
-    return model->kind->start(model, error);
+    if (model->kind->start) return model->kind->start(model, error);
+    return model->inner ? tm_model_start(model->inner, error) : TM_OK;
 }
 
 int32_t tm_model_stages(const tm_model *model, tm_stage_report report[TM_MAX_STAGES]) {
     TM_REQUIRE(model && report, "model or report is null", 0);
-    return model->kind->stages(model, report);
+    return model->kind->stages ? model->kind->stages(model, report) : tm_model_stages(model->inner, report);
 }
 
 void tm_model_set_timing(tm_model *model, bool on) {
     TM_REQUIRE(model, "model is null", );
-    model->kind->set_timing(model, on);
+    if (model->kind->set_timing)
+        model->kind->set_timing(model, on);
+    else
+        tm_model_set_timing(model->inner, on);
 }
