@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <time.h>
 
+#include "libtensormass/platform/clock.h"
 #include "link_internal.h"
 #include "receiver.h"
 
@@ -24,9 +25,7 @@ static int network_receive(app_link *link, int64_t wait_us, int most) {
 
 static int64_t network_now_us(const app_link *link) {
     (void)link;
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
+    return app_monotonic_us();
 }
 
 static app_packet_counts network_packets(const app_link *link) {

@@ -11,17 +11,12 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "libtensormass/platform/clock.h"
 #include "receiver_internal.h"
 
 enum { SHORT_HEAD = 8, LONG_HEAD = 20, NAME_MAX_BYTES = 64, UDP_HEAD = 8, BUFFER_BYTES = 1 << 20, LOOK_US = 1000000 };
 #define MAGIC_SHORT 0x4c433032u
 #define MAGIC_LONG 0x4c433033u
-
-static int64_t monotonic_us(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
-}
 
 static uint32_t word(const uint8_t *p) {
     return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
@@ -251,7 +246,7 @@ static bool udpm_open(app_receiver *r, const char *url, char *why, int why_size)
                  url, strerror(errno));
         return false;
     }
-    look_up_addresses(r, monotonic_us());
+    look_up_addresses(r, app_monotonic_us());
     return true;
 }
 
@@ -266,7 +261,7 @@ static int udpm_receive(app_receiver *r, int64_t wait_us, int most) {
         const ssize_t size =
             recvfrom(r->fd, r->packet, sizeof r->packet, MSG_DONTWAIT, (struct sockaddr *)&from, &length);
         if (size < 0) return errno == EAGAIN || errno == EINTR || errno == ECONNREFUSED ? read : read ? read : -1;
-        const int64_t now_us = monotonic_us();
+        const int64_t now_us = app_monotonic_us();
         if (from_here(r, &from, now_us))
             app_udpm_packet(r, &from, r->packet, (int)size, now_us);
         else

@@ -88,7 +88,7 @@ static void tell(program *p, int64_t now_us) {
 static void tick(void *user, int64_t now_us) {
     program *p = user;
     const bool meaningful = hrt_node_tick(&p->node, now_us, &p->tool);
-    const int64_t begin_ns = hrt_clock_ns();
+    const int64_t begin_ns = app_monotonic_ns();
     if (p->set.samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
         atomic_store(&p->samples_over, true);
     if (p->live && meaningful) hrt_live_say_tool(p->live, &p->tool);
@@ -96,7 +96,7 @@ static void tick(void *user, int64_t now_us) {
         publish_status(p);
         p->status_us = now_us;
     }
-    figures(p, hrt_clock_ns() - begin_ns);
+    figures(p, app_monotonic_ns() - begin_ns);
     if (p->set.record_path) hrt_record_put(&p->record, 1.0e-6 * (double)(now_us - p->loop.start_us), &p->node.result);
     tell(p, now_us);
 }
@@ -110,8 +110,8 @@ static void end(void *user) {
 /* ---------------------------------------------------------------------------------------------- this thread */
 
 static hrt_facts facts_now(const program *p) {
-    const int64_t start_us = p->loop.start_us ? p->loop.start_us : hrt_clock_ns() / 1000;
-    return (hrt_facts){.time_s = 1.0e-6 * (double)(hrt_clock_ns() / 1000 - start_us),
+    const int64_t start_us = p->loop.start_us ? p->loop.start_us : app_monotonic_us();
+    return (hrt_facts){.time_s = 1.0e-6 * (double)(app_monotonic_us() - start_us),
                        .state = (hrt_state)atomic_load(&p->state),
                        .fault = (hrt_fault)atomic_load(&p->fault),
                        .detail = atomic_load(&p->detail),
@@ -219,7 +219,7 @@ static int open_all(program *p) {
         !hrt_bus_claim(&p->wires, HRT_BUS_CONTROLLER, p->set.node.instrument, why, sizeof why))
         return app_bad_input("--bus", 0, "%s", why);
     hrt_node_init(&p->node, &p->set.node, &p->wires);
-    p->node.clock_ns = hrt_clock_ns;
+    p->node.clock_ns = app_monotonic_ns;
     const int unlinked = open_link(p);
     if (unlinked) return unlinked;
     const int unwritable = hrt_output_begin(&p->json_out, p->set.common.json);

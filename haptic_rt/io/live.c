@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <time.h>
 
+#include "clock.h"
+
 enum { UNREAD = 4, LOOK_US = 100000, MOST = 256 };
 
 /* The newest of something, from the loop's thread to the sending one: each owns a slot, the third is between them. */
@@ -42,12 +44,6 @@ static bool collect(letterbox *box) {
     return true;
 }
 
-static int64_t now_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
-
 static void *receive(void *user) {
     hrt_live *live = user;
     while (!atomic_load(&live->stop))
@@ -59,7 +55,7 @@ static void *receive(void *user) {
 static void send_tool(hrt_live *live) {
     const struct posted_tool *posted = &live->tool[live->tool_box.read];
     hrt_peer_say_tool(&live->peer, &posted->tool);
-    hrt_histogram_add(&live->sent.lay, now_ns() - posted->at_ns);
+    hrt_histogram_add(&live->sent.lay, app_monotonic_ns() - posted->at_ns);
     live->sent.tools++;
 }
 
@@ -76,7 +72,7 @@ static void *send_all(void *user) {
 void hrt_live_say_tool(hrt_live *live, const tensormass_tool_state_t *tool) {
     struct posted_tool *slot = &live->tool[live->tool_box.write];
     slot->tool = *tool;
-    slot->at_ns = now_ns();
+    slot->at_ns = app_monotonic_ns();
     if (post(&live->tool_box)) atomic_fetch_add(&live->skipped, 1);
     sem_post(&live->wake);
 }

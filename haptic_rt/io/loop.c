@@ -11,15 +11,10 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "log_line.h"
 
 enum { STACK_TOUCHED = 256 * 1024 };
-
-int64_t hrt_clock_ns(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
-}
 
 bool hrt_priority(int priority) {
     const struct sched_param p = {.sched_priority = priority};
@@ -49,14 +44,14 @@ static void *run(void *user) {
     hrt_loop *l = user;
     l->real_time = l->priority > 0 && hrt_priority(l->priority);
     touch_stack();
-    const int64_t start_ns = hrt_clock_ns(), warm_ticks = 1000000000 / l->period_ns;
+    const int64_t start_ns = app_monotonic_ns(), warm_ticks = 1000000000 / l->period_ns;
     int64_t next_ns = start_ns + l->period_ns, minor = 0, major = 0;
     l->start_us = start_ns / 1000;
     while (!atomic_load(&l->stop) && (l->ticks_max == 0 || atomic_load(&l->ticks) < l->ticks_max)) {
         sleep_until(next_ns);
-        const int64_t begin_ns = hrt_clock_ns();
+        const int64_t begin_ns = app_monotonic_ns();
         l->tick(l->user, begin_ns / 1000);
-        const int64_t end_ns = hrt_clock_ns();
+        const int64_t end_ns = app_monotonic_ns();
         hrt_histogram_add(&l->lateness, begin_ns - next_ns);
         hrt_histogram_add(&l->duration, end_ns - begin_ns);
         if (atomic_fetch_add(&l->ticks, 1) == warm_ticks) count_faults(&minor, &major);
@@ -73,9 +68,7 @@ static void *run(void *user) {
         l->faults_minor -= minor;
         l->faults_major -= major;
     }
-    struct timespec cpu;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &cpu);
-    l->cpu_us = (int64_t)cpu.tv_sec * 1000000 + cpu.tv_nsec / 1000;
+    l->cpu_us = app_clock_us(CLOCK_THREAD_CPUTIME_ID);
     atomic_store(&l->done, true);
     return NULL;
 }

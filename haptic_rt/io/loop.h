@@ -32,7 +32,6 @@ typedef struct hrt_loop {
     pthread_t thread;
 } hrt_loop;
 
-int64_t hrt_clock_ns(void);
 /* For threads made from now on: SCHED_FIFO at `priority` (0: normal). False when not permitted. */
 bool hrt_priority(int priority);
 /* Locks memory and starts the loop's thread; says on stderr what was not permitted. False: no thread. */

@@ -7,6 +7,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "clock.h"
 #include "tensormass/base.h"
 
 enum { APP_DONE = 0, APP_FAILED = 1, APP_BAD_INPUT = 2 };
@@ -74,7 +75,6 @@ int app_ended(const char *program, int rc);
 /* A progress line on a terminal, nothing in a pipe. fraction in [0,1]; call with done=true at the end. */
 void app_progress(const char *what, double fraction, bool done);
 
-int64_t app_monotonic_us(void);
 /* A name for this start of a program, above 0: drawn, since a clock may stand anywhere after a restart. */
 int64_t app_session(void);
 

@@ -1,17 +1,10 @@
-/* The clock and the progress line. */
+/* The progress line. */
 #include <stdarg.h>
 #include <stdio.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "app.h"
 #include "log_line.h"
-
-int64_t app_monotonic_us(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
-}
 
 static bool quiet;
 void app_be_quiet(void) { quiet = true; }

@@ -136,7 +136,7 @@ def test_a_message_is_its_type_and_a_row(root, tmp_path):
     assert run.returncode == 0, run.stderr
     sources = [p for p in sorted(types.glob("*.c")) if p.stem not in ("link_network", "receiver", "receiver_lcm", "receiver_udpm")]
     generated = tmp_path / "out/gen/lcm_types"
-    out = lines_of(tmp_path, WEATHER, [*sources, *sorted(generated.glob("*.c"))], f"-I{types}", f"-I{generated.parent}")
+    out = lines_of(tmp_path, WEATHER, [*sources, *sorted(generated.glob("*.c"))], f"-I{types}", f"-I{generated.parent}", f"-I{root}")
     assert out == ["weather_t 1000 1"]
 
 
