@@ -46,6 +46,8 @@ static bool is_worse(const tm_deformation *a, const tm_deformation *b) {
 
 void sim_shape_note(sim *s) {
     if (!s->model->world || s->model->condensed_tets) return;
+    const int32_t limited = tm_world_limited_tets(s->model->world);
+    if (limited > s->limited_tets) s->limited_tets = limited, s->limited_s = sim_time_s(s);
     const tm_deformation now = tm_tissue_deformation(s->model->tissue, tm_model_displacement(s->model));
     if (s->shape_noted && !is_worse(&now, &s->worst)) return;
     s->worst = now, s->worst_s = sim_time_s(s), s->shape_noted = true;
@@ -57,6 +59,20 @@ void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when)
     if (!tm_tissue_doubts(s->model->tissue, shape, sentence)) return;
     app_scene_where(s->scene, s->scene->material.line, where, sizeof where);
     fprintf(stderr, "%s: warning: %s%s\n", where, when, sentence);
+}
+
+void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *report) {
+    static const double TOLD_SHARE = 0.01;
+    const int line = sim_law_line(s->scene);
+    char where[600];
+    if (!line) return;
+    if (report) cJSON_AddNumberToObject(report, "limited_tets", tets);
+    if (!(tets > TOLD_SHARE * sim_alive(s))) return;
+    app_scene_where(s->scene, line, where, sizeof where);
+    fprintf(stderr,
+            "%s: warning: %s%d of %d tetrahedra were beyond a limit of their law, where force grows linearly; allow a "
+            "larger 'stretch:', press less, or refine the mesh there\n",
+            where, when, (int)tets, (int)sim_alive(s));
 }
 
 void sim_shape_json(const tm_deformation *shape, cJSON *report) {
@@ -74,4 +90,6 @@ void sim_shape_report(const sim *s, cJSON *report) {
     /* Tissue that turns gets over being crushed, as between jaws: of that a run tells in its report alone. */
     if (!sim_has(s, "rotation") && !sim_law_line(s->scene)) sim_shape_warn(s, &s->worst, when);
     if (report) sim_shape_json(&s->worst, report);
+    snprintf(when, sizeof when, "at %.3g s ", s->limited_s);
+    sim_limit_report(s, s->limited_tets, when, report);
 }

@@ -16,6 +16,8 @@ void sim_shape_note(sim *s);
 /* At the end of a run: in the report (null: none), and a warning if it was linear and far outside its range. */
 void sim_shape_report(const sim *s, cJSON *report);
 /* The same of one shape. */
+/* Tells how many tetrahedra were beyond a limit of their nonlinear law, in the report and, above 1 %, as a warning. */
+void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *report);
 void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when);
 void sim_shape_json(const tm_deformation *shape, cJSON *report);
 

@@ -134,6 +134,8 @@ struct sim {
     sim_reach reach[TM_MAX_INSTRUMENTS];
     tm_deformation worst; /* of the frames looked at: sim_shape_note */
     double worst_s;
+    int32_t limited_tets; /* most that were beyond a limit of their nonlinear law in a frame looked at */
+    double limited_s;
     bool shape_noted;
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last sample */
     double last_s;                              /* length of the last sample */

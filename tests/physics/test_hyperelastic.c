@@ -205,6 +205,51 @@ static void simple_shear_by_40_percent(void **state) {
     destroy(&b);
 }
 
+/* Both ends of a bar turned together, or one of them twisted: the rest is found from where it is, whole turns but
+ * half; turned together it stores nothing. */
+static void turned(double angle, bool together, double *stored_J, double *moment) {
+    const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
+    block b = make((int[]){6, 2, 2}, &m, 1, true);
+    const double c = cos(angle), s = sin(angle);
+    for (int32_t v = 0; v < b.n; v += 3) {
+        const bool far = is_at(&b, v, SIDE_M);
+        if (!far && !is_at(&b, v, 0)) continue;
+        const double y = b.mesh->rest_m[v + 1] - SIDE_M / 2, z = b.mesh->rest_m[v + 2] - SIDE_M / 2;
+        const bool turns = far || together;
+        hold(&b, v, 0);
+        hold(&b, v + 1, turns ? c * y - s * z - y : 0), hold(&b, v + 2, turns ? s * y + c * z - z : 0);
+    }
+    settle(&b);
+    const tm_state *state = tm_world_state(b.world);
+    double *reaction = zeros(&b);
+    tm_support_reaction(b.world, reaction);
+    *moment = 0;
+    for (int32_t v = 0; v < b.n; v += 3)
+        if (is_at(&b, v, SIDE_M))
+            *moment += (b.mesh->rest_m[v + 1] + state->u_m[v + 1] - SIDE_M / 2) * reaction[v + 2] -
+                       (b.mesh->rest_m[v + 2] + state->u_m[v + 2] - SIDE_M / 2) * reaction[v + 1];
+    *stored_J = 0;
+    for (int32_t i = 0; i < b.n; i++) *stored_J = fmax(*stored_J, fabs(state->force_N[i]));
+    assert_int_equal(tm_tissue_deformation(b.tissue, state->u_m).inverted, 0);
+    free(reaction);
+    destroy(&b);
+}
+
+static void ends_that_turn_come_to_rest(void **state) {
+    (void)state;
+    double most_N, moment, before = 0;
+    for (int part = 1; part <= 6; part++) {
+        turned(part * acos(-1) / 6, true, &most_N, &moment);
+        assert_true(most_N < 1e-7);
+    }
+    for (int part = 1; part <= 3; part++) {
+        turned(part * acos(-1) / 6, false, &most_N, &moment);
+        print_message("twisted by %d degrees: %.4g N m\n", 30 * part, moment);
+        assert_true(moment > 1.4 * before);
+        before = moment;
+    }
+}
+
 /* --- the step --- */
 
 /* Pushed out of shape, some of it inside out, held at the bottom: comes back to rest. */
@@ -380,6 +425,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(uniaxial_stretch_and_press_to_40_percent),
         cmocka_unit_test(simple_shear_by_40_percent),
+        cmocka_unit_test(ends_that_turn_come_to_rest),
         cmocka_unit_test(comes_back_from_inside_out),
         cmocka_unit_test(keeps_its_energy),
         cmocka_unit_test(has_the_same_bits_by_threads_and_snapshots),

@@ -156,3 +156,13 @@ def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
 def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
     _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--duration", "0.2 s", "--set", f"haptics.latency={latency}", "--set", f"haptics.rate={rate}", "--set", "time.frame_rate=5 Hz")
     assert said.count("\n") == (words is not None) and (words or "") in said, said
+
+
+def test_a_law_says_how_much_went_on_linearly(bin, root, tmp_path):
+    """Pressed by 30 mm of 50 under a stretch of at most 1.2: told in the report and as a warning; a shallow press of the same scene says nothing."""
+    for depth, loud in (("30 mm", True), ("48 mm", False)):
+        tips = [w for k in (2, 3) for w in ("--set", f"hand[0].path[{k}].tip=[52 mm, 50 mm, {depth}]")]
+        _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--quiet", "--frames", 36, "--json", tmp_path / "o.json",
+                      "--set", "tissue.materials.*.law=neo-hooke", "--set", "tissue.materials.*.stretch=1.2", *tips)
+        tets = json.loads((tmp_path / "o.json").read_text())["limited_tets"]
+        assert (tets > 11) == loud and (f"{tets} of 1176 tetrahedra were beyond a limit of their law" in said) == loud, said
