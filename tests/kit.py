@@ -1,7 +1,12 @@
 """What tests of several folders start programs with; fixtures they share are in conftest.py."""
 import json
 import os
+import pathlib
+import re
 import subprocess
+from typing import NamedTuple, Optional
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 # Before a command: in a network of its own, LCM on its loopback.
 UNSHARE = ["unshare", "-n" if os.geteuid() == 0 else "-rn"]
@@ -41,3 +46,22 @@ def block_scene(tmp, root, more="", name="scene.yaml", mesh="block_1k.msh"):
     path = tmp / name
     path.write_text(BLOCK.format(mesh=root / "meshes" / mesh).lstrip() + more)
     return path
+
+
+class Effect(NamedTuple):
+    """One effect of scenes, as the generated reference describes it."""
+    name: str
+    needs: tuple
+    excludes: tuple
+    example: Optional[str]  #: as of --set NAME=, or None
+
+
+def effects():
+    """Every effect, in the order of the library's table (docs/scene-reference.md, which a test compares with it)."""
+    text = (ROOT / "docs/scene-reference.md").read_text().split("\n# Effects\n")[1]
+    found = []
+    for part in text.split("\n## ")[1:]:
+        head = part.split("\n| key |")[0]
+        example = re.search(r"^Example: `\w+:(.*)`$", head, re.M)
+        found.append(Effect(part.split("\n")[0], tuple(re.findall(r" Needs `(\w+)`", head)), tuple(re.findall(r" Excludes `(\w+)`", head)), example and example[1].strip()))
+    return found

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "organ.h"
+#include "scene/sim.h"
 
 static double mm(double m) {
     const double v = round(1e4 * m) / 10;
@@ -152,20 +153,30 @@ static void put_hand(const organ *o, FILE *out) {
     put_waypoint(6.0, o->cut_to_m, 0, "", out);
 }
 
+/* Every effect that this scene does not have, as a comment. */
+static void put_other_effects(const organ *o, FILE *out) {
+    static const char here[] = " contact damping haptics rendering cut ";
+    fputs("\n# More, when you want it (docs/scene-reference.md):\n", out);
+    for (int e = 0; e < sim_effect_count; e++) {
+        char name[40];
+        snprintf(name, sizeof name, " %s ", sim_effects[e]->name);
+        if (!sim_effects[e]->model && !strstr(here, name))
+            fprintf(out, "#   %s: %s\n", sim_effects[e]->name, sim_effects[e]->schema.field[0].doc);
+    }
+    if (!o->cut) fputs("#   cut: with an instrument of mode cautery (tm-scene new --cut)\n", out);
+}
+
 static void put_rest(const organ *o, FILE *out) {
-    fprintf(
-        out,
-        "\ncontact: # instruments push the surface\n"
-        "damping: {rate: 40 /s} # what moves comes to rest in some 25 ms, as in a body full of liquid\n"
-        "%s"
-        "haptics: {extrapolator: adaptive} # a 500 Hz controller feels it; leave out to only look\n"
-        "rendering: # pictures and films\n"
-        "time: {frame_rate: 25 Hz, duration: %g s} # with these constants %d substeps of %.3g ms a frame\n"
-        "\n# More, when you want it (docs/scene-reference.md): gravity: (it sags first), rotation: (far bends), volume: (poisson 0.49), viscosity:,\n"
-        "# friction:, %sanisotropy: (fibres).\n",
-        o->cut ? "cut: {rate: 100 /s} # the cautery takes so many tetrahedra a second at most\n" : "",
-        o->cut ? 6.4 : 4.6, o->substeps, 1e3 * (1.0 / 25) / o->substeps,
-        o->cut ? "" : "cut: with an instrument of mode cautery (tm-scene new --cut), ");
+    fprintf(out,
+            "\ncontact: # instruments push the surface\n"
+            "damping: {rate: 40 /s} # what moves comes to rest in some 25 ms, as in a body full of liquid\n"
+            "%s"
+            "haptics: {extrapolator: adaptive} # a 500 Hz controller feels it; leave out to only look\n"
+            "rendering: # pictures and films\n"
+            "time: {frame_rate: 25 Hz, duration: %g s} # with these constants %d substeps of %.3g ms a frame\n",
+            o->cut ? "cut: {rate: 100 /s} # the cautery takes so many tetrahedra a second at most\n" : "",
+            o->cut ? 6.4 : 4.6, o->substeps, 1e3 * (1.0 / 25) / o->substeps);
+    put_other_effects(o, out);
 }
 
 void organ_write(const organ *o, FILE *out, const char *mesh_path, double scale, const char *title) {

@@ -38,7 +38,7 @@ static bool is_of(const cJSON *study, const sim *s) {
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)sim_hash_file(0, s->scene->file));
     cJSON_ArrayForEach(set, cJSON_GetObjectItem(study, "set")) {
         const char *text = cJSON_GetStringValue(set);
-        if (!text || (strcmp(text, "haptics") && strcmp(text, "recording") && strcmp(text, "rendering"))) return false;
+        if (!text || !sim_effect_left_out(text)) return false;
     }
     return of && !strcmp(of, hash) && cJSON_IsTrue(cJSON_GetObjectItem(study, "whole"));
 }

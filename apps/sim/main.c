@@ -249,12 +249,28 @@ static int parse(run_options *o, int count, char **all) {
     return app_output_check(o->snapshot);
 }
 
+enum { DESCRIPTION = 2000 };
+
+/* Writes what the reference says of an effect before its keys: what it is, what it goes with, how it is asked for. */
+static void describe_effect(const sim_effect *e, char text[DESCRIPTION]) {
+    size_t used = (size_t)snprintf(text, DESCRIPTION, "%s", e->doc);
+    for (int i = 0; i < 4 && e->needs[i] && used < DESCRIPTION; i++)
+        used += (size_t)snprintf(text + used, DESCRIPTION - used, " Needs `%s`.", e->needs[i]);
+    for (int i = 0; i < 4 && e->excludes[i].other && used < DESCRIPTION; i++)
+        used += (size_t)snprintf(text + used, DESCRIPTION - used, " Excludes `%s`.", e->excludes[i].other);
+    if (e->example && used < DESCRIPTION)
+        snprintf(text + used, DESCRIPTION - used, "\n\nExample: `%s:%s%s`", e->name, *e->example ? " " : "",
+                 e->example);
+}
+
 static int print_schema(void) {
     const char *name[SIM_MAX_EFFECTS], *doc[SIM_MAX_EFFECTS];
+    char text[SIM_MAX_EFFECTS][DESCRIPTION];
     app_schema schema[SIM_MAX_EFFECTS];
     for (int i = 0; i < sim_effect_count; i++) {
+        describe_effect(sim_effects[i], text[i]);
         name[i] = sim_effects[i]->name;
-        doc[i] = sim_effects[i]->doc;
+        doc[i] = text[i];
         schema[i] = sim_effects[i]->schema;
     }
     app_scene_reference(stdout, schema, name, doc, sim_effect_count);

@@ -96,6 +96,7 @@ const sim_effect sim_effect_breathing = {
     .name = "breathing",
     .doc = "Moves one of the scene's supports from where it is held to `amplitude` away and back, smoothly: (1 - cos(2 "
            "pi t / period)) / 2.",
+    .example = "{support: bottom, amplitude: [0, 0, 5 mm]}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .check = check,
     .build = build,

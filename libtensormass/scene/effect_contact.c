@@ -37,6 +37,8 @@ const sim_effect sim_effect_contact = {
     .name = "contact",
     .doc =
         "Unilateral, frictionless contact between every instrument (a capsule) and the tissue's surface (triangles).",
+    .example = "{skin: 0.5 mm/N}",
+    .trial = SIM_TRIAL_KEEP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"instruments"},
     .prepare = prepare,

@@ -74,6 +74,7 @@ const sim_effect sim_effect_cut = {
         "tissue equals a fresh build of what is left, bit for bit. The step is one that each tetrahedron bears when it is "
         "cut loose alone: with slivers 0.018 to 0.15 of what the whole tissue bears. `tm-mesh info` names the worst; mesh "
         "the organ anew, or set `time.mass_scaling`.",
+    .example = "{rate: 100 /s}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_CUTTING,
     .needs = {"contact"},

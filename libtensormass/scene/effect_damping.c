@@ -22,6 +22,7 @@ const sim_effect sim_effect_damping = {
     .name = "damping",
     .doc = "Viscous damping in proportion to mass. Without it the integrator is the undamped one, which has fewer "
            "instructions.",
+    .example = "{rate: 40 /s}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .prepare = prepare,
 };

@@ -49,6 +49,8 @@ const sim_effect sim_effect_friction = {
     .name = "friction",
     .doc = "Coulomb friction of the instruments on the tissue, swept with contact: they stick within the cone of their "
            "static coefficient, slide at the other, and the hand feels both (docs/friction.md).",
+    .example = "{static: 0.3, sliding: 0.2}",
+    .trial = SIM_TRIAL_DROP_OR_ADD,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .excludes = {{"hybrid",

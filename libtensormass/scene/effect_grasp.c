@@ -51,6 +51,7 @@ const sim_effect sim_effect_grasp = {
     .name = "grasp",
     .doc = "Closing the jaw of an instrument of mode `grasper` ties the tissue between the jaws to it; opening lets go "
            "within `fade`.",
+    .example = "{compliance: 0.2 mm/N}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .check = check,

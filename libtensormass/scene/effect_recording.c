@@ -12,5 +12,6 @@ const sim_effect sim_effect_recording = {
     .name = "recording",
     .doc = "A plain LCM log: stock lcm-logplayer, lcm-spy and `tm-evaluate` read it. `--record FILE` names the effect "
            "from outside.",
+    .trial = SIM_TRIAL_LEAVE_OUT,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_recording)},
 };

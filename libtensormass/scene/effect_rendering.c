@@ -92,6 +92,8 @@ const sim_picture *sim_picture_now(sim *s) {
 const sim_effect sim_effect_rendering = {
     .name = "rendering",
     .doc = "`tissue` messages for tm-view, live or in the recording. The simulation itself opens no graphics library.",
+    .example = "",
+    .trial = SIM_TRIAL_LEAVE_OUT,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_rendering)},
     .build = build,
     .destroy = destroy,

@@ -37,6 +37,9 @@ const sim_effect sim_effect_rotation = {
     .name = "rotation",
     .doc = "Large turns and bends: tetrahedra beyond the threshold follow the law in axes that turn with them, fibres "
            "too; the others stay linear and cost nothing more (docs/corotation.md). The step is some 6 % shorter.",
+    .example = "{threshold: 0.02}",
+    .trial = SIM_TRIAL_DROP_OR_ADD,
+    .of_linear_law = "the law turns by itself",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue that does not turn; write 'model: dynamic'"},
                  {"hybrid", "its condensed part does not turn; write 'model: dynamic'"}},

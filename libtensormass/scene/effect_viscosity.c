@@ -55,6 +55,8 @@ const sim_effect sim_effect_viscosity = {
     .doc = "Stress that fades at constant strain, and creep at constant load: a Prony series, integrated exactly along "
            "straight strain paths. The step stays as it is; `--settle` gives the rest after infinite time "
            "(docs/viscosity.md).",
+    .example = "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}",
+    .of_linear_law = "it keeps histories of the linear law",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue that does not relax; write 'model: dynamic'"},
                  {"hybrid", "its condensed part does not relax; write 'model: dynamic'"}},

@@ -48,6 +48,9 @@ const sim_effect sim_effect_volume = {
         "what it should at nu 0.3, 0.86 at 0.49 and 0.81 at 0.4999 (linear tetrahedra: 0.78, 0.29, 0.03); finer meshes "
         "and a larger `shear` bend better (docs/strain-smoothing.md, 'How much locking is left'). Four times the tensors, steps a "
         "third longer (not of tissue that may be cut).",
+    .example = "{shear: 0.2}",
+    .trial = SIM_TRIAL_KEEP,
+    .of_linear_law = "changes of volume are averaged for the linear law alone",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_VOLUME,
     .excludes = {{"hybrid", "nothing can be averaged over the border of its condensed part; write 'model: dynamic' or "

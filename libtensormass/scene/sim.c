@@ -50,13 +50,14 @@ static tm_status check_effect(const app_scene *scene, int index) {
     return e->check ? e->check(scene, scene->effect[index]) : 0;
 }
 
+bool sim_effect_left_out(const char *name) {
+    for (int i = 0; i < sim_effect_count; i++)
+        if (!strcmp(sim_effects[i]->name, name)) return sim_effects[i]->trial == SIM_TRIAL_LEAVE_OUT;
+    return false;
+}
+
 /* What nonlinear laws cannot be with. */
 static tm_status check_law(const app_scene *scene, const app_material *m) {
-    static const struct {
-        const char *effect, *why;
-    } not_with[] = {{"rotation", "the law turns by itself"},
-                    {"volume", "changes of volume are averaged for the linear law alone"},
-                    {"viscosity", "it keeps histories of the linear law"}};
     const tm_status constants = app_scene_law_check(scene, m);
     if (constants) return constants;
     if (m->law.index == TM_LAW_LINEAR) {
@@ -74,10 +75,11 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
                                    m->region.s, other)
                    : 0;
     }
-    for (size_t i = 0; i < sizeof not_with / sizeof *not_with; i++)
-        if (sim_options(scene, not_with[i].effect))
+    for (int i = 0; i < sim_effect_count; i++)
+        if (sim_effects[i]->of_linear_law && sim_effect_line(scene, i))
             return app_scene_bad(scene, m->law.line, "law '%s' and %s exclude each other: %s; leave one of them out",
-                                 tm_law_name((tm_law_kind)m->law.index), not_with[i].effect, not_with[i].why);
+                                 tm_law_name((tm_law_kind)m->law.index), sim_effects[i]->name,
+                                 sim_effects[i]->of_linear_law);
     if (scene->model.index != APP_DYNAMIC)
         return app_scene_bad(scene, m->law.line,
                              "law '%s' needs 'model: dynamic': responses are computed for the linear law",

@@ -28,13 +28,25 @@ typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PA
 /* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
  * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.
  * All return 0 or a status, having complained. */
+/* What a study of a scene tries with an effect. */
+typedef enum sim_trial {
+    SIM_TRIAL_DROP,        /* runs without it, where the scene names it */
+    SIM_TRIAL_DROP_OR_ADD, /* and with its defaults, where the scene does not */
+    SIM_TRIAL_KEEP,        /* neither */
+    SIM_TRIAL_LEAVE_OUT,   /* every run goes without it: it moves nothing */
+} sim_trial;
+
 typedef struct sim_effect {
     const char *name, *doc;
+    const char
+        *example; /* its value in a scene, as of --set; in the reference, and for tests of every effect; or null */
+    sim_trial trial;
     app_schema schema;
     int model; /* app_model that stands for naming the effect; its own section then only holds options */
     sim_part part;
     const char *needs[4];
     sim_exclusion excludes[4];
+    const char *of_linear_law; /* why it goes with no other law; null: it goes with all */
     tm_status (*check)(const app_scene *scene, const void *options); /* needs no mesh */
     tm_status (*prepare)(sim *s, const void *options); /* mesh is there: fills s->def, or s->damping_1_s and s->fibre */
     tm_status (*build)(sim *s, const void *options); /* s->model is there: adds stages to its world, where it has one */
@@ -163,6 +175,8 @@ tm_status sim_report(const app_scene *scene, int line, const tm_error *error);
 tm_status sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error);
 /* An effect's index by its name, -1: there is none. */
 int sim_effect_find(const app_scene *scene, const char *name);
+/* Returns whether every study leaves out the effect of this name (SIM_TRIAL_LEAVE_OUT). */
+bool sim_effect_left_out(const char *name);
 /* The line that asked for an effect, 0: not named. */
 int sim_effect_line(const app_scene *scene, int index);
 

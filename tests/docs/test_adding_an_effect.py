@@ -1,6 +1,8 @@
 """docs/adding-an-effect.md shows the effect that is built: its code is the source's, but for line breaks."""
 import re
 
+from kit import effects
+
 
 def bare(text):
     return re.sub(r"\s+", "", text)
@@ -20,3 +22,32 @@ def test_what_it_names_is_there(root):
     headers = "".join(p.read_text() for p in (root / "libtensormass/include/tensormass").glob("*.h"))
     for name in set(re.findall(r"\b(?:tm|TM)_[A-Za-z_0-9]+", page)):
         assert re.search(rf"\b{name}\b", headers), f"the library has no {name}"
+
+
+def sources(root):
+    """(name, text) of the library, the programs and the Python package; an effect's own file and the table aside."""
+    for folder in ("libtensormass", "apps", "haptic_rt", "lcm_types", "python"):
+        for path in sorted((root / folder).rglob("*")):
+            if path.suffix in (".c", ".h", ".cpp", ".py") and not re.match(r"effects?[_.]", path.name):
+                yield path.relative_to(root).as_posix(), path.read_text(errors="replace")
+
+
+def lists(text):
+    """Statements that name three effects or more as strings."""
+    names = {e.name for e in effects()}
+    found = ({*re.findall(r"\"(\w+)\"", statement)} & names for statement in text.split(";"))
+    return [sorted(named) for named in found if len(named) > 2]
+
+
+def test_no_list_of_effects_is_kept_by_hand(root):
+    """What goes over effects goes over the library's table. The core has members of definitions; studies are about some effects, each by a row of its own."""
+    own = ("libtensormass/src/model", "apps/studies/accuracy/main.c", "apps/studies/accuracy/page", "apps/studies/stability/page.py", "apps/studies/evaluate/")
+    assert not {name: lists(text) for name, text in sources(root) if lists(text) and not name.startswith(own)}
+    assert lists('static const char *const never[] = {"contact", "volume", "haptics"};') == [["contact", "haptics", "volume"]]
+
+
+def test_an_effect_is_known_by_its_own_file_alone(root):
+    """The page's example: nothing else of library, programs or Python names it."""
+    assert not [name for name, text in sources(root) if '"breathing"' in text]
+    own = (root / "libtensormass/scene/effect_breathing.c").read_text()
+    assert '.name = "breathing"' in own and ".example = " in own

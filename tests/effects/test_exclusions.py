@@ -1,21 +1,23 @@
-"""What excludes what among rotation, volume, viscosity and friction, and with the quasi-static models: refused with both lines and the way out."""
+"""Effects that exclude each other are refused with both lines and the way out: every pair of the library's table; what does not go together goes in one scene."""
 import subprocess
 
 import pytest
+from kit import effects
 
 SCENE = """tissue:
   mesh: {root}/meshes/block_1k.msh
   materials:
     "*": {{young: 5 kPa, poisson: 0.45, density: 1000 kg/m3}}
 supports:
-  - {{group: z_min}}
+  - {{name: bottom, group: z_min}}
 instruments:
   - trocar: [50 mm, 50 mm, 180 mm]
 contact:
 """
-EFFECT = {"rotation": "rotation:\n", "volume": "volume: {shear: 0.4}\n", "viscosity": "viscosity: {terms: [{time: 1 s, shear: 0.5}]}\n", "friction": "friction:\n", "fade": "cut: {fade: 50 ms}\n"}
-EXCLUDED = [("rotation", "model", "precomputed"), ("rotation", "model", "hybrid"), ("volume", "model", "hybrid"), ("viscosity", "model", "precomputed"),
-            ("viscosity", "model", "hybrid"), ("friction", "model", "hybrid"), ("fade", "model", "hybrid")]
+EFFECT = {**{e.name: f"{e.name}: {e.example}\n" for e in effects() if e.example is not None}, "fade": "cut: {fade: 50 ms}\n"}
+MODELS = ("precomputed", "hybrid")
+PAIRS = [(e.name, other) for e in effects() for other in e.excludes]
+EXCLUDED = [(one, other) if other in MODELS else (other, one) for one, other in PAIRS] + [("fade", "hybrid")]
 
 
 def check(bin, root, tmp_path, text):
@@ -25,8 +27,13 @@ def check(bin, root, tmp_path, text):
     return scene, done.returncode, done.stderr
 
 
-@pytest.mark.parametrize("one,other,model", EXCLUDED, ids=lambda v: v)
-def test_both_lines_are_named(bin, root, tmp_path, one, other, model):
+def test_the_table_has_pairs():
+    assert {("rotation", "precomputed"), ("friction", "hybrid"), ("cut", "precomputed")} <= set(EXCLUDED) and len(EXCLUDED) >= 12
+    assert all(model in MODELS for _, model in EXCLUDED), "a pair of two effects: test it in a scene of its own"
+
+
+@pytest.mark.parametrize("one,model", EXCLUDED, ids=lambda v: v)
+def test_both_lines_are_named(bin, root, tmp_path, one, model):
     text = EFFECT[one] + f"model: {model}\n" + ("hybrid: {box: {min: [0, 0, 0], max: [50 mm, 100 mm, 50 mm]}}\n" if model == "hybrid" else "")
     scene, code, said = check(bin, root, tmp_path, text)
     lines = SCENE.count("\n")
@@ -38,7 +45,7 @@ def test_the_others_go_together(bin, root, tmp_path):
     for text in ("volume viscosity friction", "rotation viscosity friction", "rotation volume viscosity friction", "friction model: precomputed"):
         effects = "".join(EFFECT.get(e, "") for e in text.split())
         if "rotation" in text:
-            effects = effects.replace("volume: {shear: 0.4}", "volume:")
+            effects = effects.replace(EFFECT["volume"], "volume:\n")
         _, code, said = check(bin, root, tmp_path, effects + ("model: precomputed\n" if "model" in text else ""))
         assert code == 0, said
 

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from kit import effects
 from simkit import block_scene, report, run
 
 EFFECTS = ["anisotropy", "damping", "gravity", "contact", "haptics", "recording", "rendering"]
@@ -214,10 +215,12 @@ def test_explain_names_stage_and_line(bin, root, tmp_path):
 CONTACT = INSTRUMENT + "contact:\n"
 
 
-@pytest.mark.parametrize("effect,value,more", [
-    ("gravity", "", ""), ("damping", "", ""), ("volume", "", ""), ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
-    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("friction", "", CONTACT), ("cut", "", CONTACT), ("energy", "", ""), ("rotation", "", ""),
-    ("viscosity", "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}", CONTACT + "cut:\nvolume:\n")])
+EXAMPLES = [(e.name, e.example, {"instruments": INSTRUMENT, "contact": CONTACT}.get("".join(e.needs), "")) for e in effects() if e.example is not None]
+NO_STAGE = ("damping", "volume", "rotation", "viscosity", "haptics", "rendering")  # of their own name
+
+
+@pytest.mark.parametrize("effect,value,more", EXAMPLES + [
+    ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("haptics", "{extrapolator: contact}", CONTACT), ("viscosity", "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}", CONTACT + "cut:\nvolume:\n")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)
@@ -229,7 +232,7 @@ def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root
     new = set(rows_named) - set(rows)
     assert new and effect in without["left_out"] and effect not in named["left_out"]
     assert all(rows_named[name]["asked_by"] == f"--set {effect}={value}" for name in new)
-    if effect in ("gravity", "contact", "breathing", "grasp", "friction", "cut", "energy"):
+    if effect not in NO_STAGE:
         assert rows_named[effect]["in_step"] and cost > 0
 
 

@@ -26,15 +26,11 @@ static void study_choice_names(const study *t, char *text, size_t size) {
                  hrt_extrapolator_name((hrt_extrapolator)felt->law), study_rate_Hz(t, felt));
 }
 
-static bool is_quiet(const char *set) {
-    return !strcmp(set, "haptics") || !strcmp(set, "recording") || !strcmp(set, "rendering");
-}
-
 static int gather_edits(const study *t, char **edit) {
     const study_choice *c = &t->choice;
     int n = 0;
     for (int i = 0; i < t->set_count; i++)
-        if (!is_quiet(t->set[i])) edit[n++] = t->set[i];
+        if (!sim_effect_left_out(t->set[i])) edit[n++] = t->set[i];
     const study_run *mesh = &t->run[c->mesh_run];
     for (int i = mesh->edits_from; i < mesh->set_count; i++) edit[n++] = mesh->set[i];
     for (int e = 0; e < c->extra_count; e++)
@@ -101,7 +97,7 @@ static sim *build_written(const study *t, char *why, size_t size) {
     int count = 0;
     const study_choice *c = &t->choice;
     for (int i = 0; i < t->set_count; i++) /* what no study runs with */
-        if (is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"))) set[count++] = t->set[i];
+        if (sim_effect_left_out(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"))) set[count++] = t->set[i];
     sim *s = study_build(c->file, set, count, why, size);
     for (int i = 0; s && i < s->instrument_count && c->felt_run; i++)
         s->wants[i] = c->sends < s->can_send ? c->sends : s->can_send;

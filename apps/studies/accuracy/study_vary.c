@@ -154,19 +154,16 @@ static void without_fibres(study_run *r, const app_scene *scene) {
 }
 
 static void plan_effects(study *t, const sim *own) {
-    static const char *const never[] = {"contact", "volume", "haptics", "recording", "rendering", "energy"};
-    static const char *const added[] = {"rotation", "gravity", "friction"}; /* those that need no figure of one's own */
     for (int e = 0; e < sim_effect_count; e++) {
         const sim_effect *effect = sim_effects[e];
-        bool skip = !sim_effect_line(own->scene, e) || effect->model;
-        for (size_t k = 0; k < sizeof never / sizeof *never; k++) skip = skip || !strcmp(effect->name, never[k]);
-        if (skip) continue;
+        if (!sim_effect_line(own->scene, e) || effect->model || effect->trial >= SIM_TRIAL_KEEP) continue;
         study_run *r = study_add(t, "drop", effect->name);
         study_set(r, "%s", effect->name);
         if (!strcmp(effect->name, "anisotropy")) without_fibres(r, own->scene);
     }
-    for (size_t k = 0; k < sizeof added / sizeof *added && !t->quick; k++)
-        if (!sim_has(own, added[k])) study_set(study_add(t, "add", added[k]), "%s=", added[k]);
+    for (int e = 0; e < sim_effect_count && !t->quick; e++)
+        if (sim_effects[e]->trial == SIM_TRIAL_DROP_OR_ADD && !sim_effect_line(own->scene, e))
+            study_set(study_add(t, "add", sim_effects[e]->name), "%s=", sim_effects[e]->name);
 }
 
 /* --- constants that nobody knows well --- */
@@ -223,12 +220,11 @@ static void plan_constants(study *t, const sim *own) {
 /* --- all --- */
 
 static void quiet_sections(study *t) {
-    static const char *const section[] = {"haptics", "recording", "rendering"};
     app_scene *scene = NULL;
     if (sim_scene_load(t->file, t->set, t->set_count, app_program_host(), &scene)) return;
-    for (size_t i = 0; i < sizeof section / sizeof *section; i++)
-        if (sim_effect_line(scene, sim_effect_find(scene, section[i])) && t->set_count < STUDY_SETS / 2)
-            t->set[t->set_count++] = (char *)(uintptr_t)section[i];
+    for (int e = 0; e < sim_effect_count; e++)
+        if (sim_effects[e]->trial == SIM_TRIAL_LEAVE_OUT && sim_effect_line(scene, e) && t->set_count < STUDY_SETS / 2)
+            t->set[t->set_count++] = (char *)(uintptr_t)sim_effects[e]->name;
     const sim_haptics *haptics = scene->effect[sim_effect_find(scene, "haptics")];
     t->feels = sim_effect_line(scene, sim_effect_find(scene, "haptics")) != 0;
     t->sends = t->feels && haptics->sends.line ? haptics->sends.index : -1;

@@ -14,12 +14,9 @@
 static const struct {
     const hard_case *row;
     const int *count;
-} groups[] = {{cases_tissue, &cases_tissue_count},       {cases_volume, &cases_volume_count},
-              {cases_tool, &cases_tool_count},           {cases_cut, &cases_cut_count},
-              {cases_energy, &cases_energy_count},       {cases_link, &cases_link_count},
-              {cases_torture, &cases_torture_count},     {cases_rotation, &cases_rotation_count},
-              {cases_viscosity, &cases_viscosity_count}, {cases_relax, &cases_relax_count},
-              {cases_friction, &cases_friction_count}};
+} groups[] = {
+#define CASES_LISTED(name) {cases_##name, &cases_##name##_count},
+    CASE_GROUPS(CASES_LISTED)};
 enum { GROUPS = sizeof groups / sizeof *groups };
 
 static const char *verdict_name(verdict v) {

@@ -35,11 +35,24 @@ typedef struct hard_case {
     double argument; /* lets one function serve a row of cases */
 } hard_case;
 
-extern const hard_case cases_tissue[], cases_volume[], cases_tool[], cases_cut[], cases_energy[], cases_link[],
-    cases_torture[], cases_rotation[], cases_viscosity[], cases_relax[], cases_friction[];
-extern const int cases_tissue_count, cases_volume_count, cases_tool_count, cases_cut_count, cases_energy_count,
-    cases_link_count, cases_torture_count, cases_rotation_count, cases_viscosity_count, cases_relax_count,
-    cases_friction_count;
+/* Every group of cases: a table cases_NAME of its own file, in the order in which they run. */
+#define CASE_GROUPS(ROW)                                                                                               \
+    ROW(tissue)                                                                                                        \
+    ROW(volume)                                                                                                        \
+    ROW(tool)                                                                                                          \
+    ROW(cut)                                                                                                           \
+    ROW(energy)                                                                                                        \
+    ROW(link)                                                                                                          \
+    ROW(torture)                                                                                                       \
+    ROW(rotation)                                                                                                      \
+    ROW(viscosity)                                                                                                     \
+    ROW(relax)                                                                                                         \
+    ROW(friction)
+
+#define CASES_DECLARED(name)                                                                                           \
+    extern const hard_case cases_##name[];                                                                             \
+    extern const int cases_##name##_count;
+CASE_GROUPS(CASES_DECLARED)
 
 /* --- helpers of the cases --- */
 
