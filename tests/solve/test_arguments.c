@@ -101,7 +101,7 @@ static void on_broken(const char *function, const char *sentence, void *user) {
     broken++;
 }
 
-static void contracts(void **state) {
+static void broken_contract_is_told(void **state) {
     (void)state;
     block b = make_block();
     tm_error error;
@@ -167,7 +167,7 @@ static void press(tm_world *world, tm_contact *contact) {
 }
 
 /* A hybrid that fails late leaves neither its world nor itself half set; contact cannot go from under it. */
-static void late_failure(void **state) {
+static void late_failure_leaves_nothing_half_set(void **state) {
     (void)state;
     block b = make_block();
     tm_error error;
@@ -217,6 +217,7 @@ static void late_failure(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(problems), cmocka_unit_test(imposed),
-                                       cmocka_unit_test(contracts), cmocka_unit_test(late_failure)};
+                                       cmocka_unit_test(broken_contract_is_told),
+                                       cmocka_unit_test(late_failure_leaves_nothing_half_set)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

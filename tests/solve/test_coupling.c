@@ -189,7 +189,7 @@ static void account(void **state) {
 
 /* Between two whole forces in double the whole force moves by changes in single: as good as those, and what comes to
  * rest has the force of its shape to the last bit. */
-static void changes(void **state) {
+static void single_changes_reach_the_double_force(void **state) {
     (void)state;
     set s = make();
     tms_coupling *c = &s.hybrid->coupling;
@@ -214,7 +214,7 @@ static void changes(void **state) {
 }
 
 /* What is dead in the world's tissue is looked at too, though not in every substep. */
-static void nowhere(void **state) {
+static void dead_tissue_is_watched_too(void **state) {
     (void)state;
     set s = make();
     tm_state *at = tm_world_state(s.world);
@@ -227,7 +227,8 @@ static void nowhere(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(between), cmocka_unit_test(account), cmocka_unit_test(changes),
-                                       cmocka_unit_test(nowhere)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(between), cmocka_unit_test(account),
+                                       cmocka_unit_test(single_changes_reach_the_double_force),
+                                       cmocka_unit_test(dead_tissue_is_watched_too)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -194,7 +194,7 @@ static void fresh_after_a_cut(void **state) {
 
 /* Cut right through: what still hangs on the support stays exact (held by nothing but inertia would be nonsense), and
  * what hangs on nothing gives way so far that nobody takes it for tissue. */
-static void loose_piece(void **state) {
+static void piece_cut_loose_gives_way(void **state) {
     (void)state;
     bench b;
     int calls;
@@ -282,7 +282,7 @@ static void turns_with_the_tissue(void **state) {
 }
 
 /* The same calls, the same bits. */
-static void repeats(void **state) {
+static void same_calls_give_the_same_bits(void **state) {
     (void)state;
     uint64_t hash[2];
     for (int run = 0; run < 2; run++) {
@@ -302,7 +302,7 @@ static void repeats(void **state) {
 }
 
 /* With a thread: no call waits for the work, and what arrives is exact for the revision it names. */
-static void thread(void **state) {
+static void with_a_thread_no_call_waits(void **state) {
     (void)state;
     bench b;
     fix_random random = {13};
@@ -337,7 +337,7 @@ static void on_broken(const char *function, const char *sentence, void *user) {
     broken++;
 }
 
-static void contracts(void **state) {
+static void broken_contract_is_told(void **state) {
     (void)state;
     bench b;
     tm_error error;
@@ -374,13 +374,10 @@ static void contracts(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(exact_whole_and_cut),
-                                       cmocka_unit_test(exact_where_strains_are_averaged),
-                                       cmocka_unit_test(fresh_after_a_cut),
-                                       cmocka_unit_test(loose_piece),
-                                       cmocka_unit_test(turns_with_the_tissue),
-                                       cmocka_unit_test(repeats),
-                                       cmocka_unit_test(thread),
-                                       cmocka_unit_test(contracts)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(exact_whole_and_cut),         cmocka_unit_test(exact_where_strains_are_averaged),
+        cmocka_unit_test(fresh_after_a_cut),           cmocka_unit_test(piece_cut_loose_gives_way),
+        cmocka_unit_test(turns_with_the_tissue),       cmocka_unit_test(same_calls_give_the_same_bits),
+        cmocka_unit_test(with_a_thread_no_call_waits), cmocka_unit_test(broken_contract_is_told)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

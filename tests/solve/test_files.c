@@ -293,7 +293,7 @@ static bool count_waiting(void *user, const char *what, double fraction, double 
 }
 
 /* Four at once, and one that must wait for the lock of a process that then goes away. */
-static void many_users(void **state) {
+static void four_processes_at_once_share_one_file(void **state) {
     (void)state;
     set_up s = open_set_up("users");
     tms_file_write file;
@@ -346,7 +346,7 @@ static int one_user(void) {
 }
 
 /* Everything works without a cache; only where the file itself is wanted is its lack an error. */
-static void no_cache(void **state) {
+static void without_a_cache_only_the_file_is_missing(void **state) {
     (void)state;
     set_up s = open_set_up("nowhere"), there = s;
     char why[160];
@@ -412,7 +412,7 @@ static void traps(void **state) {
 }
 
 /* Counts with which the sizes wrap around to that of the file. */
-static void crafted_counts(void **state) {
+static void counts_that_wrap_are_refused(void **state) {
     (void)state;
     set_up s = open_set_up("crafted");
     const size_t most = (size_t)1 << 38; /* a sparse file */
@@ -457,9 +457,14 @@ static void crafted_counts(void **state) {
 int main(int argc, char **argv) {
     if (argc == 2 && !strcmp(argv[1], "killed")) return killed(), 0;
     if (argc == 2 && !strcmp(argv[1], "user")) return one_user();
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(cached),      cmocka_unit_test(same_bits), cmocka_unit_test(damaged),
-        cmocka_unit_test(interrupted), cmocka_unit_test(lost_race), cmocka_unit_test(many_users),
-        cmocka_unit_test(no_cache),    cmocka_unit_test(traps),     cmocka_unit_test(crafted_counts)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cached),
+                                       cmocka_unit_test(same_bits),
+                                       cmocka_unit_test(damaged),
+                                       cmocka_unit_test(interrupted),
+                                       cmocka_unit_test(lost_race),
+                                       cmocka_unit_test(four_processes_at_once_share_one_file),
+                                       cmocka_unit_test(without_a_cache_only_the_file_is_missing),
+                                       cmocka_unit_test(traps),
+                                       cmocka_unit_test(counts_that_wrap_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

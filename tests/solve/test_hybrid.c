@@ -243,7 +243,7 @@ static double seconds_of(const tm_world *world, const char *name) {
 }
 
 /* What the model does between steps is its own time, and nobody's in a step. */
-static void booked(void **state) {
+static void work_between_steps_is_in_no_step(void **state) {
     (void)state;
     static tm_patch patch;
     const tm_tool_pose down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
@@ -263,7 +263,7 @@ static void booked(void **state) {
 
 /* A tool on the condensed part, near the interface, gives at rest what the shape alone says: not what the step is, and
  * after a cut what a model that has never been another would give. */
-static void force_at_rest(void **state) {
+static void probe_near_the_interface_gives_the_static_force(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true},
                        down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
@@ -398,7 +398,7 @@ static void same_bits_after_restore(void **state) {
 }
 
 /* The same organ divided elsewhere has another state. */
-static void other_division(void **state) {
+static void other_division_refuses_the_snapshot(void **state) {
     (void)state;
     const tm_material material = kit_material(10e3, 0.4);
     hybrid_set s[2];
@@ -421,7 +421,7 @@ static void other_division(void **state) {
 }
 
 /* A hostile snapshot is refused, or taken, but never believed: the checksum is made right each time. */
-static void hostile_snapshot(void **state) {
+static void hostile_snapshot_is_never_believed(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
                        down = {.tip_m = {-0.002, 0.003, 0.0405}, .active = true};
@@ -460,7 +460,7 @@ static void hostile_snapshot(void **state) {
 
 /* Cuts of any size leave the surface of both parts together a manifold, the condensed part untouched; and take no more
  * and no less than in the whole organ wherever that one's mending touches the tensor/mass part alone. */
-static void mended_surface(void **state) {
+static void any_cut_leaves_a_manifold_surface(void **state) {
     (void)state;
     fix_random random = {41};
     int32_t cuts = 0, alike = 0, extra = 0;
@@ -527,7 +527,7 @@ static double unaccounted(const tms_local *l) {
 
 /* Where normals and shares jump with the shape (a tool between the lips of a cut) there may be no solution. What
  * Newton's method left there threw the tissue away; and what is told is the rows' sweep not settling. */
-static void told(void **state) {
+static void jumping_normals_are_told_and_throw_nothing(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
     fix_random random = {57};
@@ -650,15 +650,15 @@ static void let_go_beside(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(told),
-                                       cmocka_unit_test(mended_surface),
-                                       cmocka_unit_test(force_at_rest),
-                                       cmocka_unit_test(booked),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(jumping_normals_are_told_and_throw_nothing),
+                                       cmocka_unit_test(any_cut_leaves_a_manifold_surface),
+                                       cmocka_unit_test(probe_near_the_interface_gives_the_static_force),
+                                       cmocka_unit_test(work_between_steps_is_in_no_step),
                                        cmocka_unit_test(step_limit),
                                        cmocka_unit_test(not_settled),
                                        cmocka_unit_test(same_bits_after_restore),
-                                       cmocka_unit_test(other_division),
-                                       cmocka_unit_test(hostile_snapshot),
+                                       cmocka_unit_test(other_division_refuses_the_snapshot),
+                                       cmocka_unit_test(hostile_snapshot_is_never_believed),
                                        cmocka_unit_test(same_rest),
                                        cmocka_unit_test(stable),
                                        cmocka_unit_test(contact),

@@ -139,7 +139,7 @@ static double off(const double *a, const double *b, int n) {
 }
 
 /* The same calls on all three: at rest they agree. */
-static void agree(void **state) {
+static void three_models_agree_at_rest(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -176,7 +176,7 @@ static void agree(void **state) {
 }
 
 /* A frame in pieces is the frame, and a tool that is placed sweeps nothing. */
-static void pieces(void **state) {
+static void frame_in_pieces_equals_the_frame(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -246,7 +246,7 @@ static void hand_over(tm_model *model, tm_model *other) {
 }
 
 /* What was saved goes on with the same bits, also in a model that never was where it came from. */
-static void snapshots(void **state) {
+static void snapshot_goes_on_with_the_same_bits(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -325,7 +325,7 @@ static double held_back_N(tm_model *model) { return fabs(tm_model_reaction(model
 
 /* While the probe sticks and while it slides: what its skin is stretched by goes on with the same bits, in patches
  * too. */
-static void snapshots_of_friction(void **state) {
+static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     (void)state;
     organ o;
     tm_error error;
@@ -471,7 +471,7 @@ static void rest(void **state) {
 }
 
 /* A hybrid organ that is cut keeps stiffness and patch, and they are those of what is left. */
-static void cut_organ(void **state) {
+static void cut_hybrid_keeps_stiffness_and_patch(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -522,7 +522,7 @@ static void cut_organ(void **state) {
 }
 
 /* Held tissue: the patch holds it too. */
-static void held(void **state) {
+static void held_tissue_has_a_patch(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_GRASPER);
@@ -616,7 +616,7 @@ static void spoil(void *self, tm_world *world) {
 }
 
 /* A frame that fails is felt by nobody, and has not happened. */
-static void failed(void **state) {
+static void failed_frame_has_not_happened(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -666,7 +666,7 @@ static void stages(void **state) {
 }
 
 /* The hybrid's inside is solved for when somebody looks, and a frame does not depend on whether somebody did. */
-static void looking(void **state) {
+static void looking_changes_no_frame(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -698,20 +698,20 @@ static void looking(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(looking),
-                                       cmocka_unit_test(agree),
-                                       cmocka_unit_test(pieces),
-                                       cmocka_unit_test(snapshots),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(looking_changes_no_frame),
+                                       cmocka_unit_test(three_models_agree_at_rest),
+                                       cmocka_unit_test(frame_in_pieces_equals_the_frame),
+                                       cmocka_unit_test(snapshot_goes_on_with_the_same_bits),
                                        cmocka_unit_test(snapshots_of_a_hold),
                                        cmocka_unit_test(snapshot_before_letting_go),
-                                       cmocka_unit_test(snapshots_of_friction),
+                                       cmocka_unit_test(snapshot_while_rubbing_goes_on_with_the_same_bits),
                                        cmocka_unit_test(snapshots_of_friction_made_by_hand),
                                        cmocka_unit_test(snapshot_of_no_solution),
                                        cmocka_unit_test(rest),
-                                       cmocka_unit_test(cut_organ),
-                                       cmocka_unit_test(held),
+                                       cmocka_unit_test(cut_hybrid_keeps_stiffness_and_patch),
+                                       cmocka_unit_test(held_tissue_has_a_patch),
                                        cmocka_unit_test(errors),
-                                       cmocka_unit_test(failed),
+                                       cmocka_unit_test(failed_frame_has_not_happened),
                                        cmocka_unit_test(stages)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -215,7 +215,7 @@ static void patch(void **state) {
 /* --- grasping --- */
 
 /* Down, close, lift and turn, let go; the dynamic model at rest at each. */
-static void grasp(void **state) {
+static void grasp_agrees_with_dynamic_at_rest(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
@@ -456,7 +456,7 @@ static void rough_hands(void **state) {
 /* Thrown into the block from a metre away, farther than an update has pieces for: what comes of it is finite and
  * bounded, and where it is no solution both the count of steps and every tool's reaction say so; a tool that comes from
  * outside again is felt as if nothing had been. */
-static void thrown(void **state) {
+static void thrown_tool_is_bounded_and_told(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
@@ -500,10 +500,10 @@ int main(void) {
                                        cmocka_unit_test(agrees_with_dynamic),
                                        cmocka_unit_test(stiffness),
                                        cmocka_unit_test(patch),
-                                       cmocka_unit_test(grasp),
+                                       cmocka_unit_test(grasp_agrees_with_dynamic_at_rest),
                                        cmocka_unit_test(let_go_beside),
                                        cmocka_unit_test(smooth),
                                        cmocka_unit_test(rough_hands),
-                                       cmocka_unit_test(thrown)};
+                                       cmocka_unit_test(thrown_tool_is_bounded_and_told)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

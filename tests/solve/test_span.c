@@ -22,7 +22,7 @@ static double off(const double a[3], const double b[3]) {
 /* --- rows alone --- */
 
 /* Every row bears what its skin does at the gap that all leave it. */
-static void rows(void **state) {
+static void each_row_bears_what_its_skin_does(void **state) {
     (void)state;
     static tms_span_system s;
     fix_random random = {7};
@@ -59,7 +59,7 @@ static void rows(void **state) {
 /* --- at rest --- */
 
 /* A tool far from the border rests in spans as long as they may be, and where the precomputed model has it. */
-static void rest(void **state) {
+static void tool_at_rest_has_the_longest_span(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true},
                        down = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
@@ -160,7 +160,7 @@ static void moving(void **state) {
 
 /* Slid evenly, what a span misses is the same in each, and the next one lets it in: spans get longer for the same jump
  * of the force, and what two spans did not agree on is left out. */
-static void foreseen(void **state) {
+static void even_slide_lengthens_spans(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, -0.006, 0.05}, .active = true};
     double most[2] = {0};
@@ -192,7 +192,7 @@ static void foreseen(void **state) {
 
 /* What surrounds a tool is kept while it and the tissue stay, and looked for anew before what swings could come near.
  */
-static void surroundings(void **state) {
+static void surroundings_are_kept_while_nothing_comes_near(void **state) {
     (void)state;
     scene_def def = set_def();
     def.damping_1_s = 30;
@@ -226,7 +226,7 @@ static void surroundings(void **state) {
 
 /* On tissue with mass, far from the border, so that its rows are looked for in every substep: none of those that bear
  * is missed, however far the tissue swings. */
-static void on_mass(void **state) {
+static void swinging_tissue_misses_no_row(void **state) {
     (void)state;
     scene_def def = set_def();
     def.young_Pa = 700; /* soft, light under a blunt tool, and little damped */
@@ -267,7 +267,7 @@ static void left_as_it_is(void **state) {
 }
 
 /* On what a cut has left beside the border, with little mass: looked for in every substep. */
-static void on_a_remnant(void **state) {
+static void light_remnant_is_searched_every_substep(void **state) {
     (void)state;
     const stroke lip = {{0.006, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.012};
     int32_t followed;
@@ -287,7 +287,7 @@ static void on_a_remnant(void **state) {
 /* --- snapshots --- */
 
 /* Taken at any substep of a span, and gone on with in a world that has been elsewhere. */
-static void snapshots(void **state) {
+static void snapshot_within_a_span_goes_on_alike(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true};
     hybrid_set a = set_touched(&above), b = set_touched(&above);
@@ -319,7 +319,7 @@ static void snapshots(void **state) {
 }
 
 /* A step that fails gives the span back. */
-static void given_back(void **state) {
+static void failed_step_gives_the_span_back(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
     hybrid_set s = set_touched(&at);
@@ -341,7 +341,7 @@ static void given_back(void **state) {
 }
 
 /* Put away from where it bore rows, and back: a span keeps none of them. */
-static void put_away(void **state) {
+static void tool_put_away_and_back_keeps_no_row(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true},
                        far = {.tip_m = {-0.018, 0.003, 0.12}, .active = true};
@@ -364,10 +364,16 @@ static void put_away(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rows),          cmocka_unit_test(rest),         cmocka_unit_test(moving),
-        cmocka_unit_test(foreseen),      cmocka_unit_test(surroundings), cmocka_unit_test(on_mass),
-        cmocka_unit_test(left_as_it_is), cmocka_unit_test(on_a_remnant), cmocka_unit_test(snapshots),
-        cmocka_unit_test(given_back),    cmocka_unit_test(put_away)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(each_row_bears_what_its_skin_does),
+                                       cmocka_unit_test(tool_at_rest_has_the_longest_span),
+                                       cmocka_unit_test(moving),
+                                       cmocka_unit_test(even_slide_lengthens_spans),
+                                       cmocka_unit_test(surroundings_are_kept_while_nothing_comes_near),
+                                       cmocka_unit_test(swinging_tissue_misses_no_row),
+                                       cmocka_unit_test(left_as_it_is),
+                                       cmocka_unit_test(light_remnant_is_searched_every_substep),
+                                       cmocka_unit_test(snapshot_within_a_span_goes_on_alike),
+                                       cmocka_unit_test(failed_step_gives_the_span_back),
+                                       cmocka_unit_test(tool_put_away_and_back_keeps_no_row)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -23,8 +23,43 @@ static void on_broken(const char *function, const char *sentence, void *user) {
         assert_true(strlen(last_sentence) > 5);                                                                        \
     } while (0)
 
+/* A world with tools, jaws and patches, which no broken contract changes. */
+typedef struct whole {
+    scene s;
+    tm_grasp *hold;
+    tm_patch_maker *maker;
+    uint64_t before;
+} whole;
+
+static int setup(void **state) {
+    static whole w;
+    tm_error error;
+    const tm_grasp_def grasp = tm_grasp_def_default();
+    const tm_patch_def patch = tm_patch_def_default();
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
+    w = (whole){.s = scene_create_full(&def, true, NULL)};
+    fix_ok(tm_stage_grasp(w.s.world, w.s.contact, &grasp, &w.hold, &error), &error);
+    fix_ok(tm_stage_patch(w.s.world, w.s.contact, &patch, &w.maker, &error), &error);
+    w.before = tm_world_hash(w.s.world);
+    tm_set_contract_handler(on_broken, &broken);
+    broken = 0;
+    *state = &w;
+    return 0;
+}
+
+static int teardown(void **state) {
+    whole *w = *state;
+    assert_true(w->before == tm_world_hash(w->s.world));
+    assert_int_equal(tm_world_step(w->s.world, 5), TM_OK);
+    tm_set_contract_handler(NULL, NULL);
+    scene_destroy(&w->s);
+    return 0;
+}
+
 /* What finds contact and what jaws hold, for whoever writes a model of his own. */
-static void geometry(const scene *s) {
+static void broken_contract_of_jaws_is_told(void **state) {
+    const scene *s = &((whole *)*state)->s;
     const double zero[3] = {0};
     double out[3];
     tm_jaw jaw = {0};
@@ -41,7 +76,14 @@ static void geometry(const scene *s) {
     BREAKS("tm_jaw_capture", tm_jaw_capture(&jaw, &grasp, &tool, &pose, rest, u, &surface, NULL, NULL));
     BREAKS("tm_tool_capsule", tm_tool_capsule(&tool, NULL, 0));
     BREAKS("tm_tip_force", tm_tip_force(zero, zero, zero, NULL, out), 0);
+}
 
+static void broken_contract_of_the_search_is_told(void **state) {
+    const scene *s = &((whole *)*state)->s;
+    const tm_tool_pose pose = scene_pose(0, 0, 0.05);
+    const tm_instrument_def tool = {.radius_m = 0.002, .contact_length_m = 0.05, .trocar_m = {0, 0, 0.25}};
+    const tm_surface_view surface = tm_tissue_surface(s->tissue);
+    const double *rest = s->mesh->rest_m, *u = tm_world_state(s->world)->u_m;
     tm_error error;
     tm_contact_search *search = NULL;
     tm_contact_row row[4];
@@ -59,6 +101,19 @@ static void geometry(const scene *s) {
            tm_contact_search_rows(search, rest, NULL, &capsule, 0, NULL, 0, row, 4, &overflowed));
     BREAKS("tm_contact_search_rows",
            tm_contact_search_rows(search, rest, u, &capsule, 0, NULL, 2, row, 4, &overflowed));
+    capsule.radius_m = 0;
+    BREAKS("tm_contact_find", tm_contact_find(NULL, rest, u, surface.triangle, surface.face, NULL, surface.count,
+                                              &capsule, 0, row, 4, &overflowed));
+    BREAKS("tm_contact_find", tm_contact_find(search, rest, u, surface.triangle, surface.face, NULL, surface.count,
+                                              &capsule, 0, row, 4, &overflowed));
+    tm_contact_search_destroy(search);
+}
+
+static void broken_contract_of_the_patch_solver_is_told(void **state) {
+    (void)state;
+    const double zero[3] = {0};
+    double out[3];
+    tm_error error;
     tm_patch_solver *solver = NULL;
     static tm_patch patch;
     double K[9];
@@ -73,102 +128,102 @@ static void geometry(const scene *s) {
     BREAKS("tm_patch_force", tm_patch_force(solver, &patch, NULL, out, NULL), 0);
     BREAKS("tm_patch_force", tm_patch_force(NULL, &patch, zero, out, NULL), 0);
     tm_patch_solver_destroy(solver);
-    capsule.radius_m = 0;
-    BREAKS("tm_contact_find", tm_contact_find(NULL, rest, u, surface.triangle, surface.face, NULL, surface.count,
-                                              &capsule, 0, row, 4, &overflowed));
-    BREAKS("tm_contact_find", tm_contact_find(search, rest, u, surface.triangle, surface.face, NULL, surface.count,
-                                              &capsule, 0, row, 4, &overflowed));
-    tm_contact_search_destroy(search);
 }
 
-static void contracts(void **state) {
-    (void)state;
-    tm_set_contract_handler(on_broken, &broken);
-    scene_def def = scene_def_default();
-    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
-    scene s = scene_create_full(&def, true, NULL);
+static void broken_contract_of_tissue_is_told(void **state) {
+    const whole *w = *state;
+    const int32_t foreign[2] = {0, w->s.mesh->tet_count};
+    const int32_t tets = tm_tissue_alive_count(w->s.tissue);
     tm_error error;
-    tm_grasp_def grasp = tm_grasp_def_default();
-    tm_grasp *hold = NULL;
-    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
-    tm_patch_def patch_def = tm_patch_def_default();
-    tm_patch_maker *maker = NULL;
-    fix_ok(tm_stage_patch(s.world, s.contact, &patch_def, &maker, &error), &error);
-    const uint64_t before = tm_world_hash(s.world);
-    static tm_patch patch;
-    const int32_t foreign[2] = {0, s.mesh->tet_count};
-    const int32_t tets = tm_tissue_alive_count(s.tissue);
     double K[9], step_s;
+    BREAKS("tm_cut_remove", tm_cut_remove(w->s.tissue, foreign, 2, NULL, 0));
+    assert_int_equal(tm_tissue_alive_count(w->s.tissue), tets); /* nor the first, which is one of its own */
+    BREAKS("tm_cut_remove", tm_cut_remove(w->s.tissue, NULL, 1, NULL, 0));
+    BREAKS("tm_cut_remove", tm_cut_remove(NULL, foreign, 1, NULL, 0));
+    BREAKS("tm_tissue_vertex_tensor", tm_tissue_vertex_tensor(w->s.tissue, w->s.mesh->vertex_count, K), 0);
+    BREAKS("tm_tissue_edge_tensor", tm_tissue_edge_tensor(w->s.tissue, -1, K), 0);
+    BREAKS("tm_tissue_tet_material", tm_tissue_tet_material(w->s.tissue, tets));
+    BREAKS("tm_critical_step_element", tm_critical_step_element(w->s.tissue, tets));
+    BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
+}
+
+static void broken_contract_of_a_mesh_is_told(void **state) {
+    const whole *w = *state;
+    BREAKS("tm_mesh_tet_quality", tm_mesh_tet_quality(w->s.mesh, -1));
+    BREAKS("tm_mesh_given", tm_mesh_given(w->s.mesh, w->s.mesh->vertex_count));
+    BREAKS("tm_mesh_to_given", tm_mesh_to_given(w->s.mesh, 0, w->s.mesh->rest_m, w->s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_from_given", tm_mesh_from_given(w->s.mesh, 3, NULL, w->s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_numbering", tm_mesh_numbering(w->s.mesh, NULL));
+    BREAKS("tm_mesh_numbering_tets", tm_mesh_numbering_tets(w->s.mesh, NULL, NULL));
+    BREAKS("tm_mesh_numbering_measure", tm_mesh_numbering_measure(NULL, NULL));
+}
+
+static void broken_contract_of_tools_is_told(void **state) {
+    const whole *w = *state;
+    static tm_patch patch;
     tm_tool_pose pose = scene_pose(0, 0, 0.05), nowhere = pose;
     nowhere.tip_m[1] = NAN;
-    broken = 0;
-
-    BREAKS("tm_cut_remove", tm_cut_remove(s.tissue, foreign, 2, NULL, 0));
-    assert_int_equal(tm_tissue_alive_count(s.tissue), tets); /* nor the first, which is one of its own */
-    BREAKS("tm_cut_remove", tm_cut_remove(s.tissue, NULL, 1, NULL, 0));
-    BREAKS("tm_cut_remove", tm_cut_remove(NULL, foreign, 1, NULL, 0));
-    BREAKS("tm_cut_take", tm_cut_take(s.world, NULL, NULL, 3));
-    BREAKS("tm_contact_move", tm_contact_move(s.contact, 1, &pose, 10), 0);
-    BREAKS("tm_contact_move", tm_contact_move(s.contact, -1, &pose, 10), 0);
-    BREAKS("tm_contact_move", tm_contact_move(s.contact, 0, &nowhere, 10), 0);
+    BREAKS("tm_cut_take", tm_cut_take(w->s.world, NULL, NULL, 3));
+    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, 1, &pose, 10), 0);
+    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, -1, &pose, 10), 0);
+    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, 0, &nowhere, 10), 0);
     BREAKS("tm_contact_move", tm_contact_move(NULL, 0, &pose, 10), 0);
     nowhere.tip_m[1] = 0, nowhere.grip = INFINITY;
-    BREAKS("tm_contact_place", tm_contact_place(s.contact, 0, &nowhere), 0);
-    BREAKS("tm_contact_place", tm_contact_place(s.contact, 2, &pose), 0);
-    BREAKS("tm_contact_pose", tm_contact_pose(s.contact, 7));
-    BREAKS("tm_contact_reaction", tm_contact_reaction(s.contact, -1));
-    BREAKS("tm_contact_begin_frame", tm_contact_begin_frame(s.contact, -1, 1), 0);
-    BREAKS("tm_contact_rows", tm_contact_rows(s.contact, NULL));
-    BREAKS("tm_grasp_held", tm_grasp_held(hold, 1, NULL, NULL));
+    BREAKS("tm_contact_place", tm_contact_place(w->s.contact, 0, &nowhere), 0);
+    BREAKS("tm_contact_place", tm_contact_place(w->s.contact, 2, &pose), 0);
+    BREAKS("tm_contact_pose", tm_contact_pose(w->s.contact, 7));
+    BREAKS("tm_contact_reaction", tm_contact_reaction(w->s.contact, -1));
+    BREAKS("tm_contact_begin_frame", tm_contact_begin_frame(w->s.contact, -1, 1), 0);
+    BREAKS("tm_contact_rows", tm_contact_rows(w->s.contact, NULL));
+    BREAKS("tm_grasp_held", tm_grasp_held(w->hold, 1, NULL, NULL));
     BREAKS("tm_grasp_held", tm_grasp_held(NULL, 0, NULL, NULL));
-    BREAKS("tm_patch_make", tm_patch_make(maker, 5, &patch));
+    BREAKS("tm_patch_make", tm_patch_make(w->maker, 5, &patch));
     BREAKS("tm_patch_pending", tm_patch_pending(NULL));
-    BREAKS("tm_world_step", tm_world_step(s.world, -1));
+}
+
+static void broken_contract_of_a_world_is_told(void **state) {
+    const whole *w = *state;
+    tm_error error;
+    BREAKS("tm_world_step", tm_world_step(w->s.world, -1));
     BREAKS("tm_world_step", tm_world_step(NULL, 1));
     BREAKS("tm_world_state", tm_world_state(NULL));
     BREAKS("tm_world_hash", tm_world_hash(NULL));
-    BREAKS("tm_world_remove_stage", tm_world_remove_stage(s.world, NULL, &error));
-    BREAKS("tm_support_move", tm_support_move(s.world, 1 << 20, 0), 0);
-    BREAKS("tm_support_move", tm_support_move(s.world, 0, NAN), 0);
-    BREAKS("tm_support_mask", tm_support_mask(s.world, NULL), 0);
-    BREAKS("tm_tissue_vertex_tensor", tm_tissue_vertex_tensor(s.tissue, s.mesh->vertex_count, K), 0);
-    BREAKS("tm_tissue_edge_tensor", tm_tissue_edge_tensor(s.tissue, -1, K), 0);
-    BREAKS("tm_tissue_tet_material", tm_tissue_tet_material(s.tissue, tets));
-    BREAKS("tm_mesh_tet_quality", tm_mesh_tet_quality(s.mesh, -1));
-    BREAKS("tm_mesh_given", tm_mesh_given(s.mesh, s.mesh->vertex_count));
-    BREAKS("tm_mesh_to_given", tm_mesh_to_given(s.mesh, 0, s.mesh->rest_m, s.mesh->rest_m), 0);
-    BREAKS("tm_mesh_from_given", tm_mesh_from_given(s.mesh, 3, NULL, s.mesh->rest_m), 0);
-    BREAKS("tm_mesh_numbering", tm_mesh_numbering(s.mesh, NULL));
-    BREAKS("tm_mesh_numbering_tets", tm_mesh_numbering_tets(s.mesh, NULL, NULL));
-    BREAKS("tm_mesh_numbering_measure", tm_mesh_numbering_measure(NULL, NULL));
-    BREAKS("tm_critical_step_element", tm_critical_step_element(s.tissue, tets));
-    BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
+    BREAKS("tm_world_remove_stage", tm_world_remove_stage(w->s.world, NULL, &error));
+    BREAKS("tm_support_move", tm_support_move(w->s.world, 1 << 20, 0), 0);
+    BREAKS("tm_support_move", tm_support_move(w->s.world, 0, NAN), 0);
+    BREAKS("tm_support_mask", tm_support_mask(w->s.world, NULL), 0);
     BREAKS("tm_snapshot_bytes_most", tm_snapshot_bytes_most(NULL));
     BREAKS("tm_model_snapshot_bytes_most", tm_model_snapshot_bytes_most(NULL));
-    BREAKS("tm_snapshot_save", tm_snapshot_save(s.world, NULL, 0, &error));
-    geometry(&s);
+    BREAKS("tm_snapshot_save", tm_snapshot_save(w->s.world, NULL, 0, &error));
+}
 
-    tm_world_def world = {.tissue = s.tissue}; /* not filled by its _default function */
+static void broken_contract_of_a_definition_is_told(void **state) {
+    const whole *w = *state;
+    tm_error error;
+    tm_world_def world = {.tissue = w->s.tissue}; /* not filled by its _default function */
     tm_world *other = NULL;
     BREAKS("tm_world_create", tm_world_create(&world, &other, &error));
     world = tm_world_def_default();
     BREAKS("tm_world_create", tm_world_create(&world, &other, &error)); /* no tissue */
-    world.tissue = s.tissue, world.size--;
+    world.tissue = w->s.tissue, world.size--;
     BREAKS("tm_world_create", tm_world_create(&world, &other, &error));
     assert_null(other);
     tm_stage stage = {.name = "nothing", .phase = TM_PHASE_END};
-    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &stage, 0, &error)); /* no size */
+    BREAKS("tm_world_add_stage", tm_world_add_stage(w->s.world, &stage, 0, &error)); /* no size */
     stage.size = sizeof stage;
-    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &stage, 0, &error)); /* no run */
-    /* The stage of another world */
+    BREAKS("tm_world_add_stage", tm_world_add_stage(w->s.world, &stage, 0, &error)); /* no run */
+}
+
+static void broken_contract_of_another_world_is_told(void **state) {
+    whole *w = *state;
+    tm_error error;
+    const tm_grasp_def grasp = tm_grasp_def_default();
+    const tm_patch_def patch_def = tm_patch_def_default();
+    const scene_def def = scene_def_default();
     scene t = scene_create(&def);
-    BREAKS("tm_stage_grasp", tm_stage_grasp(t.world, s.contact, &grasp, &hold, &error));
-    BREAKS("tm_stage_patch", tm_stage_patch(t.world, s.contact, &patch_def, &maker, &error));
+    BREAKS("tm_stage_grasp", tm_stage_grasp(t.world, w->s.contact, &grasp, &w->hold, &error));
+    BREAKS("tm_stage_patch", tm_stage_patch(t.world, w->s.contact, &patch_def, &w->maker, &error));
     scene_destroy(&t);
-    assert_true(before == tm_world_hash(s.world));
-    assert_int_equal(tm_world_step(s.world, 5), TM_OK);
-    scene_destroy(&s);
-    tm_set_contract_handler(NULL, NULL);
 }
 
 static void refused(tm_status status, int64_t entity, const tm_error *error) {
@@ -239,7 +294,7 @@ static void data_out_of_range(void **state) {
 }
 
 /* Stages know what they lean on. */
-static void leaning(void **state) {
+static void needed_stage_is_not_removed(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
@@ -289,7 +344,7 @@ static double seconds_of(const tm_world *world, const char *name) {
 }
 
 /* The list of stages is the step: parts are named, come and go with their stage, and each stage's time is its own. */
-static void table_of_contents(void **state) {
+static void list_of_stages_is_the_step(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
@@ -349,7 +404,7 @@ static void table_of_contents(void **state) {
 }
 
 /* A tool that outruns contact says so; one that moves less than half its radius a substep does not. */
-static void too_fast(void **state) {
+static void tool_that_outruns_contact_is_flagged(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
@@ -371,7 +426,7 @@ static bool no_number(void *self, int32_t a, int32_t b, double C[9]) {
 }
 
 /* What has to be left out is told, and what cannot be made a patch is none. */
-static void told(void **state) {
+static void what_is_left_out_is_told(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     scene s = scene_create(&def);
@@ -397,9 +452,22 @@ static void told(void **state) {
     scene_destroy(&s);
 }
 
+#define TOLD(name) cmocka_unit_test_setup_teardown(name, setup, teardown)
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(contracts), cmocka_unit_test(data_out_of_range),
-                                       cmocka_unit_test(leaning),   cmocka_unit_test(table_of_contents),
-                                       cmocka_unit_test(too_fast),  cmocka_unit_test(told)};
+    const struct CMUnitTest tests[] = {TOLD(broken_contract_of_jaws_is_told),
+                                       TOLD(broken_contract_of_the_search_is_told),
+                                       TOLD(broken_contract_of_the_patch_solver_is_told),
+                                       TOLD(broken_contract_of_tissue_is_told),
+                                       TOLD(broken_contract_of_a_mesh_is_told),
+                                       TOLD(broken_contract_of_tools_is_told),
+                                       TOLD(broken_contract_of_a_world_is_told),
+                                       TOLD(broken_contract_of_a_definition_is_told),
+                                       TOLD(broken_contract_of_another_world_is_told),
+                                       cmocka_unit_test(data_out_of_range),
+                                       cmocka_unit_test(needed_stage_is_not_removed),
+                                       cmocka_unit_test(list_of_stages_is_the_step),
+                                       cmocka_unit_test(tool_that_outruns_contact_is_flagged),
+                                       cmocka_unit_test(what_is_left_out_is_told)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
