@@ -1,7 +1,8 @@
 """Runs every test, or those of one room (`--room unit`): those that compute first, two at a time, then those that watch the wall clock (marker `clock`: guests, whole rings of
 programs, windows), which tests that compute would starve. Those mostly wait, so that three of them share two processors. What either leaves goes to the sanitizers' builds,
 in the scheduler's idle class, from first to last. Of those that watch the clock, what failed is run again by itself when all else has ended, at most twice
-(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`."""
+(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`; the one before names the dearest.
+Seconds of every test: build/tests/PHASE.xml."""
 import json
 import os
 import re
@@ -10,11 +11,13 @@ import subprocess
 import sys
 import tempfile
 import threading
+import xml.etree.ElementTree
 
 JOBS = os.environ.get("TM_JOBS", "2")
 WAITING = str(int(JOBS) + 1)
 TOGETHER = ("-m", "not clock and not leftover", "-n", JOBS, "--dist", "worksteal")
 BESIDE = []  # process of the leftover tests
+RECORDS = []  # of the seconds of each test
 FEW = 40     # more that failed by the clock have another cause
 
 
@@ -26,6 +29,23 @@ def idle():
             group.write("19")
     except OSError:
         pass  # this kernel does not
+
+
+def record(name):
+    """Option by which pytest records this phase's seconds beside what is built; none without a build."""
+    if not os.environ.get("TM_OUT"):
+        return []
+    RECORDS.append(os.path.join(os.environ["TM_OUT"], "tests", f"{name}.xml"))
+    return ["--junitxml", RECORDS[-1], "-o", "junit_duration_report=total"]
+
+
+def dearest(count=10):
+    """The tests that took longest: setup, call and teardown on the wall clock."""
+    seconds = []
+    for path in filter(os.path.exists, RECORDS):
+        for case in xml.etree.ElementTree.parse(path).iter("testcase"):
+            seconds.append((float(case.get("time")), f"{case.get('classname').removeprefix('tests.').replace('.', '/')}::{case.get('name')}"))
+    return [f"{time:.0f} s {name}" for time, name in sorted(seconds, reverse=True)[:count] if time >= 1]
 
 
 def phase(*arguments, leftover=False, **environment):
@@ -70,12 +90,12 @@ def by_themselves(counts, failed_json):
 def whole():
     """Counts of the phases of all rooms."""
     leftover = []
-    beside = threading.Thread(target=lambda: leftover.extend(phase("tests", "-m", "leftover", "-n", JOBS, leftover=True)))
+    beside = threading.Thread(target=lambda: leftover.extend(phase("tests", "-m", "leftover", "-n", JOBS, *record("leftover"), leftover=True)))
     beside.start()
     with tempfile.TemporaryDirectory() as folder:
         try:
-            together = phase("tests", *TOGETHER)
-            clock = phase("tests", "-m", "clock", "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
+            together = phase("tests", *TOGETHER, *record("together"))
+            clock = phase("tests", "-m", "clock", *record("clock"), "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
             beside.join()
         except KeyboardInterrupt:
             os.killpg(BESIDE[0], signal.SIGTERM)  # a session of its own hears no Ctrl-C
@@ -85,8 +105,10 @@ def whole():
 
 def main():
     by_no_clock = {"unit", "physics"} & set(sys.argv[1:])  # rooms where nothing watches it, nor is left over (tests/conftest.py)
-    counts = [phase("tests", *TOGETHER)] if by_no_clock else whole()
+    counts = [phase("tests", *TOGETHER, *record("together"))] if by_no_clock else whole()
     passed, failed, skipped, retried = (sum(each) for each in zip(*counts))
+    if dearest():
+        print(f"dearest: {', '.join(dearest())}", flush=True)
     print(f"{passed} passed, {failed} failed, {skipped} skipped, {retried} retried", flush=True)
     return 1 if failed or not passed else 0
 

@@ -58,6 +58,7 @@ def test_it_plays_again_where_the_machine_was_late_or_slow(root, tmp_path, late,
 
 SUITE = """
 import pathlib
+import time
 import pytest
 
 def first(name):
@@ -76,6 +77,7 @@ def test_that_fails():
     assert {sound}
 
 def test_that_computes():
+    time.sleep(1.1)
     assert {sound} or not first("compute")
 """
 
@@ -91,6 +93,7 @@ def test_what_watches_the_clock_is_run_again_by_itself(root, tmp_path, many, sou
     patience = (root / "tests/patience.py").read_text().replace("LATE_S = 0.05", f"LATE_S = {late}").replace("SLOWER = 2\n", "SLOWER = 1e9\n").replace("CALM_WITHIN_S = 60", "CALM_WITHIN_S = 0")
     (tmp_path / "tests/patience.py").write_text(patience)
     (tmp_path / "tests/test_some.py").write_text(SUITE.format(many=many, sound=sound))
-    run = subprocess.run([sys.executable, root / "tests/run.py"], cwd=tmp_path, env={**os.environ, "TM_JOBS": "0"}, capture_output=True, text=True, timeout=300)
+    run = subprocess.run([sys.executable, root / "tests/run.py"], cwd=tmp_path, env={**os.environ, "TM_JOBS": "0", "TM_OUT": str(tmp_path / "build")}, capture_output=True, text=True, timeout=300)
     assert run.stdout.rstrip().endswith(last) and run.returncode == (" 0 failed" not in last), run.stdout
+    assert "dearest: 1 s test_some::test_that_computes\n" in run.stdout and (tmp_path / "build/tests/clock.xml").exists(), run.stdout
     assert ("retried, by themselves: tests/test_some.py::" in run.stdout) == (many == 2)
