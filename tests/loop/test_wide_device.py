@@ -43,10 +43,11 @@ def wide(once):
             objects.append(out / f"{folder}.o")
             run("gcc", "-std=gnu11", "-O1", "-w", f"-I{out}", f"-I{out / 'haptic_rt'}", f"-I{out / 'haptic_rt/core'}", f"-I{ROOT}", "-c",
                 out / f"haptic_rt/{folder}/kinematics.c", "-o", objects[-1])
-        config = "release" if BUILD.name == "build" else BUILD.name
+        config = BUILD.name if BUILD.name in ("debug", "asan", "tsan", "fuzz", "clang") else "release"
+        where = os.path.relpath(BUILD if config == "release" else BUILD.parent, ROOT)
         for name in PROGRAMS:
             target = os.path.relpath(BUILD / "bin" / name, ROOT)
-            recipe = run("make", "-n", f"config={config}", "-W", "haptic_rt/core/kinematics.c", target).stdout
+            recipe = run("make", "-n", f"config={config}", f"BUILD={where}", "-W", "haptic_rt/core/kinematics.c", target).stdout
             link = next(line for line in recipe.splitlines() if f" -o {target} " in line)
             run(*shlex.split(link.replace(f" -o {target} ", f" -o {out / name} {objects[0]} {objects[1]} ")))
     return once("wide-device", build)
