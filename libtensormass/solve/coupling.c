@@ -307,6 +307,19 @@ void tms_coupling_force(tms_coupling *c, const double *u_m, const double *u_prev
     for (int32_t i = 0; i < c->n; i++) force_N[i] = c->whole_N[i] - (double)c->answer[i];
 }
 
+double tms_coupling_steady(tms_coupling *c, double *steady_N) {
+    double at_zero = 0;
+    memcpy(steady_N, c->given_N, 8 * (size_t)c->n);
+    if (c->every == 1) return 0;
+    for (int32_t i = 0; i < c->n; i++) c->moved[i] = (float)c->whole_m[i];
+    tms_follow(c);
+    for (int32_t i = 0; i < c->n; i++) {
+        steady_N[i] = c->whole_N[i] + (double)c->answer[i];
+        at_zero += 0.5 * c->whole_m[i] * (steady_N[i] - c->given_N[i]);
+    }
+    return at_zero;
+}
+
 /* --- state --- */
 
 void tms_coupling_forget(tms_coupling *c) {

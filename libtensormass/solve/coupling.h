@@ -47,6 +47,9 @@ void tms_coupling_destroy(tms_coupling *coupling);
 /* force_N := that of the condensed part on its border at the displacement u_m, a step after u_prev_m, all [n]. Counts
  * substeps. */
 void tms_coupling_force(tms_coupling *coupling, const double *u_m, const double *u_prev_m, double *force_N);
+/* What the force of this substep is a gradient of: steady_N - (K - W W^T) u, of an energy that at u = 0 is returned, J;
+ * with loads and supports of the inside left out of neither. */
+double tms_coupling_steady(tms_coupling *coupling, double *steady_N);
 /* The next force is computed whole. */
 void tms_coupling_forget(tms_coupling *coupling);
 void tms_coupling_keep(tms_coupling *coupling);

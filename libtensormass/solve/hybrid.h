@@ -5,12 +5,31 @@
 #include "coupling.h"
 #include "hybrid_span.h"
 #include "local.h"
+#include "tensormass/energy.h"
 
 enum {
     TMS_DYNAMIC = 1,
     TMS_CONDENSED = 2,
     TMS_INTERFACE = 3
 }; /* of a vertex: tetrahedra on the one side, the other, both */
+
+/* What rows press on condensed vertices. */
+typedef struct tms_pressed {
+    int32_t count, *vertex;  /* [most] */
+    double *force_N, held_J; /* [3*most]; what that strains beyond the border's shape */
+} tms_pressed;
+
+/* hybrid_energy.c: what the account of energy needs to know of the last steps. */
+typedef struct tms_hybrid_energy {
+    tm_energy_part part;
+    int32_t most;
+    tms_pressed pressed[3];    /* in this step, the last and the one before */
+    int64_t next_step;         /* that is to come; -1: none yet */
+    double border_J;           /* of the border, after the last step */
+    double *pushed_N;          /* [interface_count] by the condensed part, in this step */
+    double *steady_N, *went_m; /* [interface_count] scratch */
+    double *way_m;             /* [3*most] scratch */
+} tms_hybrid_energy;
 
 struct tm_hybrid {
     const tm_mesh *mesh;
@@ -50,7 +69,8 @@ struct tm_hybrid {
     bool stale;              /* what was made of mobilities and supports is not theirs any more */
     int32_t known_revision;  /* of the tissue's surface, then */
     int32_t *moving, moving_count; /* vertices that have mass */
-    void *kept;                    /* of a step that may be given back */
+    tms_hybrid_energy energy;
+    void *kept; /* of a step that may be given back */
     int64_t kept_bytes;
     /* surface for those who look for what is around a tool: see hybrid_around.c */
     int32_t around_width;
@@ -86,6 +106,10 @@ const double *tms_hybrid_through(tm_hybrid *hybrid, int32_t vertex);
 double tms_hybrid_mobility(const tm_hybrid *hybrid, int32_t dof);
 /* As tms_local.compliance. */
 void tms_hybrid_compliance(void *hybrid, int32_t a, int32_t b, double C[9]);
+
+/* hybrid_energy.c. False: no memory. */
+bool tms_hybrid_make_energy(tm_hybrid *hybrid);
+void tms_hybrid_drop_energy(tm_hybrid *hybrid);
 
 /* hybrid_contact.c. What was made of mobilities is not of today's. */
 bool tms_hybrid_is_stale(const tm_hybrid *hybrid);

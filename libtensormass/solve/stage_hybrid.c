@@ -12,6 +12,7 @@ static void run(void *self, tm_world *world) {
         h->before_m[i] = state->u_prev_m[h->interface[i]];
     }
     tms_coupling_force(&h->coupling, h->at_m, h->before_m, h->push_N);
+    memcpy(h->energy.pushed_N, h->push_N, 8 * (size_t)h->interface_count);
     for (int32_t i = 0; i < h->interface_count; i++) state->force_N[h->interface[i]] += h->push_N[i];
 }
 
@@ -87,6 +88,7 @@ static void detach(void *self) {
     tms_local_destroy(&h->local);
     tms_span_destroy(h);
     h->local = (tms_local){0};
+    tms_hybrid_drop_energy(h);
     void **array[] = {(void **)&h->held,           (void **)&h->give_m_N,
                       (void **)&h->through,        (void **)&h->through_vertex,
                       (void **)&h->through_single, (void **)&h->gathered_base_m,
@@ -128,7 +130,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);
     h->moving = tms_take(4 * (size_t)h->mesh->vertex_count);
     tm_status status =
-        h->held && h->give_m_N && h->moving
+        h->held && h->give_m_N && h->moving && tms_hybrid_make_energy(h)
             ? TM_OK
             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
     if (status == TM_OK && contact) status = tms_hybrid_add_contact(h, contact, error);
@@ -153,7 +155,10 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                                            "(tm_solve_static), which has the same rest",
                             .snapshot_most = snapshot_most(h)};
     status = tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
-    if (status != TM_OK) detach(h);
+    if (status != TM_OK)
+        detach(h);
+    else
+        tm_world_set_energy_part(world, &h->energy.part);
     return status;
 }
 

@@ -26,11 +26,11 @@ typedef struct tm_energy {
     double load_J;  /* by all other stages that add to force_N; what viscosity gave (taken: negative) */
     double moved_J; /* by what is no motion: a new step, a settled or restored or overwritten state; else rounding */
     /* taken from it */
-    double damping_J;  /* never negative */
+    double damping_J;  /* never negative; of a hybrid what its condensed part, which has no waves, does not give back */
     double cut_J;      /* what removed tetrahedra held, moving and strained */
     double residual_J; /* what none of these explains: rounding (with the stage "rotation" what the last step made of
                           energy, which the next takes back), unless a stage moves u_next_m that the account
-                          does not know (of a hybrid: the work of its condensed part and of contact with that) */
+                          does not know */
     /* between hand and tissue */
     double hand_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */
     double film_J;                     /* lost to the film between tool and tissue, never negative */
@@ -46,6 +46,23 @@ typedef struct tm_energy {
 TM_API tm_status tm_stage_energy(tm_world *world, tm_error *error);
 /* The account up to the last step. TM_ERR_ARGUMENT: the world has no stage "energy". */
 TM_API tm_status tm_world_energy(const tm_world *world, tm_energy *energy, tm_error *error);
+
+/* Tissue beside the world's own: of a hybrid its condensed part, which has no mass and is in balance with its border
+ * and with what presses on it in every step. Vertices without mass are its; what rows do to them it says itself. */
+typedef struct tm_part_energy {
+    double before_J, stored_J; /* at the middle of the last step and of this one, as the scheme conserves it */
+    double outer_J;            /* work of its elastic force on the world's vertices: in load_J but for this */
+    double contact_J[TM_MAX_INSTRUMENTS]; /* done by rows on its vertices, and through them on its border */
+    double lost_J, eased_J;               /* lost in this step; between the last one and this */
+} tm_part_energy;
+typedef struct tm_energy_part {
+    void *self;
+    /* Of the step just made: u_prev_m, u_m and u_next_m are still its. Called once a step in a world that keeps an
+     * account. */
+    void (*work)(void *self, tm_world *world, tm_part_energy *energy);
+} tm_energy_part;
+/* `part` must outlive its place in the world; null: none (a world begins so). */
+TM_API void tm_world_set_energy_part(tm_world *world, const tm_energy_part *part);
 
 #ifdef __cplusplus
 }

@@ -42,7 +42,7 @@ typedef struct energy {
 /* --- the tissue --- */
 
 typedef struct pass {
-    double before_J, kinetic_J, elastic_J, damping_J, gravity_J, outer_J, support_J;
+    double before_J, kinetic_J, elastic_J, damping_J, gravity_J, outer_J, support_J, eased_J;
 } pass;
 
 static pass over_tissue(const energy *e, const tm_world *world) {
@@ -98,7 +98,23 @@ static void over_law(const tm_world *world, const tm_nonlinear *law, pass *p) {
     p->elastic_J += 0.5 * (energy_J[1] + energy_J[2]);
 }
 
+static void over_part(energy *e, tm_world *world, pass *p) {
+    tm_part_energy part = {0};
+    world->energy_part->work(world->energy_part->self, world, &part);
+    p->before_J += part.before_J;
+    p->elastic_J += part.stored_J;
+    p->outer_J -= part.outer_J;
+    p->damping_J += part.lost_J + part.eased_J;
+    p->eased_J = part.eased_J;
+    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) e->now.sum.contact_J[t] += part.contact_J[t];
+}
+
 /* --- the tools --- */
+
+/* Of another part than the world's own tissue, which knows how far it went. */
+static bool is_elsewhere(const tm_world *world, int32_t vertex) {
+    return world->energy_part && world->mobility_s2_kg[vertex] <= 0;
+}
 
 /* Work of a force on a vertex. What acts on a component that a support prescribes, the support takes. */
 static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const double force_N[3]) {
@@ -123,6 +139,7 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     slip = -vdot(film, w.way_m);
     for (int j = 0; j < 3; j++) {
         double share[3];
+        if (is_elsewhere(contact->world, row->vertex[j])) continue;
         vscale(row->weight[j], w.force_N, share);
         work += on_vertex(e, s, row->vertex[j], share);
         for (int c = 0; c < 3; c++) {
@@ -223,12 +240,13 @@ static void run(void *self, tm_world *world) {
     tm_support_reaction(world, e->reaction_N);
     pass p = over_tissue(e, world);
     if (world->nonlinear) over_law(world, world->nonlinear, &p);
+    if (world->energy_part) over_part(e, world, &p);
     if (a->next_step < 0)
         a->sum.start_J = p.before_J;
     else if (a->revision != world->tissue->surface.revision && !anew)
         a->sum.cut_J += a->stored_J - p.before_J;
     else
-        a->sum.moved_J += p.before_J - a->stored_J;
+        a->sum.moved_J += p.before_J + p.eased_J - a->stored_J;
     over_tools(e, world, anew);
     a->sum.gravity_J += p.gravity_J;
     a->sum.load_J += p.outer_J - p.gravity_J;
@@ -287,6 +305,11 @@ tm_status tm_stage_energy(tm_world *world, tm_error *error) {
     else
         world->internal_N = internal;
     return status;
+}
+
+void tm_world_set_energy_part(tm_world *world, const tm_energy_part *part) {
+    TM_REQUIRE(world && (!part || part->work), "world or part->work is null", );
+    world->energy_part = part;
 }
 
 tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error *error) {

@@ -62,6 +62,7 @@ struct tm_world {
     int64_t carry_bytes;    /* of that, booked on the stage that reads it */
     uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
     double *internal_N;     /* [3*vertex_count] where the stage "energy" wants the tissue's own force; else null */
+    const struct tm_energy_part *energy_part; /* tissue that the account of energy asks for itself; null: none */
     /* as they were when tm_world_step was called */
     double *keep_u_m, *keep_u_prev_m, *keep_force_N;
     int64_t keep_step;
