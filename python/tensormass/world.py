@@ -10,7 +10,8 @@ from .state import WorldState
 
 
 class World(WorldState):
-    """A tissue that moves, with the stages every scene has: force and integrate. What is not added costs nothing.
+    """A tissue that moves, with the stages every scene has: force and integrate. What is not added costs nothing. State, step, loads, supports and
+    snapshots are of WorldState, which it is.
 
     dt_s: 0, the guaranteed critical step times `step_fraction`; above the guaranteed step: StepError. damped: False, the undamped integrator
     (materials' damping must then be 0). threads: a step is divided among so many, fewer where the tissue is small; the same bits for any number.
