@@ -81,6 +81,13 @@ def make(root, *words):
 
 
 @pytest.fixture(scope="session")
+def image_module(build):
+    """Skips where the optional module is not built; where it is, `make tests` keeps it new (apps/module.mk)."""
+    if not (build / "lib/tensormass/image.so").exists():
+        pytest.skip("module image is not built (make image)")
+
+
+@pytest.fixture(scope="session")
 def make_once(root, once):
     """make_once(TARGET): `make TARGET` in the sources' own build folder, once a run, whichever worker needs it."""
     return lambda target: once(f"make-{target}", lambda _: make(root, target))

@@ -1,6 +1,7 @@
 """tm-mesh fill: closed surfaces become tetrahedra of their volume and good shape, those inside others regions; what is not closed is named, and mended on request."""
 import json
 import math
+import os
 import re
 import resource
 import struct
@@ -83,17 +84,23 @@ def test_other_kinds_are_named(name, what, tm_mesh, env, tmp_path):
     assert result.returncode == 2 and what in result.stderr
 
 
+def test_make_tests_renews_a_stale_module(root, tmp_path):
+    """And asks for none where none was built. A stale one read another interface, and test_mutated hung."""
+    (tmp_path / "lib/tensormass").mkdir(parents=True)
+    stale, told = tmp_path / "lib/tensormass/image.so", []
+    own = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k != "MFLAGS"}
+    for _ in range(2):
+        told.append(subprocess.run(["make", "-n", "-C", root, f"BUILD={tmp_path}", "tests"], env=own, capture_output=True, text=True, timeout=100).stdout)
+        stale.touch()
+        os.utime(stale, (1e9, 1e9))
+    assert [f"-o {stale}" in text for text in told] == [False, True]
+
+
 def test_units_are_asked_for(tm_mesh, env, tmp_path):
     (tmp_path / "s.stl").write_text(text(sphere(4)))
     for words, what in ([], "give --unit mm"), (["--unit", "parsec"], "m, cm, mm"), (["--unit", "mm", "--scale", "1"], "give one"), (["--scale", "0"], "above 0"):
         result = meshlib.run(tm_mesh, "fill", "--size", "0.3", *words, tmp_path / "s.stl", "-o", tmp_path / "out.msh", env=env)
         assert result.returncode == 2 and what in result.stderr
-
-
-@pytest.fixture
-def module(build):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("module image is not built (make image)")
 
 
 def indexed(triangles):
@@ -122,7 +129,7 @@ def moved(triangles, by):
 
 
 @pytest.mark.parametrize("ending", [".stl", ".obj", ".ply", ".off"])
-def test_every_kind_gives_the_same_volume(ending, module, tm_mesh, env, tmp_path):
+def test_every_kind_gives_the_same_volume(ending, image_module, tm_mesh, env, tmp_path):
     path = write_surface(tmp_path / ("s" + ending), sphere(8, 50))
     result = meshlib.run(tm_mesh, "fill", "--size", "20 mm", "--unit", "mm", path, "-o", tmp_path / "s.msh", env=env)
     assert result.returncode == 0, result.stderr
@@ -130,13 +137,13 @@ def test_every_kind_gives_the_same_volume(ending, module, tm_mesh, env, tmp_path
 
 
 @pytest.mark.parametrize("name,contents", [("a.obj", "v 0 0 0\nf 1 2 3\n"), ("b.obj", "v 0 0 0\n"), ("c.ply", "ply\nformat ascii 1.0\nelement vertex 999999999999\nend_header\n"), ("d.off", "OFF\n3 1 0\n0 0 0\n")])
-def test_damaged_surfaces(name, contents, module, tm_mesh, env, tmp_path):
+def test_damaged_surfaces(name, contents, image_module, tm_mesh, env, tmp_path):
     (tmp_path / name).write_text(contents)
     result = meshlib.run(tm_mesh, "fill", "--size", "5mm", "--unit", "mm", tmp_path / name, "-o", tmp_path / "out.msh", env=env)
     assert result.returncode in (1, 2) and result.stderr.startswith(f"{tmp_path / name}: ") and "; " in result.stderr and not list(tmp_path.glob("out*"))
 
 
-def test_holes_and_crossings_are_named_and_mended(module, tm_mesh, env, tmp_path):
+def test_holes_and_crossings_are_named_and_mended(image_module, tm_mesh, env, tmp_path):
     ball = sphere(8, 50)
     pushed = [tuple(tuple(-1.3 * x for x in p) if math.dist(p, (0, 0, 50)) < 1e-6 else p for p in t) for t in ball]  # the pole, through the other side
     for name, triangles, what in ("hole", ball[:20] + ball[21:], r"1 hole, the largest of 3 edges about"), ("cross", pushed, r"\d+ pairs of triangles that cut each other"), (
@@ -155,7 +162,7 @@ def ball_m3(radius_mm, n):
     return sum(a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]) for a, b, c in sphere(n, radius_mm)) / 6e9
 
 
-def test_surfaces_in_surfaces_become_regions(module, tm_mesh, env, tmp_path):
+def test_surfaces_in_surfaces_become_regions(image_module, tm_mesh, env, tmp_path):
     """Two files and a hollow: an organ with a cavity, a tumour in the rest; faces between them are shared."""
     hollow = [t[::-1] for t in moved(sphere(6, 12), (-24, 0, 0))]
     liver = write_surface(tmp_path / "liver.stl", sphere(12, 50) + hollow)
@@ -172,7 +179,7 @@ def test_surfaces_in_surfaces_become_regions(module, tm_mesh, env, tmp_path):
     assert meshlib.run(tm_mesh, "check", out, env=env).returncode == 0
 
 
-def test_one_file_of_nested_surfaces(module, tm_mesh, env, tmp_path):
+def test_one_file_of_nested_surfaces(image_module, tm_mesh, env, tmp_path):
     path = write_surface(tmp_path / "both.obj", sphere(10, 50) + moved(sphere(6, 20), (10, 0, 0)))
     result = meshlib.run(tm_mesh, "fill", "--size", "18mm", "--unit", "mm", path, "-o", tmp_path / "o.msh", env=env)
     assert result.returncode == 0, result.stderr

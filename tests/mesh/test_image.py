@@ -11,11 +11,7 @@ import numpy as np
 import phantom
 import pytest
 
-
-@pytest.fixture(scope="module", autouse=True)
-def module(build):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("module image is not built (make image)")
+pytestmark = pytest.mark.usefixtures("image_module")
 
 
 @pytest.fixture(scope="module")

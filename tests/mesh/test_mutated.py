@@ -14,15 +14,10 @@ from paths import BUILD, LONG
 from test_fill import binary, sphere, text
 from vtk_xml import Writer
 
+pytestmark = pytest.mark.usefixtures("image_module")
 CLOCK_S = 30  # none takes longer
 NUMBERS = [b"-1", b"0", b"1", b"3", b"255", b"65536", b"2000000000", b"2147483648", b"4294967295", b"18446744073709551615", b"1e308", b"-1e308", b"nan", b"inf", b"-inf", b"1e-320", b"%s%n", b""]
 PLACES = [b"\0" * 4, b"\xff" * 4, b"\xff" * 8, struct.pack("<i", -1), struct.pack("<i", 2**31 - 1), struct.pack(">i", 2**31 - 1), struct.pack("<f", np.nan), struct.pack("<f", np.inf), struct.pack("<d", 1e308), b"\n", b" "]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def module(build):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("module image is not built (make image)")
 
 
 def labels():

@@ -195,10 +195,8 @@ def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
 
 
 @pytest.mark.parametrize("name", ["brain", "vein"] if LONG else ["brain"])
-def test_from_a_real_image_to_a_live_scene(bin, build, tmp_path, name):
+def test_from_a_real_image_to_a_live_scene(bin, image_module, tmp_path, name):
     """Two labels that a budget cannot keep whole, or that ask for a thousand substeps: a scene that half a core steps, without a word of advice."""
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("no module 'image': make image builds it (ITK, CGAL)")
     import phantom as image
     labels, extent, spacing = {"brain": (image.brain_at, (150, 185, 135), (5, 5, 5)), "vein": (image.vein_at, (140, 110, 90), (1, 1, 2.5))}[name]
     image.write(tmp_path / "seg.nii.gz", image.grid_of(labels, extent, np.array(spacing, float)), spacing)
@@ -226,9 +224,7 @@ def test_control_characters_in_names_are_refused(bin, tmp_path, label):
     assert said.returncode == 2 and "a control character in its name" in said.stderr
 
 
-def test_from_an_image(bin, build, tmp_path):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("no module 'image': make image builds it (ITK, CGAL)")
+def test_from_an_image(bin, image_module, tmp_path):
     import phantom as image
     image.write(tmp_path / "seg.nii.gz", image.phantom((5, 5, 5)), (5, 5, 5))
     names = [w for label in ("1=liver", "3=tumour", "4=ribs") for w in ("--label", label)]

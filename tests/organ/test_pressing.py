@@ -9,9 +9,7 @@ sys.path[:0] = ["tests/mesh", "tests/organ"]
 import pressing  # noqa: E402
 
 
-def made(bin, build, folder, budget):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("no module 'image': make image builds it (ITK, CGAL)")
+def made(bin, folder, budget):
     import phantom
     phantom.write(folder / "seg.nii.gz", phantom.phantom((5, 5, 5)), (5, 5, 5))
     for words in (["tm-mesh", "image", folder / "seg.nii.gz", "--budget", budget, "--label", "1=liver", "--label", "3=tumour", "--label", "4=ribs", "-o", folder / "organ.msh"],
@@ -20,8 +18,8 @@ def made(bin, build, folder, budget):
     return folder / "organ.yaml"
 
 
-def test_random_pressing(bin, build, tmp_path):
-    said = pressing.press(bin, made(bin, build, tmp_path, "2500"), 1, 15, tmp_path)
+def test_random_pressing(bin, image_module, tmp_path):
+    said = pressing.press(bin, made(bin, tmp_path, "2500"), 1, 15, tmp_path)
     assert said["verdict"] == "stable" and said["waypoints"] > 12, said
 
 
@@ -42,8 +40,8 @@ def test_the_verdict_sees_what_is_planted(what, energy, tick):
 
 @pytest.mark.parametrize("seed", range(1, 7))
 @pytest.mark.long
-def test_an_hour_of_random_pressing(bin, build, once, tmp_path, seed):
-    scene = once("pressed-organ", lambda folder: made(bin, build, folder, "3000")) / "organ.yaml"
+def test_an_hour_of_random_pressing(bin, image_module, once, tmp_path, seed):
+    scene = once("pressed-organ", lambda folder: made(bin, folder, "3000")) / "organ.yaml"
     said = pressing.press(bin, scene, seed, 600, tmp_path)
     print(said)
     assert said["verdict"] == "stable" and said["waypoints"] > 500, said

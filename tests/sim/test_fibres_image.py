@@ -13,9 +13,7 @@ SPACING, SIZE = np.array([4.0, 5, 6]), (29, 24, 8)
 
 
 @pytest.fixture(scope="module")
-def folder(build, tmp_path_factory):
-    if not (build / "lib/tensormass/image.so").exists():
-        pytest.skip("no module 'image': make image builds it (ITK, CGAL)")
+def folder(image_module, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fibres")
     (folder / "arc.msh").write_text(meshlib.msh2(arc()))
     return folder
