@@ -4,17 +4,14 @@
 #define TM_TEST_CUT_CHECK_H
 
 #include "fixture.h"
-
-static inline int cut_compare_int(const void *a, const void *b) {
-    return *(const int32_t *)a < *(const int32_t *)b ? -1 : *(const int32_t *)a > *(const int32_t *)b;
-}
+#include "libtensormass/numeric/order.h"
 
 static inline void cut_same_surface(const tm_tissue *cut, const tm_tissue *fresh) {
     const tm_surface_view a = tm_tissue_surface(cut), b = tm_tissue_surface(fresh);
     assert_int_equal(a.count, b.count);
     int32_t *sorted = malloc(sizeof(int32_t) * (size_t)(a.count + 1));
     memcpy(sorted, a.face, sizeof(int32_t) * (size_t)a.count);
-    qsort(sorted, (size_t)a.count, sizeof *sorted, cut_compare_int);
+    qsort(sorted, (size_t)a.count, sizeof *sorted, num_ascending_int32);
     if (a.count) assert_memory_equal(sorted, b.face, sizeof(int32_t) * (size_t)a.count);
     const tm_mesh *mesh = tm_tissue_mesh(cut);
     for (int32_t s = 0; s < a.count; s++)

@@ -1,18 +1,11 @@
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 
 #include "bandwidth.h"
+#include "libtensormass/numeric/order.h"
+#include "libtensormass/numeric/random.h"
 
-static double read_clock(clockid_t clock) {
-    struct timespec now;
-    clock_gettime(clock, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
-
-double app_seconds(void) { return read_clock(CLOCK_MONOTONIC); }
-
-double app_processor_s(void) { return read_clock(CLOCK_PROCESS_CPUTIME_ID); }
+double app_processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 
 void *app_zeroed(size_t count, size_t size) {
     void *memory = calloc(count + 1, size);
@@ -21,25 +14,17 @@ void *app_zeroed(size_t count, size_t size) {
     exit(1);
 }
 
-static int ascending(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 double app_median(double *value, int count) {
-    qsort(value, (size_t)count, sizeof *value, ascending);
+    num_sort(value, count);
     return count % 2 ? value[count / 2] : 0.5 * (value[count / 2 - 1] + value[count / 2]);
 }
 
 double app_percentile(double *value, int count, double share) {
-    qsort(value, (size_t)count, sizeof *value, ascending);
+    num_sort(value, count);
     return count ? value[(int)(share * (count - 1))] : 0;
 }
 
-double app_uniform(uint64_t *state) {
-    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
-    return (double)(*state >> 11) * 0x1p-53;
-}
+double app_uniform(uint64_t *state) { return num_unit(num_random64(state)); }
 
 static void triad(const double *restrict a, const double *restrict b, double *restrict c, size_t n, double s) {
     for (size_t i = 0; i < n; i++) c[i] = a[i] + s * b[i];

@@ -5,6 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "clock.h"
+
 /* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the
  * triad of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set
  * that is judged. */
@@ -22,8 +24,6 @@ double app_percentile(double *value, int count, double share);
 /* 0 to 1, evenly; moves the state on. */
 double app_uniform(uint64_t *state);
 
-/* Monotonic seconds. */
-double app_seconds(void);
 /* Processor time of all threads of this process. */
 double app_processor_s(void);
 

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "growing.h"
+#include "libtensormass/numeric/random.h"
 
 bool growing_fans_make(const growing *m, growing_fans *out) {
     growing_fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int))};
@@ -56,8 +57,7 @@ static void search(growing *m, const growing_fans *f, const growing_solid *b, co
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) {
-            *dice = *dice * 1664525u + 1013904223u;
-            axis[k][i] = (double)(*dice >> 8) / 8388608.0 - 1;
+            axis[k][i] = (double)(num_random32(dice) >> 8) / 8388608.0 - 1;
         }
     for (int k = 0; k < 6; k++) {
         double *d = axis[k / 2];

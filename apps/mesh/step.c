@@ -6,12 +6,8 @@
 
 #include "command.h"
 #include "common/bandwidth.h"
+#include "libtensormass/numeric/order.h"
 #include "tensormass/world.h"
-
-static int by_size(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 /* A tissue of one material. */
 static tm_status make_tissue(const tm_mesh *mesh, double young_Pa, double poisson, double density_kg_m3,
@@ -49,7 +45,7 @@ tm_status step_measure(const tm_mesh *mesh, double young_Pa, double poisson, dou
         out->cut_s = step[t];
         out->cut_tet = t;
     }
-    qsort(step, (size_t)mesh->tet_count, sizeof *step, by_size);
+    num_sort(step, mesh->tet_count);
     out->median_s = step[mesh->tet_count / 2];
     free(step);
     tm_tissue_destroy(tissue);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "common/program_host.h"
+#include "libtensormass/numeric/order.h"
 #include "libtensormass/numeric/union_find.h"
 #include "scene/surface.h"
 #include "tissues.h"
@@ -222,11 +223,6 @@ static void look_at_hands(review *r) {
         odd(r, 0, "no 'damping:': what was touched swings for long; add 'damping: {rate: 40 /s}'");
 }
 
-static int by_size(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Whose tetrahedra ask for the most substeps, and whether it is one of them or all. */
 static void look_at_pace(review *r) {
     const sim *s = r->s;
@@ -251,7 +247,7 @@ static void look_at_pace(review *r) {
                 "region '%s' alone makes a frame take %d substeps, about %d too many: the others need %.1f times fewer; make it softer (or hold it), or mesh it coarser",
                 s->file.region_name[g], s->substeps, (int)(s->substeps * (1 - worst_s / others)), others / worst_s);
         }
-        qsort(step, (size_t)n, sizeof *step, by_size);
+        num_sort(step, n);
         if (worst_s < 0.2 * step[n / 100])
             odd(r, s->scene->mesh.line,
                 "tetrahedron %lld alone sets the step: %.1f times shorter than what 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",

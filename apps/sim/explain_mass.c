@@ -1,4 +1,5 @@
 #include "explain_mass.h"
+#include "libtensormass/numeric/order.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -55,11 +56,6 @@ static void frequencies(const sim *s, cJSON *json) {
 
 /* --- what slivers cost where tissue is cut --- */
 
-static int ascending(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Names the tetrahedron that sets the step if it is far below the median's. */
 static void slivers(const sim *s, cJSON *json) {
     const tm_tissue *tissue = s->model->tissue;
@@ -72,7 +68,7 @@ static void slivers(const sim *s, cJSON *json) {
         if (step[n] < least) least = step[n], worst = t;
         n++;
     }
-    if (step) qsort(step, (size_t)n, sizeof *step, ascending);
+    if (step) num_sort(step, n);
     if (n && least < SLIVER * step[n / 2]) {
         const long long tag = (long long)s->file.tet_tag[worst];
         printf("cut: each tetrahedron must bear the step alone; %lld bears %.2g of the median's (tm-mesh info). A mesh "

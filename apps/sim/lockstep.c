@@ -6,7 +6,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "consoles.h"
 #include "figures.h"
@@ -123,11 +122,7 @@ static void trace_sample(lockstep *l, const tensormass_force_sample_t *m, int64_
 }
 
 /* Processor time of this program: what frames cost whatever else the machine does. */
-static double processor_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
+static double processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 
 /* Accounts a whole frame, and in which simulated second most was spent. */
 static void note_frame(lockstep *l) {

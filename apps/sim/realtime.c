@@ -16,12 +16,6 @@
 /* A lost or overtaken message is no news; that nothing has been taken for so long is. */
 static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
 
-static int64_t utime_now(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_REALTIME, &t);
-    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
-}
-
 static void tell_refused(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
                          int instrument, const char *why) {
     told->refused++;
@@ -120,7 +114,7 @@ static void publish_sample(realtime *r, int32_t substeps, bool dropped) {
     int32_t average = s->average < substeps ? s->average : substeps;
     for (int i = 0; i < s->instrument_count; i++) {
         tensormass_force_sample_t sample;
-        sim_publish_reaction(&r->publisher, s, &r->tools, i, utime_now(), substeps, average,
+        sim_publish_reaction(&r->publisher, s, &r->tools, i, app_clock_us(CLOCK_REALTIME), substeps, average,
                              dropped ? SIM_FLAG_OVERRAN : 0, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
         if (!r->samples_file.begun) continue;
@@ -182,7 +176,7 @@ static void end_frame(realtime *r, tm_status status) {
     r->compute_s += spent_s;
     hrt_histogram_add(&r->compute, (int64_t)(spent_s * 1e9));
     const double wall_s = seconds_since(r->start_us);
-    sim_publish_frame(&r->publisher, s, utime_now(), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0,
+    sim_publish_frame(&r->publisher, s, app_clock_us(CLOCK_REALTIME), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0,
                       sim_stream_rate_Hz(&r->stream));
     if (r->frame % 10 == 0) {
         sim_reach_note(s);

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
-#include <time.h>
 
+#include "clock.h"
 #include "inbox.h"
 #include "intake.h"
 #include "io/network.h"
@@ -29,12 +29,6 @@ struct view_feed {
         int32_t command_seq; /* the newest that it took, or that was sent to it */
     } commanded[VIEW_INSTRUMENTS];
 };
-
-static int64_t clock_us(clockid_t clock) {
-    struct timespec now;
-    clock_gettime(clock, &now);
-    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
-}
 
 void view_feed_close(view_feed *feed) {
     if (!feed) return;
@@ -206,7 +200,7 @@ bool view_feed_advance(view_feed *feed, double time_s, view_picture *picture) {
 
 /* --- live --- */
 
-static double live_s(const view_feed *feed) { return (double)(clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6; }
+static double live_s(const view_feed *feed) { return (double)(app_clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6; }
 
 static bool connect(view_feed *feed, app_network_opener *network, const char *url, app_link_def *def) {
     char why[400];
@@ -227,7 +221,7 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
     view_feed *feed = feed_new(topic);
     if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
     if (!url) url = set && *set ? set : APP_LINK_URL;
-    feed->begin_us = clock_us(CLOCK_MONOTONIC);
+    feed->begin_us = app_clock_us(CLOCK_MONOTONIC);
     if (getrandom(&feed->session, sizeof feed->session, 0) < 0) feed->session = feed->begin_us;
     if (!app_key_for(url, key->path, key->none, &sealed, why, sizeof why)) {
         view_feed_close(feed);
@@ -247,10 +241,10 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
 }
 
 void view_feed_listen(view_feed *feed, int timeout_ms, view_picture *picture) {
-    int64_t until_us = clock_us(CLOCK_MONOTONIC) + (int64_t)timeout_ms * 1000;
+    int64_t until_us = app_clock_us(CLOCK_MONOTONIC) + (int64_t)timeout_ms * 1000;
     feed->picture = picture;
     for (;;) {
-        int64_t left_us = until_us - clock_us(CLOCK_MONOTONIC);
+        int64_t left_us = until_us - app_clock_us(CLOCK_MONOTONIC);
         view_letter *letter = view_inbox_take(feed->inbox, left_us > 0 ? (int)(left_us / 1000) : 0);
         if (!letter) break;
         feed->time_s = live_s(feed);
@@ -264,7 +258,7 @@ void view_feed_listen(view_feed *feed, int timeout_ms, view_picture *picture) {
 view_feed_counts view_feed_counted(const view_feed *feed) { return feed->intake.counts; }
 
 bool view_feed_send_hand(view_feed *feed, const view_hand *hand) {
-    tensormass_hand_command_t m = {.utime = clock_us(CLOCK_REALTIME),
+    tensormass_hand_command_t m = {.utime = app_clock_us(CLOCK_REALTIME),
                                    .seq = ++feed->hand_seq,
                                    .session = feed->session,
                                    .instrument = (int8_t)hand->instrument,
@@ -277,7 +271,7 @@ bool view_feed_send_hand(view_feed *feed, const view_hand *hand) {
 bool view_feed_send_command(view_feed *feed, const view_command *command) {
     char extrapolator[24];
     snprintf(extrapolator, sizeof extrapolator, "%s", command->extrapolator);
-    tensormass_controller_command_t m = {.utime = clock_us(CLOCK_REALTIME),
+    tensormass_controller_command_t m = {.utime = app_clock_us(CLOCK_REALTIME),
                                          .seq = ++feed->commanded[command->instrument].command_seq,
                                          .session = feed->commanded[command->instrument].session,
                                          .instrument = (int8_t)command->instrument,

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "libtensormass/numeric/order.h"
 #include "mesh_raw.h"
 
 enum { MOST_MEMBERS = INT32_MAX / 16 };
@@ -158,11 +159,6 @@ static bool join_names(work *w) {
 
 /* --- into the mesh --- */
 
-static int by_value(const void *a, const void *b) {
-    int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 /* The vertices of group g and of all others of its name, ascending. Counts alone where `out` is null. -1: too many. */
 static int64_t gather(const work *w, int32_t g, int32_t *mark, int32_t *out) {
     int64_t count = 0, looked = 0;
@@ -179,7 +175,7 @@ static int64_t gather(const work *w, int32_t g, int32_t *mark, int32_t *out) {
                 count++;
             }
         }
-    if (out) qsort(out, (size_t)count, sizeof *out, by_value);
+    if (out) qsort(out, (size_t)count, sizeof *out, num_ascending_int32);
     return count;
 }
 

@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "libtensormass/numeric/order.h"
 #include "mesh_raw.h"
 
 enum { MOST = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
@@ -125,11 +126,6 @@ static int by_dim_and_group(const void *a, const void *b) {
     return (x->group > y->group) - (x->group < y->group);
 }
 
-static int by_value(const void *a, const void *b) {
-    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
-    return (x > y) - (x < y);
-}
-
 static tm_status refuse_tet_twice(const tm_io_raw *raw, tm_error *error) {
     int64_t *tag = malloc(((size_t)raw->tets + 1) * sizeof *tag), n = 0;
     if (!tag) return no_memory(error);
@@ -139,7 +135,7 @@ static tm_status refuse_tet_twice(const tm_io_raw *raw, tm_error *error) {
         tag[n++] = raw->element[e].tag;
         ascending = ascending && (n < 2 || tag[n - 2] < tag[n - 1]);
     }
-    if (!ascending) qsort(tag, (size_t)n, sizeof *tag, by_value);
+    if (!ascending) qsort(tag, (size_t)n, sizeof *tag, num_ascending_int64);
     tm_status status = TM_OK;
     for (int64_t t = 1; t < n && !status; t++)
         if (tag[t] == tag[t - 1]) status = twice(error, "tetrahedron", tag[t]);

@@ -13,6 +13,7 @@ static inline int64_t app_clock_ns(clockid_t clock) {
 }
 static inline int64_t app_clock_us(clockid_t clock) { return app_clock_ns(clock) / 1000; }
 static inline double app_clock_s(clockid_t clock) { return 1e-9 * (double)app_clock_ns(clock); }
+static inline double app_seconds(void) { return app_clock_s(CLOCK_MONOTONIC); }
 static inline int64_t app_monotonic_us(void) { return app_clock_us(CLOCK_MONOTONIC); }
 static inline int64_t app_monotonic_ns(void) { return app_clock_ns(CLOCK_MONOTONIC); }
 

@@ -1,5 +1,6 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
 #include "choices.h"
+#include "libtensormass/platform/clock.h"
 #include "models.h"
 #include "sample_rate.h"
 #include "surface.h"
@@ -9,7 +10,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <time.h>
 #include <unistd.h>
 
 /* --- the scene as a whole --- */
@@ -284,12 +284,6 @@ void sim_destroy(sim *s) {
 
 /* --- one frame --- */
 
-static int64_t monotonic_us(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
-}
-
 static bool is_stopped(const sim *s) {
     const app_host *host = &s->scene->host;
     return host->stop && host->stop(host->user);
@@ -308,10 +302,10 @@ static tm_status step_in_slices(sim *s, int32_t substeps) {
             const int32_t most = s->between(s->between_user, s);
             if (most < count) count = most;
         }
-        int64_t begin = monotonic_us();
+        int64_t begin = app_monotonic_us();
         status = tm_model_step(s->model, count);
         done += count;
-        double cost_s = ((double)(monotonic_us() - begin) + 1) * 1e-6 / count;
+        double cost_s = ((double)(app_monotonic_us() - begin) + 1) * 1e-6 / count;
         s->slice = cost_s < piece_s ? (int32_t)fmin(piece_s / cost_s, 1e6) : 1;
     }
     s->broken_off = !status && done < substeps;
@@ -348,13 +342,13 @@ tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps) {
         return status;
     }
     s->last_s = substeps * s->dt_s;
-    const int64_t begin = monotonic_us();
+    const int64_t begin = app_monotonic_us();
     for (int i = 0; i < s->instrument_count; i++) {
         for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->last_s;
         s->pose[i] = to[i];
         feel(s, i);
     }
-    s->patches_s = 1e-6 * (double)(monotonic_us() - begin);
+    s->patches_s = 1e-6 * (double)(app_monotonic_us() - begin);
     return status;
 }
 

@@ -12,6 +12,7 @@
 #include "bench.h"
 #include "block.h"
 #include "json_file.h"
+#include "libtensormass/numeric/order.h"
 
 void bench_must(tm_status status, const tm_error *error) {
     if (status == TM_OK) return;
@@ -19,14 +20,9 @@ void bench_must(tm_status status, const tm_error *error) {
     exit(APP_FAILED);
 }
 
-static int ascending(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 cJSON *bench_quantiles(double *value, int count) {
     double sum = 0;
-    qsort(value, (size_t)count, sizeof *value, ascending);
+    num_sort(value, count);
     for (int i = 0; i < count; i++) sum += value[i];
     cJSON *q = cJSON_CreateObject();
     cJSON_AddNumberToObject(q, "min", value[0]);

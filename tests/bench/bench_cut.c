@@ -5,11 +5,8 @@
 
 #include "bandwidth.h"
 #include "bench.h"
-
-static int by_distance(const void *a, const void *b) {
-    const double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
+#include "libtensormass/numeric/order.h"
+#include "libtensormass/numeric/random.h"
 
 /* Keys with their tetrahedra: by distance from a corner, or at random. */
 static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
@@ -19,7 +16,7 @@ static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
     } *item = malloc(sizeof *item * (size_t)mesh->tet_count);
     uint64_t noise = 1;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        noise = noise * 6364136223846793005ULL + 1442695040888963407ULL;
+        num_random64(&noise);
         item[t].tet = t;
         item[t].key = scattered ? (double)(noise >> 11) : 0;
         for (int i = 0; i < 3 && !scattered; i++) {
@@ -28,7 +25,7 @@ static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
             item[t].key += middle * middle;
         }
     }
-    qsort(item, (size_t)mesh->tet_count, sizeof *item, by_distance);
+    qsort(item, (size_t)mesh->tet_count, sizeof *item, num_ascending);
     for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = item[t].tet;
     free(item);
 }

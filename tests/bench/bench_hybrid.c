@@ -4,19 +4,15 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "bench.h"
+#include "clock.h"
 #include "tensormass_solve.h"
 
 enum { DYNAMIC, HYBRID, MODELS, PROBES = 2 };
 static const double SIDE_M = 0.1, RADIUS_M = 0.004;
 
-static double processor_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static double processor_s(void) { return app_clock_s(CLOCK_THREAD_CPUTIME_ID); }
 
 typedef struct organ {
     tm_mesh *mesh;

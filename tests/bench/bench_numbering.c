@@ -5,6 +5,7 @@
 
 #include "bandwidth.h"
 #include "bench.h"
+#include "libtensormass/numeric/random.h"
 
 enum { ORDERS = 3 }; /* as made, at random, that one renumbered inside */
 
@@ -32,8 +33,7 @@ static tm_mesh *shuffled(const tm_mesh *mesh, tm_numbering renumber) {
     uint64_t state = 88172645463325252u;
     for (int32_t v = 0; v < n; v++) was[v] = v;
     for (int32_t v = n - 1; v > 0; v--) {
-        state ^= state << 13, state ^= state >> 7, state ^= state << 17;
-        const int32_t w = (int32_t)(state % (uint64_t)(v + 1)), other = was[w];
+        const int32_t w = (int32_t)(num_xorshift64(&state) % (uint64_t)(v + 1)), other = was[w];
         was[w] = was[v], was[v] = other;
     }
     tm_mesh *made = ordered(mesh, was, renumber);

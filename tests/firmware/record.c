@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "device/device.h"
+#include "libtensormass/numeric/random.h"
 #include "replay.h"
 
 enum { FRAME_TICKS = 20, LATE_FRAMES = 1 };
@@ -34,10 +35,7 @@ static struct {
 static uint8_t buffer[REPLAY_TICK_MAX];
 static replay_bytes events;
 
-static uint32_t draw(uint32_t below) {
-    world.random = world.random * 6364136223846793005u + 1442695040888963407u;
-    return (uint32_t)(world.random >> 33) % below;
-}
+static uint32_t draw(uint32_t below) { return (uint32_t)(num_random64(&world.random) >> 33) % below; }
 
 static void event(uint8_t kind, int32_t device) {
     uint8_t who = (uint8_t)device;

@@ -2,17 +2,13 @@
  * with a message and nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written
  * copy gives back. */
 #include "fuzz.h"
+#include "libtensormass/numeric/order.h"
 #include "tensormass_io.h"
-
-static int by_value(const void *a, const void *b) {
-    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
-    return (x > y) - (x < y);
-}
 
 static void all_different(const int64_t *tag, int64_t count) {
     int64_t *sorted = malloc((size_t)count * sizeof *sorted + 1);
     if (count) memcpy(sorted, tag, (size_t)count * sizeof *sorted);
-    if (count > 1) qsort(sorted, (size_t)count, sizeof *sorted, by_value);
+    if (count > 1) qsort(sorted, (size_t)count, sizeof *sorted, num_ascending_int64);
     for (int64_t i = 1; i < count; i++) PROMISE(sorted[i] != sorted[i - 1]);
     free(sorted);
 }

@@ -12,6 +12,7 @@
 // clang-format on
 
 #include "hrt.h"
+#include "libtensormass/numeric/random.h"
 
 enum { TICK_US = 2000, SESSION = 42, SIM = 7 };
 
@@ -96,10 +97,7 @@ static inline void assert_no_force(const rig *r) {
 }
 
 /* A seeded stream, the same everywhere. */
-static inline uint32_t rig_random(uint64_t *state) {
-    *state = *state * 6364136223846793005u + 1442695040888963407u;
-    return (uint32_t)(*state >> 33);
-}
+static inline uint32_t rig_random(uint64_t *state) { return (uint32_t)(num_random64(state) >> 33); }
 static inline float rig_uniform(uint64_t *state, float low, float high) {
     return low + (high - low) * (float)(rig_random(state) % 1000001u) / 1000000.0f;
 }

@@ -13,6 +13,7 @@
 
 #include "../long.h"
 #include "core/gate.h"
+#include "libtensormass/numeric/random.h"
 
 static hrt_gate_verdict say(hrt_gate *g, int64_t now_us, int64_t session, uint32_t seq, int64_t utime) {
     const hrt_gate_mark m = {.session = session, .utime = utime, .seq = seq};
@@ -97,12 +98,7 @@ typedef struct peer {
 } peer;
 
 static uint64_t random_state;
-static uint64_t draw(void) {
-    random_state ^= random_state << 13;
-    random_state ^= random_state >> 7;
-    random_state ^= random_state << 17;
-    return random_state;
-}
+static uint64_t draw(void) { return num_xorshift64(&random_state); }
 static int64_t below(int64_t n) { return (int64_t)(draw() % (uint64_t)n); }
 
 /* Starts anew with whatever clock it finds: its session may be larger or smaller than any before. */

@@ -13,6 +13,7 @@
 #include "mesh/image.h"
 
 #define LAW_REAL double
+#include "libtensormass/numeric/random.h"
 #include "libtensormass/numeric/vec.h"
 
 enum { N = 8, SIDE = N + 1, TETS = 6 * N * N * N };
@@ -27,8 +28,7 @@ static image_tets block(void) {
     unsigned dice = 1;
     for (int i = 0; i < 3 * m.vertices; i++) {
         const int at = i % 3 == 0 ? i / 3 % SIDE : i % 3 == 1 ? i / 3 / SIDE % SIDE : i / 3 / SIDE / SIDE;
-        dice = dice * 1664525u + 1013904223u;
-        m.vertex_m[i] = (at + 0.2 * ((double)(dice >> 8) / 16777216 - 0.5)) / N;
+        m.vertex_m[i] = (at + 0.2 * ((double)(num_random32(&dice) >> 8) / 16777216 - 0.5)) / N;
     }
     for (int t = 0; t < TETS; t++) {
         int at[3] = {t / 6 % N, t / 6 / N % N, t / 6 / N / N};

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "libtensormass/numeric/random.h"
 #include "tensormass.h"
 
 typedef struct scene_def {
@@ -37,8 +38,7 @@ typedef struct scene {
 
 static uint64_t scene_seed = 1;
 static double scene_random(void) { /* [0,1), the same everywhere */
-    scene_seed = scene_seed * 6364136223846793005ULL + 1442695040888963407ULL;
-    return (double)(scene_seed >> 11) / 9007199254740992.0;
+    return num_unit(num_random64(&scene_seed));
 }
 
 static void scene_must(tm_status status, const tm_error *error) {

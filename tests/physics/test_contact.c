@@ -3,6 +3,7 @@
 #include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"
+#include "libtensormass/numeric/order.h"
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static double norm(const double *a) { return sqrt(dot(a, a)); }
@@ -341,8 +342,6 @@ typedef struct stroke {
     double roughness, roughness_p99, lag, peak_N;
 } stroke;
 
-static int by_value(const void *a, const void *b) { return *(const double *)a > *(const double *)b ? 1 : -1; }
-
 /* The force of the settled solve at the tip of the reaction r; the world goes on as if it had not been asked. */
 static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     tm_state *state = tm_world_state(s->world);
@@ -394,7 +393,7 @@ static stroke press_and_slide(const scene_def *d, double share, bool lag) {
         if (lag && touched > 50 && k % 100 == 0) result.lag = fmax(result.lag, lag_behind_rest(&s, &r));
     }
     assert_true(n > frames / 2);
-    qsort(rough, (size_t)n, sizeof(double), by_value);
+    num_sort(rough, n);
     result.roughness = rough[n - 1] / result.peak_N;
     result.roughness_p99 = rough[(int)(0.99 * n)] / result.peak_N;
     result.lag /= result.peak_N;

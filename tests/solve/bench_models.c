@@ -4,17 +4,12 @@
 
 #include <cjson/cJSON.h>
 #include <sys/resource.h>
-#include <time.h>
 
 #include "bandwidth.h"
 
 static const double ENOUGH_S = 20; /* of conjugate gradients: the rest is proportion */
 
-static double processor_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static double processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 
 typedef struct watch {
     double begin_s, fraction;
@@ -92,11 +87,7 @@ static void quantiles(cJSON *j, const char *name, double *us, int n) {
     cJSON_AddNumberToObject(q, "max", us[n - 1]);
 }
 
-static double thread_s(void) {
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
+static double thread_s(void) { return app_clock_s(CLOCK_THREAD_CPUTIME_ID); }
 
 static void time_ticks(tm_precomputed *model, double height, int ticks, cJSON *j) {
     double *update = malloc(8 * (size_t)ticks), *surface = malloc(8 * (size_t)ticks),

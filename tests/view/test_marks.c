@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "libtensormass/numeric/random.h"
 #include "view/layout.h"
 #include "view/shapes.h"
 
@@ -156,8 +157,8 @@ static void test_labels_find_room(void **state) {
     uint32_t seed = 1;
     for (int i = 0; i < 5000; i++) {
         float b[4];
-        seed = seed * 1664525u + 1013904223u, b[0] = (float)(seed >> 8) / 16777216.0f * 340;
-        seed = seed * 1664525u + 1013904223u, b[1] = (float)(seed >> 8) / 16777216.0f * 280;
+        b[0] = (float)(num_random32(&seed) >> 8) / 16777216.0f * 340;
+        b[1] = (float)(num_random32(&seed) >> 8) / 16777216.0f * 280;
         b[2] = b[0] + 60, b[3] = b[1] + 20;
         view_layout_find_room(&l, 400, 300, 3, b);
         assert_false(view_layout_taken(&l, b));

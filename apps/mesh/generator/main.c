@@ -4,11 +4,7 @@
 #include <string.h>
 
 #include "generator.h"
-
-static int by_size(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
+#include "libtensormass/numeric/order.h"
 
 /* What the mesh will cost: the critical step goes with the smallest size. */
 static void report(const growing *m, const char *prefix) {
@@ -19,7 +15,7 @@ static void report(const growing *m, const char *prefix) {
         size[t] =
             growing_tet_size(m->vertex + 3 * v[0], m->vertex + 3 * v[1], m->vertex + 3 * v[2], m->vertex + 3 * v[3]);
     }
-    qsort(size, (size_t)m->tet_count, sizeof *size, by_size);
+    num_sort(size, m->tet_count);
     printf(
         "%s.msh: %d tetrahedra, %d vertices, %d outer triangles; size smallest %.3g mm, median %.3g mm, ratio %.2f\n",
         prefix, m->tet_count, m->vertex_count, m->face_count, 1e3 * size[0], 1e3 * size[m->tet_count / 2],

@@ -1,5 +1,6 @@
 /* Critical time steps: the guaranteed bound of elements (Irons; shared anew in critical_shared.c) and the sharp figure
  * of the assembled system. */
+#include "libtensormass/numeric/random.h"
 #include "tissue/smoothed.h"
 
 #include <float.h>
@@ -151,8 +152,8 @@ static bool take_iteration(iteration *it, const tm_tissue *tissue, const uint8_t
     for (int64_t i = 0; i < it->n; i++) {
         const double mass = tissue->mass_kg[i / 3];
         it->scale[i] = mass > 0 && !(fixed && fixed[i]) ? 1 / sqrt(mass) : 0;
-        noise ^= noise << 13, noise ^= noise >> 7, noise ^= noise << 17;
-        it->basis[0][i] = it->scale[i] > 0 ? (double)(noise >> 11) / 9007199254740992.0 - 0.5 : 0;
+        const uint64_t bits = num_xorshift64(&noise);
+        it->basis[0][i] = it->scale[i] > 0 ? num_unit(bits) - 0.5 : 0;
     }
     return true;
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "libtensormass/numeric/random.h"
 #include "world/settle_turned.h"
 
 /* Bounds of the work: Newton steps of a load step, of them without progress, halvings of one of them, load steps tried,
@@ -295,7 +296,7 @@ static tm_status march(newton *w, double *u, tm_error *error) {
 static void stir(newton *w) {
     uint32_t random = 1;
     for (int32_t i = 0; i < w->n; i++) {
-        random = random * 1664525u + 1013904223u;
+        num_random32(&random);
         w->residual[i] = w->rest->held[i] ? 0 : (double)random / 4294967296.0 - 0.5;
     }
 }
