@@ -22,23 +22,27 @@ static int32_t block_columns(const tms_columns *c, int32_t block) {
 }
 static size_t entry_bytes(const tms_columns *c) { return c->precision == TM_DOUBLE ? 8 : 4; }
 
-void *tms_columns_place(const tms_columns *c, int32_t block) {
+/* Where rank 0 wants a block. */
+static void *tms_columns_place(const tms_columns *c, int32_t block) {
     return (char *)c->out + (size_t)block * TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c);
 }
 
-void tms_columns_store(const tms_columns *c, void *out, int64_t at, double x) {
+/* Rounds x to the precision of the columns. */
+static void tms_columns_store(const tms_columns *c, void *out, int64_t at, double x) {
     if (c->precision == TM_DOUBLE)
         ((double *)out)[at] = x;
     else
         ((float *)out)[at] = (float)x;
 }
 
-bool tms_columns_put(const tms_columns *c, int32_t block, const void *data) {
+/* Notes a solved block; of ranks above 0: writes it. */
+static bool tms_columns_put(const tms_columns *c, int32_t block, const void *data) {
     return !c->part ||
            tms_part_put(c->part, block, data, (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c));
 }
 
-int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
+/* Blocks that are still to be solved, ascending; null: no memory. */
+static int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
     const int32_t blocks = count_blocks(c);
     int32_t *todo = tms_take(sizeof *todo * (size_t)(blocks + 1));
     *count = 0;
@@ -51,14 +55,17 @@ tm_status tms_team_meet(const tm_solve_team *team, tm_error *error) {
     return !team || team->meet(team->user) ? TM_OK : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
 }
 
-tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s, tm_error *error) {
+/* Before block `first` of `count`, begun at `start_s`: tells how far it is; fails where the caller wants to stop. */
+static tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s,
+                                  tm_error *error) {
     const double done = (double)first / count, left_s = first ? (tms_clock_s() - start_s) * (1 - done) / done : -1;
     return tms_progress(def, "responses", done, left_s)
                ? TM_OK
                : tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
 }
 
-tm_status tms_columns_meet(const tms_columns *c, const tm_solve_team *team, tm_error *error) {
+/* Waits for the other ranks, and sees on rank 0 that all was done. */
+static tm_status tms_columns_meet(const tms_columns *c, const tm_solve_team *team, tm_error *error) {
     const tm_status status = tms_team_meet(team, error);
     if (status != TM_OK) return status;
     for (int32_t b = 0; c->part && (!team || team->rank == 0) && b < c->part->blocks; b++)
@@ -198,5 +205,63 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     if (status == TM_OK) tms_progress(def, "responses", 1, 0);
     give_all(workers, rank, threads);
     tms_give(todo);
+    return status;
+}
+
+/* Columns by one factor that the ranks share: all of them solve together, as many blocks at a time as there are ranks,
+ * and each writes one. */
+
+/* Units of one round: rank r's in unit[r * TMS_BLOCK ..]. */
+static void ask(const tms_columns *c, const int32_t *todo, int32_t count, int32_t ranks, int32_t *unit) {
+    for (int32_t r = 0; r < ranks; r++)
+        for (int32_t j = 0; j < TMS_BLOCK; j++) {
+            const int32_t column = r < count ? todo[r] * TMS_BLOCK + j : c->kept_count;
+            unit[r * TMS_BLOCK + j] = column < c->kept_count ? c->system->index[c->kept[column]] : -1;
+        }
+}
+
+/* This rank's block of the round, as it was solved. */
+static bool deliver(const tms_columns *c, int32_t rank, int32_t block, const double *x, void *own) {
+    void *out = rank == 0 ? tms_columns_place(c, block) : own;
+    for (int32_t j = 0; j < TMS_BLOCK && block * TMS_BLOCK + j < c->kept_count; j++)
+        for (int32_t i = 0; i < c->kept_count; i++) {
+            const int64_t at = (int64_t)j * c->kept_count + i;
+            tms_columns_store(c, out, at, x[at]);
+        }
+    return tms_columns_put(c, block, out);
+}
+
+tm_status tms_shared_columns(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team,
+                             tm_error *error) {
+    const size_t entries = (size_t)TMS_BLOCK * (size_t)c->kept_count;
+    int32_t count, *todo = tms_columns_todo(c, &count),
+                   *unit = tms_take(sizeof *unit * TMS_BLOCK * (size_t)team->count),
+                   *row = tms_take(sizeof *row * (size_t)(c->kept_count + 1));
+    double *x = tms_take(8 * (entries + 1));
+    void *own = tms_take(8 * (entries + 1));
+    tm_status status = todo && unit && row && x && own ? TM_OK : TM_ERR_MEMORY;
+    if (status != TM_OK)
+        tm_fail(error, status, -1, "no memory to solve %d columns at a time; use a coarser mesh", TMS_BLOCK);
+    for (int32_t i = 0; status == TM_OK && i < c->kept_count; i++) row[i] = c->system->index[c->kept[i]];
+    if (status == TM_OK) status = tms_team_meet(team, error);
+    const double start = tms_clock_s();
+    for (int32_t first = 0; status == TM_OK && first < count; first += team->count) {
+        const int32_t mine = first + team->rank;
+        status = tms_columns_told(def, first, count, start, error);
+        if (status != TM_OK) break;
+        ask(c, todo + first, count - first, team->count, unit);
+        if (!team->shared->solve(team->user, unit, TMS_BLOCK, row, c->kept_count, x))
+            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "the shared factor did not solve a block of columns");
+        else if (mine < count && !deliver(c, team->rank, todo[mine], x, own))
+            status = tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; is the disk full?",
+                             (int)team->rank);
+    }
+    if (status == TM_OK) status = tms_columns_meet(c, team, error);
+    if (status == TM_OK) tms_progress(def, "responses", 1, 0);
+    tms_give(todo);
+    tms_give(unit);
+    tms_give(row);
+    tms_give(x);
+    tms_give(own);
     return status;
 }

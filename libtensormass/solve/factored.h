@@ -43,7 +43,7 @@ int64_t tms_engine_bytes(const tms_engine *engine);
  * none). False: it is not there yet, and `*more` tells whether another call would bring something. */
 bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more);
 
-/* vertex_frame.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
+/* factored.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
 void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
 
 /* factored_update.cpp: with Z = K^-1 E the columns of the touched components and D the stiffness that was cut off them,
@@ -62,4 +62,49 @@ bool tms_update_piece(const double *G, int32_t size, const int32_t *wanted, int3
 #ifdef __cplusplus
 }
 #endif
+
+/* --- shared by factored_engine.c and factored_cut.c --- */
+
+typedef struct tms_slot {
+    int32_t vertex; /* -1: free */
+    int64_t wanted_at;
+    bool updated; /* X has its rows */
+} tms_slot;
+
+enum { WIDTH = 3 * TMS_SLOTS, MIDDLE = 3 * TMS_TOUCHED_VERTICES };
+
+struct tms_engine {
+    const tm_tissue *tissue; /* mesh, materials, fibres */
+    int32_t vertex_count, tet_count;
+    uint8_t *fixed;       /* [3*vertex_count] */
+    double *at_m;         /* [3*vertex_count] displacement that the factor is of; null: the tissue does not turn */
+    double moved_on_m;    /* a factor farther away is an old one */
+    int64_t frame;        /* of the wish that the factor was made for */
+    uint8_t *base, *gone; /* [tet_count] alive in the factor; cut since, at the last wish */
+    tms_system system;
+    tms_solver *solver;
+    tms_reach *reach;
+    double *column; /* [3*TMS_SLOTS][TMS_BLOCK] as they are solved */
+    bool ready;     /* there is a factor */
+    bool broken;    /* there can be none: no memory, or a mechanism */
+    tms_slot slot[TMS_SLOTS];
+    int32_t *slot_of; /* [vertex_count] -1: none */
+    double *G;        /* [3*TMS_SLOTS][3*TMS_SLOTS] compliance of the factor's tissue among the slots */
+    int64_t clock;
+    int32_t calm;                                         /* calls since the last cut */
+    int32_t touched_count, touched[TMS_TOUCHED_VERTICES]; /* vertices of `gone` */
+    bool middle_known;
+    double *D, *M;         /* [3*touched][3*touched] */
+    int32_t pivot[MIDDLE]; /* of M */
+    double *X;             /* [3*TMS_SLOTS][3*touched] what the cut adds to the slots' columns */
+};
+
+/* factored_cut.c: the tissue of these tetrahedra, where it turns with the tensors of the factor's state. */
+bool tms_engine_part(const tms_engine *e, const uint8_t *alive, tm_tissue **part);
+/* Takes note of what lives now. False: too much has gone, something came back, or now is the time: a new factor is
+ * called for. */
+bool tms_engine_follow(tms_engine *e, const uint8_t *alive);
+/* D := the stiffness that left with the cut tetrahedra, among the touched vertices. */
+bool tms_engine_cut_stiffness(tms_engine *e);
+
 #endif

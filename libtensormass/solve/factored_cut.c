@@ -1,5 +1,5 @@
 /* What was cut since the factor: which vertices it touched, and the stiffness that left with it. */
-#include "factored_engine.h"
+#include "factored.h"
 
 #include <string.h>
 

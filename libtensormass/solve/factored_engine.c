@@ -1,7 +1,7 @@
 /* The factor of the tissue as it was at some time, columns of its compliance for the vertices that matter, and what was
  * cut since. Everything here runs in one thread at a time and touches nothing of the simulation's but what never
  * changes (mesh, materials, fibres). */
-#include "factored_engine.h"
+#include "factored.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -72,7 +72,7 @@ struct tm_hybrid {
     tms_hybrid_energy energy;
     void *kept; /* of a step that may be given back */
     int64_t kept_bytes;
-    /* surface for those who look for what is around a tool: see hybrid_around.c */
+    /* surface for those who look for what is around a tool: see hybrid_contact.c */
     int32_t around_width;
     float *around, *around_by, *around_m; /* [kept][around_width]; [around_width]; [kept] */
     bool owed;                            /* the inside in the world's state is not that of the present */
@@ -91,16 +91,14 @@ static inline bool tms_row_is_in(const tm_hybrid *hybrid, const tm_contact_row *
     return row->weight[corner] != 0 && hybrid->part[row->vertex[corner]] == part;
 }
 
-/* hybrid_border.c. The tensor/mass part [tet_count] with the gaps between its border's teeth filled, where that takes a
+/* hybrid.c. The tensor/mass part [tet_count] with the gaps between its border's teeth filled, where that takes a
  * fifth of the border's vertices away; else as it is. False: no memory. */
 bool tms_hybrid_smooth(const tm_mesh *mesh, uint8_t *alive);
 
-/* hybrid_around.c. False: no memory. */
+/* hybrid_contact.c. False: no memory. */
 bool tms_hybrid_make_around(tm_hybrid *hybrid);
-/* As tms_local.around. */
-void tms_hybrid_look_around(void *hybrid);
 
-/* hybrid_give.c. How the components of an inside vertex that has a slot follow the interface: [3][interface_count]. */
+/* hybrid.c. How the components of an inside vertex that has a slot follow the interface: [3][interface_count]. */
 const double *tms_hybrid_through(tm_hybrid *hybrid, int32_t vertex);
 /* m/N within a substep, of a component with mass. */
 double tms_hybrid_mobility(const tm_hybrid *hybrid, int32_t dof);
@@ -111,8 +109,6 @@ void tms_hybrid_compliance(void *hybrid, int32_t a, int32_t b, double C[9]);
 bool tms_hybrid_make_energy(tm_hybrid *hybrid);
 void tms_hybrid_drop_energy(tm_hybrid *hybrid);
 
-/* hybrid_contact.c. What was made of mobilities is not of today's. */
-bool tms_hybrid_is_stale(const tm_hybrid *hybrid);
 /* Of the whole organ, where the tissue was cut. */
 void tms_hybrid_rebuild_surface(tm_hybrid *hybrid);
 /* What contact keeps from substep to substep: bytes, or what is written. */

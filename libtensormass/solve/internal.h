@@ -46,8 +46,8 @@ void tms_bytes_text(int64_t bytes, char text[32]);
 /* False when the caller wants to stop. */
 bool tms_progress(const tm_solve_def *def, const char *what, double fraction, double seconds_left);
 
-/* --- util.c: memory of ours, of the one allocator (tm_set_allocator), aligned to 64 bytes, which knows its own size.
- * What CHOLMOD and Eigen take for themselves is theirs. --- */
+/* --- util.c: memory of ours, of the one allocator (tm_set_allocator), aligned to 64 bytes, which knows its own size. What
+ * CHOLMOD and Eigen take for themselves is theirs. --- */
 
 void *tms_take(size_t bytes);
 void *tms_take_zeroed(size_t count, size_t size);
@@ -178,23 +178,11 @@ typedef struct tms_columns {
     tms_part *part;
 } tms_columns;
 
-/* Blocks that are still to be solved, ascending; null: no memory. */
-int32_t *tms_columns_todo(const tms_columns *columns, int32_t *count);
-/* Where rank 0 wants a block. */
-void *tms_columns_place(const tms_columns *columns, int32_t block);
-/* Rounds x to the precision of the columns. */
-void tms_columns_store(const tms_columns *columns, void *out, int64_t at, double x);
-/* Notes a solved block; of ranks above 0: writes it. */
-bool tms_columns_put(const tms_columns *columns, int32_t block, const void *data);
 /* Waits for the other ranks; null: there are none. */
 tm_status tms_team_meet(const tm_solve_team *team, tm_error *error);
-/* Before block `first` of `count`, begun at `start_s`: tells how far it is; fails where the caller wants to stop. */
-tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s, tm_error *error);
-/* Waits for the other ranks, and sees on rank 0 that all was done. */
-tm_status tms_columns_meet(const tms_columns *columns, const tm_solve_team *team, tm_error *error);
 tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
                           tm_error *error);
-/* --- shared.c: the same with one factor that the ranks share --- */
+/* The same with one factor that the ranks share. */
 tm_status tms_shared_columns(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
                              tm_error *error);
 

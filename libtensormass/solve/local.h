@@ -171,7 +171,7 @@ void tms_local_regather(tms_local *local);
 bool tms_local_has_wandered(const tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
 int32_t tms_local_solve(tms_local *local);
-/* frozen.c: after a solve that did not converge, of a system without pins; from the forces of before it. */
+/* local.c: after a solve that did not converge, of a system without pins; from the forces of before it. */
 void tms_local_freeze(tms_local *local, const double *f_before);
 /* Moves all tools to `pose` in pieces, gathering and solving at each. */
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
@@ -217,7 +217,7 @@ int64_t tms_local_snapshot(const tms_local *local, bool forgotten, void *buffer)
 bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool apply);
 int64_t tms_local_snapshot_most(const tms_local *local);
 
-/* dense.c: LU with partial pivoting, row-major. Its own, because it runs inside steps: OpenBLAS's dgetrf and dgetrs
+/* matrix.c: LU with partial pivoting, row-major. Its own, because it runs inside steps: OpenBLAS's dgetrf and dgetrs
  * take a lock each, Eigen's memory from some size on; and up to 45 unknowns it is the fastest
  * (notes/2026-11-24-models.md). */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);

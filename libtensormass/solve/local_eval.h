@@ -1,4 +1,4 @@
-/* Between look.c, matrix.c, secant.c and newton.c: each leans on those before it. */
+/* Between local.c, matrix.c and newton.c: each leans on those before it. */
 #ifndef TMS_LOCAL_EVAL_H
 #define TMS_LOCAL_EVAL_H
 
@@ -24,8 +24,6 @@ void tms_local_response(const tms_local *local, const int32_t *slot, int32_t cou
                         double *out);
 /* u at the slots from base and forces. */
 void tms_local_shape(tms_local *local);
-/* out += f times the displacements of all slots below `high` by a unit force on a component of one. */
-void tms_local_spread(const tms_local *local, int32_t component, double f, double *restrict out);
 /* Rows of the shape in u_m that are no farther off than `margin` radii, their forces on the slots and on the tools. */
 void tms_local_look(tms_local *local, tms_look *look, double margin);
 /* Those forces anew, of the rows as they stand. */
@@ -40,7 +38,5 @@ double tms_local_scale(const tms_local *local, int32_t j);
 /* rub.c: what friction adds to a look; to the matrix of the present one. */
 void tms_local_rub(const tms_local *local, tms_look *look);
 void tms_local_add_grip_matrix(tms_local *local, const tms_grip *grip, int32_t m);
-/* secant.c: steps until converged or stalled; returns how many. */
-int32_t tms_local_secant(tms_local *local, double *merit);
 
 #endif

@@ -1,12 +1,15 @@
 /* Version, status names, errors, hash, the allocator hook, memory pools. */
 #include "base/base_internal.h"
-#include "base/checked.h"
 
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/checked.h"
+#include "base/contract.h"
+
 #ifdef _WIN32
 #include <malloc.h>
 #include <windows.h>
@@ -189,4 +192,37 @@ void tm_pool_release(tm_pool *pool) {
         block = next;
     }
     *pool = (tm_pool){NULL, 0, false};
+}
+
+/* --- eigenvalues of small symmetric matrices --- */
+
+void tm_diagonalise6(double A[36]) {
+    for (int sweep = 0; sweep < 30; sweep++) {
+        double off = 0, diagonal = 0;
+        for (int i = 0; i < 36; i++) *(i % 7 ? &off : &diagonal) += A[i] * A[i];
+        if (off <= 1e-30 * diagonal) break;
+        for (int p = 0; p < 5; p++)
+            for (int q = p + 1; q < 6; q++) tm_jacobi(A, 6, p, q, &(double){0}, &(double){0});
+    }
+}
+
+/* Who is told of a broken contract. The only place of the library that prints or ends the program, and only until the
+ * caller sets a handler of its own. */
+
+static void default_contract_handler(const char *function, const char *sentence, void *user) {
+    (void)user;
+    fprintf(stderr, "%s: %s; this is a fault of the program that calls it\n", function, sentence);
+    abort();
+}
+
+static tm_contract_handler contract_handler = default_contract_handler;
+static void *contract_user;
+
+void tm_set_contract_handler(tm_contract_handler handler, void *user) {
+    contract_handler = handler ? handler : default_contract_handler;
+    contract_user = user;
+}
+
+void tm_contract_broken(const char *function, const char *sentence) {
+    contract_handler(function, sentence, contract_user);
 }

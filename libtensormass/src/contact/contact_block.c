@@ -85,13 +85,6 @@ double tm_contact_lost_J(const tm_contact *contact) {
     return sum;
 }
 
-bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex) {
-    bool held = false;
-    for (int32_t b = 0; b < contact->block_count && !held; b++)
-        held = contact->block[b].holds && contact->block[b].holds(contact->block[b].self, instrument, vertex);
-    return held;
-}
-
 int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int32_t **vertex, const double **target_m,
                         double *compliance_m_N) {
     for (int32_t b = 0; b < contact->block_count; b++)

@@ -215,7 +215,6 @@ void tm_contact_constrain(tm_contact *contact, tm_world *world);
 void tm_contact_push_vertex(tm_contact *contact, int32_t vertex, const double force_N[3]);
 bool tm_contact_hold_back_blocks(tm_contact *contact, int32_t instrument);
 double tm_contact_lost_J(const tm_contact *contact); /* of all blocks and instruments */
-bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex);
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
 bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row);
 /* As the block's hooks of the same name; nobody holds: nothing. */

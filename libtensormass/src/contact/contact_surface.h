@@ -9,7 +9,7 @@
 #define TM_LOCAL_HITS 2048  /* (station, feature) pairs within reach */
 #define TM_MAX_STATIONS 256
 
-/* What of a local surface the tool may touch (contact_near.c), ascending, as long as nothing has moved far. */
+/* What of a local surface the tool may touch (contact_hits.c), ascending, as long as nothing has moved far. */
 typedef struct tm_near {
     bool known; /* not since the gathering otherwise */
     int32_t face_count, edge_count, vertex_count, wanted_count;
@@ -75,10 +75,6 @@ void tm_local_gather(tm_local_surface *surface, const double *rest_m, const doub
 void tm_local_place(tm_local_surface *surface, const double *rest_m, const double *u_m);
 /* Normal and bounds of a face, from those positions. */
 void tm_local_face(tm_local_surface *surface, int32_t f);
-/* Lists, if it must, what may be within reach of stations on `length_m` of the axis from the tip (a face that is
- * sunk_m farther, too), and places the faces that this wants. */
-void tm_near_find(tm_local_surface *surface, const tm_capsule *capsule, const double axis[3], double length_m,
-                  double reach_m, double sunk_m);
 
 /* Faces, edges and vertices that the stations of the axis are near, by station. `history` as for the rows. */
 void tm_local_hits(tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,

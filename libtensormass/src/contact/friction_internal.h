@@ -1,4 +1,4 @@
-/* Insides of the stage "friction", shared by friction.c, friction_snapshot.c, the account of energy and patches. */
+/* Insides of the stage "friction", shared by friction.c, the account of energy and patches. */
 #ifndef TM_FRICTION_INTERNAL_H
 #define TM_FRICTION_INTERNAL_H
 
@@ -34,7 +34,7 @@ struct tm_friction {
     double lost_J;          /* to slip, in the last substep */
 };
 
-/* friction_snapshot.c: the stage's hooks */
+/* The stage's hooks. */
 int64_t tm_friction_snapshot(void *self, void *buffer);
 bool tm_friction_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
 void tm_friction_keep(void *self);

@@ -57,7 +57,8 @@ bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge) {
     return false;
 }
 
-void tm_tissue_place_edges(tm_tissue *tissue) {
+/* Gives every living edge its slot. */
+static void tm_tissue_place_edges(tm_tissue *tissue) {
     tm_force_graph *g = &tissue->graph;
     for (int32_t k = 0; k < g->vertex_count; k++) {
         int32_t slot = g->upper_begin[k];
@@ -142,7 +143,8 @@ static double asked_of(const tm_tissue *tissue, int32_t vertex) {
     return sum;
 }
 
-void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
+/* after its edges */
+static void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double *sum = tissue->graph.vertex_tensor + 9 * (int64_t)vertex;
     double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;

@@ -2,6 +2,8 @@
  * in the order of a fresh build. Subtracting would be quicker to write and would drift. */
 #include "tissue/cut_work.h"
 
+#include <string.h>
+
 /* --- surface --- */
 
 static void hide_face(tm_tissue *tissue, int32_t face) {
@@ -64,4 +66,98 @@ int32_t tm_cut_removed(const tm_tissue *tissue, const int32_t **tet) {
 int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
     *vertex = tissue->cut->vertex.item;
     return tissue->cut->vertex.count;
+}
+
+/* --- a tissue as a snapshot has it: living tetrahedra, and the slots of its surface --- */
+
+bool tm_tissue_surface_fits(const tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
+    const tm_mesh *mesh = tissue->mesh;
+    if (!tissue->cuttable)
+        return count == tissue->surface.count && !memcmp(face, tissue->surface.face, sizeof(int32_t) * (size_t)count);
+    int32_t outer = 0, *seen = tissue->cut->fan_of; /* work space: a bit for each face */
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        if (alive[t] > 1) return false;
+        seen[t] = 0;
+        for (int f = 0; f < 4 && alive[t]; f++) {
+            const int32_t other = mesh->tet_neighbour[4 * (int64_t)t + f];
+            outer += other < 0 || !alive[other];
+        }
+    }
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t f = face[i];
+        if (f < 0 || f >= 4 * mesh->tet_count || !alive[f / 4] || (seen[f / 4] & 1 << f % 4)) return false;
+        if (mesh->tet_neighbour[f] >= 0 && alive[mesh->tet_neighbour[f]]) return false;
+        seen[f / 4] |= 1 << f % 4;
+    }
+    return outer == count;
+}
+
+void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
+    const tm_mesh *mesh = tissue->mesh;
+    memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
+    tissue->alive_count = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
+    tm_tissue_assemble(tissue); /* which needs no memory where a tissue is cuttable */
+    tm_cut_count(tissue);
+    memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t f = face[i];
+        for (int k = 0; k < 3; k++)
+            tissue->surface_triangle[3 * i + k] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][k]];
+        tissue->surface_face[i] = f;
+        tissue->face_slot[f] = i;
+    }
+    tissue->surface.count = count;
+    tissue->surface.revision++;
+}
+
+/* Gives removed tetrahedra back: a step that fails has cut nothing. Backwards through the list of what went, so that
+ * every triangle finds the slot it had; then what was touched is summed again, in the order of a fresh build. */
+
+static void put_face(tm_tissue *tissue, int32_t face, int32_t slot) {
+    const int32_t *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
+    for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
+    tissue->surface_face[slot] = face;
+    tissue->face_slot[face] = slot;
+}
+
+/* Undoes what became of the four faces when the tetrahedron went: the last first. */
+static void take_back_surface(tm_tissue *tissue, int32_t tet, const int32_t slot[4]) {
+    for (int i = 3; i >= 0; i--) {
+        const int32_t face = 4 * tet + i;
+        if (slot[i] >= 0) { /* it had a slot, into which the last triangle moved */
+            const int32_t last = tissue->surface.count++;
+            if (slot[i] != last) put_face(tissue, tissue->surface_face[slot[i]], last);
+            put_face(tissue, face, slot[i]);
+        } else { /* its neighbour's side came out, as the last */
+            tissue->face_slot[tissue->surface_face[--tissue->surface.count]] = -1;
+        }
+    }
+}
+
+bool tm_cut_give_back(tm_tissue *tissue) {
+    if (tissue->undo_count == 0) return false;
+    tm_cut_work *w = tissue->cut;
+    w->call++;
+    w->vertex.count = w->edge.count = w->tet.count = 0;
+    while (tissue->undo_count > 0) {
+        const int32_t tet = w->undo_tet[--tissue->undo_count];
+        take_back_surface(tissue, tet, w->undo_slot + 4 * (int64_t)tissue->undo_count);
+        tissue->alive[tet] = 1;
+        tissue->alive_count++;
+        for (int e = 0; e < 6; e++) {
+            const int32_t edge = tissue->mesh->tet_edge[6 * (int64_t)tet + e];
+            w->edge_alive[edge]++;
+            tm_cut_see(&w->edge, w->call, edge);
+        }
+        for (int i = 0; i < 4; i++) {
+            const int32_t vertex = tissue->mesh->tet[4 * (int64_t)tet + i];
+            w->vertex_alive[vertex]++;
+            tm_cut_see(&w->vertex, w->call, vertex);
+        }
+    }
+    for (int32_t i = 0; !tissue->smoothed && i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);
+    tm_tissue_assemble_touched(tissue, w->vertex.item, w->vertex.count, w->edge.item, w->edge.count);
+    tissue->surface.revision = tissue->kept_revision;
+    return true;
 }

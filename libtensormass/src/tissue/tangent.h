@@ -20,11 +20,6 @@ void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
 /* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
 bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
-/* The block of vertices k <= l. */
-void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]);
-/* Of the domains of vertices begin to end, at the last look. */
-void tm_swollen_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent);
-int32_t tm_swollen_most_members(const tm_swollen *s);
 
 /* The tangent of the whole at u_m; or what turns, of some tetrahedra. */
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);

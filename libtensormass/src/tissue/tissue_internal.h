@@ -72,15 +72,12 @@ void tm_tissue_keep_blocks(tm_tissue *tissue);
 static inline int32_t tm_tissue_edge_slot(const tm_tissue *tissue, int32_t pair) {
     return tissue->edge_slot ? tissue->edge_slot[pair] : pair;
 }
-/* Gives every living edge its slot. */
-void tm_tissue_place_edges(tm_tissue *tissue);
 bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge);
 /* Takes the slot of an edge that has died; those behind it in the room move up. */
 void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge);
 /* The reverse, unless it has one: those behind it make room. */
 void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
-void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its edges */
 /* Everything from nothing, as the tetrahedra live. False: no memory (smoothed and not cuttable only). */
 bool tm_tissue_assemble(tm_tissue *tissue);
 /* What these vertices and edges have after a cut, or after it was taken back. */
@@ -96,8 +93,6 @@ static inline int32_t tm_tissue_faces_most(const tm_mesh *mesh) {
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
-/* The same; not computed, and 0 returned, when even the trace stays under `floor`. */
-double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
 /* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names

@@ -1,6 +1,7 @@
 /* Rigid motions of supports: fitted by unit quaternions (Horn, J. Opt. Soc. Am. A 4 (1987) 629), followed as screws. */
 #include "world/settle_path.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -268,4 +269,21 @@ void tm_settle_path_at(const tm_settle_path *path, double s, double *u_m) {
         for (int i = 0; i < 3; i++)
             if (path->held[at + i]) u_m[at + i] = s < 1 ? first[i] + s * (target[i] - first[i]) : target[i];
     }
+}
+
+tm_force_scale tm_force_scale_of(const tm_tissue *tissue) {
+    tm_force_scale scale = {.size_m = tm_mesh_size_m(tissue->mesh)};
+    double K[9];
+    for (int32_t v = 0; v < tissue->mesh->vertex_count; v++) {
+        tm_tissue_vertex_tensor(tissue, v, K);
+        for (int i = 0; i < 3; i++) scale.stiffness_N_m = fmax(scale.stiffness_N_m, K[4 * i]);
+    }
+    return scale;
+}
+
+double tm_force_scale_at(const tm_force_scale *scale, const double *u_m, int32_t n) {
+    double most_m = 0;
+    for (int32_t i = 0; i < n; i++) most_m = fmax(most_m, fabs(u_m[i]));
+    const double way = fmax(1e-4 * most_m, 1e-9 * scale->size_m);
+    return fmax(scale->stiffness_N_m * way, DBL_MIN);
 }

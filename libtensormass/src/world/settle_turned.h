@@ -4,7 +4,6 @@
 
 #include "tissue/tangent.h"
 #include "world/settle_path.h"
-#include "world/settle_scale.h"
 #include "world/world_internal.h"
 
 typedef struct tm_turned_rest {
