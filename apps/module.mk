@@ -11,11 +11,11 @@ $(call program,tm-evaluate,$(call files,apps/studies/evaluate/*.c),replay $(SIM_
 $(call program,tm-stability,$(call files,apps/studies/stability/*.c),$(APP_LIBS) tensormass $(DEVICE_LIBS),-lcjson)
 
 # tm-view and tm-play, and the modules they open: osmesa draws (opengl where a window is open), window is the one of tm-play, lcm listens to the network.
-VIEW_SRC := camera feed font inbox inside intake layout marks_find output overlay picture regions scene_marks still dress studio
+VIEW_SRC := camera feed font inbox inside intake layout marks_find output overlay picture regions scene_marks dress studio
 VIEW_LIBS := $(SCENE_LIBS) hrt_io hrt lcm_types
 $(call program,tm-view,$(patsubst %,apps/view/%.c,$(VIEW_SRC) main options),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
 $(call program,tm-play,apps/play/main.c apps/play/controls.c $(patsubst %,apps/view/%.c,$(VIEW_SRC)),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
-RENDER_SRC := $(patsubst %,apps/view/%.c,camera fairing marks marks_find picture reference render render_light render_make rim shapes sides skin)
+RENDER_SRC := $(patsubst %,apps/view/%.c,camera fairing marks marks_find picture reference render render_make rim shapes skin)
 $(call module,osmesa,$(RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa))
 $(call module,opengl,$(RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl))
 $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2))

@@ -16,7 +16,7 @@ $(call test,tests/mesh/test_image_volumes.c,$(patsubst %,apps/mesh/%.c,bisect gr
 $(call test,tests/mesh/test_shell.c,$(patsubst %,apps/mesh/%.c,bisect growing improve shell shell_stl),$(APP_LIBS) tensormass)
 # The child of the module 'image': of that module this file alone, which needs no library.
 $(call test,tests/mesh/test_box.cpp,apps/image/box.cpp)
-$(call test,tests/view/test_skin.c tests/view/test_fairing.c,$(patsubst %,apps/view/%.c,fairing picture reference rim sides skin))
+$(call test,tests/view/test_skin.c tests/view/test_fairing.c,$(patsubst %,apps/view/%.c,fairing picture reference rim skin))
 $(call test,tests/view/test_controls.c,apps/play/controls.c apps/view/camera.c,hrt)
 $(call test,tests/view/test_marks.c,$(patsubst %,apps/view/%.c,camera layout marks marks_find picture shapes))
 $(call objects,$(call tests_of,loop)): CFLAGS_EXTRA += -Wno-float-conversion

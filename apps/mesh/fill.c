@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "command.h"
-#include "fill_regions.h"
+#include "surfaces.h"
 
 enum { LIMIT = 5 * 1000 * 1000, SIDE_MOST = 1000 };
 

@@ -1,5 +1,5 @@
 /* Several closed surfaces become regions: the mesher of the module `image` asks which region a place is in. */
-#include "fill_regions.h"
+#include "surfaces.h"
 
 #include <math.h>
 #include <stdlib.h>

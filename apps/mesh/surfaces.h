@@ -33,4 +33,9 @@ int surfaces_label(const void *surfaces, const double p[3]);
 /* Onto the nearest of them. */
 void surfaces_project(const void *surfaces, double p[3]);
 
+/* --- several closed surfaces, next to or inside each other, as regions of one mesh --- */
+
+/* Tetrahedra of edges about `size_m`, conformal between regions; says what came of each. Exit code. */
+int fill_regions(const char *path, const surfaces *s, double size_m, tm_mesh_file *out);
+
 #endif

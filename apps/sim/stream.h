@@ -6,7 +6,7 @@
 #ifndef TM_SIM_STREAM_H
 #define TM_SIM_STREAM_H
 
-#include "scene/sample_rate.h"
+#include "scene/sim.h"
 
 typedef struct sim_stream {
     int32_t per_frame; /* base samples of a frame */

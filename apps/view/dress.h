@@ -4,7 +4,46 @@
 #define VIEW_DRESS_H
 
 #include "inside.h"
-#include "still.h"
+#include "marks.h"
+#include "picture.h"
+#include "scene/sim.h"
+#include "tensormass/mesh.h"
+#include "tensormass_io.h"
+
+/* --- the surface of a mesh that stands still, in the colours of its regions, whole or cut open by a plane --- */
+
+/* How a mesh is shown. */
+typedef struct view_cutaway {
+    bool clipped;
+    double normal[3], offset_m; /* what lies beyond middle + offset along it is taken away */
+    double through;             /* of the outer surface's light, 0..1: above 0 regions inside are drawn too */
+} view_cutaway;
+
+/* Names and colours: the largest region keeps the look of tissue, the others are told apart by it. */
+void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, view_picture *picture);
+/* Fills the picture's surface. False: no memory. Nothing is left where the plane takes all away: no triangles. */
+bool view_regions_surface(const tm_mesh *mesh, const view_cutaway *cut, view_picture *picture);
+
+/* --- marks of a scene that is open --- */
+
+/* False: no memory; the marks are then empty. */
+bool view_marks_take(view_marks *marks, const sim *s, bool supports, bool fibres);
+void view_marks_free(view_marks *marks);
+
+/* Which marks of a scene are wanted. */
+typedef struct view_mark_choice {
+    bool supports, fibres;
+} view_mark_choice;
+
+/* --- a picture from a file that does not move: a scene or a mesh --- */
+
+/* By the ending: a scene or a mesh, not a log. */
+bool view_is_still(const char *path);
+bool view_is_scene(const char *path);
+/* Fills the picture's surface, and of a scene its instruments where they start and its marks. 0, or an exit code after
+ * complaining. */
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, const view_cutaway *cut,
+                    view_picture *picture, view_marks *marks);
 
 typedef struct view_dress {
     const char *scene; /* null: nothing is added */

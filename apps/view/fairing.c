@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "sides.h"
+#include "rim.h"
 
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"

@@ -1,4 +1,4 @@
-#include "overlay.h"
+#include "studio.h"
 
 #include <math.h>
 #include <stdarg.h>

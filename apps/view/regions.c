@@ -1,4 +1,4 @@
-#include "regions.h"
+#include "dress.h"
 
 #include <ctype.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Inside the renderer: making it (render_make.c), the lights of a picture (render_light.c), its passes (render.c). */
+/* Inside the renderer: making it (render_make.c), the lights of a picture (render.c), its passes (render.c). */
 #ifndef VIEW_RENDER_PARTS_H
 #define VIEW_RENDER_PARTS_H
 
@@ -42,11 +42,5 @@ typedef struct view_light {
 tm_status view_renderer_create(const view_render_def *def, view_renderer **out, tm_error *error);
 void view_renderer_destroy(view_renderer *r);
 tm_status view_render_failed(tm_error *error, tm_status status, const char *what);
-
-/* Where the camera of this picture puts lamps and floor. */
-void view_light_set(const view_renderer *r, const view_camera *camera, view_light *light);
-/* Flattens everything along `towards` onto the floor, in the floor's own coordinates. */
-void view_light_flatten(const view_light *light, const float towards[3], float m[16]);
-void view_light_normalise(float a[3]);
 
 #endif

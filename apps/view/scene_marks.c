@@ -1,4 +1,4 @@
-#include "scene_marks.h"
+#include "dress.h"
 
 #include "picture.h"
 

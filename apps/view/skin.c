@@ -7,7 +7,6 @@
 #include "fairing.h"
 #include "reference.h"
 #include "rim.h"
-#include "sides.h"
 
 #define LAW_REAL float
 #include "libtensormass/numeric/union_find.h"

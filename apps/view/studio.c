@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "app.h"
-#include "overlay.h"
 
 view_studio_def view_studio_default(int width, int height) {
     return (view_studio_def){

@@ -4,6 +4,7 @@
 
 #include "camera.h"
 #include "font.h"
+#include "picture.h"
 #include "render.h"
 
 typedef struct view_studio_def {
@@ -37,5 +38,12 @@ tm_status view_studio_draw(view_studio *studio, view_picture *picture, tm_error 
 void view_studio_refit(view_studio *studio);
 /* Takes def.camera's new angles and zoom, looking at what was fitted first. */
 void view_studio_turn(view_studio *studio);
+
+/* --- words and figures on the picture --- */
+
+/* `drawn_hz`: pictures a second, 0 leaves it out. */
+void view_overlay(const view_canvas *canvas, const view_picture *picture, const view_camera *camera, double drawn_hz);
+/* The notice alone, on an empty dark picture: what is shown before there is any tissue. */
+void view_overlay_waiting(const view_canvas *canvas, const view_picture *picture);
 
 #endif

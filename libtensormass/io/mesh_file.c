@@ -1,4 +1,6 @@
 /* Meshes from files and into files: one reader a format (mesh_format.h), then the same for all. */
+#include "base/contract.h"
+
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -8,9 +10,9 @@
 #include <sys/stat.h>
 #include <sys/types.h>
 
-#include "base/contract.h"
 #include "mesh_raw.h"
 #include "place.h"
+#include "vtk_cells.h"
 
 static const tm_io_format *const formats[] = {
 #define ROW(name) &tm_io_format_##name,
@@ -66,7 +68,8 @@ static tm_status read_format(const char *path, tm_io_text *text, tm_io_raw *raw)
 
 /* --- reading --- */
 
-tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, tm_error *error) {
+/* The whole file and a NUL, malloced. */
+static tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, tm_error *error) {
     struct stat info;
     FILE *file = fopen(path, "rb");
     if (!file || fstat(fileno(file), &info) != 0) {
@@ -217,4 +220,41 @@ tm_status tm_mesh_file_write(const tm_mesh_file *file, const char *path, FILE *s
     if (fflush(stream) == 0 && !ferror(stream)) return TM_OK;
     return tm_fail(error, TM_ERR_FILE, -1, "%s: cannot be written to its end; free some space, or choose another place",
                    path);
+}
+
+/* --- surfaces of VTK's formats --- */
+
+static tm_status read_kind(const char *path, tm_io_text *text, tm_io_vtk *v) {
+    static const struct {
+        const char *ending, *dataset;
+    } kinds[] = {{".vtp", "PolyData"}, {".vtu", "UnstructuredGrid"}};
+    const char *dot = strrchr(path, '.');
+    for (int k = 0; dot && k < 2; k++)
+        if (strcasecmp(dot, kinds[k].ending) == 0) return tm_io_vtk_read_xml(text, kinds[k].dataset, v);
+    if (dot && strcasecmp(dot, ".vtk") == 0) return tm_io_vtk_read_legacy(text, "POLYDATA", v);
+    return tm_fail(text->error, TM_ERR_FILE, -1, "no kind of surface that is read here; give .vtp, .vtu or .vtk");
+}
+
+tm_status tm_surface_load(const char *path, double **corner, int32_t *triangles, tm_error *error) {
+    TM_REQUIRE(path && corner && triangles, "path, corner or triangles is null", TM_ERR_ARGUMENT);
+    char *bytes = NULL;
+    size_t size = 0;
+    *corner = NULL;
+    *triangles = 0;
+    tm_status status = tm_io_read_whole(path, &bytes, &size, error);
+    if (status) return tm_io_place(path, 0, status, error);
+    const tm_io_locale locale = tm_io_locale_enter();
+    tm_io_text text = {.at = bytes, .end = bytes + size, .error = error};
+    tm_io_vtk v = {.error = error};
+    status = read_kind(path, &text, &v);
+    if (!status) text.line = 0;
+    if (!status) status = tm_io_vtk_triangles(&v, corner, triangles);
+    tm_io_vtk_free(&v);
+    tm_io_locale_leave(locale);
+    free(bytes);
+    if (status) {
+        free(*corner);
+        *corner = NULL;
+    }
+    return tm_io_place(path, text.line, status, error);
 }

@@ -51,7 +51,4 @@ const char *tm_io_find(const char *at, const char *end, const char *word, size_t
 /* The line that `at` lies in. */
 int tm_io_line(const char *start, const char *at);
 
-/* The whole file and a NUL, malloced. */
-tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, tm_error *error);
-
 #endif

@@ -1,9 +1,11 @@
 /* The progress line. */
+#include "app.h"
+
 #include <stdarg.h>
 #include <stdio.h>
+#include <sys/random.h>
 #include <unistd.h>
 
-#include "app.h"
 #include "log_line.h"
 
 static bool quiet;
@@ -33,4 +35,12 @@ void app_progress(const char *what, double fraction, bool done) {
         if (fraction > 0.01) fprintf(stderr, ", %.0f s left", spent_s * (1 - fraction) / fraction);
     }
     fflush(stderr);
+}
+
+int64_t app_session(void) {
+    uint64_t drawn = 0;
+    if (getrandom(&drawn, sizeof drawn, GRND_NONBLOCK) != (ssize_t)sizeof drawn)
+        drawn = (uint64_t)app_monotonic_us() * 0x9e3779b97f4a7c15u + (uint64_t)getpid();
+    drawn &= INT64_MAX;
+    return drawn ? (int64_t)drawn : 1;
 }

@@ -3,7 +3,7 @@
 #include "choices.h"
 #include "effects.h"
 #include "hrt.h"
-#include "sample_rate.h"
+#include "sim.h"
 #include "solve_api.h"
 
 #define SENDS(ROW) ROW("force", SIM_SENDS_FORCE) ROW("stiffness", SIM_SENDS_STIFFNESS) ROW("patch", SIM_SENDS_PATCH)
@@ -51,7 +51,8 @@ sim_sends sim_sends_of(int extrapolator) {
                                                                        : SIM_SENDS_FORCE;
 }
 
-sim_sends sim_may_send(const sim *s) {
+/* What the scene's controllers may ask for, known before anything is built. */
+static sim_sends sim_may_send(const sim *s) {
     const sim_haptics *o = sim_options(s->scene, "haptics");
     if (!o || !sim_has(s, "contact")) return SIM_SENDS_FORCE;
     if (o->sends.line) return (sim_sends)o->sends.index;

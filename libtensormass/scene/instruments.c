@@ -84,7 +84,8 @@ static tm_status set_joint(const sim *s, int instrument, const app_number *value
     return 0;
 }
 
-tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+/* A pose of the scene as joints; one above the surface needs the mesh. 0 or a status. */
+static tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     const hrt_axes64 *axes = &s->axes[instrument];
     double shaft[3] = {pose->pitch.si, pose->yaw.si, pose->insertion.si};
     memset(joint, 0, SIM_JOINTS * sizeof *joint);

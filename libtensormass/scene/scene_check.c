@@ -95,7 +95,8 @@ tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
     return 0;
 }
 
-tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
+/* Exactly one selector, and it makes sense. `what` begins the complaint: "this support". */
+static tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
     int count =
         (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);
     if (!count)

@@ -13,8 +13,6 @@ typedef enum app_law { APP_LAW_YOUNG, APP_LAW_LAME, APP_LAW_PAPER, APP_LAW_FIVE,
 tm_status app_scene_law(const app_scene *scene, const app_material *material, app_law *law);
 static inline bool app_law_fibred(app_law law) { return law >= APP_LAW_PAPER; }
 
-/* Exactly one selector, and it makes sense. `what` begins the complaint: "this support". */
-tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what);
 /* mark[vertex_count] := 1 where selected. Complains where nothing is. `*count` is how many. */
 tm_status app_select_vertices(const app_scene *scene, const app_select *select, int line, const tm_mesh_file *mesh,
                               uint8_t *mark, int32_t *count);

@@ -40,11 +40,6 @@ tm_status app_scene_integers(reader *r, yaml_node_t *node, const app_field *fiel
 tm_status app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
                                  const char *shown, char *const *base);
 
-/* Refuses nesting, anchors, directives and counts that no scene has, in linear time. 0 or a status. */
-tm_status app_scene_check_limits(const app_scene *scene, const char *text, size_t size);
-/* What to do about a line (from 0) that is not YAML. */
-const char *app_scene_yaml_remedy(const char *text, size_t size, size_t line, const char *problem);
-
 /* Lays one "a.b[0].c=value" over the document, or takes "a.b" out of it. A step that is not there is made; a list's
  * item must be there. 0 or a status, having complained. */
 tm_status app_scene_apply_set(reader *r, int set);

@@ -1,8 +1,8 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
+#include "sim.h"
 #include "choices.h"
 #include "libtensormass/platform/clock.h"
 #include "models.h"
-#include "sample_rate.h"
 #include "surface.h"
 
 #include <errno.h>

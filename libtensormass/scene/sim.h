@@ -114,7 +114,7 @@ struct sim {
     int instrument_count;
 
     double frame_s, dt_s;
-    double sample_s;           /* from one base sample to the next (sample_rate.h); frame_s where a frame has one */
+    double sample_s;           /* from one base sample to the next (sim.h); frame_s where a frame has one */
     int32_t samples;           /* base samples of a frame, 1 without a controller */
     int32_t substeps, average; /* of a whole frame; of a sample's end */
     int32_t slice;             /* substeps of about a tenth of a second; 0: not measured yet */
@@ -201,8 +201,6 @@ void sim_frame_end(sim *s);
 
 /* What an extrapolator (hrt_extrapolator) needs. */
 sim_sends sim_sends_of(int extrapolator);
-/* What the scene's controllers may ask for, known before anything is built. */
-sim_sends sim_may_send(const sim *s);
 
 /* Joints to a pose in the world. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
@@ -210,8 +208,6 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
 bool sim_same_devices(const sim *s);
 /* Where instrument i stands with its shaft pushed in by insertion_m, turned as at the start. */
 tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m, bool active);
-/* A pose of the scene as joints; one above the surface needs the mesh. 0 or a status. */
-tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
 
 /* Where the scene's hand wants the instrument at a time. */
 tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s);
@@ -222,5 +218,23 @@ double sim_time_s(const sim *s);
 /* Living tetrahedra of the whole organ. */
 int32_t sim_alive(const sim *s);
 uint64_t sim_hash(const sim *s);
+
+/* --- how many force samples a frame has, and what may go with one --- */
+
+/* Who asks for forces; app_scene.pace. */
+typedef enum sim_scene_pace {
+    SIM_FRAMES = 0, /* the caller, once a frame */
+    SIM_LOCKSTEP,   /* controllers on a virtual clock */
+    SIM_REALTIME    /* controllers on the wall clock */
+} sim_scene_pace;
+
+/* Base samples of a frame that a scene asks for. */
+int32_t sim_stream_per_frame(const app_scene *scene);
+
+/* What may go with a force sample at a rate: a patch or stiffness costs more than a newer force where samples come so
+ * often, unless the scene names `haptics.sends`. */
+sim_sends sim_stream_sends(const sim *s, double rate_Hz);
+/* The same where the scene does not name it. */
+sim_sends sim_stream_sends_by_rate(double rate_Hz);
 
 #endif

@@ -1,13 +1,43 @@
 #include "solve_api.h"
 
-#include "cache.h"
-
 #include <dlfcn.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
+
+/* --- the folder of things that can be made again --- */
+
+static bool cache_folder(char *path, size_t size) {
+    const char *own = getenv("TM_CACHE_DIR"), *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
+    int length;
+    if (own && *own)
+        length = snprintf(path, size, "%s", own);
+    else if (xdg && *xdg)
+        length = snprintf(path, size, "%s/tensormass", xdg);
+    else if (home && *home)
+        length = snprintf(path, size, "%s/.cache/tensormass", home);
+    else
+        return false;
+    return length > 0 && (size_t)length < size;
+}
+
+static bool make_folders(char *path) {
+    for (char *slash = strchr(path + 1, '/'); slash; slash = strchr(slash + 1, '/')) {
+        *slash = 0;
+        bool there = mkdir(path, 0777) == 0 || errno == EEXIST;
+        *slash = '/';
+        if (!there) return false;
+    }
+    return mkdir(path, 0777) == 0 || errno == EEXIST;
+}
+
+/* The folder of things that can be made again: $TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else
+ * ~/.cache/tensormass. Made if it is not there; false when it cannot be. */
+static bool app_cache_folder(char *path, size_t size) { return cache_folder(path, size) && make_folders(path); }
 
 /* OpenBLAS, which the module brings, starts its threads as it is opened, maps 128 MB for itself and for each of them,
  * and where it cannot it tries for ever. The module uses one in each of its own threads; a process that is short of

@@ -2,8 +2,8 @@
 #include <math.h>
 
 #include "effects.h"
-#include "sample_rate.h"
 #include "scene_parts.h"
+#include "sim.h"
 #include "surface.h"
 
 /* Brain, the softest organ, has some 500 Pa; bone 2e10. */

@@ -43,7 +43,7 @@ int64_t tms_engine_bytes(const tms_engine *engine);
  * none). False: it is not there yet, and `*more` tells whether another call would bring something. */
 bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more);
 
-/* factored.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
+/* factored_engine.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
 void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
 
 /* factored_update.cpp: with Z = K^-1 E the columns of the touched components and D the stiffness that was cut off them,

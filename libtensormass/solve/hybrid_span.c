@@ -9,7 +9,7 @@
  * What rests is exact: rows of a shape and a border that stay bear what they bore. A span is as long as the force then
  * jumps by no more than a hundredth; it ends at once when a tool moves off, jaws work, or the tissue is cut. */
 #include "hybrid.h"
-#include "local_eval.h"
+#include "local.h"
 
 #include <math.h>
 #include <string.h>

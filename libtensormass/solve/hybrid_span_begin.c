@@ -5,8 +5,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "hybrid_span.h"
-
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
 
@@ -148,50 +146,4 @@ void tms_span_judge(tm_hybrid *h, const tms_span_past *past) {
     if (jump < JUMP_LITTLE) s->length += s->length > 1 ? s->length / 2 : 1;
     if (s->length > TMS_SPAN_MOST) s->length = TMS_SPAN_MOST;
     s->limit = s->length < s->most ? s->length : s->most;
-}
-
-/* Newton's method on lambda = skin(gap + give lambda): skins are lines with kinks, so where it is known which rows bear
- * anything, a step or two find the rest. Where it is not, sweeps of one row after the other come before each step: they
- * always come nearer. */
-
-enum { STEPS = 24, PLAIN = 3, SWEEPS = 8 };
-static const double SOLVED = 1e-9;      /* of the largest displacement that one of the forces makes */
-static const double TOUCHING_M = 1e-13; /* as of the whole solution (matrix.c) */
-
-double tms_span_gap(const tms_span_system *s, int32_t i) {
-    double gap = s->gap_m[i];
-    for (int32_t j = 0; j < s->count; j++) gap += s->give[i][j] * s->lambda_N[j];
-    return gap;
-}
-
-/* How far each is from what its skin bears, and the matrix of that; false: all are near enough. */
-static bool is_off(tms_span_system *s) {
-    double most = 0, worst = 0;
-    for (int32_t i = 0; i < s->count; i++) {
-        const double gap = tms_span_gap(s, i), own = s->give[i][i] + s->skin_m_N[i],
-                     bears = tm_skin_reaction(s->skin_m_N[i], s->radius_m[i], gap, 0, s->cap_N),
-                     per = gap < 0 && bears < s->cap_N ? 1 / tm_skin_slope(s->skin_m_N[i], s->radius_m[i], bears) : 0;
-        s->off_N[i] = s->lambda_N[i] - bears;
-        worst = fmax(worst, own * fabs(s->off_N[i]));
-        most = fmax(most, own * fabs(bears));
-        for (int32_t j = 0; j < s->count; j++) s->matrix[i * s->count + j] = per * s->give[i][j] + (i == j);
-    }
-    return !(worst <= SOLVED * most + TOUCHING_M);
-}
-
-static void sweep(tms_span_system *s) {
-    for (int32_t i = 0; i < s->count; i++) {
-        const double own = s->give[i][i], free_gap = tms_span_gap(s, i) - own * s->lambda_N[i];
-        s->lambda_N[i] = tm_skin_reaction(s->skin_m_N[i], s->radius_m[i], free_gap, own, s->cap_N);
-    }
-}
-
-bool tms_span_solve(tms_span_system *s) {
-    for (int step = 0; is_off(s); step++) {
-        if (step == STEPS || !tms_lu(s->matrix, s->pivot, s->count)) return false;
-        tms_lu_solve(s->matrix, s->pivot, s->count, s->off_N);
-        for (int32_t i = 0; i < s->count; i++) s->lambda_N[i] = fmin(fmax(s->lambda_N[i] - s->off_N[i], 0), s->cap_N);
-        for (int i = 0; step >= PLAIN && i < SWEEPS; i++) sweep(s);
-    }
-    return true;
 }

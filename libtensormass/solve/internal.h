@@ -46,8 +46,8 @@ void tms_bytes_text(int64_t bytes, char text[32]);
 /* False when the caller wants to stop. */
 bool tms_progress(const tm_solve_def *def, const char *what, double fraction, double seconds_left);
 
-/* --- util.c: memory of ours, of the one allocator (tm_set_allocator), aligned to 64 bytes, which knows its own size. What
- * CHOLMOD and Eigen take for themselves is theirs. --- */
+/* --- util.c: memory of ours, of the one allocator (tm_set_allocator), aligned to 64 bytes, which knows its own size.
+ * What CHOLMOD and Eigen take for themselves is theirs. --- */
 
 void *tms_take(size_t bytes);
 void *tms_take_zeroed(size_t count, size_t size);

@@ -1,10 +1,8 @@
 /* Newton's method: the whole matrix, by looking beside the shape, and the derivative of what it converged to. */
-#include "local_eval.h"
+#include "local.h"
 
 #include <math.h>
 #include <string.h>
-
-#include "local.h"
 
 /* Quick steps for ticks that differ little from the one before: the known matrix, mended by how the residual has
  * answered lately (Anderson's method). One look a step, where Newton's takes one for every Krylov vector; what it

@@ -1,7 +1,7 @@
 /* Friction on line (docs/friction.md): the law of the core's stage, at every shape that Newton's method
  * looks at. A station's force is the stretch of its skin since the solution before, shortened to its cone, so it is a
  * function of the shape as a row's force is of its gap; what slipped is settled when a solution is taken. */
-#include "local_eval.h"
+#include "local.h"
 
 #include <math.h>
 #include <string.h>

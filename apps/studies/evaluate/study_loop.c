@@ -85,7 +85,7 @@ typedef struct loop_case {
     double wall_N_s_m; /* damping of the exponential surface along the shaft, from one sample to the next */
 } loop_case;
 
-/* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/sample_rate.c). */
+/* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/ask.c). */
 static const double informed_rate_max_Hz = 50;
 
 static bool is_informed(const loop_case *c) { return c->model >= 0 || c->rate_Hz <= informed_rate_max_Hz; }

@@ -246,7 +246,10 @@ static void forget(tm_patch_solver *s, const tm_patch *patch) {
     memset(s->force_N, 0, sizeof s->force_N);
 }
 
-void tm_patch_solver_start(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row, int32_t row_count) {
+/* patch_force.c: what is solved next goes on from the reactions that the model itself found. Where the tissue has
+ * several rests under one tool, those of the frame before may lead to another one. */
+static void tm_patch_solver_start(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row,
+                                  int32_t row_count) {
     forget(s, patch);
     for (int32_t k = 0; k < row_count && s->row_count < LAW_ROWS; k++) {
         tm_contact_row own = row[k];

@@ -13,11 +13,6 @@ void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, 
 /* patch_force.c: where a vertex of the mesh stands in the patch, -1: it does not. */
 int32_t tm_patch_place(const tm_patch *patch, int32_t vertex);
 
-/* patch_force.c: what is solved next goes on from the reactions that the model itself found. Where the tissue has
- * several rests under one tool, those of the frame before may lead to another one. */
-void tm_patch_solver_start(tm_patch_solver *solver, const tm_patch *patch, const tm_contact_row *row,
-                           int32_t row_count);
-
 /* patch_force.c: tm_patch_stiffness from the model's own rows. False: the patch has another rest there than the model,
  * and its stiffness is that rest's. */
 bool tm_patch_find_stiffness(tm_patch_solver *solver, const tm_patch *patch, const tm_contact_row *row,

@@ -6,12 +6,10 @@
  * holds for every subset of them: after any cut, down to the last tetrahedron, with the bits of a fresh build. Weights
  * move what is asked for from vertices that lack mass to those that have some to spare, a few times over; the least
  * addition of all is taken. */
-#include "tissue/scaled.h"
+#include "tissue/tissue_internal.h"
 
 #include <math.h>
 #include <string.h>
-
-#include "tissue/tissue_internal.h"
 
 enum { SWEEPS = 40, IDLE = 6, EVALUATIONS_PER_TET = 12 };
 static const double HOT = 0.9, LEAST_LOAD = 0.05;

@@ -1,14 +1,10 @@
 /* Tissue: what it is made from, checked and copied. */
 #include "material/hyperelastic.h"
-#include "tissue/cut_work.h"
-#include "tissue/scaled.h"
-#include "tissue/smoothed.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "tissue/cut_work.h"
-#include "tissue/scaled.h"
 #include "tissue/smoothed.h"
 #include "tissue/tissue_internal.h"
 

@@ -93,6 +93,8 @@ static inline int32_t tm_tissue_faces_most(const tm_mesh *mesh) {
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
+/* The same; not computed, and 0 returned, when even the trace stays under `floor`. */
+double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
 /* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names
@@ -123,5 +125,12 @@ bool tm_cut_give_back(tm_tissue *tissue);
 bool tm_tissue_surface_fits(const tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count);
 /* Takes them: as if it had been cut until just these live, with the surface in these slots. */
 void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count);
+
+/* --- selective mass scaling: what a step asks vertices to weigh --- */
+
+/* Fills tissue->asked_kg for tissue->scaled_step_s; before assembly, whatever lives. False: no memory. */
+bool tm_scaled_ask(tm_tissue *tissue);
+/* After assembly: TM_ERR_LIMIT, naming the vertex that was added most to, above `most_share`. */
+tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *error);
 
 #endif

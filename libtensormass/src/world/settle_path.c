@@ -1,5 +1,5 @@
 /* Rigid motions of supports: fitted by unit quaternions (Horn, J. Opt. Soc. Am. A 4 (1987) 629), followed as screws. */
-#include "world/settle_path.h"
+#include "world/settle_turned.h"
 
 #include <float.h>
 #include <math.h>

@@ -1,8 +1,8 @@
 /* Rest of nonlinear tissue: Newton's method on the whole nonlinear problem, with conjugate gradients inside.
  *
- * Supports and loads come on in load steps: supports along their path (settle_path.h), loads as f(s) = f - (1 - s) r0,
- * r0 what the state at the start lacks, so that the start is at rest for s = 0. A load step that does not converge is
- * taken back and halved; so is one that turns tetrahedra inside out, or stores more than its forces worked. */
+ * Supports and loads come on in load steps: supports along their path (settle_turned.h), loads as f(s) = f - (1 - s)
+ * r0, r0 what the state at the start lacks, so that the start is at rest for s = 0. A load step that does not converge
+ * is taken back and halved; so is one that turns tetrahedra inside out, or stores more than its forces worked. */
 #include <math.h>
 #include <string.h>
 
