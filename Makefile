@@ -8,7 +8,7 @@ OUT := $(BUILD)$(if $(filter-out release,$(config)),/$(config))
 VENV ?= $(BUILD)/venv
 PREFIX ?= /usr/local
 DESTDIR ?=
-VERSION := 0.1.0
+VERSION := 0.2.0
 # What breaks the C interface: until 1.0 the second number, then the first (CONTRIBUTING.md).
 SOVERSION := $(if $(filter 0.%,$(VERSION)),$(basename $(VERSION)),$(firstword $(subst ., ,$(VERSION))))
 
@@ -44,7 +44,7 @@ BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
 INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/io/include -Ilibtensormass/scene/include -Ilibtensormass/src -Ihaptic_rt/core -Ilibtensormass -Ilibtensormass/platform -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
-# Libraries that lean on others of ours find them beside themselves; packages for a system's own folder say ORIGIN= .
+# Libraries that depend on others of ours find them beside themselves; packages for a system's own folder say ORIGIN= .
 ORIGIN ?= -Wl,-rpath,'$$ORIGIN'
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
@@ -147,7 +147,7 @@ $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%
 
 # What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads, under AddressSanitizer all but
 # the longest, whose code others run too.
-THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_borders physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
+THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 LONGEST := $(addprefix $(OUT)/tests/,physics/test_step_threads physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(filter-out $(LONGEST),$(TESTS)))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py

@@ -11,23 +11,23 @@ $(call program,tm-evaluate,$(call files,apps/studies/evaluate/*.c),replay $(SIM_
 $(call program,tm-stability,$(call files,apps/studies/stability/*.c),$(APP_LIBS) tensormass $(DEVICE_LIBS),-lcjson)
 
 # tm-view and tm-play, and the modules they open: osmesa draws (opengl where a window is open), window is the one of tm-play, lcm listens to the network.
-VIEW_SRC := camera feed font inbox inside intake layout marks_find output overlay picture regions scene_marks dress studio
+VIEW_SRC := camera message_source font inbox inner_regions message_validation layout marks_find output overlay picture regions scene_marks scene_decoration picture_renderer
 VIEW_LIBS := $(SCENE_LIBS) hrt_io hrt lcm_types
 $(call program,tm-view,$(patsubst %,apps/view/%.c,$(VIEW_SRC) main options),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
 $(call program,tm-play,apps/play/main.c apps/play/controls.c $(patsubst %,apps/view/%.c,$(VIEW_SRC)),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
-RENDER_SRC := $(patsubst %,apps/view/%.c,camera fairing marks marks_find picture reference render render_make rim shapes skin)
+RENDER_SRC := $(patsubst %,apps/view/%.c,camera fairing marks marks_find picture reference render render_make cut_outline shapes surface_smoothing)
 $(call module,osmesa,$(RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa))
 $(call module,opengl,$(RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl))
 $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2))
 $(call objects,apps/view/context_window.c apps/play/window.c): CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
 
 # tm-precompute, and with Open MPI (MPI=1, the default where mpicc is) tm-precompute-mpi, whose ranks share one factor with MUMPS (MUMPS=1, the default where its header is).
-$(call program,tm-precompute,apps/precompute/main.c apps/precompute/team_alone.c,$(SCENE_LIBS),-lyaml -lcjson)
+$(call program,tm-precompute,apps/precompute/main.c apps/precompute/ranks_alone.c,$(SCENE_LIBS),-lyaml -lcjson)
 MPI ?= $(if $(shell command -v mpicc),1,0)
 ifeq ($(MPI),1)
 MUMPS ?= $(if $(shell $(CC) -include dmumps_c.h -E -x c /dev/null 2>/dev/null | grep -m1 DMUMPS_STRUC_C),1,0)
 MUMPS := $(MUMPS)
-MPI_SRC := apps/precompute/team_mpi.c apps/precompute/shared_$(if $(filter 1,$(MUMPS)),mumps,none).c
+MPI_SRC := apps/precompute/ranks_mpi.c apps/precompute/distributed_$(if $(filter 1,$(MUMPS)),mumps,none).c
 $(call objects,$(MPI_SRC)): INCLUDES += $(call pkg_cflags,ompi-c)
 $(call program,tm-precompute-mpi,apps/precompute/main.c $(MPI_SRC),$(SCENE_LIBS),-lyaml -lcjson $$(call pkg_libs,ompi-c) $(if $(filter 1,$(MUMPS)),-ldmumps))
 # Linked anew when MUMPS came or went since it was built: what is only missing (.SECONDARY) makes nothing anew.
@@ -112,7 +112,7 @@ image:
 #: make meshes               the generated meshes of 50,000 tetrahedra, into build/meshes/
 MESHES_DIR ?= $(OUT)/meshes
 MESH_GENERATOR := $(OUT)/obj/apps/mesh/generate
-$(call executable,obj/apps/mesh/generate,$(call files,apps/mesh/generator/*.c) $(patsubst %,apps/mesh/%.c,growing bisect improve lattice))
+$(call executable,obj/apps/mesh/generate,$(call files,apps/mesh/generator/*.c) $(patsubst %,apps/mesh/%.c,mesh_builder bisect improve isosurface_stuffing))
 meshes: $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
 $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
 	@mkdir -p $(@D)

@@ -12,7 +12,7 @@ struct app_log {
     FILE *file;
     app_log_event event;
     uint8_t *data;
-    size_t room;
+    size_t capacity;
     bool damaged;
 };
 
@@ -65,14 +65,14 @@ static bool find_magic(app_log *log) {
 /* `size` bytes into log->data, which grows as they come. */
 static bool read_data(app_log *log, size_t size) {
     for (size_t have = 0; have < size || !log->data;) {
-        if (have == log->room) {
-            const size_t room = log->room ? 2 * log->room : FIRST_BYTES;
+        if (have == log->capacity) {
+            const size_t room = log->capacity ? 2 * log->capacity : FIRST_BYTES;
             uint8_t *larger = realloc(log->data, room);
             if (!larger) return false;
             log->data = larger;
-            log->room = room;
+            log->capacity = room;
         }
-        const size_t wanted = (size < log->room ? size : log->room) - have;
+        const size_t wanted = (size < log->capacity ? size : log->capacity) - have;
         const size_t got = fread(log->data + have, 1, wanted, log->file);
         if (got < wanted) return false;
         have += got;

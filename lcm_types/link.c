@@ -24,29 +24,29 @@ void app_link_free(app_link *link) {
 
 /* --- out --- */
 
-static bool make_room(app_link *link, int bytes) {
-    if (bytes <= link->room) return true;
+static bool reserve(app_link *link, int bytes) {
+    if (bytes <= link->capacity) return true;
     uint8_t *larger = realloc(link->buffer, 2 * (size_t)bytes);
     if (!larger) return false;
     link->buffer = larger;
-    link->room = 2 * bytes;
+    link->capacity = 2 * bytes;
     return true;
 }
 
 bool app_link_wanted(const app_link *link, app_message_kind kind, int instrument) {
-    char channel[APP_CHANNEL_ROOM];
+    char channel[APP_CHANNEL_CAPACITY];
     app_channel_name(kind, instrument, channel);
     return link->def.copy || !link->driver->wanted || link->driver->wanted(link, channel);
 }
 
 bool app_link_publish(app_link *link, app_message_kind kind, int instrument, int64_t utime, const void *message) {
-    char channel[APP_CHANNEL_ROOM];
+    char channel[APP_CHANNEL_CAPACITY];
     if (!app_link_wanted(link, kind, instrument)) return true;
     const int bytes = app_message_size(kind, message);
-    if (bytes <= 0 || !make_room(link, bytes)) return false;
+    if (bytes <= 0 || !reserve(link, bytes)) return false;
     if (app_message_encode(kind, link->buffer, bytes, message) != bytes) return false;
     app_channel_name(kind, instrument, channel);
-    if (app_message_sealed(kind)) app_seal(&link->key, channel, link->buffer, bytes);
+    if (app_message_has_tag(kind)) app_auth_tag(&link->key, channel, link->buffer, bytes);
     app_link *copy = link->def.copy;
     const bool copied = !copy || copy->driver->send(copy, channel, utime, link->buffer, bytes);
     return link->driver->send(link, channel, utime, link->buffer, bytes) && copied;
@@ -75,7 +75,7 @@ void app_link_give(app_link *link, const char *channel, int64_t utime, const voi
     if (!app_channel_find(channel, &kind, &instrument)) return;
     const app_topic *topic = topic_of(link, kind, instrument);
     if (!topic) return;
-    if (app_message_sealed(kind) && !app_sealed(&link->key, channel, bytes, size)) {
+    if (app_message_has_tag(kind) && !app_auth_check(&link->key, channel, bytes, size)) {
         count(&link->counts.forged);
         return;
     }

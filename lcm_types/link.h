@@ -7,7 +7,7 @@
 #include <stdatomic.h>
 
 #include "message.h"
-#include "seal.h"
+#include "auth.h"
 
 #define APP_LINK_URL "udpm://239.255.76.67:7667?ttl=0"
 
@@ -95,15 +95,15 @@ typedef struct app_queue app_queue;
 
 /* What befalls messages on their way to a link. What is sent to it at one instant goes together: it is late by the
  * same, and is lost as one. Nothing overtakes. */
-typedef struct app_mishaps {
+typedef struct app_impairments {
     double latency_s, jitter_s, loss; /* jitter: up to this more, evenly; loss: share */
     uint64_t *random;                 /* state of the generator (splitmix64); several links may share it */
-} app_mishaps;
+} app_impairments;
 
 app_queue *app_queue_create(int64_t now_us);
 void app_queue_set_clock(app_queue *queue, int64_t now_us);
-/* Hears every other link of the queue, by its topics. `mishaps` null: at once, and all. */
-app_link *app_link_join(app_queue *queue, const app_link_def *def, const app_mishaps *mishaps);
+/* Hears every other link of the queue, by its topics. `impairments` null: at once, and all. */
+app_link *app_link_join(app_queue *queue, const app_link_def *def, const app_impairments *impairments);
 /* After its links. Null: nothing. */
 void app_queue_destroy(app_queue *queue);
 

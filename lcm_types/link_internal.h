@@ -21,7 +21,7 @@ struct app_link {
     app_key key;
     app_link_counts counts;
     uint8_t *buffer;
-    int room;
+    int capacity;
 };
 
 /* A link of `bytes` (its driver's struct), all zero but for what `def` says. Null: no memory. */

@@ -52,15 +52,15 @@ static void came(void *user, const char *channel, int64_t utime, const void *dat
 
 static bool listen_to(network *n, const char *url, char *why, int why_size) {
     app_channel channel[APP_TOPICS_MAX];
-    char name[APP_TOPICS_MAX][APP_CHANNEL_ROOM];
+    char name[APP_TOPICS_MAX][APP_CHANNEL_CAPACITY];
     const int topics = n->link.def.topics;
     if (!topics) return true;
     for (int t = 0; t < topics; t++) {
         const app_topic *topic = &n->link.topic[t];
-        _Static_assert((int)APP_CHANNEL_ROOM == (int)APP_CHANNEL_NAME && (int)APP_TOPICS_MAX <= (int)APP_CHANNELS_MAX,
+        _Static_assert((int)APP_CHANNEL_CAPACITY == (int)APP_CHANNEL_NAME && (int)APP_TOPICS_MAX <= (int)APP_CHANNELS_MAX,
                        "of one size");
         app_channel_name(topic->kind, topic->instrument, name[t]);
-        channel[t] = (app_channel){name[t], app_message_most(topic->kind), came, n};
+        channel[t] = (app_channel){name[t], app_message_max(topic->kind), came, n};
     }
     n->receiver = app_receiver_open(url, channel, topics, why, why_size);
     return n->receiver != NULL;

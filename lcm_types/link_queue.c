@@ -11,7 +11,7 @@ enum { LINKS = 8, LETTERS = 4096 };
 typedef struct letter {
     struct letter *next;
     int64_t due_us;
-    char channel[APP_CHANNEL_ROOM];
+    char channel[APP_CHANNEL_CAPACITY];
     int size;
     uint8_t bytes[];
 } letter;
@@ -19,7 +19,7 @@ typedef struct letter {
 typedef struct queue_link {
     app_link link;
     app_queue *queue;
-    app_mishaps mishaps;
+    app_impairments impairments;
     letter *first, *last;
     int letters;
     /* of what is sent now */
@@ -52,7 +52,7 @@ static double next_random(uint64_t *state) {
 
 /* Once an instant. */
 static void draw(queue_link *to, int64_t now_us) {
-    const app_mishaps *m = &to->mishaps;
+    const app_impairments *m = &to->impairments;
     if (to->instant_us == now_us) return;
     to->instant_us = now_us;
     const double late_s = m->random ? m->latency_s + next_random(m->random) * m->jitter_s : m->latency_s;
@@ -131,12 +131,12 @@ static bool queue_close(app_link *link) {
 
 static const app_link_driver driver = {queue_send, queue_receive, queue_now_us, queue_wanted, NULL, queue_close};
 
-app_link *app_link_join(app_queue *queue, const app_link_def *def, const app_mishaps *mishaps) {
+app_link *app_link_join(app_queue *queue, const app_link_def *def, const app_impairments *impairments) {
     if (queue->links == LINKS) return NULL;
     queue_link *l = (queue_link *)app_link_new(sizeof *l, &driver, def);
     if (!l) return NULL;
     l->queue = queue;
-    if (mishaps) l->mishaps = *mishaps;
+    if (impairments) l->impairments = *impairments;
     l->instant_us = INT64_MIN;
     queue->link[queue->links++] = l;
     return &l->link;

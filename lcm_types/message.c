@@ -33,12 +33,12 @@ static const row rows[APP_KINDS] = {APP_MESSAGES(ROW)};
 
 static bool each(const row *r) { return r->channel[strlen(r->channel) - 1] == '_'; }
 
-void app_channel_name(app_message_kind kind, int instrument, char name[APP_CHANNEL_ROOM]) {
+void app_channel_name(app_message_kind kind, int instrument, char name[APP_CHANNEL_CAPACITY]) {
     const row *r = &rows[kind];
     if (each(r))
-        snprintf(name, APP_CHANNEL_ROOM, "%s%d", r->channel, instrument);
+        snprintf(name, APP_CHANNEL_CAPACITY, "%s%d", r->channel, instrument);
     else
-        snprintf(name, APP_CHANNEL_ROOM, "%s", r->channel);
+        snprintf(name, APP_CHANNEL_CAPACITY, "%s", r->channel);
 }
 
 bool app_channel_find(const char *channel, app_message_kind *kind, int *instrument) {
@@ -68,7 +68,7 @@ static int bytes_of(const lcm_field_t *f) {
     return (size_t)f->type < sizeof bytes / sizeof *bytes ? bytes[f->type] : 0;
 }
 
-bool app_message_sealed(app_message_kind kind) {
+bool app_message_has_tag(app_message_kind kind) {
     const app_message none = {0};
     lcm_field_t f, last = {.name = ""};
     for (int i = 0; rows[kind].field(&none, i, &f); i++) last = f;
@@ -77,7 +77,7 @@ bool app_message_sealed(app_message_kind kind) {
 
 static bool of_fixed_size(app_message_kind kind) { return rows[kind].most == 0; }
 
-int app_message_most(app_message_kind kind) {
+int app_message_max(app_message_kind kind) {
     static const app_message none;
     return of_fixed_size(kind) ? rows[kind].size(&none) : rows[kind].most;
 }
@@ -142,8 +142,8 @@ int app_message_encode(app_message_kind kind, void *bytes, int size, const void 
 
 bool app_message_decode(app_message_kind kind, const void *bytes, int size, void *message) {
     const row *r = &rows[kind];
-    if (size < FINGERPRINT || size > app_message_most(kind)) return false;
-    if (of_fixed_size(kind) ? size != app_message_most(kind) : !whole(r, bytes, size)) return false;
+    if (size < FINGERPRINT || size > app_message_max(kind)) return false;
+    if (of_fixed_size(kind) ? size != app_message_max(kind) : !whole(r, bytes, size)) return false;
     return r->decode(bytes, size, message) == size;
 }
 

@@ -31,18 +31,18 @@ typedef union app_message {
     APP_MESSAGES(APP_STRUCT_OF)
 } app_message;
 
-enum { APP_CHANNEL_ROOM = 32, APP_INSTRUMENTS = 2 };
+enum { APP_CHANNEL_CAPACITY = 32, APP_INSTRUMENTS = 2 };
 
 /* The channel of a kind; `instrument` is passed over where the kind has one channel. */
-void app_channel_name(app_message_kind kind, int instrument, char name[APP_CHANNEL_ROOM]);
+void app_channel_name(app_message_kind kind, int instrument, char name[APP_CHANNEL_CAPACITY]);
 /* False: no channel of ours. Of a kind with one channel the instrument is 0. */
 bool app_channel_find(const char *channel, app_message_kind *kind, int *instrument);
 /* "force_sample_t" */
 const char *app_message_type(app_message_kind kind);
-/* Does the last field, `tag`, hold an authentication code (seal.h)? */
-bool app_message_sealed(app_message_kind kind);
+/* Does the last field, `tag`, hold an authentication code (auth.h)? */
+bool app_message_has_tag(app_message_kind kind);
 /* No message of this kind is longer. */
-int app_message_most(app_message_kind kind);
+int app_message_max(app_message_kind kind);
 
 /* All zero, with empty texts (the generated encoder takes no null); not for app_message_cleanup. */
 void app_message_empty(app_message_kind kind, app_message *message);

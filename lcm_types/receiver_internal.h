@@ -46,7 +46,7 @@ struct app_receiver {
 
 /* Number of a channel, -1: not ours. */
 int app_receiver_find(const app_receiver *receiver, const char *name);
-void app_receiver_give(app_receiver *receiver, int channel, const void *data, int size);
+void app_receiver_dispatch(app_receiver *receiver, int channel, const void *data, int size);
 /* One packet as it came; for the socket and for the fuzzer. */
 void app_udpm_packet(app_receiver *receiver, const struct sockaddr_in *from, const uint8_t *packet, int size,
                      int64_t now_us);

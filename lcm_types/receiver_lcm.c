@@ -13,7 +13,7 @@ static void take(const lcm_recv_buf_t *raw, const char *channel, void *user) {
     if (raw->data_size > (uint32_t)r->channel[c].max_bytes)
         atomic_fetch_add(&r->counts.oversized, 1);
     else
-        app_receiver_give(r, c, raw->data, (int)raw->data_size);
+        app_receiver_dispatch(r, c, raw->data, (int)raw->data_size);
 }
 
 static bool lcm_driver_open(app_receiver *r, const char *url, char *why, int why_size) {

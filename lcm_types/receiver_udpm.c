@@ -39,7 +39,7 @@ static void take_short(app_receiver *r, const uint8_t *p, int size) {
         return;
     }
     const int channel = app_receiver_find(r, (const char *)p + SHORT_HEAD);
-    if (channel >= 0) app_receiver_give(r, channel, p + SHORT_HEAD + name, size - SHORT_HEAD - name);
+    if (channel >= 0) app_receiver_dispatch(r, channel, p + SHORT_HEAD + name, size - SHORT_HEAD - name);
 }
 
 static bool same_sender(const app_fragmented *f, const struct sockaddr_in *from) {
@@ -122,7 +122,7 @@ static void take_fragment(app_receiver *r, const struct sockaddr_in *from, const
     if (f->bytes != f->size)
         count(&r->counts.malformed);
     else if (f->channel >= 0)
-        app_receiver_give(r, f->channel, f->data, (int)f->size);
+        app_receiver_dispatch(r, f->channel, f->data, (int)f->size);
 }
 
 void app_udpm_packet(app_receiver *r, const struct sockaddr_in *from, const uint8_t *packet, int size, int64_t now_us) {

@@ -1,4 +1,4 @@
-# The libraries: build/lib/libNAME.a and .so. The core needs libc and libm alone; a reader of files, scenes and solvers lean on it.
+# The libraries: build/lib/libNAME.a and .so. The core needs libc and libm alone; a reader of files, scenes and solvers depend on it.
 $(call library,platform,$(call files,libtensormass/platform/*.c))
 $(call shared,tensormass,$(call files,libtensormass/src/*/*.c))
 $(call shared,tensormass_io,$(call files,libtensormass/io/*.c),tensormass)

@@ -1,7 +1,7 @@
 """Runs every test, or those of one room (`--room unit`): those that compute first, two at a time, then those that watch the wall clock (marker `clock`: guests, whole rings of
 programs, windows), which tests that compute would starve. Those mostly wait, so that three of them share two processors. What either leaves goes to the sanitizers' builds,
 in the scheduler's idle class, from first to last. Of those that watch the clock, what failed is run again by itself when all else has ended, at most twice
-(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`; the one before names the dearest.
+(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`; the one before names the costliest.
 Seconds of every test: build/tests/PHASE.xml."""
 import json
 import os
@@ -39,7 +39,7 @@ def record(name):
     return ["--junitxml", RECORDS[-1], "-o", "junit_duration_report=total"]
 
 
-def dearest(count=10):
+def costliest(count=10):
     """The tests that took longest: setup, call and teardown on the wall clock."""
     seconds = []
     for path in filter(os.path.exists, RECORDS):
@@ -107,8 +107,8 @@ def main():
     by_no_clock = {"unit", "physics"} & set(sys.argv[1:])  # rooms where nothing watches it, nor is left over (tests/conftest.py)
     counts = [phase("tests", *TOGETHER, *record("together"))] if by_no_clock else whole()
     passed, failed, skipped, retried = (sum(each) for each in zip(*counts))
-    if dearest():
-        print(f"dearest: {', '.join(dearest())}", flush=True)
+    if costliest():
+        print(f"costliest: {', '.join(costliest())}", flush=True)
     print(f"{passed} passed, {failed} failed, {skipped} skipped, {retried} retried", flush=True)
     return 1 if failed or not passed else 0
 

@@ -61,7 +61,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(call lib,hrt 
 	$(call to,$(SHARE)/lcm_types,lcm_types/*.lcm)
 	$(call to,$(SHARE)/python/tensormass_lcm,$(OUT)/python/tensormass_lcm/*.py)
 	$(call to,$(PREFIX)/include/tensormass_lcm/lcm_types,$(OUT)/gen/lcm_types/*.h)
-	$(call to,$(PREFIX)/include/tensormass_lcm,$(addprefix lcm_types/,seal.h receiver.h event_log.h))
+	$(call to,$(PREFIX)/include/tensormass_lcm,$(addprefix lcm_types/,auth.h receiver.h event_log.h))
 	$(call to,$(PREFIX)/include/tensormass_hrt,haptic_rt/core/hrt.h haptic_rt/core/gate.h)
 	$(call to,$(PREFIX)/include/tensormass_hrt/can,haptic_rt/can/*.h)
 	$(call pc,tensormass_hrt tensormass_lcm)

@@ -11,7 +11,7 @@ app_bench_def app_bench_default(int32_t cells, double size_m) {
                          .material_count = 1,
                          .step_fraction = tm_world_def_default().step_fraction,
                          .scaled_share = tissue.scaled_share,
-                         .volume_shear = tissue.volume_shear,
+                         .smoothed_shear_share = tissue.smoothed_shear_share,
                          .held = APP_HELD_BOTTOM};
     if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of ours */
     def.material[1] = def.material[0];
@@ -50,7 +50,7 @@ static tm_status open_tissue(const app_bench_def *def, app_bench *b, tm_error *e
     tissue.fibre = fibre, tissue.precision = def->precision, tissue.cuttable = def->cuttable;
     tissue.scaled_step_s = def->scaled_step_s, tissue.scaled_share = def->scaled_share;
     tissue.rotation = def->rotation;
-    tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
+    tissue.strain_smoothing = def->volume, tissue.smoothed_shear_share = def->smoothed_shear_share;
     tm_status status = tm_tissue_create(&tissue, &b->tissue, error);
     free(fibre);
     return status;
@@ -66,7 +66,7 @@ static bool second(const app_bench_def *def, const app_block *block, int32_t tet
 tm_status app_bench_open(const app_bench_def *def, app_bench *b, tm_error *error) {
     app_block block;
     memset(b, 0, sizeof *b);
-    if (!app_block_make(&block, def->cells, def->size_m))
+    if (!app_block_build(&block, def->cells, def->size_m))
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the block");
     int32_t *region = calloc((size_t)block.tet_count, sizeof *region);
     for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++)

@@ -25,7 +25,7 @@ typedef struct app_bench_def {
     double scaled_step_s, scaled_share; /* as tm_tissue_def has them */
     double rotation;                    /* threshold of the effect; 0: linear */
     bool volume;                        /* the effect of that name */
-    double volume_shear;
+    double smoothed_shear_share;
     const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
     enum { APP_HELD_NOT, APP_HELD_ONCE, APP_HELD_BOTTOM, APP_HELD_ALL } held;
     /* Last word on the geometry before the mesh is made; may be null. */

@@ -25,7 +25,7 @@ static void fill_cube(app_block *b, const int32_t corner[3], int32_t *tet) {
     }
 }
 
-bool app_block_make(app_block *b, const int32_t cells[3], const double size_m[3]) {
+bool app_block_build(app_block *b, const int32_t cells[3], const double size_m[3]) {
     memset(b, 0, sizeof *b);
     memcpy(b->cells, cells, sizeof b->cells);
     b->vertex_count = (cells[0] + 1) * (cells[1] + 1) * (cells[2] + 1);

@@ -12,7 +12,7 @@ typedef struct app_block {
 } app_block;
 
 /* From the origin to size_m. False when memory is short. */
-bool app_block_make(app_block *block, const int32_t cells[3], const double size_m[3]);
+bool app_block_build(app_block *block, const int32_t cells[3], const double size_m[3]);
 void app_block_free(app_block *block);
 /* Number of the vertex at lattice (i,j,k). */
 int32_t app_block_vertex(const app_block *block, int32_t i, int32_t j, int32_t k);

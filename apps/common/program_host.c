@@ -42,7 +42,7 @@ static void *open_module(const char *name, tm_error *error) {
 }
 
 const app_host *app_program_host(void) {
-    static tm_diagnostics printed = {.told = print};
+    static tm_diagnostics printed = {.on_diagnostic = print};
     static const app_host host = {
         .diagnostics = &printed, .progress = app_solve_progress, .stop = is_interrupted, .module = open_module};
     return &host;

@@ -245,7 +245,7 @@ def draw(a):
     view(a, "--frames", a.out / "frames", "--fps", "2", "--quality", "2")
     if not a.no_film:
         say("film")
-        view(a, "--film", a.out / "film.mp4", "--fps", "30", "--json", a.out / "film.json")
+        view(a, "--video", a.out / "film.mp4", "--fps", "30", "--json", a.out / "film.json")
 
 
 def ticks(path, instrument=None):

@@ -20,7 +20,7 @@
 
 namespace {
 
-enum { MOST_VOXELS = 1 << 30 };
+enum { MAX_VOXELS = 1 << 30 };
 
 typedef gdcm::DataSet Set;
 
@@ -228,8 +228,8 @@ static void read_here(const char *path, image_volume *out) {
     if (double(size_t(bytes->GetLength())) < wanted)
         throw refusal("%.0f bytes of voxels, its header says %.0f; the file is cut short or damaged: copy it anew",
                       double(size_t(bytes->GetLength())), wanted);
-    if (voxels > MOST_VOXELS)
-        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MOST_VOXELS));
+    if (voxels > MAX_VOXELS)
+        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
     snprintf(out->kind, sizeof out->kind, "DICOM-SEG");
     snprintf(out->unit, sizeof out->unit, "mm");
     out->label = (uint16_t *)calloc(size_t(voxels) + 1, sizeof *out->label);

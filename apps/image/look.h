@@ -7,8 +7,8 @@
 #include <string>
 
 // Bytes that the contents take in memory, at most: of an image its voxels, of a surface its points and faces.
-double look_at_image(const char *path);
-double look_at_surface(const char *path);
+double check_image(const char *path);
+double check_surface(const char *path);
 
 // Size of the file at `path`; throws if it cannot be opened or is no file.
 double look_file_bytes(const char *path, const char *wanted);

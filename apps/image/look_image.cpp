@@ -12,9 +12,9 @@
 
 namespace {
 
-enum { HEADER_MOST = 1 << 20, LINE_MOST = 1000, PAIR_MOST = 1 << 18, DIMENSIONS_MOST = 16 };
+enum { HEADER_MAX = 1 << 20, LINE_BYTES_MAX = 1000, PAIR_MAX = 1 << 18, DIMENSIONS_MAX = 16 };
 
-const double VOXELS_MOST = 1 << 30, PACKED_MOST = 1032; // deflate packs no better
+const double VOXELS_MAX = 1 << 30, PACKED_MAX = 1032; // deflate packs no better
 
 bool ends(const std::string &path, const char *ending) {
     const size_t n = strlen(ending);
@@ -44,7 +44,7 @@ double product(const char *key, const std::string &text, double count) {
     std::string word;
     double all = 1;
     int found = 0;
-    for (; words >> word; found++) all *= whole(key, word, 1, VOXELS_MOST);
+    for (; words >> word; found++) all *= whole(key, word, 1, VOXELS_MAX);
     if (found != count)
         throw refusal("its header says %d numbers as %s, and %.0f dimensions; the file is damaged: write it anew",
                       found, key, count);
@@ -86,8 +86,8 @@ void take_meta(const std::string &key, const std::string &value, double file_byt
 }
 
 // key = value, a line each, up to ElementDataFile.
-double look_at_meta(const char *path, double file_bytes) {
-    look_lines lines(path, HEADER_MOST, LINE_MOST);
+double check_meta(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MAX, LINE_BYTES_MAX);
     meta m;
     std::string line;
     while (lines.next(&line)) {
@@ -112,7 +112,7 @@ struct nrrd {
 };
 
 void take_nrrd(const std::string &key, const std::string &value, double file_bytes, nrrd *n) {
-    if (key == "dimension") n->dimensions = whole("dimension", value, 1, DIMENSIONS_MOST);
+    if (key == "dimension") n->dimensions = whole("dimension", value, 1, DIMENSIONS_MAX);
     if (key == "sizes") {
         if (!(n->dimensions > 0)) throw refusal("its header has 'sizes' before 'dimension'; write it anew");
         n->voxels = product("sizes", value, n->dimensions);
@@ -125,17 +125,17 @@ void take_nrrd(const std::string &key, const std::string &value, double file_byt
 
 // Fields "key: value" and pairs "key:=value" up to an empty line or the end (.nhdr). Values of fields go into buffers
 // of NrrdIO, those of pairs do not.
-double look_at_nrrd(const char *path, double file_bytes) {
-    look_lines lines(path, HEADER_MOST, PAIR_MOST);
+double check_nrrd(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MAX, PAIR_MAX);
     nrrd n;
     std::string line;
     while (lines.next(&line) && !line.empty()) {
         const size_t colon = line.find(':');
         const bool pair = colon != std::string::npos && line.compare(colon, 2, ":=") == 0, comment = line[0] == '#';
         if (comment || pair) continue;
-        if (line.size() > LINE_MOST)
+        if (line.size() > LINE_BYTES_MAX)
             throw refusal("line %d of its header has more than %d characters; the file is damaged: write it anew",
-                          lines.number, int(LINE_MOST));
+                          lines.number, int(LINE_BYTES_MAX));
         if (lines.number == 1) continue;
         if (colon == std::string::npos || line.compare(colon, 2, ": ") != 0)
             throw refusal("line %d of its header is no 'key: value'; the file is damaged: write it anew", lines.number);
@@ -147,7 +147,7 @@ double look_at_nrrd(const char *path, double file_bytes) {
 }
 
 // The first 348 bytes, packed or not, in either order of bytes.
-double look_at_nifti(const char *path) {
+double check_nifti(const char *path) {
     unsigned char header[348];
     gzFile file = gzopen(path, "rb");
     const int got = file ? gzread(file, header, sizeof header) : 0;
@@ -182,17 +182,17 @@ double look_at_nifti(const char *path) {
 
 } // namespace
 
-double look_at_image(const char *path) {
+double check_image(const char *path) {
     const double file_bytes = look_file_bytes(path, "NIfTI, NRRD, MetaImage or DICOM-SEG");
     const std::string name = path;
     const bool apart = ends(name, ".mhd") || ends(name, ".nhdr") || ends(name, ".hdr") || ends(name, ".img");
-    double bytes = PACKED_MOST * file_bytes;
+    double bytes = PACKED_MAX * file_bytes;
     look_lines first(path, 4, 4);
     if (first.text == "NRRD")
-        bytes = look_at_nrrd(path, file_bytes);
+        bytes = check_nrrd(path, file_bytes);
     else if (ends(name, ".mha") || ends(name, ".mhd"))
-        bytes = look_at_meta(path, file_bytes);
+        bytes = check_meta(path, file_bytes);
     else if (ends(name, ".nii") || ends(name, ".nii.gz") || ends(name, ".hdr"))
-        bytes = look_at_nifti(path);
-    return std::fmin(apart ? HUGE_VAL : PACKED_MOST * file_bytes, std::fmin(bytes, 8 * VOXELS_MOST));
+        bytes = check_nifti(path);
+    return std::fmin(apart ? HUGE_VAL : PACKED_MAX * file_bytes, std::fmin(bytes, 8 * VOXELS_MAX));
 }

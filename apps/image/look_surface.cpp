@@ -11,7 +11,7 @@
 
 namespace {
 
-enum { HEADER_MOST = 1 << 16, LINE_MOST = 1000, ELEMENTS_MOST = 20, PROPERTIES_MOST = 200, OFF_LINES = 100 };
+enum { HEADER_MAX = 1 << 16, LINE_BYTES_MAX = 1000, ELEMENTS_MAX = 20, PROPERTIES_MAX = 200, OFF_LINES = 100 };
 
 [[noreturn]] void lies() { throw refusal("its header counts more than the file holds: cut short; write it anew"); }
 
@@ -39,13 +39,13 @@ void take_property(std::istringstream &words, int elements, int *properties) {
     if (type == "list") words >> count >> item;
     words >> name;
     if (!elements) throw refusal("its header has a property before any element; the file is damaged: write it anew");
-    if (++*properties > PROPERTIES_MOST || name.empty() || (type != "list" && !is_ply_number(type)) ||
+    if (++*properties > PROPERTIES_MAX || name.empty() || (type != "list" && !is_ply_number(type)) ||
         (type == "list" && (!is_ply_number(count) || !is_ply_number(item))))
         throw refusal("its header has a property of an unknown kind ('%.40s'); write the surface anew", type.c_str());
 }
 
-void look_at_ply(const char *path, double file_bytes) {
-    look_lines lines(path, HEADER_MOST, LINE_MOST);
+void check_ply(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MAX, LINE_BYTES_MAX);
     std::string line;
     int elements = 0, properties = 0;
     bool vertices = false, faces = false;
@@ -64,8 +64,8 @@ void look_at_ply(const char *path, double file_bytes) {
         if (word == "property") take_property(words, elements, &properties);
         if (word != "element") continue;
         words >> name >> count;
-        if (++elements > ELEMENTS_MOST)
-            throw refusal("its header has more than %d elements; write it anew", int(ELEMENTS_MOST));
+        if (++elements > ELEMENTS_MAX)
+            throw refusal("its header has more than %d elements; write it anew", int(ELEMENTS_MAX));
         count_of(count, file_bytes);
         vertices |= name == "vertex";
         faces |= name == "face";
@@ -74,8 +74,8 @@ void look_at_ply(const char *path, double file_bytes) {
 }
 
 // OFF, then three counts, between comments and empty lines. What is binary has them as bytes, which CGAL checks.
-void look_at_off(const char *path, double file_bytes) {
-    look_lines lines(path, HEADER_MOST, HEADER_MOST);
+void check_off(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MAX, HEADER_MAX);
     std::string line;
     for (int i = 0; i < OFF_LINES && lines.next(&line); i++) {
         std::istringstream words(line.substr(0, line.find('#')));
@@ -91,10 +91,10 @@ void look_at_off(const char *path, double file_bytes) {
 
 } // namespace
 
-double look_at_surface(const char *path) {
+double check_surface(const char *path) {
     const double file_bytes = look_file_bytes(path, "surface");
     const char *dot = strrchr(path, '.');
-    if (dot && !strcasecmp(dot, ".ply")) look_at_ply(path, file_bytes);
-    if (dot && !strcasecmp(dot, ".off")) look_at_off(path, file_bytes);
+    if (dot && !strcasecmp(dot, ".ply")) check_ply(path, file_bytes);
+    if (dot && !strcasecmp(dot, ".off")) check_off(path, file_bytes);
     return 40 * file_bytes;
 }

@@ -11,7 +11,7 @@ bool image_is_dicom(const char *path);
 void image_read_dicom(const char *path, image_volume *out);
 image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);
 image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]);
-image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,
+image_end image_examine_surface(image_surface *surface, bool repair, image_defects *found, image_defects *left,
                                 char why[IMAGE_WHY]);
 
 #endif

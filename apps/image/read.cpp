@@ -27,7 +27,7 @@
 
 namespace {
 
-enum { MOST_VOXELS = 1 << 30 };
+enum { MAX_VOXELS = 1 << 30 };
 
 itk::ImageIOBase::Pointer reader_of(const char *path) {
     const itk::ImageIOBase::Pointer all[] = {itk::NiftiImageIO::New().GetPointer(),
@@ -111,7 +111,7 @@ void check_shape(const itk::ImageIOBase &io, image_volume *out) {
     if (dims < 3) throw refusal("%u dimensions; a volume has three", dims);
     for (unsigned k = 0; k < 3; k++) {
         if (io.GetDimensions(k) < 2) throw refusal("one voxel thick along axis %u; a volume needs two at least", k + 1);
-        if (io.GetDimensions(k) > MOST_VOXELS)
+        if (io.GetDimensions(k) > MAX_VOXELS)
             throw refusal("%zu voxels along axis %u; crop it", (size_t)io.GetDimensions(k), k + 1);
         out->size[k] = (int)io.GetDimensions(k);
     }
@@ -128,8 +128,8 @@ void check_shape(const itk::ImageIOBase &io, image_volume *out) {
 void check_size(const itk::ImageIOBase &io, const char *path, const image_volume &out) {
     const double voxels = double(out.size[0]) * out.size[1] * out.size[2],
                  bytes = voxels * double(io.GetComponentSize());
-    if (voxels > MOST_VOXELS)
-        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MOST_VOXELS));
+    if (voxels > MAX_VOXELS)
+        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
     struct stat info;
     const char *dot = strrchr(path, '.');
     const bool apart = dot && (!strcmp(dot, ".mhd") || !strcmp(dot, ".nhdr") || !strcmp(dot, ".hdr"));
@@ -293,7 +293,7 @@ void read_whole_vectors(const char *path, image_vectors *out) {
         throw refusal("its numbers are not float32 or float64; write directions so");
     image_volume place = {};
     for (unsigned k = 0; k < 3; k++) {
-        if (io->GetDimensions(k) < 1 || io->GetDimensions(k) > MOST_VOXELS / 8)
+        if (io->GetDimensions(k) < 1 || io->GetDimensions(k) > MAX_VOXELS / 8)
             throw refusal("%zu voxels along axis %u; crop it", (size_t)io->GetDimensions(k), k + 1);
         place.size[k] = out->size[k] = (int)io->GetDimensions(k);
     }
@@ -359,7 +359,7 @@ static box_limits limits_of(const char *path, double bytes) {
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]) {
     *out = image_volume();
     double bytes = 0;
-    const image_end looked = guarded([&] { bytes = look_at_image(path); }, why);
+    const image_end looked = guarded([&] { bytes = check_image(path); }, why);
     if (looked != IMAGE_DONE) return looked;
     const auto voxels = [out] { return double(out->size[0]) * out->size[1] * out->size[2]; };
     return image_box(
@@ -370,7 +370,7 @@ image_end image_read(const char *path, double unit_m, image_volume *out, char wh
         },
         [=](box_pipe &from) {
             const bool good = from.take(out, sizeof *out) && out->names >= 0 && out->names <= IMAGE_NAMES;
-            uint16_t *label = good ? (uint16_t *)from.take_array(voxels(), sizeof *label, MOST_VOXELS) : nullptr;
+            uint16_t *label = good ? (uint16_t *)from.take_array(voxels(), sizeof *label, MAX_VOXELS) : nullptr;
             if (!label) *out = image_volume();
             out->label = label;
             return label != nullptr;
@@ -380,7 +380,7 @@ image_end image_read(const char *path, double unit_m, image_volume *out, char wh
 image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAGE_WHY]) {
     *out = image_vectors();
     double bytes = 0;
-    const image_end looked = guarded([&] { bytes = look_at_image(path); }, why);
+    const image_end looked = guarded([&] { bytes = check_image(path); }, why);
     if (looked != IMAGE_DONE) return looked;
     const auto numbers = [out] { return 3.0 * out->size[0] * out->size[1] * out->size[2]; };
     return image_box(
@@ -391,7 +391,7 @@ image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAG
         },
         [=](box_pipe &from) {
             float *vector = from.take(out, sizeof *out)
-                                ? (float *)from.take_array(numbers(), sizeof *vector, 3.0 * MOST_VOXELS)
+                                ? (float *)from.take_array(numbers(), sizeof *vector, 3.0 * MAX_VOXELS)
                                 : nullptr;
             if (!vector) *out = image_vectors();
             out->vector = vector;

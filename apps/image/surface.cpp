@@ -1,4 +1,4 @@
-// Surfaces of triangles: OBJ, PLY, OFF and STL read, holes and triangles that cut each other found, and mended where
+// Surfaces of triangles: OBJ, PLY, OFF and STL read, holes and triangles that cut each other found, and repaired where
 // asked for, by CGAL's Polygon Mesh Processing (GPL).
 #include <CGAL/boost/graph/helpers.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -139,7 +139,7 @@ void find(const Mesh &mesh, image_defects *out) {
     if (!pairs.empty()) middle(mesh, pairs[0].first, out->crossing_at);
 }
 
-void mend_mesh(Mesh &mesh) {
+void repair_mesh(Mesh &mesh) {
     pmp::stitch_borders(mesh);
     pmp::experimental::remove_self_intersections(mesh);
     std::vector<Side> cycles;
@@ -200,15 +200,15 @@ image_end read_here(const char *path, image_surface *out, char *why) {
     });
 }
 
-image_end examine_here(image_surface *surface, bool mend, image_defects *found, image_defects *left, char *why) {
+image_end examine_here(image_surface *surface, bool repair, image_defects *found, image_defects *left, char *why) {
     return guarded(why, [&]() {
         Mesh mesh;
         soup s;
         make_mesh(*surface, mesh);
         find(mesh, found);
         *left = *found;
-        if (!mend) return IMAGE_DONE;
-        mend_mesh(mesh);
+        if (!repair) return IMAGE_DONE;
+        repair_mesh(mesh);
         mesh.collect_garbage();
         find(mesh, left);
         pmp::polygon_mesh_to_polygon_soup(mesh, s.points, s.polygons);
@@ -222,7 +222,7 @@ image_end examine_here(image_surface *surface, bool mend, image_defects *found, 
 image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]) {
     *out = image_surface();
     double bytes = 0;
-    const image_end looked = guarded(why, [&]() { return bytes = look_at_surface(path), IMAGE_DONE; });
+    const image_end looked = guarded(why, [&]() { return bytes = check_surface(path), IMAGE_DONE; });
     if (looked != IMAGE_DONE) return looked;
     return image_box(
         {"CGAL", 5 + std::ceil(bytes / 2e8), 6e8 + 10 * bytes, true}, why,
@@ -230,19 +230,19 @@ image_end image_read_surface(const char *path, image_surface *out, char why[IMAG
         [=](box_pipe &from) { return take(from, out); });
 }
 
-image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,
+image_end image_examine_surface(image_surface *surface, bool repair, image_defects *found, image_defects *left,
                                 char why[IMAGE_WHY]) {
-    const double seconds = 5 + std::ceil(surface->triangles / (mend ? 500.0 : 5000.0));
+    const double seconds = 5 + std::ceil(surface->triangles / (repair ? 500.0 : 5000.0));
     *found = *left = image_defects();
     return image_box(
         {"CGAL", seconds, 1e9 + 2e4 * surface->triangles, true}, why,
-        [=](char *said) { return examine_here(surface, mend, found, left, said); },
+        [=](char *said) { return examine_here(surface, repair, found, left, said); },
         [=](box_pipe &to) {
             to.put(found, sizeof *found);
             to.put(left, sizeof *left);
-            if (mend) put(to, surface);
+            if (repair) put(to, surface);
         },
         [=](box_pipe &from) {
-            return from.take(found, sizeof *found) && from.take(left, sizeof *left) && (!mend || take(from, surface));
+            return from.take(found, sizeof *found) && from.take(left, sizeof *left) && (!repair || take(from, surface));
         });
 }

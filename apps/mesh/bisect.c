@@ -4,24 +4,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "growing.h"
+#include "mesh_builder.h"
 
 typedef struct bag {
-    int *item, count, room;
+    int *item, count, capacity;
 } bag;
 
 typedef struct work {
     growing *m;
     bag *around; /* tetrahedra of each vertex, unordered */
-    int vertex_room, *parent, parent_room, *midpoint, first_new;
+    int vertex_capacity, *parent, parent_capacity, *midpoint, first_new;
 } work;
 
 static bool put(bag *b, int item) {
-    if (b->count == b->room) {
-        int room = b->room ? 2 * b->room : 8, *grown = realloc(b->item, (size_t)room * sizeof *grown);
+    if (b->count == b->capacity) {
+        int room = b->capacity ? 2 * b->capacity : 8, *grown = realloc(b->item, (size_t)room * sizeof *grown);
         if (!grown) return false;
         b->item = grown;
-        b->room = room;
+        b->capacity = room;
     }
     b->item[b->count++] = item;
     return true;
@@ -72,15 +72,15 @@ static int new_vertex(work *w, const edge *e) {
     for (int k = 0; k < 3; k++) p[k] = 0.5 * (a[k] + b[k]);
     int v = growing_add_vertex(w->m, p);
     if (v < 0) return -1;
-    if (v >= w->vertex_room) {
-        int room = 2 * w->vertex_room;
+    if (v >= w->vertex_capacity) {
+        int room = 2 * w->vertex_capacity;
         bag *bags = realloc(w->around, (size_t)room * sizeof *bags);
         if (bags) w->around = bags;
         int *ends = realloc(w->midpoint, 2 * (size_t)room * sizeof *ends);
         if (ends) w->midpoint = ends;
         if (!bags || !ends) return -1;
-        memset(w->around + w->vertex_room, 0, (size_t)(room - w->vertex_room) * sizeof *bags);
-        w->vertex_room = room;
+        memset(w->around + w->vertex_capacity, 0, (size_t)(room - w->vertex_capacity) * sizeof *bags);
+        w->vertex_capacity = room;
     }
     w->midpoint[2 * (v - w->first_new)] = e->a;
     w->midpoint[2 * (v - w->first_new) + 1] = e->b;
@@ -100,11 +100,11 @@ static bool halve(work *w, int tet, const edge *e, int middle) {
     if (m->no_memory) return false;
     memcpy(m->tet + 4 * (size_t)fresh, v, sizeof v);
     m->region[fresh] = m->region[tet];
-    if (fresh >= w->parent_room) {
-        int *grown = realloc(w->parent, 2 * (size_t)w->parent_room * sizeof *grown);
+    if (fresh >= w->parent_capacity) {
+        int *grown = realloc(w->parent, 2 * (size_t)w->parent_capacity * sizeof *grown);
         if (!grown) return false;
         w->parent = grown;
-        w->parent_room *= 2;
+        w->parent_capacity *= 2;
     }
     w->parent[fresh] = w->parent[tet];
     take(&w->around[e->b], tet);
@@ -143,11 +143,11 @@ static bool halve_near(work *w, int tet) {
 static bool start(work *w) {
     growing *m = w->m;
     w->first_new = m->vertex_count;
-    w->vertex_room = 2 * m->vertex_count + 16;
-    w->parent_room = 2 * m->tet_count + 16;
-    w->around = calloc((size_t)w->vertex_room, sizeof *w->around);
-    w->parent = malloc((size_t)w->parent_room * sizeof *w->parent);
-    w->midpoint = malloc(2 * (size_t)w->vertex_room * sizeof *w->midpoint);
+    w->vertex_capacity = 2 * m->vertex_count + 16;
+    w->parent_capacity = 2 * m->tet_count + 16;
+    w->around = calloc((size_t)w->vertex_capacity, sizeof *w->around);
+    w->parent = malloc((size_t)w->parent_capacity * sizeof *w->parent);
+    w->midpoint = malloc(2 * (size_t)w->vertex_capacity * sizeof *w->midpoint);
     if (!w->around || !w->parent || !w->midpoint) return false;
     for (int t = 0; t < m->tet_count; t++) {
         w->parent[t] = t;
@@ -166,7 +166,7 @@ bool growing_bisect(growing *m, growing_wanted_fn *wanted, const void *context, 
             if (!wanted(m, t, growing_longest_edge_m(m, t), context)) break;
             good = m->tet_count < limit && halve_near(&w, t);
         }
-    for (int v = 0; w.around && v < w.vertex_room; v++) free(w.around[v].item);
+    for (int v = 0; w.around && v < w.vertex_capacity; v++) free(w.around[v].item);
     free(w.around);
     if (!good && m->tet_count < limit) m->no_memory = true;
     *parent = w.parent;

@@ -7,14 +7,14 @@
 #include "command.h"
 #include "surfaces.h"
 
-enum { LIMIT = 5 * 1000 * 1000, SIDE_MOST = 1000 };
+enum { LIMIT = 5 * 1000 * 1000, SIDE_MAX = 1000 };
 
 typedef struct options {
     char *const *in;
     const char *out;
     int files;
     double scale, size_m; /* 0: not said */
-    bool mend;
+    bool repair;
 } options;
 
 static void usage(void) {
@@ -31,7 +31,7 @@ static void usage(void) {
         "               side of the box around them]\n"
         "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
         "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
-        "  --mend       close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
+        "  --repair     close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
         "               named and refused\n"
         "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
         tm_mesh_file_endings(true));
@@ -41,7 +41,7 @@ static int parse(int argc, char **argv, options *o) {
     static const struct option names[] = {{"size", required_argument, NULL, 'z'},
                                           {"scale", required_argument, NULL, 's'},
                                           {"unit", required_argument, NULL, 'u'},
-                                          {"mend", no_argument, NULL, 'm'},
+                                          {"repair", no_argument, NULL, 'm'},
                                           {"output", required_argument, NULL, 'o'},
                                           {"help", no_argument, NULL, 'h'},
                                           {0}};
@@ -56,10 +56,13 @@ static int parse(int argc, char **argv, options *o) {
         case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
         case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
         case 'u': good = command_unit("fill", optarg, &o->scale); break;
-        case 'm': o->mend = true; break;
+        case 'm': o->repair = true; break;
         case 'o': o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
-        default: return command_usage("fill", "bad option '%s'", argv[optind - 1]);
+        default:
+            if (!strcmp(argv[optind - 1], "--mend"))
+                return command_usage("fill", "--mend is called --repair since 0.2; write --repair");
+            return command_usage("fill", "bad option '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
         if (c == 'z' && !(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
@@ -175,11 +178,11 @@ static int check_size(const options *o, const surfaces *s) {
         if (s->piece[i].parent < 0) volume_m3 += shell_volume_m3(s->piece[i].shell);
     const double expected = 12 * volume_m3 / (o->size_m * o->size_m * o->size_m);
     const double side_m = longest_side_m(s);
-    if (side_m > SIDE_MOST * o->size_m)
+    if (side_m > SIDE_MAX * o->size_m)
         return app_bad_input(o->in[0], 0,
                              "its longest side, %.3g m, is more than %d times --size; choose a larger --size, or look "
                              "for a triangle far away",
-                             side_m, SIDE_MOST);
+                             side_m, SIDE_MAX);
     if (expected > LIMIT)
         return app_bad_input(
             o->in[0], 0, "about %.2g tetrahedra would come of it; choose a larger --size, or another --unit", expected);
@@ -195,7 +198,7 @@ int command_fill(int argc, char **argv) {
     tm_mesh_file out = {0};
     int exit = parse(argc, argv, &o);
     if (exit) return exit;
-    exit = surfaces_load(o.in, o.files, o.scale, o.mend, &s);
+    exit = surfaces_load(o.in, o.files, o.scale, o.repair, &s);
     if (!exit && !(o.size_m > 0)) o.size_m = longest_side_m(&s) / 14;
     if (!exit) exit = check_size(&o, &s);
     if (!exit) exit = s.whole ? fill_one(&o, s.whole, &out) : fill_regions(o.in[0], &s, o.size_m, &out);

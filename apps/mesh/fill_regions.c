@@ -13,8 +13,8 @@
 typedef struct job {
     const char *path;
     const surfaces *s;
-    double size_m, edge_m[SURFACES_MOST + 1], distance_m[SURFACES_MOST + 1];
-    double volume_m3[SURFACES_MOST + 1], area_m2[SURFACES_MOST + 1];
+    double size_m, edge_m[SURFACES_MAX + 1], distance_m[SURFACES_MAX + 1];
+    double volume_m3[SURFACES_MAX + 1], area_m2[SURFACES_MAX + 1];
     double *seed_m;
     int seeds, expected;
 } job;
@@ -184,8 +184,8 @@ static double tet_m3(const image_tets *m, int t) {
 
 /* A region that vanished is refused. */
 static int report(const job *j, const image_tets *m) {
-    int count[SURFACES_MOST + 1] = {0};
-    double volume[SURFACES_MOST + 1] = {0};
+    int count[SURFACES_MAX + 1] = {0};
+    double volume[SURFACES_MAX + 1] = {0};
     for (int t = 0; t < m->tets; t++) count[m->label[t]]++, volume[m->label[t]] += tet_m3(m, t);
     for (int r = 1; r <= j->s->regions; r++) {
         if (!count[r])

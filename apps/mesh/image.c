@@ -48,7 +48,7 @@ static int parse_label(const char *text, image_options *o) {
     const long value = strtol(text, &end, 10);
     if (end == text || value < 1 || value > 65535)
         return command_usage("image", "--label %s: a label is a number from 1 to 65535, or all", text);
-    if (o->regions == LABEL_MOST) return command_usage("image", "--label %s: more than %d labels", text, LABEL_MOST);
+    if (o->regions == LABEL_MAX) return command_usage("image", "--label %s: more than %d labels", text, LABEL_MAX);
     image_region *r = &o->region[o->regions + 1];
     *r = (image_region){.value = (int)value};
     for (int i = 1; i <= o->regions; i++)
@@ -212,7 +212,7 @@ static bool chooses(const image_options *o) { return o->regions && !o->all; }
 
 /* Where all labels stay: what was asked for some of them goes to their places among all. */
 static int spread_regions(const label_field *field, image_options *o) {
-    static image_region asked[LABEL_MOST + 1];
+    static image_region asked[LABEL_MAX + 1];
     const int count = o->regions;
     memcpy(asked, o->region, sizeof asked);
     memset(o->region, 0, sizeof o->region);
@@ -248,9 +248,9 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     int values = 0;
     for (size_t i = 0; i < voxels; i++)
         if (!most[volume->label[i]]) most[volume->label[i]] = true, values += volume->label[i] != 0;
-    if (!chooses(o) && values > LABEL_MOST)
+    if (!chooses(o) && values > LABEL_MAX)
         return app_bad_input(o->in, 0, "%d labels; choose up to %d of them with --label (or is it no segmentation?)",
-                             values, LABEL_MOST);
+                             values, LABEL_MAX);
     for (int l = 1; l <= f->labels; l++) {
         const image_region *r = &o->region[l];
         if (f->voxels[l] == 0)
@@ -311,14 +311,14 @@ const image_api *image_open_module(tm_error *error) {
 
 static int attempt(const image_api *api, image_options *o, const image_volume *volume, label_field *field,
                    image_mesh *mesh) {
-    int wanted[LABEL_MOST];
+    int wanted[LABEL_MAX];
     for (int r = 0; r < o->regions; r++) wanted[r] = o->region[r + 1].value;
-    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, o->even, field))
+    if (!label_field_build(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, o->even, field))
         return command_no_memory(o->in);
     int exit = chooses(o) ? APP_DONE : spread_regions(field, o);
     name_regions(volume, field, o);
     if (exit == APP_DONE) exit = check_labels(o, volume, field);
-    if (exit == APP_DONE) exit = image_make(api, o, field, mesh);
+    if (exit == APP_DONE) exit = image_build(api, o, field, mesh);
     return exit;
 }
 

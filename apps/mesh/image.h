@@ -20,14 +20,14 @@ typedef struct image_options {
     int budget;         /* tetrahedra; 0: by size; -1: real time */
     double budget_load; /* of a core, for real time */
     bool lloyd, perturb, exude, improve, volumes, allow_vanish, allow_apart, allow_thin, ras;
-    bool strict;                         /* lost detail is refused */
-    bool budget_said;                    /* by the user; else it is the default */
-    bool trial;                          /* nothing is said: what is proposed is tried */
-    double trial_until_s;                /* a trial ends then */
-    bool even;                           /* all labels are smoothed alike, thin ones, too */
-    image_region region[LABEL_MOST + 1]; /* from 1 */
-    int regions;                         /* named by --label */
-    bool all;                            /* the others stay, too; so they do where none is named */
+    bool strict;                        /* lost detail is refused */
+    bool budget_said;                   /* by the user; else it is the default */
+    bool trial;                         /* nothing is said: what is proposed is tried */
+    double trial_until_s;               /* a trial ends then */
+    bool even;                          /* all labels are smoothed alike, thin ones, too */
+    image_region region[LABEL_MAX + 1]; /* from 1 */
+    int regions;                        /* named by --label */
+    bool all;                           /* the others stay, too; so they do where none is named */
 } image_options;
 
 /* What came of one label. */
@@ -41,15 +41,15 @@ typedef struct image_result {
 /* A mesh on the image's grid (p = voxel * spacing) with sizes that were used. */
 typedef struct image_mesh {
     image_tets tets;
-    double edge_m[LABEL_MOST + 1], surface_m[LABEL_MOST + 1];
-    image_result of[LABEL_MOST + 1];
+    double edge_m[LABEL_MAX + 1], surface_m[LABEL_MAX + 1];
+    image_result of[LABEL_MAX + 1];
     double size_m, load; /* load: seconds of one core that a simulated second takes; 0: not asked for */
     int passes, loose;   /* loose: parts that were dropped */
     double loose_m3;
 } image_mesh;
 
 /* Fills `mesh`; exit code. */
-int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh);
+int image_build(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh);
 /* Drops parts of the mesh that hang on nothing, that are of labels in more pieces than in the image, and that have less
  * than image_loose_share of its volume. False: no memory. */
 bool image_drop_loose(const label_field *field, image_mesh *mesh);

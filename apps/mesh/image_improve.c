@@ -2,10 +2,10 @@
  */
 #include <stdlib.h>
 
-#include "growing.h"
 #include "image.h"
+#include "mesh_builder.h"
 
-static const double TURNED_LEAST = 0.7; /* cosine */
+static const double TURNED_MIN = 0.7; /* cosine */
 
 static bool none_wanted(const growing *m, int tet, double longest_m, const void *context) {
     (void)m, (void)tet, (void)longest_m, (void)context;
@@ -55,7 +55,7 @@ static bool settle(const void *context, int v, double p[3]) {
         const double *was = of->normal + 3 * (size_t)of->face[i];
         double n[3];
         growing_face_normal(of->mesh, c, n);
-        if (n[0] * was[0] + n[1] * was[1] + n[2] * was[2] < TURNED_LEAST) return false;
+        if (n[0] * was[0] + n[1] * was[1] + n[2] * was[2] < TURNED_MIN) return false;
     }
     return true;
 }

@@ -8,7 +8,7 @@
 #include "image.h"
 #include "step.h"
 
-enum { TETS_MOST = 5 * 1000 * 1000 };
+enum { TETS_MAX = 5 * 1000 * 1000 };
 
 static const double volume_aim = 0.01, count_low = 0.85, count_aim = 0.93;
 
@@ -111,7 +111,7 @@ static void correct_volumes(const pass *p, const image_mesh *mesh) {
         const image_result *r = &mesh->of[l];
         if (!(r->area_m2 > 0)) continue;
         const double bias = p->field->bias[l] + slope_1_m * (r->image_m3 - r->volume_m3) / r->area_m2;
-        p->field->bias[l] = (float)fmax(-LABEL_BIAS_MOST, fmin(LABEL_BIAS_MOST, bias));
+        p->field->bias[l] = (float)fmax(-LABEL_BIAS_MAX, fmin(LABEL_BIAS_MAX, bias));
     }
 }
 
@@ -183,7 +183,7 @@ static int check_count(const pass *p, double size_m) {
     set_sizes(p, size_m, &sizes);
     for (int l = 1; l <= p->field->labels; l++)
         count += 6 * (double)p->field->voxels[l] * s[0] * s[1] * s[2] / pow(sizes.edge_m[l], 3);
-    if (!(count > TETS_MOST)) return APP_DONE;
+    if (!(count > TETS_MAX)) return APP_DONE;
     if (p->o->trial) return APP_FAILED;
     return app_bad_input(p->o->in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or a --budget",
                          count);
@@ -208,7 +208,7 @@ static int check_budget(const pass *p, const image_mesh *mesh) {
     return APP_DONE;
 }
 
-int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh) {
+int image_build(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh) {
     pass p = {.api = api, .o = o, .field = field, .relax = 1};
     *mesh = (image_mesh){0};
     if (!set_domain(&p)) return command_no_memory(o->in);

@@ -3,10 +3,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "growing.h"
 #include "image.h"
 #include "libtensormass/numeric/union_find.h"
-#include "shell.h"
+#include "mesh_builder.h"
+#include "signed_distance.h"
 
 typedef struct side {
     int v[3], at; /* ascending; at = 4*tet + corner opposite */
@@ -214,14 +214,14 @@ bool image_measure(const label_field *field, image_mesh *mesh) {
 
 typedef struct soup {
     double *corner; /* [9*count] */
-    int count, room;
+    int count, capacity;
     bool no_memory;
 } soup;
 
 static void add_triangle(soup *s, const double *a, const double *b, const double *c) {
-    if (s->count == s->room) {
-        s->room = s->room ? 2 * s->room : 1024;
-        double *grown = realloc(s->corner, 9 * (size_t)s->room * sizeof *grown);
+    if (s->count == s->capacity) {
+        s->capacity = s->capacity ? 2 * s->capacity : 1024;
+        double *grown = realloc(s->corner, 9 * (size_t)s->capacity * sizeof *grown);
         s->no_memory = s->no_memory || !grown;
         if (grown) s->corner = grown;
     }

@@ -70,7 +70,7 @@ bool image_to_file(const image_options *o, const image_volume *volume, const lab
                    tm_mesh_file *out) {
     const image_tets *m = &mesh->tets;
     const bool mirrored = is_mirrored(volume);
-    int number[LABEL_MOST + 1], regions = 0; /* a label that vanished is no region */
+    int number[LABEL_MAX + 1], regions = 0; /* a label that vanished is no region */
     for (int l = 1; l <= field->labels; l++) number[l] = mesh->of[l].tets > 0 ? regions++ : -1;
     *out = (tm_mesh_file){
         .vertex_count = m->vertices, .tet_count = m->tets, .region_count = regions, .group_count = regions + 1};

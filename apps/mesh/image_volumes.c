@@ -6,27 +6,27 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "growing.h"
 #include "image.h"
+#include "mesh_builder.h"
 
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
 
-enum { ROUNDS = 200, PATIENCE = 10, TRIES = 3, MEET_MOST = 12, RELAX_EVERY = 4 };
-static const double NEAR = 2e-5, AT_ONCE = 0.1, FREE_LEAST = 1e-3; /* of volumes; of a vertex's freedom */
+enum { ROUNDS = 200, PATIENCE = 10, TRIES = 3, MEET_MAX = 12, RELAX_EVERY = 4 };
+static const double NEAR = 2e-5, AT_ONCE = 0.1, FREE_MIN = 1e-3; /* of volumes; of a vertex's freedom */
 
 typedef struct fitting {
     const label_field *field;
     image_tets *m;
     growing mesh;
     growing_fans fans;
-    growing_hold inner;        /* vertices within labels: they make room */
-    double *free;              /* [vertices] how much of its displacement a vertex takes: 0 to 1 */
-    double *matrix;            /* [labels*labels] */
-    double mu[LABEL_MOST + 1]; /* first what labels lack, then m per unit of gradient over area */
-    double wanted_m3[LABEL_MOST + 1], volume_m3[LABEL_MOST + 1];
-    bool given_up[LABEL_MOST + 1]; /* what lets no tetrahedron come near its volume keeps what it has */
-    double size_m, cosine;         /* worst allowed: size of a tetrahedron, cosine of its sharpest dihedral angle */
+    growing_hold inner;       /* vertices within labels: they make room */
+    double *free;             /* [vertices] how much of its displacement a vertex takes: 0 to 1 */
+    double *matrix;           /* [labels*labels] */
+    double mu[LABEL_MAX + 1]; /* first what labels lack, then m per unit of gradient over area */
+    double wanted_m3[LABEL_MAX + 1], volume_m3[LABEL_MAX + 1];
+    bool given_up[LABEL_MAX + 1]; /* what lets no tetrahedron come near its volume keeps what it has */
+    double size_m, cosine;        /* worst allowed: size of a tetrahedron, cosine of its sharpest dihedral angle */
 } fitting;
 
 /* --- what is worst --- */
@@ -69,8 +69,8 @@ static bool worse_than_worst(const growing *g, int t, double longest_m, const vo
 /* --- gradients --- */
 
 typedef struct gradients {
-    int count, label[MEET_MOST];
-    double g[MEET_MOST][3], area_m2; /* none: it lies within a label */
+    int count, label[MEET_MAX];
+    double g[MEET_MAX][3], area_m2; /* none: it lies within a label */
 } gradients;
 
 /* Of the volumes of the labels around a vertex; what is outside has none. */
@@ -82,7 +82,7 @@ static void find_gradients(const fitting *f, int v, gradients *out) {
         int at = 0, own = 0;
         double n[3];
         while (at < out->count && out->label[at] != f->m->label[t]) at++;
-        if (at == MEET_MOST) continue;
+        if (at == MEET_MAX) continue;
         if (at == out->count) {
             out->label[out->count++] = f->m->label[t];
             memset(out->g[at], 0, sizeof out->g[at]);
@@ -187,7 +187,7 @@ static void move_all(fitting *f) {
         for (int a = 0; a < g.count; a++)
             for (int k = 0; k < 3; k++) d[k] += f->free[v] * f->mu[g.label[a]] * g.g[a][k] / g.area_m2;
         const double part = move(f, v, d);
-        f->free[v] = part < 1 ? fmax(FREE_LEAST, f->free[v] * fmax(part, 0.25)) : fmin(1, 1.5 * f->free[v]);
+        f->free[v] = part < 1 ? fmax(FREE_MIN, f->free[v] * fmax(part, 0.25)) : fmin(1, 1.5 * f->free[v]);
     }
 }
 

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "growing.h"
 #include "libtensormass/numeric/random.h"
+#include "mesh_builder.h"
 
 bool growing_fans_make(const growing *m, growing_fans *out) {
     growing_fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int))};

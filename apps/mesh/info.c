@@ -64,7 +64,7 @@ typedef struct figures {
     int64_t aspect[BINS], dihedral[BINS];
     double worst_aspect, min_dihedral_deg, step_s, cut_step_s, median_step_s; /* cut_step_s: the worst element's */
     int32_t worst_aspect_tet, step_tet, cut_step_tet, pieces;
-    tm_numbering_figures numbering;
+    tm_numbering_stats numbering;
 } figures;
 
 static void usage(FILE *to, const char *command) {
@@ -214,15 +214,15 @@ static void print_tet(const tm_mesh_file *file, int32_t t) {
            (long long)file->vertex_tag[v[3]]);
 }
 
-static void print_numbering(const options *o, const tm_numbering_figures *n) {
-    if (n->poor)
+static void print_numbering(const options *o, const tm_numbering_stats *n) {
+    if (n->should_renumber)
         printf(
             "note: numbers jump: the two vertices of an edge are %.0f apart on average; scenes renumber them inside, "
             "which makes it %.0f and steps quicker, and for other programs there is tm-mesh renumber %s -o OUT\n",
             n->distance, n->renumbered, o->file);
 }
 
-static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
+static void print_statistics(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
     printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count,
            mesh->vertex_count, mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
     printf("box: %.4g %.4g %.4g to %.4g %.4g %.4g m (%.4g x %.4g x %.4g mm), volume %.4g cm3\n", f->low_m[0],
@@ -270,7 +270,7 @@ static cJSON *histogram_json(const int64_t count[BINS], const double *bound) {
     return all;
 }
 
-static cJSON *figures_json(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
+static cJSON *statistics_json(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "file", o->file);
     cJSON_AddNumberToObject(root, "scale", o->scale);
@@ -282,7 +282,7 @@ static cJSON *figures_json(const tm_mesh_file *file, const tm_mesh *mesh, const 
     cJSON *numbering = cJSON_AddObjectToObject(root, "numbering");
     cJSON_AddNumberToObject(numbering, "distance", f->numbering.distance);
     cJSON_AddNumberToObject(numbering, "renumbered", f->numbering.renumbered);
-    cJSON_AddBoolToObject(numbering, "poor", f->numbering.poor);
+    cJSON_AddBoolToObject(numbering, "poor", f->numbering.should_renumber);
     add_three(root, "low_m", f->low_m);
     add_three(root, "high_m", f->high_m);
     cJSON_AddNumberToObject(root, "volume_m3", f->volume_m3);
@@ -345,12 +345,12 @@ static int run(const char *command, int argc, char **argv) {
     else if (measure_step(mesh, &o, &f, &error))
         exit = app_report("tm-mesh", 0, &error);
     else {
-        cJSON *root = o.json ? figures_json(&file, mesh, &o, &f) : NULL;
+        cJSON *root = o.json ? statistics_json(&file, mesh, &o, &f) : NULL;
         if (root && app_json_write(o.json, root, &error)) exit = app_report(NULL, 0, &error);
         cJSON_Delete(root);
     }
     if (exit == APP_DONE && strcmp(command, "info") == 0)
-        print_figures(&file, mesh, &o, &f);
+        print_statistics(&file, mesh, &o, &f);
     else if (exit == APP_DONE && !app_is_quiet()) {
         printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
                mesh->vertex_count, 1e3 * f.step_s);

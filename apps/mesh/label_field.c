@@ -18,7 +18,7 @@ static bool number_labels(const image_volume *image, const int *wanted, int coun
     if (wanted)
         for (int w = 0; w < count; w++) f->value[++f->labels] = wanted[w];
     else
-        for (int v = 1; v < 65536 && f->labels < LABEL_MOST; v++)
+        for (int v = 1; v < 65536 && f->labels < LABEL_MAX; v++)
             if (there[v]) f->value[++f->labels] = v;
     for (int l = 1; l <= f->labels; l++) number[f->value[l]] = (uint8_t)l;
     free(there);
@@ -73,7 +73,7 @@ typedef struct flood {
     int64_t *stack;
     label_piece *found;
     int64_t *first; /* a voxel of each */
-    int count, room;
+    int count, capacity;
 } flood;
 
 static void place_of(const label_field *f, int64_t i, int place[3]) {
@@ -135,11 +135,11 @@ static bool find_pieces(const label_field *f, flood *w) {
     memset(w->piece, 0xff, voxels * sizeof *w->piece);
     for (size_t i = 0; i < voxels; i++) {
         if (w->piece[i] >= 0) continue;
-        if (w->count == w->room) {
-            w->room = w->room ? 2 * w->room : 256;
-            label_piece *found = realloc(w->found, (size_t)w->room * sizeof *found);
+        if (w->count == w->capacity) {
+            w->capacity = w->capacity ? 2 * w->capacity : 256;
+            label_piece *found = realloc(w->found, (size_t)w->capacity * sizeof *found);
             if (found) w->found = found;
-            int64_t *first = realloc(w->first, (size_t)w->room * sizeof *first);
+            int64_t *first = realloc(w->first, (size_t)w->capacity * sizeof *first);
             if (first) w->first = first;
             if (!found || !first) return false;
         }
@@ -150,7 +150,7 @@ static bool find_pieces(const label_field *f, flood *w) {
 
 /* The label that a piece touches most, over faces. */
 static int label_around(const label_field *f, const flood *w, int piece, int64_t *members, int64_t *count) {
-    int64_t touched[LABEL_MOST + 1] = {0}, next[26], seen = 0;
+    int64_t touched[LABEL_MAX + 1] = {0}, next[26], seen = 0;
     members[seen++] = w->first[piece];
     /* the piece's voxels again, marked by a piece that none has */
     w->piece[members[0]] = -2;
@@ -173,7 +173,7 @@ static int label_around(const label_field *f, const flood *w, int piece, int64_t
 }
 
 static void join_specks(label_field *f, flood *w, int64_t specks) {
-    int largest[LABEL_MOST + 1];
+    int largest[LABEL_MAX + 1];
     memset(largest, 0xff, sizeof largest);
     for (int p = 0; p < w->count; p++) {
         int *l = &largest[w->found[p].label];
@@ -195,8 +195,8 @@ static void measure(label_field *f) {
     const double area[3] = {f->spacing_m[1] * f->spacing_m[2], f->spacing_m[0] * f->spacing_m[2],
                             f->spacing_m[0] * f->spacing_m[1]};
     const int64_t step[3] = {1, f->size[0], (int64_t)f->size[0] * f->size[1]};
-    int low[LABEL_MOST + 1][3], high[LABEL_MOST + 1][3];
-    for (int l = 0; l <= LABEL_MOST; l++)
+    int low[LABEL_MAX + 1][3], high[LABEL_MAX + 1][3];
+    for (int l = 0; l <= LABEL_MAX; l++)
         for (int k = 0; k < 3; k++) low[l][k] = f->size[k], high[l][k] = -1;
     for (int64_t i = 0; i < (int64_t)count_of(f); i++) {
         const int label = f->at[i];
@@ -242,8 +242,8 @@ static void find_seeds(label_field *f, const flood *w) {
     free(strongest);
 }
 
-bool label_field_make(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth, bool even,
-                      label_field *f) {
+bool label_field_build(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth,
+                       bool even, label_field *f) {
     *f = (label_field){0};
     flood w = {0};
     uint8_t *number = calloc(65536, 1);

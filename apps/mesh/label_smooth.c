@@ -21,9 +21,9 @@ static size_t index_of(const label_field *f, int x, int y, int z) {
 }
 
 /* Boxes of all labels, grown by `margin`, within the field. */
-static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MOST + 1]) {
-    int high[LABEL_MOST + 1][3];
-    for (int l = 0; l <= LABEL_MOST; l++)
+static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MAX + 1]) {
+    int high[LABEL_MAX + 1][3];
+    for (int l = 0; l <= LABEL_MAX; l++)
         for (int k = 0; k < 3; k++) boxes[l].low[k] = f->size[k], high[l][k] = -1;
     const uint8_t *at = f->at;
     for (int z = 0; z < f->size[2]; z++)
@@ -35,7 +35,7 @@ static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MOST + 
                     if (p[k] > high[*at][k]) high[*at][k] = p[k];
                 }
             }
-    for (int l = 0; l <= LABEL_MOST; l++)
+    for (int l = 0; l <= LABEL_MAX; l++)
         for (int k = 0; k < 3; k++) {
             boxes[l].low[k] = boxes[l].low[k] > margin ? boxes[l].low[k] - margin : 0;
             high[l][k] = high[l][k] + margin < f->size[k] ? high[l][k] + margin : f->size[k] - 1;
@@ -115,7 +115,7 @@ static float sigma_of(const label_field *f, int label, double smooth) {
 /* Thin labels first; the others share what these leave of a place as they would have shared what the thin ones, as
  * smooth as they, had left: two labels meet where each is a half, whatever their Gaussians. */
 static void smooth_all(label_field *f, double smooth, blur *with, float *const room[4], float *line) {
-    static box boxes[LABEL_MOST + 1];
+    static box boxes[LABEL_MAX + 1];
     float *value = room[0], *total = room[1], *wide = room[2], *share = room[3];
     const size_t voxels = (size_t)f->size[0] * (size_t)f->size[1] * (size_t)f->size[2];
     find_boxes(f, with->reach, boxes);

@@ -1,4 +1,4 @@
-/* tm-mesh: looks at meshes, refuses bad ones, mends and refines them. */
+/* tm-mesh: looks at meshes, refuses bad ones, repairs and refines them. */
 #include <string.h>
 
 #include "command.h"

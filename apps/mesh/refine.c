@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "command.h"
-#include "growing.h"
+#include "mesh_builder.h"
 
 enum { LIMIT = 20 * 1000 * 1000 };
 

@@ -132,7 +132,7 @@ static int write_numbers(const int32_t *was, int32_t count, const char *path) {
 }
 
 static int write_all(const options *o, const tm_mesh *mesh, const numbers *was, const tm_mesh_file *out) {
-    tm_numbering_figures f;
+    tm_numbering_stats f;
     tm_error error = {0};
     if (!tm_mesh_numbering_measure(mesh, &f)) return command_no_memory(o->in);
     int exit = o->fibres ? carry_fibres(o, mesh, was) : APP_DONE;

@@ -17,7 +17,7 @@ static void repair_usage(void) {
            "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie "
            "over others, and vertices\n"
            "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be "
-           "mended.\n\n"
+           "repaired.\n\n"
            "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
            "  --largest         keep only the largest of several pieces\n"
            "  --unit UNIT       of the file's coordinates: m, cm, mm, um or inch [m]\n"
@@ -156,9 +156,9 @@ static int32_t merge_vertices(tm_mesh_file *mesh, double distance_m) {
     return merged;
 }
 
-/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be mended (said), -2: no
+/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be repaired (said), -2: no
  * memory. */
-static int64_t mend_round(tm_mesh_file *mesh, const char *path, int64_t done[TM_DEFECT_KINDS]) {
+static int64_t repair_pass(tm_mesh_file *mesh, const char *path, int64_t done[TM_DEFECT_KINDS]) {
     int64_t count = tm_mesh_file_defects(mesh, NULL, 0);
     tm_mesh_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
     uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
@@ -228,10 +228,10 @@ typedef struct outcome {
 } outcome;
 
 /* In memory. Returns APP_DONE, or an exit code after a complaint. */
-static int mend(tm_mesh_file *mesh, const options *o, outcome *out) {
+static int repair_mesh(tm_mesh_file *mesh, const options *o, outcome *out) {
     int64_t left = 1;
     out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;
-    for (int round = 0; left > 0 && round < 20; round++) left = mend_round(mesh, o->in, out->done);
+    for (int round = 0; left > 0 && round < 20; round++) left = repair_pass(mesh, o->in, out->done);
     if (left == -1) return APP_BAD_INPUT;
     if (left == 0 && o->largest) out->far = keep_largest(mesh);
     if (out->merged < 0 || left < 0 || out->far < 0)
@@ -273,7 +273,7 @@ static int load_write(const char *command, const options *o) {
     tm_mesh *built = NULL;
     bool repair = strcmp(command, "repair") == 0;
     if (tm_mesh_file_load(o->in, o->scale, &mesh, &error)) return app_report(NULL, 0, &error);
-    int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
+    int exit = repair ? repair_mesh(&mesh, o, &out) : APP_DONE;
     if (exit == APP_DONE && tm_mesh_file_build(&mesh, &built, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && o->fibres) exit = take_fibres(o->fibres, built, &mesh);
     if (exit == APP_DONE && app_mesh_write(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);

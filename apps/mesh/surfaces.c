@@ -53,17 +53,17 @@ static void describe(const image_defects *d, double scale, char *text, size_t si
                  mm * d->crossing_at[1], mm * d->crossing_at[2]);
 }
 
-static int examine(const char *path, const image_api *api, double scale, bool mend, image_surface *s) {
+static int examine(const char *path, const image_api *api, double scale, bool repair, image_surface *s) {
     image_defects found, left;
     char why[IMAGE_WHY] = "", text[400];
-    const int exit = from_module(api->examine_surface(s, mend, &found, &left, why), path, why);
+    const int exit = from_module(api->examine_surface(s, repair, &found, &left, why), path, why);
     if (exit) return exit;
     describe(&left, scale, text, sizeof text);
     if (left.holes || left.crossings)
-        return app_bad_input(path, 0, "%s%s; %s", mend ? "cannot be mended wholly: " : "", text,
-                             mend ? "repair it in MeshLab or Blender" : "--mend mends what can be");
+        return app_bad_input(path, 0, "%s%s; %s", repair ? "cannot be repaired wholly: " : "", text,
+                             repair ? "repair it in MeshLab or Blender" : "--repair repairs what can be");
     describe(&found, scale, text, sizeof text);
-    if (found.holes || found.crossings) app_remark("%s: mended: %s\n", path, text);
+    if (found.holes || found.crossings) app_remark("%s: repaired: %s\n", path, text);
     return APP_DONE;
 }
 
@@ -92,9 +92,9 @@ static tm_status split(const shell *all, int file, surfaces *out, tm_error *erro
     int *piece = malloc(((size_t)shell_triangles(all) + 1) * sizeof *piece);
     const int pieces = piece ? shell_pieces(all, piece) : -1;
     tm_status status = pieces < 0 ? tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface") : TM_OK;
-    if (pieces > SURFACES_MOST - out->pieces)
+    if (pieces > SURFACES_MAX - out->pieces)
         status = tm_fail(error, TM_ERR_MESH, -1, "%d pieces, more than %d; drop the small ones (MeshLab)", pieces,
-                         SURFACES_MOST);
+                         SURFACES_MAX);
     for (int i = 0; i < pieces && !status; i++) {
         int triangles;
         double *corner = corners_of(all, piece, i, &triangles);
@@ -156,7 +156,7 @@ static void name_regions(char *const *path, int files, surfaces *s) {
             one->parent = own;
         else if (own < 0)
             one->region = of_file[one->file];
-        else if (s->regions < SURFACES_MOST) {
+        else if (s->regions < SURFACES_MAX) {
             one->region = ++s->regions;
             snprintf(s->name[one->region], 64, "inside_%d", ++inner);
         }
@@ -203,25 +203,25 @@ static tm_status add_file(image_surface *read, int file, bool alone, surfaces *o
     return status;
 }
 
-static int load_one(const char *path, int file, int files, double scale, bool mend, const image_api *api,
+static int load_one(const char *path, int file, int files, double scale, bool repair, const image_api *api,
                     surfaces *out) {
     image_surface read = {0};
     tm_error error = {0};
     int exit = read_file(path, api, &read);
-    if (!exit && api) exit = examine(path, api, scale, mend, &read);
+    if (!exit && api) exit = examine(path, api, scale, repair, &read);
     if (!exit && !whole_numbers(path, scale, &read)) exit = APP_BAD_INPUT;
     if (!exit && add_file(&read, file, files == 1, out, &error)) exit = app_report(path, 0, &error);
     free(read.corner);
     return exit;
 }
 
-int surfaces_load(char *const *path, int files, double scale, bool mend, surfaces *out) {
+int surfaces_load(char *const *path, int files, double scale, bool repair, surfaces *out) {
     tm_error error = {0};
     const image_api *api = image_open_module(&error);
     *out = (surfaces){0};
-    if (mend && !api) return app_report(NULL, 0, &error);
+    if (repair && !api) return app_report(NULL, 0, &error);
     int exit = APP_DONE;
-    for (int f = 0; f < files && !exit; f++) exit = load_one(path[f], f, files, scale, mend, api, out);
+    for (int f = 0; f < files && !exit; f++) exit = load_one(path[f], f, files, scale, repair, api, out);
     if (exit) return exit;
     qsort(out->piece, (size_t)out->pieces, sizeof *out->piece, by_volume);
     name_regions(path, files, out);

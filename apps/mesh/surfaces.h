@@ -4,9 +4,9 @@
 
 #include "command.h"
 #include "image_api.h"
-#include "shell.h"
+#include "signed_distance.h"
 
-enum { SURFACES_MOST = 255, SURFACES_FILES = 32 };
+enum { SURFACES_MAX = 255, SURFACES_FILES = 32 };
 
 /* One closed piece. */
 typedef struct surface_piece {
@@ -18,15 +18,15 @@ typedef struct surface_piece {
 
 typedef struct surfaces {
     int pieces;
-    surface_piece piece[SURFACES_MOST]; /* smallest volume first */
+    surface_piece piece[SURFACES_MAX]; /* smallest volume first */
     int regions;
-    char name[SURFACES_MOST + 1][64]; /* from 1 */
-    shell *whole;                     /* all triangles, where they are one region; else null */
+    char name[SURFACES_MAX + 1][64]; /* from 1 */
+    shell *whole;                    /* all triangles, where they are one region; else null */
 } surfaces;
 
-/* Reads the files (STL here, others by the module `image`), times `scale`; says what is wrong with each, and mends it
+/* Reads the files (STL here, others by the module `image`), times `scale`; says what is wrong with each, and repairs it
  * where that is asked for. Exit code. */
-int surfaces_load(char *const *path, int files, double scale, bool mend, surfaces *out);
+int surfaces_load(char *const *path, int files, double scale, bool repair, surfaces *out);
 void surfaces_free(surfaces *s);
 /* image_label_fn: the smallest region that `p` is in, 0 outside. */
 int surfaces_label(const void *surfaces, const double p[3]);

@@ -48,7 +48,7 @@ def arguments():
     p.add_argument("--smooth", metavar="S", help="of an image: how far voxels' steps are smoothed, in voxels; less keeps thin labels [1, and less in thin ones]")
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
     p.add_argument("--no-cut", action="store_true", help="pressed alone: no cautery, and the longer steps of tissue that is never cut")
-    p.add_argument("--film", metavar="WxH", default="960x540", help="the film's size [960x540]")
+    p.add_argument("--video", metavar="WxH", default="960x540", help="the film's size [960x540]")
     p.add_argument("--no-film", action="store_true", help="a picture is enough")
     p.add_argument("--again", action="store_true", help="do everything again; an edited organ.yaml stays")
     p.add_argument("--quiet", action="store_true", help="say nothing that is not an error or a warning")
@@ -220,7 +220,7 @@ def rest(up, w):
 def figures_of(w, seconds=None, step_s=None):
     """Figures of a press in lockstep, or of its first seconds; with mass scaling to that step."""
     figures = w.path("live.json")
-    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_most=100"] if step_s else []
+    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_scaling_max=100"] if step_s else []
     w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--json", figures, *(["--duration", f"{seconds} s"] if seconds else []), *(x for s in sets for x in ("--set", s)))
     return json.loads(figures.read_text())
 
@@ -228,11 +228,11 @@ def figures_of(w, seconds=None, step_s=None):
 def heavier(w, step_s):
     """What mass scaling to that step adds: share of the tissue's mass, lowest frequencies with and without it."""
     figures = w.path("heavier.json")
-    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_most=100"]
+    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_scaling_max=100"]
     w.call("tm-sim", w.path("organ.yaml"), "--explain", "--json", figures, *(x for s in sets for x in ("--set", s)))
-    m = json.loads(figures.read_text()).get("mass_scaling", {"own_kg": 1, "added_kg": 0})
+    m = json.loads(figures.read_text()).get("mass_scaling", {"physical_kg": 1, "added_kg": 0})
     figures.unlink()
-    return m["added_kg"] / m["own_kg"], m.get("own_frequency_Hz"), m.get("frequency_Hz")
+    return m["added_kg"] / m["physical_kg"], m.get("own_frequency_Hz"), m.get("frequency_Hz")
 
 
 def make_heavier(w, step_s, share, own_Hz, Hz):
@@ -241,7 +241,7 @@ def make_heavier(w, step_s, share, own_Hz, Hz):
     most = max(0.2, round(1.5 * share + 0.05, 2))
     what = f"{100 * share:.2g} % of mass is added where tetrahedra are small" + (f", lowest frequency {min(own_Hz):.3g} -> {min(Hz):.3g} Hz" if Hz else "")
     text = re.sub(r"^time: \{frame_rate: 25 Hz,.*$", lambda m: "# So that half a core of this machine steps it live: %s. At rest nothing changes.\n%s" % (
-        what, re.sub(r"\}.*", ", step: %.4g ms, mass_scaling: yes, mass_most: %g} # tm-sim --explain says where" % (1e3 * step_s, most), m[0])), path.read_text(), flags=re.M)
+        what, re.sub(r"\}.*", ", step: %.4g ms, mass_scaling: yes, mass_scaling_max: %g} # tm-sim --explain says where" % (1e3 * step_s, most), m[0])), path.read_text(), flags=re.M)
     path.write_text(text)
     w.done["written"] = digest(path)
     return what
@@ -283,7 +283,7 @@ def live(w, coarsens):
         return f"{load:.2g} s of a core a second, {TOO_MUCH}"
     found = lighter(w, f, coarsens)
     if not found:
-        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core, and neither mass nor a coarser mesh mends it: it is no scene to be felt live; give softer regions, or fewer tetrahedra")
+        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core, and neither mass nor a coarser mesh repairs it: it is no scene to be felt live; give softer regions, or fewer tetrahedra")
         return f"{load:.2g} s of a core a second, {TOO_MUCH}"
     step_s, share, own_Hz, Hz, after = found
     what = make_heavier(w, step_s, share, own_Hz, Hz)
@@ -341,7 +341,7 @@ def run(a, kind):
     regions = len(json.loads(w.path("mesh.json").read_text())["regions"])
     w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")
     if not a.no_film:
-        w.stage("film", "film", [digest(w.path("press.lcm")), a.film] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--film", w.path("organ.mp4"), "--fps", "25", "--size", a.film, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
+        w.stage("film", "film", [digest(w.path("press.lcm")), a.video] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--video", w.path("organ.mp4"), "--fps", "25", "--size", a.video, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
     felt = TOO_MUCH not in w.done["live"]["said"]
     w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again" + (f"; feel it: tm-session {w.path('organ.yaml')} --play" if felt else ""))
 

@@ -4,7 +4,7 @@
 
 #include "hrt.h"
 #include "view/camera.h"
-#include "view/feed.h"
+#include "view/message_source.h"
 #include "view/picture.h"
 #include "window.h"
 

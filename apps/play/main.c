@@ -13,9 +13,9 @@
 #include "app.h"
 #include "controls.h"
 #include "json_file.h"
-#include "view/dress.h"
 #include "view/output.h"
-#include "view/studio.h"
+#include "view/picture_renderer.h"
+#include "view/scene_decoration.h"
 
 static const char help[] =
     "usage: tm-play [options]\n"

@@ -58,7 +58,7 @@ def inside(a):
     for name in dead:
         print(f"play: {name} had ended by itself; its words are in {a.out}/{name}.txt", file=sys.stderr)
     if a.record and code == 0:
-        print(f"play: recorded {a.record}; draw it with build/bin/tm-view {a.record} --film session.mp4")
+        print(f"play: recorded {a.record}; draw it with build/bin/tm-view {a.record} --video session.mp4")
     return code or bool(dead)
 
 

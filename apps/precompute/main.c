@@ -10,8 +10,8 @@
 #include "app.h"
 #include "common/program_host.h"
 #include "json_file.h"
+#include "ranks.h"
 #include "scene/solve_api.h"
-#include "team.h"
 
 enum { MAX_SETS = 64 };
 
@@ -22,7 +22,7 @@ static const char help[] =
     "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
     "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
     "  --factor NAME         of ranks: each (the default) makes one of its own, or they keep one "
-    "in pieces: shared (MUMPS)\n"
+    "in pieces: distributed (MUMPS)\n"
     "  --threads N           of each process; default: one for each core\n"
     "  --memory MB           the most to ask for; default: what the machine has available\n"
     "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
@@ -33,7 +33,7 @@ static const char help[] =
     "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
     "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
     "ranks, which write them into the one file side by side: the same to the last bit, but with "
-    "--factor shared, where it is the same\n"
+    "--factor distributed, where it is the same\n"
     "within rounding. Stopped or killed in the middle it leaves the old file, and what it had "
     "done beside it in FILE.part:\n"
     "the same command, with any number of ranks, goes on from there.\n"
@@ -98,8 +98,8 @@ static int take_option(choice *o, int option, char **all) {
     case OUT: o->out = optarg; return 0;
     case SOLVER: return add_set(o, "precomputed.solver=", optarg);
     case FACTOR:
-        o->shared = !strcmp(optarg, "shared");
-        return o->shared || !strcmp(optarg, "each") ? 0 : usage("--factor '%s': give each or shared", optarg);
+        o->shared = !strcmp(optarg, "distributed");
+        return o->shared || !strcmp(optarg, "each") ? 0 : usage("--factor '%s': give each or distributed", optarg);
     case PRECISION: return add_set(o, "precomputed.precision=", optarg);
     case THREADS:
         rc = whole_number(optarg, "--threads", 1, 1024, &number);
@@ -144,7 +144,7 @@ static int parse(choice *o, int count, char **all) {
 }
 
 /* What each rank had at most, and its factor. */
-static void tell_ranks(const tm_solve_team *team, int64_t factor_bytes, cJSON *json) {
+static void tell_ranks(const tm_solve_ranks *team, int64_t factor_bytes, cJSON *json) {
     const int32_t count = team ? team->count : 1;
     struct rusage used;
     getrusage(RUSAGE_SELF, &used);
@@ -165,7 +165,7 @@ static void tell_ranks(const tm_solve_team *team, int64_t factor_bytes, cJSON *j
     free(peak);
 }
 
-static int report(const choice *o, const tm_solve_team *team, const tm_solve_report *r, const char *file,
+static int report(const choice *o, const tm_solve_ranks *team, const tm_solve_report *r, const char *file,
                   app_file *json) {
     if (team && team->rank > 0) {
         tell_ranks(team, r->factor_bytes, NULL);
@@ -199,7 +199,7 @@ static const sim_solve_options *options_of(const sim *s) {
     return s->scene->effect[sim_effect_find(s->scene, "precomputed")];
 }
 
-static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file *json) {
+static int compute(sim *s, const choice *o, const tm_solve_ranks *team, app_file *json) {
     const sim_solve_options *options = options_of(s);
     char path[SIM_SOLVE_PATH];
     tm_error error = {0};
@@ -211,14 +211,14 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     tm_precomputed_def def = api.tm_precomputed_def_default_();
     s->def.model.cut = NULL; /* responses of the tissue as it is */
     sim_solve_set(s, options, "precomputed", path,
-                  &(sim_solve_members){&def.problem, &def.precision, &def.max_local_vertices, &def.file});
+                  &(sim_solve_members){&def.problem, &def.precision, &def.max_contact_vertices, &def.file});
     if (o->out) def.file = o->out;
     if (!def.file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
     const bool first = !team || team->rank == 0;
     def.problem.threads = o->threads;
     def.problem.memory_limit_bytes = o->memory_bytes;
     if (!first) def.problem.progress = NULL;
-    def.team = team;
+    def.ranks = team;
     def.resume = true;
     const bool alone = !team || team->count == 1;
     if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
@@ -231,7 +231,7 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, app_file 
     return rc ? rc : report(o, team, &r, def.file, json);
 }
 
-static int run(const choice *o, const tm_solve_team *team) {
+static int run(const choice *o, const tm_solve_ranks *team) {
     app_scene *scene;
     sim *s;
     app_file json = {0};
@@ -249,14 +249,14 @@ static int run(const choice *o, const tm_solve_team *team) {
 
 int main(int count, char **all) {
     static choice o;
-    const tm_solve_team *team = team_begin(&count, &all);
+    const tm_solve_ranks *team = team_begin(&count, &all);
     app_check_stdout();
     app_catch_signals();
     int rc = parse(&o, count, all);
     /* Checked as any scene, whatever model it names. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");
     if (!rc && o.shared && !team_share_factor(o.threads))
-        rc = usage("--factor shared%s: this program was built without MUMPS or without ranks; make MPI=1 MUMPS=1 "
+        rc = usage("--factor distributed%s: this program was built without MUMPS or without ranks; make MPI=1 MUMPS=1 "
                    "(libmumps-dev), or leave it out",
                    "");
     if (!rc) rc = app_ended(team_name, run(&o, team));

@@ -9,7 +9,7 @@
 #include "common/program_host.h"
 #include "libtensormass/numeric/order.h"
 #include "libtensormass/numeric/union_find.h"
-#include "scene/surface.h"
+#include "scene/surface_distance.h"
 #include "tissues.h"
 
 typedef struct review {
@@ -46,7 +46,7 @@ static double size_m(const tm_mesh *mesh) {
     return size;
 }
 
-static void look_at_size(review *r) {
+static void check_size(review *r) {
     const app_scene *scene = r->s->scene;
     const int line = scene->scale.line ? scene->scale.line : scene->mesh.line;
     const double size = size_m(r->s->mesh);
@@ -75,7 +75,7 @@ static bool is_held(const sim *s, int32_t region) {
     return true;
 }
 
-static void look_at_region(review *r, int32_t region) {
+static void check_region(review *r, int32_t region) {
     const tm_material *m = &r->s->material[region];
     const char *name = r->s->file.region_name[region];
     const app_material *entry = entry_of(r->s->scene, name);
@@ -94,9 +94,9 @@ static void look_at_region(review *r, int32_t region) {
         odd(r, line,
             "region '%s': %.3g MPa is stiffer than soft tissue and sets the step for all; hold it (supports: group: %s) and give it some 50 kPa",
             name, young / 1e6, name);
-    if (poisson > 0.491 && !sim_has(r->s, "volume"))
+    if (poisson > 0.491 && !sim_has(r->s, "strain_smoothing"))
         odd(r, line,
-            "region '%s': at Poisson's ratio %.4g tetrahedra lock and feel too stiff; add 'volume:', or take 0.45",
+            "region '%s': at Poisson's ratio %.4g tetrahedra lock and feel too stiff; add 'strain_smoothing:', or take 0.45",
             name, poisson);
     else if (poisson < 0.3 && !held)
         odd(r, line, "region '%s': Poisson's ratio %.3g gives way like a sponge; tissue has 0.45 to 0.49", name,
@@ -107,7 +107,7 @@ static void look_at_region(review *r, int32_t region) {
 }
 
 /* Pieces of the mesh of which nothing is held. */
-static void look_at_supports(review *r) {
+static void check_supports(review *r) {
     const sim *s = r->s;
     const tm_mesh *m = s->mesh;
     int32_t held = 0, soft = 0, soft_held = 0, *parent = malloc(sizeof *parent * (size_t)m->vertex_count), loose = 0,
@@ -176,7 +176,7 @@ static bool depth_m(const sim *s, int i, double time_s, double *depth, double *t
     return *depth > 0 && *thickness > 0;
 }
 
-static void look_at_depth(review *r, int i) {
+static void check_depth(review *r, int i) {
     const double deep = 0.4; /* of the thickness: what is left bears half as much again as a linear law knows */
     const sim *s = r->s;
     double worst = 0, depth, thickness, worst_m = 0, of_m = 0;
@@ -190,7 +190,7 @@ static void look_at_depth(review *r, int i) {
             i, 1e3 * worst_m, 1e3 * of_m);
 }
 
-static void look_at_hands(review *r) {
+static void check_hands(review *r) {
     const sim *s = r->s;
     const app_instrument *all = s->scene->instrument.item;
     if (!s->instrument_count)
@@ -209,7 +209,7 @@ static void look_at_hands(review *r) {
             odd(r, s->scene->hand.line,
                 "the hand of instrument %d comes no nearer than %.3g mm to the tissue; lead it in ('above: -3 mm')", i,
                 1e3 * gap_m);
-        if (sim_has(s, "contact")) look_at_depth(r, i);
+        if (sim_has(s, "contact")) check_depth(r, i);
         const double end_s = s->hand[i].key[s->hand[i].key_count - 1].time_s;
         if (s->scene->duration.si < 0.9 * end_s)
             odd(r, s->scene->duration.line,
@@ -224,7 +224,7 @@ static void look_at_hands(review *r) {
 }
 
 /* Whose tetrahedra ask for the most substeps, and whether it is one of them or all. */
-static void look_at_pace(review *r) {
+static void check_timing(review *r) {
     const sim *s = r->s;
     const int32_t n = s->mesh->tet_count, regions = s->file.region_count;
     double *step = malloc(sizeof *step * (size_t)n), *least = malloc(sizeof *least * (size_t)regions);
@@ -282,11 +282,11 @@ int check_scene(const char *path, bool strict) {
         return app_bad_input(path, 0, "no memory; use a coarser mesh") - 1;
     }
     for (int32_t g = 0; g < r.s->file.region_count; g++) r.held[g] = is_held(r.s, g);
-    look_at_size(&r);
-    for (int32_t g = 0; g < r.s->file.region_count; g++) look_at_region(&r, g);
-    look_at_supports(&r);
-    look_at_hands(&r);
-    if (r.s->model->tissue && r.s->scene->model.index == APP_DYNAMIC) look_at_pace(&r);
+    check_size(&r);
+    for (int32_t g = 0; g < r.s->file.region_count; g++) check_region(&r, g);
+    check_supports(&r);
+    check_hands(&r);
+    if (r.s->model->tissue && r.s->scene->model.index == APP_DYNAMIC) check_timing(&r);
     const double share = frame_share(r.s);
     if (share > 0.9)
         odd(&r, r.s->scene->time.line,

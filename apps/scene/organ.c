@@ -48,7 +48,7 @@ tm_status organ_tissue(const organ *o, bool cut, tm_tissue **tissue, tm_error *e
     return status;
 }
 
-static tm_status find_pace(bool cut, organ *o, tm_error *error) {
+static tm_status find_timing(bool cut, organ *o, tm_error *error) {
     tm_tissue *tissue = NULL;
     const tm_status status = organ_tissue(o, cut, &tissue, error);
     if (status) return status;
@@ -82,7 +82,7 @@ int organ_load(const char *path, double scale, const char *up, const char *title
     o->known = calloc((size_t)o->file.region_count, sizeof *o->known);
     if (!o->tissue || !o->known) return app_bad_input(path, 0, "no memory; use a coarser mesh") - 1;
     find_tissues(title, o);
-    return find_pace(cut, o, &error) ? app_report(path, 0, &error) : 0;
+    return find_timing(cut, o, &error) ? app_report(path, 0, &error) : 0;
 }
 
 void organ_free(organ *o) {

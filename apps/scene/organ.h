@@ -8,7 +8,7 @@
 #include "tensormass_io.h"
 #include "tissues.h"
 
-enum { SUPPORTS_MOST = 16 };
+enum { SUPPORTS_MAX = 16 };
 
 typedef enum support_kind { SUPPORT_GROUP, SUPPORT_VERTICES, SUPPORT_PLANE, SUPPORT_BOX } support_kind;
 
@@ -30,7 +30,7 @@ typedef struct organ {
     double low_m[3], high_m[3], size_m;
     int up_axis; /* 0 1 2 */
     double up[3];
-    organ_support support[SUPPORTS_MOST];
+    organ_support support[SUPPORTS_MAX];
     int supports;
     double sag_m; /* under its own weight, so held; infinite: a piece of it is held by nothing */
     bool hangs;   /* by enough */

@@ -81,7 +81,7 @@ static tm_status hang(hanging *h, tm_tissue *tissue, tm_error *error) {
 }
 
 static bool add_box(organ *o, int32_t vertex) {
-    if (o->supports == SUPPORTS_MOST) return false;
+    if (o->supports == SUPPORTS_MAX) return false;
     organ_support *s = &o->support[o->supports++];
     *s = (organ_support){.kind = SUPPORT_BOX, .name = "held here, too", .added = true};
     const double *middle = o->mesh->rest_m + 3 * (int64_t)vertex;

@@ -10,7 +10,7 @@
 #include "libtensormass/numeric/vec.h"
 
 static organ_support *add(organ *o, support_kind kind, const char *name) {
-    if (o->supports == SUPPORTS_MOST) return NULL;
+    if (o->supports == SUPPORTS_MAX) return NULL;
     organ_support *s = &o->support[o->supports++];
     *s = (organ_support){.kind = kind, .name = name};
     return s;

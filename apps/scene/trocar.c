@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "organ.h"
-#include "scene/surface.h"
+#include "scene/surface_distance.h"
 
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"

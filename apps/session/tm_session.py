@@ -36,7 +36,7 @@ def arguments():
                                 epilog="Scenes that come with the programs are found by their names alone: tm-session liver-press. `tm-sim --list` lists them.")
     p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="a scene file, or the name of one that comes with the programs")
     p.add_argument("--play", action="store_true", help="a window whose mouse and keys are the hands; without it the scene's script is")
-    p.add_argument("--film", type=pathlib.Path, metavar="FILE.mp4", help="tm-view draws the session; give --duration too")
+    p.add_argument("--video", type=pathlib.Path, metavar="FILE.mp4", help="tm-view draws the session; give --duration too")
     p.add_argument("--record", type=pathlib.Path, metavar="FILE.lcm", help="every message, as an LCM log")
     p.add_argument("--duration", type=seconds, metavar="TIME", help="10 s, 2 min; a bare number is seconds [until Ctrl-C, or until the window is closed]")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
@@ -45,6 +45,8 @@ def arguments():
     p.add_argument("--quiet", action="store_true", help="say nothing that is not an error")
     p.add_argument("--version", action="version", version="tm-session @VERSION@")
     p.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
+    if any(a.split("=")[0] == "--film" for a in sys.argv[1:]):
+        p.error("--film is called --video since 0.2; write --video")
     return p.parse_args()
 
 
@@ -67,11 +69,11 @@ def check(a):
     for program in wanted:
         if not shutil.which(program):
             refuse(f"{program} is not installed; apt-get install {'liblcm-bin' if program == 'lcm-logger' else 'util-linux iproute2'}")
-    for option, path in (("--film", a.film), ("--record", a.record)):
+    for option, path in (("--video", a.video), ("--record", a.record)):
         if path and not path.resolve().parent.is_dir():
             refuse(f"{option} {path}: its folder is not there; make it, or name another")
-    if a.film and not a.duration:
-        refuse("--film draws until the session ends; say how long with --duration")
+    if a.video and not a.duration:
+        refuse("--video draws until the session ends; say how long with --duration")
     if a.duration is not None and not 0 < a.duration < 1e6:
         refuse(f"--duration {a.duration:g}: give a time above 0, as 10 s or 2 min")
     if a.play and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -84,8 +86,8 @@ def inside(a):
     try:
         if a.record:
             session.start_logger(a.record.resolve())
-        if a.film:
-            session.begin("tm-view", BIN / "tm-view", "--film", a.film.resolve(), "--duration", a.duration)
+        if a.video:
+            session.begin("tm-view", BIN / "tm-view", "--video", a.video.resolve(), "--duration", a.duration)
         session.start_ring(a.duration)
         if a.play:
             window = subprocess.run([BIN / "tm-play", "--scene", a.scene, *(["--duration", str(a.duration)] if a.duration else [])]).returncode

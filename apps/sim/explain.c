@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "expected.h"
 #include "explain_mass.h"
 #include "explain_numbering.h"
 #include "explain_stream.h"
@@ -14,6 +13,7 @@
 #include "json_file.h"
 #include "run.h"
 #include "scene/effects.h"
+#include "study_summary.h"
 
 enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
 
@@ -46,7 +46,7 @@ static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume)
         def.fibre = NULL;
     }
     if (!cutting) def.cuttable = false;
-    if (!volume) def.volume = false;
+    if (!volume) def.strain_smoothing = false;
     int64_t bytes = -1;
     if (!tm_tissue_create(&def, &plain, &error)) {
         bytes = tm_tissue_bytes(plain);
@@ -58,13 +58,13 @@ static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume)
 
 /* Bytes of the tissue that are an effect's. */
 static void share_tissue(const sim *s, int64_t part[SIM_PART_COUNT]) {
-    const bool cutting = s->def.model.tissue.cuttable, volume = s->def.model.tissue.volume;
+    const bool cutting = s->def.model.tissue.cuttable, volume = s->def.model.tissue.strain_smoothing;
     const int64_t all = s->fibre || cutting || volume ? tissue_with(s, true, true, false) : -1;
     const int64_t unfibred = all >= 0 && s->fibre ? tissue_with(s, false, true, false) : -1;
     const int64_t uncut = all >= 0 && cutting ? tissue_with(s, true, false, false) : -1;
     part[SIM_PART_FIBRES] = unfibred >= 0 ? all - unfibred : 0;
     part[SIM_PART_CUTTING] = uncut >= 0 ? all - uncut : 0;
-    part[SIM_PART_VOLUME] = all >= 0 && volume ? tm_tissue_bytes(s->model->tissue) - all : 0;
+    part[SIM_PART_SMOOTHING] = all >= 0 && volume ? tm_tissue_bytes(s->model->tissue) - all : 0;
 }
 
 static int line_of_stage(const sim *s, int owner) {
@@ -76,7 +76,7 @@ static int line_of_stage(const sim *s, int owner) {
 /* Steps until about 0.3 s are spent, timers on. */
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
-    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the dearest that may be asked for */
+    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the costliest that may be asked for */
     tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm */
     tm_model_set_timing(s->model, true);
     tm_model_stages(s->model, before);
@@ -103,7 +103,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
                     .effect = -1,
                     .line = s->scene->tissue.line,
                     .bytes = tm_tissue_bytes(s->model->tissue) - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING] -
-                             part[SIM_PART_VOLUME]};
+                             part[SIM_PART_SMOOTHING]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
@@ -118,7 +118,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
                         .line = line_of_stage(s, owner),
                         .bytes = report[i].bytes,
                         .timed = true,
-                        .in_step = report[i].phase != TM_PHASE_BETWEEN,
+                        .in_step = report[i].phase != TM_PHASE_ON_DEMAND,
                         .threads = report[i].overlaps  ? "overlap"
                                    : report[i].divided ? "divided"
                                                        : "",
@@ -181,10 +181,10 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
     printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
            "set by %s %lld)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
-           s->substeps == 1 ? "" : "s", s->dt_s, s->model->pace.critical_s,
+           s->substeps == 1 ? "" : "s", s->dt_s, s->model->timing.critical_s,
            scaled ? "time.mass_scaling, line" : "tetrahedron",
-           scaled ? (long long)s->scene->mass_scaling.line : (long long)s->file.tet_tag[s->model->pace.critical_tet]);
-    const int32_t threads = s->model->world ? tm_world_parts(s->model->world) : 1;
+           scaled ? (long long)s->scene->mass_scaling.line : (long long)s->file.tet_tag[s->model->timing.critical_tet]);
+    const int32_t threads = s->model->world ? tm_world_partitions(s->model->world) : 1;
     if (s->scene->threads.line)
         printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,
                threads < s->scene->threads.value ? "; the tissue is worth no more" : "");

@@ -12,7 +12,7 @@ static const double SLIVER = 0.3; /* least step of a tetrahedron, of the median'
 /* Share of a region's own mass that was added to its vertices; each vertex counts where its tetrahedra are. */
 static void by_region(const sim *s, cJSON *json) {
     const tm_mesh *mesh = s->mesh;
-    const double *own = tm_tissue_own_mass_kg(s->model->tissue), *all = tm_tissue_mass_kg(s->model->tissue);
+    const double *own = tm_tissue_physical_mass_kg(s->model->tissue), *all = tm_tissue_mass_kg(s->model->tissue);
     const uint8_t *alive = tm_tissue_alive(s->model->tissue);
     double *sum = calloc(2 * (size_t)mesh->region_count, sizeof *sum);
     cJSON *list = cJSON_AddArrayToObject(json, "regions");
@@ -27,7 +27,7 @@ static void by_region(const sim *s, cJSON *json) {
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddStringToObject(row, "region", s->file.region_name[r]);
-        cJSON_AddNumberToObject(row, "own_kg", sum[2 * r]);
+        cJSON_AddNumberToObject(row, "physical_kg", sum[2 * r]);
         cJSON_AddNumberToObject(row, "added_kg", sum[2 * r + 1]);
         if (mesh->region_count > 1 && sum[2 * r + 1] > 0)
             printf("  region %s: %.3g g on %.4g g\n", s->file.region_name[r], 1e3 * sum[2 * r + 1], 1e3 * sum[2 * r]);
@@ -41,7 +41,7 @@ static void frequencies(const sim *s, cJSON *json) {
     double own[3], scaled[3];
     tm_error error = {0};
     uint8_t *fixed = calloc(3, (size_t)s->mesh->vertex_count);
-    for (int32_t i = 0; fixed && i < s->held_count; i++) fixed[s->held_dof[i]] = 1;
+    for (int32_t i = 0; fixed && i < s->fixed_count; i++) fixed[s->fixed_dof[i]] = 1;
     if (fixed && !tm_mass_scaling_frequencies(s->model->tissue, fixed, own, scaled, &error)) {
         printf(
             "  lowest frequencies, along x, y, z: %.3g, %.3g, %.3g Hz; without it %.3g, %.3g, %.3g Hz (estimates: the "
@@ -88,15 +88,15 @@ void explain_mass(const sim *s, cJSON *json) {
         return;
     }
     cJSON *out = cJSON_AddObjectToObject(json, "mass_scaling");
-    printf("mass scaling: %.3g %% of the tissue's %.4g g added, at %d of %d vertices", 100 * m.added_kg / m.own_kg,
-           1e3 * m.own_kg, m.vertices, s->mesh->vertex_count);
-    cJSON_AddNumberToObject(out, "own_kg", m.own_kg);
+    printf("mass scaling: %.3g %% of the tissue's %.4g g added, at %d of %d vertices", 100 * m.added_kg / m.physical_kg,
+           1e3 * m.physical_kg, m.vertices, s->mesh->vertex_count);
+    cJSON_AddNumberToObject(out, "physical_kg", m.physical_kg);
     cJSON_AddNumberToObject(out, "added_kg", m.added_kg);
     cJSON_AddNumberToObject(out, "vertices", m.vertices);
-    if (m.most_vertex >= 0) {
-        const double *x = s->mesh->rest_m + 3 * (int64_t)m.most_vertex;
-        printf(", most at (%.4g %.4g %.4g) mm: %.3g times its own", 1e3 * x[0], 1e3 * x[1], 1e3 * x[2], m.most_factor);
-        cJSON_AddNumberToObject(out, "most_factor", m.most_factor);
+    if (m.max_factor_vertex >= 0) {
+        const double *x = s->mesh->rest_m + 3 * (int64_t)m.max_factor_vertex;
+        printf(", most at (%.4g %.4g %.4g) mm: %.3g times its own", 1e3 * x[0], 1e3 * x[1], 1e3 * x[2], m.max_factor);
+        cJSON_AddNumberToObject(out, "max_factor", m.max_factor);
         cJSON_AddItemToObject(out, "most_at_m", cJSON_CreateDoubleArray(x, 3));
     }
     printf("\n");

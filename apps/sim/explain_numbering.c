@@ -3,20 +3,20 @@
 #include <stdio.h>
 
 void explain_numbering(const sim *s, cJSON *json) {
-    tm_numbering_figures f;
+    tm_numbering_stats f;
     if (!tm_mesh_numbering_measure(s->mesh, &f)) return;
     cJSON *out = cJSON_AddObjectToObject(json, "numbering");
     cJSON_AddNumberToObject(out, "distance", f.distance);
     cJSON_AddNumberToObject(out, "renumbered", f.renumbered);
-    cJSON_AddBoolToObject(out, "poor", f.poor);
-    cJSON_AddBoolToObject(out, "inside", s->mesh->given_vertex != NULL);
+    cJSON_AddBoolToObject(out, "poor", f.should_renumber);
+    cJSON_AddBoolToObject(out, "inside", s->mesh->original_vertex != NULL);
     char where[300];
     app_scene_where(s->scene, s->scene->mesh.line, where, sizeof where);
-    if (s->mesh->given_vertex)
+    if (s->mesh->original_vertex)
         printf("%s: the mesh's numbers jump: the two vertices of an edge are %.0f apart on average; renumbered inside, "
                "they are %.0f apart\n\n",
                where, f.distance, f.renumbered);
-    else if (f.poor)
+    else if (f.should_renumber)
         printf("%s: the mesh's numbers jump: the two vertices of an edge are %.0f apart on average; without "
                "tissue.renumber: no it would be %.0f, and steps quicker\n\n",
                where, f.distance, f.renumbered);

@@ -7,26 +7,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "consoles.h"
-#include "figures.h"
+#include "control_loops.h"
 #include "io/histogram.h"
 #include "json_file.h"
 #include "observe.h"
+#include "paraview_series.h"
 #include "publish.h"
 #include "run.h"
 #include "scene/snapshot.h"
-#include "series.h"
+#include "statistics.h"
 #include "stream.h"
 #include "tools.h"
 
-enum { START_US = 1000000, SESSION = 1, MOST = 1024 };
+enum { START_US = 1000000, SESSION = 1, MAX_COUNT = 1024 };
 
 typedef struct lockstep {
     sim *s;
     const run_options *o;
     const sim_haptics *haptics; /* null: instruments follow the hand */
     app_queue *queue;           /* with haptics: what simulation and controllers say to each other */
-    sim_consoles consoles;
+    sim_control_loops loops;
     sim_tools tools;
     sim_publisher publisher;
     app_file csv, samples, report;
@@ -71,7 +71,7 @@ static void trace_header(lockstep *l, FILE *out) {
 }
 
 static void trace_tick(lockstep *l, int i, int64_t now_us) {
-    const sim_console *t = &l->consoles.console[i];
+    const sim_control_loop *t = &l->loops.loop[i];
     const hrt_result *h = &t->node.result;
     fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
             h->limits);
@@ -84,9 +84,9 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
 static void tick(lockstep *l, int64_t now_us) {
     app_queue_set_clock(l->queue, now_us);
     for (int i = 0; i < l->s->instrument_count; i++) {
-        sim_console *t = &l->consoles.console[i];
-        sim_console_tick(t, now_us);
-        app_link_receive(l->publisher.link, 0, MOST);
+        sim_control_loop *t = &l->loops.loop[i];
+        sim_control_loop_tick(t, now_us);
+        app_link_receive(l->publisher.link, 0, MAX_COUNT);
         const float *f = t->node.result.force_N;
         sim_magnitude_add(&l->force, (const double[3]){(double)f[0], (double)f[1], (double)f[2]});
         if (l->csv.begun) trace_tick(l, i, now_us);
@@ -222,7 +222,7 @@ static void report_controllers(lockstep *l, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "controllers");
     for (int i = 0; l->haptics && i < l->s->instrument_count; i++) {
         tensormass_controller_status_t h;
-        hrt_node_status(&l->consoles.console[i].node, &h);
+        hrt_node_status(&l->loops.loop[i].node, &h);
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddStringToObject(row, "state", hrt_state_name((hrt_state)h.state));
@@ -231,7 +231,7 @@ static void report_controllers(lockstep *l, cJSON *json) {
         cJSON_AddNumberToObject(row, "samples_received", (double)h.samples_received);
         cJSON_AddNumberToObject(row, "samples_late", (double)h.samples_late);
         cJSON_AddNumberToObject(row, "samples_lost", (double)h.samples_lost);
-        cJSON_AddNumberToObject(row, "samples_superseded", (double)l->consoles.console[i].node.superseded);
+        cJSON_AddNumberToObject(row, "samples_superseded", (double)l->loops.loop[i].node.superseded);
         cJSON_AddNumberToObject(row, "samples_rejected", (double)h.samples_rejected);
         cJSON_AddNumberToObject(row, "tools_rejected",
                                 (double)(l->tools.tool[i].rejected + l->tools.tool[i].foreign + l->tools.tool[i].late));
@@ -298,7 +298,7 @@ static int begin(lockstep *l, const char *log) {
     l->tools.s = s;
     if (rc || !l->haptics) return rc;
     l->tick_us = llround(1e6 / l->haptics->tick_rate.si);
-    return sim_consoles_open(&l->consoles, s, l->haptics, l->tick_us, l->queue);
+    return sim_control_loops_open(&l->loops, s, l->haptics, l->tick_us, l->queue);
 }
 
 int run_lockstep(sim *s, const run_options *o) {
@@ -338,7 +338,7 @@ int run_lockstep(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else
         rc = app_file_end_json(&l->report, json);
-    sim_consoles_close(&l->consoles);
+    sim_control_loops_close(&l->loops);
     app_queue_destroy(l->queue);
     rc = rc ? rc : rc2 ? rc2 : rc3 ? rc3 : rc4;
     return rc ? rc : run_say_interrupted(l->frame, frame_total(l));

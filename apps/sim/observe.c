@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "scene/surface.h"
+#include "scene/surface_distance.h"
 
 /* --- how near it came --- */
 
@@ -56,7 +56,7 @@ void sim_shape_note(sim *s) {
 /* With the line of the effect or material to look at. */
 void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when) {
     char sentence[TM_ERROR_MESSAGE_MAX], where[600];
-    if (!tm_tissue_doubts(s->model->tissue, shape, sentence)) return;
+    if (!tm_tissue_check_deformation(s->model->tissue, shape, sentence)) return;
     app_scene_where(s->scene, s->scene->material.line, where, sizeof where);
     fprintf(stderr, "%s: warning: %s%s\n", where, when, sentence);
 }
@@ -77,7 +77,7 @@ void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *repor
 
 void sim_shape_json(const tm_deformation *shape, cJSON *report) {
     cJSON *to = cJSON_AddObjectToObject(report, "deformation");
-    cJSON_AddNumberToObject(to, "least_det", shape->least_det);
+    cJSON_AddNumberToObject(to, "min_det", shape->min_det);
     cJSON_AddNumberToObject(to, "inverted", shape->inverted);
     cJSON_AddNumberToObject(to, "nonlinear_strain", shape->nonlinear_strain);
     cJSON_AddNumberToObject(to, "nonlinear_share", shape->nonlinear_share);

@@ -92,9 +92,9 @@ static int32_t sample_flags(uint32_t reaction_flags) {
         uint32_t reaction;
         int32_t sample;
     } pair[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},           {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
-                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED}, {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
+                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED}, {TM_REACTION_REPEATED, SIM_FLAG_REPEATED},
                 {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},       {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
-                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE},           {TM_REACTION_LETTING_GO, SIM_FLAG_LETTING_GO}};
+                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE},           {TM_REACTION_RELEASING, SIM_FLAG_RELEASING}};
     int32_t flags = 0;
     for (size_t i = 0; i < sizeof pair / sizeof *pair; i++)
         if (reaction_flags & pair[i].reaction) flags |= pair[i].sample;
@@ -145,17 +145,17 @@ static void put_compliance(const tm_patch *t, float *to) {
     const double *from = t->compliance_m_N;
     for (int i = 0; i < n; i++) {
         for (int j = i; j < n; j++) *to++ = (float)*from++;
-        for (int c = 0; c < 3 && t->holds; c++) *to++ = (float)t->follow[3 * i + c];
+        for (int c = 0; c < 3 && t->grasps; c++) *to++ = (float)t->dvertex_dtip[3 * i + c];
     }
-    for (int i = 0; i < 9 && t->holds; i++)
-        if (i % 3 >= i / 3) *to++ = (float)t->hold_stiffness_N_m[i];
+    for (int i = 0; i < 9 && t->grasps; i++)
+        if (i % 3 >= i / 3) *to++ = (float)t->grasp_stiffness_N_m[i];
 }
 
 static void put_hold(const tm_patch *t, tensormass_contact_patch_t *out) {
-    out->held = (int32_t)(t->held | 1u << t->vertex_count);
+    out->grasped = (int32_t)(t->grasped | 1u << t->vertex_count);
     for (int c = 0; c < 3; c++) {
-        out->hold_N[c] = (float)t->hold_N[c];
-        out->vertex_m[3 * t->vertex_count + c] = (float)(t->hold_tip_m[c] - t->trocar_m[c]);
+        out->grasp_N[c] = (float)t->grasp_N[c];
+        out->vertex_m[3 * t->vertex_count + c] = (float)(t->grasp_tip_m[c] - t->trocar_m[c]);
     }
 }
 
@@ -180,16 +180,16 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     memcpy(out->face, t->face, sizeof *out->face * (size_t)t->triangle_count);
     memcpy(out->triangle, t->triangle, 3 * (size_t)t->triangle_count);
     put_compliance(t, out->compliance_m_N);
-    if (t->holds) put_hold(t, out);
-    out->skin_compliance_m_N = (float)t->skin_compliance_m_N;
+    if (t->grasps) put_hold(t, out);
+    out->contact_compliance_m_N = (float)t->contact_compliance_m_N;
     out->force_cap_N = (float)t->force_cap_N;
     out->radius_m = (float)t->radius_m;
     out->contact_length_m = (float)t->contact_length_m;
-    out->film_s_m = (float)t->film_s_m;
+    out->drag_s_m = (float)t->drag_s_m;
     out->radiation_N_s_m = (float)t->radiation_N_s_m;
     out->radiation_s = (float)t->radiation_s;
     out->friction_static = (float)t->friction_static;
-    out->friction_sliding = (float)t->friction_sliding;
+    out->friction_kinetic = (float)t->friction_kinetic;
     memcpy(out->trocar_m, t->trocar_m, sizeof out->trocar_m);
     return true;
 }

@@ -4,7 +4,7 @@
 #define TM_SIM_PUBLISH_H
 
 #include "app.h"
-#include "listen.h"
+#include "receive.h"
 #include "scene/effects.h"
 #include "scene/sim.h"
 #include "tools.h"
@@ -16,11 +16,11 @@ enum {
     SIM_FLAG_OVERRAN = 4,
     SIM_FLAG_PATCH = 8,
     SIM_FLAG_UNCONVERGED = 16,
-    SIM_FLAG_HELD_OVER = 32,
+    SIM_FLAG_REPEATED = 32,
     SIM_FLAG_UNSTABLE = 64,
     SIM_FLAG_TOO_FAST = 128,
     SIM_FLAG_INSIDE = 256,
-    SIM_FLAG_LETTING_GO = 512,
+    SIM_FLAG_RELEASING = 512,
     SIM_FLAG_CUTTING = 1024
 };
 

@@ -16,8 +16,8 @@
 /* A lost or overtaken message is no news; that nothing has been taken for so long is. */
 static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
 
-static void tell_refused(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
-                         int instrument, const char *why) {
+static void report_refusals(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
+                            int instrument, const char *why) {
     told->refused++;
     bool other = !tool->seen || m->session != tool->now.session;
     if ((!other && now_us - tool->gate.heard_us < worth_a_line_us) ||
@@ -36,7 +36,7 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
     int64_t before = tool->now.session, now_us = app_monotonic_us();
     const char *why = sim_tools_take(&r->tools, instrument, now_us, message);
     if (why)
-        tell_refused(told, tool, now_us, message, instrument, why);
+        report_refusals(told, tool, now_us, message, instrument, why);
     else if (!told->here)
         app_remark("tm-sim: controller of instrument %d is here\n", instrument);
     else if (message->session != before)
@@ -49,7 +49,7 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
     told->gone = false;
 }
 
-static void tell_gone(realtime *r) {
+static void report_gone(realtime *r) {
     for (int i = 0; i < r->s->instrument_count; i++) {
         struct told *told = &r->told[i];
         if (!told->here || told->gone || app_monotonic_us() - r->tools.tool[i].gate.heard_us < HRT_GATE_SILENCE_US)
@@ -60,17 +60,17 @@ static void tell_gone(realtime *r) {
 }
 
 /* What never reached take_tool, once a second at most. */
-static void tell_thrown_away(realtime *r) {
+static void report_dropped(realtime *r) {
     const sim_refused now = sim_publisher_refused(&r->publisher), *old = &r->thrown_away;
     int64_t now_us = app_monotonic_us();
-    if (!memcmp(&now, old, sizeof now) || now_us - r->told_thrown_us < line_every_us) return;
+    if (!memcmp(&now, old, sizeof now) || now_us - r->reported_dropped_us < line_every_us) return;
     app_say("tm-sim: refused since the last such line: %" PRId64 " messages not whole, %" PRId64
             " without the key's tag or for another simulation, %" PRId64 " packets that are none of ours, %" PRId64
             " of other machines",
             now.malformed - old->malformed, now.forged - old->forged, now.packets - old->packets,
             now.foreign - old->foreign);
     r->thrown_away = now;
-    r->told_thrown_us = now_us;
+    r->reported_dropped_us = now_us;
 }
 
 static void take_status(void *user, int instrument, const tensormass_controller_status_t *message) {
@@ -244,13 +244,13 @@ static int loop(realtime *r) {
     while (!status && !app_interrupted()) {
         if (r->frame >= total || (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6))) break;
         status = one_frame(r);
-        tell_gone(r);
-        if (r->haptics) tell_thrown_away(r);
-        if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
+        report_gone(r);
+        if (r->haptics) report_dropped(r);
+        if (r->haptics && !r->reported_waiting && r->frame * r->frame_us > 1000000) {
             for (int i = 0; i < r->s->instrument_count; i++)
                 if (!r->tools.tool[i].seen)
                     app_say("tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)", i);
-            r->told_waiting = true;
+            r->reported_waiting = true;
         }
     }
     return status ? run_unstable(r->frame) : 0;

@@ -4,11 +4,11 @@
 
 #include <cjson/cJSON.h>
 
-#include "figures.h"
 #include "io/histogram.h"
+#include "paraview_series.h"
 #include "publish.h"
 #include "run.h"
-#include "series.h"
+#include "statistics.h"
 #include "stream.h"
 #include "tools.h"
 
@@ -34,13 +34,13 @@ typedef struct realtime {
     double simulated_s, compute_s, cost_s;           /* cost_s: of one substep, smoothed */
     hrt_histogram lateness, compute, sample_lateness;
     sim_magnitude force;
-    bool told_waiting;
+    bool reported_waiting;
     struct told {
         bool here, gone;
         int64_t refused_us, refused; /* the last line about refused tool states; how many since */
     } told[TM_MAX_INSTRUMENTS];
     sim_refused thrown_away; /* as it was told last */
-    int64_t told_thrown_us;
+    int64_t reported_dropped_us;
 } realtime;
 
 /* Fills the report of a session that has ended, and says the same in a line. */

@@ -46,9 +46,9 @@ cJSON *run_report_begin(const sim *s, const char *mode) {
     cJSON_AddNumberToObject(r, "dt_s", s->dt_s);
     cJSON_AddNumberToObject(r, "substeps_per_frame", s->substeps);
     cJSON *critical = cJSON_AddObjectToObject(r, "critical_step");
-    cJSON_AddNumberToObject(critical, "guaranteed_s", s->model->pace.critical_s);
-    cJSON_AddNumberToObject(critical, "tet", s->model->pace.critical_tet);
-    cJSON_AddNumberToObject(critical, "tet_tag", (double)s->file.tet_tag[s->model->pace.critical_tet]);
+    cJSON_AddNumberToObject(critical, "guaranteed_s", s->model->timing.critical_s);
+    cJSON_AddNumberToObject(critical, "tet", s->model->timing.critical_tet);
+    cJSON_AddNumberToObject(critical, "tet_tag", (double)s->file.tet_tag[s->model->timing.critical_tet]);
     cJSON_AddNumberToObject(r, "memory_bytes", (double)tm_memory_in_use());
     return r;
 }
@@ -63,16 +63,25 @@ void run_report_energy(const sim *s, cJSON *report) {
     const struct {
         const char *name;
         double value;
-    } row[] = {{"kinetic_J", e.kinetic_J},   {"elastic_J", e.elastic_J}, {"start_J", e.start_J},
-               {"support_J", e.support_J},   {"gravity_J", e.gravity_J}, {"load_J", e.load_J},
-               {"moved_J", e.moved_J},       {"damping_J", e.damping_J}, {"cut_J", e.cut_J},
-               {"residual_J", e.residual_J}, {"film_J", e.film_J},       {"friction_J", e.friction_J},
-               {"sprung_J", e.sprung_J},     {"made_J", e.made_J}};
+    } row[] = {{"kinetic_J", e.kinetic_J},
+               {"elastic_J", e.elastic_J},
+               {"start_J", e.start_J},
+               {"support_J", e.support_J},
+               {"gravity_J", e.gravity_J},
+               {"load_J", e.load_J},
+               {"state_change_J", e.state_change_J},
+               {"damping_J", e.damping_J},
+               {"cut_J", e.cut_J},
+               {"residual_J", e.residual_J},
+               {"drag_J", e.drag_J},
+               {"friction_J", e.friction_J},
+               {"contact_stored_J", e.contact_stored_J},
+               {"generated_J", e.generated_J}};
     cJSON *to = cJSON_AddObjectToObject(report, "energy");
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) cJSON_AddNumberToObject(to, row[i].name, row[i].value);
     add_both(to, s, "contact_J", e.contact_J);
     add_both(to, s, "grasp_J", e.grasp_J);
-    add_both(to, s, "hand_J", e.hand_J);
+    add_both(to, s, "tool_work_J", e.tool_work_J);
 }
 
 void run_report_coverage(const sim *s, cJSON *report) {

@@ -97,7 +97,7 @@ static tm_status insert_tools(sim *s) {
     if (!s->model->instrument_count) return TM_OK;
     for (int i = 0; i < s->model->instrument_count; i++) {
         tm_tool_pose outside = sim_start_pose_at(s, i, 2 * s->instrument_def[i].radius_m, s->pose[i].active);
-        tm_model_place(s->model, i, &outside);
+        tm_model_set_pose(s->model, i, &outside);
     }
     tm_model_begin(s->model, s->pose, STEPS);
     return tm_model_step(s->model, STEPS);
@@ -150,8 +150,8 @@ static int write_rest(app_file *written, const sim *s, const run_options *o, con
     const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
     double *given = malloc(2 * count * sizeof *given);
     if (!given) return app_bad_input("--write", 0, "out of memory; use a smaller mesh") - 1;
-    tm_mesh_to_given(s->mesh, 3, u, given);
-    tm_mesh_to_given(s->mesh, 3, reaction, given + count);
+    tm_mesh_to_original(s->mesh, 3, u, given);
+    tm_mesh_to_original(s->mesh, 3, reaction, given + count);
     if (n > 4 && !strcmp(o->write + n - 4, ".vtk"))
         write_vtk(written->stream, s, given, given + count);
     else
@@ -177,7 +177,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     else
         printf("at rest, by the direct solver");
     printf("; energy %.9g J; largest displacement %.6g m; least det F %.3g\n", result.energy_J, largest,
-           result.deformation.least_det);
+           result.deformation.min_det);
     sim_shape_warn(s, &result.deformation, "at rest ");
     sim_shape_json(&result.deformation, json);
     if (s->model->world) sim_limit_report(s, tm_world_limited_tets(s->model->world), "at rest ", json);

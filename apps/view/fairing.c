@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "rim.h"
+#include "cut_outline.h"
 
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <time.h>
 
-enum { LETTERS = 128, TISSUES = 2, MOST = 256, LOOK_US = 100000 };
+enum { LETTERS = 128, TISSUES = 2, MAX_COUNT = 256, LOOK_US = 100000 };
 static const char tissue[] = "TISSUE";
 
 struct view_inbox {
@@ -27,7 +27,7 @@ static void drop(view_inbox *in, int at) {
 }
 
 /* Makes room for one more on this channel. */
-static void make_room(view_inbox *in, const char *channel) {
+static void reserve(view_inbox *in, const char *channel) {
     int tissues = 0, oldest = -1;
     for (int i = in->count - 1; i >= 0; i--)
         if (!strcmp(in->letter[i]->channel, tissue)) ++tissues, oldest = i;
@@ -37,7 +37,7 @@ static void make_room(view_inbox *in, const char *channel) {
         drop(in, 0);
 }
 
-void view_inbox_keep(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
+void view_inbox_store(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
     (void)utime;
     view_inbox *in = user;
     view_letter *letter = malloc(sizeof *letter + (size_t)size);
@@ -46,7 +46,7 @@ void view_inbox_keep(void *user, const char *channel, int64_t utime, const void 
     letter->size = size;
     memcpy(letter->data, bytes, (size_t)size);
     pthread_mutex_lock(&in->lock);
-    make_room(in, channel);
+    reserve(in, channel);
     in->letter[in->count++] = letter;
     pthread_cond_signal(&in->come);
     pthread_mutex_unlock(&in->lock);
@@ -55,7 +55,7 @@ void view_inbox_keep(void *user, const char *channel, int64_t utime, const void 
 static void *receive(void *user) {
     view_inbox *in = user;
     while (!atomic_load(&in->stop))
-        if (app_link_receive(in->link, LOOK_US, MOST) < 0) nanosleep(&(const struct timespec){0, 100000000}, NULL);
+        if (app_link_receive(in->link, LOOK_US, MAX_COUNT) < 0) nanosleep(&(const struct timespec){0, 100000000}, NULL);
     return NULL;
 }
 

@@ -10,14 +10,14 @@
 typedef struct view_inbox view_inbox;
 
 typedef struct view_letter {
-    char channel[APP_CHANNEL_ROOM];
+    char channel[APP_CHANNEL_CAPACITY];
     int size;
     uint8_t data[];
 } view_letter;
 
 view_inbox *view_inbox_create(void);
 /* For app_link_def.keep; `user` is the inbox. */
-void view_inbox_keep(void *user, const char *channel, int64_t utime, const void *bytes, int size);
+void view_inbox_store(void *user, const char *channel, int64_t utime, const void *bytes, int size);
 /* Begins to receive from a link that keeps; the link outlives the inbox. False: there is no thread to be had. */
 bool view_inbox_start(view_inbox *inbox, app_link *link);
 /* The oldest letter, which is the caller's to free; waits at most so long; null: none came. */

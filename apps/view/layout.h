@@ -16,6 +16,6 @@ void view_layout_take(view_layout *layout, float x0, float y0, float x1, float y
 bool view_layout_taken(const view_layout *layout, const float box[4]);
 /* Moves a box by the shortest way to where nothing is: beside, above or below of what is there, within the picture. It
  * stays if there is no such place. */
-void view_layout_find_room(const view_layout *layout, float width, float height, float gap, float box[4]);
+void view_layout_find_space(const view_layout *layout, float width, float height, float gap, float box[4]);
 
 #endif

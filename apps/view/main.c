@@ -7,11 +7,11 @@
 #include <sys/stat.h>
 
 #include "app.h"
-#include "dress.h"
-#include "feed.h"
 #include "json_file.h"
+#include "message_source.h"
 #include "options.h"
 #include "output.h"
+#include "scene_decoration.h"
 
 /* What is under way, and what --json reports. */
 typedef struct job {
@@ -20,7 +20,7 @@ typedef struct job {
     view_picture picture;
     view_dress dress; /* by the scene */
     view_feed *feed;
-    view_film film;
+    view_video video;
     bool filming;
     int64_t pictures, numbered;
     double began_s, drawing_s;
@@ -59,7 +59,7 @@ static int sequence_picture(job *j) {
         wrong = write_png(j, path);
     }
     j->numbered++;
-    if (!wrong && j->filming && view_film_add(&j->film, j->studio.canvas.rgb, &error)) wrong = complain(&error);
+    if (!wrong && j->filming && view_video_add(&j->video, j->studio.canvas.rgb, &error)) wrong = complain(&error);
     return wrong;
 }
 
@@ -68,8 +68,8 @@ static int begin_outputs(job *j) {
     const view_options *o = &j->options;
     if (o->frames && mkdir(o->frames, 0777) && errno != EEXIST)
         return app_bad_input(o->frames, 0, "cannot be made (%s); name a folder that can", strerror(errno));
-    if (o->film) {
-        if (view_film_begin(&j->film, o->film, o->studio.render.width, o->studio.render.height, o->fps, &error))
+    if (o->video) {
+        if (view_video_begin(&j->video, o->video, o->studio.render.width, o->studio.render.height, o->fps, &error))
             return complain(&error);
         j->filming = true;
     }
@@ -81,15 +81,15 @@ static int end_outputs(job *j, int wrong) {
     if (!j->filming) return wrong;
     j->filming = false;
     if (wrong)
-        view_film_abandon(&j->film);
-    else if (view_film_end(&j->film, &error))
+        view_video_abandon(&j->video);
+    else if (view_video_end(&j->video, &error))
         wrong = complain(&error);
     return wrong;
 }
 
 static int show_still(job *j) {
     int wrong = begin_outputs(j);
-    int count = j->options.frames || j->options.film ? (int)fmax(1, rint(j->options.duration_s * j->options.fps)) : 0;
+    int count = j->options.frames || j->options.video ? (int)fmax(1, rint(j->options.duration_s * j->options.fps)) : 0;
     for (int i = 0; i < count && !wrong; i++) {
         j->picture.time_s = (double)i / j->options.fps;
         wrong = sequence_picture(j);
@@ -135,7 +135,7 @@ static int open_log(job *j) {
 static int show_log(job *j) {
     int wrong = open_log(j);
     if (wrong) return wrong;
-    bool sequence = j->options.frames || j->options.film;
+    bool sequence = j->options.frames || j->options.video;
     if (j->options.png && (!sequence || j->options.has_at)) {
         double at_s = j->options.has_at ? j->options.at_s : j->facts.seconds;
         view_feed_advance(j->feed, at_s, &j->picture);
@@ -194,7 +194,7 @@ static int show_live(job *j) {
     const view_live_key key = {.path = j->options.key, .none = true}; /* who only looks needs none */
     if (view_feed_open_live(j->options.url, &key, &j->feed, &error)) return complain(&error);
     int wrong = wait_for_tissue(j);
-    if (!wrong && (j->options.frames || j->options.film))
+    if (!wrong && (j->options.frames || j->options.video))
         wrong = live_sequence(j);
     else if (!wrong) {
         view_feed_listen(j->feed, 150, &j->picture); /* SIM_STATUS and the controllers follow the tissue */

@@ -9,16 +9,16 @@
 #include "app.h"
 
 static const char help[] =
-    "usage: tm-view [SOURCE] --png FILE | --frames FOLDER | --film FILE.mp4 [options]\n"
+    "usage: tm-view [SOURCE] --png FILE | --frames FOLDER | --video FILE.mp4 [options]\n"
     "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh (.msh .vtk "
     ".mesh);\n"
     "without one, tm-view listens to a running simulation. A window is tm-play's.\n\n"
     "  --png FILE         one picture (of a log: at its end, or --at)\n"
     "  --frames FOLDER    numbered pictures, frame_00000.png ...\n"
-    "  --film FILE        H.264 in MP4, through ffmpeg\n"
+    "  --video FILE       H.264 in MP4, through ffmpeg\n"
     "  --size WxH         [1280x720]          --fps N            pictures per second of the source [30]\n"
     "  --at S             the moment of --png, seconds after the log's first tissue\n"
-    "  --from S --to S    the part of a log that --frames and --film show\n"
+    "  --from S --to S    the part of a log that --frames and --video show\n"
     "  --duration S       how long to record a live source [10]\n"
     "  --wait S           how long to wait for a live source's first tissue [60]\n"
     "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z|-x|-y|-z\n"
@@ -78,7 +78,7 @@ enum {
 static const struct option table[] = {
     {"png", 1, NULL, PNG},
     {"frames", 1, NULL, FRAMES},
-    {"film", 1, NULL, FILM},
+    {"video", 1, NULL, FILM},
     {"size", 1, NULL, SIZE},
     {"fps", 1, NULL, FPS},
     {"at", 1, NULL, AT},
@@ -175,7 +175,7 @@ static int up(const char *text, char *out) {
 }
 
 /* One option that is a number of the camera or the studio. */
-static int take_figure(int code, const char *text, view_studio_def *s) {
+static int read_figure(int code, const char *text, view_studio_def *s) {
     static const double DEG = 3.14159265358979 / 180;
     double v = 0;
     int wrong = 0;
@@ -212,7 +212,7 @@ static int take(int code, const char *text, view_options *o) {
     switch (code) {
     case PNG: o->png = text; return 0;
     case FRAMES: o->frames = text; return 0;
-    case FILM: o->film = text; return 0;
+    case FILM: o->video = text; return 0;
     case JSON: o->json = text; return 0;
     case URL: o->url = text; return 0;
     case KEY: o->key = text; return 0;
@@ -235,7 +235,7 @@ static int take(int code, const char *text, view_options *o) {
     case SMOOTH: return whole(code, text, 0, 2, &o->studio.render.levels);
     case SHIFT: return shift(text, o->studio.camera.shift);
     case UP: return up(text, &o->studio.camera.up);
-    default: return take_figure(code, text, &o->studio);
+    default: return read_figure(code, text, &o->studio);
     }
 }
 
@@ -244,16 +244,16 @@ view_dress view_options_dress(const view_options *o) {
 }
 
 static int check(const view_options *o) {
-    if (!o->png && !o->frames && !o->film)
+    if (!o->png && !o->frames && !o->video)
         return app_bad_input("tm-view", 0,
-                             "no output named; add --png, --frames or --film, or run tm-play for a window");
+                             "no output named; add --png, --frames or --video, or run tm-play for a window");
     int wrong = o->png ? app_output_ending("--png", o->png, ".png") : 0;
-    if (!wrong && o->film) wrong = app_output_ending("--film", o->film, ".mp4");
+    if (!wrong && o->video) wrong = app_output_ending("--video", o->video, ".mp4");
     if (!wrong) wrong = app_output_check(o->png);
     if (!wrong) wrong = app_output_check(o->json);
     if (wrong) return wrong;
     if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
-    if (o->film && (o->studio.render.width % 2 || o->studio.render.height % 2))
+    if (o->video && (o->studio.render.width % 2 || o->studio.render.height % 2))
         return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
     if (o->scene && o->source && view_is_still(o->source))
         return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
@@ -283,6 +283,8 @@ int view_options_parse(int argc, char **argv, view_options *o) {
             o->finished = true;
             return 0;
         }
+        if (code == '?' && !strncmp(argv[optind - 1], "--film", 6))
+            return app_bad_input("tm-view", 0, "--film is called --video since 0.2; write --video");
         if (code == '?')
             return app_bad_input("tm-view", 0, "%s: unknown option, or its value is missing; see tm-view --help",
                                  argv[optind - 1]);
@@ -292,7 +294,7 @@ int view_options_parse(int argc, char **argv, view_options *o) {
     if (optind < argc) o->source = argv[optind++];
     if (optind < argc)
         return app_bad_input("tm-view", 0, "'%s': one source at a time; see tm-view --help", argv[optind]);
-    if (o->quality < 0) o->quality = o->frames || o->film ? 1 : 2;
+    if (o->quality < 0) o->quality = o->frames || o->video ? 1 : 2;
     o->studio.render.edges = o->quality > 0;
     o->studio.render.samples = o->quality > 1 ? 2 : 1;
     return check(o);

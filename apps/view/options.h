@@ -2,15 +2,15 @@
 #ifndef VIEW_OPTIONS_H
 #define VIEW_OPTIONS_H
 
-#include "dress.h"
-#include "studio.h"
+#include "picture_renderer.h"
+#include "scene_decoration.h"
 
 typedef struct view_options {
     const char *source; /* file, or null: live */
     const char *scene;  /* of a log or a live source; null: not told */
     view_mark_choice marks;
     view_cutaway cut;
-    const char *png, *frames, *film, *json, *url, *key;
+    const char *png, *frames, *video, *json, *url, *key;
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;
     bool has_at, has_to;

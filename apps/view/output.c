@@ -37,7 +37,7 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
 }
 
 /* ffmpeg with its pictures from `in`. 0 or what errno would be. */
-static int start_ffmpeg(view_film *film, int in, int fps) {
+static int start_ffmpeg(view_video *film, int in, int fps) {
     char size[32], rate[16];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%d", fps);
@@ -87,7 +87,7 @@ static int start_ffmpeg(view_film *film, int in, int fps) {
     return wrong;
 }
 
-tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error) {
+tm_status view_video_begin(view_video *film, const char *path, int width, int height, int fps, tm_error *error) {
     memset(film, 0, sizeof *film);
     film->width = width, film->height = height;
     if (width % 2 || height % 2)
@@ -112,14 +112,14 @@ tm_status view_film_begin(view_film *film, const char *path, int width, int heig
     return TM_OK;
 }
 
-tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error) {
+tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error) {
     if (fwrite(rgb, (size_t)film->width * 3, (size_t)film->height, film->pipe) != (size_t)film->height)
         return failed(error, TM_ERR_FILE, "ffmpeg stopped taking pictures", "its own message is above");
     film->frames++;
     return TM_OK;
 }
 
-static bool encoder_done(view_film *film) {
+static bool encoder_done(view_video *film) {
     int status = 0;
     bool flushed = fclose(film->pipe) == 0;
     film->pipe = NULL;
@@ -128,7 +128,7 @@ static bool encoder_done(view_film *film) {
     return flushed && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-tm_status view_film_end(view_film *film, tm_error *error) {
+tm_status view_video_end(view_video *film, tm_error *error) {
     if (!encoder_done(film)) {
         app_output_abandon(&film->output);
         return failed(error, TM_ERR_FILE, "ffmpeg did not finish the film", "its own message is above");
@@ -136,7 +136,7 @@ tm_status view_film_end(view_film *film, tm_error *error) {
     return app_output_commit(&film->output, error) ? TM_OK : error->status;
 }
 
-void view_film_abandon(view_film *film) {
+void view_video_abandon(view_video *film) {
     if (film->pipe) encoder_done(film);
     app_output_abandon(&film->output);
 }

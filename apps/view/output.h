@@ -10,19 +10,19 @@
 /* Appears whole or not at all. Level 1..9 of compression. */
 tm_status view_png_write(const char *path, int width, int height, const uint8_t *rgb, tm_error *error);
 
-typedef struct view_film {
+typedef struct view_video {
     FILE *pipe;
     pid_t encoder;
     app_output output;
     int width, height;
     int64_t frames;
-} view_film;
+} view_video;
 
 /* H.264 in MP4. Sizes must be even. */
-tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error);
-tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error);
-tm_status view_film_end(view_film *film, tm_error *error);
+tm_status view_video_begin(view_video *film, const char *path, int width, int height, int fps, tm_error *error);
+tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error);
+tm_status view_video_end(view_video *film, tm_error *error);
 /* Leaves no file. */
-void view_film_abandon(view_film *film);
+void view_video_abandon(view_video *film);
 
 #endif

@@ -1,4 +1,4 @@
-#include "studio.h"
+#include "picture_renderer.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -217,7 +217,7 @@ static void arrow_label(pen p, view_layout *l, const view_picture *s, const view
     x = fminf(fmaxf(x, p.cap), (float)w - width - 2 * p.cap);
     y = fminf(fmaxf(y, 3 * p.cap), (float)h - 2 * p.cap);
     float box[4] = {x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap};
-    view_layout_find_room(l, (float)w, (float)h, 0.4f * p.cap, box);
+    view_layout_find_space(l, (float)w, (float)h, 0.4f * p.cap, box);
     view_box(p.canvas, box[0], box[1], box[2], box[3], 0.4f * p.cap, PANEL);
     view_layout_take(l, box[0], box[1], box[2], box[3]);
     view_text(p.canvas, box[0] + 0.5f * p.cap, box[1] + 1.6f * p.cap, p.cap, TOOL[i], text);

@@ -1,4 +1,4 @@
-#include "dress.h"
+#include "scene_decoration.h"
 
 #include <ctype.h>
 #include <math.h>

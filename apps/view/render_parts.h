@@ -9,7 +9,7 @@
 #include "context.h"
 #include "render.h"
 #include "shapes.h"
-#include "skin.h"
+#include "surface_smoothing.h"
 
 enum { VIEW_SHADOW_PX = 1024, VIEW_SPOT_PX = 128 };
 

@@ -4,7 +4,7 @@
 
 #include "camera.h"
 #include "marks.h"
-#include "skin.h"
+#include "surface_smoothing.h"
 
 /* Values of view_vertex.kind past the tissue's own. */
 enum {

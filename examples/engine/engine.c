@@ -4,7 +4,7 @@
  * meshes/liver_1k.msh 3
  *
  * The seams an engine wants: tm_set_allocator (all memory of the library out of the engine's arena, none of it in a
- * frame), tm_model_frame (a frame is a call, so that an organ is a job), tm_model_def.run_parts (the parts of one step
+ * frame), tm_model_frame (a frame is a call, so that an organ is a job), tm_model_def.parallel_for (the parts of one step
  * are jobs), and tm_model_surface (what is drawn). */
 #include <pthread.h>
 #include <stdio.h>
@@ -77,7 +77,7 @@ static void *worker(void *unused) {
     return unused;
 }
 
-/* A tm_run_parts as well: the parts of a step are jobs like others. */
+/* A tm_parallel_for as well: the parts of a step are jobs like others. */
 static void jobs_run(void *user, void (*work)(void *, int32_t), void *context, int32_t count) {
     (void)user;
     pthread_mutex_lock(&jobs.lock);
@@ -128,7 +128,7 @@ static int organ_make(organ *o, const char *path, double young_Pa, int threads) 
     def.tissue.region_material = first; /* one material for all of it */
     def.support_count = held, def.support_dof = dof, def.support_m = zero;
     def.contact = &contact, def.frame_s = 1.0 / 60;
-    def.threads = threads, def.run_parts = threads > 1 ? jobs_run : NULL;
+    def.threads = threads, def.parallel_for = threads > 1 ? jobs_run : NULL;
     status = tm_model_dynamic(&def, &o->model, &error); /* copies everything but the mesh */
     if (status) fprintf(stderr, "%s: %s\n", path, error.message);
     o->tool = probe.pose;

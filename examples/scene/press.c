@@ -12,7 +12,7 @@ static void print(void *user, const tm_diagnostic *diagnostic) {
 }
 
 int main(int count, char **word) {
-    tm_diagnostics told = {.told = print, .user = stderr};
+    tm_diagnostics told = {.on_diagnostic = print, .user = stderr};
     tm_scene_def def = tm_scene_def_default();
     tm_scene *scene = NULL;
     if (count < 2) {
@@ -28,7 +28,7 @@ int main(int count, char **word) {
         return 1;
     }
 
-    const tm_scene_about about = tm_scene_tell(scene);
+    const tm_scene_info about = tm_scene_get_info(scene);
     printf("%s: %s, %d tetrahedra, %d substeps of %.0f us\n", about.title, about.model, about.tet_count, about.substeps,
            1e6 * about.dt_s);
     double most_N = 0;

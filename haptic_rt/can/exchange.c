@@ -56,7 +56,7 @@ static void take_gaps(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_
     if (m->session != input->device_session || exchange->commands < FIRST_COMMANDS) exchange->gaps_known = false;
     if (exchange->gaps_known) {
         exchange->can.command_gaps += fresh;
-        if (fresh > exchange->commands_since + GAPS_SPARE) input->rival_us = now_us;
+        if (fresh > exchange->commands_since + GAPS_SPARE) input->bus_conflict_us = now_us;
     }
     exchange->gaps_known = true;
     exchange->gaps = m->gaps;
@@ -89,7 +89,7 @@ void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt
     case HRT_CAN_COMMAND:
     case HRT_CAN_CONTROLLER_BEAT:
     case HRT_CAN_RESET:
-        if (ours) input->rival_us = now_us;
+        if (ours) input->bus_conflict_us = now_us;
         break;
     }
 }

@@ -9,20 +9,20 @@
 
 #if HRT_WITH_ADAPTIVE
 
-static const float RECORD_US = 1900.0f;    /* ticks closer than this share a record */
-static const float HALF_SAMPLES = 2.0f;    /* an error counts half after so many samples, */
-static const float HALF_LEAST_S = 0.03f;   /* or after this where samples come more often */
-static const float RATE = 3.0f;            /* of the weights, over the least sum */
-static const float FLOOR = 2.0e-3f;        /* errors below this share of the force tell laws apart no more */
-static const float TELLING = 0.03f;        /* nothing is forgotten while the worst errs by far less than this share */
-static const float FELT_KEPT = 0.98f;      /* of the largest force, from sample to sample */
-static const float FELT_LEAST_N = 1.0e-2f; /* at the first touch errors of less tell no law from another */
+static const float RECORD_US = 1900.0f;     /* ticks closer than this share a record */
+static const float HALF_SAMPLES = 2.0f;     /* an error counts half after so many samples, */
+static const float HALF_MIN_S = 0.03f;      /* or after this where samples come more often */
+static const float RATE = 3.0f;             /* of the weights, over the least sum */
+static const float FLOOR = 2.0e-3f;         /* errors below this share of the force tell laws apart no more */
+static const float TELLING = 0.03f;         /* nothing is forgotten while the worst errs by far less than this share */
+static const float PEAK_FORCE_KEPT = 0.98f; /* of the largest force, from sample to sample */
+static const float PEAK_FORCE_MIN_N = 1.0e-2f; /* at the first touch errors of less tell no law from another */
 /* Sums before anything is known: a patch knows the surface, the others only the last force. */
 static const float LOSS_PATCH = 1.0e-4f, LOSS_OTHER = 1.0e-2f;
 
 void hrt_adaptive_reset(hrt_adaptive *a) {
     a->count = a->newest = 0;
-    a->felt_N = 0.0f;
+    a->recent_peak_N = 0.0f;
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->loss[i] = i == HRT_ADAPTIVE_PATCH ? LOSS_PATCH : LOSS_OTHER;
 }
 
@@ -56,7 +56,7 @@ void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float 
     hrt_adaptive_record *to = &a->record[a->newest];
     to->t_us = now_us;
     to->with_patch = with_patch;
-    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) vset(said_N[i], to->said_N[i]);
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) vset(said_N[i], to->force_N[i]);
 }
 
 /* The last record at or before t_us and the one after it, which may be the same; false: all are younger. */
@@ -77,7 +77,7 @@ static float square_of_miss(const hrt_adaptive_record *before, const hrt_adaptiv
                             const float force_N[3]) {
     float miss2 = 0.0f;
     for (int c = 0; c < 3; c++) {
-        const float said = (1.0f - share) * before->said_N[law][c] + share * after->said_N[law][c];
+        const float said = (1.0f - share) * before->force_N[law][c] + share * after->force_N[law][c];
         miss2 += (said - force_N[c]) * (said - force_N[c]);
     }
     return miss2;
@@ -92,15 +92,15 @@ void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const f
     float miss2[HRT_ADAPTIVE_LAWS], worst2 = 0.0f, any2 = vdot(force_N, force_N);
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) {
         miss2[i] = square_of_miss(before, after, share, i, force_N);
-        any2 += vdot(before->said_N[i], before->said_N[i]);
+        any2 += vdot(before->force_N[i], before->force_N[i]);
         if (i != HRT_ADAPTIVE_PATCH || with_patch) worst2 = fmaxf(worst2, miss2[i]);
     }
     if (!(any2 > 0.0f)) return; /* out of touch nothing is learnt, and nothing forgotten */
-    a->felt_N = fmaxf(FELT_KEPT * a->felt_N, vnorm(force_N));
-    const float scale2 = fmaxf(a->felt_N, FELT_LEAST_N) * fmaxf(a->felt_N, FELT_LEAST_N);
+    a->recent_peak_N = fmaxf(PEAK_FORCE_KEPT * a->recent_peak_N, vnorm(force_N));
+    const float scale2 = fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N) * fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N);
     /* Where no law could be wrong nothing was learnt of the next motion. A half-life h of a rate 1/(1+t/T) a sample: T
      * = t / (sqrt 2 - 1) for h = 2 t. */
-    const float time_s = 1.207f * fmaxf(HALF_SAMPLES * interval_s, HALF_LEAST_S);
+    const float time_s = 1.207f * fmaxf(HALF_SAMPLES * interval_s, HALF_MIN_S);
     const float tells = worst2 / (worst2 + TELLING * TELLING * scale2);
     const float kept = time_s / (time_s + tells * fmaxf(interval_s, 1.0e-4f));
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++)

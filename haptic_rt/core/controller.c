@@ -101,13 +101,14 @@ static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *
         hrt_extrapolation_select(&c->extrapolation, in->extrapolator);
     if (newest && c->state != HRT_FAULT && sample_wanted(c, now_us, newest)) take_over(c, newest);
     /* Their bits stand in the rules' order. */
-    if (c->sample_seen && c->sample_rule != HRT_RULE_TAKE) c->limits |= 2u * HRT_LIMIT_DOUBT >> c->sample_rule;
+    if (c->sample_seen && c->sample_rule != HRT_RULE_TAKE) c->limits |= 2u * HRT_LIMIT_FORCE_ONLY >> c->sample_rule;
 }
 
 /* Two controllers on one device push in turn: neither may. What was heard before this state began is over: a bus that
  * was stuck may still deliver what a predecessor sent. */
-static void look_for_rival(hrt_controller *c, int64_t now_us, const hrt_input *in) {
-    if (c->state != HRT_BOOT && in->rival_us > c->state_since_us) hrt_latch(c, now_us, HRT_FAULT_RIVAL, 0);
+static void check_bus_conflict(hrt_controller *c, int64_t now_us, const hrt_input *in) {
+    if (c->state != HRT_BOOT && in->bus_conflict_us > c->state_since_us)
+        hrt_latch(c, now_us, HRT_FAULT_BUS_CONFLICT, 0);
 }
 
 /* Device health common to the states that have one. Returns false when it changed the state. */
@@ -232,7 +233,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
         hrt_latch(c, now_us, HRT_FAULT_PARAMETER, hrt_params_check(&c->params));
     const float dt_s = read_clock(c, now_us);
     hrt_read_device(c, now_us, in);
-    look_for_rival(c, now_us, in);
+    check_bus_conflict(c, now_us, in);
     vsub(c->tip_m, before, moved);
     if (in_use(c)) hrt_passivity_observe(c, now_us, dt_s, moved);
     read_simulation(c, now_us, in, newest);

@@ -5,28 +5,28 @@
 #if HRT_WITH_EVIDENCE
 
 /* Of changes of force, squared: smaller ones say little of the stiffness that foretold them. */
-static const float DOUBTFUL_N2 = 1.0e-4f;
+static const float UNRELIABLE_N2 = 1.0e-4f;
 
 /* The share of what a received stiffness foretold that came true of late: tissue that is cut again and again is never
  * at the rest that it is of. Tissue that has just been cut is believed what it has shown. */
 float hrt_evidence_trust(const hrt_extrapolation *x) {
-    const float unseen_N2 = x->cut ? 0.0f : DOUBTFUL_N2;
-    return hrt_clamp((x->came_N2 + unseen_N2) / (x->foretold_N2 + DOUBTFUL_N2), 0.0f, 1.0f);
+    const float unseen_N2 = x->cut ? 0.0f : UNRELIABLE_N2;
+    return hrt_clamp((x->came_N2 + unseen_N2) / (x->foretold_N2 + UNRELIABLE_N2), 0.0f, 1.0f);
 }
 
 /* Follows how the stiffness of the sample before fared, with a memory of a few samples. */
 void hrt_evidence_judge(hrt_extrapolation *x) {
     float step[3], change[3], foretold[3];
-    vsub(x->now.tip_m, x->before.tip_m, step);
-    vsub(x->now.force_N, x->before.force_N, change);
-    hrt_apply(x->before.stiffness_N_m, step, foretold);
-    const bool known = vnorm(x->now.force_N) + vnorm(x->before.force_N) > 0.0f;
+    vsub(x->now.tip_m, x->previous.tip_m, step);
+    vsub(x->now.force_N, x->previous.force_N, change);
+    hrt_apply(x->previous.stiffness_N_m, step, foretold);
+    const bool known = vnorm(x->now.force_N) + vnorm(x->previous.force_N) > 0.0f;
     x->foretold_N2 = known ? 0.5f * x->foretold_N2 + vdot(foretold, foretold) : 0.0f;
     x->came_N2 = known ? 0.5f * x->came_N2 + vdot(change, foretold) : 0.0f;
 }
 
 /* Of the force on a patch, what it may have drifted. */
-static const float DRIFT_MOST = 0.2f;
+static const float DRIFT_MAX = 0.2f;
 /* Drifts measured over less time are averaged. */
 static const float DRIFT_S = 0.015f;
 static const float DRIFT_FORGOTTEN = 0.5f;
@@ -38,9 +38,9 @@ static bool agrees(const hrt_extrapolation *x) {
     hrt_touch trial = x->touch;
     float force[3], miss[3];
     if (!(vnorm(x->now.force_N) > 0.0f)) return true;
-    vset(x->now.tip_m, trial.film_tip_m);
+    vset(x->now.tip_m, trial.drag_tip_m);
     for (int i = 0; i < 3; i++) trial.mean_m_s[i] = 0.0f;
-    if (!hrt_contact_force(x->patch, &trial, trial.film_us, x->now.tip_m, force)) return false;
+    if (!hrt_contact_force(x->patch, &trial, trial.drag_us, x->now.tip_m, force)) return false;
     vsub(force, x->now.force_N, miss);
     return vnorm(miss) < 0.5f * fmaxf(vnorm(force), vnorm(x->now.force_N)) + 0.01f;
 }
@@ -50,9 +50,9 @@ static bool agrees(const hrt_extrapolation *x) {
 static void measure_drift(hrt_extrapolation *x) {
     hrt_touch trial = x->touch;
     float force[3], drift[3];
-    vset(x->tick_tip_m, trial.film_tip_m);
-    trial.film_us = x->tick_us;
-    if (!hrt_contact_force(x->patch, &trial, x->touch.film_us, x->touch.film_tip_m, force)) return;
+    vset(x->tick_tip_m, trial.drag_tip_m);
+    trial.drag_us = x->tick_us;
+    if (!hrt_contact_force(x->patch, &trial, x->touch.drag_us, x->touch.drag_tip_m, force)) return;
     vsub(force, x->patch_N, drift);
     vscale(1.0f / x->interval_s, drift, drift);
     const float share = fminf(1.0f, x->interval_s / DRIFT_S);
@@ -74,7 +74,7 @@ static const float CUTTING_SHARE = 0.18f;
 
 /* Brings the patch's force back towards the sample's. Tissue that another hand cuts is believed: the next patch tells
  * what is left of it, and what this tool bears on changes little. */
-static void doubt_cutting(const hrt_extrapolation *x, float force[3]) {
+static void limit_cutting(const hrt_extrapolation *x, float force[3]) {
     float change[3];
     if (!x->cutting) return;
     vsub(force, x->now.force_N, change);
@@ -90,12 +90,12 @@ void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force[3]) {
         x->patch_ticks++;
     }
     vset(force, x->patch_N);
-    doubt_cutting(x, force);
+    limit_cutting(x, force);
     const float age_s = hrt_clamp(hrt_seconds(now_us - x->now.t_us), 0.0f, 2.0f * x->interval_s);
     float drifted[3];
     const float lasts = x->drift_was > 0.0f ? hrt_clamp(x->drift_lasted / x->drift_was, 0.0f, 1.0f) : 0.0f;
     vscale(lasts * age_s, x->drift_N_s, drifted);
-    const float size = vnorm(drifted), most = DRIFT_MOST * vnorm(force);
+    const float size = vnorm(drifted), most = DRIFT_MAX * vnorm(force);
     vadd(force, size > most ? most / size : 1.0f, drifted);
 }
 #endif

@@ -28,7 +28,7 @@ static float guarded_square(const hrt_params *params, const float step_m[3]) {
  * does not lead it through zero: while jaws open the force falls without any motion, and what an estimate makes of that
  * points the other way, and grows. */
 static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]) {
-    const float *touch = vnorm(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
+    const float *touch = vnorm(x->now.force_N) > 0.0f ? x->now.force_N : x->previous.force_N;
     const float size2 = vdot(touch, touch);
     if (!(x->now.unilateral || estimated) || !(size2 > 0.0f)) return;
     const float along = vdot(force, touch);
@@ -78,7 +78,7 @@ static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
     only_push(x, false, force);
 }
 
-/* `contact` off its patch: the sample's stiffness, or without one what motion alone did to the force last. */
+/* `local_model` off its patch: the sample's stiffness, or without one what motion alone did to the force last. */
 static void law_off_patch(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (HRT_WITH_EVIDENCE && x->cut) return; /* the next cut is not foretold by any stiffness */
     if (!HRT_WITH_EVIDENCE || x->now.stiffness_kind != 0)
@@ -94,7 +94,7 @@ typedef struct law {
 
 #define ROW(id, name, law) {name, law},
 static const law laws[HRT_EXTRAPOLATOR_COUNT] = {HRT_EXTRAPOLATORS(ROW)};
-_Static_assert(HRT_HOLD == 0 && HRT_CONTACT == 5 && HRT_PAPER_POSITION == 6 && HRT_ADAPTIVE == 7,
+_Static_assert(HRT_HOLD == 0 && HRT_LOCAL_MODEL == 5 && HRT_PAPER_POSITION == 6 && HRT_ADAPTIVE == 7,
                "messages and logs carry these numbers");
 
 const char *hrt_extrapolator_name(hrt_extrapolator which) {
@@ -119,14 +119,14 @@ void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which) {
 #endif
 }
 
-static bool uses_patch(const hrt_extrapolation *x) { return x->which == HRT_CONTACT || x->which == HRT_ADAPTIVE; }
+static bool uses_patch(const hrt_extrapolation *x) { return x->which == HRT_LOCAL_MODEL || x->which == HRT_ADAPTIVE; }
 
 void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     if (x->which == which) return;
     x->which = which;
     x->changed = 1;
     x->on_patch = false;
-    hrt_contact_clear(&x->touch);
+    hrt_local_model_clear(&x->touch);
 #if HRT_WITH_ADAPTIVE
     hrt_adaptive_reset(&x->adaptive);
 #endif
@@ -136,15 +136,15 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
  */
 static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     float step[3], miss[3], predicted[3];
-    vsub(x->now.tip_m, x->before.tip_m, step);
-    vsub(x->now.force_N, x->before.force_N, miss);
+    vsub(x->now.tip_m, x->previous.tip_m, step);
+    vsub(x->now.force_N, x->previous.force_N, miss);
     hrt_apply(x->broyden_N_m, step, predicted);
     vadd(miss, -1.0f, predicted);
     const float square = guarded_square(params, step);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
     /* Out of touch nothing is stiff. */
-    const float now = vnorm(x->now.force_N), before = vnorm(x->before.force_N);
+    const float now = vnorm(x->now.force_N), before = vnorm(x->previous.force_N);
     const bool untouched = !(now > 0.0f) && !(before > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
     x->broyden_bounded = norm > params->stiffness_max_N_m;
@@ -156,7 +156,7 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
 static const hrt_patch *usable(const hrt_sample *sample) {
     const hrt_patch *patch = HRT_WITH_PATCHES ? sample->patch : NULL;
     const bool unusable = patch && (patch->topology_revision != sample->topology_revision ||
-                                    (sample->unilateral && hrt_patch_holds(patch)) ||
+                                    (sample->unilateral && hrt_patch_grasps(patch)) ||
                                     (!HRT_WITH_FRICTION && patch->friction_static > 0.0f));
     return unusable ? NULL : patch;
 }
@@ -167,20 +167,20 @@ static void take_patch(hrt_extrapolation *x) {
      * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a delay
      * in the hand's loop. What jaws let go comes at once too. `adaptive` has no bridge: where a cut is not foretold it
      * is `hold`, and a bridge made it worse than that by 5 to 8 % under a cautery. */
-    bool other = x->cut || (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
+    bool other = x->cut || (x->patch && fresh && hrt_patch_grasps(x->patch) != hrt_patch_grasps(fresh));
 #if HRT_WITH_EVIDENCE
     const bool cutting = (x->now.flags & HRT_FLAG_CUTTING) != 0;
     other = other || cutting != x->cutting;
     x->cutting = cutting;
 #endif
-    if ((x->now.flags & HRT_FLAG_LETTING_GO) != 0)
-        x->changed = x->bridging = 0, x->on_patch = false;
+    if ((x->now.flags & HRT_FLAG_RELEASING) != 0)
+        x->changed = x->blending = 0, x->on_patch = false;
     else if (other && x->on_patch && x->which != HRT_ADAPTIVE)
         x->changed = 2;
     if (x->on_patch && x->patch && fresh)
-        hrt_contact_warm(&x->touch, x->patch, fresh);
+        hrt_local_model_warm(&x->touch, x->patch, fresh);
     else
-        hrt_contact_clear(&x->touch);
+        hrt_local_model_clear(&x->touch);
     x->patch = fresh;
     x->patch_us = x->now.t_us;
     x->patch_left = false;
@@ -201,11 +201,11 @@ static __attribute__((noinline)) void remember(const hrt_sample *sample, hrt_pas
 #if HRT_WITH_EVIDENCE
 /* Samples may come in every tick: what is told by differences is told by those that are far enough apart. */
 static bool is_far_apart(hrt_extrapolation *x) {
-    if (hrt_older(x->now.t_us - x->between.t_us, DIFFERENCE_US)) {
-        x->before = x->between;
-        remember(&x->now, &x->between);
+    if (hrt_older(x->now.t_us - x->candidate.t_us, DIFFERENCE_US)) {
+        x->previous = x->candidate;
+        remember(&x->now, &x->candidate);
     }
-    return hrt_older(x->now.t_us - x->before.t_us, DIFFERENCE_US);
+    return hrt_older(x->now.t_us - x->previous.t_us, DIFFERENCE_US);
 }
 #else
 /* A small part gets samples a frame apart. */
@@ -215,7 +215,7 @@ static bool is_far_apart(const hrt_extrapolation *x) { return (void)x, true; }
 /* What a cut or opening jaws do to the force says nothing of how it follows the tool; and what is let go is not stiff
  * any more. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
-    const bool anew = x->have == 0 || ((sample->flags | x->now.flags) & HRT_FLAG_LETTING_GO) != 0;
+    const bool anew = x->have == 0 || ((sample->flags | x->now.flags) & HRT_FLAG_RELEASING) != 0;
     const float was_N = vnorm(x->now.force_N);
     x->cut = x->have != 0 && x->now.topology_revision != sample->topology_revision;
 #if HRT_WITH_EVIDENCE
@@ -241,9 +241,9 @@ void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, co
         const float is_N = vnorm(x->now.force_N), share = anew ? 0.0f : is_N < was_N ? is_N / was_N : 1.0f;
         for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
         x->have = 1;
-        remember(&x->now, &x->before);
+        remember(&x->now, &x->previous);
 #if HRT_WITH_EVIDENCE
-        x->between = x->before;
+        x->candidate = x->previous;
 #endif
     }
     take_patch(x);
@@ -263,9 +263,9 @@ static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now
     m->age_s = 1.0e-6f * hrt_clamp(age_us, 0.0f, params->horizon_us);
     vsub(tip_m, x->now.tip_m, m->moved_m);
     cap_length(m->moved_m, params->horizon_m, &x->limits);
-    m->interval_s = hrt_seconds(x->now.t_us - x->before.t_us);
-    vsub(x->now.tip_m, x->before.tip_m, m->step_m);
-    vsub(x->now.force_N, x->before.force_N, m->change_N);
+    m->interval_s = hrt_seconds(x->now.t_us - x->previous.t_us);
+    vsub(x->now.tip_m, x->previous.tip_m, m->step_m);
+    vsub(x->now.force_N, x->previous.force_N, m->change_N);
 }
 
 /* The patch's force; false: there is none, or the tool is off it. */
@@ -274,8 +274,8 @@ static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t
     const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
     if (young && !x->patch_left) {
 #if HRT_WITH_EVIDENCE
-        vset(x->touch.film_tip_m, x->tick_tip_m);
-        x->tick_us = x->touch.film_us;
+        vset(x->touch.drag_tip_m, x->tick_tip_m);
+        x->tick_us = x->touch.drag_us;
 #endif
         if (hrt_contact_force(x->patch, &x->touch, now_us, tip_m, force)) {
 #if HRT_WITH_EVIDENCE
@@ -296,7 +296,7 @@ static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t
 /* What differences and stiffness make of an old sample is bounded by what was felt: a hand goes far while a simulation
  * lags, and the tissue that they are of does not. */
 static void bound_change(const hrt_extrapolation *x, float said_N[3]) {
-    const float most = 0.5f * fmaxf(x->adaptive.felt_N, vnorm(x->now.force_N));
+    const float most = 0.5f * fmaxf(x->adaptive.recent_peak_N, vnorm(x->now.force_N));
     float change[3];
     vsub(said_N, x->now.force_N, change);
     const float size = vnorm(change);
@@ -344,38 +344,38 @@ static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
 static const float SLIGHT_N = 0.1f; /* steps of forces below this need no more smoothing than those of it */
 #endif
 
-/* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest
+/* Two laws, or two tissues of `local_model`, meet without a jump: the force goes over at the pace at which the largest
  * force of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes
  * at that pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the
  * same tissue on top of the law's own, as what is late there makes a stiff contact swing. */
-static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
+static void blend_transfer(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     float ahead[3], moved[3];
 #if HRT_WITH_EVIDENCE
     const float over_us = fminf(params->blend_us, 1.4e6f * x->interval_s); /* done before much more is known */
-    const float whole_N = fmaxf(x->felt_N, SLIGHT_N);
+    const float whole_N = fmaxf(x->recent_peak_N, SLIGHT_N);
 #else
-    const float over_us = params->blend_us, whole_N = x->felt_N;
+    const float over_us = params->blend_us, whole_N = x->recent_peak_N;
 #endif
-    float pace_N = whole_N * hrt_us(now_us - x->bridge_us) / fmaxf(over_us, 1.0f), own_N = 0.0f;
+    float pace_N = whole_N * hrt_us(now_us - x->blend_us_left) / fmaxf(over_us, 1.0f), own_N = 0.0f;
     vsub(force, x->last_N, ahead);
     vset(ahead, moved);
-    vadd(moved, 1.0f, x->bridge_N);
-    x->bridge_us = now_us;
+    vadd(moved, 1.0f, x->blend_offset_N);
+    x->blend_us_left = now_us;
     if (!x->changed) {
         own_N = vnorm(moved);
     } else if (x->last_valid) { /* samples may come in every tick: what is under way goes on */
-        if (!x->bridging) pace_N = 0.0f;
-        if (x->changed > x->bridging) x->bridging = x->changed;
+        if (!x->blending) pace_N = 0.0f;
+        if (x->changed > x->blending) x->blending = x->changed;
     }
     if (x->changed) x->changed--;
-    if (!x->bridging) return;
-    const float step_N = x->bridging > 1 ? fmaxf(pace_N, own_N) : pace_N + own_N, ahead_N = vnorm(ahead);
+    if (!x->blending) return;
+    const float step_N = x->blending > 1 ? fmaxf(pace_N, own_N) : pace_N + own_N, ahead_N = vnorm(ahead);
     if (!(ahead_N > step_N)) {
-        x->bridging = 0;
+        x->blending = 0;
         return;
     }
-    vscale(step_N / ahead_N - 1.0f, ahead, x->bridge_N);
-    vadd(force, 1.0f, x->bridge_N);
+    vscale(step_N / ahead_N - 1.0f, ahead, x->blend_offset_N);
+    vadd(force, 1.0f, x->blend_offset_N);
 }
 
 void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
@@ -386,8 +386,8 @@ void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int
     const bool on_patch = evaluate(x, params, now_us, tip_m, force_N);
     if (uses_patch(x) && on_patch != x->on_patch && !x->changed) x->changed = 1;
     x->on_patch = on_patch;
-    x->felt_N = fmaxf((1.0f - FORGOTTEN) * x->felt_N, vnorm(force_N));
-    bridge(x, params, now_us, force_N);
+    x->recent_peak_N = fmaxf((1.0f - FORGOTTEN) * x->recent_peak_N, vnorm(force_N));
+    blend_transfer(x, params, now_us, force_N);
     vset(force_N, x->last_N);
     x->last_valid = true;
 }

@@ -7,7 +7,7 @@ static const struct {
     const char *name, *text;
 } fault_row[HRT_FAULT_COUNT] = {
     [HRT_FAULT_NONE] = {"none", "No fault."},
-    [HRT_FAULT_PARAMETER] = {"parameter", "A parameter is outside its range; mend the profile and start again."},
+    [HRT_FAULT_PARAMETER] = {"parameter", "A parameter is outside its range; repair the profile and start again."},
     [HRT_FAULT_DEVICE_SILENT] =
         {"device_silent",
          "The device stopped sending its encoders while in use; check its cable and power, then reset."},
@@ -19,7 +19,7 @@ static const struct {
                            "The CAN controller left the bus; check wiring, termination and bit rate, then reset."},
     [HRT_FAULT_ENCODER_RANGE] =
         {"encoder_range",
-         "An encoder reads outside the workspace; calibrate the device or mend the profile, then reset."},
+         "An encoder reads outside the workspace; calibrate the device or repair the profile, then reset."},
     [HRT_FAULT_ENCODER_JUMP] = {"encoder_jump",
                                 "An encoder moved faster than is possible; check its cable, then reset."},
     [HRT_FAULT_ENCODER_STUCK] =
@@ -32,7 +32,8 @@ static const struct {
         {"self_test", "The self test was not passed in time; check that the device sends without pause, then reset."},
     [HRT_FAULT_INTERNAL] =
         {"internal", "A force that is not a number reached the output; keep the recording and report it, then reset."},
-    [HRT_FAULT_RIVAL] = {"rival", "Another controller commands this device on the same bus; end it, then reset."},
+    [HRT_FAULT_BUS_CONFLICT] = {"bus_conflict",
+                                "Another controller commands this device on the same bus; end it, then reset."},
 };
 
 const char *hrt_state_name(hrt_state state) {

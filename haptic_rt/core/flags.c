@@ -9,9 +9,9 @@ static const uint16_t flags_of[HRT_RULE_REFUSE] = {
      * been missed on the way; a patch would push out a tool that touches nothing; while jaws open the force falls
      * without motion. */
     [HRT_RULE_FORCE_ONLY] =
-        HRT_FLAG_OVERFLOWED | HRT_FLAG_UNCONVERGED | HRT_FLAG_TOO_FAST | HRT_FLAG_INSIDE | HRT_FLAG_LETTING_GO,
+        HRT_FLAG_OVERFLOWED | HRT_FLAG_UNCONVERGED | HRT_FLAG_TOO_FAST | HRT_FLAG_INSIDE | HRT_FLAG_RELEASING,
     /* An old force at a new place would bend every estimate. */
-    [HRT_RULE_NOT_FRESH] = HRT_FLAG_HELD_OVER,
+    [HRT_RULE_NOT_FRESH] = HRT_FLAG_REPEATED,
     /* There is no reaction. */
     [HRT_RULE_FADE] = HRT_FLAG_UNSTABLE,
 };

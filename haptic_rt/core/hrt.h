@@ -54,7 +54,7 @@ typedef enum hrt_fault {
     HRT_FAULT_TICK_LATE,        /* the caller's loop stood still for longer than tick_timeout_us while in use */
     HRT_FAULT_SELF_TEST,        /* self test not passed within its time */
     HRT_FAULT_INTERNAL,         /* a force that is not finite reached the last stage */
-    HRT_FAULT_RIVAL,            /* somebody else sends this controller's frames on the bus */
+    HRT_FAULT_BUS_CONFLICT,     /* somebody else sends this controller's frames on the bus */
     HRT_FAULT_COUNT
 } hrt_fault;
 
@@ -69,12 +69,12 @@ typedef enum hrt_limit {
     HRT_LIMIT_PASSIVITY = 64, /* the passivity controller dissipates */
     HRT_LIMIT_COUPLING = 128, /* the virtual coupling carries the force */
     HRT_LIMIT_RAMP = 256,     /* engaging */
-    HRT_LIMIT_PATCH = 512,    /* `contact` has no usable patch and runs as `tangent` or `position` */
+    HRT_LIMIT_PATCH = 512,    /* `local_model` has no usable patch and runs as `tangent` or `position` */
     HRT_LIMIT_PAUSE = 1024, /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in
                                again */
-    HRT_LIMIT_UNSTABLE = 2048, /* the newest sample says that the simulation's step failed: the force fades */
-    HRT_LIMIT_HELD = 4096,     /* the newest sample repeats an older reaction: it does not count as fresh */
-    HRT_LIMIT_DOUBT = 8192     /* of the newest sample the force alone is used */
+    HRT_LIMIT_UNSTABLE = 2048,  /* the newest sample says that the simulation's step failed: the force fades */
+    HRT_LIMIT_REPEATED = 4096,  /* the newest sample repeats an older reaction: it does not count as fresh */
+    HRT_LIMIT_FORCE_ONLY = 8192 /* of the newest sample the force alone is used */
 } hrt_limit;
 
 /* The extrapolators, one row each: name in C, name in words, law (core/extrapolate.c). Messages carry their numbers, so
@@ -85,7 +85,7 @@ typedef enum hrt_limit {
     ROW(POSITION, "position", law_position)                                                                            \
     ROW(BROYDEN, "broyden", law_broyden)                                                                               \
     ROW(TANGENT, "tangent", law_tangent)                                                                               \
-    ROW(CONTACT, "contact", law_off_patch)                    /* off its patch; on it: core/contact.c */               \
+    ROW(LOCAL_MODEL, "local_model", law_off_patch)            /* off its patch; on it: core/local_model.c */           \
     ROW(PAPER_POSITION, "paper_position", law_paper_position) /* unsigned ratio as printed; for comparison only */     \
     ROW(ADAPTIVE, "adaptive", law_off_patch)                  /* a blend of the others: core/adaptive.c */
 #define HRT_EXTRAPOLATOR_VALUE(id, name, law) HRT_##id,
@@ -182,7 +182,7 @@ int32_t hrt_params_check(const hrt_params *params);
 #define HRT_WITH_EVIDENCE 1
 #endif
 
-/* 0 leaves the law `adaptive` and the 8 kB of its memory out: it then runs as `contact`. */
+/* 0 leaves the law `adaptive` and the 8 kB of its memory out: it then runs as `local_model`. */
 #ifndef HRT_WITH_ADAPTIVE
 #define HRT_WITH_ADAPTIVE 1
 #endif
@@ -222,29 +222,29 @@ typedef struct hrt_patch {
     uint32_t seq; /* of its sample */
     int32_t topology_revision;
     int32_t vertex_count, triangle_count;
-    uint32_t held; /* bit v: vertex v is between the jaws: rows on such alone are no obstacle; bit vertex_count, the
+    uint32_t grasped; /* bit v: vertex v is between the jaws: rows on such alone are no obstacle; bit vertex_count, the
                       tip's, is set; 0: there is no hold */
     float vertex_m[HRT_PATCH_DOFS];                /* without this tool's contact, relative to the trocar */
     float rest_m[HRT_PATCH_DOFS];                  /* undeformed; all zero: as vertex_m */
-    int32_t face[HRT_PATCH_MAX_TRIANGLES];         /* lasting names of the triangles; all zero: their numbers */
+    int32_t face[HRT_PATCH_MAX_TRIANGLES];         /* persistent ids of the triangles; all zero: their numbers */
     uint8_t triangle[3 * HRT_PATCH_MAX_TRIANGLES]; /* normal outward */
     float compliance_m_N[HRT_PATCH_COMPLIANCE];    /* upper triangle, row by row, of (3 places)^2 */
-    float skin_compliance_m_N;                     /* of a station: a sphere of the tool (docs/contact.md) */
+    float contact_compliance_m_N;                  /* of a station: a sphere of the tool (docs/contact.md) */
     float force_cap_N;                             /* of one row; 0: 50 */
     float radius_m;
     float contact_length_m;
-    float film_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
+    float drag_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
     float radiation_N_s_m, radiation_s; /* dashpot of what waves carry off, on the speed less its mean of so long */
-    float friction_static, friction_sliding; /* coefficients of what has rested and of what has slid; 0: no friction */
+    float friction_static, friction_kinetic; /* coefficients of what has rested and of what has slid; 0: no friction */
     hrt_patch_topology topology;
 } hrt_patch;
 
-static inline bool hrt_patch_holds(const hrt_patch *patch) { return patch->held != 0; }
+static inline bool hrt_patch_grasps(const hrt_patch *patch) { return patch->grasped != 0; }
 /* Where the tip's place begins in vertex_m and rest_m. */
 static inline int32_t hrt_patch_tip(const hrt_patch *patch) { return 3 * patch->vertex_count; }
 /* Vertices, and the tip where something is held. */
-static inline int32_t hrt_patch_places(const hrt_patch *patch) {
-    return patch->vertex_count + (hrt_patch_holds(patch) ? 1 : 0);
+static inline int32_t hrt_patch_nodes(const hrt_patch *patch) {
+    return patch->vertex_count + (hrt_patch_grasps(patch) ? 1 : 0);
 }
 
 /* What the simulation says of a sample; the bits of force_sample_t.flags. */
@@ -254,11 +254,11 @@ typedef enum hrt_flag {
     HRT_FLAG_OVERRAN = 4,
     HRT_FLAG_PATCH = 8,
     HRT_FLAG_UNCONVERGED = 16,
-    HRT_FLAG_HELD_OVER = 32,
+    HRT_FLAG_REPEATED = 32,
     HRT_FLAG_UNSTABLE = 64,
     HRT_FLAG_TOO_FAST = 128,
     HRT_FLAG_INSIDE = 256,
-    HRT_FLAG_LETTING_GO = 512,
+    HRT_FLAG_RELEASING = 512,
     HRT_FLAG_CUTTING = 1024 /* a cautery at work: what it touches may go at any time */
 } hrt_flag;
 
@@ -388,29 +388,29 @@ typedef struct hrt_contact_row {
     float lambda_N;
 } hrt_contact_row;
 
-enum { HRT_MIXING_MEMORY = 2 };
+enum { HRT_ANDERSON_DEPTH = 2 };
 
-/* What the rounds of `contact` remember of each other (law/mixing.h). */
-typedef struct hrt_mixing {
+/* What the rounds of `local_model` remember of each other (contact_law/anderson.h). */
+typedef struct hrt_anderson {
     bool used; /* not all zero */
     uint8_t next;
-    float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], step_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
-} hrt_mixing;
+    float residual_change_N[HRT_ANDERSON_DEPTH][HRT_PATCH_DOFS], step_N[HRT_ANDERSON_DEPTH][HRT_PATCH_DOFS];
+} hrt_anderson;
 
-/* Friction at a station of the tool, from tick to tick (law/friction.h). */
-typedef struct hrt_rubbed {
+/* Friction at a station of the tool, from tick to tick (contact_law/friction.h). */
+typedef struct hrt_friction_state {
     uint8_t station;
     float force_N[3];   /* on the tissue */
     float stretch_N[3]; /* of its skin, by the skin's compliance: where the force goes while it sticks */
-    float rest;         /* 1 has rested .. 0 has slid */
-} hrt_rubbed;
+    float stick_state;  /* 1 has rested .. 0 has slid */
+} hrt_friction_state;
 
-typedef struct hrt_rubbing {
+typedef struct hrt_friction_history {
     uint32_t known; /* bit v: u_m of vertex v is there; 0: tip_m is not either */
     int32_t count;
-    hrt_rubbed at[HRT_CONTACT_ROWS];
+    hrt_friction_state at[HRT_CONTACT_ROWS];
     float u_m[HRT_PATCH_DOFS], tip_m[3]; /* displacements of the vertices, and the tip, in the last tick */
-} hrt_rubbing;
+} hrt_friction_history;
 
 /* Of an earlier sample. */
 typedef struct hrt_past {
@@ -429,28 +429,28 @@ enum { HRT_ADAPTIVE_RECORDS = 128 }; /* of 2 ms: longer than a sample of 25 Hz i
 typedef struct hrt_adaptive_record {
     int64_t t_us;
     bool with_patch;
-    float said_N[HRT_ADAPTIVE_LAWS][3];
+    float force_N[HRT_ADAPTIVE_LAWS][3];
 } hrt_adaptive_record;
 
 typedef struct hrt_adaptive {
-    float loss[HRT_ADAPTIVE_LAWS];   /* forgotten sums of squared errors, over the square of felt_N */
+    float loss[HRT_ADAPTIVE_LAWS];   /* forgotten sums of squared errors, over the square of recent_peak_N */
     float weight[HRT_ADAPTIVE_LAWS]; /* in the last tick, sum 1 */
-    float felt_N;                    /* the largest force of the last samples */
+    float recent_peak_N;             /* the largest force of the last samples */
     int32_t count, newest;           /* of the ring of records */
     hrt_adaptive_record record[HRT_ADAPTIVE_RECORDS];
 } hrt_adaptive;
 
 /* The tool on a patch, from tick to tick. */
 typedef struct hrt_touch {
-    int64_t film_us;     /* when the tool was last solved against a patch */
-    float film_tip_m[3]; /* and where it was */
+    int64_t drag_us;     /* when the tool was last solved against a patch */
+    float drag_tip_m[3]; /* and where it was */
     float mean_m_s[3];   /* speed of the tip in touch, over radiation_s */
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
-    hrt_mixing mixing;
+    hrt_anderson anderson;
 #if HRT_WITH_FRICTION
-    hrt_rubbing rubbing;
+    hrt_friction_history friction;
 #endif
 } hrt_touch;
 
@@ -458,18 +458,18 @@ typedef struct hrt_extrapolation {
     hrt_extrapolator which;
     int32_t have; /* 0: no sample; 1: `now`; 2: `before` too, and the difference is of motion alone */
     hrt_sample now;
-    hrt_past before; /* the sample that differences are taken from */
+    hrt_past previous; /* the sample that differences are taken from */
 #if HRT_WITH_EVIDENCE
-    hrt_past between; /* the next that will be, once it is far enough back */
+    hrt_past candidate; /* the next that will be, once it is far enough back */
 #endif
     float broyden_N_m[9];
     bool broyden_bounded;
-    float bridge_N[3]; /* while it goes over: what the last force was more than the new law's */
-    int64_t bridge_us; /* the last tick */
-    float felt_N;      /* the largest force of the last seconds */
-    uint8_t bridging;  /* 1: to another law, 2: to another tissue */
-    uint8_t changed;   /* ticks for which what the force was more is measured anew */
-    bool patch_left;   /* the tool went off the newest patch, or that denies its sample */
+    float blend_offset_N[3]; /* while it goes over: what the last force was more than the new law's */
+    int64_t blend_us_left;   /* the last tick */
+    float recent_peak_N;     /* the largest force of the last seconds */
+    uint8_t blending;        /* 1: to another law, 2: to another tissue */
+    uint8_t changed;         /* ticks for which what the force was more is measured anew */
+    bool patch_left;         /* the tool went off the newest patch, or that denies its sample */
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
@@ -513,7 +513,7 @@ typedef struct hrt_input {
     int32_t count[HRT_JOINTS];
     uint32_t device_session; /* changes when the device starts anew; 0 unknown */
     uint8_t device_fault;    /* the device's own code, 0 none */
-    int64_t rival_us;        /* when somebody else's frame under our ids was heard; 0: never */
+    int64_t bus_conflict_us; /* when somebody else's frame under our ids was heard; 0: never */
     bool device_watchdog;    /* its watchdog dropped the torque and wants to hear "motors off" first */
     bool pedal;              /* cautery */
     bool bus_ok;

@@ -15,7 +15,7 @@
 /* Three numbers a point, three corners a triangle; as wide as a pointer's offset. */
 static const ptrdiff_t HRT_XYZ = 3;
 
-/* 0 leaves the patch out of a small part's flash: `contact` then runs as `tangent`. */
+/* 0 leaves the patch out of a small part's flash: `local_model` then runs as `tangent`. */
 #ifndef HRT_WITH_PATCHES
 #define HRT_WITH_PATCHES 1
 #endif
@@ -96,13 +96,13 @@ void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
 /* coupling.c: force at the tip, by the extrapolation itself or through a coupled proxy. */
 void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[3]);
 
-/* contact.c: force of the tool at `tip_m` against a patch; false when the tool has left it. */
+/* local_model.c: force of the tool at `tip_m` against a patch; false when the tool has left it. */
 bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us, const float tip_m[3],
                        float force_N[3]);
 /* Forgets the reactions. */
-void hrt_contact_clear(hrt_touch *touch);
+void hrt_local_model_clear(hrt_touch *touch);
 /* Carries the reactions over to a new patch. */
-void hrt_contact_warm(hrt_touch *touch, const hrt_patch *old, const hrt_patch *fresh);
+void hrt_local_model_warm(hrt_touch *touch, const hrt_patch *old, const hrt_patch *fresh);
 
 /* evidence.c: the share of a received stiffness that came true of late, 0 to 1; that of the sample before is judged by
  * the newest; whether the newest patch gives its sample's force, to a half; and what the force on it has drifted since,
@@ -112,39 +112,41 @@ void hrt_evidence_judge(hrt_extrapolation *x);
 bool hrt_evidence_patch(hrt_extrapolation *x, bool same_tissue);
 void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force_N[3]);
 
-/* respond.c: shift[a] := the sum of C_ab x over `count` places b, of which C's upper triangle is there. */
+/* patch_response.c: shift[a] := the sum of C_ab x over `count` places b, of which C's upper triangle is there. */
 void hrt_patch_respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const law_v3 *x, int32_t count,
                        float *shift_m);
 
 #if HRT_WITH_FRICTION
 /* One station of the tool in this tick: friction's force on the tissue, and what it hangs on. */
-typedef struct hrt_grip {
-    hrt_rubbed is;
-    float bears_N, pressed_N, normal[3]; /* sum of its rows' reactions, what of them presses along `normal` */
-    float gives_m_N, slipped_m;
-} hrt_grip;
+typedef struct hrt_friction_station {
+    hrt_friction_state is;
+    float load_N, normal_force_N, normal[3]; /* sum of its rows' reactions, what of them presses along `normal` */
+    float compliance_sum_m_N, slipped_m;
+} hrt_friction_station;
 
-typedef struct hrt_rub {
+typedef struct hrt_friction {
     const hrt_patch *patch;
-    hrt_rubbing *was; /* of the last tick; hrt_rub_settle makes it this one */
+    hrt_friction_history *history; /* of the last tick; hrt_friction_settle makes it this one */
     law_v3 tip;
     int32_t count;
-    hrt_grip grip[HRT_CONTACT_ROWS];
+    hrt_friction_station station[HRT_CONTACT_ROWS];
     float u_m[HRT_PATCH_DOFS]; /* displacements of the vertices in this round */
-} hrt_rub;
+} hrt_friction;
 
-/* rub.c: friction of a tick, from what it was in the last one; of the shape, as shifted, that the rows are found
- * against; at those rows, once they are solved: to be added to the residual; and the end of the tick. */
-void hrt_rub_begin(hrt_rub *rub, const hrt_patch *patch, hrt_rubbing *was, const float tip_m[3]);
-void hrt_rub_shape(hrt_rub *rub, const float *shift_m);
-void hrt_rub_round(hrt_rub *rub, const hrt_contact_row *row, int32_t count, float *residual_N);
-void hrt_rub_settle(hrt_rub *rub, float passed_s);
+/* patch_friction.c: friction of a tick, from what it was in the last one; of the shape, as shifted, that the rows are
+ * found against; at those rows, once they are solved: to be added to the residual; and the end of the tick. */
+void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was,
+                        const float tip_m[3]);
+void hrt_friction_shape(hrt_friction *friction, const float *shift_m);
+void hrt_friction_iterate(hrt_friction *friction, const hrt_contact_row *row, int32_t count, float *residual_N);
+void hrt_friction_settle(hrt_friction *friction, float passed_s);
 /* Which stations bear, by these rows. */
-void hrt_rub_press(hrt_rub *rub, const hrt_contact_row *row, int32_t count);
+void hrt_friction_load(hrt_friction *friction, const hrt_contact_row *row, int32_t count);
 /* The forces as these rows hand them on to the vertices. */
-void hrt_rub_add(const hrt_rub *rub, const hrt_contact_row *row, int32_t count, float sign, float *force_N);
+void hrt_friction_add(const hrt_friction *friction, const hrt_contact_row *row, int32_t count, float sign,
+                      float *force_N);
 /* Of the row's station; null: it bears nothing. */
-const hrt_grip *hrt_rub_grip(const hrt_rub *rub, const hrt_contact_row *row);
+const hrt_friction_station *hrt_friction_station_of(const hrt_friction *friction, const hrt_contact_row *row);
 #endif
 
 /* Features that stations of the tool were found near. count < 0: to be looked for. */
@@ -156,10 +158,10 @@ typedef struct hrt_hits {
     } at[HRT_HITS_MAX];
 } hrt_hits;
 
-/* rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those with a
- * gap of at most a fifth of the radius. `before`: the rows of the shape before, which let a station stay in touch with
- * a surface that it has sunk through. `hits`: looked for and left there, or, on a shape that hardly differs, the only
- * ones to look at. Returns the count, at most HRT_CONTACT_ROWS. */
+/* patch_rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those
+ * with a gap of at most a fifth of the radius. `before`: the rows of the shape before, which let a station stay in
+ * touch with a surface that it has sunk through. `hits`: looked for and left there, or, on a shape that hardly differs,
+ * the only ones to look at. Returns the count, at most HRT_CONTACT_ROWS. */
 int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3],
                          const hrt_contact_row *before, int32_t before_count, hrt_hits *hits, hrt_contact_row *row);
 

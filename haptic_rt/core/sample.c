@@ -6,7 +6,7 @@
 
 static const float STIFFNESS_HUGE_N_m = 1.0e9f;
 #define FORCE_HUGE_N 1000.0f
-#define FRICTION_MOST 2.0f /* as in tensormass/friction.h */
+#define FRICTION_MAX 2.0f /* as in tensormass/friction.h */
 
 static const char *const reject_text[HRT_REJECT_COUNT] = {
     "accepted",
@@ -66,15 +66,15 @@ static void fill_in(hrt_patch *patch, int32_t n) {
 
 /* Those that are one of a patch: none is below zero. */
 static hrt_reject check_numbers(const hrt_patch *patch) {
-    static const float most[] = {FORCE_HUGE_N, 0.1f, 1.0f, 10.0f, 1.0f, 10.0f, 1.0f, FRICTION_MOST};
-    const float number[] = {patch->force_cap_N,         patch->radius_m,       patch->contact_length_m,
-                            patch->skin_compliance_m_N, patch->film_s_m,       patch->radiation_N_s_m,
-                            patch->radiation_s,         patch->friction_static};
-    hrt_reject verdict = HRT_WITH_FRICTION ? bounded(&patch->friction_sliding, 1, patch->friction_static) : HRT_ACCEPT;
+    static const float most[] = {FORCE_HUGE_N, 0.1f, 1.0f, 10.0f, 1.0f, 10.0f, 1.0f, FRICTION_MAX};
+    const float number[] = {
+        patch->force_cap_N, patch->radius_m,        patch->contact_length_m, patch->contact_compliance_m_N,
+        patch->drag_s_m,    patch->radiation_N_s_m, patch->radiation_s,      patch->friction_static};
+    hrt_reject verdict = HRT_WITH_FRICTION ? bounded(&patch->friction_kinetic, 1, patch->friction_static) : HRT_ACCEPT;
     for (int i = 0; i < (int)(sizeof most / sizeof *most) && verdict == HRT_ACCEPT; i++)
         verdict = number[i] < 0.0f ? HRT_REJECT_HUGE : bounded(&number[i], 1, most[i]);
     return verdict != HRT_ACCEPT ||
-                   (patch->radius_m >= 1.0e-4f && (!HRT_WITH_FRICTION || patch->friction_sliding >= 0.0f))
+                   (patch->radius_m >= 1.0e-4f && (!HRT_WITH_FRICTION || patch->friction_kinetic >= 0.0f))
                ? verdict
                : HRT_REJECT_HUGE;
 }
@@ -83,8 +83,8 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     if (patch->vertex_count < 3 || patch->vertex_count > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 1 ||
         patch->triangle_count > HRT_PATCH_MAX_TRIANGLES)
         return HRT_REJECT_INDEX;
-    const int32_t n = 3 * patch->vertex_count, width = 3 * hrt_patch_places(patch), entries = width * (width + 1) / 2;
-    if (width > HRT_PATCH_DOFS || (width > n && patch->held >> patch->vertex_count != 1u)) return HRT_REJECT_INDEX;
+    const int32_t n = 3 * patch->vertex_count, width = 3 * hrt_patch_nodes(patch), entries = width * (width + 1) / 2;
+    if (width > HRT_PATCH_DOFS || (width > n && patch->grasped >> patch->vertex_count != 1u)) return HRT_REJECT_INDEX;
     for (int32_t t = 0; t < patch->triangle_count; t++) {
         const uint8_t *corner = &patch->triangle[HRT_XYZ * t];
         for (int i = 0; i < 3; i++)

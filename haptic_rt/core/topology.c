@@ -1,7 +1,7 @@
 /* Edges, fans and smoothness of a patch: computed once when it comes, outside the tick. */
 #include "internal.h"
 
-#include "law/feature.h"
+#include "contact_law/feature.h"
 
 /* Its number, made if need be, as the first triangle runs along it; HRT_PATCH_EDGES: no room. */
 static uint8_t find_edge(hrt_patch_topology *t, uint8_t a, uint8_t b) {

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "app.h"
-#include "io/table.h"
+#include "io/csv_table.h"
 
 static bool fill(const hrt_table *t, const char *path, const hrt_device_type *device, hrt_keyframe *key) {
     int32_t time, joint[HRT_JOINTS];

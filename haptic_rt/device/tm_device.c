@@ -28,7 +28,7 @@ typedef struct program {
     hrt_device device;
     hrt_live *live;
     app_key key;
-    hrt_live_refused told_refused;
+    hrt_live_refused reported_refused;
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
@@ -37,7 +37,7 @@ typedef struct program {
     struct {
         double joint[HRT_JOINTS];
         bool active;
-    } hand_said[3];
+    } hand_reported[3];
     uint32_t hand_write, hand_read;
     _Atomic uint32_t hand_between;
     bool hand_heard;
@@ -144,10 +144,10 @@ static int read_options(program *p, int argc, char **argv) {
     return code >= 0 ? code : complete(p);
 }
 
-static void hand_said(void *user, const double joint[HRT_JOINTS], bool active) {
+static void hand_reported(void *user, const double joint[HRT_JOINTS], bool active) {
     program *p = user;
-    memcpy(p->hand_said[p->hand_write].joint, joint, sizeof p->hand_said[0].joint);
-    p->hand_said[p->hand_write].active = active;
+    memcpy(p->hand_reported[p->hand_write].joint, joint, sizeof p->hand_reported[0].joint);
+    p->hand_reported[p->hand_write].active = active;
     p->hand_write = atomic_exchange(&p->hand_between, p->hand_write | UNREAD) & 3u;
 }
 
@@ -157,7 +157,8 @@ static void tick(void *user, int64_t now_us) {
         p->hand_read = atomic_exchange(&p->hand_between, p->hand_read) & 3u;
         p->hand_heard = true;
     }
-    if (p->hand_heard) hrt_device_hand(&p->device, p->hand_said[p->hand_read].joint, p->hand_said[p->hand_read].active);
+    if (p->hand_heard)
+        hrt_device_hand(&p->device, p->hand_reported[p->hand_read].joint, p->hand_reported[p->hand_read].active);
     hrt_device_step(&p->device, now_us);
     for (int j = 0; j < HRT_MOTORS; j++) {
         p->torque_peak[j] = fmax(p->torque_peak[j], fabs(p->device.torque[j]));
@@ -178,15 +179,17 @@ static int open_all(program *p) {
     hrt_device_init(&p->device, &p->config, &p->wires);
     p->hand_write = 1;
     p->hand_read = 2;
-    hrt_peer_def def = {
-        .instrument = p->config.instrument, .joints = p->config.profile.device->joints, .hand = hand_said, .user = p};
+    hrt_peer_def def = {.instrument = p->config.instrument,
+                        .joints = p->config.profile.device->joints,
+                        .hand = hand_reported,
+                        .user = p};
     const int unlinked = follow ? hrt_common_join(&p->common, &def, &p->key, &p->live) : APP_DONE;
     if (unlinked) return unlinked;
     return hrt_output_begin(&p->json_out, p->common.json);
 }
 
 /* In pairs: nobody commands, somebody does. */
-static void say_commands(const program *p, uint32_t *seen, int *quiet_looks, bool *told) {
+static void log_commands(const program *p, uint32_t *seen, int *quiet_looks, bool *told) {
     const uint32_t commands = atomic_load(&p->commands);
     const bool come = commands != *seen, first = *seen == 0;
     *quiet_looks = come ? 0 : *quiet_looks + 1;
@@ -210,10 +213,10 @@ static void watch(program *p) {
         const char *lost = hrt_bus_look(&p->wires);
         if (lost) app_say("tm-device: %s: %s", p->common.bus, lost);
         const int fault = atomic_load(&p->fault);
-        say_commands(p, &seen, &quiet_looks, &told_wait);
+        log_commands(p, &seen, &quiet_looks, &told_wait);
         if (fault != told_fault && fault >= 0 && fault <= 3) app_say("tm-device: %s", fault_text[fault]);
         told_fault = fault;
-        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("tm-device", p->live, &p->told_refused);
+        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_log_refused("tm-device", p->live, &p->reported_refused);
     }
     pthread_join(p->loop.thread, NULL);
 }

@@ -7,7 +7,7 @@
 #include "board.h"
 #include "can/exchange.h"
 
-/* Patches: 0 leaves `contact` without a patch (it runs as `tangent`), 1 keeps one in use and one being received. */
+/* Patches: 0 leaves `local_model` without a patch (it runs as `tangent`), 1 keeps one in use and one being received. */
 #ifndef FW_PATCHES
 #define FW_PATCHES 0
 #endif

@@ -1,5 +1,5 @@
 # The controller on a Cortex-M7 and a Cortex-M4F: build/firmware/CPU/VARIANT/haptic_rt.elf. The same core sources as the host's.
-# Variants: plain (no patches: `contact` runs as `tangent`), contact12, contact24.
+# Variants: plain (no patches: `local_model` runs as `tangent`), contact12, contact24.
 FW_CC := arm-none-eabi-gcc
 FW_CPUS := m7 m4f
 FW_VARIANTS := plain contact12 contact24

@@ -133,7 +133,7 @@ int hrt_virtual_claim(hrt_virtual_hold *hold, int place) {
     return 1;
 }
 
-/* ---------------------------------------------------------------------------------------------- open, mend, close */
+/* ---------------------------------------------------------------------------------------------- open, repair, close */
 
 /* Opened, and held so that nobody removes it; -1. */
 static int enter(const char *path, struct stat *st) {

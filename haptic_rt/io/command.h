@@ -6,7 +6,7 @@
 #include <getopt.h>
 
 #include "hrt.h"
-#include "live.h"
+#include "network_peer.h"
 
 typedef struct hrt_common {
     const char *bus, *url, *key_path, *json;

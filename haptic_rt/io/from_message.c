@@ -25,28 +25,28 @@ hrt_reject hrt_sample_from_message(const tensormass_force_sample_t *m, const dou
 hrt_reject hrt_patch_from_message(const tensormass_contact_patch_t *m, const double trocar_m[3],
                                   float scratch[HRT_PATCH_COMPLIANCE], hrt_patch *patch) {
     if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
-        m->triangle_count > HRT_PATCH_MAX_TRIANGLES || m->vertex_count + (m->held != 0) > HRT_PATCH_MAX_VERTICES)
+        m->triangle_count > HRT_PATCH_MAX_TRIANGLES || m->vertex_count + (m->grasped != 0) > HRT_PATCH_MAX_VERTICES)
         return HRT_REJECT_INDEX;
     memset(patch, 0, sizeof *patch);
     patch->seq = (uint32_t)m->seq;
     patch->topology_revision = m->topology_revision;
     patch->vertex_count = m->vertex_count;
     patch->triangle_count = m->triangle_count;
-    patch->skin_compliance_m_N = m->skin_compliance_m_N;
+    patch->contact_compliance_m_N = m->contact_compliance_m_N;
     patch->force_cap_N = m->force_cap_N;
     patch->radius_m = m->radius_m;
     patch->contact_length_m = m->contact_length_m;
-    patch->film_s_m = m->film_s_m;
+    patch->drag_s_m = m->drag_s_m;
     patch->radiation_N_s_m = m->radiation_N_s_m;
     patch->radiation_s = m->radiation_s;
     patch->friction_static = m->friction_static;
-    patch->friction_sliding = m->friction_sliding;
-    patch->held = (uint32_t)m->held;
-    const int32_t n = 3 * hrt_patch_places(patch), tip = hrt_patch_tip(patch);
+    patch->friction_kinetic = m->friction_kinetic;
+    patch->grasped = (uint32_t)m->grasped;
+    const int32_t n = 3 * hrt_patch_nodes(patch), tip = hrt_patch_tip(patch);
     for (int32_t i = 0; i < n; i++) {
         const double origin_m = m->origin_m[i % 3] - trocar_m[i % 3];
         patch->vertex_m[i] = (float)((double)m->vertex_m[i] + origin_m);
-        patch->rest_m[i] = i < tip ? (float)((double)m->rest_m[i] + origin_m) : m->hold_N[i % 3];
+        patch->rest_m[i] = i < tip ? (float)((double)m->rest_m[i] + origin_m) : m->grasp_N[i % 3];
     }
     for (int32_t i = 0; i < 3 * m->triangle_count; i++) patch->triangle[i] = (uint8_t)m->triangle[i];
     memcpy(patch->face, m->face, sizeof *patch->face * (size_t)m->triangle_count);

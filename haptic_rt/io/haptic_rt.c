@@ -13,8 +13,8 @@
 #include "record.h"
 #include "report.h"
 #include "samples.h"
-#include "say.h"
 #include "settings.h"
+#include "status_log.h"
 
 enum { STATUS_EVERY_US = 100000, DEVICE_HERE_US = 100000 };
 
@@ -26,7 +26,7 @@ typedef struct program {
     hrt_live *live;
     app_key key;
     hrt_live_sent sent;
-    hrt_live_refused told_refused;
+    hrt_live_refused reported_refused;
     hrt_loop loop;
     tensormass_tool_state_t tool;
     int64_t status_us;
@@ -60,7 +60,7 @@ static void publish_status(program *p) {
     status.missed_ticks = atomic_load(&p->loop.missed);
     hrt_histogram_quantiles(&p->loop.lateness, status.lateness_us);
     hrt_histogram_quantiles(&p->loop.duration, status.duration_us);
-    hrt_live_say_status(p->live, &status);
+    hrt_live_send_status(p->live, &status);
 }
 
 /* What the other thread says in words. */
@@ -91,7 +91,7 @@ static void tick(void *user, int64_t now_us) {
     const int64_t begin_ns = app_monotonic_ns();
     if (p->set.samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
         atomic_store(&p->samples_over, true);
-    if (p->live && meaningful) hrt_live_say_tool(p->live, &p->tool);
+    if (p->live && meaningful) hrt_live_send_tool(p->live, &p->tool);
     if (p->live && now_us - p->status_us >= STATUS_EVERY_US) {
         publish_status(p);
         p->status_us = now_us;
@@ -133,7 +133,7 @@ static void reset_by_itself(program *p, const hrt_facts *facts, double *since_s)
     if (facts->time_s < *since_s + p->set.auto_reset_s || facts->state != HRT_FAULT || p->set.auto_reset_s <= 0.0)
         return;
     const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
-    hrt_say_line(facts->time_s, "reset by --auto-reset");
+    hrt_status_log_line(facts->time_s, "reset by --auto-reset");
     hrt_node_post_command(&p->node, &reset);
     atomic_fetch_add(&p->resets, 1);
     *since_s = facts->time_s;
@@ -144,7 +144,7 @@ static void watch(program *p) {
         .bus = p->set.common.bus,
         .instrument = p->set.node.instrument,
         .from_file = p->set.samples_path != NULL,
-        .told = {.state = -1, .silent_s = -1.0e9, .refused_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
+        .logged = {.state = -1, .silent_s = -1.0e9, .refused_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
     double fault_since_s = 0.0;
     enum { LOOKS_PER_SECOND = 20 };
     int looks = 0;
@@ -152,12 +152,12 @@ static void watch(program *p) {
         nanosleep(&(const struct timespec){0, 50000000}, NULL);
         const hrt_facts facts = facts_now(p);
         const char *lost = hrt_bus_look(&p->wires);
-        if (lost) hrt_say_line(facts.time_s, "%s: %s", p->set.common.bus, lost);
-        if (atomic_load(&p->loop.ticks) > 50) hrt_say(&teller, &facts);
+        if (lost) hrt_status_log_line(facts.time_s, "%s: %s", p->set.common.bus, lost);
+        if (atomic_load(&p->loop.ticks) > 50) hrt_status_log(&teller, &facts);
         if (p->set.record_path) hrt_record_write(&p->record);
         char who[48];
         snprintf(who, sizeof who, "haptic-rt %.3f s", facts.time_s);
-        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused(who, p->live, &p->told_refused);
+        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_log_refused(who, p->live, &p->reported_refused);
         reset_by_itself(p, &facts, &fault_since_s);
     }
     pthread_join(p->loop.thread, NULL);
@@ -165,7 +165,7 @@ static void watch(program *p) {
 
 static const char *const stage_name[HRT_NODE_STAGES + 1] = {"receive", "control", "send", "publish"};
 
-static cJSON *figures_json(program *p) {
+static cJSON *statistics_json(program *p) {
     cJSON *json = cJSON_CreateObject();
     tensormass_controller_status_t s;
     hrt_node_status(&p->node, &s);
@@ -253,7 +253,7 @@ int main(int argc, char **argv) {
     }
     watch(&p);
     if (p.set.common.stats) print_stats(&p);
-    cJSON *json = p.set.common.json ? figures_json(&p) : NULL;
+    cJSON *json = p.set.common.json ? statistics_json(&p) : NULL;
     if (p.live) hrt_live_close(p.live, &p.sent);
     int status = p.set.common.json ? write_json(&p, json) : APP_DONE;
     if (p.set.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;

@@ -141,13 +141,13 @@ int hrt_peer_topics(hrt_peer *peer, app_topic topic[HRT_PEER_TOPICS]) {
 
 /* --- what is said --- */
 
-void hrt_peer_say_tool(hrt_peer *peer, const tensormass_tool_state_t *tool) {
+void hrt_peer_send_tool(hrt_peer *peer, const tensormass_tool_state_t *tool) {
     tensormass_tool_state_t m = *tool;
     m.sim_session = atomic_load(&peer->heard_session);
     app_link_publish(peer->link, APP_TOOL, peer->def.instrument, m.utime, &m);
 }
 
-void hrt_peer_say_status(hrt_peer *peer, const tensormass_controller_status_t *status) {
+void hrt_peer_send_status(hrt_peer *peer, const tensormass_controller_status_t *status) {
     tensormass_controller_status_t m = *status;
     m.seq = (int32_t)++peer->status_seq;
     m.command_seq = (int32_t)atomic_load(&peer->command_seq);

@@ -45,8 +45,8 @@ void hrt_peer_init(hrt_peer *peer, const hrt_peer_def *def);
 /* What it listens to; how many. */
 int hrt_peer_topics(hrt_peer *peer, app_topic topic[HRT_PEER_TOPICS]);
 /* Both from one thread; another may hear meanwhile. */
-void hrt_peer_say_tool(hrt_peer *peer, const tensormass_tool_state_t *tool);
-void hrt_peer_say_status(hrt_peer *peer, const tensormass_controller_status_t *status);
+void hrt_peer_send_tool(hrt_peer *peer, const tensormass_tool_state_t *tool);
+void hrt_peer_send_status(hrt_peer *peer, const tensormass_controller_status_t *status);
 
 #ifdef __cplusplus
 }

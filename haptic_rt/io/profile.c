@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "app.h"
-#include "lines.h"
+#include "line_reader.h"
 
 static float *values(hrt_params *params, const hrt_param_range *row) {
     return (float *)(void *)((char *)params + row->offset);
@@ -70,7 +70,8 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
     hrt_lines_close(&lines);
     const int32_t bad = good ? hrt_params_check(params) : -1;
     if (bad >= 0)
-        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it", hrt_param_text[bad].name);
+        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; repair it",
+                      hrt_param_text[bad].name);
     return good && bad < 0;
 }
 

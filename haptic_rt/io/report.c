@@ -28,7 +28,7 @@ void hrt_report_refused(cJSON *json, hrt_live *live) {
                  (double)now.packets.foreign);
 }
 
-void hrt_say_refused(const char *program, hrt_live *live, hrt_live_refused *told) {
+void hrt_log_refused(const char *program, hrt_live *live, hrt_live_refused *told) {
     const hrt_live_refused now = hrt_live_refusals(live);
     if (memcmp(&now, told, sizeof now) == 0) return;
     app_say(

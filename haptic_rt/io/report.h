@@ -7,15 +7,15 @@
 #include "app.h"
 #include "bus.h"
 #include "can/codec.h"
-#include "live.h"
 #include "loop.h"
+#include "network_peer.h"
 
 struct cJSON;
 void hrt_report_loop(struct cJSON *json, const hrt_loop *loop);
 /* What was refused of what came over LCM. */
 void hrt_report_refused(struct cJSON *json, hrt_live *live);
 /* The same on stderr, as what is new since the last call that said something; call it once a second at most. */
-void hrt_say_refused(const char *program, hrt_live *live, hrt_live_refused *told);
+void hrt_log_refused(const char *program, hrt_live *live, hrt_live_refused *told);
 void hrt_report_can(struct cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds);
 /* Output files are begun before the run, so that a wrong path is told at once, and appear whole or not at all. `path`
  * null: nothing. 0 or an exit code. */

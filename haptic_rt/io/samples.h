@@ -3,8 +3,8 @@
 #ifndef HRT_SAMPLES_H
 #define HRT_SAMPLES_H
 
+#include "csv_table.h"
 #include "node.h"
-#include "table.h"
 
 typedef struct hrt_samples {
     hrt_table table;

@@ -136,7 +136,7 @@ static int consistent(const hrt_settings *s) {
     if (!hrt_axes_along(&axes, s->node.params.device, axis, up))
         return app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
     if (crossed < 0) return -1;
-    return app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_text[crossed].name);
+    return app_bad_input("--set", 0, "%s: lower end not below upper end; repair it", hrt_param_text[crossed].name);
 }
 
 int hrt_settings_read(hrt_settings *s, int argc, char **argv) {

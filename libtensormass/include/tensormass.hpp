@@ -117,8 +117,8 @@ class mesh_ref : public reference<const tm_mesh> {
     span<const std::int32_t> region() const noexcept { return {p_->region, std::size_t(p_->tet_count)}; }
     span<const std::int32_t> surface() const noexcept { return {p_->surface, 3 * std::size_t(p_->surface_count)}; }
     /* The number that each vertex was given; empty: as given, nothing was renumbered. */
-    span<const std::int32_t> given_vertex() const noexcept {
-        return {p_->given_vertex, p_->given_vertex ? std::size_t(p_->vertex_count) : 0};
+    span<const std::int32_t> original_vertex() const noexcept {
+        return {p_->original_vertex, p_->original_vertex ? std::size_t(p_->vertex_count) : 0};
     }
 };
 
@@ -132,7 +132,7 @@ class mesh : public mesh_ref {
     }
     /* [3*vertices] m, [4*tetrahedra], [tetrahedra] or empty: one region. Copied. */
     mesh(span<const double> vertex_m, span<const std::int32_t> tet, span<const std::int32_t> region = {},
-         tm_numbering renumber = TM_NUMBERING_AS_GIVEN)
+         tm_numbering renumber = TM_NUMBERING_ORIGINAL)
         : mesh(define(vertex_m, tet, region, renumber)) {}
     mesh(mesh &&from) noexcept { swap(from); }
     mesh &operator=(mesh &&from) noexcept {
@@ -213,10 +213,10 @@ class contact_ref : public reference<tm_contact> {
     void begin_frame(std::int32_t substeps, std::int32_t average) const {
         tm_contact_begin_frame(p_, substeps, average);
     }
-    void move(std::int32_t instrument, const tm_tool_pose &to, std::int32_t substeps) const {
-        tm_contact_move(p_, instrument, &to, substeps);
+    void set_target(std::int32_t instrument, const tm_tool_pose &to, std::int32_t substeps) const {
+        tm_contact_set_target(p_, instrument, &to, substeps);
     }
-    void place(std::int32_t instrument, const tm_tool_pose &at) const { tm_contact_place(p_, instrument, &at); }
+    void set_pose(std::int32_t instrument, const tm_tool_pose &at) const { tm_contact_set_pose(p_, instrument, &at); }
     tm_tool_pose pose(std::int32_t instrument) const { return tm_contact_pose(p_, instrument); }
     tm_tool_reaction reaction(std::int32_t instrument) const { return tm_contact_reaction(p_, instrument); }
 };
@@ -296,7 +296,7 @@ class world_ref : public reference<tm_world> {
         return kept;
     }
     /* No later snapshot of the world's present stages has more bytes. */
-    std::int64_t snapshot_bytes_most() const { return tm_snapshot_bytes_most(p_); }
+    std::int64_t snapshot_bytes_max() const { return tm_snapshot_bytes_max(p_); }
     /* Of the size that the snapshot has, not of the one that the world would need now. */
     void restore(span<const double> snapshot) const {
         const std::int64_t bytes = std::int64_t(8 * snapshot.size());

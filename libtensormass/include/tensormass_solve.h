@@ -67,7 +67,7 @@ TM_API tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *r
 
 /* One factor in pieces over the ranks, so that it may be larger than what one of them has. Every rank makes each call
  * at the same time as the others. Last bits may depend on how many ranks there are. */
-typedef struct tm_solve_shared {
+typedef struct tm_solve_distributed {
     /* Factorises a symmetric positive definite matrix [n][n] in N/m, given whole to every rank: its lower triangle,
      * column j in row[begin[j]] to row[begin[j + 1]], ascending. `bytes`: of this rank's piece. The matrix need not
      * outlive the call. TM_ERR_MEMORY, TM_ERR_SUPPORT (not definite). */
@@ -78,17 +78,17 @@ typedef struct tm_solve_shared {
     /* Answers to unit right-hand sides: rank r's j-th has its 1 at unit[r * width + j], or is not asked for (-1). x
      * [width][row_count]: of this rank's, at the rows listed (ascending). */
     bool (*solve)(void *user, const int32_t *unit, int32_t width, const int32_t *row, int32_t row_count, double *x);
-} tm_solve_shared;
+} tm_solve_distributed;
 
 /* Each rank writes what it solved into the file of rank 0, which all of them must be able to open. Blocks have a fixed
  * width and number, whatever the ranks and threads. */
-typedef struct tm_solve_team {
+typedef struct tm_solve_ranks {
     int32_t rank, count;
-    bool (*meet)(void *user); /* returns when all ranks have called it; false: one never will */
+    bool (*barrier)(void *user); /* returns when all ranks have called it; false: one never will */
     void *user;
-    const tm_solve_shared
-        *shared; /* null: every rank makes a factor of its own, and the file's bits are those of one */
-} tm_solve_team;
+    const tm_solve_distributed
+        *distributed; /* null: every rank makes a factor of its own, and the file's bits are those of one */
+} tm_solve_ranks;
 
 /* --- precomputed model: quasi-static, no cutting --- */
 
@@ -99,14 +99,14 @@ typedef struct tm_precomputed_def {
     const char *file;       /* cache; null: none. Atomically replaced when it is rebuilt */
     bool resume; /* what a run that failed or was killed had done stays in `file`.part (8 bytes a block more), and the
                     next one with the same problem goes on from it; else it is removed. Always with a team */
-    const tm_solve_team *team;     /* null: this process alone */
-    const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
+    const tm_solve_ranks *ranks;   /* null: this process alone */
+    const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. contact_compliance_m_N > 0 */
     const tm_grasp_def *grasp; /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold);
                                   null: they do not */
     const tm_friction_def *friction; /* of the instruments, as in the dynamic model; null: they slide freely */
     double update_s; /* time between updates, 0.002: what is let go fades with it, and what sticks rests with it */
     int32_t
-        max_local_vertices; /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
+        max_contact_vertices; /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
 } tm_precomputed_def;
 
 typedef struct tm_precomputed tm_precomputed;
@@ -128,24 +128,24 @@ TM_API int64_t tm_precomputed_bytes(const tm_precomputed *model);
  * allowed step. */
 TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *pose);
 /* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
-TM_API void tm_precomputed_place(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
+TM_API void tm_precomputed_set_pose(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_precomputed_pose(const tm_precomputed *model, int32_t instrument);
 /* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. Returns its
  * tm_reaction_flag. */
 TM_API uint32_t tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
 /* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here
- * (as dear as a few updates). time_s is 0. */
+ * (as expensive as a few updates). time_s is 0. */
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
 
-/* Vertices in the instrument's jaws; as tm_grasp_held. */
-TM_API int32_t tm_precomputed_held(const tm_precomputed *model, int32_t instrument, const int32_t **vertex,
-                                   tm_grasp_state *state);
+/* Vertices in the instrument's jaws; as tm_grasp_vertices. */
+TM_API int32_t tm_precomputed_grasped(const tm_precomputed *model, int32_t instrument, const int32_t **vertex,
+                                      tm_grasp_state *state);
 
-/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model:
- * what other instruments and imposed vertices hold is in it, and what
- * the instrument itself holds (TM_HOLD_VERTICES at most, as tm_patch_fill_held). velocity_m_s: of the tip, looked ahead
- * along by horizon_s. False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
+/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_compute gives it from the dynamic
+ * model: what other instruments and imposed vertices hold is in it, and what the instrument itself holds
+ * (TM_GRASP_VERTICES at most, as tm_patch_fill_grasped). velocity_m_s: of the tip, looked ahead along by horizon_s.
+ * False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
 TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3],
                                  double horizon_s, int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
 
@@ -157,7 +157,7 @@ TM_API int32_t tm_precomputed_surface(const tm_precomputed *model, const int32_t
 
 /* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on.
  * Replaces the list before; count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than
- * max_local_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
+ * max_contact_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
 TM_API tm_status tm_precomputed_impose(tm_precomputed *model, int32_t count, const int32_t *vertex, const double *u_m,
                                        double compliance_m_N, tm_error *error);
 /* Force that the i-th imposed vertex exerts on the tissue, N. */
@@ -172,7 +172,7 @@ typedef struct tm_hybrid_def {
     tm_precision precision;
     const char *file;              /* cache, as above */
     const tm_contact_def *contact; /* null: no contact on the condensed part */
-    int32_t max_local_vertices;    /* 256 */
+    int32_t max_contact_vertices;  /* 256 */
     bool as_marked; /* false: tetrahedra between the teeth of a jagged border become tensor/mass too, where a fifth of
                        its vertices goes by that: what a border costs grows with its square */
 } tm_hybrid_def;
@@ -206,36 +206,38 @@ TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 
 /* --- exact compliance for the patches of the dynamic model, cut or whole --- */
 
-typedef struct tm_factored_def {
+typedef struct tm_compliance_factor_def {
     uint32_t cookie, size;
     const tm_tissue
         *tissue;          /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
-    const uint8_t *elsewhere; /* [tet_count] 1: alive too, whatever the tissue says (the condensed part of a hybrid);
+    const uint8_t *condensed; /* [tet_count] 1: alive too, whatever the tissue says (the condensed part of a hybrid);
                                  copied; null: none */
-    bool turns;               /* the world has the stage "rotation" */
-} tm_factored_def;
+    bool corotated;           /* the world has the stage "rotation" */
+} tm_compliance_factor_def;
 
 /* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was
  * cut since the factor as an update of low rank (Woodbury), so that a patch is exact again one block of columns after a
  * cut; past TMS_TOUCHED_VERTICES touched vertices the factor is made anew. Made when first asked for. */
-typedef struct tm_factored tm_factored;
-TM_API tm_factored_def tm_factored_def_default(void);
-TM_API tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error);
-TM_API void tm_factored_destroy(tm_factored *factored); /* after the world whose patch stage has its source */
-TM_API int64_t tm_factored_bytes(const tm_factored *factored);
-/* For tm_patch_def.source. Until tm_factored_start a wish is served whole within its exchange, in the caller's
+typedef struct tm_compliance_factor tm_compliance_factor;
+TM_API tm_compliance_factor_def tm_compliance_factor_def_default(void);
+TM_API tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_compliance_factor **factor,
+                                             tm_error *error);
+TM_API void
+tm_compliance_factor_destroy(tm_compliance_factor *factor); /* after the world whose patch stage has its source */
+TM_API int64_t tm_compliance_factor_bytes(const tm_compliance_factor *factor);
+/* For tm_patch_def.source. Until tm_compliance_factor_start a wish is served whole within its exchange, in the caller's
  * thread: the same calls give the same bits. */
-TM_API tm_compliance_source tm_factored_source(tm_factored *factored);
+TM_API tm_compliance_source tm_compliance_factor_source(tm_compliance_factor *factor);
 /* The same, for a stage that destroys `factored` with itself. */
-TM_API tm_compliance_source tm_factored_given(tm_factored *factored);
+TM_API tm_compliance_source tm_compliance_factor_owned_source(tm_compliance_factor *factor);
 /* From now on a thread of its own, nicer than the caller's, does the work, and exchanges never wait. */
-TM_API tm_status tm_factored_start(tm_factored *factored, tm_error *error);
+TM_API tm_status tm_compliance_factor_start(tm_compliance_factor *factor, tm_error *error);
 
 /* --- as models (tensormass/model.h) --- */
 
 /* `how` says how it is computed: solver, tolerances, threads, memory and progress of its problem, precision, file,
- * max_local_vertices. What it is comes from `def`: the rest of `how` is not read. `report` may be null. def->cut:
+ * max_contact_vertices. What it is comes from `def`: the rest of `how` is not read. `report` may be null. def->cut:
  * TM_ERR_EXCLUDED. */
 TM_API tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def *how, tm_model **model,
                                       tm_solve_report *report, tm_error *error);

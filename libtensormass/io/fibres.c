@@ -89,7 +89,7 @@ static void average(const tm_mesh *mesh, const double *of_vertex, double *fibre)
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double sum[3] = {0, 0, 0}, length = 0;
         for (int k = 0; k < 4; k++) {
-            const int32_t v = tm_mesh_given(mesh, mesh->tet[4 * (size_t)t + (size_t)k]);
+            const int32_t v = tm_mesh_original_vertex(mesh, mesh->tet[4 * (size_t)t + (size_t)k]);
             const double *a = of_vertex + 3 * (size_t)v;
             const double sign = sum[0] * a[0] + sum[1] * a[1] + sum[2] * a[2] < 0 ? -1 : 1;
             for (int c = 0; c < 3; c++) sum[c] += sign * a[c];

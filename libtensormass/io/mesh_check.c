@@ -13,11 +13,11 @@ static const double largest_m = 1e6; /* of tm_mesh_create: beyond it differences
 
 typedef struct list {
     tm_mesh_defect *defect;
-    int64_t room, count;
+    int64_t capacity, count;
 } list;
 
 static void add(list *l, tm_mesh_defect_kind kind, int32_t vertex, int32_t tet, int32_t other) {
-    if (l->count < l->room) l->defect[l->count] = (tm_mesh_defect){kind, vertex, tet, other};
+    if (l->count < l->capacity) l->defect[l->count] = (tm_mesh_defect){kind, vertex, tet, other};
     l->count++;
 }
 
@@ -212,7 +212,7 @@ static tm_status in_its_numbers(const tm_mesh_file *file, tm_error *error) {
 }
 
 tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error) {
-    return tm_mesh_file_build_numbered(file, TM_NUMBERING_AS_GIVEN, mesh, error);
+    return tm_mesh_file_build_numbered(file, TM_NUMBERING_ORIGINAL, mesh, error);
 }
 
 tm_status tm_mesh_file_build_numbered(const tm_mesh_file *file, tm_numbering renumber, tm_mesh **mesh,

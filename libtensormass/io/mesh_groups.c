@@ -6,7 +6,7 @@
 #include "libtensormass/numeric/order.h"
 #include "mesh_raw.h"
 
-enum { MOST_MEMBERS = INT32_MAX / 16 };
+enum { MAX_MEMBERS = INT32_MAX / 16 };
 
 static tm_status no_memory(tm_error *error) {
     return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the groups of the mesh; use fewer");
@@ -166,7 +166,7 @@ static int64_t gather(const work *w, int32_t g, int32_t *mark, int32_t *out) {
         for (int64_t j = w->group[i].begin; j < w->group[i].end; j++) {
             int32_t p = find_part(w, w->raw->member[j].dim, w->raw->member[j].entity);
             if (p < 0) continue;
-            if ((looked += w->part[p].vertices) > MOST_MEMBERS) return -1;
+            if ((looked += w->part[p].vertices) > MAX_MEMBERS) return -1;
             for (int32_t k = 0; k < w->part[p].vertices; k++) {
                 int32_t v = w->part[p].vertex[k];
                 if (mark[v] == g + 1) continue;
@@ -185,7 +185,7 @@ static tm_status put_groups(const work *w, tm_mesh_file *mesh, tm_error *error) 
     int64_t members = 0;
     for (int32_t g = 0; mark && g < w->groups && members >= 0; g++) {
         int64_t more = w->group[g].first ? gather(w, g, mark, NULL) : 0;
-        members = more < 0 || members + more > MOST_MEMBERS ? -1 : members + more;
+        members = more < 0 || members + more > MAX_MEMBERS ? -1 : members + more;
         mesh->group_count += w->group[g].first;
     }
     mesh->group_vertex = mark && members >= 0 ? malloc(((size_t)members + 1) * sizeof(int32_t)) : NULL;

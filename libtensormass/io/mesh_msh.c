@@ -300,7 +300,7 @@ static tm_status element_2(reader *r, int64_t tag, const struct kind *kind, int6
     return status ? status : corners(r, 4, tag, kind, first);
 }
 
-enum { MOST_TAGS = 100 };
+enum { MAX_TAGS = 100 };
 
 static tm_status elements_2(reader *r) {
     int64_t count, tag;
@@ -310,8 +310,7 @@ static tm_status elements_2(reader *r) {
     if (!text_count(r, &count)) return bad(r, "$Elements begins with their number");
     while (count > 0 && !status) {
         if (!row(r)) return bad(r, "the file ends among its elements");
-        if (!narrow(r, head, 3) || head[2] < 0 || head[2] > MOST_TAGS ||
-            (r->binary && (head[1] < 1 || head[1] > count)))
+        if (!narrow(r, head, 3) || head[2] < 0 || head[2] > MAX_TAGS || (r->binary && (head[1] < 1 || head[1] > count)))
             return bad(r, "an element is: number type tags vertices");
         for (int64_t i = 0, block = r->binary ? head[1] : 1; i < block && !status; i++, count--) {
             tag = head[0];

@@ -5,7 +5,7 @@
 #include "libtensormass/numeric/order.h"
 #include "mesh_raw.h"
 
-enum { MOST = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
+enum { MAX_COUNT = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
 
 const char *tm_io_find(const char *at, const char *end, const char *word, size_t length) {
     for (const char *p = at; (p = memchr(p, word[0], (size_t)(end - p))); p++)
@@ -24,15 +24,15 @@ static tm_status no_memory(tm_error *error) {
 }
 
 /* Room for one more; arrays grow at powers of two. */
-static bool room(void **array, int64_t count, size_t each) {
+static bool capacity_for(void **array, int64_t count, size_t each) {
     if ((count & (count - 1)) != 0) return true;
-    void *grown = count < MOST ? realloc(*array, (size_t)(count ? 2 * count : 1) * each) : NULL;
+    void *grown = count < MAX_COUNT ? realloc(*array, (size_t)(count ? 2 * count : 1) * each) : NULL;
     if (grown) *array = grown;
     return grown != NULL;
 }
 
 tm_status tm_io_add_vertex(tm_io_raw *raw, int64_t tag, const double p[3], tm_error *error) {
-    if (!room((void **)&raw->vertex, raw->vertices, sizeof *raw->vertex)) return no_memory(error);
+    if (!capacity_for((void **)&raw->vertex, raw->vertices, sizeof *raw->vertex)) return no_memory(error);
     raw->vertex[raw->vertices++] = (tm_io_vertex){tag, {p[0], p[1], p[2]}};
     return TM_OK;
 }
@@ -77,7 +77,7 @@ tm_status tm_io_add_element(tm_io_raw *raw, int64_t tag, int dim, int32_t entity
             return tm_fail(error, TM_ERR_MESH, tag,
                            "element %lld names vertex %lld, which is not there; write the mesh anew", (long long)tag,
                            (long long)corner[k]);
-    if (!room((void **)&raw->element, raw->elements, sizeof e)) return no_memory(error);
+    if (!capacity_for((void **)&raw->element, raw->elements, sizeof e)) return no_memory(error);
     raw->element[raw->elements++] = e;
     raw->tets += dim == 3;
     return TM_OK;
@@ -86,7 +86,7 @@ tm_status tm_io_add_element(tm_io_raw *raw, int64_t tag, int dim, int32_t entity
 tm_status tm_io_add_member(tm_io_raw *raw, int dim, int32_t entity, int32_t group, tm_error *error) {
     const tm_io_member new = {dim, group, entity}, *last = raw->members ? raw->member + raw->members - 1 : NULL;
     if (last && memcmp(last, &new, sizeof new) == 0) return TM_OK;
-    if (!room((void **)&raw->member, raw->members, sizeof new)) return no_memory(error);
+    if (!capacity_for((void **)&raw->member, raw->members, sizeof new)) return no_memory(error);
     raw->member[raw->members++] = new;
     return TM_OK;
 }
@@ -97,7 +97,7 @@ tm_status tm_io_add_name(tm_io_raw *raw, int dim, int32_t group, const char *nam
         return tm_fail(error, TM_ERR_MESH, group, "the name of physical group %d is longer than 63 letters; shorten it",
                        group);
     memcpy(new.name, name, length);
-    if (!room((void **)&raw->name, raw->names, sizeof new)) return no_memory(error);
+    if (!capacity_for((void **)&raw->name, raw->names, sizeof new)) return no_memory(error);
     raw->name[raw->names++] = new;
     return TM_OK;
 }

@@ -88,14 +88,14 @@ static bool text_value(reader *r, double *value) {
 }
 
 /* `count` values into `real` or `whole`, or, both null, past them. Refuses before it takes memory for what is not
- * there: the arrays are the caller's, made after has_room. */
-static bool has_room(const reader *r, int64_t count, const struct type *type) {
+ * there: the arrays are the caller's, made after has_capacity. */
+static bool has_capacity(const reader *r, int64_t count, const struct type *type) {
     int64_t left = r->end - r->at, each = r->binary ? type->bytes : 2;
     return count >= 0 && count <= (left + 1) / each;
 }
 
 static bool values(reader *r, int64_t count, const struct type *type, double *real, int64_t *whole) {
-    if (!has_room(r, count, type)) return false;
+    if (!has_capacity(r, count, type)) return false;
     for (int64_t i = 0; i < count; i++) {
         double value = 0;
         if (!r->binary && !text_value(r, &value)) return false;
@@ -138,7 +138,7 @@ static tm_status read_points(reader *r, const char *line) {
     long long count;
     const struct type *type = sscanf(line, "%*s %lld %31s", &count, name) == 2 ? type_of(name) : NULL;
     if (!type) return bad(r, "its line POINTS is not understood");
-    if (count < 0 || count > INT32_MAX / 4 || !has_room(r, 3 * count, type)) return cut_short(r);
+    if (count < 0 || count > INT32_MAX / 4 || !has_capacity(r, 3 * count, type)) return cut_short(r);
     free(r->v->point);
     r->v->points = count;
     if (!(r->v->point = malloc((size_t)(3 * count + 1) * sizeof *r->v->point))) return no_memory(r);
@@ -151,7 +151,7 @@ static tm_status read_array(reader *r, const char *word, int64_t count, int64_t 
     const struct type *type = sscanf(line, "%31s %31s", name, kind_of) == 2 ? type_of(kind_of) : NULL;
     if (!type || strcasecmp(name, word))
         return tm_fail(r->v->error, TM_ERR_FILE, -1, "%s expected after CELLS; write it anew", word);
-    if (!has_room(r, count, type)) return cut_short(r);
+    if (!has_capacity(r, count, type)) return cut_short(r);
     if (!make(array, count)) return no_memory(r);
     return values(r, count, type, NULL, *array) ? TM_OK : cut_short(r);
 }
@@ -170,7 +170,7 @@ static tm_status read_offsets(reader *r, int64_t offsets, int64_t corners) {
 /* Before: each cell is a count and its corners, `size` numbers in all. */
 static tm_status read_counted(reader *r, int64_t cells, int64_t size) {
     const struct type *type = type_of("int");
-    if (!has_room(r, size, type) || cells > size) return cut_short(r);
+    if (!has_capacity(r, size, type) || cells > size) return cut_short(r);
     r->v->cells = 0;
     if (!make(&r->v->corner, size) || !make(&r->v->offset, cells)) return no_memory(r);
     if (!values(r, size, type, NULL, r->v->corner)) return cut_short(r);
@@ -197,7 +197,7 @@ static tm_status read_types(reader *r, const char *line) {
     long long count;
     if (sscanf(line, "%*s %lld", &count) != 1 || !r->v->offset || count != r->v->cells)
         return bad(r, "CELL_TYPES does not fit CELLS");
-    if (!has_room(r, count, type_of("int"))) return cut_short(r);
+    if (!has_capacity(r, count, type_of("int"))) return cut_short(r);
     if (!make(&r->v->cell_type, count)) return no_memory(r);
     return values(r, count, type_of("int"), NULL, r->v->cell_type) ? TM_OK : cut_short(r);
 }
@@ -228,7 +228,7 @@ static tm_status read_regions(reader *r, const char *line) {
         sscanf(line, "%*s %63s %31s %d", name, type_name, &components) >= 2 ? type_of(type_name) : NULL;
     if (!type || strcmp(name, "region") || components != 1 || r->v->region) return TM_OK;
     next_line(r, lookup, sizeof lookup); /* LOOKUP_TABLE default */
-    if (!has_room(r, r->v->cells, type)) return cut_short(r);
+    if (!has_capacity(r, r->v->cells, type)) return cut_short(r);
     if (!make(&r->v->region, r->v->cells)) return no_memory(r);
     return values(r, r->v->cells, type, NULL, r->v->region) ? TM_OK : cut_short(r);
 }
@@ -242,7 +242,7 @@ static tm_status read_groups(reader *r, const char *line) {
         for (*row = 0; !*row && next_line(r, row, sizeof row);) continue;
         const int got = sscanf(row, "%299s %lld %lld %31s", name, &components, &tuples, type_name);
         const struct type *type = got == 4 ? type_of(type_name) : NULL;
-        if (!type || components != 1 || tuples != r->v->points || !has_room(r, tuples, type))
+        if (!type || components != 1 || tuples != r->v->points || !has_capacity(r, tuples, type))
             return bad(r, "its FIELD groups is not one number a point, or cut short");
         plain_name(name);
         uint8_t *in = tm_io_vtk_group_add(r->v, name);

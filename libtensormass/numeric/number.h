@@ -1,6 +1,6 @@
 /* The number type of headers that are compiled twice: the simulation sets LAW_REAL to `double`, the controller's core
- * to `float`, before it includes one. A translation unit knows one of the two. Those headers, here and in law/, include
- * nothing but the C library's types and `sqrt`-free arithmetic, hold no state and allocate nothing.
+ * to `float`, before it includes one. A translation unit knows one of the two. Those headers, here and in contact_law/,
+ * include nothing but the C library's types and `sqrt`-free arithmetic, hold no state and allocate nothing.
  */
 #ifndef LAW_NUMBER_H
 #define LAW_NUMBER_H

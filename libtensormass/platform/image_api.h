@@ -1,4 +1,4 @@
-/* What the module `image` gives: label images read by ITK, surfaces read and mended and tetrahedra by CGAL. CGAL's
+/* What the module `image` gives: label images read by ITK, surfaces read and repaired and tetrahedra by CGAL. CGAL's
  * mesher is under the GPL 3, and so is the module; nothing else of tensormass links it. Built by `make image` alone. */
 #ifndef IMAGE_API_H
 #define IMAGE_API_H
@@ -85,9 +85,9 @@ typedef struct image_api {
     image_end (*mesh)(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);
     /* OBJ, PLY, OFF, STL by ending, in the file's units; polygons become triangles. */
     image_end (*read_surface)(const char *path, image_surface *out, char why[IMAGE_WHY]);
-    /* What is wrong with a surface. `mend`: it is turned alike, stitched, rid of triangles that cut each other, and its
-     * holes are filled; `left` is what is wrong then. */
-    image_end (*examine_surface)(image_surface *surface, bool mend, image_defects *found, image_defects *left,
+    /* What is wrong with a surface. `repair`: it is turned alike, stitched, rid of triangles that cut each other, and
+     * its holes are filled; `left` is what is wrong then. */
+    image_end (*examine_surface)(image_surface *surface, bool repair, image_defects *found, image_defects *left,
                                  char why[IMAGE_WHY]);
 } image_api;
 

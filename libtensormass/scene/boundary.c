@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-tm_status sim_make_supports(sim *s) {
+tm_status sim_build_supports(sim *s) {
     const app_scene *scene = s->scene;
     if (!scene->support.count) return 0;
     int32_t n = s->mesh->vertex_count, selected;
@@ -12,10 +12,10 @@ tm_status sim_make_supports(sim *s) {
     int8_t *held = calloc((size_t)n * 3, 1); /* 1 + support, of each component: supports are few */
     double *value = calloc((size_t)n * 3, sizeof *value);
     s->support_of = calloc((size_t)n, 1);
-    s->held_dof = malloc(sizeof *s->held_dof * (size_t)n * 3);
-    s->held_m = malloc(sizeof *s->held_m * (size_t)n * 3);
-    s->held_by = malloc((size_t)n * 3);
-    tm_status rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by
+    s->fixed_dof = malloc(sizeof *s->fixed_dof * (size_t)n * 3);
+    s->fixed_m = malloc(sizeof *s->fixed_m * (size_t)n * 3);
+    s->fixed_by = malloc((size_t)n * 3);
+    tm_status rc = mark && held && value && s->support_of && s->fixed_dof && s->fixed_m && s->fixed_by
                        ? 0
                        : app_scene_fail(scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     if (scene->support.count > 100)
@@ -31,7 +31,7 @@ tm_status sim_make_supports(sim *s) {
                     rc = app_scene_bad(scene, support->here.line,
                                        "vertex %d is already held at %g m along %c by the support on line %d; make the "
                                        "selectors disjoint",
-                                       tm_mesh_given(s->mesh, v), value[d], "xyz"[a],
+                                       tm_mesh_original_vertex(s->mesh, v), value[d], "xyz"[a],
                                        ((const app_support *)scene->support.item)[held[d] - 1].here.line);
                 if (!held[d]) held[d] = (int8_t)(i + 1);
                 value[d] = support->displace.v[a];
@@ -40,9 +40,9 @@ tm_status sim_make_supports(sim *s) {
     }
     for (int32_t d = 0; d < 3 * n && !rc; d++)
         if (held[d]) {
-            s->held_by[s->held_count] = (uint8_t)held[d];
-            s->held_dof[s->held_count] = d;
-            s->held_m[s->held_count++] = value[d];
+            s->fixed_by[s->fixed_count] = (uint8_t)held[d];
+            s->fixed_dof[s->fixed_count] = d;
+            s->fixed_m[s->fixed_count++] = value[d];
         }
     free(value);
     free(held);
@@ -66,7 +66,7 @@ static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark,
     return rc;
 }
 
-tm_status sim_make_loads(sim *s) {
+tm_status sim_build_loads(sim *s) {
     const app_scene *scene = s->scene;
     if (!scene->load.count) return 0;
     int32_t n = s->mesh->vertex_count, selected;

@@ -29,7 +29,7 @@ static bool drop_last(tm_diagnostics *list) {
     return true;
 }
 
-static bool has_room(tm_diagnostics *list, tm_severity severity) {
+static bool has_capacity(tm_diagnostics *list, tm_severity severity) {
     if (list->count >= TM_DIAGNOSTICS_MAX) return severity == TM_FAULT && drop_last(list);
     if (list->count < list->capacity) return true;
     const int32_t capacity = list->capacity ? 2 * list->capacity : 8;
@@ -43,7 +43,7 @@ static bool has_room(tm_diagnostics *list, tm_severity severity) {
 /* One piece of memory for the strings, which begins with the file's name. */
 static void keep(tm_diagnostics *list, const tm_diagnostic *d) {
     const size_t file = strlen(d->file) + 1, what = strlen(d->what) + 1, remedy = strlen(d->remedy) + 1;
-    char *text = has_room(list, d->severity) ? malloc(file + what + remedy) : NULL;
+    char *text = has_capacity(list, d->severity) ? malloc(file + what + remedy) : NULL;
     if (!text) {
         list->lost++;
         return;
@@ -58,7 +58,7 @@ static void keep(tm_diagnostics *list, const tm_diagnostic *d) {
 void tm_diagnostics_clear(tm_diagnostics *list) {
     for (int32_t i = 0; i < list->count; i++) free((void *)(uintptr_t)list->item[i].file);
     free(list->item);
-    *list = (tm_diagnostics){.told = list->told, .user = list->user};
+    *list = (tm_diagnostics){.on_diagnostic = list->on_diagnostic, .user = list->user};
 }
 
 int32_t tm_diagnostic_format(const tm_diagnostic *d, char *text, size_t size) {
@@ -81,7 +81,7 @@ tm_status app_host_tell(const app_host *host, tm_severity severity, tm_status st
                              .file = file ? file : "",
                              .what = what,
                              .remedy = at ? at + 2 : ""};
-    if (list->told) list->told(list->user, &d);
+    if (list->on_diagnostic) list->on_diagnostic(list->user, &d);
     keep(list, &d);
     return status;
 }

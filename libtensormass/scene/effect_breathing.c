@@ -71,15 +71,16 @@ static tm_status build(sim *s, const void *own) {
     tm_error error = {0};
     uint8_t support = (uint8_t)(1 + find_support(s->scene, o));
     int32_t count = 0;
-    for (int32_t i = 0; i < s->held_count; i++)
-        count += s->held_by[i] == support && o->amplitude.v[s->held_dof[i] % 3] != 0;
+    for (int32_t i = 0; i < s->fixed_count; i++)
+        count += s->fixed_by[i] == support && o->amplitude.v[s->fixed_dof[i] % 3] != 0;
     size_t bytes = sizeof(breathing) + sizeof(moved) * (size_t)count;
     breathing *b = tm_allocate(bytes);
     if (!b) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     *b = (breathing){.angular_1_s = 2 * M_PI / o->period.si, .bytes = (int64_t)bytes};
-    for (int32_t i = 0; i < s->held_count; i++) {
-        double amplitude = o->amplitude.v[s->held_dof[i] % 3];
-        if (s->held_by[i] == support && amplitude != 0) b->component[b->count++] = (moved){i, s->held_m[i], amplitude};
+    for (int32_t i = 0; i < s->fixed_count; i++) {
+        double amplitude = o->amplitude.v[s->fixed_dof[i] % 3];
+        if (s->fixed_by[i] == support && amplitude != 0)
+            b->component[b->count++] = (moved){i, s->fixed_m[i], amplitude};
     }
     tm_stage stage = {.size = sizeof(tm_stage),
                       .name = "breathing",

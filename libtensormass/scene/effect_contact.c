@@ -8,7 +8,7 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"contact", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments push the tissue's surface"},
-    {"contact.skin", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0,
+    {"contact.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0,
      "compliance of each contact row: a soft skin on the tip"},
     {"contact.force_cap", APP_NUMBER, "force", "50 N", 0.001, 1e6, offsetof(options, force_cap), 0,
      "of each row; reaching it is flagged"},
@@ -25,7 +25,7 @@ static tm_status prepare(sim *s, const void *own) {
     *def = tm_contact_def_default();
     def->instrument_count = s->scene->instrument.count;
     def->instrument = s->instrument_def;
-    def->skin_compliance_m_N = o->skin.si;
+    def->contact_compliance_m_N = o->skin.si;
     def->force_cap_N = o->force_cap.si;
     def->sweeps = (int32_t)o->sweeps.value;
     def->max_rows = (int32_t)o->rows.value;
@@ -37,7 +37,7 @@ const sim_effect sim_effect_contact = {
     .name = "contact",
     .doc =
         "Unilateral, frictionless contact between every instrument (a capsule) and the tissue's surface (triangles).",
-    .example = "{skin: 0.5 mm/N}",
+    .example = "{compliance: 0.5 mm/N}",
     .trial = SIM_TRIAL_KEEP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"instruments"},

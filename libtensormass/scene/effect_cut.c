@@ -62,7 +62,7 @@ static void destroy(sim *s) {
 }
 
 static void frame(sim *s) {
-    s->cuts.count = tm_cut_take(s->model->world, s->cuts.tet, s->cuts.instrument, s->mesh->tet_count);
+    s->cuts.count = tm_cut_fetch_removed(s->model->world, s->cuts.tet, s->cuts.instrument, s->mesh->tet_count);
     s->cuts.total += s->cuts.count;
 }
 

@@ -18,7 +18,7 @@ static tm_status build(sim *s, const void *own) {
 const sim_effect sim_effect_energy = {
     .name = "energy",
     .doc = "What went into the tissue and what came out, in joules, in the report of a run (`--json FILE`, `energy`). "
-           "It closes to rounding (`residual_J`); `made_J` says whether contact made any out of nothing.",
+           "It closes to rounding (`residual_J`); `generated_J` says whether contact made any out of nothing.",
     .example = "",
     .trial = SIM_TRIAL_KEEP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},

@@ -7,15 +7,15 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments rub on the tissue"},
-    {"friction.static", APP_NUMBER, "none", "0.3", 0, TM_FRICTION_MOST, offsetof(options, at_rest), 0,
+    {"friction.static", APP_NUMBER, "none", "0.3", 0, TM_FRICTION_MAX, offsetof(options, at_rest), 0,
      "coefficient until an instrument slips, of all that name none of their own"},
-    {"friction.sliding", APP_NUMBER, "none", "0.2", 0, TM_FRICTION_MOST, offsetof(options, sliding), 0,
+    {"friction.kinetic", APP_NUMBER, "none", "0.2", 0, TM_FRICTION_MAX, offsetof(options, sliding), 0,
      "coefficient while it slides, at most `static`"},
 };
 
 static tm_friction_coefficient of_instrument(const app_instrument *t, const options *o) {
-    return (tm_friction_coefficient){.at_rest = t->friction_static.line ? t->friction_static.si : o->at_rest.si,
-                                     .sliding = t->friction_sliding.line ? t->friction_sliding.si : o->sliding.si};
+    return (tm_friction_coefficient){.mu_static = t->friction_static.line ? t->friction_static.si : o->at_rest.si,
+                                     .mu_kinetic = t->friction_kinetic.line ? t->friction_kinetic.si : o->sliding.si};
 }
 
 static tm_status check(const app_scene *scene, const void *own) {
@@ -23,8 +23,8 @@ static tm_status check(const app_scene *scene, const void *own) {
     for (int i = 0; i < scene->instrument.count; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const tm_friction_coefficient c = of_instrument(t, o);
-        if (c.sliding <= c.at_rest) continue;
-        const int line = t->friction_sliding.line  ? t->friction_sliding.line
+        if (c.mu_kinetic <= c.mu_static) continue;
+        const int line = t->friction_kinetic.line  ? t->friction_kinetic.line
                          : t->friction_static.line ? t->friction_static.line
                          : o->sliding.line         ? o->sliding.line
                                                    : o->at_rest.line;
@@ -32,7 +32,7 @@ static tm_status check(const app_scene *scene, const void *own) {
             scene, line,
             "instrument %d slides at %g and sticks at %g; give a sliding coefficient that is not above "
             "the static one",
-            i, c.sliding, c.at_rest);
+            i, c.mu_kinetic, c.mu_static);
     }
     return 0;
 }
@@ -49,7 +49,7 @@ const sim_effect sim_effect_friction = {
     .name = "friction",
     .doc = "Coulomb friction of the instruments on the tissue, swept with contact: they stick within the cone of their "
            "static coefficient, slide at the other, and the hand feels both (docs/friction.md).",
-    .example = "{static: 0.3, sliding: 0.2}",
+    .example = "{static: 0.3, kinetic: 0.2}",
     .trial = SIM_TRIAL_DROP_OR_ADD,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},

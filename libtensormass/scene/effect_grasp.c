@@ -16,7 +16,7 @@ static const app_field fields[] = {
     {"grasp.reach", APP_NUMBER, "length", "1 mm", 0, 0.1, offsetof(options, reach), 0, "beyond the radius"},
     {"grasp.compliance", APP_NUMBER, "compliance", "0.2 mm/N", 0, 1, offsetof(options, compliance), 0,
      "of the hold on each vertex"},
-    {"grasp.fade", APP_NUMBER, "time", "0.1 s", 0, 10, offsetof(options, fade), 0,
+    {"grasp.release_time", APP_NUMBER, "time", "0.1 s", 0, 10, offsetof(options, fade), 0,
      "after opening, until the force is gone"},
     {"grasp.force_cap", APP_NUMBER, "force", "20 N", 0.001, 1e6, offsetof(options, force_cap), 0,
      "of each vertex; what is beyond slips"},
@@ -39,7 +39,7 @@ static tm_status prepare(sim *s, const void *own) {
     def.jaw_length_m = o->jaw.si;
     def.reach_m = o->reach.si;
     def.compliance_m_N = o->compliance.si;
-    def.fade_s = o->fade.si;
+    def.release_time_s = o->fade.si;
     def.force_cap_N = o->force_cap.si;
     def.max_vertices = (int32_t)o->max_vertices.value;
     s->def.grasp = def;

@@ -16,7 +16,7 @@ static const app_field fields[] = {
     {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "adaptive", 0, 0, offsetof(sim_haptics, extrapolator),
      0, "in lockstep; in real time the controller says what it runs"},
     {"haptics.sends", APP_CHOICE, APP_CHOICE_WORDS(SENDS), NULL, 0, 0, offsetof(sim_haptics, sends), 0,
-     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
+     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `local_model`: "
      "patch); left out: what `extrapolator` asks for"},
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
      "of the dynamic model's stiffness and patches: from a factor kept beside the simulation (opens the module `solve`; a "
@@ -46,9 +46,9 @@ static const app_field fields[] = {
 };
 
 sim_sends sim_sends_of(int extrapolator) {
-    return extrapolator == HRT_CONTACT || extrapolator == HRT_ADAPTIVE ? SIM_SENDS_PATCH
-           : extrapolator == HRT_TANGENT                               ? SIM_SENDS_STIFFNESS
-                                                                       : SIM_SENDS_FORCE;
+    return extrapolator == HRT_LOCAL_MODEL || extrapolator == HRT_ADAPTIVE ? SIM_SENDS_PATCH
+           : extrapolator == HRT_TANGENT                                   ? SIM_SENDS_STIFFNESS
+                                                                           : SIM_SENDS_FORCE;
 }
 
 /* What the scene's controllers may ask for, known before anything is built. */
@@ -66,20 +66,20 @@ static sim_sends sim_may_send(const sim *s) {
 /* Exact compliance for patches of the dynamic model, from the module `solve`. */
 static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     tm_error error = {0};
-    tm_factored *factored;
+    tm_compliance_factor *factored;
     sim_solve_api api;
     if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, line, &error);
     uint8_t *fixed = calloc(3 * (size_t)s->mesh->vertex_count, 1);
     if (!fixed) return app_scene_fail(s->scene, line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
-    for (int32_t i = 0; i < s->held_count; i++) fixed[s->held_dof[i]] = 1;
-    tm_factored_def def = api.tm_factored_def_default_();
+    for (int32_t i = 0; i < s->fixed_count; i++) fixed[s->fixed_dof[i]] = 1;
+    tm_compliance_factor_def def = api.tm_compliance_factor_def_default_();
     def.tissue = s->model->tissue;
     def.fixed = fixed;
-    def.turns = sim_options(s->scene, "rotation") != NULL;
-    const tm_status status = api.tm_factored_create_(&def, &factored, &error);
+    def.corotated = sim_options(s->scene, "rotation") != NULL;
+    const tm_status status = api.tm_compliance_factor_create_(&def, &factored, &error);
     free(fixed);
     if (status) return sim_report(s->scene, line, &error);
-    *source = api.tm_factored_given_(factored);
+    *source = api.tm_compliance_factor_owned_source_(factored);
     return 0;
 }
 

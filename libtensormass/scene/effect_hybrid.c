@@ -61,7 +61,7 @@ static tm_status choose_part(const sim *s, const sim_solve_options *o, uint8_t *
     return 0;
 }
 
-tm_status sim_make_hybrid(sim *s) {
+tm_status sim_build_hybrid(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "hybrid");
     sim_solve_api api;
     char path[SIM_SOLVE_PATH];
@@ -75,10 +75,10 @@ tm_status sim_make_hybrid(sim *s) {
     if (!rc) {
         tm_hybrid_def how = api.tm_hybrid_def_default_();
         sim_solve_set(s, o, "hybrid", path,
-                      &(sim_solve_members){&how.problem, &how.precision, &how.max_local_vertices, &how.file});
+                      &(sim_solve_members){&how.problem, &how.precision, &how.max_contact_vertices, &how.file});
         how.dynamic = dynamic;
         how.as_marked = !o->smooth.on;
-        rc = sim_model_made(s, api.tm_model_hybrid_(&s->def.model, &how, &s->model, &report, &error), &error);
+        rc = sim_check_model(s, api.tm_model_hybrid_(&s->def.model, &how, &s->model, &report, &error), &error);
     }
     free(dynamic);
     if (!rc) sim_solve_told(s, "the condensed part", &report);

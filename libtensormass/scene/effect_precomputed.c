@@ -21,7 +21,7 @@ static const app_field fields[] = {
      "of the on-line contact system"},
 };
 
-tm_status sim_make_precomputed(sim *s) {
+tm_status sim_build_precomputed(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "precomputed");
     sim_solve_api api;
     char path[SIM_SOLVE_PATH];
@@ -30,9 +30,9 @@ tm_status sim_make_precomputed(sim *s) {
     if (!sim_solve_open(&s->scene->host, &api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     tm_precomputed_def how = api.tm_precomputed_def_default_();
     sim_solve_set(s, o, "precomputed", path,
-                  &(sim_solve_members){&how.problem, &how.precision, &how.max_local_vertices, &how.file});
+                  &(sim_solve_members){&how.problem, &how.precision, &how.max_contact_vertices, &how.file});
     const tm_status rc =
-        sim_model_made(s, api.tm_model_precomputed_(&s->def.model, &how, &s->model, &report, &error), &error);
+        sim_check_model(s, api.tm_model_precomputed_(&s->def.model, &how, &s->model, &report, &error), &error);
     if (!rc) sim_solve_told(s, "the precomputed model", &report);
     return rc;
 }

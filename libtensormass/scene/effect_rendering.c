@@ -19,7 +19,7 @@ static tm_status build(sim *s, const void *own) {
     size_t t = (size_t)s->mesh->surface_count + (s->def.model.tissue.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
     size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
                    t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
-    const bool renumbered = s->mesh->given_vertex;
+    const bool renumbered = s->mesh->original_vertex;
     if (renumbered) bytes += n * sizeof(int32_t);
     sim_picture *p = s->picture = tm_allocate(bytes);
     if (!p) return app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");

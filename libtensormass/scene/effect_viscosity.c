@@ -3,7 +3,7 @@
 
 typedef struct term {
     app_section here;
-    app_number time, shear, volume;
+    app_number time, shear, bulk;
 } term;
 
 typedef struct options {
@@ -21,7 +21,7 @@ static const app_field fields[] = {
      "in which the term's stress falls to 1/e at constant strain"},
     {"viscosity.terms[].shear", APP_NUMBER, "none", "!", 0, TM_VISCOSITY_SHARES_MAX, TERM(shear), 0,
      "share of the sudden shear modulus (and of all that fibres add) that relaxes with it"},
-    {"viscosity.terms[].volume", APP_NUMBER, "none", NULL, 0, TM_VISCOSITY_SHARES_MAX, TERM(volume), 0,
+    {"viscosity.terms[].bulk", APP_NUMBER, "none", NULL, 0, TM_VISCOSITY_SHARES_MAX, TERM(bulk), 0,
      "share of the sudden bulk modulus; left out: that of the shear, so that Poisson's ratio stays, which costs less"},
 };
 
@@ -29,7 +29,7 @@ static tm_viscosity_def definition(const options *o) {
     tm_viscosity_def def = tm_viscosity_def_default();
     const term *t = o->term.item;
     for (def.count = 0; def.count < o->term.count && def.count < TM_VISCOSITY_TERMS; def.count++, t++)
-        def.term[def.count] = (tm_viscosity_term){t->time.si, t->shear.si, t->volume.line ? t->volume.si : t->shear.si};
+        def.term[def.count] = (tm_viscosity_term){t->time.si, t->shear.si, t->bulk.line ? t->bulk.si : t->shear.si};
     return def;
 }
 
@@ -55,7 +55,7 @@ const sim_effect sim_effect_viscosity = {
     .doc = "Stress that fades at constant strain, and creep at constant load: a Prony series, integrated exactly along "
            "straight strain paths. The step stays as it is; `--settle` gives the rest after infinite time "
            "(docs/viscosity.md).",
-    .example = "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}",
+    .example = "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}",
     .of_linear_law = "it keeps histories of the linear law",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue that does not relax; write 'model: dynamic'"},

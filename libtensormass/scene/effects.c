@@ -5,7 +5,7 @@
  * whose sweeps it shares. */
 #define EFFECTS(ROW)                                                                                                   \
     ROW(anisotropy)                                                                                                    \
-    ROW(volume)                                                                                                        \
+    ROW(strain_smoothing)                                                                                              \
     ROW(damping)                                                                                                       \
     ROW(gravity)                                                                                                       \
     ROW(breathing)                                                                                                     \

@@ -1,5 +1,5 @@
 /* Instruments of a scene: axes, joints and poses. */
-#include "surface.h"
+#include "surface_distance.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -142,7 +142,7 @@ static tm_status hang(sim *s, int instrument, const app_instrument *t) {
                          "axis and up give no orientation; give directions of a length near 1 across each other");
 }
 
-tm_status sim_make_instruments(sim *s) {
+tm_status sim_build_instruments(sim *s) {
     tm_status rc = 0;
     s->instrument_count = s->scene->instrument.count;
     for (int i = 0; i < s->instrument_count && !rc; i++) {

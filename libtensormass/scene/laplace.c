@@ -34,9 +34,9 @@ static tm_status check_pieces(const tm_mesh *m, const uint8_t *low, const uint8_
     for (int32_t v = 0; v < m->vertex_count && !status; v++)
         if (has[law_root(parent, v)] != 3)
             status = tm_fail(
-                error, TM_ERR_MESH, tm_mesh_given(m, v),
+                error, TM_ERR_MESH, tm_mesh_original_vertex(m, v),
                 "the piece of the mesh that vertex %d is in has no vertex of '%s'; name groups that every piece has",
-                tm_mesh_given(m, v), has[law_root(parent, v)] & 1 ? "to" : "from");
+                tm_mesh_original_vertex(m, v), has[law_root(parent, v)] & 1 ? "to" : "from");
     free(parent);
     free(has);
     return status;
@@ -100,9 +100,9 @@ static tm_status solve(work *w, tm_error *error) {
         now = measure(w);
         for (int32_t v = 0; v < n; v++) w->way[v] = w->rest[v] / w->diagonal[v] + now / before * w->way[v];
     }
-    return now <= enough
-               ? TM_OK
-               : tm_fail(error, TM_ERR_LIMIT, -1, "the rule's potential was not found; mend the mesh (tm-mesh check)");
+    return now <= enough ? TM_OK
+                         : tm_fail(error, TM_ERR_LIMIT, -1,
+                                   "the rule's potential was not found; repair the mesh (tm-mesh check)");
 }
 
 /* Adds to `sum` the axis `a`, turned to the side where `sum` is. */

@@ -2,12 +2,12 @@
 #include "models.h"
 
 const sim_model_row sim_models[] = {
-    [APP_DYNAMIC] = {.make = sim_make_dynamic},
-    [APP_PRECOMPUTED] = {.make = sim_make_precomputed, .solves_rest = true},
-    [APP_HYBRID] = {.make = sim_make_hybrid, .solves_rest = true},
+    [APP_DYNAMIC] = {.build = sim_build_dynamic},
+    [APP_PRECOMPUTED] = {.build = sim_build_precomputed, .solves_rest = true},
+    [APP_HYBRID] = {.build = sim_build_hybrid, .solves_rest = true},
 };
 
-tm_status sim_make_dynamic(sim *s) {
+tm_status sim_build_dynamic(sim *s) {
     tm_error error = {0};
-    return sim_model_made(s, tm_model_dynamic(&s->def.model, &s->model, &error), &error);
+    return sim_check_model(s, tm_model_dynamic(&s->def.model, &s->model, &error), &error);
 }

@@ -178,7 +178,7 @@ typedef struct app_instrument {
     app_vector trocar, axis, up;
     app_number radius, contact_length;
     app_section friction; /* of the effect of this name, what this one has of its own; null default: the effect's */
-    app_number friction_static, friction_sliding;
+    app_number friction_static, friction_kinetic;
     app_section start_here;
     app_pose start;
 } app_instrument;
@@ -224,7 +224,7 @@ typedef struct app_scene {
     app_list instrument;  /* app_instrument */
     app_list hand;        /* app_hand */
     app_section time;
-    app_number frame_rate, duration, step, step_fraction, average, mass_most;
+    app_number frame_rate, duration, step, step_fraction, average, mass_scaling_max;
     app_flag mass_scaling;
 
     int effect_count;

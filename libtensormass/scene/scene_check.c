@@ -211,9 +211,10 @@ static tm_status check_hand(const app_scene *scene) {
 }
 
 static tm_status check_time(const app_scene *scene) {
-    if (scene->mass_most.line && !scene->mass_scaling.on)
-        return app_scene_bad(scene, scene->mass_most.line,
-                             "time.mass_most bounds what mass scaling adds, and nothing adds; write mass_scaling: yes");
+    if (scene->mass_scaling_max.line && !scene->mass_scaling.on)
+        return app_scene_bad(
+            scene, scene->mass_scaling_max.line,
+            "time.mass_scaling_max bounds what mass scaling adds, and nothing adds; write mass_scaling: yes");
     if (!scene->mass_scaling.on) return 0;
     if (!scene->step.line)
         return app_scene_bad(scene, scene->mass_scaling.line,

@@ -54,6 +54,10 @@ static tm_status choice(const reader *r, int line, const app_field *field, const
         at += length + 1;
     }
     char all[256];
+    snprintf(all, sizeof all, "%s=%.60s", field->path, text);
+    const char *now = app_scene_renamed(all);
+    if (now)
+        return app_scene_bad(r->scene, line, "%s: '%.60s' is called '%s' since 0.2; write '%s'", shown, text, now, now);
     snprintf(all, sizeof all, "%s", field->unit);
     for (char *c = all; *c; c++)
         if (*c == '|') *c = ' ';

@@ -22,6 +22,8 @@ typedef struct reader {
 
 static inline yaml_node_t *node_at(reader *r, int index) { return yaml_document_get_node(&r->document, index); }
 
+/* The name since 0.2 of a key, by its whole path, or of a choice (path=choice); null: it has not changed. */
+const char *app_scene_renamed(const char *path);
 char *app_scene_keep(app_scene *scene, const char *text);
 /* As app_scene_bad counts: from 1 in the file, below 0 in --set. */
 int app_scene_line(const yaml_node_t *node);

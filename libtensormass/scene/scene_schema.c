@@ -141,7 +141,7 @@ static const app_field fields[] = {
      "its own coefficients, where the effect `friction` is named; what is left out is the effect's"},
     {"instruments[].friction.static", APP_NUMBER, "none", NULL, 0, 2, offsetof(app_instrument, friction_static), 0,
      "until it slips; 0: this one slides freely"},
-    {"instruments[].friction.sliding", APP_NUMBER, "none", NULL, 0, 2, offsetof(app_instrument, friction_sliding), 0,
+    {"instruments[].friction.kinetic", APP_NUMBER, "none", NULL, 0, 2, offsetof(app_instrument, friction_kinetic), 0,
      "while it slides, at most `static`"},
     {"instruments[].start", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_instrument, start_here), 0,
      "pose at the start"},
@@ -159,7 +159,7 @@ static const app_field fields[] = {
     {"time.mass_scaling", APP_FLAG, NULL, "no", 0, 0, AT(mass_scaling),
      "tissue is made heavier where it must be for `step` to be guaranteed, through cuts too; its weight and rest stay. "
      "Dynamic models; --explain says how much and what it does"},
-    {"time.mass_most", APP_NUMBER, "none", "0.2", 0, 100, AT(mass_most),
+    {"time.mass_scaling_max", APP_NUMBER, "none", "0.2", 0, 100, AT(mass_scaling_max),
      "share of the tissue's own mass that `mass_scaling` may add; more is refused"},
     {"time.average", APP_NUMBER, "none", "0.25", 0, 1, AT(average),
      "share of a frame's last substeps that forces are averaged over; 0: the last alone"},

@@ -71,6 +71,10 @@ static tm_status unknown_key(const reader *r, const app_schema *only, int line, 
                 used += (size_t)snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", key);
         }
     }
+    char path[PATH_MAX_CHARS + 64];
+    snprintf(path, sizeof path, "%s%s%.60s", prefix, *prefix ? "." : "", name);
+    const char *now = app_scene_renamed(path);
+    if (now) return app_scene_bad(r->scene, line, "'%.60s' is called '%s' since 0.2; write '%s'", name, now, now);
     if (name[0] >= '0' && name[0] <= '9')
         return app_scene_bad(r->scene, line,
                              "unknown key '%.60s'%s: a comma separates entries; write a decimal point, such as 5.0 kPa",

@@ -3,7 +3,7 @@
 #include "choices.h"
 #include "libtensormass/platform/clock.h"
 #include "models.h"
-#include "surface.h"
+#include "surface_distance.h"
 
 #include <errno.h>
 #include <math.h>
@@ -142,7 +142,7 @@ static tm_status load_mesh(sim *s) {
         return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s is not a file; name a .msh, .vtk or .mesh file",
                              scene->mesh.s);
     if (tm_mesh_file_load(scene->mesh.s, scene->scale.si, &s->file, &error) ||
-        tm_mesh_file_build_numbered(&s->file, scene->renumber.on ? TM_NUMBERING_WHERE_POOR : TM_NUMBERING_AS_GIVEN,
+        tm_mesh_file_build_numbered(&s->file, scene->renumber.on ? TM_NUMBERING_IMPROVED : TM_NUMBERING_ORIGINAL,
                                     &s->mesh, &error))
         return sim_report_file(scene, scene->mesh.line, NULL, 0, &error);
     return 0;
@@ -194,42 +194,42 @@ static tm_status define_model(sim *s) {
     def->damped = false;
     tm_status rc = run_hook(s, false);
     if (!rc) rc = app_scene_materials(s->scene, &s->file, s->damping_1_s, s->material);
-    if (!rc) rc = sim_make_supports(s);
-    if (!rc) rc = sim_make_loads(s);
-    if (!rc) rc = sim_make_instruments(s);
+    if (!rc) rc = sim_build_supports(s);
+    if (!rc) rc = sim_build_loads(s);
+    if (!rc) rc = sim_build_instruments(s);
     def->tissue.mesh = s->mesh;
     def->tissue.material_count = s->mesh->region_count;
     def->tissue.material = s->material;
     def->tissue.fibre = s->fibre;
     def->tissue.precision = (tm_precision)s->scene->precision.index;
     def->tissue.form = (tm_force_form)s->scene->force.index;
-    def->support_count = s->held_count;
-    def->support_dof = s->held_dof;
-    def->support_m = s->held_m;
+    def->support_count = s->fixed_count;
+    def->support_dof = s->fixed_dof;
+    def->support_m = s->fixed_m;
     def->load_N = s->load_N;
     s->samples = sim_stream_per_frame(s->scene);
     def->frame_s = 1 / (s->scene->frame_rate.si * s->samples);
     def->step_s = s->scene->step.line ? s->scene->step.si : 0;
     def->step_fraction = s->scene->step_fraction.si;
     def->tissue.scaled_step_s = s->scene->mass_scaling.on ? s->scene->step.si : 0;
-    def->tissue.scaled_share = s->scene->mass_most.si;
+    def->tissue.scaled_share = s->scene->mass_scaling_max.si;
     def->average = s->scene->average.si;
     def->threads = (int32_t)s->scene->threads.value;
-    def->blame = &s->def.blame;
+    def->invalid_member = &s->def.invalid_member;
     return rc;
 }
 
 static tm_status make_model(sim *s) {
-    const tm_status rc = sim_models[s->scene->model.index].make(s);
+    const tm_status rc = sim_models[s->scene->model.index].build(s);
     if (rc) return rc;
-    const tm_pace *pace = &s->model->pace;
+    const tm_timing *pace = &s->model->timing;
     s->sample_s = pace->frame_s;
     s->frame_s = 1 / s->scene->frame_rate.si;
     s->dt_s = pace->dt_s;
     s->substeps = s->samples * pace->substeps;
     s->average = pace->average;
     own_stages(s, SIM_OWNER_ALL);
-    return sim_warn_pace(s);
+    return sim_warn_timing(s);
 }
 
 tm_status sim_prepare(app_scene *scene, sim **out) {
@@ -272,9 +272,9 @@ void sim_destroy(sim *s) {
     if (s->mesh) tm_mesh_destroy(s->mesh);
     tm_mesh_file_free(&s->file);
     free(s->support_of);
-    free(s->held_dof);
-    free(s->held_m);
-    free(s->held_by);
+    free(s->fixed_dof);
+    free(s->fixed_m);
+    free(s->fixed_by);
     free(s->load_N);
     free(s->fibre);
     free(s->material);
@@ -325,7 +325,7 @@ static void feel(sim *s, int i) {
     s->patch_valid[i] = made && s->wants[i] == SIM_SENDS_PATCH;
     const tm_tool_reaction *r = &s->reaction[i];
     const bool felt = r->force_N[0] != 0 || r->force_N[1] != 0 || r->force_N[2] != 0;
-    if (!felt || (r->flags & TM_REACTION_LETTING_GO)) return;
+    if (!felt || (r->flags & TM_REACTION_RELEASING)) return;
     s->coverage[i].touched++;
     s->coverage[i].carried += s->wants[i] == SIM_SENDS_PATCH ? s->patch_valid[i] : r->stiffness_kind != 0;
 }

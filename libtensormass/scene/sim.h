@@ -9,7 +9,7 @@
 
 enum { SIM_JOINTS = HRT_JOINTS };
 
-/* Samples of an instrument that touched or held tissue (letting go is neither) while its controller asked for more than
+/* Samples of an instrument that touched or held tissue (releasing is neither) while its controller asked for more than
  * the force, and those of them that carried it. */
 typedef struct sim_coverage {
     int64_t touched, carried;
@@ -23,7 +23,7 @@ typedef struct sim_exclusion {
 } sim_exclusion;
 
 /* What an effect adds to the tissue itself when it is built, for the account of tm-sim --explain. */
-typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PART_VOLUME, SIM_PART_COUNT } sim_part;
+typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PART_SMOOTHING, SIM_PART_COUNT } sim_part;
 
 /* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
  * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.
@@ -77,13 +77,13 @@ typedef struct sim_definition {
     tm_grasp_def grasp;
     tm_friction_def friction;
     tm_cut_def cut;
-    const char *blame; /* tm_model_def.blame */
+    const char *invalid_member; /* tm_model_def.invalid_member */
 } sim_definition;
 
 /* What the last frame's cutting took. */
 typedef struct sim_cuts {
     int32_t count, capacity, *tet;
-    int8_t *instrument; /* who, -1: a loose piece */
+    int8_t *instrument; /* who, -1: a detached fragment */
     int64_t total;
 } sim_cuts;
 
@@ -101,7 +101,7 @@ typedef struct sim_reach {
 struct sim {
     app_scene *scene;
     tm_mesh_file file;     /* in its own numbering, as all that is read and written */
-    tm_mesh *mesh;         /* in its own, as all else here: tm_mesh_given leads back */
+    tm_mesh *mesh;         /* in its own, as all else here: tm_mesh_original_vertex leads back */
     tm_material *material; /* [region_count] */
     double damping_1_s;    /* of materials that name none */
     double *fibre;         /* [3*tet_count] or null */
@@ -133,10 +133,10 @@ struct sim {
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
     uint8_t *support_of; /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
-    int32_t held_count;  /* prescribed components, ascending: the components of the stage `support` */
-    int32_t *held_dof;   /* [held_count] */
-    double *held_m;      /* [held_count] */
-    uint8_t *held_by;    /* [held_count] 1 + index of the scene's support */
+    int32_t fixed_count; /* prescribed components, ascending: the components of the stage `support` */
+    int32_t *fixed_dof;  /* [fixed_count] */
+    double *fixed_m;     /* [fixed_count] */
+    uint8_t *fixed_by;   /* [fixed_count] 1 + index of the scene's support */
     double *load_N;      /* [3*vertex_count] or null */
     sim_sends can_send;  /* what the scene took memory for */
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* what the controller's extrapolator asks for, at most can_send */
@@ -162,7 +162,7 @@ tm_status sim_create(app_scene *scene, sim **out);
 tm_status sim_prepare(app_scene *scene, sim **out);
 void sim_destroy(sim *s);
 
-/* --- what a scene and its simulation are asked (ask.c) --- */
+/* --- what a scene and its simulation are asked (queries.c) --- */
 
 bool sim_has(const sim *s, const char *effect);
 /* For an effect's options: null when the scene does not name it. */
@@ -188,9 +188,9 @@ tm_status sim_select(const sim *s, const app_select *select, int line, uint8_t *
 void sim_vertices_of_file(const sim *s, int32_t *vertex);
 
 /* Pieces of building, shared by the models. */
-tm_status sim_make_supports(sim *s);
-tm_status sim_make_loads(sim *s);
-tm_status sim_make_instruments(sim *s);
+tm_status sim_build_supports(sim *s);
+tm_status sim_build_loads(sim *s);
+tm_status sim_build_instruments(sim *s);
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);

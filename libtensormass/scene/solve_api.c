@@ -49,7 +49,7 @@ static size_t blas_bytes(void) {
     return ((size_t)256 << 20) + (threads > 1 ? (size_t)(threads - 1) * ((size_t)208 << 20) : 0);
 }
 
-static bool has_room(size_t bytes) {
+static bool has_capacity(size_t bytes) {
     void *all = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (all == MAP_FAILED) return false;
     munmap(all, bytes);
@@ -61,7 +61,7 @@ static bool has_room(size_t bytes) {
 bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     static const char *const name[] = {SIM_SOLVE(SIM_SOLVE_NAME)};
     void **pointer = (void **)api;
-    if (!has_room(blas_bytes())) {
+    if (!has_capacity(blas_bytes())) {
         tm_fail(error, TM_ERR_MEMORY, -1,
                 "this process may not have the %zu MB of address space that the module solve wants; raise the limit "
                 "(ulimit -v)",
@@ -91,11 +91,11 @@ static const char *name_file(const sim *s, const sim_solve_options *o, const cha
     }
     if (o->region.line) key = tm_hash(o->region.s, strlen(o->region.s), key);
     if (o->box.line) key = tm_hash(o->box_min.v, sizeof o->box_min.v, tm_hash(o->box_max.v, sizeof o->box_max.v, key));
-    key = tm_hash(s->held_dof, sizeof *s->held_dof * (size_t)s->held_count, key);
+    key = tm_hash(s->fixed_dof, sizeof *s->fixed_dof * (size_t)s->fixed_count, key);
     key = tm_hash(&o->solver.index, sizeof o->solver.index, key);
     key = tm_hash(&o->precision.index, sizeof o->precision.index, key);
-    if (s->def.model.tissue.volume)
-        key = tm_hash(&s->def.model.tissue.volume_shear, sizeof s->def.model.tissue.volume_shear, key);
+    if (s->def.model.tissue.strain_smoothing)
+        key = tm_hash(&s->def.model.tissue.smoothed_shear_share, sizeof s->def.model.tissue.smoothed_shear_share, key);
     if (s->fibre) key = tm_hash(s->fibre, sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count, key);
     snprintf(path, SIM_SOLVE_PATH, "%s/%s-%016llx.tms", folder, kind, (unsigned long long)key);
     return path;

@@ -11,7 +11,7 @@
 #define SIM_SOLVE(F) \
     F(tm_precomputed_def_default) F(tm_model_precomputed) F(tm_model_precompute) \
     F(tm_hybrid_def_default) F(tm_model_hybrid) \
-    F(tm_factored_def_default) F(tm_factored_create) F(tm_factored_destroy) F(tm_factored_given)
+    F(tm_compliance_factor_def_default) F(tm_compliance_factor_create) F(tm_compliance_factor_destroy) F(tm_compliance_factor_owned_source)
 /* clang-format on */
 #define SIM_SOLVE_POINTER(name) __typeof__(name) *name##_;
 

@@ -87,21 +87,21 @@ void tm_scene_close(tm_scene *scene) {
     free(scene);
 }
 
-tm_scene_about tm_scene_tell(const tm_scene *scene) {
-    REQUIRE_SCENE((tm_scene_about){.title = "", .model = ""});
+tm_scene_info tm_scene_get_info(const tm_scene *scene) {
+    REQUIRE_SCENE((tm_scene_info){.title = "", .model = ""});
     const sim *s = scene->s;
-    return (tm_scene_about){.title = s->scene->title.s,
-                            .model = model_name[s->scene->model.index],
-                            .vertex_count = s->mesh->vertex_count,
-                            .tet_count = s->mesh->tet_count,
-                            .alive_count = sim_alive(s),
-                            .instrument_count = s->instrument_count,
-                            .substeps = s->substeps,
-                            .frame_s = s->frame_s,
-                            .dt_s = s->dt_s,
-                            .duration_s = s->scene->duration.si,
-                            .time_s = sim_time_s(s),
-                            .frames = s->frames};
+    return (tm_scene_info){.title = s->scene->title.s,
+                           .model = model_name[s->scene->model.index],
+                           .vertex_count = s->mesh->vertex_count,
+                           .tet_count = s->mesh->tet_count,
+                           .alive_count = sim_alive(s),
+                           .instrument_count = s->instrument_count,
+                           .substeps = s->substeps,
+                           .frame_s = s->frame_s,
+                           .dt_s = s->dt_s,
+                           .duration_s = s->scene->duration.si,
+                           .time_s = sim_time_s(s),
+                           .frames = s->frames};
 }
 
 tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {

@@ -4,7 +4,7 @@
 #include "effects.h"
 #include "scene_parts.h"
 #include "sim.h"
-#include "surface.h"
+#include "surface_distance.h"
 
 /* Brain, the softest organ, has some 500 Pa; bone 2e10. */
 static const double softest_Pa = 50, largest_organ_m = 2, smallest_organ_m = 1e-3, longest_shaft_m = 0.5;
@@ -95,7 +95,7 @@ tm_status sim_warn(const sim *s) {
     return rc;
 }
 
-enum { MANY_SUBSTEPS = 20000, MOST_SUBSTEPS = 10000000 }; /* a frame: slow; refused */
+enum { MANY_SUBSTEPS = 20000, MAX_SUBSTEPS = 10000000 }; /* a frame: slow; refused */
 
 /* A frame has a whole number of force samples. */
 static tm_status warn_rate(const sim *s) {
@@ -109,13 +109,13 @@ static tm_status warn_rate(const sim *s) {
                           asked_Hz, s->scene->frame_rate.si, rate_Hz);
 }
 
-tm_status sim_warn_pace(const sim *s) {
-    const tm_pace *pace = &s->model->pace;
+tm_status sim_warn_timing(const sim *s) {
+    const tm_timing *pace = &s->model->timing;
     const tm_status rc = warn_rate(s);
     if (rc) return rc;
     const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
     const double substeps = (double)s->samples * pace->substeps;
-    if (substeps > MOST_SUBSTEPS) /* the model refuses as many of a force sample */
+    if (substeps > MAX_SUBSTEPS) /* the model refuses as many of a force sample */
         return app_scene_bad(s->scene, line,
                              "a frame would take %.3g substeps of %.3g s, set by tetrahedron %lld; look at its "
                              "material (Young's modulus, density) and its shape (tm-mesh info)",

@@ -37,22 +37,24 @@ static void tms_columns_store(const tms_columns *c, void *out, int64_t at, doubl
 
 /* Notes a solved block; of ranks above 0: writes it. */
 static bool tms_columns_put(const tms_columns *c, int32_t block, const void *data) {
-    return !c->part ||
-           tms_part_put(c->part, block, data, (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c));
+    return !c->partial_file ||
+           tms_partial_file_put(c->partial_file, block, data,
+                                (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c));
 }
 
 /* Blocks that are still to be solved, ascending; null: no memory. */
 static int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
     const int32_t blocks = count_blocks(c);
-    int32_t *todo = tms_take(sizeof *todo * (size_t)(blocks + 1));
+    int32_t *todo = tms_alloc(sizeof *todo * (size_t)(blocks + 1));
     *count = 0;
     for (int32_t b = 0; todo && b < blocks; b++)
-        if (!c->part || !c->part->done[b]) todo[(*count)++] = b;
+        if (!c->partial_file || !c->partial_file->done[b]) todo[(*count)++] = b;
     return todo;
 }
 
-tm_status tms_team_meet(const tm_solve_team *team, tm_error *error) {
-    return !team || team->meet(team->user) ? TM_OK : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+tm_status tms_ranks_barrier(const tm_solve_ranks *rank_group, tm_error *error) {
+    return !rank_group || rank_group->barrier(rank_group->user) ? TM_OK
+                                                                : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
 }
 
 /* Before block `first` of `count`, begun at `start_s`: tells how far it is; fails where the caller wants to stop. */
@@ -65,11 +67,12 @@ static tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_
 }
 
 /* Waits for the other ranks, and sees on rank 0 that all was done. */
-static tm_status tms_columns_meet(const tms_columns *c, const tm_solve_team *team, tm_error *error) {
-    const tm_status status = tms_team_meet(team, error);
+static tm_status tms_columns_barrier(const tms_columns *c, const tm_solve_ranks *rank_group, tm_error *error) {
+    const tm_status status = tms_ranks_barrier(rank_group, error);
     if (status != TM_OK) return status;
-    for (int32_t b = 0; c->part && (!team || team->rank == 0) && b < c->part->blocks; b++)
-        if (!c->part->done[b])
+    for (int32_t b = 0; c->partial_file && (!rank_group || rank_group->rank == 0) && b < c->partial_file->block_count;
+         b++)
+        if (!c->partial_file->done[b])
             return tm_fail(error, TM_ERR_FILE, -1,
                            "block %d of the columns was not written by its rank; name a folder that "
                            "all ranks share",
@@ -129,9 +132,9 @@ static void *solve_block(void *argument) {
 }
 
 /* One block for each thread of this rank. */
-static tm_status run_round(worker *workers, int32_t threads, const tms_columns *c, const tm_solve_team *team,
+static tm_status run_round(worker *workers, int32_t threads, const tms_columns *c, const tm_solve_ranks *rank_group,
                            const int32_t *todo, int32_t count, tm_error *error) {
-    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1;
+    const int32_t rank = rank_group ? rank_group->rank : 0, ranks = rank_group ? rank_group->count : 1;
     pthread_t thread[threads];
     bool started[threads];
     for (int32_t i = 0; i < threads; i++) {
@@ -159,14 +162,14 @@ static bool take(worker *w, const tms_columns *c, int32_t rank) {
     const size_t n = 3 * (size_t)tm_tissue_mesh(c->tissue)->vertex_count;
     w->c = c;
     w->work = tms_work_create(c->solver, TMS_BLOCK);
-    w->full_u = tms_take_zeroed(n, 8);
-    w->full_f = tms_take(n * 8);
-    if (rank > 0) w->out = tms_take((size_t)TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c));
+    w->full_u = tms_alloc_zeroed(n, 8);
+    w->full_f = tms_alloc(n * 8);
+    if (rank > 0) w->out = tms_alloc((size_t)TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c));
     return w->work && w->full_u && w->full_f && (rank == 0 || w->out);
 }
 
 static tm_status take_all(const tms_columns *c, int32_t rank, int32_t threads, worker **workers, tm_error *error) {
-    worker *all = tms_take_zeroed((size_t)threads, sizeof *all);
+    worker *all = tms_alloc_zeroed((size_t)threads, sizeof *all);
     bool taken = all != NULL;
     for (int32_t i = 0; taken && i < threads; i++) taken = take(&all[i], c, rank);
     *workers = all;
@@ -178,33 +181,34 @@ static tm_status take_all(const tms_columns *c, int32_t rank, int32_t threads, w
 static void give_all(worker *workers, int32_t rank, int32_t threads) {
     for (int32_t i = 0; workers && i < threads; i++) {
         tms_work_destroy(workers[i].work);
-        tms_give(workers[i].full_u);
-        tms_give(workers[i].full_f);
-        if (rank > 0) tms_give(workers[i].out);
+        tms_free(workers[i].full_u);
+        tms_free(workers[i].full_f);
+        if (rank > 0) tms_free(workers[i].out);
     }
-    tms_give(workers);
+    tms_free(workers);
 }
 
-tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team, tm_error *error) {
-    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1, threads = tms_threads(def),
-                  step = threads * ranks;
+tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const tm_solve_ranks *rank_group,
+                          tm_error *error) {
+    const int32_t rank = rank_group ? rank_group->rank : 0, ranks = rank_group ? rank_group->count : 1,
+                  threads = tms_threads(def), step = threads * ranks;
     worker *workers = NULL;
     int32_t count, *todo = tms_columns_todo(c, &count);
     tm_status status = todo ? take_all(c, rank, threads, &workers, error)
                             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a list of blocks; use a coarser mesh");
     /* Nobody writes before all have read what is done. */
-    if (status == TM_OK) status = tms_team_meet(team, error);
+    if (status == TM_OK) status = tms_ranks_barrier(rank_group, error);
     const double start = tms_clock_s();
     tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
     for (int32_t first = 0; status == TM_OK && first < count; first += step) {
         status = tms_columns_told(def, first, count, start, error);
-        if (status == TM_OK) status = run_round(workers, threads, c, team, todo + first, count - first, error);
+        if (status == TM_OK) status = run_round(workers, threads, c, rank_group, todo + first, count - first, error);
     }
     tms_process_leave();
-    if (status == TM_OK) status = tms_columns_meet(c, team, error);
+    if (status == TM_OK) status = tms_columns_barrier(c, rank_group, error);
     if (status == TM_OK) tms_progress(def, "responses", 1, 0);
     give_all(workers, rank, threads);
-    tms_give(todo);
+    tms_free(todo);
     return status;
 }
 
@@ -231,37 +235,37 @@ static bool deliver(const tms_columns *c, int32_t rank, int32_t block, const dou
     return tms_columns_put(c, block, out);
 }
 
-tm_status tms_shared_columns(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team,
-                             tm_error *error) {
+tm_status tms_distributed_columns(const tms_columns *c, const tm_solve_def *def, const tm_solve_ranks *rank_group,
+                                  tm_error *error) {
     const size_t entries = (size_t)TMS_BLOCK * (size_t)c->kept_count;
     int32_t count, *todo = tms_columns_todo(c, &count),
-                   *unit = tms_take(sizeof *unit * TMS_BLOCK * (size_t)team->count),
-                   *row = tms_take(sizeof *row * (size_t)(c->kept_count + 1));
-    double *x = tms_take(8 * (entries + 1));
-    void *own = tms_take(8 * (entries + 1));
+                   *unit = tms_alloc(sizeof *unit * TMS_BLOCK * (size_t)rank_group->count),
+                   *row = tms_alloc(sizeof *row * (size_t)(c->kept_count + 1));
+    double *x = tms_alloc(8 * (entries + 1));
+    void *own = tms_alloc(8 * (entries + 1));
     tm_status status = todo && unit && row && x && own ? TM_OK : TM_ERR_MEMORY;
     if (status != TM_OK)
         tm_fail(error, status, -1, "no memory to solve %d columns at a time; use a coarser mesh", TMS_BLOCK);
     for (int32_t i = 0; status == TM_OK && i < c->kept_count; i++) row[i] = c->system->index[c->kept[i]];
-    if (status == TM_OK) status = tms_team_meet(team, error);
+    if (status == TM_OK) status = tms_ranks_barrier(rank_group, error);
     const double start = tms_clock_s();
-    for (int32_t first = 0; status == TM_OK && first < count; first += team->count) {
-        const int32_t mine = first + team->rank;
+    for (int32_t first = 0; status == TM_OK && first < count; first += rank_group->count) {
+        const int32_t mine = first + rank_group->rank;
         status = tms_columns_told(def, first, count, start, error);
         if (status != TM_OK) break;
-        ask(c, todo + first, count - first, team->count, unit);
-        if (!team->shared->solve(team->user, unit, TMS_BLOCK, row, c->kept_count, x))
+        ask(c, todo + first, count - first, rank_group->count, unit);
+        if (!rank_group->distributed->solve(rank_group->user, unit, TMS_BLOCK, row, c->kept_count, x))
             status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "the shared factor did not solve a block of columns");
-        else if (mine < count && !deliver(c, team->rank, todo[mine], x, own))
+        else if (mine < count && !deliver(c, rank_group->rank, todo[mine], x, own))
             status = tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; is the disk full?",
-                             (int)team->rank);
+                             (int)rank_group->rank);
     }
-    if (status == TM_OK) status = tms_columns_meet(c, team, error);
+    if (status == TM_OK) status = tms_columns_barrier(c, rank_group, error);
     if (status == TM_OK) tms_progress(def, "responses", 1, 0);
-    tms_give(todo);
-    tms_give(unit);
-    tms_give(row);
-    tms_give(x);
-    tms_give(own);
+    tms_free(todo);
+    tms_free(unit);
+    tms_free(row);
+    tms_free(x);
+    tms_free(own);
     return status;
 }

@@ -38,7 +38,7 @@ static size_t lay_out(tms_coupling *c, int32_t blocks, char *memory) {
     c->answer = carve(&at, 4 * (padded + 1));
     c->spread = carve(&at, 16 * (n / 3));
     c->single = carve(&at, c->rank ? 2 * n * (n + 1) : 0);
-    double **list[] = {&c->whole_m, &c->whole_N, &c->kept_m, &c->kept_N, &c->change_m};
+    double **list[] = {&c->whole_m, &c->whole_N, &c->saved_m, &c->saved_N, &c->change_m};
     for (int i = 0; i < 5; i++) *list[i] = carve(&at, 8 * n);
     return (size_t)(at - memory);
 }
@@ -51,7 +51,7 @@ static int32_t fill_blocks(tms_coupling *c, const tms_system *s, int32_t *count)
     const int32_t vertices = c->n / 3;
     int32_t blocks = 0;
     memset(count, 0, 4 * (size_t)vertices);
-    for (int pass = 0; pass < (c->memory ? 2 : 1); pass++) {
+    for (int pass = 0; pass < (c->history ? 2 : 1); pass++) {
         for (int32_t v = 0; v < vertices; v++) {
             int32_t last = -1;
             for (int32_t k = s->begin[3 * v]; k < s->begin[3 * v + 1]; k++) {
@@ -67,11 +67,11 @@ static int32_t fill_blocks(tms_coupling *c, const tms_system *s, int32_t *count)
         }
         blocks = 0;
         for (int32_t v = 0; v < vertices; v++) {
-            if (c->memory && !pass) c->begin[v] = blocks;
+            if (c->history && !pass) c->begin[v] = blocks;
             blocks += (count[v] + 1) / 2 * 2;
-            if (!pass && c->memory) count[v] = 0;
+            if (!pass && c->history) count[v] = 0;
         }
-        if (c->memory && !pass) c->begin[vertices] = blocks;
+        if (c->history && !pass) c->begin[vertices] = blocks;
     }
     return blocks;
 }
@@ -205,7 +205,7 @@ static void factor_shapes(const maker *m, tms_coupling *c) {
 
 static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest_m, const int32_t *border) {
     const size_t n = (size_t)c->n, r = (size_t)c->rank;
-    double *memory = tms_take_zeroed(4 * n + 2 * n * r + r * r, 8);
+    double *memory = tms_alloc_zeroed(4 * n + 2 * n * r + r * r, 8);
     if (!memory) return false;
     const maker m = {.c = c,
                      .K = K,
@@ -226,7 +226,7 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
     }
     for (size_t i = 0; i < n * r; i++) c->shape[i] = (float)m.shape[i % r * n + i / r];
     factor_shapes(&m, c);
-    tms_give(memory);
+    tms_free(memory);
     return true;
 }
 
@@ -235,8 +235,8 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
 static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t *border, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(condensed);
     const size_t dofs = 3 * (size_t)mesh->vertex_count;
-    uint8_t *others = tms_take(dofs);
-    int32_t *count = tms_take(4 * (size_t)(c->n + 1));
+    uint8_t *others = tms_alloc(dofs);
+    int32_t *count = tms_alloc(4 * (size_t)(c->n + 1));
     tms_system K = {0};
     tm_status status =
         others && count ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the border; use a coarser mesh");
@@ -248,25 +248,26 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
     if (status == TM_OK) {
         const int32_t blocks = fill_blocks(c, &K, count);
         c->bytes = (int64_t)lay_out(c, blocks, NULL);
-        c->memory = tms_take_zeroed((size_t)c->bytes, 1);
-        if (c->memory) {
-            lay_out(c, blocks, c->memory);
+        c->history = tms_alloc_zeroed((size_t)c->bytes, 1);
+        if (c->history) {
+            lay_out(c, blocks, c->history);
             fill_blocks(c, &K, count);
             fill_values(c, &K);
             for (int64_t i = 0; c->rank && i < (int64_t)c->n * (c->n + 1) / 2; i++) c->single[i] = (float)c->schur[i];
         }
-        if (!c->memory || (c->rank && !make_smooth(c, &K, mesh->rest_m, border)))
+        if (!c->history || (c->rank && !make_smooth(c, &K, mesh->rest_m, border)))
             status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the border; use a coarser mesh");
     }
     tms_system_destroy(&K);
-    tms_give(others);
-    tms_give(count);
+    tms_free(others);
+    tms_free(count);
     return status;
 }
 
 tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border, int32_t n, const double *schur,
                               const double *given_N, tms_coupling *coupling, tm_error *error) {
-    tms_coupling c = {.n = n, .padded = (n + 15) / 16 * 16, .schur = schur, .given_N = given_N, .every = 1, .age = -1};
+    tms_coupling c = {
+        .n = n, .padded = (n + 15) / 16 * 16, .schur = schur, .prescribed_N = given_N, .every = 1, .age = -1};
     if (n >= WHOLE_BELOW) {
         c.rank = 16 * (int32_t)ceil(sqrt(n) / 8);
         c.every = FIRST + (n - WHOLE_BELOW) / PER < LAST ? FIRST + (n - WHOLE_BELOW) / PER : LAST;
@@ -277,7 +278,7 @@ tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border,
 }
 
 void tms_coupling_destroy(tms_coupling *c) {
-    tms_give(c->memory);
+    tms_free(c->history);
     *c = (tms_coupling){0};
 }
 
@@ -289,7 +290,7 @@ static void compute_whole(tms_coupling *c, const double *u_m, const double *u_pr
         c->whole_m[i] = middle;
     }
     if (anew)
-        tms_whole_force(c->schur, c->given_N, c->whole_m, c->n, c->whole_N);
+        tms_whole_force(c->schur, c->prescribed_N, c->whole_m, c->n, c->whole_N);
     else
         tms_whole_change(c->single, c->change_m, c->n, c->whole_N);
     c->changes = anew ? 0 : c->changes + 1;
@@ -298,7 +299,7 @@ static void compute_whole(tms_coupling *c, const double *u_m, const double *u_pr
 
 void tms_coupling_force(tms_coupling *c, const double *u_m, const double *u_prev_m, double *force_N) {
     if (c->every == 1) {
-        tms_whole_force(c->schur, c->given_N, u_m, c->n, force_N);
+        tms_whole_force(c->schur, c->prescribed_N, u_m, c->n, force_N);
         return;
     }
     if (c->age < 0 || ++c->age >= c->every) compute_whole(c, u_m, u_prev_m);
@@ -309,13 +310,13 @@ void tms_coupling_force(tms_coupling *c, const double *u_m, const double *u_prev
 
 double tms_coupling_steady(tms_coupling *c, double *steady_N) {
     double at_zero = 0;
-    memcpy(steady_N, c->given_N, 8 * (size_t)c->n);
+    memcpy(steady_N, c->prescribed_N, 8 * (size_t)c->n);
     if (c->every == 1) return 0;
     for (int32_t i = 0; i < c->n; i++) c->moved[i] = (float)c->whole_m[i];
     tms_follow(c);
     for (int32_t i = 0; i < c->n; i++) {
         steady_N[i] = c->whole_N[i] + (double)c->answer[i];
-        at_zero += 0.5 * c->whole_m[i] * (steady_N[i] - c->given_N[i]);
+        at_zero += 0.5 * c->whole_m[i] * (steady_N[i] - c->prescribed_N[i]);
     }
     return at_zero;
 }
@@ -327,18 +328,18 @@ void tms_coupling_forget(tms_coupling *c) {
     c->changes = 0;
 }
 
-void tms_coupling_keep(tms_coupling *c) {
-    c->kept_age = c->age;
-    c->kept_changes = c->changes;
-    memcpy(c->kept_m, c->whole_m, 8 * (size_t)c->n);
-    memcpy(c->kept_N, c->whole_N, 8 * (size_t)c->n);
+void tms_coupling_checkpoint(tms_coupling *c) {
+    c->saved_age = c->age;
+    c->saved_changes = c->changes;
+    memcpy(c->saved_m, c->whole_m, 8 * (size_t)c->n);
+    memcpy(c->saved_N, c->whole_N, 8 * (size_t)c->n);
 }
 
-void tms_coupling_give_back(tms_coupling *c) {
-    c->age = c->kept_age;
-    c->changes = c->kept_changes;
-    memcpy(c->whole_m, c->kept_m, 8 * (size_t)c->n);
-    memcpy(c->whole_N, c->kept_N, 8 * (size_t)c->n);
+void tms_coupling_rollback(tms_coupling *c) {
+    c->age = c->saved_age;
+    c->changes = c->saved_changes;
+    memcpy(c->whole_m, c->saved_m, 8 * (size_t)c->n);
+    memcpy(c->whole_N, c->saved_N, 8 * (size_t)c->n);
 }
 
 int64_t tms_coupling_snapshot(const tms_coupling *c, void *buffer) {

@@ -19,25 +19,25 @@
 
 typedef struct tms_coupling {
     int32_t n, padded, rank, every;
-    const double *schur;   /* upper triangle by rows */
-    float *single;         /* the same, for changes of the whole force; of a border that is followed */
-    const double *given_N; /* [n] force of the inside's loads and supports with the border at 0 */
+    const double *schur;        /* upper triangle by rows */
+    float *single;              /* the same, for changes of the whole force; of a border that is followed */
+    const double *prescribed_N; /* [n] force of the inside's loads and supports with the border at 0 */
     int32_t *begin, *neighbour;
     /* K by 3x3 blocks, two at a time: a column of four numbers of each, then the next one; rows of border vertex v:
      * begin[v].. , an even number, the last of which may be empty. */
     float *block;
-    float *smooth;                 /* W by columns [rank][padded] */
-    float *shape;                  /* [n][rank] orthonormal shapes that W was made of */
-    float *along;                  /* [rank] */
-    float *moved, *answer;         /* [padded]; answer with one more */
-    float *spread;                 /* [4*(n/3)] moved, a vertex in four numbers */
-    double *whole_m, *whole_N;     /* [n] where F was computed whole, and F */
-    double *change_m;              /* [n] what that shape has moved since the one before */
-    double *kept_m, *kept_N;       /* [n] of a step that may be given back */
-    int32_t age, kept_age;         /* substeps since; -1: never */
-    int32_t changes, kept_changes; /* of F in single since it was computed in double */
+    float *smooth;                  /* W by columns [rank][padded] */
+    float *shape;                   /* [n][rank] orthonormal shapes that W was made of */
+    float *along;                   /* [rank] */
+    float *moved, *answer;          /* [padded]; answer with one more */
+    float *spread;                  /* [4*(n/3)] moved, a vertex in four numbers */
+    double *whole_m, *whole_N;      /* [n] where F was computed whole, and F */
+    double *change_m;               /* [n] what that shape has moved since the one before */
+    double *saved_m, *saved_N;      /* [n] of a step that may be given back */
+    int32_t age, saved_age;         /* substeps since; -1: never */
+    int32_t changes, saved_changes; /* of F in single since it was computed in double */
     int64_t bytes;
-    void *memory;
+    void *history;
 } tms_coupling;
 
 /* `schur` and `given_N` stay the caller's; `border`: [n] components 3*vertex + axis, ascending, whole vertices. */
@@ -52,8 +52,8 @@ void tms_coupling_force(tms_coupling *coupling, const double *u_m, const double 
 double tms_coupling_steady(tms_coupling *coupling, double *steady_N);
 /* The next force is computed whole. */
 void tms_coupling_forget(tms_coupling *coupling);
-void tms_coupling_keep(tms_coupling *coupling);
-void tms_coupling_give_back(tms_coupling *coupling);
+void tms_coupling_checkpoint(tms_coupling *coupling);
+void tms_coupling_rollback(tms_coupling *coupling);
 /* State, as the hooks of a stage want it: bytes, or what is written; false: it cannot be one. */
 int64_t tms_coupling_snapshot(const tms_coupling *coupling, void *buffer);
 bool tms_coupling_restore(tms_coupling *coupling, const void *buffer, int64_t bytes, bool apply);

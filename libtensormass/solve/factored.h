@@ -10,27 +10,28 @@ extern "C" {
 #endif
 
 enum {
-    TMS_PIECE_VERTICES = TM_MAX_INSTRUMENTS * TM_COMPLIANCE_WANTS, /* handed over at a time */
+    TMS_RESULT_VERTICES = TM_MAX_INSTRUMENTS * TM_COMPLIANCE_REQUEST_MAX, /* handed over at a time */
     TMS_TOUCHED_VERTICES = 160, /* of tetrahedra cut since the factor: with more it is made anew */
-    TMS_SLOTS = 2 * TMS_PIECE_VERTICES + TMS_TOUCHED_VERTICES
+    TMS_SLOTS = 2 * TMS_RESULT_VERTICES + TMS_TOUCHED_VERTICES
 };
 
 /* What the simulation asks for: the tissue as it is, and the vertices whose compliance the patches need. */
-typedef struct tms_wish {
+typedef struct tms_compliance_request {
     int64_t frame; /* counted by the wishes */
     int32_t revision;
     uint8_t *alive; /* [tet_count] */
     double *u_m;    /* [3*vertex_count] of tissue that turns, else null */
-    int32_t count[TM_MAX_INSTRUMENTS], needed[TM_MAX_INSTRUMENTS], vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS];
-} tms_wish;
+    int32_t count[TM_MAX_INSTRUMENTS], needed[TM_MAX_INSTRUMENTS],
+        vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_REQUEST_MAX];
+} tms_compliance_request;
 
 /* What it gets: `is` points into the other two. */
-typedef struct tms_piece {
+typedef struct tms_compliance_result {
     tm_compliance is;
-    int32_t vertex[TMS_PIECE_VERTICES];
-    double *C_m_N;                        /* [(3*TMS_PIECE_VERTICES)^2] */
-    double frame[9 * TMS_PIECE_VERTICES]; /* of tissue that turns: each vertex's rotation in the state that C is of */
-} tms_piece;
+    int32_t vertex[TMS_RESULT_VERTICES];
+    double *C_m_N;                         /* [(3*TMS_RESULT_VERTICES)^2] */
+    double frame[9 * TMS_RESULT_VERTICES]; /* of tissue that turns: each vertex's rotation in the state that C is of */
+} tms_compliance_result;
 
 typedef struct tms_engine tms_engine;
 /* Takes all memory but the factor's. `tissue` is read for its mesh, materials and fibres alone, which never change.
@@ -41,7 +42,8 @@ int64_t tms_engine_bytes(const tms_engine *engine);
 /* Goes one bounded way towards the wish (a factor, or one block of columns) and, when all that is needed is there,
  * writes it into `piece`, exact for wish->revision; of the other wanted vertices those that are there (`needed_only`:
  * none). False: it is not there yet, and `*more` tells whether another call would bring something. */
-bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more);
+bool tms_engine_advance(tms_engine *engine, const tms_compliance_request *request, bool needed_only,
+                        tms_compliance_result *result, bool *more);
 
 /* factored_engine.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
 void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
@@ -56,8 +58,8 @@ bool tms_update_columns(const double *G, int32_t size, const int32_t *column, in
                         int32_t t, const double *D, const double *M, const int32_t *pivot, double *X);
 /* C [w][w] := G among the wanted, and the update of the touched (t may be 0), whose columns are in X. False: no
  * memory, or no numbers. */
-bool tms_update_piece(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
-                      int32_t t, const double *X, double *C);
+bool tms_update_result(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
+                       int32_t t, const double *X, double *C);
 
 #ifdef __cplusplus
 }
@@ -100,7 +102,7 @@ struct tms_engine {
 };
 
 /* factored_cut.c: the tissue of these tetrahedra, where it turns with the tensors of the factor's state. */
-bool tms_engine_part(const tms_engine *e, const uint8_t *alive, tm_tissue **part);
+bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tissue **part);
 /* Takes note of what lives now. False: too much has gone, something came back, or now is the time: a new factor is
  * called for. */
 bool tms_engine_follow(tms_engine *e, const uint8_t *alive);

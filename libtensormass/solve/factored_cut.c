@@ -7,9 +7,9 @@
  */
 enum { CALM = 25, WORTH_IT = 32 };
 
-bool tms_engine_part(const tms_engine *e, const uint8_t *alive, tm_tissue **part) {
+bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tissue **part) {
     if (tms_sub_tissue(e->tissue, alive, part, NULL) != TM_OK) return false;
-    if (!e->at_m || tm_tissue_turn(*part, tm_tissue_rotation(e->tissue), e->at_m, NULL) == TM_OK) return true;
+    if (!e->at_m || tm_tissue_corotate(*part, tm_tissue_rotation(e->tissue), e->at_m, NULL) == TM_OK) return true;
     tm_tissue_destroy(*part);
     *part = NULL;
     return false;
@@ -31,7 +31,7 @@ static bool touch(const tm_mesh *mesh, int32_t tet, int32_t *list, int32_t *coun
 /* Vertices whose blocks change when a tetrahedron goes: its own; smoothed, all around these. */
 static bool touch_around(const tms_engine *e, int32_t tet, int32_t *list, int32_t *count) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
-    if (tm_tissue_volume_shear(e->tissue) < 0) return touch(mesh, tet, list, count);
+    if (tm_tissue_smoothed_shear_share(e->tissue) < 0) return touch(mesh, tet, list, count);
     for (int i = 0; i < 4; i++) {
         const int32_t v = mesh->tet[4 * (int64_t)tet + i];
         for (int32_t j = mesh->vertex_tet_begin[v]; j < mesh->vertex_tet_begin[v + 1]; j++)
@@ -62,7 +62,7 @@ bool tms_engine_follow(tms_engine *e, const uint8_t *alive) {
 static bool add_stiffness(tms_engine *e, const uint8_t *alive, double sign) {
     tm_tissue *part = NULL;
     const int32_t width = 3 * e->touched_count;
-    if (!tms_engine_part(e, alive, &part)) return false;
+    if (!tms_engine_partial_tissue(e, alive, &part)) return false;
     const tm_pair_view pairs = tm_tissue_pairs(part);
     for (int32_t a = 0; a < e->touched_count; a++) {
         const int32_t v = e->touched[a];
@@ -100,7 +100,7 @@ static void mark_around(const tms_engine *e, bool before, uint8_t *around) {
 }
 
 /* A vertex that lost all its tetrahedra keeps its own block, which holds it where it is and touches nobody. */
-static void keep_lonely(tms_engine *e) {
+static void keep_isolated(tms_engine *e) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     const int32_t width = 3 * e->touched_count;
     for (int32_t a = 0; a < e->touched_count; a++) {
@@ -118,7 +118,7 @@ bool tms_engine_cut_stiffness(tms_engine *e) {
     const int32_t width = 3 * e->touched_count;
     memset(e->D, 0, sizeof(double) * (size_t)width * (size_t)width);
     bool good;
-    if (tm_tissue_volume_shear(e->tissue) < 0) {
+    if (tm_tissue_smoothed_shear_share(e->tissue) < 0) {
         good = add_stiffness(e, e->gone, 1);
     } else {
         uint8_t *around = tm_allocate((size_t)e->tet_count);
@@ -129,6 +129,6 @@ bool tms_engine_cut_stiffness(tms_engine *e) {
         }
         tm_release(around, (size_t)e->tet_count);
     }
-    if (good) keep_lonely(e);
+    if (good) keep_isolated(e);
     return good;
 }

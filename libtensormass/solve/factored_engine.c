@@ -31,9 +31,9 @@ static double cofactors(const double F[9], double C[9]) {
 /* R := the mean of itself and its inverse transposed, until it is orthogonal (Higham 1986). False: what is inside out
  * or all but flat has no rotation to speak of. */
 static bool polar(double R[9]) {
-    enum { ROUNDS = 12 };
+    enum { ITERATIONS = 12 };
     const double least = 0.05; /* of the volume */
-    for (int k = 0; k < ROUNDS; k++) {
+    for (int k = 0; k < ITERATIONS; k++) {
         double C[9], change = 0;
         const double det = cofactors(R, C);
         if (!(det > least)) return false;
@@ -179,15 +179,16 @@ static bool take_system(tms_engine *e, tms_system *next) {
            (e->reach = tms_reach_create(e->solver)) != NULL;
 }
 
-static bool factorise(tms_engine *e, const tms_wish *wish) {
-    const uint8_t *alive = wish->alive;
+static bool factorise(tms_engine *e, const tms_compliance_request *request) {
+    const uint8_t *alive = request->alive;
     tm_tissue *tissue = NULL;
     tms_system next = {0};
     e->ready = false;
     memcpy(e->base, alive, (size_t)e->tet_count);
     memset(e->gone, 0, (size_t)e->tet_count);
-    if (e->at_m) memcpy(e->at_m, wish->u_m, 3 * (size_t)e->vertex_count * sizeof *e->at_m);
-    bool good = tms_engine_part(e, alive, &tissue) && tms_system_assemble(tissue, e->fixed, &next, NULL) == TM_OK;
+    if (e->at_m) memcpy(e->at_m, request->u_m, 3 * (size_t)e->vertex_count * sizeof *e->at_m);
+    bool good =
+        tms_engine_partial_tissue(e, alive, &tissue) && tms_system_assemble(tissue, e->fixed, &next, NULL) == TM_OK;
     const double *mass = good ? tm_tissue_mass_kg(tissue) : NULL;
     for (int32_t j = 0; good && j < next.n; j++) /* rows ascend: a column's first entry is its diagonal */
         next.value[next.begin[j]] += SIGMA_1_S2 * mass[next.dof[j] / 3];
@@ -197,7 +198,7 @@ static bool factorise(tms_engine *e, const tms_wish *wish) {
     for (int32_t v = 0; v < e->vertex_count; v++) e->slot_of[v] = -1;
     for (int32_t i = 0; i < TMS_SLOTS; i++) e->slot[i] = (tms_slot){.vertex = -1};
     e->touched_count = 0;
-    e->frame = wish->frame;
+    e->frame = request->frame;
     e->middle_known = true;
     e->ready = good;
     return good;
@@ -205,7 +206,7 @@ static bool factorise(tms_engine *e, const tms_wish *wish) {
 
 /* --- columns --- */
 
-_Static_assert((int)TMS_SLOTS >= TMS_PIECE_VERTICES + TMS_TOUCHED_VERTICES + TMS_BLOCK / 3,
+_Static_assert((int)TMS_SLOTS >= TMS_RESULT_VERTICES + TMS_TOUCHED_VERTICES + TMS_BLOCK / 3,
                "whatever is wanted now, there is a slot for a block of others");
 
 /* A slot for a vertex: a free one, or the one that nobody has wanted for the longest. */
@@ -241,40 +242,41 @@ static void mark(tms_engine *e, const int32_t *vertex, int32_t count) {
 
 /* The next vertices without a column, most urgent first: all touched ones, then the instruments' in turn. `*urgent`:
  * the first of them is not only for later. */
-static int32_t lacking(const tms_engine *e, const tms_wish *wish, int32_t ahead, int32_t vertex[TMS_BLOCK / 3],
-                       bool *urgent) {
+static int32_t lacking(const tms_engine *e, const tms_compliance_request *request, int32_t ahead,
+                       int32_t vertex[TMS_BLOCK / 3], bool *urgent) {
     int32_t count = 0;
     for (int32_t i = 0; i < e->touched_count && count < TMS_BLOCK / 3; i++)
         if (e->slot_of[e->touched[i]] < 0) vertex[count++] = e->touched[i];
     *urgent = count > 0;
-    for (int32_t i = 0; i < TM_COMPLIANCE_WANTS && count < TMS_BLOCK / 3; i++)
+    for (int32_t i = 0; i < TM_COMPLIANCE_REQUEST_MAX && count < TMS_BLOCK / 3; i++)
         for (int t = 0; t < TM_MAX_INSTRUMENTS && count < TMS_BLOCK / 3; t++) {
-            const int32_t v = i < wish->count[t] ? wish->vertex[t][i] : -1;
+            const int32_t v = i < request->count[t] ? request->vertex[t][i] : -1;
             bool listed = v < 0 || e->slot_of[v] >= 0;
             for (int32_t k = 0; k < count && !listed; k++) listed = vertex[k] == v;
             if (listed) continue;
             vertex[count++] = v;
-            *urgent = *urgent || i < wish->needed[t] + ahead;
+            *urgent = *urgent || i < request->needed[t] + ahead;
         }
     return count;
 }
 
-static bool has_needed(const tms_engine *e, const tms_wish *wish) {
+static bool has_needed(const tms_engine *e, const tms_compliance_request *request) {
     bool has = true;
     for (int32_t i = 0; i < e->touched_count; i++) has = has && e->slot_of[e->touched[i]] >= 0;
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
-        for (int32_t i = 0; i < wish->needed[t]; i++) has = has && e->slot_of[wish->vertex[t][i]] >= 0;
+        for (int32_t i = 0; i < request->needed[t]; i++) has = has && e->slot_of[request->vertex[t][i]] >= 0;
     return has;
 }
 
 /* --- a piece --- */
 
 /* Vertices of the piece, ascending; how many. */
-static int32_t list_vertices(const tms_engine *e, const tms_wish *wish, bool needed_only, int32_t *vertex) {
+static int32_t list_vertices(const tms_engine *e, const tms_compliance_request *request, bool needed_only,
+                             int32_t *vertex) {
     int32_t count = 0, unique = 0;
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
-        for (int32_t i = 0; i < (needed_only ? wish->needed : wish->count)[t]; i++)
-            if (e->slot_of[wish->vertex[t][i]] >= 0) vertex[count++] = wish->vertex[t][i];
+        for (int32_t i = 0; i < (needed_only ? request->needed : request->count)[t]; i++)
+            if (e->slot_of[request->vertex[t][i]] >= 0) vertex[count++] = request->vertex[t][i];
     qsort(vertex, (size_t)count, sizeof *vertex, tms_ascending);
     for (int32_t i = 0; i < count; i++)
         if (i == 0 || vertex[i] != vertex[i - 1]) vertex[unique++] = vertex[i];
@@ -284,7 +286,7 @@ static int32_t list_vertices(const tms_engine *e, const tms_wish *wish, bool nee
 /* What was cut off since the factor, in the columns of the wanted slot components. */
 static bool update_slots(tms_engine *e, const int32_t *wanted, int32_t count, const int32_t *touched) {
     const int32_t t = 3 * e->touched_count;
-    int32_t column[3 * TMS_PIECE_VERTICES], columns = 0;
+    int32_t column[3 * TMS_RESULT_VERTICES], columns = 0;
     if (t == 0) return true;
     if (!e->middle_known) {
         if (!tms_engine_cut_stiffness(e) || !tms_update_middle(e->G, WIDTH, touched, t, e->D, e->M, e->pivot))
@@ -300,38 +302,40 @@ static bool update_slots(tms_engine *e, const int32_t *wanted, int32_t count, co
     return true;
 }
 
-static bool write_piece(tms_engine *e, const tms_wish *wish, bool needed_only, tms_piece *piece) {
-    int32_t wanted[3 * TMS_PIECE_VERTICES], touched[MIDDLE];
-    const int32_t unique = list_vertices(e, wish, needed_only, piece->vertex);
-    for (int32_t i = 0; i < 3 * unique; i++) wanted[i] = 3 * e->slot_of[piece->vertex[i / 3]] + i % 3;
+static bool write_result(tms_engine *e, const tms_compliance_request *request, bool needed_only,
+                         tms_compliance_result *result) {
+    int32_t wanted[3 * TMS_RESULT_VERTICES], touched[MIDDLE];
+    const int32_t unique = list_vertices(e, request, needed_only, result->vertex);
+    for (int32_t i = 0; i < 3 * unique; i++) wanted[i] = 3 * e->slot_of[result->vertex[i / 3]] + i % 3;
     for (int32_t i = 0; i < 3 * e->touched_count; i++) touched[i] = 3 * e->slot_of[e->touched[i / 3]] + i % 3;
     if (unique == 0 || !update_slots(e, wanted, 3 * unique, touched)) return false;
-    piece->is =
-        (tm_compliance){.revision = wish->revision, .count = unique, .vertex = piece->vertex, .C_m_N = piece->C_m_N};
+    result->is = (tm_compliance){
+        .revision = request->revision, .count = unique, .vertex = result->vertex, .C_m_N = result->C_m_N};
     for (int32_t i = 0; i < unique && e->at_m; i++)
-        tms_vertex_frame(tm_tissue_mesh(e->tissue), wish->alive, e->at_m, piece->vertex[i], piece->frame + 9 * i);
-    return tms_update_piece(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->X, piece->C_m_N);
+        tms_vertex_frame(tm_tissue_mesh(e->tissue), request->alive, e->at_m, result->vertex[i], result->frame + 9 * i);
+    return tms_update_result(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->X, result->C_m_N);
 }
 
-static bool has_turned(const tms_engine *e, const tms_wish *wish, int32_t vertex) {
+static bool has_turned(const tms_engine *e, const tms_compliance_request *request, int32_t vertex) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     double Q[9], R[9], off = 0;
-    tms_vertex_frame(mesh, wish->alive, e->at_m, vertex, Q);
-    tms_vertex_frame(mesh, wish->alive, wish->u_m, vertex, R);
+    tms_vertex_frame(mesh, request->alive, e->at_m, vertex, Q);
+    tms_vertex_frame(mesh, request->alive, request->u_m, vertex, R);
     for (int k = 0; k < 9; k++) off += (R[k] - Q[k]) * (R[k] - Q[k]);
     return off > TURNED_ON * TURNED_ON;
 }
 
-static bool has_moved_on(const tms_engine *e, const tms_wish *wish) {
+static bool has_moved_on(const tms_engine *e, const tms_compliance_request *request) {
     double moved = 0;
-    if (!e->at_m || wish->frame - e->frame < MOVES_ON_AFTER) return false;
-    for (int32_t i = 0; i < 3 * e->vertex_count; i++) moved = fmax(moved, fabs(wish->u_m[i] - e->at_m[i]));
+    if (!e->at_m || request->frame - e->frame < MOVES_ON_AFTER) return false;
+    for (int32_t i = 0; i < 3 * e->vertex_count; i++) moved = fmax(moved, fabs(request->u_m[i] - e->at_m[i]));
     if (!(moved > e->moved_on_m)) return false;
     bool turned = false;
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
-        for (int32_t i = 0; i < wish->needed[t] && !turned; i++) turned = has_turned(e, wish, wish->vertex[t][i]);
+        for (int32_t i = 0; i < request->needed[t] && !turned; i++)
+            turned = has_turned(e, request, request->vertex[t][i]);
     for (int32_t v = 0; v < e->vertex_count && !turned; v += 1 + e->vertex_count / LOOKED_AT)
-        turned = has_turned(e, wish, v);
+        turned = has_turned(e, request, v);
     return turned;
 }
 
@@ -340,25 +344,26 @@ static bool is_worth_solving(int32_t count, bool urgent, bool needed_only) {
     return urgent || (!needed_only && count == TMS_BLOCK / 3);
 }
 
-bool tms_engine_serve(tms_engine *e, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more) {
+bool tms_engine_advance(tms_engine *e, const tms_compliance_request *request, bool needed_only,
+                        tms_compliance_result *result, bool *more) {
     int32_t vertex[TMS_BLOCK / 3];
     bool urgent;
     *more = false;
     if (e->broken) return false;
     e->clock++;
-    if (!e->ready || !tms_engine_follow(e, wish->alive) || has_moved_on(e, wish)) {
-        e->broken = !factorise(e, wish);
+    if (!e->ready || !tms_engine_follow(e, request->alive) || has_moved_on(e, request)) {
+        e->broken = !factorise(e, request);
         *more = !e->broken;
         return false;
     }
     mark(e, e->touched, e->touched_count);
-    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) mark(e, wish->vertex[t], wish->count[t]);
+    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) mark(e, request->vertex[t], request->count[t]);
     const int32_t ahead = needed_only ? 0 : AHEAD;
-    const int32_t count = lacking(e, wish, ahead, vertex, &urgent);
+    const int32_t count = lacking(e, request, ahead, vertex, &urgent);
     if (is_worth_solving(count, urgent, needed_only)) {
         solve_columns(e, vertex, count);
-        const int32_t left = lacking(e, wish, ahead, vertex, &urgent);
+        const int32_t left = lacking(e, request, ahead, vertex, &urgent);
         *more = is_worth_solving(left, urgent, needed_only);
     }
-    return (!needed_only || !*more) && has_needed(e, wish) && write_piece(e, wish, needed_only, piece);
+    return (!needed_only || !*more) && has_needed(e, request) && write_result(e, request, needed_only, result);
 }

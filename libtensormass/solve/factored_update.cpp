@@ -51,8 +51,8 @@ bool tms_update_columns(const double *G, int32_t size, const int32_t *column, in
     return false;
 }
 
-bool tms_update_piece(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
-                      int32_t t, const double *X, double *C) try {
+bool tms_update_result(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
+                       int32_t t, const double *X, double *C) try {
     const view all(G, size, size);
     Eigen::Map<matrix> out(C, w, w);
     out = gather(all, wanted, w, wanted, w);

@@ -118,11 +118,11 @@ static bool check_sums(const char *map, const tms_file_head *head, int32_t threa
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     if (head_checksum(map, l.column) != head->head_checksum)
         return refuse(why, "damaged: the checksum of its head differs");
-    uint64_t *sum = tms_take(8 * (size_t)(l.blocks ? l.blocks : 1));
+    uint64_t *sum = tms_alloc(8 * (size_t)(l.blocks ? l.blocks : 1));
     if (!sum) return refuse(why, "no memory to check it");
     checksum_columns(map + l.column, l.bytes - l.column, sum, l.blocks, threads);
     const bool same = !memcmp(sum, map + l.checksum, 8 * (size_t)l.blocks);
-    tms_give(sum);
+    tms_free(sum);
     return same || refuse(why, "damaged: a checksum of its columns differs");
 }
 
@@ -150,7 +150,7 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
 static tm_status file_fail(const tms_file_write *file, tm_error *error, const char *what, int number) {
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
-    return tm_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
+    return tm_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->partial_file, what, size, strerror(number),
                    number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
                                     : "name a place that can be written");
 }
@@ -158,21 +158,21 @@ static tm_status file_fail(const tms_file_write *file, tm_error *error, const ch
 /* Never through a link, never into anything but a file of its own. */
 static int open_part(const tms_file_write *file, tm_error *error) {
     struct stat st;
-    const int fd = open(file->part, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
+    const int fd = open(file->partial_file, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
     if (fd < 0) {
         file_fail(file, error, errno == ELOOP ? "is a link; remove it" : "cannot be created", errno);
         return -1;
     }
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_nlink < 2) return fd;
-    tm_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->part);
+    tm_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->partial_file);
     close(fd);
     return -1;
 }
 
 /* Who held the lock before us may have renamed or removed what we opened: then it is the finished file, or none. */
-static bool is_still_part(int fd, const tms_file_write *file) {
+static bool is_still_partial(int fd, const tms_file_write *file) {
     struct stat mine, there;
-    return fstat(fd, &mine) == 0 && lstat(file->part, &there) == 0 && mine.st_dev == there.st_dev &&
+    return fstat(fd, &mine) == 0 && lstat(file->partial_file, &there) == 0 && mine.st_dev == there.st_dev &&
            mine.st_ino == there.st_ino && mine.st_nlink == 1;
 }
 
@@ -183,13 +183,13 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
         return tm_fail(error, TM_ERR_FILE, -1,
                        "the name of the response file is longer than %d bytes; use a shorter one",
                        (int)sizeof file->path - 1);
-    snprintf(file->part, sizeof file->part, "%s.part", path);
+    snprintf(file->partial_file, sizeof file->partial_file, "%s.part", path);
     const double start = tms_clock_s();
     for (;;) {
         const int fd = open_part(file, error);
         if (fd < 0) return TM_ERR_FILE;
         const int failed = flock(fd, LOCK_EX | LOCK_NB) ? errno : 0;
-        if (!failed && is_still_part(fd, file)) {
+        if (!failed && is_still_partial(fd, file)) {
             file->fd = fd;
             return TM_OK;
         }
@@ -201,7 +201,7 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
         if (tms_clock_s() - start > wait_s)
             return tm_fail(error, TM_ERR_FILE, -1,
                            "%s: another run has been computing this file for %.0f s; wait for it, or end it",
-                           file->part, wait_s);
+                           file->partial_file, wait_s);
         nanosleep(&(struct timespec){.tv_nsec = failed ? 20000000 : 0}, NULL);
     }
 }
@@ -237,7 +237,7 @@ tm_status tms_file_commit(tms_file_write *file, uint64_t key, int32_t threads, t
     /* Not before its sums are on the disk: a journal would still be of use. */
     if (msync(file->map, file->bytes, MS_SYNC) || ftruncate(file->fd, (off_t)l.bytes) || fsync(file->fd))
         return file_fail(file, error, "cannot be flushed to disk", errno);
-    if (rename(file->part, file->path)) return file_fail(file, error, "cannot be renamed", errno);
+    if (rename(file->partial_file, file->path)) return file_fail(file, error, "cannot be renamed", errno);
     munmap(file->map, file->bytes);
     close(file->fd);
     *file = (tms_file_write){.fd = -1, .map = MAP_FAILED};
@@ -254,7 +254,7 @@ void *tms_file_keep(tms_file_write *file) {
 void tms_file_abandon(tms_file_write *file) {
     if (file->map != MAP_FAILED) munmap(file->map, file->bytes);
     if (file->fd >= 0) {
-        if (!file->keep) unlink(file->part);
+        if (!file->keep_partial) unlink(file->partial_file);
         close(file->fd);
     }
     file->map = MAP_FAILED;

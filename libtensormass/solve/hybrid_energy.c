@@ -34,17 +34,17 @@ static void take_rows(tm_hybrid *h, const tm_contact_row *row, int32_t count) {
 
 /* How far a component of the inside goes by what presses. */
 static double give_m(const tm_hybrid *h, int32_t dof, const tms_pressed *p) {
-    const int32_t at = h->place[dof];
+    const int32_t at = h->interface_index[dof];
     double sum = 0;
     for (int32_t i = 0; at >= 0 && i < 3 * p->count; i++) {
-        const int32_t column = h->place[3 * p->vertex[i / 3] + i % 3];
+        const int32_t column = h->interface_index[3 * p->vertex[i / 3] + i % 3];
         if (column >= 0 && p->force_N[i] != 0) sum += p->force_N[i] * tms_response(&h->responses, column, at);
     }
     return sum;
 }
 
 static double follow_m(const tm_hybrid *h, int32_t dof, const double *went_m) {
-    const int32_t at = h->place[dof];
+    const int32_t at = h->interface_index[dof];
     double sum = 0;
     for (int32_t k = 0; at >= 0 && k < h->interface_count; k++)
         sum += went_m[k] * tms_response(&h->responses, h->responses.kept_count + k, at);
@@ -103,8 +103,8 @@ static void sum_border(tm_hybrid *h, const tm_state *s, tm_part_energy *to) {
     to->before_J = to->stored_J = tms_coupling_steady(&h->coupling, e->steady_N);
     for (int32_t k = 0; k < h->interface_count; k++) {
         const int32_t d = h->interface[k];
-        const double elastic = e->pushed_N[k] - h->coupling.given_N[k];
-        const double both = 0.5 * s->u_m[d] * (h->coupling.given_N[k] - e->steady_N[k]);
+        const double elastic = e->pushed_N[k] - h->coupling.prescribed_N[k];
+        const double both = 0.5 * s->u_m[d] * (h->coupling.prescribed_N[k] - e->steady_N[k]);
         e->went_m[k] = s->u_next_m[d] - s->u_prev_m[d];
         to->before_J += both - 0.5 * s->u_prev_m[d] * elastic;
         to->stored_J += both - 0.5 * s->u_next_m[d] * elastic;
@@ -146,14 +146,14 @@ bool tms_hybrid_make_energy(tm_hybrid *h) {
     const size_t most = (size_t)e->most;
     bool good = true;
     for (int k = 0; k < 3; k++) {
-        e->pressed[k].vertex = tms_take_zeroed(most + 1, 4);
-        e->pressed[k].force_N = tms_take_zeroed(3 * most + 1, 8);
+        e->pressed[k].vertex = tms_alloc_zeroed(most + 1, 4);
+        e->pressed[k].force_N = tms_alloc_zeroed(3 * most + 1, 8);
         good = good && e->pressed[k].vertex && e->pressed[k].force_N;
     }
-    e->pushed_N = tms_take_zeroed(n + 1, 8);
-    e->steady_N = tms_take_zeroed(n + 1, 8);
-    e->went_m = tms_take_zeroed(n + 1, 8);
-    e->way_m = tms_take_zeroed(3 * most + 1, 8);
+    e->pushed_N = tms_alloc_zeroed(n + 1, 8);
+    e->steady_N = tms_alloc_zeroed(n + 1, 8);
+    e->went_m = tms_alloc_zeroed(n + 1, 8);
+    e->way_m = tms_alloc_zeroed(3 * most + 1, 8);
     return good && e->pushed_N && e->steady_N && e->went_m && e->way_m;
 }
 
@@ -161,10 +161,10 @@ void tms_hybrid_drop_energy(tm_hybrid *h) {
     tms_hybrid_energy *e = &h->energy;
     if (h->world) tm_world_set_energy_part(h->world, NULL);
     for (int k = 0; k < 3; k++) {
-        tms_give(e->pressed[k].vertex);
-        tms_give(e->pressed[k].force_N);
+        tms_free(e->pressed[k].vertex);
+        tms_free(e->pressed[k].force_N);
     }
     double *arrays[] = {e->pushed_N, e->steady_N, e->went_m, e->way_m};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_give(arrays[i]);
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_free(arrays[i]);
     *e = (tms_hybrid_energy){0};
 }

@@ -49,9 +49,9 @@ bool tms_progress(const tm_solve_def *def, const char *what, double fraction, do
 /* --- util.c: memory of ours, of the one allocator (tm_set_allocator), aligned to 64 bytes, which knows its own size.
  * What CHOLMOD and Eigen take for themselves is theirs. --- */
 
-void *tms_take(size_t bytes);
-void *tms_take_zeroed(size_t count, size_t size);
-void tms_give(void *memory); /* null is allowed */
+void *tms_alloc(size_t bytes);
+void *tms_alloc_zeroed(size_t count, size_t size);
+void tms_free(void *memory); /* null is allowed */
 
 /* --- coupling_kernel.c: inner loops; the same bits on every machine --- */
 
@@ -63,7 +63,7 @@ void tms_weighted_dots(const double *a, const double *weight, const double *b, i
 /* out += f a */
 void tms_add_times(double f, const double *a, int32_t n, double *out);
 
-/* --- process.c: what belongs to the whole process --- */
+/* --- library_globals.c: what belongs to the whole process --- */
 
 /* Between these OpenBLAS has one thread in each of ours, and SuiteSparse aligns its memory. Nested, and from many
  * threads. */
@@ -91,7 +91,7 @@ typedef struct tms_system {
 } tms_system;
 
 /* Every part of the tissue must be held by `fixed` (TM_ERR_SUPPORT names a vertex of the one that is not). */
-tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error);
+tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error);
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
 /* The same of a tissue that nothing need hold. */
 tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
@@ -147,19 +147,19 @@ int64_t tms_reach_bytes(const tms_reach *reach);
 void tms_reach_solve(tms_reach *reach, const tms_solver *solver, const int32_t *unit, int32_t units, const int32_t *row,
                      int32_t rows, double *out);
 
-/* --- part.c: which blocks of columns are done, and where they go --- */
+/* --- partial_file.c: which blocks of columns are done, and where they go --- */
 
-typedef struct tms_part {
-    int32_t blocks, found; /* found: whole already when it was opened */
-    uint64_t *done;        /* [blocks] checksum of a block, 0: not done; rank 0's is the file's own. Null: no journal */
-    int fd;                /* of ranks above 0, which write; -1 */
+typedef struct tms_partial_file {
+    int32_t block_count, found; /* found: whole already when it was opened */
+    uint64_t *done; /* [blocks] checksum of a block, 0: not done; rank 0's is the file's own. Null: no journal */
+    int fd;         /* of ranks above 0, which write; -1 */
     size_t column, journal, block_bytes;
-} tms_part;
+} tms_partial_file;
 
 /* Puts block `b`, of `bytes`, where it belongs, and notes it. On rank 0 it is there already. */
-bool tms_part_put(tms_part *part, int32_t block, const void *data, size_t bytes);
-int32_t tms_part_columns(const tms_part *part, int32_t columns); /* found, of so many */
-void tms_part_end(tms_part *part);
+bool tms_partial_file_put(tms_partial_file *part, int32_t block, const void *data, size_t bytes);
+int32_t tms_partial_file_columns(const tms_partial_file *part, int32_t columns); /* found, of so many */
+void tms_partial_file_end(tms_partial_file *part);
 
 /* --- columns.c: responses --- */
 
@@ -175,16 +175,16 @@ typedef struct tms_columns {
     tm_precision precision;
     void *out;     /* [(kept_count + interface_count)][kept_count], or null: all of it goes through `part` */
     double *schur; /* [interface_count][interface_count] condensed stiffness, or null */
-    tms_part *part;
+    tms_partial_file *partial_file;
 } tms_columns;
 
 /* Waits for the other ranks; null: there are none. */
-tm_status tms_team_meet(const tm_solve_team *team, tm_error *error);
-tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
+tm_status tms_ranks_barrier(const tm_solve_ranks *ranks, tm_error *error);
+tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_ranks *ranks,
                           tm_error *error);
 /* The same with one factor that the ranks share. */
-tm_status tms_shared_columns(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
-                             tm_error *error);
+tm_status tms_distributed_columns(const tms_columns *columns, const tm_solve_def *def, const tm_solve_ranks *ranks,
+                                  tm_error *error);
 
 /* --- responses.c: what is kept of a factorised problem, in memory or in a file --- */
 
@@ -213,7 +213,7 @@ typedef struct tms_request {
     tm_precision precision;
     const char *file;
     bool resume;
-    const tm_solve_team *team;
+    const tm_solve_ranks *ranks;
     tms_system
         *system; /* out, both or neither: kept for solutions on line, made anew where the responses came from a file */
     tms_solver **solver;
@@ -243,9 +243,9 @@ typedef struct tms_file_head {
 /* Memory map of a whole, checked file; false with the reason in `why`. */
 bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, size_t *bytes, char why[160]);
 typedef struct tms_file_write {
-    char path[1024], part[1040];
+    char path[1024], partial_file[1040];
     int fd;
-    bool keep; /* the part file, when it is abandoned */
+    bool keep_partial; /* the part file, when it is abandoned */
     void *map;
     size_t bytes;
 } tms_file_write;
@@ -261,8 +261,9 @@ tm_status tms_file_commit(tms_file_write *file, uint64_t key, int32_t threads, t
 uint64_t tms_checksum(const void *data, size_t bytes, uint64_t seed);
 /* Of rank 0: takes the part file of `head` as it was left, or makes it anew, maps it, and says what is in it that is
  * whole. Of the others: opens it (`file` needs no lock there). */
-tm_status tms_part_begin(tms_part *part, tms_file_write *file, const tms_file_head *head, tm_error *error);
-tm_status tms_part_join(tms_part *part, const char *path, const tms_file_head *head, tm_error *error);
+tm_status tms_partial_file_begin(tms_partial_file *part, tms_file_write *file, const tms_file_head *head,
+                                 tm_error *error);
+tm_status tms_partial_file_join(tms_partial_file *part, const char *path, const tms_file_head *head, tm_error *error);
 /* Gives up the name and keeps the memory, which is the caller's to unmap. */
 void *tms_file_keep(tms_file_write *file);
 void tms_file_abandon(tms_file_write *file);

@@ -19,7 +19,7 @@ static void destroy(tm_model *m) {
     tm_model_destroy(p->moving); /* with it the stage that has the condensed part */
     tm_hybrid_destroy(p->hybrid);
     tms_problem_free(&p->problem);
-    tms_give(p);
+    tms_free(p);
 }
 
 /* --- frames --- */
@@ -50,20 +50,20 @@ static tm_surface_view view(void *self) { return tm_hybrid_surface(self); }
 
 static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *error) {
     part *p = of(m);
-    tm_factored *factored;
-    tm_factored_def whole = tm_factored_def_default();
+    tm_compliance_factor *factored;
+    tm_compliance_factor_def whole = tm_compliance_factor_def_default();
     whole.tissue = m->tissue;
     whole.fixed = p->problem.fixed;
-    whole.elsewhere = p->hybrid->elsewhere;
-    tm_status status = tm_factored_create(&whole, &factored, error);
+    whole.condensed = p->hybrid->condensed_tet;
+    tm_status status = tm_compliance_factor_create(&whole, &factored, error);
     if (status != TM_OK) return status;
-    const tm_compliance_source source = tm_factored_given(factored);
+    const tm_compliance_source source = tm_compliance_factor_owned_source(factored);
     const tm_patch_surface both = {p->hybrid, view};
     tm_patch_def mine = *def;
     mine.source = &source;
     mine.surface = &both;
     status = tm_model_allow_patches(p->moving, &mine, error);
-    if (status != TM_OK) tm_factored_destroy(factored);
+    if (status != TM_OK) tm_compliance_factor_destroy(factored);
     return status;
 }
 
@@ -77,11 +77,11 @@ static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
 static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error *error) {
     const tm_hybrid *h = p->hybrid;
     const uint8_t *now = tm_tissue_alive(p->is.tissue), *condensed = tm_tissue_alive(h->condensed);
-    uint8_t *alive = tms_take((size_t)h->mesh->tet_count + 1);
+    uint8_t *alive = tms_alloc((size_t)h->mesh->tet_count + 1);
     if (!alive) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
     for (int32_t t = 0; t < h->mesh->tet_count; t++) alive[t] = condensed[t] || (uncut ? h->alive[t] : now[t]);
     const tm_status status = tms_sub_tissue(p->is.tissue, alive, whole, error);
-    tms_give(alive);
+    tms_free(alive);
     return status;
 }
 
@@ -93,7 +93,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     tm_tissue *whole = NULL, *uncut = NULL;
     tm_solve_def solve = p->solve;
     tm_solve_report report;
-    double *load = tms_take(n * sizeof *load);
+    double *load = tms_alloc(n * sizeof *load);
     tm_status status =
         load ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
     (void)def;
@@ -113,7 +113,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     }
     tm_tissue_destroy(whole);
     tm_tissue_destroy(uncut);
-    tms_give(load);
+    tms_free(load);
     return status;
 }
 
@@ -152,13 +152,13 @@ static tm_status condense(const tm_model_def *def, const tm_hybrid_def *how, par
     tm_tissue_def uncut = def->tissue;
     tm_hybrid_def mine = *how;
     uncut.cuttable = false;
-    tm_status status = tms_blame(def, "tissue", tm_tissue_create(&uncut, &whole, error));
+    tm_status status = tms_invalid_member(def, "tissue", tm_tissue_create(&uncut, &whole, error));
     if (status != TM_OK) return status;
-    status = tms_blame(def, "support", tms_problem_make(def, whole, &p->problem, &mine.problem, error));
+    status = tms_invalid_member(def, "support", tms_problem_build(def, whole, &p->problem, &mine.problem, error));
     p->solve = mine.problem;
     for (int c = 0; c < 3 && def->gravity_m_s2; c++) p->gravity_m_s2[c] = def->gravity_m_s2[c];
     mine.contact = def->contact;
-    if (status == TM_OK) status = tms_blame(def, "model", tm_hybrid_create(&mine, &p->hybrid, report, error));
+    if (status == TM_OK) status = tms_invalid_member(def, "model", tm_hybrid_create(&mine, &p->hybrid, report, error));
     tm_tissue_destroy(whole);
     return status;
 }
@@ -172,7 +172,8 @@ static tm_status make(const tm_model_def *def, const tm_hybrid_def *how, part *p
     moving.step_limit_s = tm_hybrid_critical_step(p->hybrid, &moving.step_limit_tet);
     status = tm_model_dynamic(&moving, &p->moving, error);
     if (status == TM_OK)
-        status = tms_blame(def, "model", tm_stage_hybrid(p->moving->world, p->hybrid, p->moving->contact, error));
+        status =
+            tms_invalid_member(def, "model", tm_stage_hybrid(p->moving->world, p->hybrid, p->moving->contact, error));
     if (status != TM_OK) return status;
     const tm_model_kind *own = p->is.kind;
     p->is = *p->moving;
@@ -188,15 +189,16 @@ tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_
     TM_REQUIRE_DEF(how, TMS_COOKIE_HYBRID, TM_ERR_ARGUMENT);
     tm_status status = tm_model_check(def, error);
     if (status == TM_OK && def->friction)
-        status = tms_blame(def, "friction",
-                           tm_fail(error, TM_ERR_EXCLUDED, -1,
-                                   "its rows are solved without any; take the dynamic model, or the precomputed one"));
+        status = tms_invalid_member(
+            def, "friction",
+            tm_fail(error, TM_ERR_EXCLUDED, -1,
+                    "its rows are solved without any; take the dynamic model, or the precomputed one"));
     if (status == TM_OK && def->cut && def->cut->fade_s > 0)
-        status = tms_blame(
+        status = tms_invalid_member(
             def, "cut",
             tm_fail(error, TM_ERR_EXCLUDED, -1, "its rows do not fade; set fade_s to 0, or take the dynamic model"));
     if (status != TM_OK) return status;
-    part *p = tms_take_zeroed(1, sizeof *p);
+    part *p = tms_alloc_zeroed(1, sizeof *p);
     if (!p) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     p->is.kind = &kind;
     status = make(def, how, p, report, error);

@@ -12,9 +12,9 @@ typedef struct quasi {
     tm_patch_def patches;
     bool patches_allowed, timing;
     double time_s, seconds, velocity_m_s[TM_MAX_INSTRUMENTS][3];
-    double way_s; /* length of the frame under way */
+    double travel_time_s; /* length of the frame under way */
     int64_t runs;
-    bool felt[TM_MAX_INSTRUMENTS]; /* stiffness[i] is of the last frame */
+    bool reported[TM_MAX_INSTRUMENTS]; /* stiffness[i] is of the last frame */
     double stiffness_N_m[TM_MAX_INSTRUMENTS][9];
 } quasi;
 
@@ -25,38 +25,39 @@ static void destroy(tm_model *m) {
     tm_precomputed_destroy(q->model);
     tms_problem_free(&q->problem);
     tm_tissue_destroy(m->tissue);
-    tms_give(q);
+    tms_free(q);
 }
 
 /* --- frames --- */
 
 static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
     (void)to;
-    of(m)->way_s = substeps * m->pace.dt_s;
+    of(m)->travel_time_s = substeps * m->timing.dt_s;
 }
 
 static void end(tm_model *m) {
     quasi *q = of(m);
     const double start_s = q->timing ? tms_clock_s() : 0;
     if (m->instrument_count > 0) tm_precomputed_update(q->model, m->to);
-    q->time_s += q->way_s;
+    q->time_s += q->travel_time_s;
     for (int i = 0; i < m->instrument_count; i++) {
-        q->felt[i] = false;
-        for (int c = 0; c < 3; c++) q->velocity_m_s[i][c] = (m->to[i].tip_m[c] - m->pose[i].tip_m[c]) / q->way_s;
+        q->reported[i] = false;
+        for (int c = 0; c < 3; c++)
+            q->velocity_m_s[i][c] = (m->to[i].tip_m[c] - m->pose[i].tip_m[c]) / q->travel_time_s;
     }
     q->runs++;
     if (q->timing) q->seconds += tms_clock_s() - start_s;
 }
 
-static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
-    tm_precomputed_place(of(m)->model, instrument, at);
+static void set_pose(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
+    tm_precomputed_set_pose(of(m)->model, instrument, at);
 }
 
 static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
     const quasi *q = of(m);
-    tm_tool_reaction r = tms_local_reaction(&q->model->local, instrument);
+    tm_tool_reaction r = tms_contact_solver_reaction(&q->model->solver, instrument);
     r.time_s = q->time_s;
-    r.stiffness_kind = q->felt[instrument] ? 2 : 0;
+    r.stiffness_kind = q->reported[instrument] ? 2 : 0;
     memcpy(r.stiffness_N_m, q->stiffness_N_m[instrument], sizeof r.stiffness_N_m);
     return r;
 }
@@ -83,7 +84,7 @@ static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
     const double start_s = q->timing ? tms_clock_s() : 0;
     const tm_tool_reaction r = tm_precomputed_reaction(q->model, instrument);
     memcpy(q->stiffness_N_m[instrument], r.stiffness_N_m, sizeof r.stiffness_N_m);
-    q->felt[instrument] = true;
+    q->reported[instrument] = true;
     const bool made =
         out && tm_precomputed_patch(q->model, instrument, q->velocity_m_s[instrument], q->patches.horizon_s,
                                     q->patches.max_vertices, q->patches.max_triangles, out);
@@ -106,29 +107,29 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
 }
 
 /* What a frame leaves beside the on-line system; numbers alone, without padding. */
-typedef struct kept {
+typedef struct saved {
     char magic[8];
     double time_s, velocity_m_s[TM_MAX_INSTRUMENTS][3], stiffness_N_m[TM_MAX_INSTRUMENTS][9];
-    int64_t felt[TM_MAX_INSTRUMENTS];
+    int64_t reported[TM_MAX_INSTRUMENTS];
     uint64_t checksum; /* of what follows */
-} kept;
+} saved;
 static const char magic[8] = "TMPRESN1";
 
 static uint64_t checksum(const char *buffer, int64_t bytes) {
-    return tm_hash(buffer + sizeof(kept), (size_t)bytes - sizeof(kept), TM_HASH_SEED);
+    return tm_hash(buffer + sizeof(saved), (size_t)bytes - sizeof(saved), TM_HASH_SEED);
 }
 
 static int64_t snapshot_bytes(const tm_model *m) {
-    return (int64_t)sizeof(kept) + tms_precomputed_snapshot(of(m)->model, NULL);
+    return (int64_t)sizeof(saved) + tms_precomputed_snapshot(of(m)->model, NULL);
 }
 
-static int64_t snapshot_bytes_most(const tm_model *m) {
-    return (int64_t)sizeof(kept) + tms_precomputed_snapshot_most(of(m)->model);
+static int64_t snapshot_bytes_max(const tm_model *m) {
+    return (int64_t)sizeof(saved) + tms_precomputed_snapshot_max(of(m)->model);
 }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     const quasi *q = of(m);
-    kept k = {.time_s = q->time_s};
+    saved k = {.time_s = q->time_s};
     if (bytes < snapshot_bytes(m))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
                        (long long)bytes, (long long)snapshot_bytes(m));
@@ -136,7 +137,7 @@ static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *
     memcpy(k.magic, magic, sizeof magic);
     memcpy(k.velocity_m_s, q->velocity_m_s, sizeof k.velocity_m_s);
     memcpy(k.stiffness_N_m, q->stiffness_N_m, sizeof k.stiffness_N_m);
-    for (int i = 0; i < m->instrument_count; i++) k.felt[i] = q->felt[i];
+    for (int i = 0; i < m->instrument_count; i++) k.reported[i] = q->reported[i];
     k.checksum = checksum(buffer, snapshot_bytes(m));
     memcpy(buffer, &k, sizeof k);
     return TM_OK;
@@ -144,7 +145,7 @@ static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *
 
 static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
     quasi *q = of(m);
-    kept k;
+    saved k;
     if (bytes >= (int64_t)sizeof k) memcpy(&k, buffer, sizeof k);
     if (bytes < (int64_t)sizeof k || memcmp(k.magic, magic, sizeof magic) || k.checksum != checksum(buffer, bytes))
         return tm_fail(error, TM_ERR_FILE, -1,
@@ -156,7 +157,7 @@ static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_erro
     memcpy(q->velocity_m_s, k.velocity_m_s, sizeof k.velocity_m_s);
     memcpy(q->stiffness_N_m, k.stiffness_N_m, sizeof k.stiffness_N_m);
     for (int i = 0; i < m->instrument_count; i++) {
-        q->felt[i] = k.felt[i] != 0;
+        q->reported[i] = k.reported[i] != 0;
         m->pose[i] = tm_precomputed_pose(q->model, i);
     }
     return TM_OK;
@@ -180,7 +181,7 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .destroy = destroy,
                                    .begin = begin,
                                    .end = end,
-                                   .place = place,
+                                   .set_pose = set_pose,
                                    .reaction = reaction,
                                    .displacement = displacement,
                                    .time_s = time_s,
@@ -193,7 +194,7 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .restore = restore,
                                    .stages = stages,
                                    .set_timing = set_timing,
-                                   .snapshot_bytes_most = snapshot_bytes_most};
+                                   .snapshot_bytes_max = snapshot_bytes_max};
 
 /* What `def` says, into a copy of `how`. */
 static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, tm_tissue **tissue,
@@ -203,17 +204,18 @@ static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, 
     mine->grasp = def->grasp;
     mine->friction = def->friction;
     mine->update_s = def->frame_s;
-    const tm_status status = tms_blame(def, "tissue", tm_tissue_create(&def->tissue, tissue, error));
-    return status != TM_OK ? status
-                           : tms_blame(def, "support", tms_problem_make(def, *tissue, problem, &mine->problem, error));
+    const tm_status status = tms_invalid_member(def, "tissue", tm_tissue_create(&def->tissue, tissue, error));
+    return status != TM_OK
+               ? status
+               : tms_invalid_member(def, "support", tms_problem_build(def, *tissue, problem, &mine->problem, error));
 }
 
 static tm_status check(const tm_model_def *def, tm_error *error) {
     const tm_status status = tm_model_check(def, error);
     if (status != TM_OK || !def->cut) return status;
-    return tms_blame(def, "cut",
-                     tm_fail(error, TM_ERR_EXCLUDED, -1,
-                             "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
+    return tms_invalid_member(def, "cut",
+                              tm_fail(error, TM_ERR_EXCLUDED, -1,
+                                      "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
 }
 
 static tm_status make(const tm_model_def *def, const tm_precomputed_def *how, quasi *q, tm_solve_report *report,
@@ -223,10 +225,10 @@ static tm_status make(const tm_model_def *def, const tm_precomputed_def *how, qu
     tm_status status = define(def, how, &m->tissue, &q->problem, &mine, error);
     if (status != TM_OK) return status;
     q->solve = mine.problem;
-    status = tms_blame(def, "model", tm_precomputed_create(&mine, &q->model, report, error));
+    status = tms_invalid_member(def, "model", tm_precomputed_create(&mine, &q->model, report, error));
     if (status != TM_OK) return status;
-    m->pace = (tm_pace){.frame_s = def->frame_s, .dt_s = def->frame_s, .substeps = 1, .average = 1};
-    m->pace.critical_s = tm_critical_step_guaranteed(m->tissue, &m->pace.critical_tet);
+    m->timing = (tm_timing){.frame_s = def->frame_s, .dt_s = def->frame_s, .substeps = 1, .average = 1};
+    m->timing.critical_s = tm_critical_step_guaranteed(m->tissue, &m->timing.critical_tet);
     m->instrument_count = def->contact ? def->contact->instrument_count : 0;
     for (int i = 0; i < m->instrument_count; i++) m->pose[i] = def->contact->instrument[i].pose;
     return TM_OK;
@@ -238,7 +240,7 @@ tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def
     TM_REQUIRE_DEF(how, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status != TM_OK) return status;
-    quasi *q = tms_take_zeroed(1, sizeof *q);
+    quasi *q = tms_alloc_zeroed(1, sizeof *q);
     if (!q) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     q->is.kind = &kind;
     status = make(def, how, q, report, error);
@@ -258,7 +260,7 @@ tm_status tm_model_precompute(const tm_model_def *def, const tm_precomputed_def 
     tm_precomputed_def mine;
     tm_status status = check(def, error);
     if (status == TM_OK) status = define(def, how, &tissue, &problem, &mine, error);
-    if (status == TM_OK) status = tms_blame(def, "model", tm_precomputed_write(&mine, report, error));
+    if (status == TM_OK) status = tms_invalid_member(def, "model", tm_precomputed_write(&mine, report, error));
     tms_problem_free(&problem);
     tm_tissue_destroy(tissue);
     return status;

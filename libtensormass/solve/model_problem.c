@@ -1,13 +1,13 @@
 #include "model_problem.h"
 
-tm_status tms_problem_make(const tm_model_def *def, const tm_tissue *whole, tms_problem *p, tm_solve_def *solve,
-                           tm_error *error) {
+tm_status tms_problem_build(const tm_model_def *def, const tm_tissue *whole, tms_problem *p, tm_solve_def *solve,
+                            tm_error *error) {
     const int32_t vertices = tm_tissue_mesh(whole)->vertex_count;
     const size_t n = 3 * (size_t)vertices;
     if (def->tissue.scaled_step_s > 0)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "mass scaling with a quasi-static part, which has no step; leave it out");
-    *p = (tms_problem){tms_take_zeroed(n, 1), tms_take_zeroed(n, 8), tms_take_zeroed(n, 8)};
+    *p = (tms_problem){tms_alloc_zeroed(n, 1), tms_alloc_zeroed(n, 8), tms_alloc_zeroed(n, 8)};
     if (!p->fixed || !p->value_m || !p->load_N)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the static problem; use a coarser mesh");
     for (int32_t i = 0; i < def->support_count; i++) {
@@ -30,13 +30,13 @@ tm_status tms_problem_make(const tm_model_def *def, const tm_tissue *whole, tms_
 }
 
 void tms_problem_free(tms_problem *p) {
-    tms_give(p->fixed);
-    tms_give(p->value_m);
-    tms_give(p->load_N);
+    tms_free(p->fixed);
+    tms_free(p->value_m);
+    tms_free(p->load_N);
     *p = (tms_problem){0};
 }
 
-tm_status tms_blame(const tm_model_def *def, const char *member, tm_status status) {
-    if (status != TM_OK && def->blame && !*def->blame) *def->blame = member;
+tm_status tms_invalid_member(const tm_model_def *def, const char *member, tm_status status) {
+    if (status != TM_OK && def->invalid_member && !*def->invalid_member) *def->invalid_member = member;
     return status;
 }

@@ -11,10 +11,10 @@ typedef struct tms_problem {
 } tms_problem;
 
 /* Into `solve`: the tissue, its supports, its loads and its weight. */
-tm_status tms_problem_make(const tm_model_def *def, const tm_tissue *whole, tms_problem *problem, tm_solve_def *solve,
-                           tm_error *error);
+tm_status tms_problem_build(const tm_model_def *def, const tm_tissue *whole, tms_problem *problem, tm_solve_def *solve,
+                            tm_error *error);
 void tms_problem_free(tms_problem *problem);
 /* Fills def->blame, if that is wanted. */
-tm_status tms_blame(const tm_model_def *def, const char *member, tm_status status);
+tm_status tms_invalid_member(const tm_model_def *def, const char *member, tm_status status);
 
 #endif

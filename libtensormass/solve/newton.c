@@ -1,38 +1,38 @@
 /* Newton's method: the whole matrix, by looking beside the shape, and the derivative of what it converged to. */
-#include "local.h"
+#include "contact_solver.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Quick steps for ticks that differ little from the one before: the known matrix, mended by how the residual has
+/* Quick steps for ticks that differ little from the one before: the known matrix, repaired by how the residual has
  * answered lately (Anderson's method). One look a step, where Newton's takes one for every Krylov vector; what it
  * learnt serves the next tick too. */
 
-static bool knows_all(const tms_local *l) {
+static bool knows_all(const tms_contact_solver *l) {
     for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3 && !l->tool[l->now.row[i].instrument].given; k++)
-            if (l->act_of[l->slot_of[l->now.row[i].vertex[k]]] < 0) return false;
+        for (int k = 0; k < 3 && !l->tool[l->now.row[i].instrument].prescribed; k++)
+            if (l->active_of[l->slot_of[l->now.row[i].vertex[k]]] < 0) return false;
     return true;
 }
 
 /* By act from by slot. */
-static void pick(const tms_local *l, const double *by_slot, double *by_act) {
-    for (int32_t j = 0; j < l->act_count; j++) memcpy(by_act + 3 * j, by_slot + 3 * l->act[j], 24);
+static void pick(const tms_contact_solver *l, const double *by_slot, double *by_act) {
+    for (int32_t j = 0; j < l->active_count; j++) memcpy(by_act + 3 * j, by_slot + 3 * l->active[j], 24);
 }
 
 /* b := b less its part in the span of the changes of r lately, each by as much of its change of f, whose sum goes into
  * f_part. Newest first; a change that says nothing new is left out. */
-static void use_pairs(tms_local *l, double *b, double *f_part) {
-    const int32_t m = 3 * l->act_count;
+static void use_pairs(tms_contact_solver *l, double *b, double *f_part) {
+    const int32_t m = 3 * l->active_count;
     double *q[TMS_PAIRS], *f[TMS_PAIRS];
     int32_t n = 0;
     memset(f_part, 0, 8 * (size_t)m);
     for (int32_t k = 1; k <= l->pair_count; k++) {
         const int32_t at = (l->pair_next + TMS_PAIRS - k) % TMS_PAIRS;
-        double *r = l->krylov[n], *df = l->ready[n], size = 0, left = 0;
+        double *r = l->krylov[n], *df = l->preconditioned[n], size = 0, left = 0;
         pick(l, l->pair_r[at], r);
         pick(l, l->pair_f[at], df);
-        for (int32_t j = 0; j < m; j++) r[j] *= tms_local_scale(l, j), size += r[j] * r[j];
+        for (int32_t j = 0; j < m; j++) r[j] *= tms_contact_solver_scale(l, j), size += r[j] * r[j];
         for (int32_t i = 0; i < n; i++) {
             double dot = 0;
             for (int32_t j = 0; j < m; j++) dot += r[j] * q[i][j];
@@ -47,16 +47,17 @@ static void use_pairs(tms_local *l, double *b, double *f_part) {
     }
     for (int32_t i = 0; i < n; i++) {
         double dot = 0;
-        for (int32_t j = 0; j < m; j++) dot += b[j] * tms_local_scale(l, j) * q[i][j];
-        for (int32_t j = 0; j < m; j++) b[j] -= dot * q[i][j] / tms_local_scale(l, j), f_part[j] += dot * f[i][j];
+        for (int32_t j = 0; j < m; j++) dot += b[j] * tms_contact_solver_scale(l, j) * q[i][j];
+        for (int32_t j = 0; j < m; j++)
+            b[j] -= dot * q[i][j] / tms_contact_solver_scale(l, j), f_part[j] += dot * f[i][j];
     }
 }
 
-static void remember(tms_local *l, const double *f_before, const double *r_before) {
+static void remember(tms_contact_solver *l, const double *f_before, const double *r_before) {
     double *df = l->pair_f[l->pair_next], *dr = l->pair_r[l->pair_next];
-    for (int32_t i = 0; i < l->use_count; i++)
+    for (int32_t i = 0; i < l->used_count; i++)
         for (int c = 0; c < 3; c++) {
-            const int32_t d = 3 * l->use[i] + c;
+            const int32_t d = 3 * l->used[i] + c;
             df[d] = l->f[d] - f_before[d];
             dr[d] = l->r[d] - r_before[d];
         }
@@ -65,13 +66,13 @@ static void remember(tms_local *l, const double *f_before, const double *r_befor
 }
 
 /* newton.c: steps until converged or stalled; returns how many. */
-static int32_t tms_local_secant(tms_local *l, double *merit) {
-    double *b = l->step, *f_part = l->krylov[TMS_KRYLOV], *f_before = l->keep, *r_before = l->f_spare;
+static int32_t tms_contact_solver_secant(tms_contact_solver *l, double *merit) {
+    double *b = l->step, *f_part = l->krylov[TMS_KRYLOV], *f_before = l->f_kept, *r_before = l->f_spare;
     bool factored = false;
     int32_t steps = 0;
     while (!l->converged && steps < TMS_SECANT_STEPS) {
         if (!factored || !knows_all(l)) {
-            if (!tms_local_factor(l, -1)) return steps;
+            if (!tms_contact_solver_factor(l, -1)) return steps;
             factored = true;
         }
         const double old = *merit;
@@ -79,16 +80,16 @@ static int32_t tms_local_secant(tms_local *l, double *merit) {
         memcpy(r_before, l->r, 24 * (size_t)l->capacity);
         pick(l, l->r, b);
         use_pairs(l, b, f_part);
-        tms_lu_solve(l->lu, l->pivot, 3 * l->act_count, b);
-        for (int32_t j = 0; j < 3 * l->act_count; j++) l->f[3 * l->act[j / 3] + j % 3] -= b[j] + f_part[j];
-        *merit = tms_local_evaluate(l);
+        tms_lu_solve(l->lu, l->pivot, 3 * l->active_count, b);
+        for (int32_t j = 0; j < 3 * l->active_count; j++) l->f[3 * l->active[j / 3] + j % 3] -= b[j] + f_part[j];
+        *merit = tms_contact_solver_evaluate(l);
         remember(l, f_before, r_before);
         steps++;
         l->converged |= l->nearly;
         if (l->converged) break;
         if (*merit > old) { /* astray: back, and leave it to Newton */
             memcpy(l->f, f_before, 24 * (size_t)l->capacity);
-            *merit = tms_local_evaluate(l);
+            *merit = tms_contact_solver_evaluate(l);
             break;
         }
         if (*merit > 0.8 * old) break; /* stalled */
@@ -102,23 +103,23 @@ static const double CLOSELY = 1e-3, ROUGHLY = 0.1;
 static const double STRIDE = 0.3; /* radii: how far one step may move the surface: rows farther off are others */
 
 /* Where the shape is now, to look beside it and come back. */
-static void keep_shape(tms_local *l) {
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
+static void keep_shape(tms_contact_solver *l) {
+    for (int32_t i = 0; i < l->used_count; i++)
+        for (int c = 0; c < 3; c++) l->f_kept[3 * l->used[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->used[i]] + c];
 }
-static void set_shape(tms_local *l, double h) {
-    for (int32_t i = 0; i < l->use_count; i++)
+static void set_shape(tms_contact_solver *l, double h) {
+    for (int32_t i = 0; i < l->used_count; i++)
         for (int c = 0; c < 3; c++) {
-            const int32_t d = 3 * l->use[i] + c;
-            l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c] = l->keep[d] + h * l->du[d];
+            const int32_t d = 3 * l->used[i] + c;
+            l->u_m[3 * (int64_t)l->vertex[l->used[i]] + c] = l->f_kept[d] + h * l->du[d];
         }
 }
 
 /* du := C df over the slots; df by act. Returns the largest in use. */
-static double response(tms_local *l, const double *df) {
+static double response(tms_contact_solver *l, const double *df) {
     double most = 0;
-    tms_local_response(l, l->act, l->act_count, df, false, l->du);
-    for (int32_t i = 0; i < 3 * l->use_count; i++) most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
+    tms_contact_solver_response(l, l->active, l->active_count, df, false, l->du);
+    for (int32_t i = 0; i < 3 * l->used_count; i++) most = fmax(most, fabs(l->du[3 * l->used[i / 3] + i % 3]));
     return most;
 }
 
@@ -131,12 +132,12 @@ typedef struct direction {
     double dF[3];
 } direction;
 
-static void look_along(tms_local *l, direction *to, double h, double *change) {
+static void look_along(tms_contact_solver *l, direction *to, double h, double *change) {
     const tms_tool kept = to->tool >= 0 ? l->tool[to->tool] : l->tool[0];
     memset(to->dF, 0, sizeof to->dF);
-    for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] = 0;
+    for (int32_t j = 0; j < 3 * l->active_count; j++) change[j] = 0;
     for (int side = 0; side < 2; side++) {
-        const tms_look *look = &l->now;
+        const tms_contact_eval *look = &l->now;
         const double s = side == 0 ? 1 : to->both_sides ? -1 : 0;
         if (s != 0) {
             if (to->tool >= 0) {
@@ -145,18 +146,18 @@ static void look_along(tms_local *l, direction *to, double h, double *change) {
                 tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, to->tool);
             }
             set_shape(l, s * h);
-            tms_local_look(l, &l->probe, 0);
+            tms_contact_solver_evaluate_shape(l, &l->probe, 0);
             look = &l->probe;
         }
         const double weight = (side == 0 ? 1 : -1) / (to->both_sides ? 2 * h : h);
-        for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
+        for (int32_t j = 0; j < 3 * l->active_count; j++) change[j] += weight * look->fc[3 * l->active[j / 3] + j % 3];
         for (int c = 0; c < 3 && to->tool >= 0; c++) to->dF[c] += weight * look->force_N[to->tool][c];
     }
     if (to->tool >= 0) l->tool[to->tool] = kept;
 }
 
 /* Of the thinnest tool that touches: lengths are measured by it. */
-static double thinnest(const tms_local *l) {
+static double thinnest(const tms_contact_solver *l) {
     double least = INFINITY;
     for (int32_t t = 0; t < l->tool_count; t++)
         if (l->tool[t].near) least = fmin(least, l->tool[t].def.radius_m);
@@ -165,32 +166,33 @@ static double thinnest(const tms_local *l) {
 
 /* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one
  * unit. */
-static void apply(tms_local *l, direction *to, const double *df, double *out) {
+static void apply(tms_contact_solver *l, direction *to, const double *df, double *out) {
     const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0),
                  radius = to->tool >= 0 ? l->tool[to->tool].def.radius_m : thinnest(l);
     if (most > 0 && l->tool_count)
         look_along(l, to, BESIDE * radius / most, out);
     else
-        memset(out, 0, 24 * (size_t)l->act_count);
-    for (int32_t j = 0; j < 3 * l->act_count; j++) {
-        const int32_t s = l->act[j / 3];
+        memset(out, 0, 24 * (size_t)l->active_count);
+    for (int32_t j = 0; j < 3 * l->active_count; j++) {
+        const int32_t s = l->active[j / 3];
         out[j] = tms_is_pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + tms_pin_of(l, s)->compliance_m_N * (df[j] - out[j])
                                             : df[j] - out[j];
         for (int k = 0; k < 3 && l->pin_of[s] >= 0; k++)
-            out[j] -= tms_pin_turns(tms_pin_of(l, s), j % 3, k) * l->du[3 * s + k];
+            out[j] -= tms_pin_rotates(tms_pin_of(l, s), j % 3, k) * l->du[3 * s + k];
     }
 }
 
-static double inner(const tms_local *l, const double *a, const double *b) {
+static double inner(const tms_contact_solver *l, const double *a, const double *b) {
     double sum = 0;
-    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
+    for (int32_t j = 0; j < 3 * l->active_count; j++)
+        sum += a[j] * b[j] * tms_contact_solver_scale(l, j) * tms_contact_solver_scale(l, j);
     return sum;
 }
 
 /* x := A^-1 b by GMRES, preconditioned from the right by the factorised known part. Stops at `tolerance` of |b|. Needs
  * keep_shape. */
-static void krylov_solve(tms_local *l, const double *b, double tolerance, bool both_sides, double *x) {
-    const int32_t m = 3 * l->act_count;
+static void krylov_solve(tms_contact_solver *l, const double *b, double tolerance, bool both_sides, double *x) {
+    const int32_t m = 3 * l->active_count;
     double H[TMS_KRYLOV + 1][TMS_KRYLOV], cosine[TMS_KRYLOV], sine[TMS_KRYLOV], g[TMS_KRYLOV + 1], y[TMS_KRYLOV];
     direction to = {.tool = -1, .both_sides = both_sides};
     const double norm = sqrt(inner(l, b, b));
@@ -199,9 +201,9 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
     for (int32_t j = 0; j < m && norm > 0; j++) l->krylov[0][j] = b[j] / norm;
     while (norm > 0 && k < TMS_KRYLOV && fabs(g[k]) > tolerance * norm) {
         double *next = l->krylov[k + 1];
-        memcpy(l->ready[k], l->krylov[k], 8 * (size_t)m);
-        tms_lu_solve(l->lu, l->pivot, m, l->ready[k]);
-        apply(l, &to, l->ready[k], next);
+        memcpy(l->preconditioned[k], l->krylov[k], 8 * (size_t)m);
+        tms_lu_solve(l->lu, l->pivot, m, l->preconditioned[k]);
+        apply(l, &to, l->preconditioned[k], next);
         for (int32_t i = 0; i <= k; i++) {
             H[i][k] = inner(l, next, l->krylov[i]);
             for (int32_t j = 0; j < m; j++) next[j] -= H[i][k] * l->krylov[i][j];
@@ -227,50 +229,50 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
         y[i] = g[i];
         for (int32_t j = i + 1; j < k; j++) y[i] -= H[i][j] * y[j];
         y[i] /= H[i][i];
-        for (int32_t j = 0; j < m; j++) x[j] += y[i] * l->ready[i][j];
+        for (int32_t j = 0; j < m; j++) x[j] += y[i] * l->preconditioned[i][j];
     }
 }
 
 /* --- Newton --- */
 
 /* One step, halved where it overshoots; false when no part of it helps. */
-static bool descend(tms_local *l, double tolerance, double *merit) {
+static bool descend(tms_contact_solver *l, double tolerance, double *merit) {
     const double old = *merit;
-    const int32_t m = 3 * l->act_count;
+    const int32_t m = 3 * l->active_count;
     double *b = l->krylov[TMS_KRYLOV];
-    for (int32_t j = 0; j < m; j++) b[j] = l->r[3 * l->act[j / 3] + j % 3];
+    for (int32_t j = 0; j < m; j++) b[j] = l->r[3 * l->active[j / 3] + j % 3];
     keep_shape(l);
     krylov_solve(l, b, tolerance, false, l->step);
-    for (int32_t j = 0; j < m; j++) l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
+    for (int32_t j = 0; j < m; j++) l->f_kept[3 * l->active[j / 3] + j % 3] = l->f[3 * l->active[j / 3] + j % 3];
     double s = l->tool_count && l->now.count ? fmin(1, STRIDE * thinnest(l) / (response(l, l->step) + 1e-300)) : 1;
     for (int i = 0; i <= TMS_HALVINGS; i++, s *= 0.5) {
         for (int32_t j = 0; j < m; j++) {
-            const int32_t d = 3 * l->act[j / 3] + j % 3;
-            l->f[d] = l->keep[d] - s * l->step[j];
+            const int32_t d = 3 * l->active[j / 3] + j % 3;
+            l->f[d] = l->f_kept[d] - s * l->step[j];
         }
-        *merit = tms_local_evaluate(l);
+        *merit = tms_contact_solver_evaluate(l);
         if (l->converged || *merit < (1 - 0.1 * s) * old) return true;
     }
     return false;
 }
 
-int32_t tms_local_solve(tms_local *l) {
-    double merit = tms_local_evaluate(l);
-    int32_t steps = l->converged ? 0 : tms_local_secant(l, &merit);
+int32_t tms_contact_solver_solve(tms_contact_solver *l) {
+    double merit = tms_contact_solver_evaluate(l);
+    int32_t steps = l->converged ? 0 : tms_contact_solver_secant(l, &merit);
     while (!l->converged && steps < TMS_NEWTON_STEPS) { /* it stalled: the whole matrix */
         steps++;
-        if (!tms_local_factor(l, -1) || !descend(l, l->rough ? ROUGHLY : CLOSELY, &merit)) break;
-        l->converged |= l->rough && l->nearly;
+        if (!tms_contact_solver_factor(l, -1) || !descend(l, l->inexact ? ROUGHLY : CLOSELY, &merit)) break;
+        l->converged |= l->inexact && l->nearly;
     }
-    l->before_count = l->now.count;
-    memcpy(l->before, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
+    l->previous_count = l->now.count;
+    memcpy(l->previous, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
     return steps;
 }
 
 /* --- derivative --- */
 
 /* Of a tool that holds tissue: the held vertices move with it, so it is moved. */
-static void holding_stiffness(tms_local *l, int32_t t, double K[9]) {
+static void holding_stiffness(tms_contact_solver *l, int32_t t, double K[9]) {
     const tm_tool_pose pose = l->tool[t].pose;
     const double h = 1e-3 * l->tool[t].def.radius_m;
     double unused[3];
@@ -279,35 +281,35 @@ static void holding_stiffness(tms_local *l, int32_t t, double K[9]) {
         const double side = i == 6 ? 0 : i % 2 ? -1 : 1;
         tm_tool_pose at = pose;
         at.tip_m[i / 2 % 3] += side * h;
-        tms_local_pose(l, t, &at);
-        tms_local_follow_jaws(l);
+        tms_contact_solver_move(l, t, &at);
+        tms_contact_solver_follow_jaws(l);
         if (i == 6)
-            memcpy(l->f, l->f_saved, 24 * (size_t)l->capacity), tms_local_evaluate(l);
+            memcpy(l->f, l->f_saved, 24 * (size_t)l->capacity), tms_contact_solver_evaluate(l);
         else
-            tms_local_solve(l);
+            tms_contact_solver_solve(l);
         double force[3];
-        tms_local_force(l, t, force, unused);
+        tms_contact_solver_force(l, t, force, unused);
         for (int c = 0; c < 3 && i < 6; c++) K[3 * c + i / 2] += side * force[c] / (2 * h);
     }
 }
 
-void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
+void tms_contact_solver_stiffness(tms_contact_solver *l, int32_t t, double K[9]) {
     memset(K, 0, 9 * sizeof *K);
-    if (tms_local_holds(l, t)) {
+    if (tms_contact_solver_is_grasping(l, t)) {
         holding_stiffness(l, t, K);
         return;
     }
     bool any = false;
     for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
-    if (!any || !tms_local_factor(l, -1)) return;
+    if (!any || !tms_contact_solver_factor(l, -1)) return;
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
     for (int axis = 0; axis < 3; axis++) {
         /* r stays zero: A df = -(change of r with the tip alone); then the force along both */
         direction to = {.tool = t, .axis = axis, .both_sides = true};
-        memset(l->step, 0, 24 * (size_t)l->act_count);
+        memset(l->step, 0, 24 * (size_t)l->active_count);
         apply(l, &to, l->step, b);
-        for (int32_t j = 0; j < 3 * l->act_count; j++) b[j] = -b[j];
+        for (int32_t j = 0; j < 3 * l->active_count; j++) b[j] = -b[j];
         krylov_solve(l, b, 1e-8, true, l->step);
         apply(l, &to, l->step, b);
         for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];

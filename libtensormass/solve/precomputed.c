@@ -8,14 +8,14 @@ tm_precomputed_def tm_precomputed_def_default(void) {
     return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED,
                                 .size = sizeof(tm_precomputed_def),
                                 .problem = tm_solve_def_default(),
-                                .max_local_vertices = 256,
+                                .max_contact_vertices = 256,
                                 .update_s = 0.002};
 }
 
 static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses,
                                tm_solve_report *report, tm_error *error) {
     const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
-    uint8_t *wanted = tms_take_zeroed((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
+    uint8_t *wanted = tms_alloc_zeroed((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
     if (!wanted) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
     const tms_request request = {.def = &def->problem,
@@ -23,16 +23,16 @@ static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_re
                                  .precision = def->precision,
                                  .file = def->file,
                                  .resume = def->resume,
-                                 .team = def->team};
+                                 .ranks = def->ranks};
     const tm_status status = tms_responses_get(&request, force, responses, report, error);
-    tms_give(wanted);
+    tms_free(wanted);
     return status;
 }
 
 void tms_precomputed_compliance(void *self, int32_t a, int32_t b, double C[9]) {
     const tm_precomputed *m = self;
     for (int i = 0; i < 9; i++) {
-        const int32_t row = m->kept_of[3 * a + i / 3], column = m->kept_of[3 * b + i % 3];
+        const int32_t row = m->kept_index[3 * a + i / 3], column = m->kept_index[3 * b + i % 3];
         C[i] = row < 0 || column < 0 ? 0 : tms_response(&m->responses, column, row);
     }
 }
@@ -42,61 +42,62 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     const int32_t n = 3 * mesh->vertex_count;
     const tms_responses *r = &m->responses;
     m->tissue = def->problem.tissue;
-    m->kept_of = tms_take((size_t)n * sizeof *m->kept_of);
-    m->surface = tms_take((size_t)(r->kept_count + 1) * sizeof *m->surface);
-    m->sum = tms_take_zeroed((size_t)(r->kept_count + 1), sizeof *m->sum);
-    if (!m->kept_of || !m->surface || !m->sum)
+    m->kept_index = tms_alloc((size_t)n * sizeof *m->kept_index);
+    m->surface = tms_alloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
+    m->sum = tms_alloc_zeroed((size_t)(r->kept_count + 1), sizeof *m->sum);
+    if (!m->kept_index || !m->surface || !m->sum)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
-    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
-                                        def->max_local_vertices, &m->local, error);
+    tm_status status = tms_contact_solver_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
+                                                 def->max_contact_vertices, &m->solver, error);
     if (status != TM_OK) return status;
-    m->local.update_s = def->update_s;
+    m->solver.update_s = def->update_s;
     if (def->contact && def->friction) {
-        m->local.rub = tms_rub_create(def->friction, &m->local.def, mesh->vertex_count);
-        if (!m->local.rub) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for friction; use a coarser mesh");
-        m->local.now.grip = m->local.rub->grip[0], m->local.probe.grip = m->local.rub->grip[1];
-        for (int32_t t = 0; t < m->local.tool_count; t++) tms_local_rub_place(&m->local, t);
+        m->solver.friction = tms_friction_create(def->friction, &m->solver.def, mesh->vertex_count);
+        if (!m->solver.friction) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for friction; use a coarser mesh");
+        m->solver.now.station = m->solver.friction->station[0],
+        m->solver.probe.station = m->solver.friction->station[1];
+        for (int32_t t = 0; t < m->solver.tool_count; t++) tms_contact_solver_friction_place(&m->solver, t);
     }
-    m->local.self = m;
-    if (def->contact && !(m->yield = tms_take((size_t)(3 * TMS_FELT) * 24 * (size_t)m->local.capacity)))
+    m->solver.self = m;
+    if (def->contact && !(m->yield = tms_alloc((size_t)(3 * TMS_FELT) * 24 * (size_t)m->solver.capacity)))
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
     if (def->contact && def->grasp && (status = tm_patch_solver_create(&m->patch_solver, error)) != TM_OK)
         return status;
-    m->local.compliance = tms_precomputed_compliance;
-    for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
+    m->solver.compliance = tms_precomputed_compliance;
+    for (int32_t d = 0; d < n; d++) m->kept_index[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
         const int32_t v = r->kept[i] / 3;
-        m->kept_of[r->kept[i]] = i;
-        m->local.base_m[r->kept[i]] = r->base_m[i];
+        m->kept_index[r->kept[i]] = i;
+        m->solver.base_m[r->kept[i]] = r->base_m[i];
         if (!m->surface_count || m->surface[m->surface_count - 1] != v) m->surface[m->surface_count++] = v;
     }
-    const tm_surface_view surface = m->local.surface;
+    const tm_surface_view surface = m->solver.surface;
     for (int32_t i = 0; i < 9 * surface.count; i++) { /* prescribed components of the surface */
         const int32_t d = 3 * surface.triangle[i / 3] + i % 3;
-        if (def->problem.fixed[d]) m->local.base_m[d] = def->problem.fixed_value_m ? def->problem.fixed_value_m[d] : 0;
+        if (def->problem.fixed[d]) m->solver.base_m[d] = def->problem.fixed_value_m ? def->problem.fixed_value_m[d] : 0;
     }
-    memcpy(m->local.u_m, m->local.base_m, (size_t)n * 8);
+    memcpy(m->solver.u_m, m->solver.base_m, (size_t)n * 8);
     return TM_OK;
 }
 
 static tm_status check(const tm_precomputed_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
-    if (status == TM_OK && def->team && def->team->shared && def->problem.solver != TM_SOLVER_CHOLESKY)
+    if (status == TM_OK && def->ranks && def->ranks->distributed && def->problem.solver != TM_SOLVER_CHOLESKY)
         status =
             tm_fail(error, TM_ERR_ARGUMENT, -1, "conjugate gradients need no factor to share; leave one of both out");
     if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
         status = tm_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
     for (int32_t t = 0; status == TM_OK && def->contact && def->friction && t < def->contact->instrument_count; t++) {
         const tm_friction_coefficient *c = &def->friction->instrument[t];
-        if (!(c->sliding >= 0 && c->sliding <= c->at_rest && c->at_rest <= TM_FRICTION_MOST))
+        if (!(c->mu_kinetic >= 0 && c->mu_kinetic <= c->mu_static && c->mu_static <= TM_FRICTION_MAX))
             status = tm_fail(error, TM_ERR_ARGUMENT, t,
                              "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g",
-                             (int)t, c->at_rest, c->sliding, TM_FRICTION_MOST);
+                             (int)t, c->mu_static, c->mu_kinetic, TM_FRICTION_MAX);
     }
-    if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
+    if (status == TM_OK && (def->max_contact_vertices < 4 || def->max_contact_vertices > 4096))
         status = tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
-                         (int)def->max_local_vertices);
+                         (int)def->max_contact_vertices);
     return status;
 }
 
@@ -104,12 +105,12 @@ tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **
                                 tm_error *error) {
     TM_REQUIRE_DEF(def, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
     TMS_REQUIRE_PROBLEM(&def->problem);
-    TM_REQUIRE(model && (!def->team || def->team->count == 1),
+    TM_REQUIRE(model && (!def->ranks || def->ranks->count == 1),
                "model is null, or there are ranks that have nothing to open", TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status != TM_OK) return status;
     tm_solve_report mine = {0};
-    tm_precomputed *m = tms_take_zeroed(1, sizeof *m);
+    tm_precomputed *m = tms_alloc_zeroed(1, sizeof *m);
     status = m ? get_responses(def, false, &m->responses, &mine, error)
                : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     if (report) *report = mine;
@@ -138,20 +139,20 @@ tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *r
 
 void tm_precomputed_destroy(tm_precomputed *m) {
     if (!m) return;
-    tms_rub_destroy(m->local.rub);
-    tms_local_destroy(&m->local);
+    tms_friction_destroy(m->solver.friction);
+    tms_contact_solver_destroy(&m->solver);
     tms_responses_release(&m->responses);
-    tms_give(m->kept_of);
-    tms_give(m->surface);
-    tms_give(m->sum);
-    tms_give(m->yield);
+    tms_free(m->kept_index);
+    tms_free(m->surface);
+    tms_free(m->sum);
+    tms_free(m->yield);
     tm_patch_solver_destroy(m->patch_solver);
-    tms_give(m);
+    tms_free(m);
 }
 
 int64_t tm_precomputed_bytes(const tm_precomputed *m) {
     TM_REQUIRE(m, "model is null", 0);
-    return m->responses.bytes + m->local.bytes + (int64_t)sizeof *m +
+    return m->responses.bytes + m->solver.bytes + (int64_t)sizeof *m +
            12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
 }
 
@@ -167,12 +168,12 @@ static void add_single(double *restrict sum, const float *restrict column, doubl
 /* The whole surface: base and the forces' responses, by ascending vertex. */
 static void superpose(tm_precomputed *m) {
     const tms_responses *r = &m->responses;
-    const tms_local *l = &m->local;
+    const tms_contact_solver *l = &m->solver;
     memcpy(m->sum, r->base_m, (size_t)r->kept_count * 8);
-    for (int32_t i = 0; i < l->use_count; i++)
+    for (int32_t i = 0; i < l->used_count; i++)
         for (int c = 0; c < 3; c++) {
-            const int32_t column = m->kept_of[3 * l->vertex[l->use[i]] + c];
-            const double f = l->f[3 * l->use[i] + c];
+            const int32_t column = m->kept_index[3 * l->vertex[l->used[i]] + c];
+            const double f = l->f[3 * l->used[i] + c];
             if (column < 0 || f == 0) continue;
             const int64_t at = (int64_t)column * r->kept_count;
             if (r->precision == TM_DOUBLE)
@@ -185,57 +186,57 @@ static void superpose(tm_precomputed *m) {
 }
 
 int32_t tm_precomputed_update(tm_precomputed *m, const tm_tool_pose *pose) {
-    TM_REQUIRE(m && (pose || m->local.tool_count == 0), "model or pose is null", -1);
-    for (int32_t t = 0; t < m->local.tool_count; t++)
+    TM_REQUIRE(m && (pose || m->solver.tool_count == 0), "model or pose is null", -1);
+    for (int32_t t = 0; t < m->solver.tool_count; t++)
         TM_REQUIRE(TM_IS_POSE(pose + t), "a pose is not finite or beyond 1e6", -1);
     if (!m->superposed) superpose(m); /* the broad phase looks at the whole surface */
-    const int32_t steps = tms_local_update(&m->local, pose);
+    const int32_t steps = tms_contact_solver_update(&m->solver, pose);
     m->superposed = false;
-    return m->local.converged ? steps : -steps - 1;
+    return m->solver.converged ? steps : -steps - 1;
 }
 
 #define INSTRUMENT_IS_THERE(...)                                                                                       \
-    TM_REQUIRE(m &&instrument >= 0 && instrument < m->local.tool_count,                                                \
+    TM_REQUIRE(m &&instrument >= 0 && instrument < m->solver.tool_count,                                               \
                "model is null or instrument is not one of its own", __VA_ARGS__)
 
-void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_pose *at) {
+void tm_precomputed_set_pose(tm_precomputed *m, int32_t instrument, const tm_tool_pose *at) {
     INSTRUMENT_IS_THERE();
     TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
-    tms_local_place(&m->local, instrument, at);
-    tms_local_rub_place(&m->local, instrument);
+    tms_contact_solver_set_pose(&m->solver, instrument, at);
+    tms_contact_solver_friction_place(&m->solver, instrument);
 }
 
 tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) {
     INSTRUMENT_IS_THERE((tm_tool_pose){0});
-    return m->local.tool[instrument].pose;
+    return m->solver.tool[instrument].pose;
 }
 
 uint32_t tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
     INSTRUMENT_IS_THERE(0);
     TM_REQUIRE(force_N, "force_N is null", 0);
     double resultant[3];
-    tms_local_force(&m->local, instrument, force_N, resultant);
-    return tms_local_flags(&m->local, instrument);
+    tms_contact_solver_force(&m->solver, instrument, force_N, resultant);
+    return tms_contact_solver_flags(&m->solver, instrument);
 }
 
 tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {
     INSTRUMENT_IS_THERE((tm_tool_reaction){0});
-    tm_tool_reaction reaction = tms_local_reaction(&m->local, instrument);
-    tms_local_stiffness(&m->local, instrument, reaction.stiffness_N_m);
+    tm_tool_reaction reaction = tms_contact_solver_reaction(&m->solver, instrument);
+    tms_contact_solver_stiffness(&m->solver, instrument, reaction.stiffness_N_m);
     reaction.stiffness_kind = 2;
     return reaction;
 }
 
 int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows) {
     TM_REQUIRE(m && rows, "model or rows is null", 0);
-    *rows = m->local.now.row;
-    return m->local.now.count;
+    *rows = m->solver.now.row;
+    return m->solver.now.count;
 }
 
-int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const int32_t **vertex,
-                            tm_grasp_state *state) {
+int32_t tm_precomputed_grasped(const tm_precomputed *m, int32_t instrument, const int32_t **vertex,
+                               tm_grasp_state *state) {
     INSTRUMENT_IS_THERE(0);
-    const tms_hold *h = &m->local.hold[instrument];
+    const tms_grasp *h = &m->solver.grasp_of[instrument];
     if (vertex) *vertex = h->vertex;
     if (state) *state = h->state;
     return h->count;
@@ -244,7 +245,7 @@ int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const i
 const double *tm_precomputed_displacement(tm_precomputed *m) {
     TM_REQUIRE(m, "model is null", NULL);
     if (!m->superposed) superpose(m);
-    return m->local.u_m;
+    return m->solver.u_m;
 }
 
 int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) {
@@ -257,22 +258,22 @@ int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) 
 
 static bool has_response(const tm_precomputed *m, int32_t v) {
     return v >= 0 && v < tm_tissue_mesh(m->tissue)->vertex_count &&
-           (m->kept_of[3 * v] >= 0 || m->kept_of[3 * v + 1] >= 0 || m->kept_of[3 * v + 2] >= 0);
+           (m->kept_index[3 * v] >= 0 || m->kept_index[3 * v + 1] >= 0 || m->kept_index[3 * v + 2] >= 0);
 }
 
 /* For messages; a number that is none stays. */
 static int32_t given_number(const tm_precomputed *m, int32_t v) {
     const tm_mesh *mesh = tm_tissue_mesh(m->tissue);
-    return v >= 0 && v < mesh->vertex_count ? tm_mesh_given(mesh, v) : v;
+    return v >= 0 && v < mesh->vertex_count ? tm_mesh_original_vertex(mesh, v) : v;
 }
 
 tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m,
                                 double compliance_m_N, tm_error *error) {
     TM_REQUIRE(m && ((vertex && u_m) || count <= 0), "model, vertex or u_m is null", TM_ERR_ARGUMENT);
-    tms_local *l = &m->local;
+    tms_contact_solver *l = &m->solver;
     if (count < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d vertices imposed; give 0 or more", (int)count);
     if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity)
-        return tm_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices",
+        return tm_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_contact_vertices",
                        (int)count, (int)l->capacity);
     if (!(compliance_m_N >= 0) || !isfinite(compliance_m_N))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
@@ -296,16 +297,16 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
         l->pin[i] = (tms_pin){.vertex = vertex[i], .tool = -1, .compliance_m_N = compliance_m_N};
         memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
     }
-    l->pin_count = l->hand_count = count; /* what jaws hold follows in the next update */
-    l->pair_count = 0;                    /* changes of other unknowns */
-    tms_local_regather(l);
+    l->pin_count = l->imposed_count = count; /* what jaws hold follows in the next update */
+    l->pair_count = 0;                       /* changes of other unknowns */
+    tms_contact_solver_regather(l);
     return TM_OK;
 }
 
 void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
-    TM_REQUIRE(m && force_N && i >= 0 && i < m->local.hand_count,
+    TM_REQUIRE(m && force_N && i >= 0 && i < m->solver.imposed_count,
                "model or force_N is null, or vertex i is not imposed", );
-    const tms_local *l = &m->local;
+    const tms_contact_solver *l = &m->solver;
     const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
     for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
 }

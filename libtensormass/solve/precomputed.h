@@ -1,20 +1,20 @@
-/* Insides of the precomputed model, shared by precomputed*.c and patch.c. */
+/* Insides of the precomputed model, shared by precomputed*.c and precomputed_patch.c. */
 #ifndef TMS_PRECOMPUTED_H
 #define TMS_PRECOMPUTED_H
 
-#include "local.h"
+#include "contact_solver.h"
 
-enum { TMS_FELT = TM_PATCH_VERTICES + TM_HOLD_VERTICES };
+enum { TMS_FELT = TM_PATCH_VERTICES + TM_GRASP_VERTICES };
 
 struct tm_precomputed {
     const tm_tissue *tissue;
     tms_responses responses;
-    int32_t *kept_of; /* [3*vertex_count] column of a component, -1 */
-    int32_t *surface; /* [surface_count] vertices with responses, ascending */
+    int32_t *kept_index; /* [3*vertex_count] column of a component, -1 */
+    int32_t *surface;    /* [surface_count] vertices with responses, ascending */
     int32_t surface_count;
     double *sum; /* [kept_count] superposition */
     bool superposed;
-    tms_local local;
+    tms_contact_solver solver;
     double *yield; /* [3*TMS_FELT][3*capacity] of a patch: forces of others by force on its vertices and those that its
                       tool holds; null: no contact */
     tm_patch_solver *patch_solver; /* null: nobody grasps */
@@ -26,7 +26,7 @@ void tms_precomputed_compliance(void *self, int32_t a, int32_t b, double C[9]);
 /* precomputed_snapshot.c: how many bytes, written to `buffer` unless that is null. Back: all or nothing. */
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer);
 /* No snapshot of it is larger, whatever it touches and holds. */
-int64_t tms_precomputed_snapshot_most(const tm_precomputed *model);
+int64_t tms_precomputed_snapshot_max(const tm_precomputed *model);
 tm_status tms_precomputed_restore(tm_precomputed *model, const void *buffer, int64_t bytes, tm_error *error);
 
 #endif

@@ -1,11 +1,11 @@
 /* What a precomputed model must keep to go on with the same bits: where its tools are, what hands and jaws hold, the
- * last solution's rows and forces, what sticks and slips (rub.c), and what the on-line system keeps between solves
- * (local_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, bounds, writes and reads, so
- * that none can forget a member. */
+ * last solution's rows and forces, what sticks and slips (online_friction.c), and what the on-line system keeps between
+ * solves (contact_solver_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, bounds, writes
+ * and reads, so that none can forget a member. */
 #include <math.h>
 #include <string.h>
 
-#include "contact/row_pack.h"
+#include "contact/row_snapshot.h"
 #include "precomputed.h"
 
 /* BOUND counts as many of everything as there is room for. */
@@ -65,19 +65,19 @@ static void pass_bool(stream *s, bool *flag) {
 
 /* --- its parts --- */
 
-static void pass_tool(stream *s, tms_local *l, int32_t t) {
+static void pass_tool(stream *s, tms_contact_solver *l, int32_t t) {
     tm_tool_pose pose = l->tool[t].pose;
-    tms_hold *h = &l->hold[t];
+    tms_grasp *h = &l->grasp_of[t];
     int32_t state = (int32_t)h->state;
     pass_numbers(s, pose.tip_m, 3);
     pass_numbers(s, &pose.roll_rad, 1);
     pass_numbers(s, &pose.grip, 1);
     pass_bool(s, &pose.active);
-    if (s->way == READ) tms_local_pose(l, t, &pose);
+    if (s->way == READ) tms_contact_solver_move(l, t, &pose);
     pass_numbers(s, h->jaw.origin, 3);
     pass_numbers(s, h->jaw.axis_m[0], 9);
     pass_numbers(s, &h->fade, 1);
-    pass_int(s, &state, TM_GRASP_OPEN, TM_GRASP_LETTING_GO);
+    pass_int(s, &state, TM_GRASP_OPEN, TM_GRASP_RELEASING);
     h->state = (tm_grasp_state)state;
     pass_bool(s, &h->was_closed);
     const int32_t count = pass_count(s, &h->count, 0, l->grasp.max_vertices);
@@ -86,40 +86,40 @@ static void pass_tool(stream *s, tms_local *l, int32_t t) {
     pass_numbers(s, h->let_go_N, 3 * (int64_t)count);
 }
 
-static void pass_local(stream *s, tms_local *l) {
+static void pass_local(stream *s, tms_contact_solver *l) {
     int64_t bytes = s->way == READ    ? 0
-                    : s->way == BOUND ? tms_local_snapshot_most(l)
-                                      : tms_local_snapshot(l, false, NULL);
+                    : s->way == BOUND ? tms_contact_solver_snapshot_max(l)
+                                      : tms_contact_solver_snapshot(l, false, NULL);
     pass(s, &bytes, sizeof bytes);
     if (s->way == READ) s->bad = s->bad || bytes < 0 || bytes > s->left;
     if (!room(s, (size_t)bytes)) return;
     if (s->way == WRITE)
-        tms_local_snapshot(l, false, s->at);
+        tms_contact_solver_snapshot(l, false, s->at);
     else
-        s->bad |= !tms_local_restore(l, s->at, bytes, true);
+        s->bad |= !tms_contact_solver_restore(l, s->at, bytes, true);
     s->at += bytes;
 }
 
-static void pass_pins(stream *s, tms_local *l) {
-    pass_int(s, &l->hand_count, 0, l->capacity);
-    const int32_t count = pass_count(s, &l->pin_count, l->hand_count, l->capacity);
+static void pass_pins(stream *s, tms_contact_solver *l) {
+    pass_int(s, &l->imposed_count, 0, l->capacity);
+    const int32_t count = pass_count(s, &l->pin_count, l->imposed_count, l->capacity);
     for (int32_t i = 0; i < count; i++) {
         tms_pin *pin = &l->pin[i];
         pass_int(s, &pin->vertex, 0, l->mesh->vertex_count - 1);
         pass_int(s, &pin->tool, -1, l->tool_count - 1);
         pass_numbers(s, pin->u_m, 3);
         pass_numbers(s, &pin->compliance_m_N, 1);
-        pass_numbers(s, &pin->most_N, 1);
+        pass_numbers(s, &pin->max_N, 1);
         pass_numbers(s, pin->force_N, 3);
-        pass_numbers(s, &pin->turn_N_m, 1);
+        pass_numbers(s, &pin->rotation_N_m, 1);
         pass_bool(s, &pin->fades);
-        pass_bool(s, &pin->given);
+        pass_bool(s, &pin->prescribed);
         if (s->way == READ && !s->bad && l->slot_of[pin->vertex] >= 0) l->pin_of[l->slot_of[pin->vertex]] = i;
     }
 }
 
 /* On vertices that have slots, as every row of a solution is. */
-static void pass_row(stream *s, const tms_local *l, tm_contact_row *row) {
+static void pass_row(stream *s, const tms_contact_solver *l, tm_contact_row *row) {
     tm_packed_row r = s->way == READ ? (tm_packed_row){0} : tm_row_pack(row);
     pass_numbers(s, &r.share, offsetof(tm_packed_row, face) / sizeof(double));
     pass_int(s, &r.face, 0, 4 * l->mesh->tet_count - 1);
@@ -134,7 +134,7 @@ static void pass_row(stream *s, const tms_local *l, tm_contact_row *row) {
     if (s->way == READ && !s->bad) *row = tm_row_unpack(&r);
 }
 
-static void pass_solution(stream *s, tms_local *l) {
+static void pass_solution(stream *s, tms_contact_solver *l) {
     pass_bool(s, &l->converged);
     const int32_t count = pass_count(s, &l->now.count, 0, l->def.max_rows);
     for (int32_t i = 0; i < count && !s->bad; i++) pass_row(s, l, &l->now.row[i]);
@@ -147,15 +147,15 @@ static void pass_solution(stream *s, tms_local *l) {
 }
 
 /* What friction did in the last solution: of rows that were read before it. */
-static void pass_grips(stream *s, tms_look *look, int32_t max_rows) {
-    const int32_t count = pass_count(s, &look->grip_count, 0, s->way == BOUND ? max_rows : look->count);
+static void pass_grips(stream *s, tms_contact_eval *look, int32_t max_rows) {
+    const int32_t count = pass_count(s, &look->station_count, 0, s->way == BOUND ? max_rows : look->count);
     for (int32_t k = 0; k < count && !s->bad; k++) {
-        tms_grip *g = &look->grip[k];
+        tms_friction_station *g = &look->station[k];
         pass_int(s, &g->first, 0, look->count - 1);
         pass_int(s, &g->count, 1, look->count - g->first);
         pass_bool(s, &g->slips);
-        pass_numbers(s, &g->bears_N, 1);
-        pass_numbers(s, &g->pressed_N, 1);
+        pass_numbers(s, &g->load_N, 1);
+        pass_numbers(s, &g->normal_force_N, 1);
         pass_numbers(s, g->normal, 3);
         pass_numbers(s, g->force_N, 3);
         pass_numbers(s, &g->stretch_N, 1);
@@ -163,43 +163,44 @@ static void pass_grips(stream *s, tms_look *look, int32_t max_rows) {
 }
 
 /* Where the vertices were that ways are counted from, by ascending vertex. */
-static void pass_known(stream *s, tms_rub *rub, int32_t vertex_count) {
+static void pass_known(stream *s, tms_friction *friction, int32_t vertex_count) {
     int32_t count = 0, v = -1;
-    for (int32_t i = 0; i < vertex_count; i++) count += rub->known[i] == rub->solution || s->way == BOUND;
+    for (int32_t i = 0; i < vertex_count; i++)
+        count += friction->known_solution[i] == friction->solution || s->way == BOUND;
     pass_int(s, &count, 0, vertex_count);
-    if (s->way == READ) rub->solution++; /* none is known */
+    if (s->way == READ) friction->solution++; /* none is known */
     for (int32_t i = 0; i < count && !s->bad; i++) {
         v++;
-        while (s->way != READ && s->way != BOUND && rub->known[v] != rub->solution) v++;
+        while (s->way != READ && s->way != BOUND && friction->known_solution[v] != friction->solution) v++;
         pass_int(s, &v, v, vertex_count - 1);
         if (s->bad) return;
-        pass_numbers(s, rub->u_m + 3 * (int64_t)v, 3);
-        if (s->way == READ) rub->known[v] = rub->solution;
+        pass_numbers(s, friction->u_m + 3 * (int64_t)v, 3);
+        if (s->way == READ) friction->known_solution[v] = friction->solution;
     }
 }
 
-static void pass_rub(stream *s, tms_local *l) {
-    tms_rub *rub = l->rub;
+static void pass_rub(stream *s, tms_contact_solver *l) {
+    tms_friction *friction = l->friction;
     for (int32_t t = 0; t < l->tool_count; t++) {
         for (int32_t k = 0; k < TMS_STATIONS; k++) {
-            tms_rubbed *was = &rub->rubbed[t][k];
+            tms_friction_state *was = &friction->state[t][k];
             pass_numbers(s, was->force_N, 3);
-            pass_numbers(s, &was->rest, 1);
-            s->bad |= s->way == READ && !(was->rest >= 0 && was->rest <= 1);
+            pass_numbers(s, &was->stick_state, 1);
+            s->bad |= s->way == READ && !(was->stick_state >= 0 && was->stick_state <= 1);
         }
-        pass_numbers(s, rub->capsule[t].tip_m, 3);
-        pass_numbers(s, rub->capsule[t].tail_m, 3);
+        pass_numbers(s, friction->capsule[t].tip_m, 3);
+        pass_numbers(s, friction->capsule[t].tail_m, 3);
     }
     pass_grips(s, &l->now, l->def.max_rows);
-    if (!s->bad) pass_known(s, rub, l->mesh->vertex_count);
+    if (!s->bad) pass_known(s, friction, l->mesh->vertex_count);
 }
 
 /* Of the same responses, and of as much room for what lies on them, with friction or without. */
 static uint64_t key_of(const tm_precomputed *m) {
     const tms_responses *r = &m->responses;
-    const tms_local *l = &m->local;
+    const tms_contact_solver *l = &m->solver;
     const int32_t size[] = {l->tool_count,         l->capacity,           l->def.max_rows,
-                            l->grasp.max_vertices, (int32_t)r->precision, l->rub != NULL};
+                            l->grasp.max_vertices, (int32_t)r->precision, l->friction != NULL};
     uint64_t key = tm_hash(r->kept, sizeof *r->kept * (size_t)r->kept_count, TM_HASH_SEED);
     key = tm_hash(r->base_m, sizeof *r->base_m * (size_t)r->kept_count, key);
     return tm_hash(size, sizeof size, key);
@@ -210,11 +211,11 @@ static void walk(stream *s, tm_precomputed *m) {
     uint64_t key = mine;
     pass(s, &key, sizeof key);
     s->bad |= key != mine;
-    for (int32_t t = 0; t < m->local.tool_count && !s->bad; t++) pass_tool(s, &m->local, t);
-    pass_local(s, &m->local);
-    if (!s->bad) pass_pins(s, &m->local);
-    if (!s->bad) pass_solution(s, &m->local);
-    if (!s->bad && m->local.rub) pass_rub(s, &m->local);
+    for (int32_t t = 0; t < m->solver.tool_count && !s->bad; t++) pass_tool(s, &m->solver, t);
+    pass_local(s, &m->solver);
+    if (!s->bad) pass_pins(s, &m->solver);
+    if (!s->bad) pass_solution(s, &m->solver);
+    if (!s->bad && m->solver.friction) pass_rub(s, &m->solver);
 }
 
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {
@@ -223,7 +224,7 @@ int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {
     return s.bytes;
 }
 
-int64_t tms_precomputed_snapshot_most(const tm_precomputed *model) {
+int64_t tms_precomputed_snapshot_max(const tm_precomputed *model) {
     stream s = {.way = BOUND};
     walk(&s, (tm_precomputed *)(uintptr_t)model);
     return s.bytes;
@@ -238,12 +239,12 @@ static bool read_from(tm_precomputed *m, const void *buffer, int64_t bytes) {
 
 tm_status tms_precomputed_restore(tm_precomputed *m, const void *buffer, int64_t bytes, tm_error *error) {
     const int64_t own_bytes = tms_precomputed_snapshot(m, NULL);
-    void *own = tms_take((size_t)own_bytes);
+    void *own = tms_alloc((size_t)own_bytes);
     if (!own) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to look at a snapshot; use a coarser mesh");
     tms_precomputed_snapshot(m, own);
     const bool good = read_from(m, buffer, bytes);
     if (!good) read_from(m, own, own_bytes);
-    tms_give(own);
+    tms_free(own);
     return good ? TM_OK
                 : tm_fail(error, TM_ERR_ARGUMENT, -1,
                           "not a snapshot of this precomputed model, or damaged; give one of the same organ, supports "

@@ -20,18 +20,18 @@ struct tms_reach {
 
 static bool take(tms_reach *r) {
     const size_t n = size_t(r->n), count = size_t(r->supernodes);
-    r->place = static_cast<int32_t *>(tms_take(4 * n));
-    r->of = static_cast<int32_t *>(tms_take(4 * n));
-    r->forward = static_cast<uint8_t *>(tms_take(count));
-    r->back = static_cast<uint8_t *>(tms_take(count));
-    r->x = static_cast<double *>(tms_take(8 * n * TMS_BLOCK));
-    r->below = static_cast<double *>(tms_take(8 * size_t(r->most) * TMS_BLOCK));
+    r->place = static_cast<int32_t *>(tms_alloc(4 * n));
+    r->of = static_cast<int32_t *>(tms_alloc(4 * n));
+    r->forward = static_cast<uint8_t *>(tms_alloc(count));
+    r->back = static_cast<uint8_t *>(tms_alloc(count));
+    r->x = static_cast<double *>(tms_alloc(8 * n * TMS_BLOCK));
+    r->below = static_cast<double *>(tms_alloc(8 * size_t(r->most) * TMS_BLOCK));
     return r->place && r->of && r->forward && r->back && r->x && r->below;
 }
 
 tms_reach *tms_reach_create(const tms_solver *solver) {
     const tms_supernodes f = tms_solver_supernodes(solver);
-    tms_reach *r = f.x ? static_cast<tms_reach *>(tms_take_zeroed(1, sizeof *r)) : nullptr;
+    tms_reach *r = f.x ? static_cast<tms_reach *>(tms_alloc_zeroed(1, sizeof *r)) : nullptr;
     if (!r) return nullptr;
     r->n = f.n;
     r->supernodes = f.count;
@@ -48,13 +48,13 @@ tms_reach *tms_reach_create(const tms_solver *solver) {
 
 void tms_reach_destroy(tms_reach *r) {
     if (!r) return;
-    tms_give(r->place);
-    tms_give(r->of);
-    tms_give(r->forward);
-    tms_give(r->back);
-    tms_give(r->x);
-    tms_give(r->below);
-    tms_give(r);
+    tms_free(r->place);
+    tms_free(r->of);
+    tms_free(r->forward);
+    tms_free(r->back);
+    tms_free(r->x);
+    tms_free(r->below);
+    tms_free(r);
 }
 
 int64_t tms_reach_bytes(const tms_reach *r) {

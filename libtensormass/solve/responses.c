@@ -14,7 +14,7 @@ static uint64_t key_of(const tms_request *q) {
                                  (int32_t)q->def->solver, q->interface_count, TMS_BLOCK};
     uint64_t h = tm_hash(settings, sizeof settings, TM_HASH_SEED);
     if (q->def->solver == TM_SOLVER_CG) h = tm_hash(&q->def->cg_tolerance, 8, h);
-    const double shear = tm_tissue_volume_shear(tissue);
+    const double shear = tm_tissue_smoothed_shear_share(tissue);
     if (shear >= 0) h = tm_hash(&shear, sizeof shear, h);
     h = tm_hash(mesh->rest_m, 24 * n, h);
     h = tm_hash(mesh->tet, 16 * (size_t)mesh->tet_count, h);
@@ -56,7 +56,7 @@ static void view(tms_responses *r, char *memory, const char *columns) {
 
 /* Of a file under way: a shared factor's last bits are its own, so that it does not go on with another one's. */
 static tms_file_head head_of(const tms_request *q, uint64_t key, int32_t kept_count) {
-    const bool shared = q->team && q->team->shared;
+    const bool shared = q->ranks && q->ranks->distributed;
     return (tms_file_head){.key = shared ? tm_hash("shared", 6, key) : key,
                            .kept_count = kept_count,
                            .interface_count = q->interface_count,
@@ -85,7 +85,7 @@ static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32
         solved = x != NULL;
         tms_work_destroy(work);
     } else {
-        solved = q->team->shared->solve_one(q->team->user, b);
+        solved = q->ranks->distributed->solve_one(q->ranks->user, b);
     }
     if (solved) return TM_OK;
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
@@ -96,7 +96,7 @@ static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32
 static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver,
                             const int32_t *kept, int32_t kept_count, double *base, double *force, tm_error *error) {
     const size_t dofs = 3 * (size_t)system->vertex_count;
-    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8), *b = tms_take(8 * (size_t)(system->n + 1));
+    double *u = tms_alloc_zeroed(dofs, 8), *f = tms_alloc(dofs * 8), *b = tms_alloc(8 * (size_t)(system->n + 1));
     tm_status status = TM_OK;
     if (!u || !f || !b) {
         status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
@@ -114,16 +114,17 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
     tm_tissue_force(q->def->tissue, u, f);
     for (int32_t i = 0; i < q->interface_count; i++) force[i] = f[q->interface[i]];
 done:
-    tms_give(u);
-    tms_give(f);
-    tms_give(b);
+    tms_free(u);
+    tms_free(f);
+    tms_free(b);
     return status;
 }
 
-static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver, tms_part *part,
-                              int32_t kept_count, char *memory, char *columns, tm_error *error) {
+static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver,
+                              tms_partial_file *part, int32_t kept_count, char *memory, char *columns,
+                              tm_error *error) {
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
-    const bool first = !q->team || q->team->rank == 0;
+    const bool first = !q->ranks || q->ranks->rank == 0;
     begin_lists(q, system, kept_count, memory);
     const int32_t *kept = (const int32_t *)(void *)(memory + l.kept);
     tm_status status = first    ? solve_base(q, system, solver, kept, kept_count, (double *)(void *)(memory + l.base),
@@ -141,8 +142,8 @@ static tm_status compute_into(const tms_request *q, const tms_system *system, co
                            .precision = q->precision,
                            .out = columns,
                            .schur = q->interface_count ? (double *)(void *)(memory + l.schur) : NULL,
-                           .part = part->done ? part : NULL};
-    return solver ? tms_columns_run(&c, q->def, q->team, error) : tms_shared_columns(&c, q->def, q->team, error);
+                           .partial_file = part->done ? part : NULL};
+    return solver ? tms_columns_run(&c, q->def, q->ranks, error) : tms_distributed_columns(&c, q->def, q->ranks, error);
 }
 
 /* Why there is no file, beside why there was none to read. */
@@ -153,12 +154,12 @@ static void in_memory(char why[160], const tm_error *lack) {
 
 /* The new file, if there is to be one: locked already, its space taken here. `need`: no file is a failure. */
 static tm_status reserve(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes, bool need,
-                         tms_part *part, char why[160], tm_error *error) {
+                         tms_partial_file *part, char why[160], tm_error *error) {
     tm_error lack;
     if (file->fd < 0) return TM_OK;
     tm_status status = TM_OK;
-    if (q->resume || q->team) {
-        status = tms_part_begin(part, file, head, &lack);
+    if (q->resume || q->ranks) {
+        status = tms_partial_file_begin(part, file, head, &lack);
     } else {
         status = tms_file_reserve(file, bytes, &lack);
         if (status == TM_OK) memcpy(file->map, head, sizeof *head);
@@ -175,11 +176,11 @@ static tm_status reserve(const tms_request *q, tms_file_write *file, const tms_f
 
 /* What each rank writes into: rank 0 makes it, the others open it when it is there. */
 static tm_status open_part(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes,
-                           bool need, tms_part *part, char why[160], tm_error *error) {
-    const bool first = !q->team || q->team->rank == 0;
+                           bool need, tms_partial_file *part, char why[160], tm_error *error) {
+    const bool first = !q->ranks || q->ranks->rank == 0;
     tm_status status = first ? reserve(q, file, head, bytes, need, part, why, error) : TM_OK;
-    if (status == TM_OK) status = tms_team_meet(q->team, error);
-    return status != TM_OK || first ? status : tms_part_join(part, q->file, head, error);
+    if (status == TM_OK) status = tms_ranks_barrier(q->ranks, error);
+    return status != TM_OK || first ? status : tms_partial_file_join(part, q->file, head, error);
 }
 
 /* What was computed, into the file's place and mapped from there; or, where that fails, kept as it is. */
@@ -210,23 +211,23 @@ static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *fil
 /* Its own, or this rank's piece of one. */
 static tm_status factor(const tms_request *q, const tms_system *system, const tms_layout *l, const tms_layout *single,
                         tms_solver **solver, tm_solve_report *report, tm_error *error) {
-    if (!q->team || !q->team->shared)
+    if (!q->ranks || !q->ranks->distributed)
         return tms_solver_create(system, q->def, (int64_t)l->bytes, (int64_t)single->bytes, solver, report, error);
     const double start = tms_clock_s();
     if (!tms_progress(q->def, "factor", 0, -1)) return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
-    const tm_status status = q->team->shared->factor(q->team->user, system->n, system->begin, system->row,
-                                                     system->value, &report->factor_bytes, error);
+    const tm_status status = q->ranks->distributed->factor(q->ranks->user, system->n, system->begin, system->row,
+                                                           system->value, &report->factor_bytes, error);
     report->factor_s = tms_clock_s() - start;
     return status;
 }
 
 /* Where the result goes: the mapped new file, own memory, or on other ranks the lists alone. */
 static tm_status fill(const tms_request *q, const tms_system *system, const tms_solver *solver,
-                      const tms_file_head *head, const tms_layout *l, tms_file_write *file, tms_part *part,
+                      const tms_file_head *head, const tms_layout *l, tms_file_write *file, tms_partial_file *part,
                       tms_responses *r, tm_error *error) {
-    const bool first = !q->team || q->team->rank == 0, mapped = file->map != MAP_FAILED;
-    char *memory = mapped ? file->map : (r->head = tms_take_zeroed(1, l->column));
-    char *columns = mapped ? memory + l->column : first ? (r->owned = tms_take(l->bytes - l->column + 1)) : NULL;
+    const bool first = !q->ranks || q->ranks->rank == 0, mapped = file->map != MAP_FAILED;
+    char *memory = mapped ? file->map : (r->head = tms_alloc_zeroed(1, l->column));
+    char *columns = mapped ? memory + l->column : first ? (r->owned = tms_alloc(l->bytes - l->column + 1)) : NULL;
     if (!memory || (first && !columns))
         return tm_fail(error, TM_ERR_MEMORY, -1,
                        "no memory for the responses; store them in single precision, or use a coarser mesh");
@@ -238,10 +239,10 @@ static tm_status fill(const tms_request *q, const tms_system *system, const tms_
 
 static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
                          tm_solve_report *report, tm_error *error) {
-    const int32_t rank = q->team ? q->team->rank : 0;
+    const int32_t rank = q->ranks ? q->ranks->rank : 0;
     tms_system system = {0};
     tms_solver *solver = NULL;
-    tms_part part = {.fd = -1};
+    tms_partial_file part = {.fd = -1};
     int32_t kept_count = 0;
     tm_status status = tms_system_create(q->def->tissue, q->def->fixed, &system, error);
     if (status != TM_OK) goto done;
@@ -259,10 +260,10 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
     report->responses_bytes = (int64_t)l.bytes;
     status = factor(q, &system, &l, &single, &solver, report, error);
     if (status == TM_OK) status = open_part(q, file, &head, l.bytes, need, &part, report->why, error);
-    if (status == TM_OK) report->columns_found = tms_part_columns(&part, report->columns);
+    if (status == TM_OK) report->columns_found = tms_partial_file_columns(&part, report->columns);
     if (status == TM_OK) status = fill(q, &system, solver, &head, &l, file, &part, r, error);
 done:
-    tms_part_end(&part);
+    tms_partial_file_end(&part);
     if (q->solver && status == TM_OK) {
         *q->system = system;
         *q->solver = solver;
@@ -320,7 +321,7 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
                             tm_error *error) {
     const double start = tms_clock_s();
     const uint64_t key = key_of(q);
-    const bool writes = q->file && !(q->team && q->team->rank > 0);
+    const bool writes = q->file && !(q->ranks && q->ranks->rank > 0);
     tms_file_write file = {.fd = -1, .map = MAP_FAILED};
     tm_status status = TM_OK;
     *r = (tms_responses){0};
@@ -351,7 +352,7 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
 
 void tms_responses_release(tms_responses *r) {
     if (r->map) munmap(r->map, r->map_bytes);
-    tms_give(r->head);
-    tms_give(r->owned);
+    tms_free(r->head);
+    tms_free(r->owned);
     *r = (tms_responses){0};
 }

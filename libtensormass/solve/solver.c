@@ -130,7 +130,7 @@ static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, 
 static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_error *error) {
     const size_t bad = s->factor->minor;
     const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
-    const int32_t vertex = tm_mesh_given(system->mesh, system->dof[free_index] / 3);
+    const int32_t vertex = tm_mesh_original_vertex(system->mesh, system->dof[free_index] / 3);
     return tm_fail(error, TM_ERR_SUPPORT, vertex,
                    "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
                    "join it through faces, or support it",
@@ -191,7 +191,7 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
 
 tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
                             tms_solver **solver, tm_solve_report *report, tm_error *error) {
-    tms_solver *s = tms_take_zeroed(1, sizeof *s);
+    tms_solver *s = tms_alloc_zeroed(1, sizeof *s);
     if (!s) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver; use a coarser mesh");
     s->kind = def->solver;
     s->n = system->n;
@@ -232,7 +232,7 @@ void tms_solver_destroy(tms_solver *s) {
         cholmod_finish(&s->common);
     }
     tms_cg_destroy(s->cg);
-    tms_give(s);
+    tms_free(s);
 }
 
 int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
@@ -253,7 +253,7 @@ tms_supernodes tms_solver_supernodes(const tms_solver *s) {
 /* --- one thread's work --- */
 
 tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
-    tms_work *w = tms_take_zeroed(1, sizeof *w);
+    tms_work *w = tms_alloc_zeroed(1, sizeof *w);
     if (!w) return NULL;
     const size_t n = (size_t)solver->n;
     w->solver = solver;
@@ -261,8 +261,8 @@ tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
     tms_process_enter();
     start(&w->common);
     if (solver->kind == TM_SOLVER_CG) {
-        w->cg_b = tms_take(n * (size_t)width * 8);
-        w->cg_x = tms_take(n * (size_t)width * 8);
+        w->cg_b = tms_alloc(n * (size_t)width * 8);
+        w->cg_x = tms_alloc(n * (size_t)width * 8);
     } else {
         w->b = cholmod_allocate_dense(n, (size_t)width, n, CHOLMOD_REAL, &w->common);
     }
@@ -279,9 +279,9 @@ void tms_work_destroy(tms_work *w) {
     cholmod_free_dense(&w->y, &w->common);
     cholmod_free_dense(&w->e, &w->common);
     cholmod_finish(&w->common);
-    tms_give(w->cg_b);
-    tms_give(w->cg_x);
-    tms_give(w);
+    tms_free(w->cg_b);
+    tms_free(w->cg_x);
+    tms_free(w);
 }
 
 double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }
@@ -330,7 +330,7 @@ tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction
     tm_solve_report mine = {.columns = 1};
     tms_system system = {0};
     tms_solver *solver = NULL;
-    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8);
+    double *u = tms_alloc_zeroed(dofs, 8), *f = tms_alloc(dofs * 8);
     tm_status status =
         u && f ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
     if (status == TM_OK) status = tms_system_create(def->tissue, def->fixed, &system, error);
@@ -349,7 +349,7 @@ tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction
     if (report && status == TM_OK) *report = mine;
     tms_solver_destroy(solver);
     tms_system_destroy(&system);
-    tms_give(u);
-    tms_give(f);
+    tms_free(u);
+    tms_free(f);
     return status;
 }

@@ -9,9 +9,9 @@ static void run(void *self, tm_world *world) {
     const tm_state *state = tm_world_state(world);
     for (int32_t i = 0; i < h->interface_count; i++) {
         h->at_m[i] = state->u_m[h->interface[i]];
-        h->before_m[i] = state->u_prev_m[h->interface[i]];
+        h->previous_m[i] = state->u_prev_m[h->interface[i]];
     }
-    tms_coupling_force(&h->coupling, h->at_m, h->before_m, h->push_N);
+    tms_coupling_force(&h->coupling, h->at_m, h->previous_m, h->push_N);
     memcpy(h->energy.pushed_N, h->push_N, 8 * (size_t)h->interface_count);
     for (int32_t i = 0; i < h->interface_count; i++) state->force_N[h->interface[i]] += h->push_N[i];
 }
@@ -33,15 +33,15 @@ static int64_t snapshot(void *self, void *buffer) {
     char *to = buffer ? memcpy(buffer, &mine, sizeof mine) : NULL;
     const int64_t head = (int64_t)sizeof mine + tms_coupling_snapshot(&h->coupling, to ? to + sizeof mine : NULL);
     char *rest = to ? to + head : NULL;
-    if (!h->local.memory) return head;
+    if (!h->solver_contact.allocation) return head;
     if (!h->returns) return head + tms_hybrid_snapshot_contact(h, rest);
-    if (rest) memcpy(rest, h->kept, (size_t)h->kept_bytes);
-    return head + h->kept_bytes;
+    if (rest) memcpy(rest, h->saved, (size_t)h->saved_bytes);
+    return head + h->saved_bytes;
 }
 
-static int64_t snapshot_most(const tm_hybrid *h) {
+static int64_t snapshot_max(const tm_hybrid *h) {
     const int64_t head = (int64_t)sizeof(uint64_t) + tms_coupling_snapshot(&h->coupling, NULL);
-    return head + (h->local.memory ? tms_hybrid_snapshot_most(h) : 0);
+    return head + (h->solver_contact.allocation ? tms_hybrid_snapshot_max(h) : 0);
 }
 
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
@@ -54,27 +54,28 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     memcpy(&theirs, buffer, sizeof theirs);
     const char *followed = (const char *)buffer + sizeof theirs, *rest = followed + coupling;
     if (theirs != division(h) || !tms_coupling_restore(&h->coupling, followed, coupling, apply)) return false;
-    if (!h->local.memory) return left == 0;
+    if (!h->solver_contact.allocation) return left == 0;
     if (apply) {
-        tms_hybrid_take_back(h, rest, left);
+        tms_hybrid_rollback(h, rest, left);
         return true;
     }
-    const int64_t span = tms_span_snapshot_bytes(h, rest, left), head = span + 8 * (int64_t)h->interface_count;
-    return span >= 0 && left >= head && tms_are_below(rest + span, (size_t)h->interface_count, 1e6) &&
-           tms_local_restore(&h->local, rest + head, left - head, false);
+    const int64_t reuse = tms_contact_reuse_snapshot_bytes(h, rest, left),
+                  head = reuse + 8 * (int64_t)h->interface_count;
+    return reuse >= 0 && left >= head && tms_are_below(rest + reuse, (size_t)h->interface_count, 1e6) &&
+           tms_contact_solver_restore(&h->solver_contact, rest + head, left - head, false);
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     tm_hybrid *h = self;
-    tms_coupling_keep(&h->coupling);
-    if (!h->returns && h->local.memory) h->kept_bytes = tms_hybrid_snapshot_contact(h, h->kept);
+    tms_coupling_checkpoint(&h->coupling);
+    if (!h->returns && h->solver_contact.allocation) h->saved_bytes = tms_hybrid_snapshot_contact(h, h->saved);
 }
 
 /* The mobilities may not have been given back yet: taken when they are needed. */
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     tm_hybrid *h = self;
     (void)world;
-    tms_coupling_give_back(&h->coupling);
+    tms_coupling_rollback(&h->coupling);
     h->returns = true;
     h->seen_revision = -1; /* the number of the surface that was given back may come again for another */
 }
@@ -85,17 +86,22 @@ static void give_back(void *self, tm_world *world) {
 static void detach(void *self) {
     tm_hybrid *h = self;
     if (h->contact) tm_contact_set_block(h->contact, NULL);
-    tms_local_destroy(&h->local);
-    tms_span_destroy(h);
-    h->local = (tms_local){0};
+    tms_contact_solver_destroy(&h->solver_contact);
+    tms_contact_reuse_destroy(h);
+    h->solver_contact = (tms_contact_solver){0};
     tms_hybrid_drop_energy(h);
-    void **array[] = {(void **)&h->held,           (void **)&h->give_m_N,
-                      (void **)&h->through,        (void **)&h->through_vertex,
-                      (void **)&h->through_single, (void **)&h->gathered_base_m,
-                      (void **)&h->gathered_m,     (void **)&h->since_m,
-                      (void **)&h->moving,         &h->kept};
+    void **array[] = {(void **)&h->fixed_dof,
+                      (void **)&h->interface_mobility_m_N,
+                      (void **)&h->constraint_mode,
+                      (void **)&h->constraint_mode_vertex,
+                      (void **)&h->constraint_mode_single,
+                      (void **)&h->gathered_base_m,
+                      (void **)&h->gathered_m,
+                      (void **)&h->since_m,
+                      (void **)&h->moving,
+                      &h->saved};
     for (size_t i = 0; i < sizeof array / sizeof *array; i++) {
-        tms_give(*array[i]);
+        tms_free(*array[i]);
         *array[i] = NULL;
     }
     h->world = NULL;
@@ -114,7 +120,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
         return tm_fail(
             error, TM_ERR_STEP, h->step_tet,
             "time step %.6g s is above the guaranteed critical step %.6g s of the whole organ, set by tetrahedron %d; "
-            "lower the step or mend that tetrahedron",
+            "lower the step or repair that tetrahedron",
             tm_world_step_s(world), h->step_s, (int)h->step_tet);
     const uint8_t *alive = tm_tissue_alive(tm_world_tissue(world));
     for (int32_t t = 0; t < h->mesh->tet_count; t++)
@@ -126,11 +132,11 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     h->world = world;
     h->stale = true;
     tms_coupling_forget(&h->coupling);
-    h->held = tms_take_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
-    h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);
-    h->moving = tms_take(4 * (size_t)h->mesh->vertex_count);
+    h->fixed_dof = tms_alloc_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
+    h->interface_mobility_m_N = tms_alloc_zeroed((size_t)h->interface_count, 8);
+    h->moving = tms_alloc(4 * (size_t)h->mesh->vertex_count);
     tm_status status =
-        h->held && h->give_m_N && h->moving && tms_hybrid_make_energy(h)
+        h->fixed_dof && h->interface_mobility_m_N && h->moving && tms_hybrid_make_energy(h)
             ? TM_OK
             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
     if (status == TM_OK && contact) status = tms_hybrid_add_contact(h, contact, error);
@@ -147,13 +153,13 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                             .self = h,
                             .snapshot = snapshot,
                             .restore = restore,
-                            .keep = keep,
-                            .give_back = give_back,
+                            .checkpoint = checkpoint,
+                            .rollback = rollback,
                             .needs = {contact ? "contact" : NULL},
                             .step_limit_s = h->step_s,
-                            .not_settled = "the condensed part is no world's to relax; solve the whole organ "
-                                           "(tm_solve_static), which has the same rest",
-                            .snapshot_most = snapshot_most(h)};
+                            .settle_refusal = "the condensed part is no world's to relax; solve the whole organ "
+                                              "(tm_solve_static), which has the same rest",
+                            .snapshot_max = snapshot_max(h)};
     status = tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
     if (status != TM_OK)
         detach(h);
@@ -166,16 +172,17 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
 
 void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     TM_REQUIRE(h && world && h->world == world, "hybrid or world is null, or hybrid is not in this world", );
-    tm_world_work_of(world, h);
+    tm_world_profile_stage(world, h);
     const tm_state *state = tm_world_state(world);
-    const tms_local *l = &h->local;
+    const tms_contact_solver *l = &h->solver_contact;
     const int32_t dofs = 3 * h->mesh->vertex_count;
-    for (int32_t d = 0; d < dofs; d++) h->full_u[d] = h->part[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
+    for (int32_t d = 0; d < dofs; d++)
+        h->full_u[d] = h->vertex_kind[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
     tm_tissue_force(h->condensed, h->full_u, h->full_f);
     double *b = tms_work_rhs(h->work);
     for (int32_t i = 0; i < h->system.n; i++) b[i] = h->full_f[h->system.dof[i]] + h->load_N[h->system.dof[i]];
-    for (int32_t i = 0; i < 3 * l->use_count; i++) {
-        const int32_t s = l->use[i / 3], at = h->system.index[3 * l->vertex[s] + i % 3];
+    for (int32_t i = 0; i < 3 * l->used_count; i++) {
+        const int32_t s = l->used[i / 3], at = h->system.index[3 * l->vertex[s] + i % 3];
         if (at >= 0) b[at] += l->f[3 * s + i % 3];
     }
     const double *x = tms_work_solve(h->work);
@@ -183,8 +190,8 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     h->owed = false;
     for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
-        if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
-    tm_world_work_of(world, NULL);
+        if (h->vertex_kind[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
+    tm_world_profile_stage(world, NULL);
 }
 
 tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {

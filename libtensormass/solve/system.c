@@ -67,11 +67,11 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         }
 }
 
-tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
+tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const int32_t n = mesh->vertex_count;
-    int32_t *parent = tms_take((size_t)n * sizeof *parent);
-    part *parts = tms_take_zeroed((size_t)n, sizeof *parts);
+    int32_t *parent = tms_alloc((size_t)n * sizeof *parent);
+    part *parts = tms_alloc_zeroed((size_t)n, sizeof *parts);
     tm_status status = TM_OK;
     if (!parent || !parts) {
         status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory to look for loose parts; use a smaller mesh");
@@ -90,7 +90,7 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         if (!p->tets) continue;
         const int32_t held = p->fixed;
         if (rank_of_gram(p->gram) == 6) continue;
-        const int32_t given = tm_mesh_given(mesh, v);
+        const int32_t given = tm_mesh_original_vertex(mesh, v);
         if (!total)
             status = tm_fail(error, TM_ERR_SUPPORT, given,
                              "no vertex of the tissue is fixed, so it has no rest; name a support");
@@ -107,8 +107,8 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         break;
     }
 done:
-    tms_give(parts);
-    tms_give(parent);
+    tms_free(parts);
+    tms_free(parent);
     return status;
 }
 
@@ -151,7 +151,7 @@ static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t
 }
 
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
-    const tm_status status = tms_check_held(tissue, fixed, error);
+    const tm_status status = tms_check_constrained(tissue, fixed, error);
     return status != TM_OK ? status : tms_system_assemble(tissue, fixed, system, error);
 }
 
@@ -159,9 +159,9 @@ tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const int32_t n = mesh->vertex_count;
     tms_system s = {.mesh = mesh, .vertex_count = n};
-    s.index = tms_take(3 * (size_t)n * sizeof *s.index);
-    s.dof = tms_take(3 * (size_t)n * sizeof *s.dof);
-    s.begin = tms_take((3 * (size_t)n + 1) * sizeof *s.begin);
+    s.index = tms_alloc(3 * (size_t)n * sizeof *s.index);
+    s.dof = tms_alloc(3 * (size_t)n * sizeof *s.dof);
+    s.begin = tms_alloc((3 * (size_t)n + 1) * sizeof *s.begin);
     if (!s.index || !s.dof || !s.begin) goto no_memory;
     number_free(tissue, fixed, &s);
     int64_t count = 0;
@@ -171,8 +171,8 @@ tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms
         if (count > INT32_MAX) goto no_memory;
     }
     s.begin[s.n] = (int32_t)count;
-    s.row = tms_take((size_t)(count ? count : 1) * sizeof *s.row);
-    s.value = tms_take((size_t)(count ? count : 1) * sizeof *s.value);
+    s.row = tms_alloc((size_t)(count ? count : 1) * sizeof *s.row);
+    s.value = tms_alloc((size_t)(count ? count : 1) * sizeof *s.value);
     if (!s.row || !s.value) goto no_memory;
     for (int32_t j = 0; j < s.n; j++) walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
     *system = s;
@@ -184,11 +184,11 @@ no_memory:
 }
 
 void tms_system_destroy(tms_system *s) {
-    tms_give(s->index);
-    tms_give(s->dof);
-    tms_give(s->begin);
-    tms_give(s->row);
-    tms_give(s->value);
+    tms_free(s->index);
+    tms_free(s->dof);
+    tms_free(s->begin);
+    tms_free(s->row);
+    tms_free(s->value);
     memset(s, 0, sizeof *s);
 }
 
@@ -198,7 +198,7 @@ int64_t tms_system_bytes(const tms_system *s) {
 
 tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue **tissue, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(whole);
-    tm_material *material = tms_take_zeroed((size_t)mesh->region_count, sizeof *material);
+    tm_material *material = tms_alloc_zeroed((size_t)mesh->region_count, sizeof *material);
     double *fibre = NULL;
     tm_status status = TM_ERR_MEMORY;
     bool any = false;
@@ -207,7 +207,7 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
         material[mesh->region[t]] = *tm_tissue_tet_material(whole, t);
         any |= tm_tissue_tet_fibre(whole, t) != NULL;
     }
-    if (any && !(fibre = tms_take_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
+    if (any && !(fibre = tms_alloc_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
     for (int32_t t = 0; any && t < mesh->tet_count; t++) {
         const double *a = tm_tissue_tet_fibre(whole, t);
         for (int i = 0; i < 3; i++) fibre[3 * t + i] = a ? a[i] : i == 0;
@@ -218,13 +218,13 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     def.material = material;
     def.fibre = fibre;
     def.alive = alive;
-    def.volume = tm_tissue_volume_shear(whole) >= 0;
-    if (def.volume) def.volume_shear = tm_tissue_volume_shear(whole);
+    def.strain_smoothing = tm_tissue_smoothed_shear_share(whole) >= 0;
+    if (def.strain_smoothing) def.smoothed_shear_share = tm_tissue_smoothed_shear_share(whole);
     status = tm_tissue_create(&def, tissue, error);
-    tms_give(fibre);
-    tms_give(material);
+    tms_free(fibre);
+    tms_free(material);
     return status;
 done:
-    tms_give(material);
+    tms_free(material);
     return tm_fail(error, status, -1, "no memory for a part of the tissue; use a smaller mesh");
 }

@@ -29,7 +29,7 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
                        "law %s: responses and solutions are those of the linear law; take the dynamic model",
                        tm_law_name(law));
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
-        const int32_t vertex = tm_mesh_given(mesh, d / 3);
+        const int32_t vertex = tm_mesh_original_vertex(mesh, d / 3);
         if (def->fixed[d] && def->fixed_value_m && !tm_is_place(def->fixed_value_m[d]))
             return tm_fail(error, TM_ERR_ARGUMENT, vertex, "vertex %d is held at %g m; give a finite displacement",
                            (int)vertex, def->fixed_value_m[d]);
@@ -42,7 +42,7 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
 
 enum { HEADER = 64 }; /* before the memory: its size, and the alignment kept */
 
-void *tms_take(size_t bytes) {
+void *tms_alloc(size_t bytes) {
     if (bytes > SIZE_MAX / 4) return NULL;
     const size_t whole = HEADER + bytes;
     char *block = tm_allocate(whole);
@@ -51,13 +51,13 @@ void *tms_take(size_t bytes) {
     return block + HEADER;
 }
 
-void *tms_take_zeroed(size_t count, size_t size) {
-    void *memory = size && count > SIZE_MAX / 4 / size ? NULL : tms_take(count * size);
+void *tms_alloc_zeroed(size_t count, size_t size) {
+    void *memory = size && count > SIZE_MAX / 4 / size ? NULL : tms_alloc(count * size);
     if (memory) memset(memory, 0, count * size);
     return memory;
 }
 
-void tms_give(void *memory) {
+void tms_free(void *memory) {
     if (!memory) return;
     char *block = (char *)memory - HEADER;
     size_t whole;

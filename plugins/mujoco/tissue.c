@@ -77,7 +77,7 @@ static tm_scene *opened(const mjModel *m, int instance) {
     if (!file || !*file)
         mju_warning("tensormass.tissue: no scene; add <config key=\"scene\" value=\"FILE.yaml\"/>");
     else {
-        tm_diagnostics told = {.told = warn};
+        tm_diagnostics told = {.on_diagnostic = warn};
         tm_scene_def def = tm_scene_def_default();
         def.file = file;
         def.set = set;
@@ -106,7 +106,7 @@ static int begin(const mjModel *m, mjData *d, int instance) {
     d->plugin_data[instance] = (uintptr_t)t;
     if (!t || !(t->scene = opened(m, instance))) return destroy(d, instance), -1;
     t->instrument_count = sites_of(m, instance, t->site);
-    int32_t wanted = tm_scene_tell(t->scene).instrument_count;
+    int32_t wanted = tm_scene_get_info(t->scene).instrument_count;
     if (t->instrument_count != wanted) {
         mju_warning("tensormass.tissue: %d sites for %d instruments of the scene; name one each", t->instrument_count,
                     (int)wanted);
@@ -121,7 +121,7 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
     tissue *t = data;
     if (!t) return;
     mju_zero(state, 3 * t->instrument_count);
-    if (tm_scene_tell(t->scene).frames == 0) return;
+    if (tm_scene_get_info(t->scene).frames == 0) return;
     tm_scene *scene = opened(m, instance);
     if (!scene) return; /* it was said */
     tm_scene_close(t->scene);
@@ -131,7 +131,7 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
 
 static void copy(mjData *to, const mjModel *m, const mjData *from, int instance) {
     (void)m;
-    if (tissue_of(from, instance) && tm_scene_tell(tissue_of(from, instance)->scene).frames && tissue_of(to, instance))
+    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames && tissue_of(to, instance))
         mju_warning("tensormass.tissue: the copy's tissue begins at rest");
 }
 

@@ -18,12 +18,12 @@ from ._core import (
     StepError, SupportError, UnstableError, lib,
 )
 from .controller import Controller, Extrapolator, controller_patch, parameters, sample
-from .instruments import Contact, Cut, Friction, Grasp, Grip, Instrument, Pose, Reaction, tip_force
+from .instruments import Contact, Cut, Friction, Grasp, FrictionStation, Instrument, Pose, Reaction, tip_force
 from .log import Channel, read_log
 from .mesh import Mesh, Quality, memory_in_use, read_fibres
-from .solve import Factored, Precomputed, Problem, Report, solve_static
-from .patch import Patch, PatchMaker, PatchSolver
-from .model import Model, Pace
+from .solve import ComplianceFactor, Precomputed, Problem, Report, solve_static
+from .patch import Patch, PatchBuilder, PatchSolver
+from .model import Model, Timing
 from .scene import Scene
 from .state import Settled, Stage
 from .tissue import Deformation, Material, Surface, Tissue
@@ -32,8 +32,8 @@ from .world import World
 __version__: str = lib.tm_version().decode()
 __all__ = [
     "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Deformation", "DeformationWarning", "Error", "ExcludedError", "Extrapolator",
-    "Factored", "FileError", "Friction", "Grasp", "Grip", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Pace", "NoMemoryError",
-    "Patch", "PatchMaker", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
+    "ComplianceFactor", "FileError", "Friction", "Grasp", "FrictionStation", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Timing", "NoMemoryError",
+    "Patch", "PatchBuilder", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
     "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",
     "read_fibres", "read_log", "sample", "solve_static", "tip_force",
 ]

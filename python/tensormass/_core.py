@@ -119,7 +119,7 @@ class _Library:
         if name not in self._opened:
             if name != "tensormass":
                 self._open("tensormass")  # theirs too
-            found = sorted(_FOLDER.glob(f"lib{name}.*"))  # .so.0.1, .dll, .0.1.dylib
+            found = sorted(_FOLDER.glob(f"lib{name}.*"))  # .so.0.2, .dll, .0.2.dylib
             if not found:
                 raise ImportError(f"{_FOLDER}: lib{name} is not there; " + (
                     "this package was not built whole: make wheel" if sys.platform == "linux" and platform.machine() == "x86_64" else

@@ -12,7 +12,7 @@ from .instruments import Reaction
 from .patch import Patch
 
 EXTRAPOLATORS = {n[len("HRT_"):].lower(): getattr(c, n) for n in (
-    "HRT_HOLD", "HRT_TIME", "HRT_POSITION", "HRT_BROYDEN", "HRT_TANGENT", "HRT_CONTACT", "HRT_PAPER_POSITION", "HRT_ADAPTIVE")}
+    "HRT_HOLD", "HRT_TIME", "HRT_POSITION", "HRT_BROYDEN", "HRT_TANGENT", "HRT_LOCAL_MODEL", "HRT_PAPER_POSITION", "HRT_ADAPTIVE")}
 _JOINTS = c.HRT_JOINTS
 
 
@@ -87,7 +87,7 @@ def _accept(reject: int) -> None:
 def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
     """A simulation's patch as the controller has it: floats, relative to the trocar, checked. A grasper's hold is not taken over."""
     p, n, t = patch._struct, patch.vertex_count, patch.triangle_count
-    if p.holds:
+    if p.grasps:
         raise ArgumentError("the patch holds tissue; send it over LCM, or leave the hold out", c.TM_ERR_ARGUMENT)
     made, origin = c.hrt_patch(), np.asarray(trocar_m, float)
     made.seq, made.topology_revision, made.vertex_count, made.triangle_count = seq, p.topology_revision, n, t
@@ -97,8 +97,8 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
     made.triangle[:3 * t] = p.triangle[:3 * t]
     size = 3 * n * (3 * n + 1) // 2
     made.compliance_m_N[:size] = p.compliance_m_N[:size]
-    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m", "radiation_N_s_m", "radiation_s", "friction_static",
-                 "friction_sliding"):
+    for name in ("contact_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "drag_s_m", "radiation_N_s_m", "radiation_s", "friction_static",
+                 "friction_kinetic"):
         setattr(made, name, getattr(p, name))
     scratch = (ctypes.c_float * c.HRT_PATCH_COMPLIANCE)()
     _accept(lib.hrt_patch_prepare(ctypes.byref(made), scratch))
@@ -106,7 +106,7 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
 
 
 class Extrapolator:
-    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "contact", "adaptive" ..."""
+    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "local_model", "adaptive" ..."""
 
     def __init__(self, name: str = "adaptive", params: Optional[c.hrt_params] = None) -> None:
         self.params = params if params is not None else parameters()

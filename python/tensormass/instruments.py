@@ -14,10 +14,10 @@ from .state import WorldState
 MODES = {"probe": c.TM_TOOL_PROBE, "grasper": c.TM_TOOL_GRASPER, "cautery": c.TM_TOOL_CAUTERY}
 FLAGS: Dict[int, str] = {
     c.TM_REACTION_CAPPED: "capped", c.TM_REACTION_OVERFLOWED: "overflowed", c.TM_REACTION_UNCONVERGED: "unconverged",
-    c.TM_REACTION_HELD_OVER: "held over", c.TM_REACTION_UNSTABLE: "unstable", c.TM_REACTION_TOO_FAST: "too fast",
-    c.TM_REACTION_INSIDE: "inside", c.TM_REACTION_LETTING_GO: "letting go",
+    c.TM_REACTION_REPEATED: "repeated", c.TM_REACTION_UNSTABLE: "unstable", c.TM_REACTION_TOO_FAST: "too fast",
+    c.TM_REACTION_INSIDE: "inside", c.TM_REACTION_RELEASING: "releasing",
 }
-HELD = {c.TM_GRASP_OPEN: "open", c.TM_GRASP_HOLDING: "holding", c.TM_GRASP_LETTING_GO: "letting go"}
+HELD = {c.TM_GRASP_OPEN: "open", c.TM_GRASP_HOLDING: "holding", c.TM_GRASP_RELEASING: "releasing"}
 
 
 @dataclass
@@ -123,7 +123,7 @@ class _Part:
 class Contact(_Part):
     """Unilateral, frictionless contact of up to two instruments with the tissue's surface, regularised by a skin compliance.
 
-    Options (tm_contact_def): skin_compliance_m_N (0.5e-3), sweeps (10), max_rows (256), force_cap_N (50).
+    Options (tm_contact_def): contact_compliance_m_N (0.5e-3), sweeps (10), max_rows (256), force_cap_N (50).
     """
 
     def __init__(self, world: WorldState, instruments: Sequence[Instrument], **options: Any) -> None:
@@ -132,13 +132,13 @@ class Contact(_Part):
         definition, _listed = contact_definition(instruments, options)
         call(lib.tm_stage_contact, world, ctypes.byref(definition), ctypes.byref(self._handle))
 
-    def move(self, instrument: int, to: Pose, substeps: int) -> None:
+    def set_target(self, instrument: int, to: Pose, substeps: int) -> None:
         """Its path over the coming substeps: from where it is to `to`, joint-linear about the trocar."""
-        lib.tm_contact_move(self, instrument, ctypes.byref(to._c()), substeps)
+        lib.tm_contact_set_target(self, instrument, ctypes.byref(to._c()), substeps)
 
-    def place(self, instrument: int, at: Pose) -> None:
+    def set_pose(self, instrument: int, at: Pose) -> None:
         """Puts it there at once: no swept path."""
-        lib.tm_contact_place(self, instrument, ctypes.byref(at._c()))
+        lib.tm_contact_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def pose(self, instrument: int = 0) -> Pose:
         """Where it is."""
@@ -152,7 +152,7 @@ class Contact(_Part):
         """Begins a frame, moves every instrument, steps the world, and gives the reactions."""
         self.begin_frame(substeps, average)
         for i, pose in enumerate(poses):
-            self.move(i, pose, substeps)
+            self.set_target(i, pose, substeps)
         self.world.step(substeps)
         return [self.reaction(i) for i in range(self.instrument_count)]
 
@@ -168,47 +168,47 @@ class Contact(_Part):
 
 
 def friction_definition(coefficients: Sequence[Tuple[float, float]], count: int) -> Any:
-    """tm_friction_def of (static, sliding) pairs, one an instrument."""
+    """tm_friction_def of (static, kinetic) pairs, one an instrument."""
     definition = lib.tm_friction_def_default()
     if len(coefficients) != count:
         raise ArgumentError("friction: %d pairs of coefficients for %d instruments; give one each" % (len(coefficients), count))
-    for k, (at_rest, sliding) in enumerate(coefficients):
-        definition.instrument[k].at_rest, definition.instrument[k].sliding = at_rest, sliding
+    for k, (static, kinetic) in enumerate(coefficients):
+        definition.instrument[k].mu_static, definition.instrument[k].mu_kinetic = static, kinetic
     return definition
 
 
-class Grip(NamedTuple):
+class FrictionStation(NamedTuple):
     """What friction does at one station of an instrument's axis, 0 the tip, one radius apart."""
 
     station: int
     slips: bool  #: in the last step
     force_N: Floats  #: (3,) on the tissue
     normal: Floats  #: (3,) unit, from tool to tissue
-    pressed_N: float  #: |force_N| <= coefficient * pressed_N
+    normal_force_N: float  #: |force_N| <= coefficient * normal_force_N
     coefficient: float
-    rest: float  #: 1 rested: the static coefficient holds; 0 slid
+    stick_state: float  #: 1 rested: the static coefficient holds; 0 slid
 
 
 class Friction(_Part):
-    """Coulomb friction of the instruments of a Contact: (static, sliding) of each, (0, 0) for one that slides freely."""
+    """Coulomb friction of the instruments of a Contact: (static, kinetic) of each, (0, 0) for one that slides freely."""
 
     def __init__(self, world: WorldState, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> None:
         super().__init__(world)
         definition = friction_definition(coefficients, contact.instrument_count)
         call(lib.tm_stage_friction, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
-    def grips(self, instrument: int = 0) -> List[Grip]:
+    def stations(self, instrument: int = 0) -> List[FrictionStation]:
         """Stations that touched in the last step."""
-        grip = (c.tm_friction_grip * 64)()
-        count = lib.tm_friction_grips(self, instrument, grip, len(grip))
-        return [Grip(g.station, g.slips, inside(g, "force_N", (3,)), inside(g, "normal", (3,)), g.pressed_N, g.coefficient, g.rest)
+        grip = (c.tm_friction_station * 64)()
+        count = lib.tm_friction_stations(self, instrument, grip, len(grip))
+        return [FrictionStation(g.station, g.slips, inside(g, "force_N", (3,)), inside(g, "normal", (3,)), g.normal_force_N, g.coefficient, g.stick_state)
                 for g in grip[:min(count, len(grip))]]
 
 
 class Grasp(_Part):
     """Instruments of mode "grasper" hold the tissue between their jaws: a grip above close_grip closes, below open_grip opens.
 
-    Options (tm_grasp_def): close_grip (0.7), open_grip (0.3), jaw_length_m, reach_m, compliance_m_N, fade_s, force_cap_N, max_vertices.
+    Options (tm_grasp_def): close_grip (0.7), open_grip (0.3), jaw_length_m, reach_m, compliance_m_N, release_time_s, force_cap_N, max_vertices.
     """
 
     def __init__(self, world: WorldState, contact: Contact, **options: Any) -> None:
@@ -217,10 +217,10 @@ class Grasp(_Part):
         fill(definition, options)
         call(lib.tm_stage_grasp, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
-    def held(self, instrument: int = 0) -> Tuple[Ints, str]:
-        """((n,) vertices in its jaws, "open" | "holding" | "letting go")."""
+    def vertices(self, instrument: int = 0) -> Tuple[Ints, str]:
+        """((n,) vertices in its jaws, "open" | "holding" | "releasing")."""
         vertex, state = ctypes.c_void_p(), ctypes.c_int()
-        count = lib.tm_grasp_held(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
+        count = lib.tm_grasp_vertices(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
         return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
 
 
@@ -239,11 +239,11 @@ class Cut(_Part):
         definition.loose = choice(loose, {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}, "loose")
         call(lib.tm_stage_cut, world, contact, ctypes.byref(definition))
 
-    def take(self) -> Tuple[Ints, Ints]:
-        """((n,) tetrahedra removed since the last call, (n,) by which instrument, -1: a loose piece), oldest first."""
+    def fetch_removed(self) -> Tuple[Ints, Ints]:
+        """((n,) tetrahedra removed since the last call, (n,) by which instrument, -1: a detached fragment), oldest first."""
         room = self.world.tissue.mesh.tet_count
         tet, who = np.empty(room, np.int32), np.empty(room, np.int8)
-        count = lib.tm_cut_take(self.world, address(tet), address(who), room)
+        count = lib.tm_cut_fetch_removed(self.world, address(tet), address(who), room)
         return tet[:count].copy(), who[:count].astype(np.int32)
 
 

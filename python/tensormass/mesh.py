@@ -27,7 +27,7 @@ def _names(address: Any, count: int) -> List[str]:
 
 
 def _numbering(renumber: bool) -> int:
-    return int(c.TM_NUMBERING_WHERE_POOR if renumber else c.TM_NUMBERING_AS_GIVEN)
+    return int(c.TM_NUMBERING_IMPROVED if renumber else c.TM_NUMBERING_ORIGINAL)
 
 
 class Mesh(Object):
@@ -36,7 +36,7 @@ class Mesh(Object):
     vertices: (V, 3) rest positions, m. tets: (T, 4) vertex indices; positive orientation, (p1-p0)x(p2-p0).(p3-p0) > 0, unless `orient`, which
     turns those that are not. regions: (T,) region of each tetrahedron, from 0, or None: all 0. renumber: where the numbers given make steps slow
     (docs/performance.md, "Numbering"), vertices get others: all arrays of this mesh, and of what is made on it, are then in the mesh's own
-    numbering, and `given_vertex`, `to_given` and `from_given` lead to yours. Tetrahedra keep their numbers.
+    numbering, and `original_vertex`, `to_original` and `from_original` lead to yours. Tetrahedra keep their numbers.
 
     Raises MeshError naming the `entity`: indices out of range, zero or negative volume, a face shared by three, a vertex without tetrahedra ...
     All arrays are read-only views of the library's memory.
@@ -161,26 +161,26 @@ class Mesh(Object):
         return view(self, self._struct.volume_m3, (self.tet_count,))
 
     @property
-    def given_vertex(self) -> Optional[Ints]:
+    def original_vertex(self) -> Optional[Ints]:
         """(V,) the number that each vertex was given; None: as given, nothing was renumbered."""
-        if not self._struct.given_vertex:
+        if not self._struct.original_vertex:
             return None
-        return view(self, self._struct.given_vertex, (self.vertex_count,), "int32")
+        return view(self, self._struct.original_vertex, (self.vertex_count,), "int32")
 
     def _of_given(self) -> Ints:
         """(V,) the mesh's number of each given one."""
         found = np.arange(self.vertex_count, dtype=np.int32)
-        if self.given_vertex is not None:
-            found[self.given_vertex] = np.arange(self.vertex_count, dtype=np.int32)
+        if self.original_vertex is not None:
+            found[self.original_vertex] = np.arange(self.vertex_count, dtype=np.int32)
         return found
 
-    def to_given(self, values: Any) -> Any:
+    def to_original(self, values: Any) -> Any:
         """A copy of values of vertices, (V, ...), from the mesh's numbering into the given one."""
         return self._checked(values)[self._of_given()]
 
-    def from_given(self, values: Any) -> Any:
+    def from_original(self, values: Any) -> Any:
         """The other way."""
-        return np.array(self._checked(values) if self.given_vertex is None else self._checked(values)[self.given_vertex])
+        return np.array(self._checked(values) if self.original_vertex is None else self._checked(values)[self.original_vertex])
 
     def _checked(self, values: Any) -> Any:
         array = np.asarray(values)

@@ -21,7 +21,7 @@ from .world import World
 LOOSE = {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}
 
 
-class Pace(NamedTuple):
+class Timing(NamedTuple):
     """Lengths of time, fixed when the model is made."""
 
     frame_s: float
@@ -38,10 +38,10 @@ class Model(Object):
 
     kind: "dynamic" (tensor/mass: mass, motion, everything cuttable), "precomputed" (quasi-static, no cutting) or "hybrid" (`dynamic` (T,) bool is
     tensor/mass and cuttable, the rest condensed).
-    materials, region_material, fibres, precision, form, volume, rotation: as Tissue (then model.world.add_rotation()). supports: [(vertices (n,),
+    materials, region_material, fibres, precision, form, strain_smoothing, rotation: as Tissue (then model.world.add_rotation()). supports: [(vertices (n,),
     value_m)], each value one number, (3,) or (n, 3), m.
     load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; friction: (static,
-    sliding) of each instrument, None: they slide freely; cut: {} or
+    kinetic) of each instrument, None: they slide freely; cut: {} or
     {"rate_1_s", "loose", "fade_s"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache of a precomputed or
     hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
     """
@@ -52,14 +52,14 @@ class Model(Object):
                  fibres: Any = None, precision: str = "double", form: str = "best", supports: Sequence[Tuple[Any, Any]] = (), load_N: Any = None,
                  gravity_m_s2: Any = None, instruments: Sequence[Instrument] = (), contact: Optional[Dict[str, Any]] = None,
                  grasp: Optional[Dict[str, Any]] = None, friction: Optional[Sequence[Tuple[float, float]]] = None,
-                 cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, volume: Union[bool, float] = False,
+                 cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, strain_smoothing: Union[bool, float] = False,
                  rotation: float = 0.0, file: File = None,
                  progress: Optional[Progress] = None, solve: Optional[Dict[str, Any]] = None, **options: Any) -> None:
         self.mesh = mesh
         d = lib.tm_model_def_default()
         fill(d, options)
         whole = Tissue.__new__(Tissue)
-        whole._fill(mesh, materials, region_material, fibres, volume, rotation)
+        whole._fill(mesh, materials, region_material, fibres, strain_smoothing, rotation)
         d.tissue = whole._definition
         d.tissue.form = choice(form, FORM, "form")
         kept: List[Any] = [whole, *self._supports(d, supports)]
@@ -135,10 +135,10 @@ class Model(Object):
     # --- frames ---
 
     @property
-    def pace(self) -> Pace:
+    def timing(self) -> Timing:
         """Of frames and substeps."""
-        p = self._struct.pace
-        return Pace(p.frame_s, p.dt_s, p.substeps, p.average, p.critical_s, p.critical_tet)
+        p = self._struct.timing
+        return Timing(p.frame_s, p.dt_s, p.substeps, p.average, p.critical_s, p.critical_tet)
 
     def frame(self, poses: Sequence[Pose] = ()) -> List[Reaction]:
         """One frame: every instrument goes to its pose. Reactions, one an instrument. All or nothing: UnstableError, and nothing has happened."""
@@ -152,9 +152,9 @@ class Model(Object):
               "step, or what drives the tissue")
         return [self.reaction(i) for i in range(self.instrument_count)]
 
-    def place(self, instrument: int, at: Pose) -> None:
+    def set_pose(self, instrument: int, at: Pose) -> None:
         """Puts an instrument there at once: no path is swept."""
-        lib.tm_model_place(self, instrument, ctypes.byref(at._c()))
+        lib.tm_model_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def reaction(self, instrument: int = 0) -> Reaction:
         """Of the last frame; with stiffness once `patch` was called."""
@@ -193,7 +193,7 @@ class Model(Object):
     # --- beside frames ---
 
     def allow_patches(self, **options: Any) -> None:
-        """Memory and a stage for patches and stiffness; once. Options: max_vertices, max_triangles, horizon_s ... (PatchMaker)."""
+        """Memory and a stage for patches and stiffness; once. Options: max_vertices, max_triangles, horizon_s ... (PatchBuilder)."""
         d = lib.tm_patch_def_default()
         fill(d, options)
         call(lib.tm_model_allow_patches, self, ctypes.byref(d))
@@ -222,9 +222,9 @@ class Model(Object):
         return room.tobytes()[:size]
 
     @property
-    def snapshot_bytes_most(self) -> int:
+    def snapshot_bytes_max(self) -> int:
         """Upper bound, bytes: no later snapshot is larger. Their size changes with contact, grasps and cuts."""
-        return lib.tm_model_snapshot_bytes_most(self)
+        return lib.tm_model_snapshot_bytes_max(self)
 
     def restore(self, snapshot: bytes) -> None:
         """A damaged or foreign snapshot raises and changes nothing."""

@@ -9,7 +9,7 @@ import numpy as np
 from . import _bind as c
 from ._core import Floats, Ints, Object, address, call, floats, inside, lib
 from .instruments import Contact, _Part, fill
-from .solve import Factored
+from .solve import ComplianceFactor
 from .state import WorldState
 
 
@@ -24,7 +24,7 @@ class Patch:
     vertex_count: int = property(lambda self: self._struct.vertex_count)  # type: ignore[assignment]
     triangle_count: int = property(lambda self: self._struct.triangle_count)  # type: ignore[assignment]
     radius_m: float = property(lambda self: self._struct.radius_m)  # type: ignore[assignment]
-    holds: bool = property(lambda self: self._struct.holds, doc="A grasper's hold is folded in.")  # type: ignore[assignment]
+    grasps: bool = property(lambda self: self._struct.grasps, doc="A grasper's hold is folded in.")  # type: ignore[assignment]
 
     @property
     def vertices(self) -> Ints:
@@ -55,27 +55,27 @@ class Patch:
         return full + np.triu(full, 1).T
 
 
-class PatchMaker(_Part):
+class PatchBuilder(_Part):
     """The stage "patch": between frames it makes an instrument's patch and stiffness.
 
-    source: exact compliance (Factored); None: conjugate gradients, little by little. Options (tm_patch_def): max_vertices (24), max_triangles (32),
+    source: exact compliance (ComplianceFactor); None: conjugate gradients, little by little. Options (tm_patch_def): max_vertices (24), max_triangles (32),
     column_vertices, iterations, tolerance, horizon_s.
     """
 
-    def __init__(self, world: WorldState, contact: Contact, source: Optional[Factored] = None, **options: Any) -> None:
+    def __init__(self, world: WorldState, contact: Contact, source: Optional[ComplianceFactor] = None, **options: Any) -> None:
         super().__init__(world)
         definition = lib.tm_patch_def_default()
         if source is not None:
-            given = lib.tm_factored_source(source)
+            given = lib.tm_compliance_factor_source(source)
             definition.source = ctypes.addressof(given)
             world._handle.outlived_by(source._handle)  # the world calls it
         fill(definition, options)
         call(lib.tm_stage_patch, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
-    def make(self, instrument: int = 0) -> Optional[Patch]:
+    def compute(self, instrument: int = 0) -> Optional[Patch]:
         """The instrument's patch; Contact.reaction then carries the stiffness. None: columns are still lacking, or nothing is near."""
         made = Patch()
-        return made if lib.tm_patch_make(self, instrument, ctypes.byref(made._struct)) else None
+        return made if lib.tm_patch_compute(self, instrument, ctypes.byref(made._struct)) else None
 
     @property
     def pending(self) -> int:

@@ -29,7 +29,7 @@ class Scene(Object):
 
     Bits are those of `tm-sim --lockstep` of a scene without haptics. Recording and rendering are the programs'. Vertices keep the numbers of the mesh
     file; of a mesh whose numbers jump tm-sim has others inside, which is quicker, and {"tissue.renumber": True} gives them here too, with the same
-    bits and snapshots: all is then in the numbering of `mesh` (Mesh.to_given).
+    bits and snapshots: all is then in the numbering of `mesh` (Mesh.to_original).
     """
 
     def __init__(self, path: Union[str, "os.PathLike[str]"], sets: Optional[Mapping[str, Any]] = None) -> None:
@@ -43,7 +43,7 @@ class Scene(Object):
         status = lib.tm_scene_open(ctypes.byref(definition), ctypes.byref(pointer))
         _raise(self._said.take(), status)
         self._own(pointer, lib.tm_scene_close, keep=self._said)
-        self._about = lib.tm_scene_tell(self)
+        self._about = lib.tm_scene_get_info(self)
         self.mesh: Mesh = Mesh._borrow(lib.tm_scene_mesh(self), self)
         self.tissue: Tissue = Tissue._borrow(lib.tm_scene_tissue(self), self.mesh, self)
         world = lib.tm_scene_world(self)
@@ -75,17 +75,17 @@ class Scene(Object):
     @property
     def time_s(self) -> float:
         """Simulated, s."""
-        return float(lib.tm_scene_tell(self).time_s)
+        return float(lib.tm_scene_get_info(self).time_s)
 
     @property
     def frames(self) -> int:
         """Done."""
-        return int(lib.tm_scene_tell(self).frames)
+        return int(lib.tm_scene_get_info(self).frames)
 
     @property
     def alive_count(self) -> int:
         """Tetrahedra that are left."""
-        return int(lib.tm_scene_tell(self).alive_count)
+        return int(lib.tm_scene_get_info(self).alive_count)
 
     def step(self, poses: Optional[Sequence[Pose]] = None) -> List[Reaction]:
         """One frame: every instrument goes to its pose, or where the scene's hand wants it (None). Reactions, one an instrument."""

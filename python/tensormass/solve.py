@@ -121,7 +121,7 @@ def solve_static(tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: 
     return Problem(tissue, fixed, fixed_value_m, load_N, **options).solve()
 
 
-class Factored(Object):
+class ComplianceFactor(Object):
     """Exact compliance for the patches of the dynamic model, cut or whole: World.add_patch(contact, source).
 
     fixed: (V, 3) bool, prescribed components (World.support_mask).
@@ -131,22 +131,22 @@ class Factored(Object):
         mask = np.ascontiguousarray(fixed, np.uint8)
         if mask.shape != (tissue.mesh.vertex_count, 3):
             raise ArgumentError(f"fixed: has shape {mask.shape}; give ({tissue.mesh.vertex_count}, 3)", c.TM_ERR_ARGUMENT)
-        d = lib.tm_factored_def_default()
+        d = lib.tm_compliance_factor_def_default()
         d.tissue, d.fixed = tissue._pointer, mask.ctypes.data
         pointer = ctypes.c_void_p()
-        call(lib.tm_factored_create, ctypes.byref(d), ctypes.byref(pointer))
-        self._own(pointer, lib.tm_factored_destroy, [tissue])
+        call(lib.tm_compliance_factor_create, ctypes.byref(d), ctypes.byref(pointer))
+        self._own(pointer, lib.tm_compliance_factor_destroy, [tissue])
 
     def start(self) -> None:
         """From now on a thread of its own does the work."""
-        call(lib.tm_factored_start, self)
+        call(lib.tm_compliance_factor_start, self)
 
 
 class Precomputed(Object):
     """The precomputed model by itself, where displacements are imposed (the paper's way) or updates asked for at your pace; else Model(kind=
     "precomputed"). Quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
 
-    Options (tm_precomputed_def): update_s (0.002), max_local_vertices (256), resume (False; a killed run's columns are gone on with). contact, grasp: dicts of the options of Contact and Grasp.
+    Options (tm_precomputed_def): update_s (0.002), max_contact_vertices (256), resume (False; a killed run's columns are gone on with). contact, grasp: dicts of the options of Contact and Grasp.
     """
 
     def __init__(self, problem: Problem, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",
@@ -173,9 +173,9 @@ class Precomputed(Object):
         listed = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
         return int(lib.tm_precomputed_update(self, listed))
 
-    def place(self, instrument: int, at: Pose) -> None:
+    def set_pose(self, instrument: int, at: Pose) -> None:
         """Puts it there at once."""
-        lib.tm_precomputed_place(self, instrument, ctypes.byref(at._c()))
+        lib.tm_precomputed_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def pose(self, instrument: int = 0) -> Pose:
         """Where it is."""
@@ -188,7 +188,7 @@ class Precomputed(Object):
         return out
 
     def reaction(self, instrument: int = 0) -> Reaction:
-        """At the last update, with its stiffness (as dear as a few updates)."""
+        """At the last update, with its stiffness (as expensive as a few updates)."""
         return reaction_of(lib.tm_precomputed_reaction(self, instrument))
 
     @property
@@ -196,10 +196,10 @@ class Precomputed(Object):
         """(n,) rows of contact, as Contact.rows."""
         return rows_of(self, lib.tm_precomputed_rows)
 
-    def held(self, instrument: int = 0) -> Tuple[Ints, str]:
-        """As Grasp.held."""
+    def vertices(self, instrument: int = 0) -> Tuple[Ints, str]:
+        """As Grasp.vertices."""
         vertex, state = ctypes.c_void_p(), ctypes.c_int()
-        count = lib.tm_precomputed_held(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
+        count = lib.tm_precomputed_grasped(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
         return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
 
     def impose(self, vertices: Any, u_m: Any, compliance_m_N: float = 0.0) -> None:

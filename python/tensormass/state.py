@@ -14,7 +14,7 @@ from .tissue import Deformation, Tissue, deformation_of
 
 PHASES = {"begin": c.TM_PHASE_BEGIN, "force": c.TM_PHASE_FORCE, "load": c.TM_PHASE_LOAD, "integrate": c.TM_PHASE_INTEGRATE,
           "constrain": c.TM_PHASE_CONSTRAIN, "end": c.TM_PHASE_END}
-_PHASE_NAMES = {**{v: k for k, v in PHASES.items()}, c.TM_PHASE_BETWEEN: "between"}
+_PHASE_NAMES = {**{v: k for k, v in PHASES.items()}, c.TM_PHASE_ON_DEMAND: "between"}
 _GUARD = "python-guard"
 _World = TypeVar("_World", bound="WorldState")
 
@@ -301,9 +301,9 @@ class WorldState(Object):
         lib.tm_support_mask(self, address(out))
         return out
 
-    def check_held(self) -> None:
+    def check_constrained(self) -> None:
         """SupportError, naming a vertex, if a piece is free to move or turn as a whole."""
-        call(lib.tm_world_check_held, self)
+        call(lib.tm_world_check_constrained, self)
 
     def add_rotation(self) -> None:
         """Tissue that turns and bends far keeps its law: of a Tissue made with rotation > 0."""
@@ -338,9 +338,9 @@ class WorldState(Object):
         return room.tobytes()[:size]
 
     @property
-    def snapshot_bytes_most(self) -> int:
+    def snapshot_bytes_max(self) -> int:
         """Upper bound, bytes: no later snapshot of the present stages is larger. Their size changes with contact, grasps and cuts."""
-        return lib.tm_snapshot_bytes_most(self)
+        return lib.tm_snapshot_bytes_max(self)
 
     def restore(self, snapshot: bytes) -> None:
         """Of a world set up the same way. FileError: damaged; ArgumentError: of another world; both leave this one as it was."""

@@ -112,7 +112,7 @@ class Material:
 
 
 class Surface(NamedTuple):
-    """The living surface. `triangles` (S, 3) vertices, normals outward; `faces` (S,) the triangles' lasting names, 4*tet + local vertex."""
+    """The living surface. `triangles` (S, 3) vertices, normals outward; `faces` (S,) the triangles' persistent ids, 4*tet + local vertex."""
 
     triangles: Ints
     faces: Ints
@@ -127,8 +127,8 @@ def surface_of(owner: object, found: Any) -> Surface:
 class Deformation(NamedTuple):
     """How far living tetrahedra are deformed, F = 1 + grad u."""
 
-    least_det: float  #: smallest det F; 0 and below: inside out
-    least_det_tet: int
+    min_det: float  #: smallest det F; 0 and below: inside out
+    min_det_tet: int
     inverted: int  #: tetrahedra with det F <= 0
     nonlinear_strain: float  #: largest |grad u^T grad u| / 2, which the linear law leaves out
     nonlinear_tet: int
@@ -139,8 +139,8 @@ class Deformation(NamedTuple):
 def deformation_of(tissue: Any, found: Any) -> Deformation:
     """As the library returns it."""
     sentence = ctypes.create_string_buffer(c.TM_ERROR_MESSAGE_MAX)
-    lib.tm_tissue_doubts(tissue, ctypes.byref(found), sentence)
-    return Deformation(found.least_det, found.least_det_tet, found.inverted, found.nonlinear_strain, found.nonlinear_tet, found.nonlinear_share,
+    lib.tm_tissue_check_deformation(tissue, ctypes.byref(found), sentence)
+    return Deformation(found.min_det, found.min_det_tet, found.inverted, found.nonlinear_strain, found.nonlinear_tet, found.nonlinear_share,
                        sentence.value.decode())
 
 
@@ -150,14 +150,14 @@ class Tissue(Object):
     materials: one, or one a material number. region_material: (R,) material of each region, None: region i has material i (one material: all).
     fibres: (T, 3) unit vectors, copied; None if every material is isotropic. cuttable: take the memory that cutting needs. alive: (T,) bool, build
     without the others. precision: of the stored edge tensors, "double" or "single" (for held tissue). form: of the force loop, "best" or "plain"
-    (the same bits on every machine). volume: far less locking towards Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
+    (the same bits on every machine). strain_smoothing: far less locking towards Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
     averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation will turn what bends farther than that.
     """
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
                  precision: str = "double", form: str = "best", cuttable: bool = False, alive: Any = None,
-                 volume: Union[bool, float] = False, rotation: float = 0.0) -> None:
-        self._fill(mesh, materials, region_material, fibres, volume, rotation)
+                 strain_smoothing: Union[bool, float] = False, rotation: float = 0.0) -> None:
+        self._fill(mesh, materials, region_material, fibres, strain_smoothing, rotation)
         self._definition.precision = choice(precision, PRECISION, "precision")
         self._definition.form = choice(form, FORM, "form")
         self._definition.cuttable = cuttable
@@ -168,7 +168,7 @@ class Tissue(Object):
         self._build([mesh])
 
     def _fill(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], region_material: Any, fibres: Any,
-              volume: Union[bool, float] = False, rotation: float = 0.0) -> None:
+              strain_smoothing: Union[bool, float] = False, rotation: float = 0.0) -> None:
         self._mesh = mesh
         several = [materials] if isinstance(materials, Material) else list(materials)
         material = (c.tm_material * len(several))(*[m._struct for m in several])
@@ -181,11 +181,11 @@ class Tissue(Object):
         definition.material_count, definition.material = len(several), ctypes.addressof(material)
         definition.region_material = None if region is None else region.ctypes.data
         definition.fibre = None if fibre is None else fibre.ctypes.data
-        definition.volume, definition.rotation = volume is not False, rotation
-        if not isinstance(volume, bool):
-            definition.volume_shear = volume
+        definition.strain_smoothing, definition.rotation = strain_smoothing is not False, rotation
+        if not isinstance(strain_smoothing, bool):
+            definition.smoothed_shear_share = strain_smoothing
         elif rotation > 0:
-            definition.volume_shear = 0.0
+            definition.smoothed_shear_share = 0.0
         self._definition, self._kept = definition, (material, region, fibre)
 
     def _build(self, parents: Sequence[Object]) -> None:
@@ -272,13 +272,13 @@ class Tissue(Object):
         tet = ctypes.c_int32(-1)
         return float(lib.tm_critical_step_guaranteed(self, ctypes.byref(tet))), tet.value
 
-    def critical_step_sharp(self, fixed: Any = None, tolerance: float = 1e-3, max_iterations: int = 20000) -> float:
+    def critical_step_estimate(self, fixed: Any = None, tolerance: float = 1e-3, max_iterations: int = 20000) -> float:
         """2/omega_max of the assembled system by power iteration, s. fixed: (V, 3) bool, constrained components. From the unsafe side."""
         mask = None if fixed is None else np.ascontiguousarray(fixed, np.uint8)
         if mask is not None and mask.shape != (self._mesh.vertex_count, 3):
             raise ArgumentError(f"fixed: has shape {mask.shape}; give ({self._mesh.vertex_count}, 3)", c.TM_ERR_ARGUMENT)
         step = ctypes.c_double()
-        call(lib.tm_critical_step_sharp, self, address(mask), tolerance, max_iterations, ctypes.byref(step))
+        call(lib.tm_critical_step_estimate, self, address(mask), tolerance, max_iterations, ctypes.byref(step))
         return step.value
 
     def cut(self, tets: Any) -> Ints:

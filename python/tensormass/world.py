@@ -4,8 +4,8 @@ from __future__ import annotations
 from typing import Any, Optional, Sequence, Tuple
 
 from .instruments import Contact, Cut, Friction, Grasp, Instrument
-from .patch import PatchMaker
-from .solve import Factored
+from .patch import PatchBuilder
+from .solve import ComplianceFactor
 from .state import WorldState
 
 
@@ -29,13 +29,13 @@ class World(WorldState):
         return Grasp(self, contact, **options)
 
     def add_friction(self, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> Friction:
-        """Instruments rub on the tissue, (static, sliding) of each; see Friction."""
+        """Instruments rub on the tissue, (static, kinetic) of each; see Friction."""
         return Friction(self, contact, coefficients)
 
     def add_cut(self, contact: Contact, **options: Any) -> Cut:
         """Cauteries remove what they touch; see Cut."""
         return Cut(self, contact, **options)
 
-    def add_patch(self, contact: Contact, source: Optional[Factored] = None, **options: Any) -> PatchMaker:
-        """The surface near a tool with its compliance; see PatchMaker."""
-        return PatchMaker(self, contact, source, **options)
+    def add_patch(self, contact: Contact, source: Optional[ComplianceFactor] = None, **options: Any) -> PatchBuilder:
+        """The surface near a tool with its compliance; see PatchBuilder."""
+        return PatchBuilder(self, contact, source, **options)

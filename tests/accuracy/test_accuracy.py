@@ -43,7 +43,7 @@ def test_finer_meshes_are_better(page, law):
 
 
 def test_no_mesh_is_dominated(page):
-    """Each finer mesh is better and dearer, so all lie on the frontier. Prices are in tetrahedra times steps, not seconds."""
+    """Each finer mesh is better and costlier, so all lie on the frontier. Prices are in tetrahedra times steps, not seconds."""
     rows = [r for r in page[1]["mesh"]["rows"] if r["law"] == "isotropic"]
     price = [r["tets"] / r["step_s"] for r in rows]
     assert price == sorted(price)
@@ -172,8 +172,8 @@ def test_a_ramp_and_hold_of_liver_follows_the_closed_form(page):
 def test_friction_is_most_of_the_force_along_a_slide_and_obeys_coulomb(page):
     rows = page[1]["friction"]["rows"]
     assert [(r["at_rest"], r["sliding"]) for r in rows] == [(0, 0), (0.05, 0.05), (0.1, 0.1), (0.3, 0.2), (0.3, 0.3), (0.5, 0.5)]
-    assert rows[0]["slipped"] == 0 and abs(rows[0]["along_N"]) < 0.02 * rows[0]["pressed_N"]
+    assert rows[0]["slipped"] == 0 and abs(rows[0]["along_N"]) < 0.02 * rows[0]["normal_force_N"]
     for less, r in zip(rows, rows[1:]):
         assert r["along"] > 0.8 and r["along"] > less["along"] and r["force"] > less["force"], r
         assert r["slipped"] > 50 and r["off_law"] < 1e-6, r
-        assert abs(r["along_N"] / r["pressed_N"] - r["sliding"]) < 0.02, r  # the surface under it is not quite level
+        assert abs(r["along_N"] / r["normal_force_N"] - r["sliding"]) < 0.02, r  # the surface under it is not quite level

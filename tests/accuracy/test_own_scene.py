@@ -76,8 +76,8 @@ def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tm
     felt = {r["name"]: r["felt"] for r in whole[1]["runs"] if r["knob"] == "extrapolator"}
     assert list(felt) == laws(root) and len(felt) >= 7
     assert all(f[0] < f[1] < f[2] for name, f in felt.items() if name in ("hold", "time", "position", "tangent"))
-    assert [felt[n][1] for n in ("contact", "tangent", "position", "time", "hold")] == sorted(f[1] for n, f in felt.items() if n in ("contact", "tangent", "position", "time", "hold"))
-    assert felt["contact"][1] < 0.15 * felt["position"][1] and felt["contact"][1] == named(whole[1], "contact")["force_error"]
+    assert [felt[n][1] for n in ("local_model", "tangent", "position", "time", "hold")] == sorted(f[1] for n, f in felt.items() if n in ("local_model", "tangent", "position", "time", "hold"))
+    assert felt["local_model"][1] < 0.15 * felt["position"][1] and felt["local_model"][1] == named(whole[1], "local_model")["force_error"]
 
     def forces(rate, *more):
         subprocess.run([bin / "tm-sim", SCENE, "--lockstep", "--unset", "haptics", "--duration", "1", "--set", f"time.frame_rate={rate}", *more, "--samples", tmp_path / "f.csv"], cwd=root, check=True, capture_output=True)
@@ -105,8 +105,8 @@ def test_sample_rates_are_judged_and_leave_frames_alone(whole, root):
     for law in ("hold", "time", "position", "broyden"):
         assert at[law, 500]["felt"][0] < 1e-3 < 0.01 < at[law, 25]["felt"][0] and at[law, 500]["felt"][1] < 0.1 * at[law, 25]["felt"][1]
     assert 0 < at["hold", 500]["change"] < 0.004, "a newer force is no other force"
-    assert [at["contact", rate]["sends"] for rate in (25, 50)] == ["patch", "patch"] and {r["sends"] for r in rows if r["sample_rate_Hz"] == 500} == {"force"}
-    assert {r["law"] for r in rows if r["sample_rate_Hz"] == 500} == set(laws(root)) - {"tangent", "contact", "paper_position"} | {own_law(root)}
+    assert [at["local_model", rate]["sends"] for rate in (25, 50)] == ["patch", "patch"] and {r["sends"] for r in rows if r["sample_rate_Hz"] == 500} == {"force"}
+    assert {r["law"] for r in rows if r["sample_rate_Hz"] == 500} == set(laws(root)) - {"tangent", "local_model", "paper_position"} | {own_law(root)}
 
 
 def test_force_is_tm_sims(whole, bin, root, tmp_path):
@@ -339,7 +339,7 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
     short = ["--duration", "0.2 s", *OWN, "--set", "threads=1"]
     liver = "apps/scenes/liver-press.yaml"
     run, data = study(bin, root, tmp_path, *short, scene=liver)
-    assert "touches nothing" in run.stderr and "no instrument touches" in named(data, "contact")["cannot"]
+    assert "touches nothing" in run.stderr and "no instrument touches" in named(data, "local_model")["cannot"]
     if (os.cpu_count() or 1) < 2:
         assert "threads" not in {r["knob"] for r in data["runs"]}
         return
@@ -391,7 +391,7 @@ def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bi
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     named(data, "hold at 50 Hz")["felt"] = [1e-4, 1e-4, 1e-4]
-    named(data, "broyden at 500 Hz")["felt"] = [5e-5, 5e-5, 5e-5]  # no hand feels that it is truer, and it is dearer
+    named(data, "broyden at 500 Hz")["felt"] = [5e-5, 5e-5, 5e-5]  # no hand feels that it is truer, and it is costlier
     for r in data["runs"]:
         if r["knob"] in ("mesh", "volume", "step", "mass", "precision"):
             r["cpu_p95_s"] = r["busy_p95_s"] = 1e30
@@ -415,9 +415,9 @@ def test_what_a_scene_says_of_its_samples_is_run_too(bin, root, tmp_path):
     _, data = study(bin, root, tmp_path, *OWN, "--duration", "0.8 s", "--frame", "20 Hz", "--budget", "20", "--hold", "0.1 s", scene=tmp_path / "own.yaml")
     at = {(r["law"], r["sample_rate_Hz"]): r for r in data["runs"] if "law" in r}
     assert {rate for _, rate in at} == {20, 40, 200, 500}
-    assert ("tangent", 200) in at and ("contact", 200) not in at and {("tangent", 500), ("contact", 500)}.isdisjoint(at)
+    assert ("tangent", 200) in at and ("local_model", 200) not in at and {("tangent", 500), ("local_model", 500)}.isdisjoint(at)
     assert at["tangent", 200]["sends"] == at["hold", 40]["sends"] == "force" and "haptics.sends=force" in at["tangent", 200]["set"]
-    assert at["contact", 40]["sends"] == "patch" and not [s for s in at["contact", 40]["set"] if "sends" in s]
+    assert at["local_model", 40]["sends"] == "patch" and not [s for s in at["local_model", 40]["set"] if "sends" in s]
     choice, written = data["recommendation"], (tmp_path / "s-recommended.yaml").read_text()
     assert choice["sample_rate_Hz"] > 100 and "sends: force" in written and f"rate: {choice['sample_rate_Hz']:g} Hz" in written and "frame_rate: 20" in written
     assert "the scene as it is: tangent at 200 Hz" in choice["rate_reason"] or choice["sample_rate_Hz"] == 200

@@ -1,5 +1,5 @@
-/* A promise of price, held on machines that are planted here: frames dearer because the machine was slower, and because
- * the setting is. No clock is read but for one question of the work itself. */
+/* A promise of price, held on machines that are planted here: frames costlier because the machine was slower, and
+ * because the setting is. No clock is read but for one question of the work itself. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,68 +15,68 @@ enum { FRAMES = 250 };
 static const double WORK_S = 2e-4, ALLOWED_S = 0.02;
 static double cost_s[FRAMES], work_s[FRAMES];
 
-/* Frames of `share` of what is allowed; from `from` to `to` the machine is `slower`, the setting `dearer`. Every
+/* Frames of `share` of what is allowed; from `from` to `to` the machine is `slower`, the setting `costlier`. Every
  * fortieth piece of work is interrupted. */
-static study_pace plant(double share, int from, int to, double slower, double dearer) {
+static study_speed plant(double share, int from, int to, double slower, double costlier) {
     for (int k = 0; k < FRAMES; k++) {
         const bool within = k >= from && k < to;
         work_s[k] = WORK_S * (within ? slower : 1) * (k % 40 ? 1 : 9);
-        cost_s[k] = ALLOWED_S * share * (within ? slower * dearer : 1);
+        cost_s[k] = ALLOWED_S * share * (within ? slower * costlier : 1);
     }
     return study_judge_pace(cost_s, work_s, FRAMES, WORK_S, ALLOWED_S);
 }
 
 /* In words, of a promise that else holds. */
-static const char *said(study_pace held, bool in_time) {
+static const char *said(study_speed held, bool in_time) {
     static char text[500];
-    study_choice c = {.fits = true, .held = held, .real_time = in_time, .kept = held.dearer <= STUDY_OVER};
+    study_choice c = {.fits = true, .held = held, .real_time = in_time, .kept = held.costlier <= STUDY_OVER};
     study_verdict(&c, text, sizeof text);
     return text;
 }
 
 static void test_a_machine_as_it_was(void **state) {
     (void)state;
-    const study_pace held = plant(0.7, 0, 0, 1, 1);
-    assert_true(held.slower == 1 && held.over == 0 && held.dearer == 0);
+    const study_speed held = plant(0.7, 0, 0, 1, 1);
+    assert_true(held.slower == 1 && held.over == 0 && held.costlier == 0);
     assert_string_equal(said(held, true), "The promise was kept, and real time.");
     assert_non_null(strstr(said(held, false), "other programs had the processors"));
 }
 
 static void test_a_slower_machine_is_no_dearer_setting(void **state) {
     (void)state;
-    const study_pace held = plant(0.7, 100, 220, 1.8, 1);
+    const study_speed held = plant(0.7, 100, 220, 1.8, 1);
     assert_true(fabs(held.slower - 1.8) < 1e-9);
-    assert_true(fabs(held.over - 120.0 / FRAMES) < 1e-9 && held.dearer == 0);
+    assert_true(fabs(held.over - 120.0 / FRAMES) < 1e-9 && held.costlier == 0);
     assert_non_null(strstr(said(held, false),
-                           "The promise was kept: the setting is no dearer. The machine was 1.8 times "
+                           "The promise was kept: the setting is no costlier. The machine was 1.8 times "
                            "slower"));
     assert_non_null(strstr(said(held, false), "REAL TIME WAS NOT KEPT"));
     assert_null(strstr(said(held, true), "REAL TIME"));
-    const study_pace milder = plant(0.5, 100, 220, 1.8, 1); /* within the budget all the same, but late */
+    const study_speed milder = plant(0.5, 100, 220, 1.8, 1); /* within the budget all the same, but late */
     assert_true(milder.over == 0);
     assert_non_null(strstr(said(milder, false), "when the machine is itself. The machine was 1.8 times slower"));
 }
 
 static void test_a_dearer_setting_is_not_excused(void **state) {
     (void)state;
-    const study_pace held = plant(0.7, 100, 220, 1, 1.8);
-    assert_true(held.slower == 1 && fabs(held.dearer - 120.0 / FRAMES) < 1e-9 && held.over == held.dearer);
+    const study_speed held = plant(0.7, 100, 220, 1, 1.8);
+    assert_true(held.slower == 1 && fabs(held.costlier - 120.0 / FRAMES) < 1e-9 && held.over == held.costlier);
     assert_string_equal(said(held, true), "THE PROMISE WAS NOT KEPT.");
-    const study_pace both = plant(0.7, 100, 220, 1.3, 1.8);
-    assert_true(fabs(both.dearer - 120.0 / FRAMES) < 1e-9);
+    const study_speed both = plant(0.7, 100, 220, 1.3, 1.8);
+    assert_true(fabs(both.costlier - 120.0 / FRAMES) < 1e-9);
     assert_non_null(strstr(said(both, true), "THE PROMISE WAS NOT KEPT. The machine was 1.3 times slower"));
-    assert_non_null(strstr(said(both, true), "dearer than that explains"));
+    assert_non_null(strstr(said(both, true), "costlier than that explains"));
 }
 
 static void test_a_faster_machine_and_an_unknown_one_change_nothing(void **state) {
     (void)state;
-    const study_pace faster = plant(0.7, 0, FRAMES, 0.5, 3.2); /* 1.12 of the budget */
-    assert_true(faster.slower == 1 && fabs(faster.dearer - 1) < 1e-9);
+    const study_speed faster = plant(0.7, 0, FRAMES, 0.5, 3.2); /* 1.12 of the budget */
+    assert_true(faster.slower == 1 && fabs(faster.costlier - 1) < 1e-9);
     plant(0.7, 0, FRAMES, 1.8, 1);
-    const study_pace unknown = study_judge_pace(cost_s, work_s, FRAMES, 0, ALLOWED_S);
-    assert_true(unknown.slower == 1 && fabs(unknown.dearer - 1) < 1e-9);
-    const study_pace none = study_judge_pace(cost_s, work_s, 0, WORK_S, ALLOWED_S);
-    assert_true(none.over == 1 && none.dearer == 1);
+    const study_speed unknown = study_judge_pace(cost_s, work_s, FRAMES, 0, ALLOWED_S);
+    assert_true(unknown.slower == 1 && fabs(unknown.costlier - 1) < 1e-9);
+    const study_speed none = study_judge_pace(cost_s, work_s, 0, WORK_S, ALLOWED_S);
+    assert_true(none.over == 1 && none.costlier == 1);
 }
 
 /* Not how long: that it is work, and goes on being the same. */

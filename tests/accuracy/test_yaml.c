@@ -76,7 +76,7 @@ static void what_is_not_there_is_added(void **state) {
     (void)state;
     changes("time.step=1e-4", "{frame", "{step: 1e-4, frame");
     changes("tissue.scale=1", "mesh: l", "scale: 1\n  mesh: l");
-    changes("volume.shear=0.4", "volume:", "volume: {shear: 0.4}");
+    changes("strain_smoothing.shear_share=0.4", "strain_smoothing:", "strain_smoothing: {shear_share: 0.4}");
     changes("hybrid.box.min=0", "60 /s}\n", "60 /s}\nhybrid: {box: {min: 0}}\n");
     changes("threads=2", "60 /s}\n", "60 /s}\nthreads: 2\n");
     changes("supports[0].group=g", "{name: a", "{group: g, name: a");
@@ -98,7 +98,8 @@ static void what_is_unset_goes(void **state) {
 
 static void several_follow_one_another(void **state) {
     (void)state;
-    static const char *const edits[] = {"volume", "volume.shear=0.4", "supports[0].vertex", "supports[0].group=g"};
+    static const char *const edits[] = {"volume", "strain_smoothing.shear_share=0.4", "supports[0].vertex",
+                                        "supports[0].group=g"};
     const char *text = after(edits, 4);
     assert_non_null(strstr(text, "# left out: volume:\n"));
     assert_non_null(strstr(text, "\nvolume: {shear: 0.4}\n"));

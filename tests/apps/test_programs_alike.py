@@ -84,7 +84,7 @@ def test_a_folder_is_refused_before_the_run(bin, root, scene, mesh, tmp_path, co
     assert out.returncode == 2 and f"{folder}: is a folder; name a file in it" in out.stderr
 
 
-@pytest.mark.parametrize("words", ["tm-view {mesh} --png {tmp}/x.jpg", "tm-view {mesh} --film {tmp}/x.avi", "tm-play --png {tmp}/x.jpg", "tm-sim {scene} --settle 1e-3 --write {tmp}/x.txt"])
+@pytest.mark.parametrize("words", ["tm-view {mesh} --png {tmp}/x.jpg", "tm-view {mesh} --video {tmp}/x.avi", "tm-play --png {tmp}/x.jpg", "tm-sim {scene} --settle 1e-3 --write {tmp}/x.txt"])
 def test_an_ending_that_would_lie_is_refused(bin, scene, mesh, tmp_path, words):
     words = words.format(scene=scene, mesh=mesh, tmp=tmp_path).split()
     out = run(bin / words[0], *words[1:])

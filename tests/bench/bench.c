@@ -38,7 +38,7 @@ tm_mesh *bench_block_of(int cells, double side_m) {
     app_block block;
     tm_mesh *mesh = NULL;
     tm_error error = {.message = "no memory for the block; run with --quick"};
-    if (!app_block_make(&block, (int32_t[3]){cells, cells, cells}, (double[3]){side_m, side_m, side_m}))
+    if (!app_block_build(&block, (int32_t[3]){cells, cells, cells}, (double[3]){side_m, side_m, side_m}))
         bench_must(TM_ERR_MEMORY, &error);
     bench_must(app_block_mesh(&block, NULL, &mesh, &error), &error);
     app_block_free(&block);

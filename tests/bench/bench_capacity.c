@@ -7,7 +7,7 @@
 #include "bench.h"
 
 static const double SIDE_M = 0.115, FRAME_S = 0.04; /* 1.5 litres, 25 Hz */
-enum { FEWEST = 4, MOST = 44, QUICK_MOST = 6 };     /* cells along a side: 384 to 511,000 tetrahedra */
+enum { FEWEST = 4, MAX_COUNT = 44, QUICK_MAX = 6 }; /* cells along a side: 384 to 511,000 tetrahedra */
 
 static tm_tissue *make_tissue(const tm_mesh *mesh) {
     tm_material material;
@@ -47,7 +47,7 @@ static double frame_s(int cells, int threads, bool quick, int32_t *tets) {
     double least = INFINITY;
     for (int frame = 0; frame < (quick ? 2 : 8); frame++) {
         tm_contact_begin_frame(contact, substeps, substeps);
-        tm_contact_move(contact, 0, &pressed, substeps);
+        tm_contact_set_target(contact, 0, &pressed, substeps);
         const double begin = app_seconds();
         tm_world_step(world, substeps);
         if (frame > 0) least = fmin(least, app_seconds() - begin);
@@ -62,7 +62,7 @@ static double frame_s(int cells, int threads, bool quick, int32_t *tets) {
 /* The largest that fits, between the fewest cells and the most; frames grow with both size and critical step. */
 static cJSON *largest(double cores, bool quick) {
     const int threads = cores > 1 ? (int)cores : 1;
-    int low = FEWEST - 1, high = (quick ? QUICK_MOST : MOST) + 1;
+    int low = FEWEST - 1, high = (quick ? QUICK_MAX : MAX_COUNT) + 1;
     int32_t tets = 0;
     double took = 0;
     while (high - low > 1) {
@@ -78,9 +78,10 @@ static cJSON *largest(double cores, bool quick) {
     cJSON_AddNumberToObject(row, "cores", cores);
     cJSON_AddNumberToObject(row, "tets", tets);
     cJSON_AddNumberToObject(row, "frame_ms", 1e3 * took);
-    cJSON_AddBoolToObject(row, "and_more", low == (quick ? QUICK_MOST : MOST));
+    cJSON_AddBoolToObject(row, "and_more", low == (quick ? QUICK_MAX : MAX_COUNT));
     printf("most  %7d tets  in real time at 25 Hz on %g core%s, pressed by a probe: %.1f ms a frame%s\n", tets, cores,
-           cores == 1 ? "" : "s", 1e3 * took, low == (quick ? QUICK_MOST : MOST) ? "; larger ones were not tried" : "");
+           cores == 1 ? "" : "s", 1e3 * took,
+           low == (quick ? QUICK_MAX : MAX_COUNT) ? "; larger ones were not tried" : "");
     return row;
 }
 

@@ -1,5 +1,5 @@
 /* Removal of tetrahedra, one a call, as a cautery eats its way in from a corner; and scattered over the mesh, the worst
- * for the caches and for mending. Surface, mending, tensors and masses included. */
+ * for the caches and for repairing. Surface, repairing, tensors and masses included. */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -29,7 +29,7 @@ static tm_tissue *tissue_with(const tm_mesh *mesh, int with) {
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material;
     def.rotation = with & ROTATION ? TM_ROTATION_THRESHOLD : 0;
-    def.volume = with & VOLUME, def.volume_shear = 0;
+    def.strain_smoothing = with & VOLUME, def.smoothed_shear_share = 0;
     tm_tissue *tissue = NULL;
     bench_must(tm_tissue_create(&def, &tissue, &error), &error);
     return tissue;
@@ -75,13 +75,13 @@ static cJSON *one_combination(const tm_mesh *mesh, tm_world *linear, int which, 
     cJSON_AddNumberToObject(row, "tets", mesh->tet_count);
     cJSON_AddStringToObject(row, "effects", combination[which].name);
     cJSON_AddNumberToObject(row, "over_linear", us[ONE][0] / us[LINEAR][0]);
-    cJSON_AddNumberToObject(row, "threads", tm_world_parts(world[TWO]));
+    cJSON_AddNumberToObject(row, "threads", tm_world_partitions(world[TWO]));
     cJSON_AddNumberToObject(row, "speedup", us[ONE][0] / us[TWO][0]);
     cJSON_AddItemToObject(row, "us_per_step", single);
     cJSON_AddItemToObject(row, "us_per_divided_step", divided);
     printf("effects %6d tets  %-26s %8.1f us, least %5.2f of a linear step, %.2f times faster on %d threads\n",
            mesh->tet_count, combination[which].name, us[ONE][rounds / 2], us[ONE][0] / us[LINEAR][0],
-           us[ONE][0] / us[TWO][0], tm_world_parts(world[TWO]));
+           us[ONE][0] / us[TWO][0], tm_world_partitions(world[TWO]));
     for (int k = 0; k < KINDS; k++) free(us[k]);
     tm_world_destroy(world[ONE]);
     tm_world_destroy(world[TWO]);

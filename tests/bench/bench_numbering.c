@@ -1,5 +1,5 @@
 /* What a mesh's numbering costs: a force pass on a block numbered at random, and on that one with the vertices
- * renumbered inside (TM_NUMBERING_WHERE_POOR), over one on the same block in its order. */
+ * renumbered inside (TM_NUMBERING_IMPROVED), over one on the same block in its order. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -46,7 +46,7 @@ static cJSON *one_size(int cells, tm_precision precision, const bench_run *run) 
     tm_mesh *mesh[ORDERS];
     tm_tissue *tissue[ORDERS];
     mesh[0] = bench_block(cells);
-    mesh[1] = shuffled(mesh[0], TM_NUMBERING_AS_GIVEN), mesh[2] = shuffled(mesh[0], TM_NUMBERING_WHERE_POOR);
+    mesh[1] = shuffled(mesh[0], TM_NUMBERING_ORIGINAL), mesh[2] = shuffled(mesh[0], TM_NUMBERING_IMPROVED);
     const int passes = 2 + 100000 / mesh[0]->edge_count;
     double *us[ORDERS], *u = calloc(3 * (size_t)mesh[0]->vertex_count, sizeof *u),
                         *force = malloc(sizeof *force * 3 * (size_t)mesh[0]->vertex_count);

@@ -43,7 +43,7 @@ static cJSON *one_step(const tm_mesh *mesh, tm_tissue *tissue, tm_world *one, tm
     cJSON_AddNumberToObject(row, "dt_us", 1e6 * tm_world_step_s(one));
     cJSON_AddNumberToObject(row, "sim_seconds_per_wall_second", 1e6 * tm_world_step_s(one) / us[ONE][rounds / 2]);
     cJSON_AddNumberToObject(row, "step_over_force", us[ONE][0] / us[FORCE][0]);
-    cJSON_AddNumberToObject(row, "threads", tm_world_parts(many));
+    cJSON_AddNumberToObject(row, "threads", tm_world_partitions(many));
     cJSON_AddNumberToObject(row, "speedup", us[ONE][0] / us[MANY][0]);
     cJSON_AddItemToObject(row, "us_per_force_pass", pass);
     cJSON_AddItemToObject(row, "us_per_step", single);
@@ -51,7 +51,7 @@ static cJSON *one_step(const tm_mesh *mesh, tm_tissue *tissue, tm_world *one, tm
     printf("step  %7d tets  %8.1f us, of %.0f us simulated; least %.2f of a force pass, %.2f times faster on %d "
            "threads\n",
            mesh->tet_count, us[ONE][rounds / 2], 1e6 * tm_world_step_s(one), us[ONE][0] / us[FORCE][0],
-           us[ONE][0] / us[MANY][0], tm_world_parts(many));
+           us[ONE][0] / us[MANY][0], tm_world_partitions(many));
     for (int k = 0; k < KINDS; k++) free(us[k]);
     free(force);
     return row;

@@ -12,7 +12,7 @@ import case as c
 def tissue_of(case, settings):
     mesh = tm.Mesh(case["rest_m"], case["tets"])
     material = tm.Material.young(c.YOUNG_PA, c.POISSON, density_kg_m3=c.DENSITY, damping_1_s=c.DRAG_1_S)
-    return tm.Tissue(mesh, material, volume=settings.get("volume", False), precision=settings.get("precision", "double"))
+    return tm.Tissue(mesh, material, strain_smoothing=settings.get("volume", False), precision=settings.get("precision", "double"))
 
 
 def fixed(case):
@@ -52,7 +52,7 @@ def precomputed(case, settings):
     began = time.process_time()
     tissue = tissue_of(case, settings)
     floor = np.repeat((case["held"] & ~case["patch"])[:, None], 3, 1)
-    model = tm.Precomputed(tm.Problem(tissue, floor, threads=1), max_local_vertices=int(case["patch"].sum()))
+    model = tm.Precomputed(tm.Problem(tissue, floor, threads=1), max_contact_vertices=int(case["patch"].sum()))
     prepared = time.process_time() - began
     patch = np.flatnonzero(case["patch"])
 

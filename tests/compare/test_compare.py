@@ -121,7 +121,7 @@ def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, sai
     assert failed.value.args[0] == kind and said in failed.value.args[1]
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib leans on
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib depends on
 def test_a_recorded_table(modules, tmp_path, capsys):
     recorded = tmp_path / "then.json"
     row = {"program": "tensormass", "setting": "dynamic", "tets": 1536, "version": "9", "differs": "a word", "dt_s": 1e-3, "step_s": 1e-5, "per_second": 0.01, "prepare_s": 1,

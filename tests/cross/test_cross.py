@@ -32,7 +32,7 @@ def here(root, build, tmp_path_factory):
 
 def test_this_machine(here):
     lines, _ = here
-    assert len(lines) == 4 and lines[0].startswith("version 0.1.0, forces ") and lines[3].startswith("nowhere/a.msh: cannot open: ")
+    assert len(lines) == 4 and lines[0].startswith("version 0.2.0, forces ") and lines[3].startswith("nowhere/a.msh: cannot open: ")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_macos_is_built_and_no_more(crossed, target, magic):
         assert (crossed / target / f"{name}.dylib").read_bytes()[:8] == magic
 
 
-WHEELS = {"win_amd64": ".dll", "manylinux_2_28_aarch64": ".so.0.1", "macosx_11_0_arm64": ".0.1.dylib", "macosx_11_0_x86_64": ".0.1.dylib"}
+WHEELS = {"win_amd64": ".dll", "manylinux_2_28_aarch64": ".so.0.2", "macosx_11_0_arm64": ".0.2.dylib", "macosx_11_0_x86_64": ".0.2.dylib"}
 USED = """
 import numpy as np
 import tensormass as tm

@@ -29,7 +29,7 @@ static inline bool organ_cut_down(const char *path, int orders, int batches, boo
     double *fibre = fix_fibres(mesh, (const double[3]){1, 2, 2});
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.fibre = fibre, def.cuttable = true, def.form = TM_FORCE_PLAIN,
-    def.volume = volume;
+    def.strain_smoothing = volume;
     material.damping_1_s = 20;
     int32_t *same = calloc((size_t)mesh->region_count, sizeof *same); /* one material in every region */
     def.region_material = same;

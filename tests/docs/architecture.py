@@ -24,7 +24,7 @@ def table(page, first):
 
 
 class Page:
-    """Folders in the order of walls.md, what each may lean on, and the libraries it may link; the same of rooms."""
+    """Folders in the order of walls.md, what each may depend on, and the libraries it may link; the same of rooms."""
     def __init__(self, text):
         self.leans, self.links, self.gives, self.room_leans = {}, {}, {}, {}
         for folders, _, leans, links in table(text, "folder"):
@@ -35,7 +35,7 @@ class Page:
         self.reach, self.room_reach = self.leans, self.room_leans
 
     def follow(self, found):
-        """Whoever leans on a folder may use what its headers include: found, as includes() yields them."""
+        """Whoever depends on a folder may use what its headers include: found, as includes() yields them."""
         shown, found = collections.defaultdict(set), list(found)
         for name, _, target in found:
             a, b = self.folder_of(name), self.folder_of(target)
@@ -46,7 +46,7 @@ class Page:
         return self
 
     def rooms_shown(self, found):
-        """The same of rooms: who leans on a room may use those that the headers which it gives include, in the order of the table."""
+        """The same of rooms: who depends on a room may use those that the headers which it gives include, in the order of the table."""
         inside, reach = "libtensormass/src/", {}
         headers = {room: {inside + h for h in given} for room, given in self.gives.items()}
         for room, leans in self.room_leans.items():
@@ -57,7 +57,7 @@ class Page:
         return reach
 
     def reach_of(self, folder, shown):
-        """What the headers of the folders that it leans on include, and theirs."""
+        """What the headers of the folders that it depends on include, and theirs."""
         todo, found = [lean for lean in self.leans[folder] if lean in self.leans], set()
         while todo:
             new = shown[todo.pop()] - found
@@ -80,7 +80,7 @@ class Page:
         return match and match[1]
 
     def allows(self, a, b):
-        """May a file of `a` lean on one of `b` (paths)?"""
+        """May a file of `a` depend on one of `b` (paths)?"""
         fa, fb = self.folder_of(a), self.folder_of(b)
         if fa != fb:
             return fb in self.reach[fa] or b in self.reach[fa]

@@ -102,16 +102,16 @@ def plant(path, text, instead_of=None):
 
 
 def test_a_planted_include_is_found(copy, page):
-    plant(copy / "haptic_rt/io/say.c", '#include "scene/units.h"\n')
+    plant(copy / "haptic_rt/io/status_log.c", '#include "scene/units.h"\n')
     plant(copy / "libtensormass/src/tissue/force.c", '#include "world/world_internal.h"\n')
     plant(copy / "libtensormass/src/world/step.c", '#include "tissue/cut_work.h"\n')
     found = list(architecture.outside_includes(copy, page, architecture.sources(copy, page)))
-    assert [line.split(":")[0] for line in found] == ["haptic_rt/io/say.c", "libtensormass/src/tissue/force.c", "libtensormass/src/world/step.c"], found
+    assert [line.split(":")[0] for line in found] == ["haptic_rt/io/status_log.c", "libtensormass/src/tissue/force.c", "libtensormass/src/world/step.c"], found
 
 
 def test_a_planted_circle_of_python_modules_is_found(root, tmp_path):
     shutil.copytree(root / "python/tensormass", tmp_path / "package")
-    plant(tmp_path / "package/state.py", "        from .patch import PatchMaker\n        call(lib.tm_stage_energy, self)\n", "        call(lib.tm_stage_energy, self)\n")
+    plant(tmp_path / "package/state.py", "        from .patch import PatchBuilder\n        call(lib.tm_stage_energy, self)\n", "        call(lib.tm_stage_energy, self)\n")
     assert ["instruments", "patch", "state"] == [m for m in architecture.circles(architecture.python_imports(tmp_path / "package"))[0] if m in ("instruments", "patch", "state")]
 
 
@@ -132,4 +132,4 @@ def test_a_planted_link_is_found(copy, page):
     plant(copy / "haptic_rt/module.mk", "settings.c) libtensormass/scene/units.c ", "settings.c) ")
     plant(copy / "libtensormass/module.mk", "libtensormass/src/*/*.c),,-lcjson)", "libtensormass/src/*/*.c))")
     found = list(architecture.outside_links(page, architecture.link_lines(copy)))
-    assert found == ["build/bin/haptic-rt of haptic_rt/io links libtensormass/scene", "build/lib/libtensormass.so.0.1.0 of libtensormass/src links -lcjson"]
+    assert found == ["build/bin/haptic-rt of haptic_rt/io links libtensormass/scene", "build/lib/libtensormass.so.0.2.0 of libtensormass/src links -lcjson"]

@@ -218,7 +218,7 @@ static const hrt_twin arm_twin = {
 def test_a_device_is_a_file_and_a_row(root, plain, tmp_path):
     """A third device, in a copy where nothing else was touched: its description and geometry pass the others' tests, and the tick that is given anything
     keeps every promise on it."""
-    for folder in ("haptic_rt", "law", "tests", "libtensormass/numeric"):
+    for folder in ("haptic_rt", "contact_law", "tests", "libtensormass/numeric"):
         shutil.copytree(root / folder, tmp_path / folder)
     (tmp_path / "haptic_rt/core/device_arm.h").write_text(DEVICE)
     table = tmp_path / "haptic_rt/core/device_types.h"

@@ -18,8 +18,8 @@ def test_the_glossary_is_in_order(root):
     page = (root / "docs/glossary.md").read_text()
     words = re.findall(r"^\| ([a-z' ]+) \|", page, re.M)[1:]
     assert len(words) > 25 and words == sorted(set(words), key=lambda w: w.replace("'", "")), [w for w, v in zip(words, sorted(words)) if w != v]
-    sources = "".join(p.read_text() for folder in ("libtensormass", "haptic_rt", "apps", "lcm_types", "law") for p in (root / folder).rglob("*.[ch]"))
+    sources = "".join(p.read_text() for folder in ("libtensormass", "haptic_rt", "apps", "lcm_types", "contact_law") for p in (root / folder).rglob("*.[ch]"))
     for name in set(re.findall(r"`((?:tm|tms|hrt|app|sim)_[a-z_]+|[A-Z]+_[A-Z_]+)`", page)):
         assert re.search(rf"\b{name}\b", sources), f"nothing is called {name}"
-    for path in re.findall(r"`((?:haptic_rt|law|lcm_types)/[a-z_/]+\.h)`", page):
+    for path in re.findall(r"`((?:haptic_rt|contact_law|lcm_types)/[a-z_/]+\.h)`", page):
         assert (root / path).is_file(), path

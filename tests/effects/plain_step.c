@@ -46,7 +46,7 @@ static int64_t add_and_remove(tm_world *world) {
     tm_grasp *hold = NULL;
     fix_ok(tm_stage_grasp(world, handle, &grasp, &hold, &error), &error);
     tm_patch_def patch = tm_patch_def_default();
-    tm_patch_maker *maker = NULL;
+    tm_patch_builder *maker = NULL;
     fix_ok(tm_stage_patch(world, handle, &patch, &maker, &error), &error);
     static const char *const name[] = {"patch", "grasp", "cut", "contact", "support", "load", "gravity"};
     for (int i = 0; i < 7; i++) fix_ok(tm_world_remove_stage(world, name[i], &error), &error);

@@ -42,15 +42,15 @@ def test_both_lines_are_named(bin, root, tmp_path, one, model):
 
 
 def test_the_others_go_together(bin, root, tmp_path):
-    for text in ("volume viscosity friction", "rotation viscosity friction", "rotation volume viscosity friction", "friction model: precomputed"):
+    for text in ("strain_smoothing viscosity friction", "rotation viscosity friction", "rotation strain_smoothing viscosity friction", "friction model: precomputed"):
         effects = "".join(EFFECT.get(e, "") for e in text.split())
         if "rotation" in text:
-            effects = effects.replace(EFFECT["volume"], "volume:\n")
+            effects = effects.replace(EFFECT["strain_smoothing"], "strain_smoothing:\n")
         _, code, said = check(bin, root, tmp_path, effects + ("model: precomputed\n" if "model" in text else ""))
         assert code == 0, said
 
 
-@pytest.mark.parametrize("other", ["rotation", "volume", "viscosity", "model: precomputed", "linear", "stretch", "single"])
+@pytest.mark.parametrize("other", ["rotation", "strain_smoothing", "viscosity", "model: precomputed", "linear", "stretch", "single"])
 def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
     law = "density: 1000 kg/m3, law: neo-hooke"
     text = SCENE.replace("density: 1000 kg/m3", law + (", stretch: 1.1" if other == "stretch" else ""))
@@ -76,8 +76,8 @@ def test_a_law_asks_for_its_constants(bin, root, tmp_path, law, said):
 
 def test_turning_tissue_averages_no_shear(bin, root, tmp_path):
     """rotation takes volume with its share at 0, which is what it has there where none is written."""
-    scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["volume"])
+    scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["strain_smoothing"])
     lines = SCENE.count("\n")
-    assert code == 2 and f"{scene}:{lines + 2}" in said and f"{scene}:{lines + 1}" in said and "shear: 0" in said, said
-    _, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + "volume: {shear: 0}\n")
+    assert code == 2 and f"{scene}:{lines + 2}" in said and f"{scene}:{lines + 1}" in said and "shear_share: 0" in said, said
+    _, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + "strain_smoothing: {shear_share: 0}\n")
     assert code == 0, said

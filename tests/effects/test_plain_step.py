@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 # What a plain step is made of; static helpers may or may not be inlined.
-ALLOWED = re.compile(r"^(tm_world_step|substep|rotate|sound|look|flush|all_parts|run_part|tm_parts_\w+|tm_stage_force|tm_stage_integrate|tm_stage_integrate_still|tm_world_changes_few|tm_world_few_are_bounded|tm_force_pass|tm_tissue_force|tm_force_plain_double|below_plain_double"
+ALLOWED = re.compile(r"^(tm_world_step|substep|rotate|are_bounded|check_all|check_range|flush_denormals|all_parts|run_part|tm_partitions_\w+|tm_max_increment_m|tm_vertex_is_bounded|tm_stage_force|tm_stage_integrate|tm_stage_integrate_freeze_removed|tm_world_changes_few|tm_world_few_are_bounded|tm_force_pass|tm_tissue_force|tm_force_plain_double|halo_plain_double"
                      r"|_*mem(cpy|set|move).*|0x.*|main|__libc_start.*|\(below main\))$")  # the last three only call it
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 from paths import LONG
 
-NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position", "adaptive"]
+NAMES = ["hold", "time", "position", "broyden", "tangent", "local_model", "paper_position", "adaptive"]
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +38,8 @@ def test_logs_hold_samples_patches_and_truth(bin, root, logs, tmp_path):
     assert one["truth"] == "recorded" and one["samples"] > 100
     rms = {r["extrapolator"]: r["rms"] for r in one["rows"]}
     assert list(rms) == NAMES
-    assert rms["contact"] < rms["tangent"] < rms["position"] < rms["hold"]
-    assert rms["contact"] < rms["position"] / 10
+    assert rms["local_model"] < rms["tangent"] < rms["position"] < rms["hold"]
+    assert rms["local_model"] < rms["position"] / 10
 
 
 def test_latency_is_felt_by_hold_and_not_by_contact(bin, root, logs, tmp_path):
@@ -47,8 +47,8 @@ def test_latency_is_felt_by_hold_and_not_by_contact(bin, root, logs, tmp_path):
     late, = figures(bin, root, tmp_path, "--latency", "1", logs / "precomputed-tour.lcm")
     rms = [{r["extrapolator"]: r["rms"] for r in x["rows"]} for x in (now, late)]
     assert rms[1]["hold"] > 1.5 * rms[0]["hold"]
-    assert rms[1]["contact"] < 1.5 * rms[0]["contact"]
-    assert rms[1]["contact"] < rms[1]["position"] / 30
+    assert rms[1]["local_model"] < 1.5 * rms[0]["local_model"]
+    assert rms[1]["local_model"] < rms[1]["position"] / 30
 
 
 def test_signed_beats_unsigned_on_reversals(bin, root, logs, tmp_path):
@@ -127,7 +127,7 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
     both = figures(bin, root, tmp_path, rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "both.lcm", change))
     assert [x["instrument"] for x in both] == [0, 1] and [x["controller_sessions"] for x in both] == [1, 2]
     rows = {r["extrapolator"]: r for r in both[1]["rows"]}
-    assert rows["contact"]["needs"] == "patch" and "rms" not in rows["contact"]  # no PATCH_1 was written
+    assert rows["local_model"]["needs"] == "patch" and "rms" not in rows["local_model"]  # no PATCH_1 was written
     assert rows["position"]["rms"] > 0.001 and rows["hold"]["rms"] > rows["position"]["rms"]
 
 
@@ -137,10 +137,10 @@ def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
                    check=True, timeout=400, capture_output=True)
     run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
-    assert [line.split()[0] for line in run.stdout.splitlines() if "not in this log" in line] == ["tangent", "contact"]
+    assert [line.split()[0] for line in run.stdout.splitlines() if "not in this log" in line] == ["tangent", "local_model"]
     one, = json.loads((tmp_path / "e.json").read_text())["logs"]
     rows = {r["extrapolator"]: r for r in one["rows"]}
-    assert rows["tangent"] == {"extrapolator": "tangent", "needs": "stiffness"} and rows["contact"]["needs"] == "patch"
+    assert rows["tangent"] == {"extrapolator": "tangent", "needs": "stiffness"} and rows["local_model"]["needs"] == "patch"
     assert 0 < rows["broyden"]["rms"] < 0.1
 
 
@@ -181,7 +181,7 @@ def test_the_page_sets_aims_beside_figures(page):
     aims = {a["what"]: a for a in data["aims"]}
     rms = {r["extrapolator"]: r["rms"] for r in data["rows"] if r["path"] == "tour" and r["latency_frames"] == 2 and abs(r["speed_m_s"] - 0.03) < 1e-9 and r["truth"] == "model"}
     fast = aims["contact on precomputed tissue at 0.03 m/s, 2 late"]
-    assert fast["figure"] == pytest.approx(rms["position"] / rms["contact"]) and fast["met"] == (fast["figure"] >= 30)
+    assert fast["figure"] == pytest.approx(rms["position"] / rms["local_model"]) and fast["met"] == (fast["figure"] >= 30)
     assert fast["figure"] > 27  # patches look as far ahead as a sample may be late: 30.7; 22 where two frames, 11 where one
     rough = aims["the force itself, precomputed, 3 mm"]
     assert rough["met"] == (rough["figure"] <= 0.5) and rough["figure"] == pytest.approx(100 * data["roughness"][0]["largest"])
@@ -197,7 +197,7 @@ def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
     """Random cutting with `contact`: nothing above the truth's peak by more than a tenth, in time and late."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=900)
     rows = json.loads((tmp_path / "c.json").read_text())["cutting"]
-    contact = {(r["latency_frames"], r["instrument"]): r for r in rows if r["extrapolator"] == "contact"}
+    contact = {(r["latency_frames"], r["instrument"]): r for r in rows if r["extrapolator"] == "local_model"}
     assert set(contact) == {(late, hand) for late in (0, 1, 2) for hand in (0, 1)} and all(r["cut"] > 50 and r["judged"] > 3000 for r in rows)
     assert contact[0, 0]["rms"] != contact[0, 1]["rms"]  # each hand's own force, of one run
     for r in contact.values():
@@ -229,7 +229,7 @@ def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     """Measured 13.7 times hold's stiffness."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)
     at = {r["extrapolator"]: r["stiffness_N_m"] for r in json.loads((tmp_path / "loop.json").read_text())["tissue-loop"]}
-    assert 300 < at["hold"] < 2000 and at["contact"] > 10 * at["hold"]
+    assert 300 < at["hold"] < 2000 and at["local_model"] > 10 * at["hold"]
 
 
 @pytest.mark.parametrize("arguments, says", [
@@ -289,7 +289,7 @@ time: {{frame_rate: 20 Hz, duration: 0.1 s}}
 
 # --- tissue that is cut or held while it is felt ---
 
-HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid is dearer than both many times over
+HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid is costlier than both many times over
 HELD = [word for model in HOLDING for word in ("--model", model)]
 
 
@@ -309,14 +309,14 @@ def test_contact_feels_what_the_other_hand_cuts(hands, late):
     """Measured 0.44, 0.21 and 0.14 of `position`'s error; a cut elsewhere is no jump at the hand. Without latency the samples of two rates of simulation
     already differ by 0.36 % of the peak and patches from their samples by 0.7 %, of 1.84 % that `position` errs."""
     at = hands("other-hand-cuts", late)
-    assert at["contact"]["cut_true"] > 80 and at["contact"]["cut_shared"] == at["contact"]["cut_true"]
-    assert at["contact"]["rms"] < at["position"]["rms"] / (3 if late else 2) and at["tangent"]["rms"] < at["position"]["rms"]
-    assert at["contact"]["jump_arrival"] < 0.03 and at["contact"]["off_patch"] == 0
+    assert at["local_model"]["cut_true"] > 80 and at["local_model"]["cut_shared"] == at["local_model"]["cut_true"]
+    assert at["local_model"]["rms"] < at["position"]["rms"] / (3 if late else 2) and at["tangent"]["rms"] < at["position"]["rms"]
+    assert at["local_model"]["jump_arrival"] < 0.03 and at["local_model"]["off_patch"] == 0
 
 
 def test_two_simulations_cut_nearly_the_same(hands):
     for path in ("other-hand-cuts", "same-hand-cuts"):
-        own = hands(f"{path}, own cuts", 0)["contact"]
+        own = hands(f"{path}, own cuts", 0)["local_model"]
         assert own["cut_shared"] > 0.9 * own["cut_true"], path
 
 
@@ -325,10 +325,10 @@ def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
     """What was cut since the sample nobody at the hand can know; the rest is as true as ever, and what is learnt late comes softly. (Without latency one tick
     jumps by 3.2 %, long after the last cut: a patch that differs from its sample by so much.)"""
     at = hands("same-hand-cuts", late)
-    contact = at["contact"]
+    contact = at["local_model"]
     assert contact["cut_true"] > 80 and contact["cut_since_error2"] > 0.9 and contact["cut_since_ticks"] < 0.5
     assert contact["jump_arrival"] < (0.03 if late else 0.034) and at["position"]["jump_arrival"] > 0.45
-    assert contact["jump_arrival"] < at["contact-unbridged"]["jump_arrival"] / 4
+    assert contact["jump_arrival"] < at["local_model-unbridged"]["jump_arrival"] / 4
 
 
 def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
@@ -345,8 +345,8 @@ def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
 def test_grasped_and_pulled_has_rows(hands, model):
     for late in (0, 1, 2):
         at = hands("grasped-and-pulled", late, model)
-        assert set(NAMES) <= set(at) and at["contact"]["peak_N"] > 0.3
-        assert at["contact"]["rms"] <= at["position"]["rms"]
+        assert set(NAMES) <= set(at) and at["local_model"]["peak_N"] > 0.3
+        assert at["local_model"]["rms"] <= at["position"]["rms"]
 
 
 # --- operating scenes ---
@@ -365,7 +365,7 @@ def test_operating_scenes_have_every_law_rate_and_phase(operating):
     assert all(sum(p["ticks"] for p in r["phases"].values()) == r["judged"] for r in operating)
 
 
-@pytest.mark.parametrize("name", ["hold", "time", "position", "broyden", "tangent", "contact", "adaptive"])
+@pytest.mark.parametrize("name", ["hold", "time", "position", "broyden", "tangent", "local_model", "adaptive"])
 def test_more_samples_err_less_by_every_law_and_at_the_tick_rate_none_guesses(operating, name):
     """Consistency: the error falls with the rate, and with a sample in every tick a law is `hold`."""
     for scene, mode in {(r["scene"], r["mode"]) for r in operating}:
@@ -394,8 +394,8 @@ def test_a_cut_that_fades_is_felt_evenly(operating):
 def test_frozen_directions_are_right_for_a_hold_and_a_small_motion(operating):
     """SOFA's way beside `contact`: with a hold, which is linear, as true; on a probe that slides over faces several times worse, and better than `hold`."""
     at = lambda scene, mode, name: next(r["rms"] for r in operating if (r["scene"], r["mode"], r["extrapolator"], r["rate_Hz"], r["latency_samples"]) == (scene, mode, name, 25, 1))
-    assert abs(at("liver-dissect", "grasper", "frozen") / at("liver-dissect", "grasper", "contact") - 1) < 0.05
-    assert 2 * at("liver-press", "probe", "contact") < at("liver-press", "probe", "frozen") < 0.5 * at("liver-press", "probe", "hold")
+    assert abs(at("liver-dissect", "grasper", "frozen") / at("liver-dissect", "grasper", "local_model") - 1) < 0.05
+    assert 2 * at("liver-press", "probe", "local_model") < at("liver-press", "probe", "frozen") < 0.5 * at("liver-press", "probe", "hold")
 
 
 def test_adaptive_is_near_the_best_law_and_never_above_hold(operating):

@@ -59,7 +59,7 @@ static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
     *patch = (hrt_patch){.seq = seq,
                          .topology_revision = 1,
                          .vertex_count = nx * ny,
-                         .skin_compliance_m_N = 0.001f,
+                         .contact_compliance_m_N = 0.001f,
                          .radius_m = 0.0025f,
                          .contact_length_m = 0.05f};
     for (int32_t v = 0; v < nx * ny; v++) {
@@ -91,14 +91,14 @@ static void grasp(hrt_patch *patch, const float tip_m[3]) {
     const int32_t before = 3 * patch->vertex_count, n = before - 3;
     memcpy(own, patch->compliance_m_N, sizeof own);
     patch->vertex_count--, patch->triangle_count--;
-    patch->held = 1u << patch->vertex_count;
+    patch->grasped = 1u << patch->vertex_count;
     const float carried_m = tip_m[2] + patch->radius_m - surface_z(tip_m[0], tip_m[1]);
     float *entry = patch->compliance_m_N, near[HRT_PATCH_MAX_VERTICES];
     for (int32_t v = 0; v < patch->vertex_count; v++) {
         const float x = patch->vertex_m[3 * v] - tip_m[0], y = patch->vertex_m[3 * v + 1] - tip_m[1];
         near[v] = expf(-sqrtf(x * x + y * y) / reach_m);
         patch->vertex_m[3 * v + 2] += near[v] * carried_m;
-        if (x * x + y * y < grid_m * grid_m) patch->held |= 1u << v;
+        if (x * x + y * y < grid_m * grid_m) patch->grasped |= 1u << v;
     }
     for (int32_t row = 0; row < n; row++) {
         for (int32_t column = row; column < n; column++)
@@ -125,7 +125,7 @@ static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
         exit(1);
     }
     sample->patch = patch;
-    hrt_extrapolation_reset(model, HRT_CONTACT);
+    hrt_extrapolation_reset(model, HRT_LOCAL_MODEL);
     hrt_extrapolation_sample(model, params, sample);
     for (int32_t settle = 0; settle < 4; settle++)
         hrt_extrapolation_force(model, params, sample->t_us, sample->tip_m, sample->force_N);

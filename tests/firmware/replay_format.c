@@ -52,22 +52,22 @@ void replay_patch(replay_bytes *bytes, hrt_patch *patch) {
     number(bytes, &patch->topology_revision);
     number(bytes, &patch->vertex_count);
     number(bytes, &patch->triangle_count);
-    raw(bytes, &patch->held, 4);
+    raw(bytes, &patch->grasped, 4);
     if (patch->vertex_count < 0 || patch->vertex_count > HRT_PATCH_MAX_VERTICES ||
-        hrt_patch_places(patch) > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 0 ||
+        hrt_patch_nodes(patch) > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 0 ||
         patch->triangle_count > HRT_PATCH_MAX_TRIANGLES) {
         bytes->failed = true;
         return;
     }
-    const uint32_t n = 3u * (uint32_t)hrt_patch_places(patch);
-    if (hrt_patch_holds(patch)) raw(bytes, &patch->rest_m[hrt_patch_tip(patch)], 12);
+    const uint32_t n = 3u * (uint32_t)hrt_patch_nodes(patch);
+    if (hrt_patch_grasps(patch)) raw(bytes, &patch->rest_m[hrt_patch_tip(patch)], 12);
     raw(bytes, patch->vertex_m, 4 * n);
     raw(bytes, patch->triangle, 3u * (uint32_t)patch->triangle_count);
     raw(bytes, patch->compliance_m_N, 2 * n * (n + 1));
-    raw(bytes, &patch->skin_compliance_m_N, 4);
+    raw(bytes, &patch->contact_compliance_m_N, 4);
     raw(bytes, &patch->radius_m, 4);
     raw(bytes, &patch->contact_length_m, 4);
-    raw(bytes, &patch->film_s_m, 4);
+    raw(bytes, &patch->drag_s_m, 4);
     raw(bytes, &patch->radiation_N_s_m, 4);
     raw(bytes, &patch->radiation_s, 4);
 }

@@ -22,7 +22,7 @@ typedef struct actor {
     tm_world *world;
     tm_contact *contact;
     tm_grasp *grasp;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_precomputed *stored;
     int stored_calls;
     uint64_t hash;
@@ -155,7 +155,7 @@ static void add_stage(actor *a, int which) {
         break;
     case 3: {
         tm_grasp_def def = tm_grasp_def_default();
-        if (fuzz_u8(b) % 4 == 0) def.fade_s = any_number(b);
+        if (fuzz_u8(b) % 4 == 0) def.release_time_s = any_number(b);
         if (fuzz_u8(b) % 8 == 0) def.cookie = 0;
         tm_grasp *grasp = NULL;
         status = tm_stage_grasp(a->world, a->contact, &def, &grasp, &error);
@@ -165,7 +165,7 @@ static void add_stage(actor *a, int which) {
     case 4: {
         tm_patch_def def = tm_patch_def_default();
         def.iterations = 8;
-        tm_patch_maker *maker = NULL;
+        tm_patch_builder *maker = NULL;
         status = tm_stage_patch(a->world, a->contact, &def, &maker, &error);
         if (status == TM_OK) a->maker = maker;
         break;
@@ -245,7 +245,7 @@ static void snapshot(actor *a) {
 
 static void stored_model(actor *a) {
     fuzz_bytes *b = &a->bytes;
-    if (a->stored_calls++ > 1) return; /* they are dear */
+    if (a->stored_calls++ > 1) return; /* they are expensive */
     if (!a->stored) {
         tm_contact_def contact = tm_contact_def_default();
         contact.instrument_count = 2, contact.instrument = tools;
@@ -266,7 +266,7 @@ static void stored_model(actor *a) {
     switch (fuzz_u8(b) % 6) {
     case 0: tm_precomputed_update(a->stored, pose); break;
     case 1: tm_precomputed_impose(a->stored, 1, &vertex, u, any_number(b), NULL); break;
-    case 2: tm_precomputed_place(a->stored, instrument, pose); break;
+    case 2: tm_precomputed_set_pose(a->stored, instrument, pose); break;
     case 3: tm_precomputed_patch(a->stored, instrument, u, any_number(b), 24, 32, &patch); break;
     case 4: tm_precomputed_reaction(a->stored, instrument); break;
     case 5: tm_precomputed_imposed_force(a->stored, instrument, force); break;
@@ -298,12 +298,12 @@ static void call(actor *a) {
     case 5: {
         const tm_tool_pose pose = any_pose(b);
         tm_contact_begin_frame(a->contact, count, any_index(b, 24));
-        tm_contact_move(a->contact, instrument, &pose, count);
+        tm_contact_set_target(a->contact, instrument, &pose, count);
         break;
     }
     case 6: {
         const tm_tool_pose pose = any_pose(b);
-        tm_contact_place(a->contact, instrument, &pose);
+        tm_contact_set_pose(a->contact, instrument, &pose);
         break;
     }
     case 7:
@@ -315,8 +315,8 @@ static void call(actor *a) {
     case 13: tm_world_set_step(a->world, any_number(b), NULL); break;
     case 14: tm_support_move(a->world, any_index(b, 3), any_number(b)); break;
     case 15:
-        tm_patch_make(a->maker, instrument, &patch);
-        tm_grasp_held(a->grasp, instrument, NULL, NULL);
+        tm_patch_compute(a->maker, instrument, &patch);
+        tm_grasp_vertices(a->grasp, instrument, NULL, NULL);
         if (a->hybrid && has(a, "hybrid")) tm_hybrid_recover(a->hybrid, a->world);
         break;
     case 16: {

@@ -78,7 +78,7 @@ static void same_again(app_message_kind kind, const uint8_t *bytes, int size) {
 }
 
 static void give(app_message_kind kind, const uint8_t *bytes, int size) {
-    char channel[APP_CHANNEL_ROOM];
+    char channel[APP_CHANNEL_CAPACITY];
     app_channel_name(kind, 0, channel);
     app_queue_set_clock(queue, now);
     same_again(kind, bytes, size);

@@ -38,16 +38,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->vertex_count = fuzz_u8(&b) % (HRT_PATCH_MAX_VERTICES + 3);
             patch->triangle_count = fuzz_u8(&b) % (HRT_PATCH_MAX_TRIANGLES + 3);
             patch->radius_m = 0.0025f;
-            patch->skin_compliance_m_N = 1e-4f;
+            patch->contact_compliance_m_N = 1e-4f;
             patch->contact_length_m = 0.05f;
-            patch->film_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is refused */
+            patch->drag_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is refused */
             patch->radiation_N_s_m = (float)fuzz_u8(&b) / 16; /* from 10 N s/m on it is refused */
             patch->radiation_s = (float)fuzz_u8(&b) / 1024;
             patch->friction_static = (float)fuzz_u8(&b) / 64; /* above 2 it is refused, and sliding above static */
-            patch->friction_sliding = (float)fuzz_u8(&b) / 256;
+            patch->friction_kinetic = (float)fuzz_u8(&b) / 256;
             const int own = 3 * patch->vertex_count;
-            if (what & 2) patch->held = patch->vertex_count < 31 ? 1u << patch->vertex_count | fuzz_u8(&b) : 1u;
-            int dofs = 3 * hrt_patch_places(patch);
+            if (what & 2) patch->grasped = patch->vertex_count < 31 ? 1u << patch->vertex_count | fuzz_u8(&b) : 1u;
+            int dofs = 3 * hrt_patch_nodes(patch);
             if (dofs > HRT_PATCH_DOFS) dofs = HRT_PATCH_DOFS;
             floats(&b, patch->vertex_m, dofs, what & 64);
             fuzz_take(&b, patch->triangle, sizeof patch->triangle);

@@ -19,8 +19,8 @@ static void go_on(int frames) {
         tm_tool_pose probe = {.tip_m = {0.005, 0.005, 0.0105 - 0.0002 * i}, .active = true};
         tm_tool_pose cautery = {.tip_m = {0.002, 0.002, 0.011 - 0.0002 * i}, .active = true};
         tm_contact_begin_frame(contact, 8, 2);
-        tm_contact_move(contact, 0, &probe, 8);
-        tm_contact_move(contact, 1, &cautery, 8);
+        tm_contact_set_target(contact, 0, &probe, 8);
+        tm_contact_set_target(contact, 1, &cautery, 8);
         tm_world_step(world, 8);
     }
 }

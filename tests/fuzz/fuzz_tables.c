@@ -7,7 +7,7 @@
 #include "fuzz.h"
 #include "io/profile.h"
 #include "io/samples.h"
-#include "mesh/shell.h"
+#include "mesh/signed_distance.h"
 #include "scene/units.h"
 #include "tensormass_io.h"
 

@@ -21,7 +21,7 @@ $(call fuzzer,fuzz_can fuzz_sample,,$(DEVICE_LIBS))
 $(call fuzzer,fuzz_lcm,,lcm_types $(DEVICE_LIBS))
 $(call fuzzer,fuzz_receiver,,lcm_types,-llcm)
 $(call fuzzer,fuzz_scene,,$(SIM_LIBS),-lyaml -lcjson)
-$(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(DEVICE_LIBS) $(SCENE_LIBS),-lyaml)
+$(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/samples.c apps/mesh/signed_distance.c apps/mesh/signed_distance_stl.c,$(DEVICE_LIBS) $(SCENE_LIBS),-lyaml)
 $(OUT)/tests/fuzz/%: SAN := $(filter-out -fsanitize=fuzzer-no-link%,$(SAN)) -fsanitize=fuzzer,address,undefined
 # Their own objects: libFuzzer wants to see at least the target itself.
 FUZZ_OBJ := $(call objects,$(wildcard tests/fuzz/*.c))

@@ -5,7 +5,7 @@
 Seconds are the processor's. --more adds to what the last run did.
 
 Seeds: tests/fuzz/corpus/NAME/ (committed, findings among them) and what earlier runs found (BUILD/corpus/NAME/). A finding is left in
-BUILD/findings/NAME/; the exit status is then 1. Kept findings belong into tests/fuzz/corpus/NAME/ once they are mended.
+BUILD/findings/NAME/; the exit status is then 1. Kept findings belong into tests/fuzz/corpus/NAME/ once they are repaired.
 """
 import argparse
 import concurrent.futures

@@ -45,7 +45,7 @@ int main(int argc, char **argv) {
         tm_tissue_def tissue = tm_tissue_def_default();
         tissue.mesh = mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
         tissue.precision = precision;
-        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.volume = named(argc, argv, "volume");
+        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.strain_smoothing = named(argc, argv, "volume");
         scene s = {.def = def, .mesh = mesh};
         scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
         tm_world_def world = tm_world_def_default();

@@ -6,7 +6,7 @@ tm_status frame(tm_world *world, tm_contact *contact, const tm_tool_pose *to, do
 
 tm_status frame(tm_world *world, tm_contact *contact, const tm_tool_pose *to, double *lowest_m) {
     tm_contact_begin_frame(contact, 20, 10);
-    tm_contact_move(contact, 0, to, 20);
+    tm_contact_set_target(contact, 0, to, 20);
     const tm_status status = tm_world_step(world, 20);
     if (status != TM_OK) return status;
     const double *u_m = tm_world_state(world)->u_m;

@@ -26,10 +26,10 @@ int main(int, char **word) {
         std::vector<std::int32_t> tet(mesh.tet().begin(), mesh.tet().end());
         for (std::size_t i = 0; i < 3 * n; i++) x[3 * (i / 3 * 611 % n) + i % 3] = mesh.rest_m()[i];
         for (std::int32_t &v : tet) v = std::int32_t(std::size_t(v) * 611 % n);
-        const tensormass::mesh inside(x, tet, {}, TM_NUMBERING_WHERE_POOR);
-        assert(mesh.given_vertex().empty() && file.build(TM_NUMBERING_WHERE_POOR).given_vertex().empty());
-        assert(inside.given_vertex().size() == n);
-        for (std::size_t v = 0; v < n; v++) assert(inside.rest_m()[3 * v] == x[3 * std::size_t(inside.given_vertex()[v])]);
+        const tensormass::mesh inside(x, tet, {}, TM_NUMBERING_IMPROVED);
+        assert(mesh.original_vertex().empty() && file.build(TM_NUMBERING_IMPROVED).original_vertex().empty());
+        assert(inside.original_vertex().size() == n);
+        for (std::size_t v = 0; v < n; v++) assert(inside.rest_m()[3 * v] == x[3 * std::size_t(inside.original_vertex()[v])]);
         std::vector<std::int32_t> dof;
         for (std::int32_t v : held)
             for (int a = 0; a < 3; a++) dof.push_back(3 * v + a);
@@ -61,7 +61,7 @@ int main(int, char **word) {
         contact.instrument_count = 1, contact.instrument = &tool;
         const tensormass::contact_ref touch = world.add_contact(contact);
         const std::vector<double> free_again = world.snapshot();
-        const std::int64_t most = world.snapshot_bytes_most();
+        const std::int64_t most = world.snapshot_bytes_max();
         const std::uint64_t free_hash = world.hash();
         double middle[3] = {0, 0, 0}, top = -1;
         for (std::size_t i = 0; i < 3 * n; i++) middle[i % 3] += mesh.rest_m()[i] / double(n);

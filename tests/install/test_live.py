@@ -83,7 +83,7 @@ def test_a_signal_ends_all(prefix, build, tmp_path, number):
 
 @pytest.mark.parametrize("words, said", [
     (["no-such-scene"], "tm-sim --list"),
-    (["liver-press", "--film", "a.mp4"], "--duration"),
+    (["liver-press", "--video", "a.mp4"], "--duration"),
     (["liver-press", "--record", "no/a.lcm"], "its folder is not there"),
     (["liver-press", "--duration", "-1"], "above 0"),
     (["liver-press", "--play"], "no display"),

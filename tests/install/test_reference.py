@@ -12,7 +12,7 @@ NAMES = ["tm-sim", "tm-mesh", "tm-scene", "tm-view", "tm-play", "tm-precompute",
 @pytest.fixture(scope="module")
 def reference(root, bin, tmp_path_factory):
     out = tmp_path_factory.mktemp("reference")
-    subprocess.run([sys.executable, root / "tools/reference/make_reference.py", bin, out, "0.1.0", *NAMES], check=True, timeout=400)
+    subprocess.run([sys.executable, root / "tools/reference/make_reference.py", bin, out, "0.2.0", *NAMES], check=True, timeout=400)
     return out
 
 

@@ -49,7 +49,7 @@ int main(int count, char **word) {
     tm_scene_pose_of(scene, 0, NULL, true);
     if (tm_scene_step(NULL, NULL) != TM_ERR_ARGUMENT || tm_scene_save(scene, NULL) != TM_ERR_ARGUMENT || tm_scene_restore(NULL, "s") != TM_ERR_ARGUMENT) return 3;
     if (tm_scene_mesh(NULL) || tm_scene_tissue(NULL) || tm_scene_world(NULL) || tm_scene_displacement(NULL) || tm_scene_hash(NULL)) return 4;
-    if (tm_scene_tell(NULL).vertex_count || tm_scene_surface(NULL).count) return 5;
+    if (tm_scene_get_info(NULL).vertex_count || tm_scene_surface(NULL).count) return 5;
     tm_scene_close(scene);
     return 0;
 }

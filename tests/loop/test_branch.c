@@ -1,5 +1,5 @@
-/* The unilateral problem by branches (law/branch.h) where a tool is met that is already deep in the tissue: the answer
- * is that of sweeps over the rows, and only the rows that end up bearing, or nearly, are coupled. */
+/* The unilateral problem by branches (contact_law/active_set.h) where a tool is met that is already deep in the tissue:
+ * the answer is that of sweeps over the rows, and only the rows that end up bearing, or nearly, are coupled. */
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -11,7 +11,7 @@
 
 #define LAW_REAL float
 enum { LAW_ROWS = 16, SOLVES = 4, SWEEPS = 20000 };
-#include "law/branch.h"
+#include "contact_law/active_set.h"
 
 static const float WIDE_M = 0.006f, GIVES_M_N = 0.003f, APART_M = 0.0025f;
 static int coupled;
@@ -35,20 +35,22 @@ static law_problem sunk(int32_t under, float deep_m, float radius_m) {
     for (int32_t i = 0; i < LAW_ROWS; i++) {
         const float away = apart_m(i, under);
         p.gap_m[i] = away * away / (2.0f * radius_m) - deep_m;
-        p.skin_m_N[i] = 0.001f;
+        p.row_compliance_m_N[i] = 0.001f;
     }
     coupled = 0, there = 0;
     return p;
 }
 
 static void by_sweeps(law_problem *p) {
-    p->bearing = p->rows;
-    for (int32_t i = 0; i < p->rows; i++) p->bears[i] = (uint8_t)i, law_couple(p, i);
+    p->loaded_count = p->rows;
+    for (int32_t i = 0; i < p->rows; i++) p->loaded[i] = (uint8_t)i, law_couple(p, i);
     for (int k = 0; k < SWEEPS; k++)
         for (int32_t i = 0; i < p->rows; i++) {
-            const float free_gap = law_row_error(p, i) - law_skin_depth(p->skin_m_N[i], p->soft_m, p->lambda_N[i]) -
+            const float free_gap = law_row_error(p, i) -
+                                   law_compliance_depth(p->row_compliance_m_N[i], p->soft_m, p->lambda_N[i]) -
                                    p->w[i][i] * p->lambda_N[i];
-            p->lambda_N[i] = law_skin_reaction(p->skin_m_N[i], p->soft_m, free_gap, p->w[i][i], p->cap_N);
+            p->lambda_N[i] =
+                law_compliance_reaction(p->row_compliance_m_N[i], p->soft_m, free_gap, p->w[i][i], p->cap_N);
         }
 }
 

@@ -43,7 +43,7 @@ static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump,
             p->compliance_m_N[packed(3 * VERTICES, i, j)] =
                 i % 3 == j % 3 ? 0.003f * expf(-far / (2.0f * spacing)) : 0.0f;
         }
-    p->skin_compliance_m_N = 0.0005f;
+    p->contact_compliance_m_N = 0.0005f;
     p->radius_m = 0.0025f;
     p->contact_length_m = 0.08f;
 }
@@ -156,7 +156,7 @@ static void pressing_flat_ground(void **state) {
     (void)state;
     static hrt_extrapolation x;
     ground(0.0f);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     float tip[3] = {0.0f, 0.0f, 0.11f}, force[3];
     take(&x, 0, tip, &patch, 1);
     settle(&x, tip, force);
@@ -189,7 +189,7 @@ static void waves_carry_off_a_swing(void **state) {
     assert_int_equal(hrt_patch_prepare(&with, scratch), HRT_ACCEPT);
     float tip[3] = {0.0f, 0.0f, 0.1185f}, force[2][3], more = 0.0f, taken_J = 0.0f, half = 0.0f;
     for (int i = 0; i < 2; i++) {
-        hrt_extrapolation_reset(&x[i], HRT_CONTACT);
+        hrt_extrapolation_reset(&x[i], HRT_LOCAL_MODEL);
         take(&x[i], 0, tip, i ? &with : &patch, 1);
     }
     for (int tick = 1; tick < 145; tick++) {
@@ -221,7 +221,7 @@ static void complementarity(void **state) {
     for (int k = 0; k < 30; k++) {
         make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
         assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
         take(&x, 0, tip, &patch, 1);
         for (int step = 0; step < 40; step++) { /* little by little, as a hand does */
@@ -246,9 +246,9 @@ static void complementarity(void **state) {
                 if (row[i].station != x.touch.row[b].station || row[i].triangle != x.touch.row[b].triangle ||
                     row[i].feature != x.touch.row[b].feature)
                     continue;
-                const double skin = (double)patch.skin_compliance_m_N / (double)row[i].share;
-                const double left =
-                    (double)row[i].gap_m + tm_skin_depth(skin, (double)patch.radius_m, (double)x.touch.row[b].lambda_N);
+                const double skin = (double)patch.contact_compliance_m_N / (double)row[i].share;
+                const double left = (double)row[i].gap_m + tm_contact_compliance_depth(skin, (double)patch.radius_m,
+                                                                                       (double)x.touch.row[b].lambda_N);
                 if (x.touch.row[b].lambda_N > 0.01f)
                     assert_true(fabs(left) < 2e-5);
                 else
@@ -286,11 +286,11 @@ static void the_force_is_that_of_the_simulation(void **state) {
         for (int i = 0; i < 3 * patch.triangle_count; i++) truth.triangle[i] = (int8_t)patch.triangle[i];
         for (int i = 0; i < 3 * VERTICES * (3 * VERTICES + 1) / 2; i++)
             truth.compliance_m_N[i] = (double)patch.compliance_m_N[i];
-        truth.skin_compliance_m_N = (double)patch.skin_compliance_m_N;
+        truth.contact_compliance_m_N = (double)patch.contact_compliance_m_N;
         truth.force_cap_N = 50.0;
         truth.radius_m = (double)patch.radius_m;
         truth.contact_length_m = (double)patch.contact_length_m;
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
         take(&x, 0, tip, &patch, 1);
         for (int step = 0; step < 50; step++) { /* in, and sideways */
@@ -344,7 +344,7 @@ static void hold_ground(tm_patch_solver *solver, uint64_t *seed, const double ti
         for (int j = 0; j < 3; j++) truth->triangle[3 * truth->triangle_count + j] = (int8_t)corner[j];
         truth->face[truth->triangle_count++] = t;
     }
-    truth->skin_compliance_m_N = (double)patch.skin_compliance_m_N;
+    truth->contact_compliance_m_N = (double)patch.contact_compliance_m_N;
     truth->force_cap_N = 50.0;
     truth->radius_m = (double)patch.radius_m;
     truth->contact_length_m = (double)patch.contact_length_m;
@@ -352,8 +352,8 @@ static void hold_ground(tm_patch_solver *solver, uint64_t *seed, const double ti
         force_N[i] = (double)rig_uniform(seed, -0.1f, 0.1f) - (i % 3 == 2 ? 0.2 : 0.0);
         target_m[i] = truth->vertex_m[3 * vertex[i / 3] + i % 3] + 0.2e-3 * force_N[i];
     }
-    const tm_patch_hold hold = {HELD, vertex, target_m, force_N, 0.2e-3};
-    assert_true(tm_patch_fill_held(solver, truth, &hold, tip_m, ground_block, &patch, NULL, 0));
+    const tm_patch_grasp hold = {HELD, vertex, target_m, force_N, 0.2e-3};
+    assert_true(tm_patch_fill_grasped(solver, truth, &hold, tip_m, ground_block, &patch, NULL, 0));
     for (int v = 0; v < VERTICES - 1; v++) truth->vertex[v] += 100 * name; /* another patch each time */
     patch_to_controller(truth, held);
 }
@@ -385,7 +385,7 @@ static void a_hold_pulls_as_the_simulation_says(void **state) {
         const double at_start[3] = {(double)tip[0], (double)tip[1], (double)tip[2]};
         hold_ground(solver, &seed, at_start, k, &truth, &held);
         assert_int_equal(hrt_patch_prepare(&held, scratch), HRT_ACCEPT);
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take_grasper(&x, 0, tip, &held, 1);
         for (int step = 0; step < 50; step++) { /* every other one pulls; the others press in and sideways */
             double at[3], expected[3], along = 0.0;
@@ -396,8 +396,9 @@ static void a_hold_pulls_as_the_simulation_says(void **state) {
             tm_patch_force(solver, &truth, at, expected, NULL);
             if ((x.limits & HRT_LIMIT_PATCH) != 0) break;
             for (int i = 0; i < 3; i++) {
-                double hold = truth.hold_N[i];
-                for (int j = 0; j < 3; j++) hold += truth.hold_stiffness_N_m[3 * i + j] * (at[j] - truth.hold_tip_m[j]);
+                double hold = truth.grasp_N[i];
+                for (int j = 0; j < 3; j++)
+                    hold += truth.grasp_stiffness_N_m[3 * i + j] * (at[j] - truth.grasp_tip_m[j]);
                 along += pow(expected[i] - hold, 2);
                 worst = fmax(worst, fabs((double)force[i] - expected[i]));
                 most = fmax(most, fabs(expected[i]));
@@ -406,7 +407,7 @@ static void a_hold_pulls_as_the_simulation_says(void **state) {
             compared++;
         }
         /* A probe is not pulled: for it there is no such patch. */
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take(&x, 0, start, &held, 1);
         hrt_extrapolation_force(&x, &params, 0, start, force);
         assert_true((x.limits & HRT_LIMIT_PATCH) != 0 && force[2] == 0.0f);
@@ -434,7 +435,7 @@ static void jaws_close_and_open_without_a_jump(void **state) {
     hold_ground(solver, &seed, at, 0, &truth, &held);
     tm_patch_solver_destroy(solver);
     assert_int_equal(hrt_patch_prepare(&held, scratch), HRT_ACCEPT);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     for (int t = 0; t < 120; t++) {
         if (t % 20 == 0) take_grasper(&x, 2000 * t, tip, t / 20 % 2 ? &held : &patch, (uint32_t)t + 1);
         hrt_extrapolation_force(&x, &params, 2000 * t, tip, force);
@@ -456,8 +457,8 @@ static void two_linearisations_suffice(void **state) {
     (void)state;
     static hrt_extrapolation fast, slow;
     ground(0.0006f);
-    hrt_extrapolation_reset(&fast, HRT_CONTACT);
-    hrt_extrapolation_reset(&slow, HRT_CONTACT);
+    hrt_extrapolation_reset(&fast, HRT_LOCAL_MODEL);
+    hrt_extrapolation_reset(&slow, HRT_LOCAL_MODEL);
     float tip[3] = {-0.004f, 0.0f, 0.1172f}, f[2][3], past[2][2][3] = {0};
     take(&fast, 0, tip, &patch, 1);
     take(&slow, 0, tip, &patch, 1);
@@ -493,7 +494,7 @@ static void leaving_the_patch_hands_over_without_a_jump(void **state) {
     (void)state;
     static hrt_extrapolation x;
     ground(0.0002f);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     float tip[3] = {0.0f, 0.0f, 0.1175f}, force[3], last[3] = {0}, most = 0.0f;
     take(&x, 0, tip, &patch, 1);
     bool left = false;
@@ -560,8 +561,8 @@ static void a_patch_is_left_where_it_errs(void **state) {
     narrower(&patch, &less);
     for (int line = 0; line < 6; line++) {
         float tip[3] = {0.0f, 0.0007f * (float)(line - 3), 0.1185f}, force[2][3];
-        hrt_extrapolation_reset(&whole, HRT_CONTACT);
-        hrt_extrapolation_reset(&part, HRT_CONTACT);
+        hrt_extrapolation_reset(&whole, HRT_LOCAL_MODEL);
+        hrt_extrapolation_reset(&part, HRT_LOCAL_MODEL);
         take(&whole, 0, tip, &patch, 1);
         take(&part, 0, tip, &less, 1);
         for (int t = 0; t < 375; t++) { /* 10 mm/s; the patch ends after 4 mm */
@@ -588,7 +589,7 @@ static void cut_stale_or_missing_patch(void **state) {
     ground(0.0002f);
     float tip[3] = {0.0f, 0.0f, 0.1185f}, force[3];
     for (int what = 0; what < 3; what++) {
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take(&x, 0, tip, &patch, 1);
         settle(&x, tip, force);
         assert_false((x.limits & HRT_LIMIT_PATCH) != 0);
@@ -632,11 +633,11 @@ static void going_over_while_the_tool_moves(void **state) {
     cut_softer(&softer);
     for (int k = 0; k < 5; k++) {
         float tip[3] = {0.0f, 0.0f, 0.1185f}, force[3], law[3], last, last_law, largest = 0.0f;
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take(&x, 0, tip, &patch, 1);
         settle(&x, tip, force);
         last = force[2];
-        hrt_extrapolation_reset(&twin, HRT_CONTACT);
+        hrt_extrapolation_reset(&twin, HRT_LOCAL_MODEL);
         take_cut(&twin, 0, tip, &softer, 1);
         settle(&twin, tip, law);
         last_law = law[2];
@@ -666,7 +667,7 @@ static void samples_in_every_tick_are_followed(void **state) {
     for (int what = 0; what < 4; what++) {
         const float tip[3] = {0.0f, 0.0f, 0.1185f};
         float force[3], worst = 0.0f, size;
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take(&x, 0, tip, &patch, 1);
         settle(&x, tip, force);
         size = force[2];
@@ -694,7 +695,7 @@ static float denied(hrt_extrapolation *x, const float tip[3], float said_N, uint
     hrt_sample s = {.session = SIM, .t_us = 40000, .seq = 2, .unilateral = true, .patch = &patch, .flags = flags};
     memcpy(s.tip_m, tip, sizeof s.tip_m);
     s.force_N[2] = said_N;
-    hrt_extrapolation_reset(x, HRT_CONTACT);
+    hrt_extrapolation_reset(x, HRT_LOCAL_MODEL);
     hrt_extrapolation_sample(x, &params, &s);
     settle(x, tip, force);
     return force[2];
@@ -709,7 +710,7 @@ static void a_patch_that_denies_its_sample(void **state) {
     ground(0.0002f);
     const float tip[3] = {0.0f, 0.0f, 0.1185f};
     float force[3];
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     take(&x, 0, tip, &patch, 1);
     settle(&x, tip, force);
     const float size = force[2], shares[] = {1.0f, 0.8f, 1.3f, 0.3f, 3.0f};
@@ -730,12 +731,12 @@ static void a_cautery_at_work_foretells_little(void **state) {
     const float at[3] = {0.0f, 0.0f, 0.1185f};
     float force[3], moved[2];
     ground(0.0002f);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     take(&x, 0, at, &patch, 1);
     settle(&x, at, force);
     for (int cutting = 0; cutting < 2; cutting++) {
         float tip[3] = {0.0f, 0.0f, 0.1185f};
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         for (int k = 0; k < 3; k++) {
             hrt_sample s = {.session = SIM, .t_us = 40000 * k, .seq = (uint32_t)k, .unilateral = true, .patch = &patch};
             s.flags = cutting ? HRT_FLAG_CUTTING : 0;
@@ -780,7 +781,7 @@ static void a_new_patch_is_not_felt(void **state) {
         for (int j = 0; j < 3; j++) other.triangle[3 * u + j] = (uint8_t)(n - 1 - patch.triangle[3 * t + j]);
     }
     assert_int_equal(hrt_patch_prepare(&other, scratch), HRT_ACCEPT);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     float tip[3] = {0.0006f, 0.0003f, 0.1187f}, force[3], after[3];
     take(&x, 0, tip, &patch, 1);
     settle(&x, tip, force);
@@ -801,7 +802,7 @@ static void met_deep_it_settles(void **state) {
     for (int k = 0; k < 200; k++) {
         make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
         assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
-        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         const float tip[3] = {rig_uniform(&seed, -0.002f, 0.002f), rig_uniform(&seed, -0.002f, 0.002f),
                               0.1175f + rig_uniform(&seed, 0.5f, 2.2f) * 0.0025f};
         float force[40][3];
@@ -845,7 +846,7 @@ static void hold_something(hrt_patch *p) {
         memmove(&p->triangle[3 * kept++], corner, 3);
     }
     p->triangle_count = kept;
-    p->held = 1u << p->vertex_count | 6u << 10;
+    p->grasped = 1u << p->vertex_count | 6u << 10;
     for (int i = 0; i < 3 * p->vertex_count; i++)
         for (int c = 0; c < 3; c++)
             p->compliance_m_N[packed(3 * VERTICES, i, 3 * p->vertex_count + c)] = c == i % 3 ? 0.5f : 0.0f;
@@ -882,11 +883,11 @@ static void spoil_patch(hrt_patch *p, int what) {
     case 7: p->compliance_m_N[0] = -0.001f; break;
     case 8: p->compliance_m_N[3] = 0.01f; break; /* a coupling larger than what it couples */
     case 9: p->radius_m = 1.0f; break;
-    case 10: p->skin_compliance_m_N = -1.0f; break;
+    case 10: p->contact_compliance_m_N = -1.0f; break;
     case 11: memset(p->compliance_m_N, 0, sizeof p->compliance_m_N); break; /* rigid: semidefinite all the same */
     case 12: p->vertex_count = 2; break;
     case 13: p->rest_m[3] = NAN; break;
-    case 14: p->held = 1u << VERTICES; break; /* no place for the tip */
+    case 14: p->grasped = 1u << VERTICES; break; /* no place for the tip */
     default: break;
     }
 }
@@ -914,8 +915,8 @@ static void bad_patches(void **state) {
 static void spoil_hold(hrt_patch *p, int what) {
     float *stiffness = &p->compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
     switch (what) {
-    case 1: p->held = 3u; break; /* held vertices, and no hold */
-    case 2: p->held |= 1u << (VERTICES + 4); break;
+    case 1: p->grasped = 3u; break; /* held vertices, and no hold */
+    case 2: p->grasped |= 1u << (VERTICES + 4); break;
     case 3: stiffness[0] = 200.0f; break;         /* pushes on */
     case 4: p->compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
     case 5: p->compliance_m_N[70] = NAN; break;
@@ -942,10 +943,10 @@ static void spoil_drag(hrt_patch *p, int what) {
     case 1: p->radiation_s = NAN; break;
     case 2: p->radiation_N_s_m = 11.0f; break;
     case 3: p->friction_static = 2.1f; break;
-    case 4: p->friction_static = 0.2f, p->friction_sliding = 0.3f; break;
+    case 4: p->friction_static = 0.2f, p->friction_kinetic = 0.3f; break;
     case 5: p->friction_static = NAN; break;
-    case 6: p->friction_sliding = -0.1f; break;
-    case 7: p->friction_static = 2.0f, p->friction_sliding = 2.0f; break;
+    case 6: p->friction_kinetic = -0.1f; break;
+    case 7: p->friction_static = 2.0f, p->friction_kinetic = 2.0f; break;
     default: break;
     }
 }
@@ -963,7 +964,7 @@ static void wild_patches_stay_bounded(void **state) {
     static hrt_extrapolation x;
     static hrt_patch p[2];
     uint64_t seed = 77;
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     int taken = 0;
     for (int k = 0; k < 3000; k++) {
         hrt_patch *q = &p[k % 2];
@@ -971,9 +972,9 @@ static void wild_patches_stay_bounded(void **state) {
         if (k % 3 == 0)
             for (int i = 0; i < 96; i++) q->triangle[i] = (uint8_t)(rig_random(&seed) % VERTICES);
         if (k % 5 == 0) memset(q->compliance_m_N, 0, sizeof q->compliance_m_N);
-        if (k % 7 == 0) q->skin_compliance_m_N = 0.0f;
+        if (k % 7 == 0) q->contact_compliance_m_N = 0.0f;
         if (k % 4 == 0) hold_something(q);
-        if (k / 16 % 2) q->friction_static = 2.0f, q->friction_sliding = rig_uniform(&seed, 0.0f, 2.0f);
+        if (k / 16 % 2) q->friction_static = 2.0f, q->friction_kinetic = rig_uniform(&seed, 0.0f, 2.0f);
         if (hrt_patch_prepare(q, scratch) != HRT_ACCEPT) continue;
         taken++;
         float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f),

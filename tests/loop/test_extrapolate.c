@@ -65,7 +65,7 @@ static void along_the_line(void **state) {
     assert_float_equal(force_at(100000, 0.1f + 3 * STEP), truth, 0.02f * 400.0f * STEP);
     begin(HRT_TANGENT, 0.1f + STEP, 0.1f + 2 * STEP);
     assert_float_equal(force_at(100000, 0.1f + 3 * STEP), truth, 1e-4);
-    begin(HRT_CONTACT, 0.1f + STEP, 0.1f + 2 * STEP); /* no patch: tangent */
+    begin(HRT_LOCAL_MODEL, 0.1f + STEP, 0.1f + 2 * STEP); /* no patch: tangent */
     assert_float_equal(force_at(100000, 0.1f + 3 * STEP), truth, 1e-4);
     assert_true((x.limits & HRT_LIMIT_PATCH) != 0);
 }
@@ -86,14 +86,14 @@ static void reversal(void **state) {
 
 static void tissue_never_pulls(void **state) {
     (void)state;
-    const hrt_extrapolator signed_laws[] = {HRT_POSITION, HRT_BROYDEN, HRT_TANGENT, HRT_CONTACT};
+    const hrt_extrapolator signed_laws[] = {HRT_POSITION, HRT_BROYDEN, HRT_TANGENT, HRT_LOCAL_MODEL};
     for (int i = 0; i < 4; i++) {
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
         assert_float_equal(force_at(60000, 0.095f), 0.0f, 1e-6); /* far out of the tissue */
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
         x.now.unilateral = false; /* a grasper may be pulled, where the simulation says how stiff what it holds is */
         const float pulled = force_at(60000, 0.1f - STEP);
-        if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_CONTACT)
+        if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_LOCAL_MODEL)
             assert_true(pulled > 0.1f);
         else
             assert_float_equal(pulled, 0.0f, 1e-6);
@@ -189,7 +189,8 @@ static void changing_the_law_makes_no_jump(void **state) {
  * the force back up when the tool is drawn away. */
 static void a_cut_teaches_nothing(void **state) {
     (void)state;
-    const hrt_extrapolator estimating[] = {HRT_BROYDEN, HRT_TANGENT, HRT_CONTACT}; /* the others without a stiffness */
+    const hrt_extrapolator estimating[] = {HRT_BROYDEN, HRT_TANGENT,
+                                           HRT_LOCAL_MODEL}; /* the others without a stiffness */
     for (int k = 0; k < 3; k++) {
         hrt_extrapolation_reset(&x, estimating[k]);
         for (int i = 0; i < 6; i++) {
@@ -218,7 +219,7 @@ static void what_is_let_go_is_not_stiff(void **state) {
                 hrt_sample s = spring(40000 * k, 0.1f + STEP * (float)k);
                 s.unilateral = false;
                 if (k >= 4) {
-                    s.flags = k < 4 + flagged ? HRT_FLAG_LETTING_GO : 0;
+                    s.flags = k < 4 + flagged ? HRT_FLAG_RELEASING : 0;
                     s.force_N[2] *= 0.1f / (float)(k - 3);
                     s.stiffness_kind = 0;
                 }
@@ -237,7 +238,7 @@ static void what_is_let_go_is_not_stiff(void **state) {
  * believed for longer than a sample. */
 static void a_stiffness_that_does_not_come_true(void **state) {
     (void)state;
-    const hrt_extrapolator receiving[] = {HRT_TANGENT, HRT_CONTACT};
+    const hrt_extrapolator receiving[] = {HRT_TANGENT, HRT_LOCAL_MODEL};
     for (int i = 0; i < 2; i++)
         for (int cut = 0; cut < 2; cut++) {
             hrt_extrapolation_reset(&x, receiving[i]);

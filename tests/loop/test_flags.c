@@ -7,7 +7,7 @@ static loop l;
 static const int32_t whole[] = {0, HRT_FLAG_CAPPED, HRT_FLAG_OVERRAN, HRT_FLAG_PATCH,
                                 HRT_FLAG_CAPPED | HRT_FLAG_OVERRAN | HRT_FLAG_PATCH};
 static const int32_t force_only[] = {HRT_FLAG_OVERFLOWED, HRT_FLAG_UNCONVERGED, HRT_FLAG_TOO_FAST,
-                                     HRT_FLAG_INSIDE,     HRT_FLAG_LETTING_GO,  HRT_FLAG_INSIDE | HRT_FLAG_CAPPED};
+                                     HRT_FLAG_INSIDE,     HRT_FLAG_RELEASING,   HRT_FLAG_INSIDE | HRT_FLAG_CAPPED};
 
 static void taken_whole(void **state) {
     (void)state;
@@ -18,7 +18,7 @@ static void taken_whole(void **state) {
         assert_int_equal(l.tool.state, HRT_ENGAGED);
         assert_true(loop_force(&l) > 2.0);
         assert_int_equal(l.node.controller.extrapolation.now.stiffness_kind, 2);
-        assert_int_equal(l.node.result.limits & (HRT_LIMIT_DOUBT | HRT_LIMIT_HELD | HRT_LIMIT_UNSTABLE), 0);
+        assert_int_equal(l.node.result.limits & (HRT_LIMIT_FORCE_ONLY | HRT_LIMIT_REPEATED | HRT_LIMIT_UNSTABLE), 0);
     }
 }
 
@@ -32,11 +32,11 @@ static void of_some_the_force_alone(void **state) {
         assert_true(loop_force(&l) > 2.0 && loop_motor(&l) > 2.0);
         assert_int_equal(l.node.controller.extrapolation.now.stiffness_kind, 0);
         assert_null(l.node.controller.extrapolation.patch);
-        assert_true(l.node.result.limits & HRT_LIMIT_DOUBT);
+        assert_true(l.node.result.limits & HRT_LIMIT_FORCE_ONLY);
         l.flags = 0;
         loop_run(&l, 0.1);
         assert_int_equal(l.node.controller.extrapolation.now.stiffness_kind, 2);
-        assert_int_equal(l.node.result.limits & HRT_LIMIT_DOUBT, 0);
+        assert_int_equal(l.node.result.limits & HRT_LIMIT_FORCE_ONLY, 0);
     }
 }
 
@@ -44,7 +44,7 @@ static void of_some_the_force_alone(void **state) {
 static void nor_its_patch(void **state) {
     (void)state;
     for (int doubt = 0; doubt < 2; doubt++) {
-        loop_press(&l, HRT_CONTACT);
+        loop_press(&l, HRT_LOCAL_MODEL);
         l.seq++;
         const tensormass_contact_patch_t patch = loop_patch(l.session, l.seq, 0.003f);
         assert_int_equal(hrt_node_post_patch(&l.node, &patch), HRT_ACCEPT);
@@ -62,10 +62,10 @@ static void held_over_grows_old(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
     const int64_t good_us = l.node.controller.sample_us;
-    l.flags = HRT_FLAG_HELD_OVER;
+    l.flags = HRT_FLAG_REPEATED;
     loop_run(&l, 0.06);
     assert_int_equal(l.tool.state, HRT_ENGAGED);
-    assert_true(l.node.result.limits & HRT_LIMIT_HELD);
+    assert_true(l.node.result.limits & HRT_LIMIT_REPEATED);
     assert_int_equal(l.node.controller.sample_us, good_us);
     while (l.now_us - good_us <= 150000) loop_tick(&l);
     assert_true(loop_force(&l) == 0.0 && loop_motor(&l) == 0.0);
@@ -93,7 +93,7 @@ static void unstable_fades_at_once(void **state) {
         assert_true(l.node.result.limits & HRT_LIMIT_UNSTABLE);
     }
     assert_true(loop_force(&l) == 0.0 && loop_motor(&l) == 0.0);
-    l.flags = HRT_FLAG_HELD_OVER; /* which is no good news either */
+    l.flags = HRT_FLAG_REPEATED; /* which is no good news either */
     loop_run(&l, 1.0);
     assert_int_equal(l.tool.state, HRT_IDLE);
     assert_true(loop_force(&l) == 0.0);

@@ -16,7 +16,7 @@ static float mark(uint32_t seq) { return 0.001f * (float)(seq % 997u + 1u); }
 
 static void make_patch(uint32_t seq, tensormass_contact_patch_t *m) {
     *m = loop_patch(7, seq, 0.001f * mark(seq));
-    m->skin_compliance_m_N = mark(seq);
+    m->contact_compliance_m_N = mark(seq);
     for (int i = 0; i < 9; i++)
         m->vertex_m[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
 }
@@ -58,7 +58,7 @@ static void never_torn(void **state) {
     (void)state;
     const hrt_device_config d = loop_device_config();
     hrt_node_config n = loop_node_config();
-    n.extrapolator = HRT_CONTACT;
+    n.extrapolator = HRT_LOCAL_MODEL;
     pthread_t thread;
     uint32_t taken = 0, last = 0, with_patch = 0;
     loop_start(&l, &d, &n);
@@ -80,7 +80,7 @@ static void never_torn(void **state) {
         if (!p) continue;
         with_patch++;
         assert_int_equal(p->seq, last);
-        assert_true(p->skin_compliance_m_N == mark(last) && p->compliance_m_N[0] == 0.001f * mark(last) &&
+        assert_true(p->contact_compliance_m_N == mark(last) && p->compliance_m_N[0] == 0.001f * mark(last) &&
                     p->vertex_m[0] == 0.001f * mark(last));
     }
     atomic_store(&stop, true);

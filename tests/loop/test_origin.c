@@ -16,7 +16,7 @@ static tensormass_force_sample_t forged(void) {
 static void an_unread_sample_stays(void **state) {
     (void)state;
     for (int kind = 0; kind < 6; kind++) {
-        loop_press(&l, HRT_CONTACT);
+        loop_press(&l, HRT_LOCAL_MODEL);
         l.seq++;
         const tensormass_force_sample_t good = loop_sample(&l, &l.tool);
         assert_int_equal(hrt_node_post_sample(&l.node, &good), HRT_ACCEPT);
@@ -37,7 +37,7 @@ static void an_unread_sample_stays(void **state) {
 
 static void a_foreign_patch_takes_no_place(void **state) {
     (void)state;
-    loop_press(&l, HRT_CONTACT);
+    loop_press(&l, HRT_LOCAL_MODEL);
     l.seq++;
     const tensormass_contact_patch_t own = loop_patch(l.session, l.seq, 0.003f),
                                      foreign = loop_patch(l.session + 1, l.seq, 0.003f);
@@ -67,7 +67,7 @@ static void an_answer_to_nobody_is_no_refusal(void **state) {
 /* While it is felt, however long it is silent; then after a second of silence. */
 static void another_simulation_waits(void **state) {
     (void)state;
-    loop_press(&l, HRT_CONTACT);
+    loop_press(&l, HRT_LOCAL_MODEL);
     tensormass_force_sample_t s = forged();
     s.session++;
     for (int k = 0; k < 1000; k++) { /* a flood of it beside the real one */
@@ -96,7 +96,7 @@ static void another_simulation_waits(void **state) {
 /* t_n is this controller's own clock: a recorded sample is older than the newest, whatever the silence. */
 static void recorded_samples_never_fit(void **state) {
     (void)state;
-    loop_press(&l, HRT_CONTACT);
+    loop_press(&l, HRT_LOCAL_MODEL);
     tensormass_force_sample_t recorded[8];
     for (int k = 0; k < 8; k++) {
         loop_run(&l, 0.04);
@@ -120,7 +120,7 @@ static void recorded_samples_never_fit(void **state) {
 static void no_reset_while_it_is_felt(void **state) {
     (void)state;
     const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
-    loop_press(&l, HRT_CONTACT);
+    loop_press(&l, HRT_LOCAL_MODEL);
     for (int k = 0; k < 100; k++) {
         hrt_node_post_command(&l.node, &reset);
         loop_tick(&l);
@@ -133,7 +133,7 @@ static void no_reset_while_it_is_felt(void **state) {
 /* What a row of a patch may bear has a bound, as everything else has. */
 static void a_patch_has_a_bounded_cap(void **state) {
     (void)state;
-    loop_press(&l, HRT_CONTACT);
+    loop_press(&l, HRT_LOCAL_MODEL);
     const float cap[] = {50.0f, 1000.0f, 1001.0f, 3.0e38f};
     for (size_t k = 0; k < sizeof cap / sizeof *cap; k++) {
         tensormass_contact_patch_t m = loop_patch(l.session, l.seq + 1, 0.003f);

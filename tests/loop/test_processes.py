@@ -280,8 +280,8 @@ def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
     until(lambda: pushing(watch), "force")
     frame = watch.last(COMMAND)[1]
     bus.send(COMMAND, frame)
-    until(lambda: "fault rival (0): Another controller commands this device" in text(controller), "the fault is told", 2)
-    until(lambda: "still in fault rival" in text(controller), "and told again", 2)
+    until(lambda: "fault bus_conflict (0): Another controller commands this device" in text(controller), "the fault is told", 2)
+    until(lambda: "still in fault bus_conflict" in text(controller), "and told again", 2)
     since = time.monotonic()
     until(lambda: pushing(watch, since), "force after the reset")
 
@@ -309,10 +309,10 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
     # Whoever comes first makes it whole: the other may find it so, or notice first.
     until(lambda: what in text(controller) + text(device), "it is told", 2)
     watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
-    until(lambda: pushing(watch, since), "force on the mended bus")
+    until(lambda: pushing(watch, since), "force on the repaired bus")
     until(lambda: "its file is there again" in text(controller) + text(device), "that is told too", 2)
     assert device.poll() is None and controller.poll() is None
-    until(lambda: refused(ring, controller.args[0], "--trocar", "0,0,0"), "the place is held on the mended bus", 3)
+    until(lambda: refused(ring, controller.args[0], "--trocar", "0,0,0"), "the place is held on the repaired bus", 3)
 
 
 def test_the_bus_folder_is_the_real_users_and_goes_with_the_last(bin, ring):

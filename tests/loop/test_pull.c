@@ -7,7 +7,7 @@
 #include "../physics/contact_scene.h"
 
 enum { TICKS = 1400, EVERY = 25, LAWS = 3 }; /* of 2 ms; a sample every 50 ms */
-static const hrt_extrapolator laws[LAWS] = {HRT_POSITION, HRT_TANGENT, HRT_CONTACT};
+static const hrt_extrapolator laws[LAWS] = {HRT_POSITION, HRT_TANGENT, HRT_LOCAL_MODEL};
 
 static double stroke(double t, double from, double to) { /* minimum jerk */
     const double s = fmin(fmax((t - from) / (to - from), 0.0), 1.0);
@@ -52,7 +52,7 @@ static void pulling_follows_the_hand(void **state) {
     static float scratch[HRT_PATCH_COMPLIANCE];
     hrt_params params;
     tm_error error;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_grasp *grasp;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 8, d.cells[2] = 4;
@@ -73,13 +73,13 @@ static void pulling_follows_the_hand(void **state) {
         const tm_tool_pose at = hand(2e-3 * t);
         tm_tool_reaction is = scene_frame(&s, 0, at, 2e-3);
         if (t % EVERY == 0) {
-            bool whole = tm_patch_make(maker, 0, &made);
-            for (int k = 0; k < 500 && tm_patch_pending(maker) > 0; k++) whole = tm_patch_make(maker, 0, &made);
+            bool whole = tm_patch_compute(maker, 0, &made);
+            for (int k = 0; k < 500 && tm_patch_pending(maker) > 0; k++) whole = tm_patch_compute(maker, 0, &made);
             const tm_tool_reaction felt = tm_contact_reaction(s.contact, 0);
             hrt_patch *patch = &patches[t / EVERY % 2];
             if (whole) patch_to_controller(&made, patch);
             if (whole) assert_int_equal(hrt_patch_prepare(patch, scratch), HRT_ACCEPT);
-            patched += whole && made.holds;
+            patched += whole && made.grasps;
             for (int w = 0; w < LAWS; w++) give(&runs[w], &params, &felt, s.def.trocar_m[0], t, whole ? patch : NULL);
         }
         float tip[3], force[3];

@@ -89,7 +89,7 @@ static void make_patch(wild *w) {
         for (int j = i; j < 12; j++, at++) p->compliance_m_N[at] = i == j ? rig_uniform(&w->seed, 0.0f, 0.01f) : 0.0f;
     p->radius_m = 0.0025f;
     p->contact_length_m = 0.1f;
-    p->skin_compliance_m_N = chance(w, 3) ? 0.0f : 0.0005f;
+    p->contact_compliance_m_N = chance(w, 3) ? 0.0f : 0.0005f;
     if (w->mood && chance(w, 20)) p->vertex_m[rig_random(&w->seed) % 12] = any_float(w);
     if (hrt_patch_prepare(p, scratch) == HRT_ACCEPT) w->sample.patch = p;
 }
@@ -124,7 +124,7 @@ static void spoil(wild *w) {
     w->in.bus_ok = !(w->mood && chance(w, 20000));
     w->in.device_fault = w->mood && chance(w, 20000) ? 2 : 0;
     w->in.device_watchdog = w->mood && chance(w, 5000);
-    if (w->mood && chance(w, 50000)) w->in.rival_us = w->now_us;
+    if (w->mood && chance(w, 50000)) w->in.bus_conflict_us = w->now_us;
     w->in.reset = chance(w, 300);
     if (chance(w, 3000))
         w->in.enable = !w->in.enable;

@@ -392,7 +392,7 @@ static void a_rival_is_heard(void **state) {
         hrt_can_pack(&m, &frame);
         hrt_bus_send(&rival, &frame);
         hrt_node_tick(&l.node, l.now_us += 2000, &l.tool);
-        assert_int_equal(l.node.result.fault, HRT_FAULT_RIVAL);
+        assert_int_equal(l.node.result.fault, HRT_FAULT_BUS_CONFLICT);
         assert_true(force() == 0.0);
         hrt_bus_close(&rival);
         loop_run(&l, 0.1); /* the device's own beats again */

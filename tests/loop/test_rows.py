@@ -75,8 +75,8 @@ int main(void) {
     app_link_publish(three, APP_WEATHER, 1, 0, &m); /* without its seal */
     app_link_receive(two, 0, 10);
     app_link_give(two, "WEATHER_1", 0, "not whole", 9);
-    printf("%s %d %d\\n", app_message_type(APP_WEATHER), app_message_most(APP_WEATHER), heard);
-    return !(heard == 1 && app_link_counted(two)->forged == 2 && app_message_sealed(APP_WEATHER));
+    printf("%s %d %d\\n", app_message_type(APP_WEATHER), app_message_max(APP_WEATHER), heard);
+    return !(heard == 1 && app_link_counted(two)->forged == 2 && app_message_has_tag(APP_WEATHER));
 }
 """
 
@@ -101,7 +101,7 @@ def lines_of(folder, main, sources, *flags):
 def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
     core = tmp_path / "haptic_rt/core"
     shutil.copytree(root / "haptic_rt/core", core)
-    for folder in ("law", "libtensormass/numeric"):
+    for folder in ("contact_law", "libtensormass/numeric"):
         shutil.copytree(root / folder, tmp_path / folder)
     insert(core / "hrt.h", '    ROW(ADAPTIVE, "adaptive", law_off_patch)', '    ROW(ADAPTIVE, "adaptive", law_off_patch) \\\n')
     text = (core / "hrt.h").read_text()

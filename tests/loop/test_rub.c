@@ -8,7 +8,7 @@
 #include "../physics/contact_scene.h"
 
 enum { TICKS = 900, EVERY = 20, LAWS = 3 }; /* of 2 ms; a sample every 40 ms */
-static const hrt_extrapolator laws[LAWS] = {HRT_HOLD, HRT_TANGENT, HRT_CONTACT};
+static const hrt_extrapolator laws[LAWS] = {HRT_HOLD, HRT_TANGENT, HRT_LOCAL_MODEL};
 static const double AT_REST = 0.3, SLIDING = 0.2;
 static const float CONE = 1e-6f;
 
@@ -17,7 +17,7 @@ static float scratch[HRT_PATCH_COMPLIANCE];
 
 typedef struct rubbing {
     scene s;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_patch made;
     hrt_patch patch[2];
     int samples;
@@ -43,8 +43,8 @@ static void open_rubbing(rubbing *r, double at_rest, double sliding) {
 
 /* The patch of now, as the controller gets it; null: there is none. */
 static const hrt_patch *make_patch(rubbing *r) {
-    bool whole = tm_patch_make(r->maker, 0, &r->made);
-    for (int k = 0; k < 500 && tm_patch_pending(r->maker) > 0; k++) whole = tm_patch_make(r->maker, 0, &r->made);
+    bool whole = tm_patch_compute(r->maker, 0, &r->made);
+    for (int k = 0; k < 500 && tm_patch_pending(r->maker) > 0; k++) whole = tm_patch_compute(r->maker, 0, &r->made);
     hrt_patch *patch = &r->patch[r->samples++ % 2];
     if (!whole) return NULL;
     patch_to_controller(&r->made, patch);
@@ -73,8 +73,8 @@ static void give(hrt_extrapolation *x, const tm_tool_reaction *is, const double 
 /* Of all stations of the last tick: the largest force over what presses, by the coefficient at rest; less 1. */
 static float over_cone(const hrt_extrapolation *x, float coefficient) {
     float worst = -1.0f;
-    for (int32_t k = 0; k < x->touch.rubbing.count; k++) {
-        const hrt_rubbed *at = &x->touch.rubbing.at[k];
+    for (int32_t k = 0; k < x->touch.friction.count; k++) {
+        const hrt_friction_state *at = &x->touch.friction.at[k];
         float sum[3] = {0};
         for (int32_t i = 0; i < x->touch.row_count; i++)
             if (x->touch.row[i].station == at->station) vadd(sum, x->touch.row[i].lambda_N, x->touch.row[i].normal);
@@ -161,7 +161,7 @@ static void it_sticks_and_only_takes(void **state) {
     is = tm_contact_reaction(r.s.contact, 0);
     float tip[3], start[3], force[3], first[3] = {0}, changed = 0.0f;
     for (int i = 0; i < 3; i++) start[i] = (float)(is.tip_m[i] - r.s.def.trocar_m[0][i]);
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     vset(start, tip);
     const int held = test_is_long() ? 60000 : 6000;
     int tick = 0;

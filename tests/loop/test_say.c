@@ -1,7 +1,7 @@
 /* What haptic-rt says: at most a line a second of each kind, with a count of what was left out; whose silence it is. */
 #include "../fixture.h"
 
-#include "io/say.c"
+#include "io/status_log.c"
 
 static struct {
     char text[200];
@@ -23,13 +23,14 @@ bool app_is_quiet(void) { return false; }
 
 static hrt_teller teller_new(void) {
     lines = 0;
-    return (hrt_teller){.bus = "virtual:t",
-                        .told = {.state = -1, .silent_s = -1e9, .refused_s = -1e9, .gaps_s = -1e9, .unstable_s = -1e9}};
+    return (hrt_teller){
+        .bus = "virtual:t",
+        .logged = {.state = -1, .silent_s = -1e9, .refused_s = -1e9, .gaps_s = -1e9, .unstable_s = -1e9}};
 }
 
 static void look(hrt_teller *teller, hrt_facts facts) {
     now_s = facts.time_s;
-    hrt_say(teller, &facts);
+    hrt_status_log(teller, &facts);
 }
 
 static int said(const char *words, double from_s, double to_s) {

@@ -284,7 +284,7 @@ static void fault_parameter(void **state) {
     assert_int_equal(r.out.state, HRT_FAULT);
     assert_int_equal(r.out.fault, HRT_FAULT_PARAMETER);
     assert_string_equal(hrt_param_text[r.out.fault_detail].name, "force_max_N");
-    r.in.reset = true; /* comes back at once as long as it is not mended */
+    r.in.reset = true; /* comes back at once as long as it is not repaired */
     rig_tick(&r);
     rig_tick(&r);
     assert_int_equal(r.out.fault, HRT_FAULT_PARAMETER);
@@ -304,16 +304,16 @@ static void fault_parameter(void **state) {
 static void fault_rival(void **state) {
     (void)state;
     rig_start(&r);
-    r.in.rival_us = r.now_us; /* a predecessor's last words, before anything else was heard */
+    r.in.bus_conflict_us = r.now_us; /* a predecessor's last words, before anything else was heard */
     rig_until(&r, HRT_ENGAGED, 1.0);
-    r.in.rival_us = r.now_us + 2000;
+    r.in.bus_conflict_us = r.now_us + 2000;
     rig_tick(&r);
-    expect_fault(HRT_FAULT_RIVAL);
+    expect_fault(HRT_FAULT_BUS_CONFLICT);
     rig_until(&r, HRT_SELF_TEST, 1.0);
     rig_tick(&r);
-    r.in.rival_us = r.now_us + 2000; /* still there: again */
+    r.in.bus_conflict_us = r.now_us + 2000; /* still there: again */
     rig_tick(&r);
-    expect_fault(HRT_FAULT_RIVAL);
+    expect_fault(HRT_FAULT_BUS_CONFLICT);
     rig_until(&r, HRT_ENGAGED, 1.0);
 }
 

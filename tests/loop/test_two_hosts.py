@@ -124,7 +124,7 @@ def test_wire_cut_and_mended():
     first, last = silence[0]["time_s"], silence[-1]["time_s"]
     assert any(pushing(t) for t in ticks if t["time_s"] < first - 0.3), "no force before the cut"
     assert max(t["sample_age_s"] for t in ticks if pushing(t)) < ZERO_WITHIN_S
-    assert any(pushing(t) for t in ticks if t["time_s"] > last), "no force after the wire was mended"
+    assert any(pushing(t) for t in ticks if t["time_s"] > last), "no force after the wire was repaired"
     assert controller["fault"] == "none" and controller["resets"] == 0
 
 

@@ -1,4 +1,4 @@
-"""tm-mesh fill: closed surfaces become tetrahedra of their volume and good shape, those inside others regions; what is not closed is named, and mended on request."""
+"""tm-mesh fill: closed surfaces become tetrahedra of their volume and good shape, those inside others regions; what is not closed is named, and repaired on request."""
 import json
 import math
 import os
@@ -151,9 +151,9 @@ def test_holes_and_crossings_are_named_and_mended(image_module, tm_mesh, env, tm
         path = write_surface(tmp_path / f"{name}.obj", triangles)
         words = ["--size", "20 mm", "--unit", "mm", path, "-o", tmp_path / f"{name}.msh"]
         refused = meshlib.run(tm_mesh, "fill", *words, env=env)
-        assert refused.returncode == 2 and re.search(what or "not closed", refused.stderr) and "--mend" in refused.stderr, refused.stderr
-        mended = meshlib.run(tm_mesh, "fill", "--mend", *words, env=env)
-        assert mended.returncode == 0 and (not what or re.search("mended: " + what, mended.stderr)), mended.stderr
+        assert refused.returncode == 2 and re.search(what or "not closed", refused.stderr) and "--repair" in refused.stderr, refused.stderr
+        repaired = meshlib.run(tm_mesh, "fill", "--repair", *words, env=env)
+        assert repaired.returncode == 0 and (not what or re.search("repaired: " + what, repaired.stderr)), repaired.stderr
         assert figures(tm_mesh, tmp_path / f"{name}.msh", env, tmp_path)["volume_m3"] == pytest.approx(ball_m3(50, 8), rel=0.1)
 
 

@@ -75,7 +75,7 @@ def test_labels_have_their_volumes(tmp_path, run, spacing, options):
 
 
 def proposed(done):
-    """Words that the program says mend it, after having tried them."""
+    """Words that the program says repair it, after having tried them."""
     found = re.search(r"nothing of it is lost with (--.*) \(tried: (\d+) tetrahedra\)", done.stderr)
     return found and (found[1].split(), int(found[2]))
 
@@ -91,9 +91,9 @@ def test_what_a_label_loses_is_told_with_what_mends_it(tmp_path, run):
     done = run(path, *words, "--smooth", "1")  # a vessel's end is gone, and what is left has its volume
     told = re.findall(r"warning: label (\d) \('(\w+)'\) has its surface up to ([\d.]+) mm from the image's", done.stderr)
     assert ("2", "vessels") in [(label, name) for label, name, _ in told] and float(told[-1][2]) > 15, done.stderr
-    mends, tets = proposed(done)
-    assert mends[0] == "--smooth", mends
-    done = run(path, *words, *mends)
+    repairs, tets = proposed(done)
+    assert repairs[0] == "--smooth", repairs
+    done = run(path, *words, *repairs)
     assert "warning:" not in done.stderr and json.loads(report.read_text())["tets"] == tets, done.stderr
 
 
@@ -106,8 +106,8 @@ def test_a_folded_sheet_ends_with_a_mesh_and_a_proposal_that_works(tmp_path, run
     told = re.search(r"warning: label 1 \('label_1'\) is in (\d+) pieces, in the image in 1; the largest has ([\d.]+) %", done.stderr)
     assert told and int(told[1]) > 5 and float(told[2]) > 80, done.stderr
     assert max(map(abs, volumes_off(report).values())) < 0.01 and "loose" in done.stderr or json.loads(report.read_text())["tets"] <= 10000
-    mends, tets = proposed(done)
-    again = run(path, *mends, "--json", report)
+    repairs, tets = proposed(done)
+    again = run(path, *repairs, "--json", report)
     assert again.returncode == 0 and "warning:" not in again.stderr and json.loads(report.read_text())["tets"] == tets, again.stderr
     done = run(path, "--strict", out=tmp_path / "strict.msh")
     assert done.returncode == 2 and "label 1 ('label_1') is in" in done.stderr and not (tmp_path / "strict.msh").exists()
@@ -284,8 +284,8 @@ def test_what_vanished_comes_back_by_the_words_of_the_message(tmp_path, run):
     words = ("--size", "30mm", "--optimise", "volumes", "--smooth", "1", "--json", report)
     done = run(path, *words, "--label", "all", "--label", "4:30mm", out=out)
     assert done.returncode == 0 and "label 4 ('ribs') vanished" in done.stderr and len(labels) > 1, done.stderr
-    mends, _ = proposed(done)
-    done = run(path, *[w for w in words if w not in ("--smooth", "1")] if "--smooth" in mends else words, *mends, out=out)
+    repairs, _ = proposed(done)
+    done = run(path, *[w for w in words if w not in ("--smooth", "1")] if "--smooth" in repairs else words, *repairs, out=out)
     assert done.returncode == 0 and "warning:" not in done.stderr, done.stderr
     assert sorted(r["label"] for r in json.loads(report.read_text())["regions"]) == labels
     done = run(path, "--size", "30mm", "--label", "all", "--label", "9:3mm", out=out)

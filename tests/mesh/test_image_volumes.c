@@ -9,8 +9,8 @@
 
 #include <cmocka.h>
 
-#include "mesh/growing.h"
 #include "mesh/image.h"
+#include "mesh/mesh_builder.h"
 
 #define LAW_REAL double
 #include "libtensormass/numeric/random.h"

@@ -120,7 +120,7 @@ def command(path, out, dice):
     """Words of tm-mesh for a file."""
     if path.suffix in (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".dcm"):
         return ["image", "--size", "16mm", "--optimise", "none", "-o", str(out), str(path)]
-    return ["fill", "--unit", "mm", *(["--size", "15mm"] if dice.randrange(30) else []), *(["--mend"] if dice.randrange(3) == 0 else []), "-o", str(out), str(path)]
+    return ["fill", "--unit", "mm", *(["--size", "15mm"] if dice.randrange(30) else []), *(["--repair"] if dice.randrange(3) == 0 else []), "-o", str(out), str(path)]
 
 
 def damaged(folder, seeds, count, seed):

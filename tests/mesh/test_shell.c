@@ -1,6 +1,6 @@
 /* Surfaces whose corners are no places, and places far away from a good one. */
 #include "../fixture.h"
-#include "mesh/shell.h"
+#include "mesh/signed_distance.h"
 
 /* A tetrahedron of 1 m. Takes what is to be one of its coordinates. */
 static double *corners(double odd, int at) {

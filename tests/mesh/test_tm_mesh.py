@@ -195,7 +195,7 @@ def test_refine_is_sound_on_any_mesh(seed, tm_mesh, env, tmp_path):
 
 
 def test_repair(tm_mesh, env, tmp_path):
-    """Everything wrong at once that can be mended, told and mended; groups and regions stay."""
+    """Everything wrong at once that can be repaired, told and repaired; groups and regions stay."""
     m = named_block()
     m.tets[7][0], m.tets[7][1] = m.tets[7][1], m.tets[7][0]
     m.tets += [m.tets[20][::-1], [0, 1, 4, 3], [0, 1, 1, 5]]

@@ -82,11 +82,11 @@ def judged(f, rows, duration_s):
     force = np.sqrt(rows["fx_N"] ** 2 + rows["fy_N"] ** 2 + rows["fz_N"] ** 2)
     e = f["energy"]
     out = {"simulated_s": f["sim_s"], "computed_s": round(f["compute_s"], 1), "peak_N": float(force.max()), "felt": float((force > 0.01).mean()),
-           "hand_J": e["hand_J"][0], "surplus": (e["made_J"] - e["film_J"]) / e["hand_J"][0], "left_J": e["kinetic_J"] + e["elastic_J"], "residual_J": abs(e["residual_J"]), "faults": int((rows["fault"] != 0).sum())}
+           "tool_work_J": e["tool_work_J"][0], "surplus": (e["generated_J"] - e["drag_J"]) / e["tool_work_J"][0], "left_J": e["kinetic_J"] + e["elastic_J"], "residual_J": abs(e["residual_J"]), "faults": int((rows["fault"] != 0).sum())}
     broken = [what for what, is_so in (
         ("a force is not finite", not np.isfinite(force).all()), ("a force above the device's limit", not force.max() <= LIMIT_N), ("the controller latched a fault", out["faults"] > 0),
-        ("nothing was felt", out["felt"] < 0.05), ("more energy than the hand put in", not out["surplus"] <= SURPLUS), ("the account does not close", not out["residual_J"] <= 1e-6 * out["hand_J"]),
-        ("not at rest after the hand had gone", not out["left_J"] <= 1e-6 * out["hand_J"]), ("it ended early", abs(f["sim_s"] - duration_s) > 0.1)) if is_so]
+        ("nothing was felt", out["felt"] < 0.05), ("more energy than the hand put in", not out["surplus"] <= SURPLUS), ("the account does not close", not out["residual_J"] <= 1e-6 * out["tool_work_J"]),
+        ("not at rest after the hand had gone", not out["left_J"] <= 1e-6 * out["tool_work_J"]), ("it ended early", abs(f["sim_s"] - duration_s) > 0.1)) if is_so]
     return {**out, "verdict": "; ".join(broken) or "stable"}
 
 

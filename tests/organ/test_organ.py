@@ -40,7 +40,7 @@ def stl(mesh):
 def felt(bin, tmp_path_factory):
     folder = tmp_path_factory.mktemp("organ")
     (folder / "phantom.msh").write_text(meshlib.msh2(phantom()))
-    said = organ(bin, folder / "phantom.msh", "-o", folder / "felt", "--film", "160x120")
+    said = organ(bin, folder / "phantom.msh", "-o", folder / "felt", "--video", "160x120")
     return folder, said
 
 
@@ -228,7 +228,7 @@ def test_from_an_image(bin, image_module, tmp_path):
     import phantom as image
     image.write(tmp_path / "seg.nii.gz", image.phantom((5, 5, 5)), (5, 5, 5))
     names = [w for label in ("1=liver", "3=tumour", "4=ribs") for w in ("--label", label)]
-    said = organ(bin, tmp_path / "seg.nii.gz", "-o", tmp_path / "out", "--film", "160x120", "--budget", "3500", *names)
+    said = organ(bin, tmp_path / "seg.nii.gz", "-o", tmp_path / "out", "--video", "160x120", "--budget", "3500", *names)
     scene = (tmp_path / "out/organ.yaml").read_text()
     pressed_and_cut(tmp_path / "out")
     film_decodes(tmp_path / "out/organ.mp4")

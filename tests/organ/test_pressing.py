@@ -25,13 +25,13 @@ def test_random_pressing(bin, image_module, tmp_path):
 
 @pytest.mark.parametrize("what, energy, tick", [
     ("stable", {}, {}), ("not finite", {}, {"fy_N": np.nan}), ("above the device's limit", {}, {"fx_N": 9.0}), ("latched a fault", {}, {"fault": 3}),
-    ("more energy than the hand put in", {"made_J": 1.2}, {}), ("does not close", {"residual_J": -1e-3}, {}), ("not at rest", {"kinetic_J": 1e-3}, {})])
+    ("more energy than the hand put in", {"generated_J": 1.2}, {}), ("does not close", {"residual_J": -1e-3}, {}), ("not at rest", {"kinetic_J": 1e-3}, {})])
 def test_the_verdict_sees_what_is_planted(what, energy, tick):
     rows = np.zeros(100, [(n, float) for n in ("fx_N", "fy_N", "fz_N", "fault")])
     rows["fz_N"][:60] = 0.5
     for name, value in tick.items():
         rows[name][50] = value
-    figures = {"sim_s": 15.0, "compute_s": 1.0, "energy": {"hand_J": [1.0], "made_J": 0.3, "film_J": 0.8, "kinetic_J": 0.0, "elastic_J": 0.0, "residual_J": 0.0, **energy}}
+    figures = {"sim_s": 15.0, "compute_s": 1.0, "energy": {"tool_work_J": [1.0], "generated_J": 0.3, "drag_J": 0.8, "kinetic_J": 0.0, "elastic_J": 0.0, "residual_J": 0.0, **energy}}
     assert what in pressing.judged(figures, rows, 15)["verdict"]
     assert "ended early" in pressing.judged(figures, rows, 20)["verdict"]
     rows["fz_N"] = 0

@@ -20,9 +20,9 @@ static inline tm_status combination_tissue(const tm_mesh *mesh, int effects, tm_
     material->damping_1_s = 60;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = material, def.form = TM_FORCE_PLAIN;
-    def.cuttable = true, def.volume = effects & VOLUME;
+    def.cuttable = true, def.strain_smoothing = effects & VOLUME;
     def.rotation = effects & ROTATION ? TM_ROTATION_THRESHOLD : 0;
-    if (def.volume && def.rotation > 0) def.volume_shear = 0; /* all that goes together */
+    if (def.strain_smoothing && def.rotation > 0) def.smoothed_shear_share = 0; /* all that goes together */
     return tm_tissue_create(&def, tissue, error);
 }
 
@@ -82,8 +82,8 @@ static inline bool combination_frame(combination *c) {
                             .roll_rad = 0.03 * lift,
                             .active = true};
     tm_contact_begin_frame(c->s.contact, substeps, substeps);
-    tm_contact_move(c->s.contact, 0, &cautery, substeps);
-    tm_contact_move(c->s.contact, 1, &grasper, substeps);
+    tm_contact_set_target(c->s.contact, 0, &cautery, substeps);
+    tm_contact_set_target(c->s.contact, 1, &grasper, substeps);
     return tm_world_step(c->s.world, substeps) == TM_OK;
 }
 

@@ -16,15 +16,15 @@ typedef struct scene_def {
     double size_m[3];
     double jitter; /* of inner and surface vertices within their plane, in cells */
     double young_Pa, poisson, damping_1_s;
-    double skin_m_N; /* negative: the default */
+    double row_compliance_m_N; /* negative: the default */
     int tools;
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
     double bulge_m; /* the top is raised in the middle by this much, so that it is curved */
     tm_precision precision;
     tm_force_form form;
-    int32_t threads;         /* 0: one */
-    tm_run_parts *run_parts; /* null: the library's */
+    int32_t threads;               /* 0: one */
+    tm_parallel_for *parallel_for; /* null: the library's */
 } scene_def;
 
 typedef struct scene {
@@ -55,7 +55,7 @@ static inline scene_def scene_def_default(void) {
                        .young_Pa = 5000,
                        .poisson = 0.45,
                        .damping_1_s = 100,
-                       .skin_m_N = -1,
+                       .row_compliance_m_N = -1,
                        .tools = 1,
                        .trocar_m = {{0, 0, 0.25}, {0, 0, 0.25}},
                        .tip_m = {{0.01, 0.005, 0.06}, {-0.01, 0.005, 0.06}},
@@ -145,7 +145,7 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     tm_world_def world = tm_world_def_default();
     world.tissue = s.tissue;
     if (d->threads > 0) world.threads = d->threads;
-    world.run_parts = d->run_parts;
+    world.parallel_for = d->parallel_for;
     scene_must(tm_world_create(&world, &s.world, &error), &error);
     scene_support(&s);
     tm_instrument_def tool[2];
@@ -159,18 +159,18 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = d->tools;
     contact.instrument = tool;
-    if (d->skin_m_N >= 0) contact.skin_compliance_m_N = d->skin_m_N;
+    if (d->row_compliance_m_N >= 0) contact.contact_compliance_m_N = d->row_compliance_m_N;
     scene_must(tm_stage_contact(s.world, &contact, &s.contact, &error), &error);
     return s;
 }
 
 /* Large enough to be divided among 8 threads: a cautery that cuts (tool 0) and a grasper. */
 static inline scene scene_create_divided(tm_force_form form, tm_precision precision, int32_t threads,
-                                         tm_run_parts *run_parts) {
+                                         tm_parallel_for *parallel_for) {
     static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 17, def.cells[2] = 10, def.tools = 2;
-    def.form = form, def.precision = precision, def.threads = threads, def.run_parts = run_parts;
+    def.form = form, def.precision = precision, def.threads = threads, def.parallel_for = parallel_for;
     scene s = scene_create_full(&def, true, mode);
     tm_error error;
     tm_cut_def cut = tm_cut_def_default();
@@ -197,7 +197,7 @@ static inline tm_tool_pose scene_pose(double x, double y, double z) {
 static inline tm_tool_reaction scene_frame(scene *s, int32_t tool, tm_tool_pose to, double frame_s) {
     int32_t substeps = (int32_t)ceil(frame_s / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, substeps, substeps);
-    tm_contact_move(s->contact, tool, &to, substeps);
+    tm_contact_set_target(s->contact, tool, &to, substeps);
     if (tm_world_step(s->world, substeps) != TM_OK) fprintf(stderr, "scene: the step is unstable\n"), exit(1);
     return tm_contact_reaction(s->contact, tool);
 }

@@ -43,7 +43,7 @@ static void run_breath(void *self, tm_world *world) {
 typedef struct trial {
     scene s;
     tm_grasp *grasp;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
 } trial;
 
 static trial trial_create(tm_tool_mode first) {
@@ -87,15 +87,15 @@ static tm_status frame(trial *t, int i) {
     tm_tool_pose jaw = scene_pose(-0.012, -0.003 + 0.0001 * i, 0.044 + 0.0002 * (i > 12 ? i - 12 : 0));
     jaw.grip = i >= 6 && i < 26 ? 1 : 0;
     tm_contact_begin_frame(t->s.contact, substeps, substeps / 2);
-    tm_contact_move(t->s.contact, WORKING, &working, substeps);
-    tm_contact_move(t->s.contact, GRASPER, &jaw, substeps);
+    tm_contact_set_target(t->s.contact, WORKING, &working, substeps);
+    tm_contact_set_target(t->s.contact, GRASPER, &jaw, substeps);
     return tm_world_step(t->s.world, substeps);
 }
 
 static void patches(trial *t) {
     static tm_patch patch;
-    tm_patch_make(t->maker, WORKING, &patch);
-    tm_patch_make(t->maker, GRASPER, &patch);
+    tm_patch_compute(t->maker, WORKING, &patch);
+    tm_patch_compute(t->maker, GRASPER, &patch);
 }
 
 /* Everything that can be seen of a world, as one hash a part, so that a difference says where it is. */
@@ -136,7 +136,7 @@ static void look(trial *t, uint64_t part[PARTS]) {
     part[SUPPORT] = tm_hash(reaction, 24 * n, TM_HASH_SEED);
     const int32_t *vertex;
     tm_grasp_state grasp;
-    const int32_t held = tm_grasp_held(t->grasp, GRASPER, &vertex, &grasp);
+    const int32_t held = tm_grasp_vertices(t->grasp, GRASPER, &vertex, &grasp);
     part[HELD] = tm_hash(vertex, sizeof *vertex * (size_t)held, tm_hash(&grasp, sizeof grasp, TM_HASH_SEED));
     for (int i = 0; i < 2; i++) {
         const tm_tool_reaction r = tm_contact_reaction(t->s.contact, i);
@@ -198,12 +198,12 @@ static void nothing_happens(tm_tool_mode first, bool *cut_in_vain) {
         look(&plain, twin);
         look(&shaken, after);
         same(twin, after, "twin", phase, places[place], i);
-        const int32_t n = tm_cut_take(plain.s.world, tet[0], NULL, 64);
-        assert_int_equal(tm_cut_take(shaken.s.world, tet[1], NULL, 64), n);
+        const int32_t n = tm_cut_fetch_removed(plain.s.world, tet[0], NULL, 64);
+        assert_int_equal(tm_cut_fetch_removed(shaken.s.world, tet[1], NULL, 64), n);
         assert_memory_equal(tet[0], tet[1], sizeof(int32_t) * (size_t)n);
         tm_grasp_state state;
-        held += tm_grasp_held(shaken.grasp, GRASPER, NULL, &state) > 0 && state == TM_GRASP_HOLDING;
-        fading += state == TM_GRASP_LETTING_GO;
+        held += tm_grasp_vertices(shaken.grasp, GRASPER, NULL, &state) > 0 && state == TM_GRASP_HOLDING;
+        fading += state == TM_GRASP_RELEASING;
         cuts += n;
     }
     assert_true(held > 10 && fading > 3 && (told > 0 || first != TM_TOOL_PROBE));
@@ -253,10 +253,10 @@ static void to_the_last_bit(void **state) {
 
 static void no_force_of_no_number(void **state) {
     (void)state;
-    assert_true(tm_skin_reaction(5e-4, 2.5e-3, NAN, 1e-4, 50) == 0);
-    assert_true(tm_skin_reaction(5e-4, 2.5e-3, -1e-3, NAN, 50) == 0);
-    assert_true(tm_skin_reaction(NAN, 2.5e-3, -1e-3, 1e-4, 50) == 0);
-    assert_true(tm_skin_reaction(5e-4, 2.5e-3, -1e-3, 1e-4, 50) > 0);
+    assert_true(tm_contact_compliance_reaction(5e-4, 2.5e-3, NAN, 1e-4, 50) == 0);
+    assert_true(tm_contact_compliance_reaction(5e-4, 2.5e-3, -1e-3, NAN, 50) == 0);
+    assert_true(tm_contact_compliance_reaction(NAN, 2.5e-3, -1e-3, 1e-4, 50) == 0);
+    assert_true(tm_contact_compliance_reaction(5e-4, 2.5e-3, -1e-3, 1e-4, 50) > 0);
 }
 
 int main(void) {

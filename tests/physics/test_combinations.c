@@ -17,13 +17,13 @@ static felt story(int effects) {
     felt f = {0};
     void *buffer = NULL;
     int64_t bytes = 0, largest = 0;
-    const int64_t untouched = tm_snapshot_bytes(c.s.world), most = tm_snapshot_bytes_most(c.s.world);
+    const int64_t untouched = tm_snapshot_bytes(c.s.world), most = tm_snapshot_bytes_max(c.s.world);
     tm_error error;
     for (int i = 0; i < COMBINATION_FRAMES; i++) {
         if (!combination_frame(&c)) fail_msg("effects %d: frame %d is unstable", effects, i);
         /* Touched, held, cut: the size changes, and what is allocated once is room for all. */
         if (tm_snapshot_bytes(c.s.world) > largest) largest = tm_snapshot_bytes(c.s.world);
-        assert_true(largest <= most && tm_snapshot_bytes_most(c.s.world) == most);
+        assert_true(largest <= most && tm_snapshot_bytes_max(c.s.world) == most);
         const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);
         if (i == 11) f.press_N = r.force_N[2], f.rub_N = r.force_N[0];
         if (i == 26) { /* held, and half cut */
@@ -37,7 +37,7 @@ static felt story(int effects) {
     }
     assert_true(largest > untouched + 1000);
     assert_true(tm_world_hash(c.s.world) == tm_world_hash(other.s.world));
-    f.held = tm_grasp_held(c.grasp, 1, NULL, NULL);
+    f.held = tm_grasp_vertices(c.grasp, 1, NULL, NULL);
     f.held_N = size_of(tm_contact_reaction(c.s.contact, 1).force_N);
     f.removed = c.s.mesh->tet_count - tm_tissue_alive_count(c.s.tissue);
     free(buffer);
@@ -79,10 +79,10 @@ static void averaged_shears_that_turn_are_refused(void **state) {
     fix_ok(tm_material_young(5000, 0.45, &material, &error), &error);
     tm_tissue_def tissue_def = tm_tissue_def_default();
     tissue_def.mesh = mesh, tissue_def.material_count = 1, tissue_def.material = &material;
-    tissue_def.volume = true, tissue_def.rotation = TM_ROTATION_THRESHOLD;
+    tissue_def.strain_smoothing = true, tissue_def.rotation = TM_ROTATION_THRESHOLD;
     assert_int_equal(tm_tissue_create(&tissue_def, &tissue, &error), TM_ERR_ARGUMENT);
-    assert_non_null(strstr(error.message, "rotation with volume_shear = 0.4"));
-    tissue_def.volume_shear = 0;
+    assert_non_null(strstr(error.message, "rotation with smoothed_shear_share = 0.4"));
+    tissue_def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&tissue_def, &tissue, &error), &error);
     tm_tissue_destroy(tissue);
     tm_mesh_destroy(mesh);

@@ -41,7 +41,7 @@ static body make(const hot *h, double damping) {
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = b.mesh, def.material_count = 1, def.material = &m, def.fibre = h->ratio > 1 ? fibre : NULL;
     def.rotation = TM_ROTATION_THRESHOLD;
-    if (h->volume) def.volume = true, def.volume_shear = 0;
+    if (h->volume) def.strain_smoothing = true, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
     free(fibre);
     tm_world_def of = tm_world_def_default();

@@ -21,7 +21,7 @@ static int32_t substeps_in(const scene *s, double seconds) {
 /* Gathered once and looked at while tool and surface move, or gathered anew before each look: the same rows. */
 static void test_looks_leave_nothing_out(void **unused) {
     (void)unused;
-    enum { LOOKS = 400, MOST = 64 };
+    enum { LOOKS = 400, MAX_COUNT = 64 };
     scene_def d = scene_def_default();
     scene s = scene_create(&d);
     tm_error error;
@@ -41,16 +41,16 @@ static void test_looks_leave_nothing_out(void **unused) {
         const tm_capsule capsule = tm_tool_capsule(&tool, &pose, 0);
         for (int32_t i = 0; i < n; i++) u_m[i] += between(-2e-5, 2e-5) + (k % 53 == 52 ? between(-5e-4, 5e-4) : 0);
         const double margin = k % 5 ? 2.5e-4 : 1e-3;
-        tm_contact_row row[2][MOST];
+        tm_contact_row row[2][MAX_COUNT];
         bool over[2] = {false, false};
         if (k % 40 == 0) assert_true(tm_contact_search_gather(kept, s.mesh->rest_m, u_m, &surface, &capsule, 0.02));
         const int32_t *face[2], faces = tm_contact_search_faces(kept, &face[0], &(double){0});
-        assert_true(tm_contact_search_take(fresh, s.mesh->rest_m, &surface, face[0], faces, 0.01));
+        assert_true(tm_contact_search_restore(fresh, s.mesh->rest_m, &surface, face[0], faces, 0.01));
         memset(row, 0, sizeof row);
         const int32_t count =
-            tm_contact_search_rows(kept, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[0], MOST, &over[0]);
+            tm_contact_search_rows(kept, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[0], MAX_COUNT, &over[0]);
         assert_int_equal(
-            tm_contact_search_rows(fresh, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[1], MOST, &over[1]),
+            tm_contact_search_rows(fresh, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[1], MAX_COUNT, &over[1]),
             count);
         assert_memory_equal(row[0], row[1], sizeof row[0]);
         touching += count > 0;
@@ -261,7 +261,7 @@ static void test_action_is_reaction(void **unused) {
     scene_must(tm_world_add_stage(s.world, &after, 0, &error), &error);
     double worst = 0, peak = 0, lever = 0;
     tm_tool_pose to = scene_pose(0.012, 0.004, 0.038);
-    tm_contact_move(s.contact, 0, &to, 2000);
+    tm_contact_set_target(s.contact, 0, &to, 2000);
     /* supports move nothing here: their vertices are far below; checked by the sum itself */
     for (int k = 0; k < 2000; k++) {
         tm_contact_begin_frame(s.contact, 1, 1);
@@ -297,11 +297,11 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
     d.damping_1_s = damping_1_s;
-    d.skin_m_N = skin;
+    d.row_compliance_m_N = skin;
     d.tip_m[0][2] = 0.0447;
     scene s = scene_create(&d);
     tm_tool_pose to = scene_pose(0.008, 0.006, 0.0405);
-    tm_contact_move(s.contact, 0, &to, substeps_in(&s, 0.1));
+    tm_contact_set_target(s.contact, 0, &to, substeps_in(&s, 0.1));
     tm_tool_reaction dynamic, settled;
     hold(&s, seconds, &dynamic);
     /* elastic forces at the vertices that the rows touch balance the tool */
@@ -320,8 +320,8 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     double scale = norm(settled.force_N);
     print_message(
         "damping %.0f 1/s, skin %.1e m/N: %.6f N; held against settled %.1e, against the elastic forces %.1e\n",
-        damping_1_s, d.skin_m_N < 0 ? 0.5e-3 : skin, scale, distance(dynamic.force_N, settled.force_N) / scale,
-        distance(dynamic.resultant_N, elastic) / scale);
+        damping_1_s, d.row_compliance_m_N < 0 ? 0.5e-3 : skin, scale,
+        distance(dynamic.force_N, settled.force_N) / scale, distance(dynamic.resultant_N, elastic) / scale);
     assert_true(scale > 0.05);
     assert_true(distance(dynamic.force_N, settled.force_N) < 1e-6 * scale);
     assert_true(distance(dynamic.resultant_N, elastic) < 1e-6 * scale);
@@ -351,7 +351,7 @@ static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     memcpy((char *)keep + bytes, state->u_prev_m, bytes);
     tm_tool_pose was = tm_contact_pose(s->contact, 0), at = was;
     memcpy(at.tip_m, r->tip_m, sizeof at.tip_m);
-    tm_contact_move(s->contact, 0, &at, 1);
+    tm_contact_set_target(s->contact, 0, &at, 1);
     tm_world_step(s->world, 1);
     tm_settle_def settle = tm_settle_def_default();
     settle.tolerance = 1e-5;
@@ -363,7 +363,7 @@ static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     memcpy(state->u_m, keep, bytes);
     memcpy(state->u_prev_m, (char *)keep + bytes, bytes);
     free(keep);
-    tm_contact_move(s->contact, 0, &was, 1);
+    tm_contact_set_target(s->contact, 0, &was, 1);
     tm_world_step(s->world, 1);
     return distance(rest.force_N, r->force_N);
 }
@@ -570,8 +570,8 @@ static void test_pinched_triangle(void **unused) {
         tm_tool_pose a = scene_pose(0.010 + x, 0.006, z), b = scene_pose(0.0101 - x, 0.006, z);
         int32_t n = substeps_in(&s, 0.005);
         tm_contact_begin_frame(s.contact, n, n);
-        tm_contact_move(s.contact, 0, &a, n);
-        tm_contact_move(s.contact, 1, &b, n);
+        tm_contact_set_target(s.contact, 0, &a, n);
+        tm_contact_set_target(s.contact, 1, &b, n);
         assert_int_equal(tm_world_step(s.world, n), TM_OK);
         most = fmax(most, fmax(norm(tm_contact_reaction(s.contact, 0).force_N),
                                norm(tm_contact_reaction(s.contact, 1).force_N)));
@@ -589,7 +589,7 @@ static void test_tool_that_appears_inside(void **unused) {
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
     scene s = scene_create(&d);
     tm_tool_pose deep = scene_pose(0.01, 0.005, 0.02);
-    tm_contact_place(s.contact, 0, &deep);
+    tm_contact_set_pose(s.contact, 0, &deep);
     tm_tool_reaction r = scene_frame(&s, 0, deep, 0.02);
     assert_true((r.flags & TM_REACTION_INSIDE) && norm(r.force_N) == 0 &&
                 tm_tissue_energy(s.tissue, tm_world_state(s.world)->u_m) == 0);
@@ -598,7 +598,7 @@ static void test_tool_that_appears_inside(void **unused) {
     r = scene_frame(&s, 0, scene_pose(0.01, 0.005, 0.040), 0.2);
     assert_true(!(r.flags & TM_REACTION_INSIDE) && r.force_N[2] > 0.05);
     tm_tool_pose overlap = scene_pose(-0.01, 0.005, 0.0425); /* axis outside by 0.5 mm, sphere 2 mm within */
-    tm_contact_place(s.contact, 0, &overlap);
+    tm_contact_set_pose(s.contact, 0, &overlap);
     double most = 0;
     for (int k = 0; k < 40; k++) {
         r = scene_frame(&s, 0, overlap, 0.001);
@@ -638,7 +638,7 @@ static void test_averages_belong_together(void **unused) {
         double start = tm_world_state(s.world)->time_s;
         to.tip_m[2] -= 0.004;
         tm_contact_begin_frame(s.contact, 40, last);
-        tm_contact_move(s.contact, 0, &to, 40);
+        tm_contact_set_target(s.contact, 0, &to, 40);
         assert_int_equal(tm_world_step(s.world, 40), TM_OK);
         tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
         double mean = 40 - 0.5 * (last - 1);
@@ -659,8 +659,8 @@ static uint64_t two_tools(tm_tool_reaction r[2]) {
         tm_tool_pose a = scene_pose(0.018, 0.004, 0.0447 - 0.0002 * k),
                      b = scene_pose(-0.018, -0.004, 0.0447 - 0.0001 * k);
         tm_contact_begin_frame(s.contact, n, n);
-        tm_contact_move(s.contact, 0, &a, n);
-        tm_contact_move(s.contact, 1, &b, n);
+        tm_contact_set_target(s.contact, 0, &a, n);
+        tm_contact_set_target(s.contact, 1, &b, n);
         assert_int_equal(tm_world_step(s.world, n), TM_OK);
     }
     r[0] = tm_contact_reaction(s.contact, 0);
@@ -705,7 +705,7 @@ static void test_bad_definitions_are_refused(void **unused) {
         tm_instrument_def bad = tool;
         def.instrument_count = k == 0 ? 0 : k == 1 ? 3 : 1;
         def.instrument = &bad;
-        if (k == 2) def.skin_compliance_m_N = -1;
+        if (k == 2) def.contact_compliance_m_N = -1;
         if (k == 3) def.sweeps = 0;
         if (k == 4) def.force_cap_N = 0;
         if (k == 5) bad.radius_m = 0;

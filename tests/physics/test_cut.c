@@ -101,7 +101,7 @@ static void down_to_nothing(void **state) {
     assert_int_equal(tm_cut_remove(s.tissue, list, s.mesh->tet_count, NULL, 0), 0);
     tm_error error;
     double step_s = 0;
-    fix_ok(tm_critical_step_sharp(s.tissue, NULL, 1e-6, 100, &step_s, &error), &error);
+    fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-6, 100, &step_s, &error), &error);
     tm_settle_def settle = tm_settle_def_default();
     fix_ok(tm_world_settle(s.world, &settle, NULL, &error), &error);
     free(list), free(u);
@@ -195,8 +195,8 @@ static void the_dead_are_not_read(void **state) {
     }
 }
 
-/* Mending takes no tetrahedron that could have stayed: put back alone, each would touch the rest by no face, or leave a
- * surface that is no manifold. */
+/* Repairing takes no tetrahedron that could have stayed: put back alone, each would touch the rest by no face, or leave
+ * a surface that is no manifold. */
 static void mending_takes_no_more_than_it_must(void **state) {
     (void)state;
     scene s = make(false, TM_DOUBLE);

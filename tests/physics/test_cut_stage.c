@@ -1,4 +1,4 @@
-/* The "cut" stage in a world with contact: rate, loose pieces, what was removed; and snapshots of all of it. */
+/* The "cut" stage in a world with contact: rate, detached fragments, what was removed; and snapshots of all of it. */
 #include "../cut_check.h"
 #include "contact_scene.h"
 #include "cut/cut_internal.h"
@@ -23,7 +23,7 @@ static scene cutting_scene(double rate_1_s, tm_cut_loose loose) {
 static void story(scene *s, int i, bool active) {
     tm_tool_pose tool = scene_pose(0.012 + 0.0004 * i, 0.005, 0.05 - 0.0008 * (i < 25 ? i : 25));
     tool.active = active;
-    tm_contact_move(s->contact, CAUTERY, &tool, (int32_t)ceil(FRAME_S / tm_world_step_s(s->world)));
+    tm_contact_set_target(s->contact, CAUTERY, &tool, (int32_t)ceil(FRAME_S / tm_world_step_s(s->world)));
     scene_frame(s, PROBE, scene_pose(-0.012, 0.005, 0.05 - 0.0005 * (i < 30 ? i : 30)), FRAME_S);
 }
 
@@ -40,7 +40,7 @@ static void cuts_at_its_rate(void **state) {
         const int32_t before = tm_tissue_alive_count(s.tissue);
         story(&s, i, true);
         touched += tm_contact_reaction(s.contact, CAUTERY).row_count > 0;
-        const int32_t n = tm_cut_take(s.world, tet, who, 512);
+        const int32_t n = tm_cut_fetch_removed(s.world, tet, who, 512);
         assert_int_equal(n, before - tm_tissue_alive_count(s.tissue));
         for (int32_t k = 0; k < n; k++) {
             assert_false(tm_tissue_alive(s.tissue)[tet[k]]);
@@ -50,9 +50,9 @@ static void cuts_at_its_rate(void **state) {
     }
     print_message("  %d cut in %d frames of touch at %g/s\n", cut, touched, rate);
     assert_true(touched > 5 && cut > 0.3 * rate * touched * FRAME_S);
-    assert_true(cut < 2.5 * rate * (touched + 2) * FRAME_S); /* mending takes some more */
+    assert_true(cut < 2.5 * rate * (touched + 2) * FRAME_S); /* repairing takes some more */
     assert_null(cut_not_manifold(s.tissue));
-    assert_int_equal(tm_cut_take(s.world, tet, NULL, 512), 0);
+    assert_int_equal(tm_cut_fetch_removed(s.world, tet, NULL, 512), 0);
     scene_destroy(&s);
 }
 
@@ -91,7 +91,7 @@ static void loose_pieces(void **state) {
         assert_int_equal(tm_tissue_alive_count(s.tissue), left); /* the rest is still held */
         int32_t *tet = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
         int8_t *who = malloc((size_t)s.mesh->tet_count);
-        const int32_t n = tm_cut_take(s.world, tet, who, s.mesh->tet_count);
+        const int32_t n = tm_cut_fetch_removed(s.world, tet, who, s.mesh->tet_count);
         assert_int_equal(n, above);
         for (int32_t i = 0; i < n; i++) assert_int_equal(who[i], -1);
         free(tet), free(who);
@@ -103,7 +103,7 @@ static void loose_pieces(void **state) {
     }
 }
 
-/* No substep of the search looks at more than its sweep does, however large the mesh: beginning is not dearer. */
+/* No substep of the search looks at more than its sweep does, however large the mesh: beginning is not costlier. */
 static void search_is_spread_over_substeps(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -113,16 +113,16 @@ static void search_is_spread_over_substeps(void **state) {
     tm_error error;
     fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
     assert_int_equal(tm_world_step(s.world, 2), TM_OK);
-    assert_int_equal(tm_cut_most_visits(s.world), 0); /* nothing was cut */
-    for (int32_t i = 0; i < 3; i++) {                 /* three searches, each to its end */
+    assert_int_equal(tm_cut_max_visits(s.world), 0); /* nothing was cut */
+    for (int32_t i = 0; i < 3; i++) {                /* three searches, each to its end */
         const int32_t tet = 7000 + 100 * i;
         assert_true(tm_cut_remove(s.tissue, &tet, 1, NULL, 0) > 0);
         assert_int_equal(tm_world_step(s.world, 100), TM_OK);
     }
     print_message("  %d tetrahedra, at most %d looked at in a substep\n", s.mesh->tet_count,
-                  tm_cut_most_visits(s.world));
+                  tm_cut_max_visits(s.world));
     assert_true(s.mesh->tet_count > 7 * 2048);
-    assert_in_range(tm_cut_most_visits(s.world), 1024, 2048);
+    assert_in_range(tm_cut_max_visits(s.world), 1024, 2048);
     scene_destroy(&s);
 }
 

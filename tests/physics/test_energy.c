@@ -16,7 +16,7 @@ static tm_energy account(const scene *s) {
 
 /* All that went in or out, whichever way: what rounding is measured against. */
 static double turnover(const tm_energy *e) {
-    double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->moved_J) +
+    double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->state_change_J) +
                  e->damping_J + fabs(e->cut_J);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) sum += fabs(e->contact_J[t]) + fabs(e->grasp_J[t]);
     return sum;
@@ -61,8 +61,9 @@ static void test_swings(void **unused) {
         assert_closed(damping ? "damped" : "undamped", &s);
         const tm_energy e = account(&s);
         assert_true(damping ? e.damping_J > 0.9 * e.start_J : e.damping_J == 0);
-        assert_true(fabs(e.moved_J) < 1e-11 * e.start_J && e.support_J == 0 && e.gravity_J == 0 && e.load_J == 0);
-        assert_true(e.hand_J[0] == 0 && e.contact_J[0] == 0 && e.made_J == 0);
+        assert_true(fabs(e.state_change_J) < 1e-11 * e.start_J && e.support_J == 0 && e.gravity_J == 0 &&
+                    e.load_J == 0);
+        assert_true(e.tool_work_J[0] == 0 && e.contact_J[0] == 0 && e.generated_J == 0);
         scene_destroy(&s);
     }
 }
@@ -98,7 +99,7 @@ static void test_each_has_its_share(void **unused) {
     }
     assert_closed("a support moves", &s);
     e = account(&s);
-    assert_true(e.support_J > 1e-4 && fabs(e.moved_J) < 1e-11 * turnover(&e));
+    assert_true(e.support_J > 1e-4 && fabs(e.state_change_J) < 1e-11 * turnover(&e));
     free(mask);
     free(load);
     scene_destroy(&s);
@@ -116,7 +117,7 @@ static void test_steps_cuts_and_states(void **unused) {
     }
     assert_closed("new steps", &s);
     tm_energy e = account(&s), before = e;
-    assert_true(e.moved_J != 0 && fabs(e.moved_J) < 0.2 * e.start_J);
+    assert_true(e.state_change_J != 0 && fabs(e.state_change_J) < 0.2 * e.start_J);
     for (int i = 0; i < 20; i++) {
         int32_t tet = (int32_t)(scene_random() * s.mesh->tet_count);
         tm_cut_remove(s.tissue, &tet, 1, NULL, 0);
@@ -125,7 +126,7 @@ static void test_steps_cuts_and_states(void **unused) {
         assert_true(e.cut_J >= before.cut_J - 1e-15);
     }
     assert_closed("cuts", &s);
-    assert_true(e.cut_J > 0 && fabs(e.moved_J - before.moved_J) < 1e-11 * turnover(&e));
+    assert_true(e.cut_J > 0 && fabs(e.state_change_J - before.state_change_J) < 1e-11 * turnover(&e));
     /* All at once: it takes with it what there was. */
     int32_t *all = malloc(sizeof *all * (size_t)s.mesh->tet_count);
     for (int32_t t = 0; t < s.mesh->tet_count; t++) all[t] = t;
@@ -154,18 +155,19 @@ static void test_hands(void **unused) {
         at[1].tip_m[2] = 0.0447 - 0.003 * sin(0.03 * i) * sin(0.03 * i);
         const int32_t n = (int32_t)ceil(0.005 / tm_world_step_s(s.world));
         tm_contact_begin_frame(s.contact, n, n);
-        for (int t = 0; t < 2; t++) tm_contact_move(s.contact, t, at + t, n);
+        for (int t = 0; t < 2; t++) tm_contact_set_target(s.contact, t, at + t, n);
         assert_int_equal(tm_world_step(s.world, n), TM_OK);
         const tm_energy e = account(&s);
-        worst = fmax(worst, e.made_J);
-        hands = e.hand_J[0] + e.hand_J[1];
+        worst = fmax(worst, e.generated_J);
+        hands = e.tool_work_J[0] + e.tool_work_J[1];
         if (i == 240) /* held and lifted slowly: the hand's work is in the tissue, lost or in the springs */
-            assert_true(e.hand_J[0] > 1e-4 && fabs(e.grasp_J[0] + e.sprung_J - e.hand_J[0]) < 0.05 * e.hand_J[0]);
+            assert_true(e.tool_work_J[0] > 1e-4 &&
+                        fabs(e.grasp_J[0] + e.contact_stored_J - e.tool_work_J[0]) < 0.05 * e.tool_work_J[0]);
     }
     assert_closed("two hands", &s);
     const tm_energy e = account(&s);
-    print_message("hands put in %.3e J; film %.1e J; made at most %.1e J\n", hands, e.film_J, worst);
-    assert_true(e.film_J > 0 && worst < 5e-3 * hands);
+    print_message("hands put in %.3e J; film %.1e J; made at most %.1e J\n", hands, e.drag_J, worst);
+    assert_true(e.drag_J > 0 && worst < 5e-3 * hands);
     scene_destroy(&s);
 }
 

@@ -31,7 +31,7 @@ static double cut_frame(scene *s, int i, double *most_N) {
     double before[3], jump_N = 0;
     to.active = i >= 12;
     tm_contact_begin_frame(s->contact, substeps, 1);
-    tm_contact_move(s->contact, CAUTERY, &to, substeps);
+    tm_contact_set_target(s->contact, CAUTERY, &to, substeps);
     for (int32_t k = 0; k < substeps; k++) {
         memcpy(before, s->contact->tool[CAUTERY].substep_force_N, sizeof before);
         assert_int_equal(tm_world_step(s->world, 1), TM_OK);
@@ -90,12 +90,12 @@ static void energy_is_accounted_for(void **state) {
         cut_frame(&s, i, &most_N);
         faded += s.contact->fading->count;
         assert_int_equal(tm_world_energy(s.world, &e, NULL), TM_OK);
-        turned_J = fmax(turned_J, fabs(e.hand_J[CAUTERY]) + fabs(e.contact_J[CAUTERY]) + fabs(e.cut_J));
+        turned_J = fmax(turned_J, fabs(e.tool_work_J[CAUTERY]) + fabs(e.contact_J[CAUTERY]) + fabs(e.cut_J));
     }
-    print_message("  residual %.1e J of %.2e J turned over, made %.1e J\n", e.residual_J, turned_J, e.made_J);
+    print_message("  residual %.1e J of %.2e J turned over, made %.1e J\n", e.residual_J, turned_J, e.generated_J);
     assert_true(faded > 20);
     assert_true(fabs(e.residual_J) < 1e-11 * turned_J);
-    assert_true(e.made_J < 0);
+    assert_true(e.generated_J < 0);
     scene_destroy(&s);
 }
 
@@ -117,11 +117,13 @@ static void it_drives_nothing(void **state) {
     assert_int_equal(tm_world_energy(s.world, &out, NULL), TM_OK);
     assert_true(s.contact->fading->count > 0 && most_N > 0);
     for (int c = 0; c < 3; c++) assert_true(tm_contact_reaction(s.contact, CAUTERY).force_N[c] == 0);
-    print_message("  springs and tissue %.2e J, hand got back %.2e J\n", cut.elastic_J + cut.kinetic_J + cut.sprung_J,
-                  cut.hand_J[CAUTERY] - out.hand_J[CAUTERY]);
-    assert_true(cut.hand_J[CAUTERY] - out.hand_J[CAUTERY] < cut.elastic_J + cut.kinetic_J + cut.sprung_J);
+    print_message("  springs and tissue %.2e J, hand got back %.2e J\n",
+                  cut.elastic_J + cut.kinetic_J + cut.contact_stored_J,
+                  cut.tool_work_J[CAUTERY] - out.tool_work_J[CAUTERY]);
+    assert_true(cut.tool_work_J[CAUTERY] - out.tool_work_J[CAUTERY] <
+                cut.elastic_J + cut.kinetic_J + cut.contact_stored_J);
     const tm_tool_pose away = scene_pose(0.01, 0.005, 0.1);
-    tm_contact_place(s.contact, CAUTERY, &away);
+    tm_contact_set_pose(s.contact, CAUTERY, &away);
     assert_int_equal(s.contact->fading->count, 0);
     scene_destroy(&s);
 }
@@ -132,7 +134,7 @@ static void no_stiffness_while_it_fades(void **state) {
     scene s = fading_scene(FADE_S, 1);
     tm_patch_def def = tm_patch_def_default();
     def.iterations = 4000; /* all columns in one call, after each cut too */
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_error error;
     fix_ok(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
     tm_patch patch;
@@ -140,7 +142,7 @@ static void no_stiffness_while_it_fades(void **state) {
     int fades = 0, before = 0, after = 0;
     for (int i = 0; i < 20; i++) {
         cut_frame(&s, i, &most_N);
-        const bool fading = s.contact->fading->count > 0, made = tm_patch_make(maker, CAUTERY, &patch);
+        const bool fading = s.contact->fading->count > 0, made = tm_patch_compute(maker, CAUTERY, &patch);
         const int32_t kind = tm_contact_reaction(s.contact, CAUTERY).stiffness_kind;
         assert_true(made == (kind != 0) && made == (patch.kind != 0));
         assert_false(fading && made);
@@ -150,7 +152,7 @@ static void no_stiffness_while_it_fades(void **state) {
     still.active = false;
     for (int i = 0; i < 8; i++) {
         scene_frame(&s, CAUTERY, still, FRAME_S);
-        after += s.contact->fading->count == 0 && tm_patch_make(maker, CAUTERY, &patch);
+        after += s.contact->fading->count == 0 && tm_patch_compute(maker, CAUTERY, &patch);
     }
     print_message("  no stiffness in %d frames, before them in %d, after them in %d\n", fades, before, after);
     assert_true(fades > 3 && before > 3 && after > 0);

@@ -34,28 +34,29 @@ static rubbing open_rubbing(int tools, double at_rest, double sliding) {
 }
 
 typedef struct pull {
-    double pressed_N, force_N[3], over_cone; /* sums of the grips of tool 0; the worst force over its cone, less 1 */
+    double normal_force_N, force_N[3],
+        over_cone; /* sums of the grips of tool 0; the worst force over its cone, less 1 */
     bool slips;
     double rest;
 } pull;
 
 static pull grips(const rubbing *r, int tool, double at_rest, double sliding) {
-    tm_friction_grip grip[32];
+    tm_friction_station grip[32];
     pull p = {.over_cone = -1, .rest = 1};
-    const int32_t n = tm_friction_grips(r->friction, tool, grip, 32);
+    const int32_t n = tm_friction_stations(r->friction, tool, grip, 32);
     assert_true(n <= 32);
     for (int32_t i = 0; i < n; i++) {
         const double *f = grip[i].force_N, size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
         double along = 0;
         for (int c = 0; c < 3; c++) p.force_N[c] += f[c], along += f[c] * grip[i].normal[c];
-        p.pressed_N += grip[i].pressed_N;
-        p.over_cone = fmax(p.over_cone, size / (at_rest * grip[i].pressed_N) - 1);
+        p.normal_force_N += grip[i].normal_force_N;
+        p.over_cone = fmax(p.over_cone, size / (at_rest * grip[i].normal_force_N) - 1);
         assert_true(grip[i].coefficient >= sliding && grip[i].coefficient <= at_rest);
-        assert_true(size <= (grip[i].coefficient + 1e-6) * grip[i].pressed_N);
-        assert_true(!grip[i].slips || size >= (grip[i].coefficient - 1e-6) * grip[i].pressed_N);
+        assert_true(size <= (grip[i].coefficient + 1e-6) * grip[i].normal_force_N);
+        assert_true(!grip[i].slips || size >= (grip[i].coefficient - 1e-6) * grip[i].normal_force_N);
         assert_true(fabs(along) < 1e-12);
         p.slips |= grip[i].slips;
-        p.rest = fmin(p.rest, grip[i].rest);
+        p.rest = fmin(p.rest, grip[i].stick_state);
     }
     return p;
 }
@@ -89,7 +90,7 @@ static void test_does_not_creep(void **unused) {
     double changed = 0;
     for (int c = 0; c < 3; c++) changed = fmax(changed, fabs(after.force_N[c] - before.force_N[c]));
     print_message("held at %.2f of its cone with %.2f N: after %.1f min the force differs by %.1e N\n",
-                  1 + was.over_cone, was.pressed_N, minutes, changed);
+                  1 + was.over_cone, was.normal_force_N, minutes, changed);
     assert_true(was.over_cone > -0.4 && !was.slips && changed < 1e-6);
     scene_destroy(&r.s);
 }
@@ -135,7 +136,7 @@ static void test_lies_on_a_slope(void **unused) {
     print_message("slope 0.34: %.1e m in %d steps, at %.2f of its cone; 0.5: %.1f mm, at %.3f m/s\n", crept, steps,
                   1 + inside.over_cone, 1e3 * slid, slides);
     assert_true(crept < 1e-11 && !inside.slips && inside.rest == 1);
-    assert_true(hypot(inside.force_N[0], inside.force_N[1]) > 0.3 * inside.pressed_N);
+    assert_true(hypot(inside.force_N[0], inside.force_N[1]) > 0.3 * inside.normal_force_N);
     assert_true(slid > 0.005 && slides > 0.01 && outside.slips);
 }
 
@@ -151,7 +152,7 @@ static void test_slides_at_its_coefficient(void **unused) {
         go(&r, 0, x, 0.004, z);
         const pull p = grips(&r, 0, 0.4, 0.3);
         worst = fmax(worst, p.over_cone);
-        const double ratio = hypot(p.force_N[0], p.force_N[1]) / p.pressed_N;
+        const double ratio = hypot(p.force_N[0], p.force_N[1]) / p.normal_force_N;
         if (i < 400) peak = fmax(peak, ratio);
         if (i == 399) slid = ratio, assert_true(p.slips && p.rest == 0 && p.force_N[0] < 0);
         if (i == 449) assert_true(!p.slips);
@@ -180,7 +181,7 @@ static void test_sticks_and_slips(void **unused) {
             x -= 1e-4;
             go(&r, 0, x, 0.004, z);
             const pull p = grips(&r, 0, 0.5, 0.2);
-            took[k] = fmax(took[k], hypot(p.force_N[0], p.force_N[1]) / p.pressed_N);
+            took[k] = fmax(took[k], hypot(p.force_N[0], p.force_N[1]) / p.normal_force_N);
         }
         scene_destroy(&r.s);
     }
@@ -201,12 +202,12 @@ static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
         tm_tool_pose to[2] = {scene_pose(0.008 + 0.003 * sin(turn), 0.004 + 0.003 * (1 - cos(turn)), 0.0415),
                               scene_pose(-0.012 + 0.004 * sin(1.7 * turn), 0.004, 0.0405)};
         const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(r.s.world));
-        for (int t = 0; t < 2; t++) tm_contact_move(r.s.contact, t, to + t, substeps);
+        for (int t = 0; t < 2; t++) tm_contact_set_target(r.s.contact, t, to + t, substeps);
         assert_int_equal(tm_world_step(r.s.world, substeps), TM_OK);
         assert_int_equal(tm_world_energy(r.s.world, e, NULL), TM_OK);
-        assert_true(e->friction_J >= was.friction_J && e->film_J >= was.film_J - 1e-9);
-        *hands = fmax(*hands, fabs(e->hand_J[0]) + fabs(e->hand_J[1]));
-        worst = fmax(worst, e->made_J);
+        assert_true(e->friction_J >= was.friction_J && e->drag_J >= was.drag_J - 1e-9);
+        *hands = fmax(*hands, fabs(e->tool_work_J[0]) + fabs(e->tool_work_J[1]));
+        worst = fmax(worst, e->generated_J);
         was = *e;
     }
     scene_destroy(&r.s);
@@ -214,8 +215,8 @@ static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
 }
 
 /* What friction takes is never negative and pays for what the hands put in. Contact gives, out of what it took before
- * (contact_passive.c), no more than in absolute terms before it kept an account, 2.1e-4 and 2.3e-4 J, and with friction
- * no more than twice of what it gives without. */
+ * (contact_passivity.c), no more than in absolute terms before it kept an account, 2.1e-4 and 2.3e-4 J, and with
+ * friction no more than twice of what it gives without. */
 static void test_makes_no_energy(void **unused) {
     (void)unused;
     tm_energy plain, e;
@@ -223,9 +224,9 @@ static void test_makes_no_energy(void **unused) {
     const double plain_worst = rub(0, 0, &plain, &plain_hands), worst = rub(0.4, 0.3, &e, &hands);
     print_message("hands put in %.2e J (%.2e without): friction took %.2e, film %.2e, damping %.2e; made at most %.1e "
                   "(%.1e without)\n",
-                  hands, plain_hands, e.friction_J, e.film_J, e.damping_J, worst, plain_worst);
+                  hands, plain_hands, e.friction_J, e.drag_J, e.damping_J, worst, plain_worst);
     assert_true(plain.friction_J == 0 && e.friction_J > 0.5 * hands && fabs(e.residual_J) < 1e-10 * hands);
-    assert_true(plain_worst < 1.5e-4 && worst < 2.4e-4 && worst < 2 * plain_worst && e.made_J > -0.1 * hands);
+    assert_true(plain_worst < 1.5e-4 && worst < 2.4e-4 && worst < 2 * plain_worst && e.generated_J > -0.1 * hands);
 }
 
 static void wander(rubbing *r, int from, int to) {

@@ -30,8 +30,8 @@ static void note(void *self, tm_world *world) {
     told->hash[at] = tm_hash(now->u_m, 24 * (size_t)mesh->vertex_count, told->hash[at]);
     for (int t = 0; t < 2; t++) {
         tm_tool *tool = told->contact->tool + t;
-        told->gathered[at] += tool->fresh;
-        if (told->anew) tool->spent_m = INFINITY;
+        told->gathered[at] += tool->regathered;
+        if (told->anew) tool->margin_used_m = INFINITY;
     }
     if (told->substep++ == SUBSTEPS / 2 && told->frame == JUMP)
         for (int32_t v = 0; v < mesh->vertex_count; v++)
@@ -46,8 +46,8 @@ static void begin_frame(scene *s, int i) {
                                           {0.02, 0.015, 0.0455}, {-0.01, 0.015, 0.045}};
     const tm_tool_pose to = scene_pose(TIP[i][0], TIP[i][1], TIP[i][2]), there = scene_pose(-0.012, -0.01, 0.056);
     tm_contact_begin_frame(s->contact, SUBSTEPS, SUBSTEPS);
-    tm_contact_move(s->contact, PROBE, &to, SUBSTEPS);
-    tm_contact_move(s->contact, OTHER, &there, SUBSTEPS);
+    tm_contact_set_target(s->contact, PROBE, &to, SUBSTEPS);
+    tm_contact_set_target(s->contact, OTHER, &there, SUBSTEPS);
     if (i != THROWN && i != FLUNG) return;
     const double speed_m_s = i == THROWN ? 1.5 : 6;
     tm_state *now = tm_world_state(s->world);
@@ -60,7 +60,7 @@ static story play(tm_force_form form, int32_t threads, double damping_1_s, bool 
     def.cells[0] = def.cells[1] = 13, def.cells[2] = 8, def.tools = 2;
     def.damping_1_s = damping_1_s, def.form = form, def.threads = threads;
     scene s = scene_create(&def);
-    assert_int_equal(tm_world_parts(s.world), threads);
+    assert_int_equal(tm_world_partitions(s.world), threads);
     story told = {.contact = s.contact, .anew = anew};
     tm_error error;
     const tm_stage stage = {.size = sizeof stage, .name = "notes", .phase = TM_PHASE_BEGIN, .run = note, .self = &told};

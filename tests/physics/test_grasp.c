@@ -1,4 +1,4 @@
-/* Grasping: holding, pulling, letting go, two graspers on one piece and a cut between them. */
+/* Grasping: holding, pulling, releasing, two graspers on one piece and a cut between them. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -33,7 +33,7 @@ static tm_tool_pose with_grip(tm_tool_pose pose, double grip) {
 static void frame(grasp_scene *g, const tm_tool_pose *to, double force_N[2][3]) {
     int32_t n = (int32_t)ceil(0.005 / tm_world_step_s(g->s.world));
     tm_contact_begin_frame(g->s.contact, n, n);
-    for (int t = 0; t < g->s.def.tools; t++) tm_contact_move(g->s.contact, t, to + t, n);
+    for (int t = 0; t < g->s.def.tools; t++) tm_contact_set_target(g->s.contact, t, to + t, n);
     assert_int_equal(tm_world_step(g->s.world, n), TM_OK);
     for (int t = 0; t < g->s.def.tools; t++)
         memcpy(force_N[t], tm_contact_reaction(g->s.contact, t).force_N, sizeof force_N[t]);
@@ -58,7 +58,7 @@ static void test_hold_pull_and_let_go(void **unused) {
     double force[2][3], before[3], worst_jump = 0;
     tm_tool_pose at = scene_pose(0.008, 0.004, 0.0437);
     for (int k = 0; k < 40; k++) frame(&g, &at, force);
-    assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, &state), 0);
+    assert_int_equal(tm_grasp_vertices(g.grasp, 0, NULL, &state), 0);
     assert_true(force[0][2] > 0.02);
     for (int k = 1; k <= 10; k++) { /* closing changes no force: the hold takes over what contact bore */
         memcpy(before, force[0], sizeof before);
@@ -67,7 +67,7 @@ static void test_hold_pull_and_let_go(void **unused) {
         double change[3] = {force[0][0] - before[0], force[0][1] - before[1], force[0][2] - before[2]};
         worst_jump = fmax(worst_jump, norm(change));
     }
-    int32_t held = tm_grasp_held(g.grasp, 0, NULL, &state);
+    int32_t held = tm_grasp_vertices(g.grasp, 0, NULL, &state);
     assert_true(held >= 3 && state == TM_GRASP_HOLDING);
     print_message("%d vertices held; closing changed the force by at most %.1e N of %.3f N\n", held, worst_jump,
                   norm(force[0]));
@@ -95,7 +95,7 @@ static void test_hold_pull_and_let_go(void **unused) {
     }
     print_message("opened: zero after %.0f ms\n", 1e3 * time_to_zero);
     assert_true(time_to_zero > 0.05 && time_to_zero <= 0.1 + 0.010);
-    assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, &state), 0);
+    assert_int_equal(tm_grasp_vertices(g.grasp, 0, NULL, &state), 0);
     assert_int_equal(state, TM_GRASP_OPEN);
     scene_destroy(&g.s);
 }
@@ -116,7 +116,7 @@ static void test_roll_twists(void **unused) {
         frame(&g, &at, force);
     }
     tm_grasp_state state;
-    assert_true(tm_grasp_held(g.grasp, 0, NULL, &state) >= 3 && state == TM_GRASP_HOLDING);
+    assert_true(tm_grasp_vertices(g.grasp, 0, NULL, &state) >= 3 && state == TM_GRASP_HOLDING);
     double twisted = tm_tissue_energy(g.s.tissue, tm_world_state(g.s.world)->u_m);
     print_message("roll of 0.6 rad: energy %.2e J to %.2e J\n", energy, twisted);
     assert_true(twisted > 2 * energy);
@@ -157,7 +157,7 @@ static void test_two_hold_and_a_cut_between(void **unused) {
     print_message("after the cut between them: %.3f N and %.3f N\n", force[0][0], force[1][0]);
     assert_true(fabs(force[0][0]) < 0.95 * fabs(pulled[0]));
     assert_true(fabs(force[1][0]) < 0.7 * fabs(pulled[1]));
-    assert_true(tm_grasp_held(g.grasp, 0, NULL, NULL) >= 3 && tm_grasp_held(g.grasp, 1, NULL, NULL) >= 3);
+    assert_true(tm_grasp_vertices(g.grasp, 0, NULL, NULL) >= 3 && tm_grasp_vertices(g.grasp, 1, NULL, NULL) >= 3);
     scene_destroy(&g.s);
 }
 
@@ -170,7 +170,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
     for (int k = 0; k < 20; k++) frame(&g, &at, force);
     const int32_t *vertex;
-    int32_t held = tm_grasp_held(g.grasp, 0, &vertex, NULL), n = 0;
+    int32_t held = tm_grasp_vertices(g.grasp, 0, &vertex, NULL), n = 0;
     assert_true(held >= 3);
     int32_t *tet = malloc(sizeof(int32_t) * (size_t)g.s.mesh->tet_count);
     for (int32_t t = 0; t < g.s.mesh->tet_count; t++)
@@ -186,7 +186,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     free(tet);
     at.tip_m[2] += 0.004; /* away from the hole's rim */
     frame(&g, &at, force);
-    assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, NULL), 0);
+    assert_int_equal(tm_grasp_vertices(g.grasp, 0, NULL, NULL), 0);
     for (int k = 0; k < 20; k++) frame(&g, &at, force);
     assert_true(norm(force[0]) == 0);
     scene_destroy(&g.s);
@@ -200,14 +200,14 @@ static void test_a_leap_lets_go(void **unused) {
     double force[2][3];
     tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
     for (int k = 0; k < 20; k++) frame(&g, &at, force);
-    assert_true(tm_grasp_held(g.grasp, 0, NULL, NULL) >= 3);
+    assert_true(tm_grasp_vertices(g.grasp, 0, NULL, NULL) >= 3);
     at.tip_m[2] = 0.08;
-    tm_contact_place(g.s.contact, 0, &at);
+    tm_contact_set_pose(g.s.contact, 0, &at);
     for (int k = 0; k < 4; k++) {
         frame(&g, &at, force);
         assert_true(norm(force[0]) == 0);
     }
-    assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, NULL), 0);
+    assert_int_equal(tm_grasp_vertices(g.grasp, 0, NULL, NULL), 0);
     scene_destroy(&g.s);
 }
 

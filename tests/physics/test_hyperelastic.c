@@ -308,7 +308,7 @@ static uint64_t story(int32_t threads, int32_t snapshot_at) {
     fix_random random = {5};
     tm_error error;
     tm_state *s = tm_world_state(b.world);
-    assert_int_equal(tm_world_parts(b.world), threads);
+    assert_int_equal(tm_world_partitions(b.world), threads);
     for (int32_t i = 0; i < b.n; i++) s->u_m[i] = s->u_prev_m[i] = 0.02 * SIDE_M * fix_signed(&random);
     for (int32_t k = 0; k < 30; k++) {
         if (k == 10) assert_true(tm_cut_remove(b.tissue, (int32_t[]){100, 700, 1200}, 3, NULL, 0) >= 3);
@@ -384,7 +384,7 @@ static void refusals_say_why(void **state) {
     tissue_is_refused(other, TM_ERR_EXCLUDED, "the linear one");
     other = def, other.rotation = TM_ROTATION_THRESHOLD;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "rotation");
-    other = def, other.volume = true, other.volume_shear = 0;
+    other = def, other.strain_smoothing = true, other.smoothed_shear_share = 0;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "averaged");
     other = def, other.precision = TM_SINGLE;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "single");
@@ -415,7 +415,7 @@ static void refusals_say_why(void **state) {
     assert_int_equal(tm_material_set_law(&m, TM_LAW_COUNT, NULL, 0, &error), TM_ERR_MATERIAL);
     block b = make((int[]){1, 1, 1}, &law, 1, true);
     tm_viscosity_def relaxing = tm_viscosity_def_default();
-    relaxing.count = 1, relaxing.term[0] = (tm_viscosity_term){.time_s = 1, .shear = 0.5, .volume = 0.5};
+    relaxing.count = 1, relaxing.term[0] = (tm_viscosity_term){.time_s = 1, .shear = 0.5, .bulk = 0.5};
     assert_int_equal(tm_stage_viscosity(b.world, &relaxing, &error), TM_ERR_EXCLUDED);
     destroy(&b);
     tm_mesh_destroy(mesh);

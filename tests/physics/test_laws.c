@@ -48,7 +48,7 @@ static body make(const tm_law *law, bool fibred, bool alone) {
     def.mesh = b.mesh, def.material_count = 1, def.material = &b.material,
     def.fibre = fibred || law->kind == TM_LAW_HOLZAPFEL ? b.fibre : NULL;
     def.rotation = law->has_constant_tangent || law->kind != TM_LAW_LINEAR ? 0 : TM_ROTATION_THRESHOLD;
-    def.volume = law->averages, def.volume_shear = 0, def.cuttable = true;
+    def.strain_smoothing = law->averages, def.smoothed_shear_share = 0, def.cuttable = true;
     fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
     if (alone)
         for (int32_t t = 1; t < b.mesh->tet_count; t++) tm_cut_remove(b.tissue, &t, 1, NULL, 0);
@@ -57,7 +57,7 @@ static body make(const tm_law *law, bool fibred, bool alone) {
     assert_true((tm_tissue_alive_count(b.tissue) == 1) == alone);
     const tm_material_field field = tm_tissue_field(b.tissue);
     assert_true(tm_law_of(&field) == law);
-    assert_true(tm_law_take(&b.law, &b.pool, law, &field));
+    assert_true(tm_law_init(&b.law, &b.pool, law, &field));
     return b;
 }
 
@@ -292,7 +292,7 @@ static void every_tetrahedron_has_its_own_law(void **state) {
             const tm_material_field field = {
                 .mesh = mesh, .alive = alive, .material = two[k], .region_material = own, .material_count = 2};
             assert_true(tm_hyperelastic_take(&h, &pool, &field));
-            corner[k] = TM_TAKE(&pool, double, 12 * TM_LANES * (int64_t)h.packs.count);
+            corner[k] = TM_ALLOC(&pool, double, 12 * TM_LANES * (int64_t)h.packs.count);
             pass(&h, 0, h.packs.count, u, corner[k]);
         }
         for (int32_t t = 0; t < mesh->tet_count && pass; t++)

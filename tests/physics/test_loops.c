@@ -41,7 +41,7 @@ static piece make(tm_mesh *mesh, const tm_material *m, bool volume, double dampi
     def.mesh = mesh, def.material_count = 1, def.material = &own;
     def.fibre = tm_material_is_isotropic(m) ? NULL : fibre;
     def.rotation = TM_ROTATION_THRESHOLD;
-    if (volume) def.volume = true, def.volume_shear = 0;
+    if (volume) def.strain_smoothing = true, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &p.tissue, &error), &error);
     free(fibre);
     p.world = fix_world(p.tissue, damping > 0);

@@ -88,8 +88,8 @@ static double scheme_energy(tm_world *world, double *force) {
 
 enum { HELD = 12 }; /* components of the four vertices at x = 0 */
 
-/* A clamped block with random velocities at `fraction` of the sharp step. No user may ask for that: the guaranteed step
- * is below the sharp one. So the step is written into the state, and the mobilities with it. */
+/* A clamped block with random velocities at `fraction` of the estimated step. No user may ask for that: the guaranteed
+ * step is below the sharp one. So the step is written into the state, and the mobilities with it. */
 static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     tm_error error;
     tm_material material;
@@ -100,7 +100,7 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     const double zero[HELD] = {0};
     for (int i = 0; i < HELD; i++) dof[i] = i, fixed[i] = 1;
     double sharp = 0;
-    fix_ok(tm_critical_step_sharp(*tissue, fixed, 1e-10, 100000, &sharp, &error), &error);
+    fix_ok(tm_critical_step_estimate(*tissue, fixed, 1e-10, 100000, &sharp, &error), &error);
     tm_world *world = fix_world(*tissue, false);
     tm_support_def def = tm_support_def_default();
     def.count = HELD, def.dof = dof, def.value_m = zero;
@@ -130,7 +130,7 @@ static void energy_is_kept(void **state) {
         assert_int_equal(tm_world_step(world, 1000), TM_OK);
         worst = fmax(worst, fabs(scheme_energy(world, force) / before - 1));
     }
-    print_message("  energy of %d steps at 0.95 of the sharp step: within %.1e\n", steps, worst);
+    print_message("  energy of %d steps at 0.95 of the estimated step: within %.1e\n", steps, worst);
     assert_true(worst <= 1e-9);
     free(force);
     tm_world_destroy(world);
@@ -326,7 +326,7 @@ static double turned(tm_precision precision, int held, int32_t steps, tm_status 
     tm_support_def def = tm_support_def_default();
     def.count = 3 * held, def.dof = dof, def.value_m = value;
     if (held) fix_ok(tm_stage_support(world, &def, &error), &error);
-    *status = tm_world_check_held(world, &error);
+    *status = tm_world_check_constrained(world, &error);
     assert_true(!*status || strstr(error.message, "leave its piece a rigid motion"));
     const double before = fix_largest(s->u_m, 3 * mesh->vertex_count);
     assert_int_equal(tm_world_step(world, steps), TM_OK);

@@ -16,7 +16,7 @@ static double distance(const double *a, const double *b) {
 
 typedef struct patch_scene {
     scene s;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_patch patch;
     double tip_m[3];
 } patch_scene;
@@ -24,7 +24,7 @@ typedef struct patch_scene {
 /* Force of the settled solve with the tip there; leaves the tissue at rest there. */
 static void settled(scene *s, const double tip_m[3], double force_N[3]) {
     tm_tool_pose at = scene_pose(tip_m[0], tip_m[1], tip_m[2]);
-    tm_contact_move(s->contact, 0, &at, 1);
+    tm_contact_set_target(s->contact, 0, &at, 1);
     assert_int_equal(tm_world_step(s->world, 1), TM_OK);
     tm_settle_def settle = tm_settle_def_default();
     settle.tolerance = 1e-8;
@@ -39,7 +39,7 @@ static int make(patch_scene *p) {
     int calls = 0;
     bool made = false;
     do {
-        made = tm_patch_make(p->maker, 0, &p->patch);
+        made = tm_patch_compute(p->maker, 0, &p->patch);
     } while (tm_patch_pending(p->maker) > 0 && ++calls < 500);
     assert_true(made);
     return calls;
@@ -172,11 +172,12 @@ static void test_patch_after_a_cut(void **unused) {
     cut_slit(&p.s);
     scene_frame(&p.s, 0, tm_contact_pose(p.s.contact, 0), 0.2);
     tm_patch now;
-    tm_patch_make(p.maker, 0, &now);
+    tm_patch_compute(p.maker, 0, &now);
     assert_true(tm_patch_pending(p.maker) > 0); /* stiffness has changed: nothing old is passed on as new */
     int again = make(&p);
     assert_true(p.patch.topology_revision > revision);
-    print_message("calls of tm_patch_make until all columns are there: %d at first, %d after the cut\n", fresh, again);
+    print_message("calls of tm_patch_compute until all columns are there: %d at first, %d after the cut\n", fresh,
+                  again);
     patch_against_settled(&p, "beside a cut", 0.01, 0.005);
     scene_destroy(&p.s);
 }
@@ -241,15 +242,15 @@ static void patch_of_a_hold(const char *what, const double trocar_m[3], const do
     scene_must(tm_stage_patch(p.s.world, p.s.contact, &def, &p.maker, &error), &error);
     scene_frame(&p.s, 0, scene_pose(tip[0], tip[1], tip[2]), 0.3);
     hold_at(&p.s, tip, 0.1, force);
-    assert_true(tm_grasp_held(grasp, 0, NULL, NULL) >= 3);
+    assert_true(tm_grasp_vertices(grasp, 0, NULL, NULL) >= 3);
     for (int c = 0; c < 3; c++) tip[c] += to_m[c];
     rest_at(&p.s, tip, force);
     make(&p);
     tm_tool_reaction r = tm_contact_reaction(p.s.contact, 0);
     assert_int_equal(r.stiffness_kind, 1);
-    assert_true(p.patch.holds && p.patch.held != 0 && p.patch.vertex_count < TM_PATCH_VERTICES);
+    assert_true(p.patch.grasps && p.patch.grasped != 0 && p.patch.vertex_count < TM_PATCH_VERTICES);
     tm_patch_force(solver, &p.patch, tip, patch_N, NULL);
-    const double beside_N = distance(p.patch.hold_N, patch_N);
+    const double beside_N = distance(p.patch.grasp_N, patch_N);
     assert_true(distance(patch_N, force) < 1e-3 * norm(force));
     assert_true(presses ? beside_N > 0.02 * norm(force) : beside_N < 1e-9);
     for (int c = 0; c < 3; c++) {
@@ -325,16 +326,16 @@ static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
     patch_scene p = press(0, 0.003, 0.004, 0.0042, false);
     make(&p);
     tm_tool_pose at = scene_pose(0.003, 0.004, 0.03);
-    tm_contact_place(p.s.contact, 0, &at);
+    tm_contact_set_pose(p.s.contact, 0, &at);
     scene_frame(&p.s, 0, at, 0.02);
     assert_true(tm_contact_reaction(p.s.contact, 0).flags & TM_REACTION_INSIDE);
     for (int k = 0; k < 500 && (k == 0 || tm_patch_pending(p.maker) > 0); k++)
-        assert_false(tm_patch_make(p.maker, 0, &p.patch));
+        assert_false(tm_patch_compute(p.maker, 0, &p.patch));
     assert_int_equal(tm_contact_reaction(p.s.contact, 0).stiffness_kind, 0);
     at = scene_pose(0.003, 0.004, 0.044);
     at.active = false;
     scene_frame(&p.s, 0, at, 0.02);
-    assert_false(tm_patch_make(p.maker, 0, &p.patch));
+    assert_false(tm_patch_compute(p.maker, 0, &p.patch));
     scene_destroy(&p.s);
 }
 

@@ -25,7 +25,7 @@ static void test_no_stiffness_of_half_a_patch(void **unused) {
     scene s = scene_create_full(&d, false, NULL);
     tm_patch_def def = tm_patch_def_default();
     if (test_is_sanitized()) def.iterations = 500;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_error error;
     scene_must(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
     tm_patch patch;
@@ -33,7 +33,7 @@ static void test_no_stiffness_of_half_a_patch(void **unused) {
     int none = 0, sent = 0;
     for (int k = 0; k < 400 && sent < 10; k++) {
         scene_frame(&s, 0, scene_pose(0.003, 0.002, k < 20 ? 0.034 - 0.0004 * k : 0.026), 0.04);
-        const bool made = tm_patch_make(maker, 0, &patch);
+        const bool made = tm_patch_compute(maker, 0, &patch);
         const tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
         assert_true(made == (r.stiffness_kind != 0) && made == (patch.kind != 0));
         none += !made;

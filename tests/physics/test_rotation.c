@@ -88,7 +88,7 @@ static void test_force_and_tangent_are_derivatives(void **state) {
         fix_random random = {3};
         tm_pool pool = {0};
         tm_tangent tangent;
-        assert_true(tm_tangent_take(&tangent, &pool, t.rotation));
+        assert_true(tm_tangent_init(&tangent, &pool, t.rotation));
         /* Below the threshold, in the band, strained by a tenth to a half, inside out. */
         for (double size = 1e-5; size < 3e-2; size *= 2) {
             for (int32_t i = 0; i < t.n; i++) u[i] = size * fix_signed(&random), d[i] = fix_signed(&random);
@@ -184,7 +184,7 @@ static void test_all_forms_give_the_same_bits(void **state) {
         double *u = vectors(&t, 3), *f = u + t.n, *g = u + 2 * t.n;
         int32_t every[64];
         fix_random random = {11};
-        for (int32_t p = 0; p < t.rotation->packs.count; p++) every[p] = p;
+        for (int32_t p = 0; p < t.rotation->batches.count; p++) every[p] = p;
         for (double size = 1e-4; size < 0.1; size *= 3) {
             for (int32_t i = 0; i < t.n; i++) u[i] = size * fix_signed(&random);
             tm_rotation_force(t.rotation, u, f);
@@ -192,7 +192,7 @@ static void test_all_forms_give_the_same_bits(void **state) {
                 const tm_rotation_kernel kernel = tm_rotation_form(form);
                 if (!kernel) continue;
                 memset(g, 0, sizeof(double) * (size_t)t.n);
-                kernel(&t.rotation->packs, every, t.rotation->packs.count, u, g, NULL);
+                kernel(&t.rotation->batches, every, t.rotation->batches.count, u, g, NULL);
                 assert_memory_equal(f, g, sizeof(double) * (size_t)t.n);
             }
         }
@@ -251,9 +251,9 @@ static void test_no_state_needs_a_shorter_step(void **state) {
                 u[i] += (near ? 5e-5 : 2e-3) * fix_signed(&random);
             }
             for (int32_t tet = 0; tet < t.mesh->tet_count; tet++) {
-                tm_turned_lane lane;
+                tm_corotated_lane lane;
                 double A[81], linear[81];
-                if (!tm_rotation_lane(&t.rotation->packs, tet, u, &lane)) continue;
+                if (!tm_rotation_lane(&t.rotation->batches, tet, u, &lane)) continue;
                 tm_rotation_hessian(&lane, A);
                 tm_rotation_linear(&lane, linear);
                 for (int i = 0; i < 81; i++) A[i] += linear[i];
@@ -380,11 +380,11 @@ static void test_refusals(void **state) {
     for (int k = 0; k < 4; k++) {
         def.rotation = (const double[]){0.5, NAN, 0.02, 0.02}[k];
         def.precision = k == 2 ? TM_SINGLE : TM_DOUBLE;
-        def.volume = k == 3;
+        def.strain_smoothing = k == 3;
         assert_int_equal(tm_tissue_create(&def, &tissue, &error), TM_ERR_ARGUMENT);
         assert_non_null(strstr(error.message, k == 2 ? "take" : "give 0"));
     }
-    def.rotation = 0, def.volume = false;
+    def.rotation = 0, def.strain_smoothing = false;
     fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
     tm_world *world = fix_world(tissue, true);
     assert_int_equal(tm_stage_rotation(world, NULL, &error), TM_ERR_ARGUMENT);
@@ -522,7 +522,7 @@ static void test_compliance_is_the_tangents(void **state) {
     tm_tangent tangent;
     double *x = vectors(&t, 2), *f = x + t.n, softer[2];
     clamp(&t, 0.06, false);
-    assert_true(tm_tangent_take(&tangent, &tangents, t.rotation));
+    assert_true(tm_tangent_init(&tangent, &tangents, t.rotation));
     tm_columns *columns = tm_columns_create(&pool, t.world, 4, 1e-6);
     int32_t tip = 0;
     for (int32_t v = 0; v < t.mesh->vertex_count; v++)

@@ -58,8 +58,8 @@ static double even_step(void) {
     const double step_s = tm_critical_step_guaranteed(s.tissue, NULL);
     tm_mass_scaling m;
     assert_false(tm_tissue_mass_scaling(s.tissue, &m));
-    assert_true(m.added_kg == 0 && m.vertices == 0 && m.own_kg > 0);
-    assert_ptr_equal(tm_tissue_own_mass_kg(s.tissue), tm_tissue_mass_kg(s.tissue));
+    assert_true(m.added_kg == 0 && m.vertices == 0 && m.physical_kg > 0);
+    assert_ptr_equal(tm_tissue_physical_mass_kg(s.tissue), tm_tissue_mass_kg(s.tissue));
     stop(&s);
     return step_s;
 }
@@ -74,32 +74,32 @@ static void the_step_is_guaranteed_and_little_is_added(void **state) {
         tm_error error;
         double sharp, own_Hz[3], scaled_Hz[3];
         assert_true(tm_tissue_mass_scaling(s.tissue, &m));
-        fix_ok(tm_critical_step_sharp(s.tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
+        fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
         fix_ok(tm_mass_scaling_frequencies(s.tissue, s.fixed, own_Hz, scaled_Hz, &error), &error);
         print_message("  %g times the even step: %.3g of the mass added at %d vertices, at most %.3g times; sharp %.3g "
                       "times; z %.4g -> %.4g Hz\n",
-                      times[i], m.added_kg / m.own_kg, m.vertices, m.most_factor, sharp / even, own_Hz[2],
+                      times[i], m.added_kg / m.physical_kg, m.vertices, m.max_factor, sharp / even, own_Hz[2],
                       scaled_Hz[2]);
         assert_true(sharp >= times[i] * even && tm_critical_step_guaranteed(s.tissue, NULL) >= times[i] * even);
-        assert_true(m.added_kg <= most[i] * m.own_kg && (i < 2 || m.added_kg > 0));
-        assert_true(m.own_kg / (0.07 * 0.05 * 0.04 * s.material.density_kg_m3) - 1 < 1e-9);
+        assert_true(m.added_kg <= most[i] * m.physical_kg && (i < 2 || m.added_kg > 0));
+        assert_true(m.physical_kg / (0.07 * 0.05 * 0.04 * s.material.density_kg_m3) - 1 < 1e-9);
         for (int c = 0; c < 3; c++) {
             const double ratio = scaled_Hz[c] / own_Hz[c];
-            assert_true(ratio <= 1 && ratio > 1 / sqrt(1 + 3 * m.added_kg / m.own_kg) - 1e-9);
+            assert_true(ratio <= 1 && ratio > 1 / sqrt(1 + 3 * m.added_kg / m.physical_kg) - 1e-9);
         }
         assert_int_equal(tm_world_step(s.world, 400), TM_OK);
         stop(&s);
     }
 }
 
-/* Cut to the last piece: bits of a fresh build, no vertex gets heavier, and the sharp step of what is left is never
+/* Cut to the last piece: bits of a fresh build, no vertex gets heavier, and the estimated step of what is left is never
  * shorter than what was asked for. */
 static void cuts_keep_the_step(void **state) {
     (void)state;
     const double step_s = 2.8 * even_step();
     for (int order = 0; order < 6; order++) { /* the last two with changes of volume averaged, and shears */
         scene s = make(step_s, 1e9, true, order == 3 ? TM_SINGLE : TM_DOUBLE);
-        s.def.volume = order > 3, s.def.volume_shear = order == 5 ? 0.4 : 0;
+        s.def.strain_smoothing = order > 3, s.def.smoothed_shear_share = order == 5 ? 0.4 : 0;
         start(&s, step_s);
         fix_random random = {7 + (uint64_t)order};
         int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
@@ -117,7 +117,7 @@ static void cuts_keep_the_step(void **state) {
             assert_int_equal(tm_world_step(s.world, 50), TM_OK);
             assert_true(tm_critical_step_guaranteed(s.tissue, NULL) >= step_s);
             if (tm_tissue_alive_count(s.tissue) == 0) break;
-            fix_ok(tm_critical_step_sharp(s.tissue, NULL, 1e-6, 20000, &sharp, &error), &error);
+            fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-6, 20000, &sharp, &error), &error);
             assert_true(sharp >= step_s);
         }
         free(list), free(before);
@@ -131,7 +131,8 @@ static void rest_and_weight_are_untouched(void **state) {
     scene plain = make(0, 0, true, TM_DOUBLE), heavy = make(step_s, 1, true, TM_DOUBLE);
     start(&plain, 0), start(&heavy, step_s);
     const size_t n = 3 * (size_t)plain.mesh->vertex_count;
-    assert_memory_equal(tm_tissue_own_mass_kg(heavy.tissue), tm_tissue_mass_kg(plain.tissue), n / 3 * sizeof(double));
+    assert_memory_equal(tm_tissue_physical_mass_kg(heavy.tissue), tm_tissue_mass_kg(plain.tissue),
+                        n / 3 * sizeof(double));
     assert_memory_equal(tm_tissue_damping_kg_s(heavy.tissue), tm_tissue_damping_kg_s(plain.tissue),
                         n / 3 * sizeof(double));
     tm_error error;
@@ -161,10 +162,10 @@ static void the_energy_account_closes(void **state) {
     }
     assert_int_equal(tm_world_step(s.world, 100), TM_OK);
     fix_ok(tm_world_energy(s.world, &e, &error), &error);
-    print_message("  residual %.3g, moved %.3g of gravity's %.3g J, %.3g J cut away\n", e.residual_J, e.moved_J,
+    print_message("  residual %.3g, moved %.3g of gravity's %.3g J, %.3g J cut away\n", e.residual_J, e.state_change_J,
                   e.gravity_J, e.cut_J);
     assert_true(e.gravity_J > 0 && e.cut_J != 0 && fabs(e.residual_J) < 1e-9 * e.gravity_J);
-    assert_true(fabs(e.moved_J) < 1e-9 * e.gravity_J);
+    assert_true(fabs(e.state_change_J) < 1e-9 * e.gravity_J);
     stop(&s);
 }
 

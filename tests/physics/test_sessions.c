@@ -5,7 +5,7 @@
  * Which sessions are run: random_session.h. */
 #include "contact_scene.h"
 
-enum { MOST_ACTIONS = 14, FRAMES_AFTER = 30, EFFECTS = 0 };
+enum { MAX_ACTIONS = 14, FRAMES_AFTER = 30, EFFECTS = 0 };
 static const double FRAME_S = 0.005, TOP_M = 0.03, HALF_M = 0.024;
 /* How much more than the hands put in tissue and springs may have: a share of all that hands gave and took, and what is
  * not worth a bound. The worst has 0.056 (and 0.051 of 2,100 more): the bound is twice that, so that contact that makes
@@ -28,7 +28,7 @@ typedef struct session {
     tm_tool_mode mode[2];
     double young_Pa, damping_1_s, fade_s;
     int count;
-    action action[MOST_ACTIONS];
+    action action[MAX_ACTIONS];
 } session;
 
 typedef struct verdict {
@@ -80,7 +80,7 @@ static void print_session(const session *s) {
 typedef struct stage {
     scene s;
     tm_tool_pose at[2];
-    double hand_J[2]; /* as last seen */
+    double tool_work_J[2]; /* as last seen */
     int32_t substeps;
     verdict v;
     bool tell;
@@ -101,7 +101,7 @@ static stage open_stage(const session *s) {
     tm_error error;
     tm_grasp *grasp;
     tm_grasp_def how = tm_grasp_def_default();
-    how.fade_s = s->fade_s;
+    how.release_time_s = s->fade_s;
     tm_cut_def cut = tm_cut_def_default();
     cut.loose = TM_LOOSE_REMOVE;
     scene_must(tm_stage_grasp(g.s.world, g.s.contact, &how, &grasp, &error), &error);
@@ -120,16 +120,16 @@ static void fail_at(stage *g, int i, const char *why, double is, double bound) {
 static void judge(stage *g, int i, bool after) {
     tm_energy e;
     assert_int_equal(tm_world_energy(g->s.world, &e, NULL), TM_OK);
-    double turnover = e.start_J + fabs(e.support_J) + e.damping_J + fabs(e.cut_J) + fabs(e.moved_J);
+    double turnover = e.start_J + fabs(e.support_J) + e.damping_J + fabs(e.cut_J) + fabs(e.state_change_J);
     for (int t = 0; t < 2; t++) {
-        g->v.hands_J += fabs(e.hand_J[t] - g->hand_J[t]);
-        g->hand_J[t] = e.hand_J[t];
+        g->v.hands_J += fabs(e.tool_work_J[t] - g->tool_work_J[t]);
+        g->tool_work_J[t] = e.tool_work_J[t];
         turnover += fabs(e.contact_J[t]) + fabs(e.grasp_J[t]);
         const bool overflowed = tm_contact_reaction(g->s.contact, t).flags & TM_REACTION_OVERFLOWED;
         if (after && overflowed) fail_at(g, i, "tools are out and contact is still overflowed, tool", t, 0);
     }
     const double may = SURPLUS_SHARE * g->v.hands_J + SURPLUS_J;
-    const double surplus = e.made_J - e.film_J; /* tissue's and springs' less the hands' */
+    const double surplus = e.generated_J - e.drag_J; /* tissue's and springs' less the hands' */
     g->v.worst = fmax(g->v.worst, surplus / may);
     const double *u = tm_world_state(g->s.world)->u_m;
     double far = 0;
@@ -140,8 +140,9 @@ static void judge(stage *g, int i, bool after) {
         print_message(
             "  %2d: stored %.2e + %.2e J, hands %+.2e %+.2e, surplus %+.2e of %.1e, held %.1e, film %.1e, cut "
             "%.1e, %.1f mm, %d rows\n",
-            i, e.kinetic_J, e.elastic_J, e.hand_J[0], e.hand_J[1], surplus, may, e.sprung_J, e.film_J, e.cut_J,
-            1e3 * far, tm_contact_reaction(g->s.contact, 0).row_count + tm_contact_reaction(g->s.contact, 1).row_count);
+            i, e.kinetic_J, e.elastic_J, e.tool_work_J[0], e.tool_work_J[1], surplus, may, e.contact_stored_J, e.drag_J,
+            e.cut_J, 1e3 * far,
+            tm_contact_reaction(g->s.contact, 0).row_count + tm_contact_reaction(g->s.contact, 1).row_count);
     if (!(surplus <= may)) fail_at(g, i, "more than the hands put in, by J", surplus, may);
     if (!(far <= FARTHEST_M)) fail_at(g, i, "a vertex went to m", far, FARTHEST_M);
     if (!(fabs(e.residual_J) <= 1e-9 * turnover + 1e-15))
@@ -155,7 +156,7 @@ static void go(stage *g, int i, const tm_tool_pose to[2], int frames) {
         tm_contact_begin_frame(g->s.contact, g->substeps, g->substeps);
         for (int t = 0; t < 2; t++) {
             g->at[t] = on_the_way(from + t, to + t, k, frames);
-            tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
+            tm_contact_set_target(g->s.contact, t, g->at + t, g->substeps);
         }
         if (tm_world_step(g->s.world, g->substeps) != TM_OK) {
             fail_at(g, i, "the step is unstable", 0, 0);
@@ -225,7 +226,7 @@ static bool drop_effect(session *s, int i) { return (void)s, (void)i, false; }
 
 /* --- the test --- */
 
-/* Seeds that broke a bound before contact kept an account of its own (contact_passive.c), or when that account
+/* Seeds that broke a bound before contact kept an account of its own (contact_passivity.c), or when that account
  * thickened the film instead. */
 static const uint64_t ONCE_BROKE[] = {3403, 4500, 6046, 9356};
 

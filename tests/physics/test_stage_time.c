@@ -1,4 +1,4 @@
-/* Timers of tissue that turns and relaxes: each effect is charged its own part of passes that both share. Compared
+/* Timers of tissue that turns and relaxes: each effect is profiled its own part of passes that both share. Compared
  * within one run, worlds taking turns, the least of several. */
 #include <math.h>
 

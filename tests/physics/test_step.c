@@ -83,7 +83,8 @@ static void never_above_the_sharp_step(void **state) {
         free(fibre);
         tm_mesh_destroy(mesh);
     }
-    print_message("  %d meshes: at most %.6f of the sharp step, %.2f times the even bound\n", trials, nearest, gain);
+    print_message("  %d meshes: at most %.6f of the estimated step, %.2f times the even bound\n", trials, nearest,
+                  gain);
     assert_true(gain > 1.5);
 }
 
@@ -105,11 +106,11 @@ static void slivers_share(void **state) {
     tm_tissue *whole = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
     tm_tissue *cuttable = fix_tissue(mesh, &material, NULL, TM_DOUBLE, true);
     double sharp = 0;
-    fix_ok(tm_critical_step_sharp(whole, NULL, 1e-8, 20000, &sharp, &error), &error);
+    fix_ok(tm_critical_step_estimate(whole, NULL, 1e-8, 20000, &sharp, &error), &error);
     const double even = tm_critical_step_guaranteed(cuttable, NULL), shared = tm_critical_step_guaranteed(whole, NULL);
-    print_message("  even %.3f of the sharp step, shared %.3f\n", even / sharp, shared / sharp);
+    print_message("  even %.3f of the estimated step, shared %.3f\n", even / sharp, shared / sharp);
     assert_true(even < 0.7 * sharp && shared > 1.3 * even && shared <= sharp);
-    /* What hangs on the tissue lives on its extra masses: they are no one else's to share, nor to lean on. */
+    /* What hangs on the tissue lives on its extra masses: they are no one else's to share, nor to depend on. */
     double *extra = malloc(sizeof(double) * (size_t)mesh->vertex_count);
     for (int32_t v = 0; v < mesh->vertex_count; v++) extra[v] = 1;
     tm_tissue_def heavy = tm_tissue_def_default();

@@ -14,11 +14,11 @@ static const int32_t THREADS[] = {1, 2, 3, 8};
 
 /* --- a story --- */
 
-static scene create(tm_force_form form, tm_precision precision, int32_t threads, tm_run_parts *run_parts) {
-    scene s = scene_create_divided(form, precision, threads, run_parts);
+static scene create(tm_force_form form, tm_precision precision, int32_t threads, tm_parallel_for *parallel_for) {
+    scene s = scene_create_divided(form, precision, threads, parallel_for);
     tm_error error;
     fix_ok(tm_stage_gravity(s.world, (const double[3]){0, 0, -9.81}, &error), &error);
-    assert_int_equal(tm_world_parts(s.world), threads);
+    assert_int_equal(tm_world_partitions(s.world), threads);
     return s;
 }
 
@@ -30,8 +30,8 @@ static void play(scene *s, uint64_t hash[FRAMES]) {
         tm_tool_pose jaw = scene_pose(-0.012, -0.003, 0.044);
         jaw.grip = i > 1;
         tm_contact_begin_frame(s->contact, substeps, substeps);
-        tm_contact_move(s->contact, CAUTERY, &burn, substeps);
-        tm_contact_move(s->contact, GRASPER, &jaw, substeps);
+        tm_contact_set_target(s->contact, CAUTERY, &burn, substeps);
+        tm_contact_set_target(s->contact, GRASPER, &jaw, substeps);
         assert_int_equal(tm_world_step(s->world, substeps), TM_OK);
         const double *force = tm_contact_reaction(s->contact, CAUTERY).force_N;
         hash[i] = tm_hash(force, 3 * sizeof *force, tm_world_hash(s->world));
@@ -40,10 +40,10 @@ static void play(scene *s, uint64_t hash[FRAMES]) {
     assert_true(tm_tissue_alive_count(s->tissue) < s->mesh->tet_count);
 }
 
-static void same_story(tm_force_form form, tm_precision precision, int32_t threads, tm_run_parts *run_parts,
+static void same_story(tm_force_form form, tm_precision precision, int32_t threads, tm_parallel_for *parallel_for,
                        const uint64_t expected[FRAMES]) {
     uint64_t hash[FRAMES];
-    scene s = create(form, precision, threads, run_parts);
+    scene s = create(form, precision, threads, parallel_for);
     play(&s, hash);
     assert_memory_equal(hash, expected, sizeof hash);
     scene_destroy(&s);
@@ -91,8 +91,8 @@ static int32_t calls_with(double other_tip_z) {
     enum { SUBSTEPS = 20 };
     scene s = create(TM_FORCE_BEST, TM_DOUBLE, 3, last_part_first);
     const tm_tool_pose near = scene_pose(0.012, 0.005, 0.0445), other = scene_pose(-0.012, -0.003, other_tip_z);
-    tm_contact_place(s.contact, CAUTERY, &near);
-    tm_contact_place(s.contact, GRASPER, &other);
+    tm_contact_set_pose(s.contact, CAUTERY, &near);
+    tm_contact_set_pose(s.contact, GRASPER, &other);
     assert_int_equal(tm_world_step(s.world, 4), TM_OK);
     calls = 0;
     assert_int_equal(tm_world_step(s.world, SUBSTEPS), TM_OK);
@@ -117,14 +117,14 @@ static void patch_made_by(int32_t threads, tm_patch *patch) {
     memcpy(d.tip_m[0], (double[3]){0.003, 0.004, d.size_m[2] + 0.0027}, sizeof d.tip_m[0]);
     scene s = scene_create_full(&d, false, NULL);
     tm_patch_def def = tm_patch_def_default();
-    tm_patch_maker *maker = NULL;
+    tm_patch_builder *maker = NULL;
     tm_error error;
     scene_must(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
-    assert_int_equal(tm_world_parts(s.world), threads);
+    assert_int_equal(tm_world_partitions(s.world), threads);
     scene_frame(&s, 0, scene_pose(0.003, 0.004, d.size_m[2] - 0.0017), 0.02);
     memset(patch, 0, sizeof *patch);
     bool made = false;
-    for (int call = 0; call < 100 && !(made && test_is_sanitized()); call++) made = tm_patch_make(maker, 0, patch);
+    for (int call = 0; call < 100 && !(made && test_is_sanitized()); call++) made = tm_patch_compute(maker, 0, patch);
     assert_true(made);
     scene_destroy(&s);
 }
@@ -175,7 +175,7 @@ static void any_numbering(void **state) {
         def.tissue = tissue, def.threads = THREADS[t], def.damped = false;
         tm_world *world = NULL;
         fix_ok(tm_world_create(&def, &world, &error), &error);
-        assert_int_equal(tm_world_parts(world), THREADS[t]);
+        assert_int_equal(tm_world_partitions(world), THREADS[t]);
         fix_random random = {9};
         tm_state *s = tm_world_state(world);
         for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->u_m[i] = s->u_prev_m[i] = 1e-5 * fix_signed(&random);
@@ -189,7 +189,7 @@ static void any_numbering(void **state) {
 }
 
 /* Edges that a part computes, those that cross its borders too, and two for each vertex. */
-static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_part *part) {
+static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *part) {
     int64_t cost = 2 * (int64_t)(part->end - part->begin);
     for (int32_t p = 0; p < tissue->pair_count; p++) {
         const int32_t k = tissue->pair[2 * p], l = tissue->pair[2 * p + 1];
@@ -215,10 +215,10 @@ static void parts_cost_the_same(void **state) {
             fix_ok(tm_world_create(&def, &world, &error), &error);
             int64_t least = INT64_MAX, most = 0;
             for (int32_t p = 0; p < THREADS[t]; p++) {
-                const int64_t cost = cost_of_part(tissue, &world->part[p].force);
+                const int64_t cost = cost_of_part(tissue, &world->partition[p].force);
                 least = cost < least ? cost : least, most = cost > most ? cost : most;
             }
-            assert_true(world->part[THREADS[t] - 1].force.end == mesh[m]->vertex_count);
+            assert_true(world->partition[THREADS[t] - 1].force.end == mesh[m]->vertex_count);
             assert_true((double)most < 1.1 * (double)least);
             tm_world_destroy(world);
         }
@@ -238,19 +238,20 @@ static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind,
     fix_ok(tm_material_young(5e3, 0.45, &material, &error), &error);
     tm_tissue_def of = tm_tissue_def_default();
     of.mesh = mesh, of.material_count = 1, of.material = &material, of.form = form, of.cuttable = true;
-    of.rotation = kind & TURNED ? TM_ROTATION_THRESHOLD : 0, of.volume = kind & VOLUME, of.volume_shear = 0;
+    of.rotation = kind & TURNED ? TM_ROTATION_THRESHOLD : 0, of.strain_smoothing = kind & VOLUME,
+    of.smoothed_shear_share = 0;
     tm_tissue *tissue = NULL;
     fix_ok(tm_tissue_create(&of, &tissue, &error), &error);
     tm_world_def def = tm_world_def_default();
     def.tissue = tissue, def.threads = threads;
     tm_world *world = NULL;
     fix_ok(tm_world_create(&def, &world, &error), &error);
-    assert_int_equal(tm_world_parts(world), threads);
+    assert_int_equal(tm_world_partitions(world), threads);
     tm_rotation *rotation = NULL;
     if (kind & TURNED) fix_ok(tm_stage_rotation(world, &rotation, &error), &error);
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     viscosity.count = 2;
-    viscosity.term[0] = (tm_viscosity_term){.time_s = 0.01, .shear = 0.3, .volume = 0.1};
+    viscosity.term[0] = (tm_viscosity_term){.time_s = 0.01, .shear = 0.3, .bulk = 0.1};
     viscosity.term[1] = (tm_viscosity_term){.time_s = 0.1, .shear = 0.2};
     if (kind & RELAXES) fix_ok(tm_stage_viscosity(world, &viscosity, &error), &error);
     if (account) fix_ok(tm_stage_energy(world, &error), &error);
@@ -269,7 +270,7 @@ static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind,
     fix_ok(tm_snapshot_save(world, kept, bytes, &error), &error);
     if (kind == TURNED) {
         const tm_rotation_report report = tm_rotation_last(rotation);
-        assert_true(report.active > 100 && report.active < report.packs);
+        assert_true(report.active > 100 && report.active < report.batches);
     }
     tm_energy energy = {0};
     if (account) fix_ok(tm_world_energy(world, &energy, &error), &error);
@@ -359,7 +360,7 @@ static void small_tissue_stays_on_one(void **state) {
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 6, def.cells[2] = 4, def.threads = 8;
     scene s = scene_create(&def);
-    assert_int_equal(tm_world_parts(s.world), 1);
+    assert_int_equal(tm_world_partitions(s.world), 1);
     tm_world_def world_def = tm_world_def_default();
     world_def.tissue = s.tissue;
     tm_world *world = NULL;
@@ -410,9 +411,9 @@ static void waiting_is_booked_where_work_is(void **state) {
     int passes = 0;
     tm_world_def world_def = tm_world_def_default();
     world_def.tissue = tissue, world_def.threads = 2;
-    world_def.run_parts = late_parts, world_def.run_parts_user = &passes;
+    world_def.parallel_for = late_parts, world_def.parallel_for_user = &passes;
     fix_ok(tm_world_create(&world_def, &world, &error), &error);
-    assert_int_equal(tm_world_parts(world), 2);
+    assert_int_equal(tm_world_partitions(world), 2);
     const int32_t dof[3] = {0, 1, 2};
     const double zero[3] = {0};
     tm_support_def support = tm_support_def_default();

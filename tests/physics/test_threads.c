@@ -13,7 +13,7 @@ static const double FRAME_S = 0.005;
 typedef struct half {
     scene s;
     tm_grasp *grasp;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     tm_patch patch;
     pthread_barrier_t *start; /* null: alone */
     double shift_m;
@@ -56,20 +56,20 @@ static void frame(half *h, int i) {
     tm_tool_pose jaw = scene_pose(-0.012, -0.003 + h->shift_m, 0.044 + 0.0002 * (i > 12 ? i - 12 : 0));
     jaw.grip = i >= 6 && i < 24 ? 1 : 0;
     tm_contact_begin_frame(h->s.contact, substeps, substeps / 2);
-    tm_contact_move(h->s.contact, CAUTERY, &burn, substeps);
-    tm_contact_move(h->s.contact, GRASPER, &jaw, substeps);
+    tm_contact_set_target(h->s.contact, CAUTERY, &burn, substeps);
+    tm_contact_set_target(h->s.contact, GRASPER, &jaw, substeps);
     h->stepped = h->stepped && tm_world_step(h->s.world, substeps) == TM_OK;
     for (int t = 0; t < 2; t++) {
         const tm_tool_reaction r = tm_contact_reaction(h->s.contact, t);
         h->hash = tm_hash(r.force_N, sizeof r.force_N, tm_hash(&r.flags, sizeof r.flags, h->hash));
-        if (!tm_patch_make(h->maker, t, &h->patch)) continue;
+        if (!tm_patch_compute(h->maker, t, &h->patch)) continue;
         h->patches++;
         h->hash = tm_hash(h->patch.vertex_m, sizeof h->patch.vertex_m, h->hash);
     }
     int32_t tet[64];
     int8_t by[64];
-    h->cut += tm_cut_take(h->s.world, tet, by, 64);
-    const int32_t held = tm_grasp_held(h->grasp, GRASPER, NULL, NULL);
+    h->cut += tm_cut_fetch_removed(h->s.world, tet, by, 64);
+    const int32_t held = tm_grasp_vertices(h->grasp, GRASPER, NULL, NULL);
     if (held > h->held) h->held = held;
 }
 

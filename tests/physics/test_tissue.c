@@ -227,7 +227,7 @@ static void critical_steps(void **state) {
             tm_error error;
             double sharp = 0, least = HUGE_VAL;
             const double guaranteed = tm_critical_step_guaranteed(tissue, &worst);
-            fix_ok(tm_critical_step_sharp(tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
+            fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
             assert_true(guaranteed <= sharp && guaranteed > 0.3 * sharp);
             for (int32_t t = 0; t < mesh->tet_count; t++) least = fmin(least, tm_critical_step_element(tissue, t));
             assert_true(least <= guaranteed && worst >= 0);
@@ -237,11 +237,11 @@ static void critical_steps(void **state) {
             const double after_any_cut = tm_critical_step_guaranteed(cuttable, &worst);
             assert_true(least == after_any_cut && tm_critical_step_element(cuttable, worst) == after_any_cut);
             tm_tissue_destroy(cuttable);
-            /* Fixing vertices never shortens the sharp step. */
+            /* Fixing vertices never shortens the estimated step. */
             uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
             memset(fixed, 1, 30);
             double held = 0;
-            fix_ok(tm_critical_step_sharp(tissue, fixed, 1e-8, 20000, &held, &error), &error);
+            fix_ok(tm_critical_step_estimate(tissue, fixed, 1e-8, 20000, &held, &error), &error);
             assert_true(held >= sharp * (1 - 1e-7));
             free(fixed);
             tm_tissue_destroy(tissue);
@@ -268,7 +268,7 @@ static void critical_step_of_one(void **state) {
             fix_tissue(mesh, m + trial % 3, trial % 3 ? FIBRE : NULL, single ? TM_SINGLE : TM_DOUBLE, false);
         double sharp = 0;
         tm_error error;
-        fix_ok(tm_critical_step_sharp(tissue, NULL, 1e-9, 20000, &sharp, &error), &error);
+        fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-9, 20000, &sharp, &error), &error);
         const double guaranteed = tm_critical_step_guaranteed(tissue, NULL);
         assert_true(fabs(guaranteed / sharp - 1) < (single ? 2e-5 : 1e-8));
         if (single) assert_true(guaranteed <= sharp); /* whatever rounding did to the tensors */

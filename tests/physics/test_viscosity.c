@@ -26,7 +26,7 @@ typedef struct relaxing {
 } relaxing;
 
 typedef struct plan {
-    bool fibred, volume, cuttable, damped, turned;
+    bool fibred, volume, cuttable, damped, rotation_of;
     const tm_viscosity_term *term;
     int32_t count;
     const uint8_t *alive;
@@ -51,14 +51,15 @@ static relaxing make(const plan *p) {
     tm_tissue_def def = tm_tissue_def_default();
     tm_error error;
     def.mesh = r.mesh, def.material_count = 1, def.material = &m, def.fibre = fibre;
-    def.form = TM_FORCE_PLAIN, def.volume = p->volume, def.rotation = p->turned ? TM_ROTATION_THRESHOLD : 0;
-    if (p->turned) def.volume_shear = 0;
+    def.form = TM_FORCE_PLAIN, def.strain_smoothing = p->volume,
+    def.rotation = p->rotation_of ? TM_ROTATION_THRESHOLD : 0;
+    if (p->rotation_of) def.smoothed_shear_share = 0;
     def.cuttable = p->cuttable, def.alive = p->alive;
     fix_ok(tm_tissue_create(&def, &r.tissue, &error), &error);
     free(fibre);
     r.world = fix_world(r.tissue, p->damped);
     r.n = 3 * r.mesh->vertex_count;
-    if (p->turned) fix_ok(tm_stage_rotation(r.world, NULL, &error), &error);
+    if (p->rotation_of) fix_ok(tm_stage_rotation(r.world, NULL, &error), &error);
     if (p->count) {
         const tm_viscosity_def viscosity = terms(p->term, p->count);
         fix_ok(tm_stage_viscosity(r.world, &viscosity, &error), &error);
@@ -133,7 +134,7 @@ static double relaxation_error(const plan *p, double size_m) {
         double shear = elastic, volume = elastic;
         for (int32_t t = 0; t < p->count; t++) {
             const double gone = elastic - ramp_share(p->term + t, end, now);
-            shear -= p->term[t].shear * gone, volume -= p->term[t].volume * gone;
+            shear -= p->term[t].shear * gone, volume -= p->term[t].bulk * gone;
         }
         /* Tissue of a law with these shares of its moduli, loaded as one. */
         tm_material m = material(p), left = m;
@@ -146,7 +147,8 @@ static double relaxation_error(const plan *p, double size_m) {
         tm_tissue_def def = tm_tissue_def_default();
         tm_tissue *other = NULL;
         tm_error error;
-        def.mesh = r.mesh, def.material_count = 1, def.material = &left, def.fibre = fibre, def.volume = p->volume;
+        def.mesh = r.mesh, def.material_count = 1, def.material = &left, def.fibre = fibre,
+        def.strain_smoothing = p->volume;
         fix_ok(tm_tissue_create(&def, &other, &error), &error);
         tm_tissue_force(other, whole, truth);
         tm_tissue_destroy(other);
@@ -180,8 +182,8 @@ static void relaxation_is_the_closed_form(void **state) {
     check_relaxation(&(plan){.term = SHEAR, .count = 2, .volume = true, .cuttable = true});
     check_relaxation(&(plan){.term = SHEAR, .count = 2, .fibred = true});
     check_relaxation(&(plan){.term = SERIES, .count = 1, .fibred = true, .cuttable = true});
-    check_turned_relaxation(&(plan){.term = SERIES, .count = 3, .turned = true});
-    check_turned_relaxation(&(plan){.term = SHEAR, .count = 2, .turned = true, .fibred = true});
+    check_turned_relaxation(&(plan){.term = SERIES, .count = 3, .rotation_of = true});
+    check_turned_relaxation(&(plan){.term = SHEAR, .count = 2, .rotation_of = true, .fibred = true});
 }
 
 /* --- creep: one vertex of one tetrahedron, free along x, under a load that comes at once --- */
@@ -279,7 +281,7 @@ static void lead_turned(const relaxing *r, double s, double angle, double *u) {
 static void what_begins_to_turn_keeps_its_strain(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
-        const plan bare = {.turned = true, .fibred = fibred};
+        const plan bare = {.rotation_of = true, .fibred = fibred};
         const tm_viscosity_def def = terms(SHEAR, 2);
         const int steps = 200;
         relaxing r[2];
@@ -315,7 +317,7 @@ static void what_begins_to_turn_keeps_its_strain(void **state) {
 static void what_turns_relaxes_in_its_own_axes(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
-        const plan still_plan = {.term = SHEAR, .count = 2, .turned = true, .fibred = fibred};
+        const plan still_plan = {.term = SHEAR, .count = 2, .rotation_of = true, .fibred = fibred};
         const plan plan_of[2] = {still_plan, still_plan};
         relaxing r[2];
         double *u = malloc(sizeof *u * 3000), R[9];
@@ -382,11 +384,11 @@ static void check_rest(const plan *p) {
     relaxing r = make(p), l = {0};
     double shear = 1, volume = 1, *load = loads(&r);
     tm_error error;
-    for (int32_t t = 0; t < p->count; t++) shear -= p->term[t].shear, volume -= p->term[t].volume;
+    for (int32_t t = 0; t < p->count; t++) shear -= p->term[t].shear, volume -= p->term[t].bulk;
     tm_tissue *left = NULL;
     fix_ok(tm_tissue_relaxed(r.tissue, shear, volume, &left, &error), &error);
     l = (relaxing){r.mesh, left, fix_world(left, p->damped), r.n};
-    if (p->turned) fix_ok(tm_stage_rotation(l.world, NULL, &error), &error);
+    if (p->rotation_of) fix_ok(tm_stage_rotation(l.world, NULL, &error), &error);
     const relaxing *both[2] = {&r, &l};
     const tm_settle_def settle = tm_settle_def_default();
     tm_settle_result result[2];
@@ -412,7 +414,7 @@ static void it_settles_to_what_has_relaxed(void **state) {
     check_rest(&(plan){.term = SERIES, .count = 3, .damped = true});
     check_rest(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true});
     check_rest(&(plan){.term = SHEAR, .count = 2, .damped = true, .volume = true, .fibred = true});
-    check_rest(&(plan){.term = SHEAR, .count = 2, .damped = true, .turned = true});
+    check_rest(&(plan){.term = SHEAR, .count = 2, .damped = true, .rotation_of = true});
 }
 
 /* --- the step --- */
@@ -435,7 +437,7 @@ static void the_step_stays_as_it_is(void **state) {
             relaxing r = make(&p);
             tm_error error;
             double sharp;
-            fix_ok(tm_critical_step_sharp(r.tissue, NULL, 1e-9, 100000, &sharp, &error), &error);
+            fix_ok(tm_critical_step_estimate(r.tissue, NULL, 1e-9, 100000, &sharp, &error), &error);
             r.world->guaranteed_step_s = sharp;
             fix_ok(tm_world_set_step(r.world, 0.9995 * sharp, &error), &error);
             shake(&r, 4 + k);
@@ -462,7 +464,7 @@ static void pull(const relaxing *r, const double *load) {
 }
 
 static void check_snapshot(bool turned) {
-    const plan p = {.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .turned = turned};
+    const plan p = {.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .rotation_of = turned};
     const int32_t gone[3] = {70, 65, 61};
     relaxing a = make(&p), b = make(&p);
     double *load = loads(&a);
@@ -479,7 +481,7 @@ static void check_snapshot(bool turned) {
     fix_ok(tm_world_step(b.world, 100), NULL);
     assert_true(tm_world_hash(a.world) == tm_world_hash(b.world));
     /* Another series is another scene. */
-    const plan other = {.term = SERIES, .count = 2, .damped = true, .cuttable = true, .turned = turned};
+    const plan other = {.term = SERIES, .count = 2, .damped = true, .cuttable = true, .rotation_of = turned};
     relaxing c = make(&other);
     pull(&c, load);
     assert_int_equal(tm_snapshot_restore(c.world, buffer, bytes, &error), TM_ERR_ARGUMENT);
@@ -493,9 +495,9 @@ static void snapshots_go_on_with_the_same_bits(void **state) {
     check_snapshot(true);
 }
 
-static struct tm_stage_slot *stage_of(const relaxing *r) {
+static struct tm_stage_entry *stage_of(const relaxing *r) {
     for (int32_t i = 0; i < r->world->stage_count; i++)
-        if (!strcmp(r->world->slot[i].stage.name, "viscosity")) return r->world->slot + i;
+        if (!strcmp(r->world->entry[i].stage.name, "viscosity")) return r->world->entry + i;
     return NULL;
 }
 
@@ -536,11 +538,11 @@ static void a_cut_is_a_fresh_build_in_the_same_state(void **state) {
     check_cut(&(plan){.term = SERIES, .count = 3, .damped = true, .cuttable = true});
     check_cut(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .fibred = true});
     check_cut(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .volume = true});
-    check_cut(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .turned = true});
+    check_cut(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true, .rotation_of = true});
 }
 
 static void check_failure(bool turned, bool volume) {
-    const plan p = {.term = SHEAR, .count = 2, .damped = true, .turned = turned, .volume = volume};
+    const plan p = {.term = SHEAR, .count = 2, .damped = true, .rotation_of = turned, .volume = volume};
     relaxing a = make(&p), b = make(&p);
     double *load = loads(&a);
     pull(&a, load), pull(&b, load);

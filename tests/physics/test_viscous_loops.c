@@ -10,7 +10,7 @@ enum { WAVES = 2 };
 static const double NET = 1e-6; /* of the sum of the sizes of the work */
 
 typedef struct plan {
-    bool fibred, volume, turned;
+    bool fibred, volume, rotation_of;
     double threshold; /* of the turned; 0: the default */
 } plan;
 
@@ -43,8 +43,8 @@ static tm_tissue *tissue_of(const tm_mesh *mesh, const plan *of) {
     else
         fix_ok(tm_material_young(5e3, 0.45, &m, &error), &error);
     def.mesh = mesh, def.material_count = 1, def.material = &m, def.fibre = fibre;
-    def.volume = of->volume, def.volume_shear = 0,
-    def.rotation = !of->turned         ? 0
+    def.strain_smoothing = of->volume, def.smoothed_shear_share = 0,
+    def.rotation = !of->rotation_of    ? 0
                    : of->threshold > 0 ? of->threshold
                                        : TM_ROTATION_THRESHOLD;
     fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
@@ -63,7 +63,7 @@ static piece make(const plan *of, const tm_viscosity_term *term, int32_t terms, 
     for (int32_t i = 0; i < 2 * WAVES * p.n; i++) p.wave[i] = size_m * fix_signed(&random);
     tm_state *s = tm_world_state(p.world);
     for (int32_t i = 0; i < p.n; i++) s->u_m[i] = s->u_prev_m[i] = start_m * fix_signed(&random);
-    if (of->turned) fix_ok(tm_stage_rotation(p.world, NULL, &error), &error);
+    if (of->rotation_of) fix_ok(tm_stage_rotation(p.world, NULL, &error), &error);
     tm_viscosity_def viscosity = tm_viscosity_def_default();
     viscosity.count = terms;
     memcpy(viscosity.term, term, sizeof *term * (size_t)terms);
@@ -113,12 +113,12 @@ static balance go_round(const piece *p, int rounds, int points) {
     return b;
 }
 
-static plan plan_of(int k) { return (plan){.fibred = k & 1, .volume = k & 2, .turned = k & 4}; }
+static plan plan_of(int k) { return (plan){.fibred = k & 1, .volume = k & 2, .rotation_of = k & 4}; }
 
 static void say(const char *what, int k, double size_m, const balance *b) {
     const plan of = plan_of(k);
     print_message("%s:%s%s%s, %g m: put in %.2e, at the least %.2e of %.2e J\n", what, of.fibred ? " fibred" : "",
-                  of.volume ? " volume" : "", of.turned ? " turned" : "", size_m, b->put_in, b->least, b->sizes);
+                  of.volume ? " volume" : "", of.rotation_of ? " turned" : "", size_m, b->put_in, b->least, b->sizes);
 }
 
 static const double SIZE_M[] = {1e-4, 1e-3, 1e-2};
@@ -183,7 +183,7 @@ static void momentum(const tm_mesh *mesh, const tm_tissue *tissue, const tm_stat
  */
 static double spin(double threshold) {
     enum { STEPS = 2500 };
-    const plan of = {.turned = true, .fibred = true, .threshold = threshold};
+    const plan of = {.rotation_of = true, .fibred = true, .threshold = threshold};
     fix_random random = {7};
     tm_mesh *mesh = fix_block((int[]){4, 3, 3}, (double[]){0.04, 0.03, 0.03}, 0.2, &random);
     tm_tissue *tissue = tissue_of(mesh, &of);

@@ -45,7 +45,7 @@ static tm_tissue *make_tissue(const rest *r, const tm_mesh *mesh) {
     tm_tissue_def def = tm_tissue_def_default();
     tm_tissue *tissue = NULL;
     def.mesh = mesh, def.material_count = 1, def.material = &m, def.fibre = fibre;
-    def.volume = r->volume, def.volume_shear = 0, def.rotation = TM_ROTATION_THRESHOLD;
+    def.strain_smoothing = r->volume, def.smoothed_shear_share = 0, def.rotation = TM_ROTATION_THRESHOLD;
     fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
     free(fibre);
     return tissue;
@@ -99,7 +99,7 @@ static body relaxed(const rest *r, const tm_tissue *tissue) {
     b.mesh = (tm_mesh *)(uintptr_t)mesh;
     double shear = 1, volume = 1;
     tm_error error;
-    for (int32_t t = 0; t < r->count; t++) shear -= r->term[t].shear, volume -= r->term[t].volume;
+    for (int32_t t = 0; t < r->count; t++) shear -= r->term[t].shear, volume -= r->term[t].bulk;
     fix_ok(tm_tissue_relaxed(tissue, shear, volume, &b.tissue, &error), &error);
     b.world = fix_world(b.tissue, true);
     fix_ok(tm_stage_rotation(b.world, NULL, &error), &error);

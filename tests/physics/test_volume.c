@@ -1,5 +1,5 @@
-/* The effect "volume": blocks against the energy as it is defined, cutting, the guaranteed step, modes, pressures, and
- * what it is for: beams that bend as they should, however near incompressible. */
+/* The effect "strain_smoothing": blocks against the energy as it is defined, cutting, the guaranteed step, modes,
+ * pressures, and what it is for: beams that bend as they should, however near incompressible. */
 #include "../cut_check.h"
 #include "dense.h"
 
@@ -157,21 +157,21 @@ static void blocks_are_those_of_the_energy(void **state) {
     for (int trial = 0; trial < 6; trial++) {
         tm_tissue_def def = tm_tissue_def_default();
         def.mesh = mesh, def.material_count = LAWS, def.material = law, def.region_material = material;
-        def.fibre = fibre, def.volume = true, def.volume_shear = trial % 3 / 2.0;
+        def.fibre = fibre, def.strain_smoothing = true, def.smoothed_shear_share = trial % 3 / 2.0;
         def.form = trial % 2 ? TM_FORCE_PLAIN : TM_FORCE_BEST;
         for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = fix_uniform(&random) < 0.8;
         def.alive = trial < 3 ? NULL : alive;
         tm_tissue *tissue = build(&def);
         for (size_t i = 0; i < n; i++) u[i] = fix_signed(&random), w[i] = fix_signed(&random);
-        const double defined = defined_energy(tissue, law_of_region, law, def.volume_shear, u);
+        const double defined = defined_energy(tissue, law_of_region, law, def.smoothed_shear_share, u);
         assert_true(fabs(tm_tissue_energy(tissue, u) - defined) < 1e-12 * defined);
         /* The force is its gradient: the energy is quadratic, so differences are exact. */
         double along = 0, change;
         tm_tissue_force(tissue, u, f);
         for (size_t i = 0; i < n; i++) along += f[i] * w[i], u[i] += w[i];
-        change = defined_energy(tissue, law_of_region, law, def.volume_shear, u);
+        change = defined_energy(tissue, law_of_region, law, def.smoothed_shear_share, u);
         for (size_t i = 0; i < n; i++) u[i] -= 2 * w[i];
-        change -= defined_energy(tissue, law_of_region, law, def.volume_shear, u);
+        change -= defined_energy(tissue, law_of_region, law, def.smoothed_shear_share, u);
         assert_true(fabs(along + change / 2) < 1e-11 * defined);
         tm_tissue_destroy(tissue);
     }
@@ -185,7 +185,7 @@ static tm_tissue_def three_laws(const tm_mesh *mesh, const tm_material *law, con
     static const int32_t material[3] = {0, 1, 2};
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = LAWS, def.material = law, def.region_material = material;
-    def.fibre = fibre, def.volume = true, def.volume_shear = shear, def.form = TM_FORCE_PLAIN;
+    def.fibre = fibre, def.strain_smoothing = true, def.smoothed_shear_share = shear, def.form = TM_FORCE_PLAIN;
     return def;
 }
 
@@ -267,7 +267,7 @@ static void guaranteed_step_is_below_the_sharp_one(void **state) {
         tm_tissue *cut = build(&def);
         const double at_first = tm_critical_step_guaranteed(cut, NULL);
         while (tm_tissue_alive_count(cut) > 0) {
-            def.cuttable = plain.volume = false;
+            def.cuttable = plain.strain_smoothing = false;
             def.alive = plain.alive = tm_tissue_alive(cut);
             tm_tissue *fixed = build(&def), *linear = build(&plain);
             int32_t tet = -1;
@@ -286,7 +286,7 @@ static void guaranteed_step_is_below_the_sharp_one(void **state) {
         free(fibre);
         tm_mesh_destroy(mesh);
     }
-    print_message("  at most %.3f of the sharp step, at most %.2f of the linear tetrahedra's\n", nearest, gain);
+    print_message("  at most %.3f of the estimated step, at most %.2f of the linear tetrahedra's\n", nearest, gain);
     assert_true(gain > 1.1);
 }
 
@@ -305,8 +305,8 @@ static void no_mode_is_without_energy(void **state) {
         tm_error error;
         fix_ok(tm_material_young(1e4, 0.3, &m, &error), &error);
         tm_tissue_def def = tm_tissue_def_default();
-        def.mesh = mesh, def.material_count = 1, def.material = &m, def.volume = form > 0,
-        def.volume_shear = (form - 1) / 2.0 * (form > 0);
+        def.mesh = mesh, def.material_count = 1, def.material = &m, def.strain_smoothing = form > 0,
+        def.smoothed_shear_share = (form - 1) / 2.0 * (form > 0);
         tm_tissue *tissue = build(&def);
         double *A = dense_matrix(tissue), most = 0;
         dense_diagonalise(A, n);
@@ -368,7 +368,7 @@ static void pressures_are_those_of_water(void **state) {
     tm_error error;
     fix_ok(tm_material_young(young, nu, &m, &error), &error);
     tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh, def.material_count = 1, def.material = &m, def.volume = true;
+    def.mesh = mesh, def.material_count = 1, def.material = &m, def.strain_smoothing = true;
     tm_tissue *tissue = build(&def);
     tm_world *world = fix_world(tissue, false);
     support(world, mesh, slippery_box);
@@ -421,7 +421,8 @@ static double tip(double nu, bool volume, double shear) {
     tm_error error;
     fix_ok(tm_material_young(young, nu, &m, &error), &error);
     tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh, def.material_count = 1, def.material = &m, def.volume = volume, def.volume_shear = shear;
+    def.mesh = mesh, def.material_count = 1, def.material = &m, def.strain_smoothing = volume,
+    def.smoothed_shear_share = shear;
     tm_tissue *tissue = build(&def);
     tm_world *world = fix_world(tissue, false);
     support(world, mesh, clamped);
@@ -465,11 +466,11 @@ static void what_cannot_be_is_refused(void **state) {
     double *mass = calloc((size_t)mesh->vertex_count, sizeof *mass);
     for (int i = 0; i < 4; i++) {
         tm_tissue_def def = tm_tissue_def_default();
-        def.mesh = mesh, def.material_count = 1, def.material = law, def.volume = true;
+        def.mesh = mesh, def.material_count = 1, def.material = law, def.strain_smoothing = true;
         if (i == 0) def.precision = TM_SINGLE;
         if (i == 1) def.extra_mass_kg = mass;
-        if (i == 2) def.volume_shear = 1.01;
-        if (i == 3) def.volume_shear = NAN;
+        if (i == 2) def.smoothed_shear_share = 1.01;
+        if (i == 3) def.smoothed_shear_share = NAN;
         tm_tissue *tissue = NULL;
         tm_error error;
         assert_int_equal(tm_tissue_create(&def, &tissue, &error), TM_ERR_ARGUMENT);

@@ -11,10 +11,10 @@
  * Which sessions are run: random_session.h. TM_LONG=1 draws some with a Poisson's ratio of 0.499 and 0.4999. */
 #include "contact_scene.h"
 
-enum { MOST_ACTIONS = 10, SAMPLES_A_FRAME = 5, MOST_SAMPLES = 400, FRAMES_AFTER = 60 };
+enum { MAX_ACTIONS = 10, SAMPLES_A_FRAME = 5, MAX_SAMPLES = 400, FRAMES_AFTER = 60 };
 static const double SAMPLE_S = 1e-3, WINDOW_S = 0.2;
-/* Hands of random sessions stand still or are faster than what counts as slow (contact_passive.c), where a tool may be
- * given up to half of its reaction times its way, out of what contact took before and a credit. */
+/* Hands of random sessions stand still or are faster than what counts as slow (contact_passivity.c), where a tool may
+ * be given up to half of its reaction times its way, out of what contact took before and a credit. */
 static const double SLOW_M_S = 0.05, FAST_M_S = 0.06, SLIDING_SHARE = 0.5;
 /* What a window may gain: a share of what is stored, and rounding. With rotation what is stored under a tool is
  * estimated and not checked (contact_passive.c). */
@@ -41,13 +41,13 @@ typedef struct session {
     double edge_m, jitter, young_Pa, poisson, damping_1_s, shear, fade_s, radius_m, rub[2], relaxes, relaxes_s;
     bool slow;
     int count;
-    action action[MOST_ACTIONS];
+    action action[MAX_ACTIONS];
 } session;
 
 typedef struct sample {
-    double made_J;    /* by contact and jaws, less what they lost, what hands put in and what damping took */
-    double stored_J;  /* in tissue and springs */
-    double sliding_J; /* that hands may be given which slide slowly, in all */
+    double generated_J; /* by contact and jaws, less what they lost, what hands put in and what damping took */
+    double stored_J;    /* in tissue and springs */
+    double sliding_J;   /* that hands may be given which slide slowly, in all */
 } sample;
 
 typedef struct verdict {
@@ -80,7 +80,7 @@ static session random_session(uint64_t seed) {
     s.radius_m = between(0.002, 0.004);
     s.rub[1] = between(0.05, 0.5), s.rub[0] = s.rub[1] * between(1, 1.5);
     s.relaxes = between(0.1, 0.8), s.relaxes_s = pow(10, between(-2, 0));
-    s.count = whole(4, MOST_ACTIONS);
+    s.count = whole(4, MAX_ACTIONS);
     for (int i = 0; i < s.count; i++) {
         action *a = s.action + i;
         a->what = (kind)(KINDS * scene_random());
@@ -122,8 +122,8 @@ typedef struct stage {
     int window; /* samples in WINDOW_S */
     double top_m;
     int64_t seen;
-    sample ring[MOST_SAMPLES + 1];
-    double hand_J, sliding_J;
+    sample ring[MAX_SAMPLES + 1];
+    double tool_work_J, sliding_J;
     verdict v;
     bool tell;
 } stage;
@@ -137,7 +137,7 @@ static void open_tissue(stage *g, const session *s) {
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = to->mesh, def.material_count = 1, def.material = &to->material, def.cuttable = s->effects & CUT;
     def.rotation = s->effects & ROTATION ? TM_ROTATION_THRESHOLD : 0;
-    def.volume = s->effects & VOLUME, def.volume_shear = s->effects & ROTATION ? 0 : s->shear;
+    def.strain_smoothing = s->effects & VOLUME, def.smoothed_shear_share = s->effects & ROTATION ? 0 : s->shear;
     scene_must(tm_tissue_create(&def, &to->tissue, &error), &error);
     tm_world_def world = tm_world_def_default();
     world.tissue = to->tissue;
@@ -164,7 +164,7 @@ static void open_tools(stage *g, const session *s) {
     contact.instrument_count = 2, contact.instrument = tool;
     scene_must(tm_stage_contact(g->s.world, &contact, &g->s.contact, &error), &error);
     tm_grasp_def grasp = tm_grasp_def_default();
-    grasp.fade_s = s->fade_s;
+    grasp.release_time_s = s->fade_s;
     tm_cut_def cut = tm_cut_def_default();
     cut.loose = TM_LOOSE_REMOVE;
     tm_friction_def friction = tm_friction_def_default();
@@ -189,17 +189,17 @@ static stage open_stage(const session *s) {
     scene_must(tm_stage_energy(g.s.world, &error), &error);
     g.substeps = (int32_t)fmax(1, round(SAMPLE_S / tm_world_step_s(g.s.world)));
     g.sample_s = g.substeps * tm_world_step_s(g.s.world);
-    g.window = (int)fmin(floor(WINDOW_S / g.sample_s + 1e-6), MOST_SAMPLES);
+    g.window = (int)fmin(floor(WINDOW_S / g.sample_s + 1e-6), MAX_SAMPLES);
     return g;
 }
 
 /* Of the windows that end now: the largest gain over what it may be. */
 static double worst_window(const stage *g, double *gain_J, int *length) {
-    const sample *now = g->ring + g->seen % (MOST_SAMPLES + 1);
+    const sample *now = g->ring + g->seen % (MAX_SAMPLES + 1);
     double worst = 0, most_J = now->stored_J;
     for (int k = 1; k <= g->window && k <= g->seen; k++) {
-        const sample *then = g->ring + (g->seen - k) % (MOST_SAMPLES + 1);
-        const double gain = now->made_J - then->made_J - (now->sliding_J - then->sliding_J);
+        const sample *then = g->ring + (g->seen - k) % (MAX_SAMPLES + 1);
+        const double gain = now->generated_J - then->generated_J - (now->sliding_J - then->sliding_J);
         most_J = fmax(most_J, then->stored_J);
         const double ratio = gain / (g->share * most_J + ROUNDING_J);
         if (ratio > worst) worst = ratio, *gain_J = gain, *length = k;
@@ -210,21 +210,21 @@ static double worst_window(const stage *g, double *gain_J, int *length) {
 static void watch(stage *g, int i) {
     tm_energy e;
     assert_int_equal(tm_world_energy(g->s.world, &e, NULL), TM_OK);
-    const double stored = e.kinetic_J + e.elastic_J + e.sprung_J, hand = e.hand_J[0] + e.hand_J[1];
+    const double stored = e.kinetic_J + e.elastic_J + e.contact_stored_J, hand = e.tool_work_J[0] + e.tool_work_J[1];
     double gain = 0;
     int length = 0;
-    g->ring[g->seen % (MOST_SAMPLES + 1)] =
-        (sample){e.made_J - e.film_J - e.friction_J - e.damping_J, stored, g->sliding_J};
+    g->ring[g->seen % (MAX_SAMPLES + 1)] =
+        (sample){e.generated_J - e.drag_J - e.friction_J - e.damping_J, stored, g->sliding_J};
     const double worst = worst_window(g, &gain, &length);
     g->seen++;
-    g->v.hands_J += fabs(hand - g->hand_J), g->hand_J = hand;
+    g->v.hands_J += fabs(hand - g->tool_work_J), g->tool_work_J = hand;
     g->v.stored_J = fmax(g->v.stored_J, stored);
     g->v.worst = fmax(g->v.worst, worst);
     if (g->tell)
         print_message("  %2d: %.4f s stored %.3e J, springs %.1e, hands %+.3e, contact %+.3e %+.3e, grasp %+.3e %+.3e, "
                       "film %.2e, friction %.2e, damping %.2e, gain %+.2e in %d ms\n",
-                      i, e.time_s, stored, e.sprung_J, hand, e.contact_J[0], e.contact_J[1], e.grasp_J[0], e.grasp_J[1],
-                      e.film_J, e.friction_J, e.damping_J, gain, length);
+                      i, e.time_s, stored, e.contact_stored_J, hand, e.contact_J[0], e.contact_J[1], e.grasp_J[0],
+                      e.grasp_J[1], e.drag_J, e.friction_J, e.damping_J, gain, length);
     if (worst <= 1 || !g->v.good) return;
     g->v.good = false, g->v.action = i;
     snprintf(g->v.why, sizeof g->v.why, "%.2e J out of nothing in %d ms beside %.2e J", gain, length, stored);
@@ -240,7 +240,7 @@ static double farthest(const tm_tool_pose *a, const tm_tool_pose *b) {
 static bool one_sample(stage *g, const double way_m[2]) {
     const tm_contact_row *row;
     tm_contact_begin_frame(g->s.contact, g->substeps, g->substeps);
-    for (int t = 0; t < 2; t++) tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
+    for (int t = 0; t < 2; t++) tm_contact_set_target(g->s.contact, t, g->at + t, g->substeps);
     if (tm_world_step(g->s.world, g->substeps) != TM_OK) return false;
     for (int32_t i = tm_contact_rows(g->s.contact, &row) - 1; i >= 0; i--)
         if (way_m[row[i].instrument] < SLOW_M_S * g->sample_s)

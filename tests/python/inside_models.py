@@ -69,13 +69,13 @@ def test_exact_compliance_in_a_world_of_ones_own():
     world = tm.World(tissue)
     world.add_support(FLOOR)
     contact = world.add_contact([tool()])
-    source = tm.Factored(tissue, world.support_mask)
+    source = tm.ComplianceFactor(tissue, world.support_mask)
     maker = world.add_patch(contact, source)
     del source
     gc.collect()  # the world keeps it
     for z in [*np.linspace(0.034, 0.029, 15), 0.029, 0.029]:
         contact.frame([tm.Pose((0.03, 0.03, z))], 60)
-        patch = maker.make()
+        patch = maker.compute()
     assert patch is not None and patch.kind == 2 and maker.pending == 0
     assert contact.reaction().stiffness_kind == 2
 
@@ -126,11 +126,11 @@ def test_a_cautery_cuts_and_a_grasper_holds():
     for k in range(15):
         z = 0.034 - 0.0005 * k
         contact.frame([tm.Pose((0.03, 0.03, z)), tm.Pose((0.05, 0.05, z), grip=0.0 if k < 12 else 1.0)], 60)
-    held, state = grasp.held(1)
-    tets, who = cut.take()
+    held, state = grasp.vertices(1)
+    tets, who = cut.fetch_removed()
     assert state == "holding" and len(held) > 0
     assert len(tets) > 0 and set(who) == {0} and not world.tissue.alive[tets].any()
-    assert len(cut.take()[0]) == 0
+    assert len(cut.fetch_removed()[0]) == 0
     for k in range(15):
         reactions = contact.frame([tm.Pose((0.03, 0.03, 0.034), active=False), tm.Pose((0.05, 0.05, 0.027 + 0.0006 * k), grip=1.0)], 60)
     assert reactions[1].force_N[2] < 0, "held tissue pulls the tool back"

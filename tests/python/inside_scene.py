@@ -145,7 +145,7 @@ def test_mesh_files_whose_numbers_jump(tmp_path):
     path = tmp_path / "block.msh"
     was = shuffle(ROOT / "meshes/block_10k.msh", path)
     plain, kept, mesh = tm.Mesh.read(ROOT / "meshes/block_10k.msh"), tm.Mesh.read(path), tm.Mesh.read(path, renumber=True)
-    assert kept.given_vertex is None and mesh.given_vertex is not None
+    assert kept.original_vertex is None and mesh.original_vertex is not None
     for name, group in plain.groups.items():
         assert np.array_equal(kept.groups[name], np.sort(np.argsort(was)[group]))
         assert np.array_equal(mesh.groups[name], np.sort(mesh.groups[name])) and len(mesh.groups[name]) == len(group)
@@ -153,9 +153,9 @@ def test_mesh_files_whose_numbers_jump(tmp_path):
     sets = {"tissue.mesh": str(path), "tissue.force": "plain"}
     made = tm.Scene(SCENES / "block-gravity.yaml", sets).run(0.2)
     inside = tm.Scene(SCENES / "block-gravity.yaml", {**sets, "tissue.renumber": True}).run(0.2)
-    assert made.mesh.given_vertex is None and np.array_equal(inside.mesh.given_vertex, mesh.given_vertex)
+    assert made.mesh.original_vertex is None and np.array_equal(inside.mesh.original_vertex, mesh.original_vertex)
     assert inside.hash == lockstep("block-gravity.yaml", "--set", f"tissue.mesh={path}", "--duration", "0.2 s") != made.hash
-    assert np.allclose(inside.mesh.to_given(inside.u_m), made.u_m, rtol=0, atol=1e-9 * np.abs(made.u_m).max())
+    assert np.allclose(inside.mesh.to_original(inside.u_m), made.u_m, rtol=0, atol=1e-9 * np.abs(made.u_m).max())
 
 
 def test_logs_are_what_lcm_reads():

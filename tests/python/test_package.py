@@ -99,7 +99,7 @@ def test_layout_is_the_compilers(python, tmp_path):
                           "print(json.dumps([{n: ctypes.sizeof(getattr(c, n)) for n in c.SIZES},"
                           " {o: getattr(getattr(c, o.split('.')[0]), o.split('.')[1]).offset for o in c.OFFSETS}]))"))
     sizes, offsets = told
-    assert {"tm_mesh", "tm_model_def", "tm_patch", "tm_solve_def", "hrt_controller", "hrt_params", "tm_scene_about"} <= set(sizes)
+    assert {"tm_mesh", "tm_model_def", "tm_patch", "tm_solve_def", "hrt_controller", "hrt_params", "tm_scene_info"} <= set(sizes)
     lines = [f'printf("{n} %zu\\n", sizeof({n}));' for n in sizes]
     lines += ['printf("{} %zu\\n", offsetof({}, {}));'.format(o, *o.split(".")) for o in offsets]
     source = tmp_path / "layout.c"

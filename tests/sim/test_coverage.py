@@ -5,7 +5,7 @@ import pytest
 from simkit import report, run
 
 LONG = os.environ.get("TM_LONG") == "1"
-EFFECTS = ["--set", "rotation=", "--set", "volume=", "--set", "friction={static: 0.3, sliding: 0.2}",
+EFFECTS = ["--set", "rotation=", "--set", "strain_smoothing=", "--set", "friction={static: 0.3, kinetic: 0.2}",
            "--set", "viscosity={terms: [{time: 0.3 s, shear: 0.25}]}"]
 # Evaluation scenes have hands of their own; every other scene with haptics is here, up to its cut or as long as seconds allow.
 RUNS = {

@@ -14,7 +14,7 @@ static void add(const app_host *host, tm_severity severity, int n) {
 
 static void a_full_list_keeps_faults_and_counts_the_rest(void **state) {
     (void)state;
-    tm_diagnostics list = {.told = count};
+    tm_diagnostics list = {.on_diagnostic = count};
     const app_host host = {.diagnostics = &list};
     for (int i = 0; i < TM_DIAGNOSTICS_MAX + 20; i++) add(&host, i == 7 ? TM_FAULT : TM_WARNING, i);
     assert_int_equal(list.count, TM_DIAGNOSTICS_MAX);

@@ -179,7 +179,7 @@ def test_committed_reference_is_the_generated_one(bin, root):
     ("time.frame_rate", ["25 Hz", "+25"], "25"),
     ("instruments[0].trocar", ["[5 cm, 50 mm, 18e4 um]", "[0.05 m, .05, 180 mm]"], "[0.05, 0.05, 0.18]"),
     ("instruments[0].start.pitch", ["30 deg", "523.598775598298873 mrad"], "0.523598775598298873"),
-    ("contact.skin", ["1 mm/N"], "0.001"),
+    ("contact.compliance", ["1 mm/N"], "0.001"),
     ("haptics.loss", ["25 %"], "0.25"),
 ])
 def test_units_mean_what_they_say(bin, root, tmp_path, path, written, si):

@@ -200,27 +200,27 @@ INSTRUMENT = "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\n"
 
 
 def test_explain_names_stage_and_line(bin, root, tmp_path):
-    scene = block_scene(tmp_path, root, "gravity:\n" + INSTRUMENT + "contact: {skin: 1 mm/N}\n")
+    scene = block_scene(tmp_path, root, "gravity:\n" + INSTRUMENT + "contact: {compliance: 1 mm/N}\n")
     r, rows = explain(bin, scene, tmp_path)
     assert [row["name"] for row in r["stages"] if row["in_step"]] == ["contact", "force", "gravity", "integrate", "support",
-                                                                           "contact find", "contact constrain", "contact sum"]
+                                                                           "contact detect", "contact solve", "contact forces"]
     assert rows["gravity"]["line"] == 8 and rows["contact"]["line"] == 11 and rows["support"]["line"] == 7 and rows["force"]["line"] == 1
     assert rows["contact"]["asked_by"] == f"{scene}:11"
     assert abs(sum(row.get("share", 0) for row in r["stages"]) - 1) < 1e-9
     assert r["left_out"] == [e for e in r["left_out"] if e not in ("gravity", "contact")] and "damping" in r["left_out"]
     out, _ = run(bin / "tm-sim", scene, "--explain", "--unset", "gravity", "--set", "damping.rate=3 /s")
-    assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy volume gravity" in out
+    assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy strain_smoothing gravity" in out
 
 
 CONTACT = INSTRUMENT + "contact:\n"
 
 
 EXAMPLES = [(e.name, e.example, {"instruments": INSTRUMENT, "contact": CONTACT}.get("".join(e.needs), "")) for e in effects() if e.example is not None]
-NO_STAGE = ("damping", "volume", "rotation", "viscosity", "haptics", "rendering")  # of their own name
+NO_STAGE = ("damping", "strain_smoothing", "rotation", "viscosity", "haptics", "rendering")  # of their own name
 
 
 @pytest.mark.parametrize("effect,value,more", EXAMPLES + [
-    ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("haptics", "{extrapolator: contact}", CONTACT), ("viscosity", "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}", CONTACT + "cut:\nvolume:\n")])
+    ("strain_smoothing", "{shear_share: 1}", CONTACT + "cut:\n"), ("haptics", "{extrapolator: local_model}", CONTACT), ("viscosity", "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}", CONTACT + "cut:\nstrain_smoothing:\n")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)
@@ -264,5 +264,5 @@ def test_explain_says_what_a_sliver_costs_where_tissue_is_cut(bin, root, tmp_pat
     step = report(bin / "tm-mesh", "info", tmp_path / "sliver.msh", tmp=tmp_path)["critical_step"]
     assert said["tetrahedron"] == step["cut_tet"] and abs(said["of_median"] / step["worst_over_median"] - 1) < 0.5  # another nu
     assert "time.mass_scaling" in run(bin / "tm-sim", thin, "--explain")[0]
-    scaled = ["--set", "time.step=0.5 ms", "--set", "time.mass_scaling=yes", "--set", "time.mass_most=10"]
+    scaled = ["--set", "time.step=0.5 ms", "--set", "time.mass_scaling=yes", "--set", "time.mass_scaling_max=10"]
     assert "slivers" not in explain(bin, thin, tmp_path, *scaled)[0]

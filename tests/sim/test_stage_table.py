@@ -3,11 +3,11 @@ import pytest
 from simkit import report
 
 PRESS, CUT = "block-press", "block-cut"
-SHEAR = "viscosity={terms: [{time: 50 ms, shear: 0.3, volume: 0.1}]}"
-ALIKE = "viscosity={terms: [{time: 50 ms, shear: 0.3, volume: 0.3}]}"
+SHEAR = "viscosity={terms: [{time: 50 ms, shear: 0.3, bulk: 0.1}]}"
+ALIKE = "viscosity={terms: [{time: 50 ms, shear: 0.3, bulk: 0.3}]}"
 BEGIN = ["contact begin"]
 MOTION = ["force force divided", "integrate integrate divided", "support constrain divided"]
-ROWS = ["contact find constrain overlap", "contact constrain constrain", "contact sum constrain"]
+ROWS = ["contact detect constrain overlap", "contact solve constrain", "contact forces constrain"]
 PLAIN = BEGIN + MOTION + ROWS + ["patch between"]
 
 
@@ -23,9 +23,9 @@ def law_of(stage, rows):
 TURNED = among(PLAIN, force_force_divided=["rotation force"])
 CASES = {
     "press": (PRESS, [], PLAIN),
-    "volume": (PRESS, ["volume={}"], PLAIN),
+    "volume": (PRESS, ["strain_smoothing={}"], PLAIN),
     "rotation": (PRESS, ["rotation={}"], TURNED),
-    "rotation and volume": (PRESS, ["rotation={}", "volume={}"], law_of("rotation", TURNED)),
+    "rotation and volume": (PRESS, ["rotation={}", "strain_smoothing={}"], law_of("rotation", TURNED)),
     "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"])),
     "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"],
                                                                              force_force_divided=["viscous bulk force"]))),

@@ -17,7 +17,8 @@
 
 enum { SCENES = 2, HANDS = 2, TICKS_A_FRAME = 20 };
 static const double SLACK_N = 0.045; /* a twentieth of the 0.85 N that these scenes reach */
-/* Both hold, cut and let go; the lifted lobe turns, and its simulation is the dearer by far: the long form's alone. */
+/* Both hold, cut and let go; the lifted lobe turns, and its simulation is the costlier by far: the long form's alone.
+ */
 static const struct {
     const char *file;
     double length_s;
@@ -52,11 +53,11 @@ static int free_all(void **state) {
 /* --- transitions --- */
 
 typedef enum tool_state { FREE, TOUCHES, HOLDS, LETS_GO, STATES } tool_state;
-static const char *const state_name[STATES] = {"free", "touching", "held", "letting go"};
+static const char *const state_name[STATES] = {"free", "touching", "held", "releasing"};
 
 static tool_state state_of(const hrt_sample *s) {
-    if ((s->flags & HRT_FLAG_LETTING_GO) != 0) return LETS_GO;
-    if (s->patch && hrt_patch_holds(s->patch)) return HOLDS;
+    if ((s->flags & HRT_FLAG_RELEASING) != 0) return LETS_GO;
+    if (s->patch && hrt_patch_grasps(s->patch)) return HOLDS;
     return size_of(s->force_N) > 0 ? TOUCHES : FREE;
 }
 
@@ -132,7 +133,7 @@ static void contact_is_as_true_as_position(void **state) {
             for (int late = 0; late < 2; late++) {
                 const conditions line = {.latency_frames = late, .seed = 1};
                 const double position = replay(&rec[k][i], HRT_POSITION, &line, NULL).rms,
-                             contact = replay(&rec[k][i], HRT_CONTACT, &line, NULL).rms;
+                             contact = replay(&rec[k][i], HRT_LOCAL_MODEL, &line, NULL).rms;
                 print_message("%s, instrument %d, %d late: hold %.2f, position %.2f, contact %.2f %%\n", scene[k].file,
                               i, late, 100 * replay(&rec[k][i], HRT_HOLD, &line, NULL).rms, 100 * position,
                               100 * contact);
@@ -146,7 +147,7 @@ static void contact_is_as_true_as_position(void **state) {
  * second. What is made of old samples is bounded by what they said, to half as much again, however little is felt. */
 static void a_lag_makes_nothing_up(void **state) {
     (void)state;
-    static const hrt_extrapolator law[] = {HRT_ADAPTIVE, HRT_CONTACT};
+    static const hrt_extrapolator law[] = {HRT_ADAPTIVE, HRT_LOCAL_MODEL};
     const int seeds = test_is_long() ? 40 : 4;
     for (int k = 0; k < scenes(); k++)
         for (int i = 0; i < HANDS; i++)

@@ -131,7 +131,7 @@ static void on_line(const char *size, const organ *o, const tm_tissue *tissue, i
     tm_precomputed_def def = tm_precomputed_def_default();
     def.problem = kit_problem(tissue, o->fixed);
     def.contact = &contact;
-    def.max_local_vertices = 1024;
+    def.max_contact_vertices = 1024;
     tm_precomputed *model;
     tm_error error;
     fix_ok(tm_precomputed_create(&def, &model, NULL, &error), &error);

@@ -1,4 +1,4 @@
-/* An organ of which a part is condensed, in a world, with its insides at hand: test_hybrid, test_span. */
+/* An organ of which a part is condensed, in a world, with its insides at hand: test_hybrid, test_contact_reuse. */
 #ifndef SOLVE_HYBRID_SET_H
 #define SOLVE_HYBRID_SET_H
 
@@ -111,7 +111,7 @@ static inline hybrid_set set_touched(const tm_tool_pose *start) {
 static inline void set_go(hybrid_set *s, const tm_tool_pose *to, double seconds, double force_N[3]) {
     const int32_t steps = (int32_t)ceil(seconds / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, steps, 1);
-    tm_contact_move(s->contact, 0, to, steps);
+    tm_contact_set_target(s->contact, 0, to, steps);
     assert_int_equal(tm_world_step(s->world, steps), TM_OK);
     tm_hybrid_recover(s->hybrid, s->world);
     const tm_tool_reaction r = tm_hybrid_reaction(s->hybrid, 0);

@@ -57,11 +57,11 @@ static void problems(void **state) {
     tm_precomputed *model = NULL;
     stored.problem = def, stored.precision = (tm_precision)7;
     refused(tm_precomputed_create(&stored, &model, NULL, &error), -1, &error);
-    stored.precision = TM_DOUBLE, stored.max_local_vertices = -1;
+    stored.precision = TM_DOUBLE, stored.max_contact_vertices = -1;
     refused(tm_precomputed_create(&stored, &model, NULL, &error), -1, &error);
     tm_hybrid_def mixed = tm_hybrid_def_default();
     tm_hybrid *hybrid = NULL;
-    mixed.problem = def, mixed.dynamic = b.dynamic, mixed.max_local_vertices = -1;
+    mixed.problem = def, mixed.dynamic = b.dynamic, mixed.max_contact_vertices = -1;
     refused(tm_hybrid_create(&mixed, &hybrid, NULL, &error), -1, &error);
     assert_true(!model && !hybrid);
     free(value), free(load), free(u);
@@ -122,9 +122,9 @@ static void broken_contract_is_told(void **state) {
     tm_precomputed_force(model, 1, f), expected++;
     tm_precomputed_reaction(model, -1), expected++;
     tm_precomputed_pose(model, 2), expected++;
-    tm_precomputed_held(model, 1, NULL, NULL), expected++;
+    tm_precomputed_grasped(model, 1, NULL, NULL), expected++;
     assert_int_equal(tm_precomputed_update(model, &pose), -1), expected++;
-    tm_precomputed_place(model, 0, &pose), expected++;
+    tm_precomputed_set_pose(model, 0, &pose), expected++;
     tm_precomputed_imposed_force(model, 0, f), expected++;
     assert_false(tm_precomputed_patch(model, 0, f, 0.1, 99, 32, &patch)), expected++;
     tm_solve_def problem = {.tissue = b.tissue, .fixed = b.fixed};
@@ -161,7 +161,7 @@ static void press(tm_world *world, tm_contact *contact) {
     const tm_tool_pose to = {.tip_m = {0.035, 0.015, 0.028}, .active = true};
     for (int i = 0; i < 4; i++) {
         tm_contact_begin_frame(contact, 50, 50);
-        tm_contact_move(contact, 0, &to, 50);
+        tm_contact_set_target(contact, 0, &to, 50);
         assert_int_equal(tm_world_step(world, 50), TM_OK);
     }
 }

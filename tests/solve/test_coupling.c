@@ -219,7 +219,7 @@ static void dead_tissue_is_watched_too(void **state) {
     set s = make();
     tm_state *at = tm_world_state(s.world);
     int32_t v = 0;
-    while (s.hybrid->part[v] != TMS_CONDENSED) v++;
+    while (s.hybrid->vertex_kind[v] != TMS_CONDENSED) v++;
     assert_int_equal(tm_world_step(s.world, 20), TM_OK);
     at->u_m[3 * v] = 1e7;
     assert_int_equal(tm_world_step(s.world, 20), TM_ERR_UNSTABLE);

@@ -10,9 +10,9 @@ typedef struct bench {
     tm_mesh *mesh;
     tm_tissue *tissue;
     uint8_t *fixed;
-    tm_factored *factored;
+    tm_compliance_factor *factored;
     tm_compliance_source source;
-    int32_t want[TM_COMPLIANCE_WANTS], count;
+    int32_t want[TM_COMPLIANCE_REQUEST_MAX], count;
 } bench;
 
 static void set_up_as(bench *b, const int cells[3], bool volume, bool turns) {
@@ -25,23 +25,23 @@ static void set_up_as(bench *b, const int cells[3], bool volume, bool turns) {
     double *fibre = fix_fibres(b->mesh, a);
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = b->mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
-    tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.volume = volume;
-    if (turns) tissue.rotation = TM_ROTATION_THRESHOLD, tissue.volume_shear = 0;
+    tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.strain_smoothing = volume;
+    if (turns) tissue.rotation = TM_ROTATION_THRESHOLD, tissue.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&tissue, &b->tissue, &error), &error);
     free(fibre);
     b->fixed = kit_clamp(b->mesh, 1e-9);
-    tm_factored_def def = tm_factored_def_default();
+    tm_compliance_factor_def def = tm_compliance_factor_def_default();
     def.tissue = b->tissue;
     def.fixed = b->fixed;
-    def.turns = turns;
-    fix_ok(tm_factored_create(&def, &b->factored, &error), &error);
-    b->source = tm_factored_source(b->factored);
+    def.corotated = turns;
+    fix_ok(tm_compliance_factor_create(&def, &b->factored, &error), &error);
+    b->source = tm_compliance_factor_source(b->factored);
 }
 
 static void set_up(bench *b, const int cells[3]) { set_up_as(b, cells, false, false); }
 
 static void tear_down(bench *b) {
-    tm_factored_destroy(b->factored);
+    tm_compliance_factor_destroy(b->factored);
     tm_tissue_destroy(b->tissue);
     tm_mesh_destroy(b->mesh);
     free(b->fixed);
@@ -66,7 +66,7 @@ static void choose(bench *b, int k) {
 }
 
 static const tm_compliance *ask_for(const bench *b, int32_t owner, const int32_t *vertex, int32_t count) {
-    const tm_compliance_wish wish = {.count = count, .needed = count, .vertex = vertex};
+    const tm_compliance_request wish = {.count = count, .needed = count, .vertex = vertex};
     return b->source.exchange(b->source.self, owner, &wish);
 }
 
@@ -257,7 +257,7 @@ static void turns_with_the_tissue(void **state) {
         choose(&b, 0);
         const size_t n = 3 * (size_t)b.mesh->vertex_count;
         double R[9], *u = calloc(n, sizeof *u);
-        const tm_compliance_wish wish = {.count = b.count, .needed = b.count, .vertex = b.want, .u_m = u};
+        const tm_compliance_request wish = {.count = b.count, .needed = b.count, .vertex = b.want, .u_m = u};
         const tm_compliance *c = b.source.exchange(b.source.self, 0, &wish);
         assert_non_null(c);
         double *C = malloc(sizeof *C * 9 * (size_t)c->count * (size_t)c->count), unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
@@ -266,12 +266,12 @@ static void turns_with_the_tissue(void **state) {
         c = b.source.exchange(b.source.self, 0, &wish);
         assert_true(off_turned(c, C, unit) == 0); /* the factor is that of before */
         for (int32_t i = 0; i < c->count; i++)
-            for (int k = 0; k < 9; k++) assert_true(fabs(c->turn[9 * i + k] - R[k]) < 1e-9);
+            for (int k = 0; k < 9; k++) assert_true(fabs(c->rotation[9 * i + k] - R[k]) < 1e-9);
         for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
         print_message("  turned by 1.2: %.1e\n", off_turned(c, C, R));
         assert_true(off_turned(c, C, R) < 1e-6);
         for (int32_t i = 0; i < c->count; i++)
-            for (int k = 0; k < 9; k++) assert_true(fabs(c->turn[9 * i + k] - unit[k]) < 1e-9);
+            for (int k = 0; k < 9; k++) assert_true(fabs(c->rotation[9 * i + k] - unit[k]) < 1e-9);
         memcpy(C, c->C_m_N, sizeof *C * 9 * (size_t)c->count * (size_t)c->count);
         turn_all(b.mesh, 1.2 + 0.04, R, u); /* by 2.3 degrees, and more than a tenth of an edge: no new factor */
         for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
@@ -309,7 +309,7 @@ static void with_a_thread_no_call_waits(void **state) {
     tm_error error;
     const struct timespec frame = {0, 2000000};
     set_up(&b, (int[3]){10, 8, 6});
-    fix_ok(tm_factored_start(b.factored, &error), &error);
+    fix_ok(tm_compliance_factor_start(b.factored, &error), &error);
     int exact = 0;
     for (int k = 0; k < 6; k++) {
         if (k > 0) cut_more(&b, &random, 4);
@@ -346,26 +346,26 @@ static void broken_contract_is_told(void **state) {
     choose(&b, 0);
     until_ready(&b, &calls);
     tm_set_contract_handler(on_broken, NULL);
-    tm_factored *other = NULL;
-    tm_factored_def def = {.tissue = b.tissue, .fixed = b.fixed}; /* not filled by its _default function */
-    assert_int_equal(tm_factored_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
-    def = tm_factored_def_default(), def.tissue = b.tissue;
-    assert_int_equal(tm_factored_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
+    tm_compliance_factor *other = NULL;
+    tm_compliance_factor_def def = {.tissue = b.tissue, .fixed = b.fixed}; /* not filled by its _default function */
+    assert_int_equal(tm_compliance_factor_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
+    def = tm_compliance_factor_def_default(), def.tissue = b.tissue;
+    assert_int_equal(tm_compliance_factor_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
     assert_null(other);
-    assert_int_equal(tm_factored_start(NULL, &error), TM_ERR_ARGUMENT), expected++;
-    assert_int_equal(tm_factored_bytes(NULL), 0), expected++;
-    assert_null(tm_factored_source(NULL).exchange), expected++;
+    assert_int_equal(tm_compliance_factor_start(NULL, &error), TM_ERR_ARGUMENT), expected++;
+    assert_int_equal(tm_compliance_factor_bytes(NULL), 0), expected++;
+    assert_null(tm_compliance_factor_source(NULL).exchange), expected++;
     const int32_t foreign[2] = {b.want[0], b.mesh->vertex_count};
-    const tm_compliance_wish good = {.count = b.count, .needed = b.count, .vertex = b.want};
+    const tm_compliance_request good = {.count = b.count, .needed = b.count, .vertex = b.want};
     assert_null(b.source.exchange(NULL, 0, &good)), expected++;
     assert_null(b.source.exchange(b.source.self, 0, NULL)), expected++;
     assert_null(ask_for(&b, -1, b.want, b.count)), expected++;
     assert_null(ask_for(&b, TM_MAX_INSTRUMENTS, b.want, b.count)), expected++;
     assert_null(ask_for(&b, 0, b.want, -1)), expected++;
-    assert_null(ask_for(&b, 0, b.want, TM_COMPLIANCE_WANTS + 1)), expected++;
+    assert_null(ask_for(&b, 0, b.want, TM_COMPLIANCE_REQUEST_MAX + 1)), expected++;
     assert_null(ask_for(&b, 0, foreign, 2)), expected++;
     assert_null(ask_for(&b, 0, NULL, 2)), expected++;
-    const tm_compliance_wish greedy = {.count = b.count, .needed = b.count + 1, .vertex = b.want};
+    const tm_compliance_request greedy = {.count = b.count, .needed = b.count + 1, .vertex = b.want};
     assert_null(b.source.exchange(b.source.self, 0, &greedy)), expected++;
     assert_int_equal(broken, expected);
     tm_set_contract_handler(NULL, NULL);

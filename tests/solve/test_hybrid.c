@@ -7,20 +7,20 @@ static tm_surface_view whole_surface(void *hybrid) { return tm_hybrid_surface(hy
 
 /* Patches of the whole organ: its own surface, and the compliance of what the world's tissue and the condensed part are
  * together. */
-static tm_patch_maker *add_patches(hybrid_set *s) {
+static tm_patch_builder *add_patches(hybrid_set *s) {
     tm_error error;
     tm_tissue_def parts = tm_tissue_def_default();
     tm_hybrid_tissue(s->hybrid, &parts);
-    tm_factored *factored;
-    tm_factored_def whole = tm_factored_def_default();
+    tm_compliance_factor *factored;
+    tm_compliance_factor_def whole = tm_compliance_factor_def_default();
     whole.tissue = s->tissue;
     whole.fixed = s->fixed;
-    whole.elsewhere = parts.elsewhere;
-    fix_ok(tm_factored_create(&whole, &factored, &error), &error);
-    const tm_compliance_source source = tm_factored_given(factored);
+    whole.condensed = parts.condensed;
+    fix_ok(tm_compliance_factor_create(&whole, &factored, &error), &error);
+    const tm_compliance_source source = tm_compliance_factor_owned_source(factored);
     const tm_patch_surface surface = {s->hybrid, whole_surface};
     tm_patch_def def = tm_patch_def_default();
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     def.source = &source;
     def.surface = &surface;
     fix_ok(tm_stage_patch(s->world, s->contact, &def, &maker, &error), &error);
@@ -176,7 +176,7 @@ static void press(const char *what, const tm_tool_pose *to) {
         tm_tool_pose at = *to;
         at.tip_m[2] = fmax(to->tip_m[2], 0.06 - 0.004 * (frame + 1));
         tm_contact_begin_frame(s.contact, steps, 1);
-        tm_contact_move(s.contact, 0, &at, steps);
+        tm_contact_set_target(s.contact, 0, &at, steps);
         run_for(&s, 0.04);
         r = tm_hybrid_reaction(s.hybrid, 0);
     }
@@ -207,8 +207,8 @@ static void press(const char *what, const tm_tool_pose *to) {
     static tm_patch patch;
     double K[9], felt[3];
     bool made = false, inside;
-    tm_patch_maker *maker = add_patches(&s);
-    for (int i = 0; i < 4 && !made; i++) made = tm_patch_make(maker, 0, &patch);
+    tm_patch_builder *maker = add_patches(&s);
+    for (int i = 0; i < 4 && !made; i++) made = tm_patch_compute(maker, 0, &patch);
     assert_true(made);
     assert_int_equal(patch.kind, 2);
     memcpy(K, tm_hybrid_reaction(s.hybrid, 0).stiffness_N_m, sizeof K);
@@ -250,14 +250,14 @@ static void work_between_steps_is_in_no_step(void **state) {
     hybrid_set s = set_touched(&down);
     tm_world_set_timing(s.world, true);
     assert_int_equal(tm_world_step(s.world, 2), TM_OK);
-    const double contact_s = seconds_of(s.world, "contact constrain"), stepped_s = seconds_of(s.world, "hybrid");
+    const double contact_s = seconds_of(s.world, "contact solve"), stepped_s = seconds_of(s.world, "hybrid");
     assert_true(contact_s > 0 && stepped_s > 0);
     tm_hybrid_recover(s.hybrid, s.world);
     const double recovered_s = seconds_of(s.world, "hybrid");
     assert_true(recovered_s > stepped_s);
-    tm_patch_make(add_patches(&s), 0, &patch);
+    tm_patch_compute(add_patches(&s), 0, &patch);
     assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "hybrid") == recovered_s);
-    assert_true(seconds_of(s.world, "contact constrain") == contact_s);
+    assert_true(seconds_of(s.world, "contact solve") == contact_s);
     set_free(&s);
 }
 
@@ -332,7 +332,7 @@ static void step_limit(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-static void not_settled(void **state) {
+static void settle_refusal(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
     hybrid_set s = set_touched(&above);
@@ -373,7 +373,7 @@ static void same_bits_after_restore(void **state) {
                 const tm_tool_pose at = {.tip_m = {-0.004 + 0.002 * frame, 0.003, 0.0405 + 0.001 * (frame % 2)},
                                          .active = true};
                 set_go(s, &at, 0.02, force[pass > 0]);
-                assert_true(tm_snapshot_bytes(s->world) <= tm_snapshot_bytes_most(s->world));
+                assert_true(tm_snapshot_bytes(s->world) <= tm_snapshot_bytes_max(s->world));
             }
             const uint64_t hash = tm_world_hash(s->world);
             if (pass == 0) first = hash;
@@ -459,7 +459,7 @@ static void hostile_snapshot_is_never_believed(void **state) {
 }
 
 /* Cuts of any size leave the surface of both parts together a manifold, the condensed part untouched; and take no more
- * and no less than in the whole organ wherever that one's mending touches the tensor/mass part alone. */
+ * and no less than in the whole organ wherever that one's repairing touches the tensor/mass part alone. */
 static void any_cut_leaves_a_manifold_surface(void **state) {
     (void)state;
     fix_random random = {41};
@@ -507,18 +507,18 @@ static void any_cut_leaves_a_manifold_surface(void **state) {
         free(order);
         set_free(&s);
     }
-    print_message("  %d cuts, manifold after each; %d of them the same as in the whole organ (%d mended away)\n", cuts,
-                  alike, extra);
+    print_message("  %d cuts, manifold after each; %d of them the same as in the whole organ (%d repaired away)\n",
+                  cuts, alike, extra);
     assert_true(alike > cuts / 10 && extra > 0);
 }
 
 /* --- what does not converge is told --- */
 
 /* Of the largest force on the tissue: what rows, which push the tools, do not account for. */
-static double unaccounted(const tms_local *l) {
+static double unaccounted(const tms_contact_solver *l) {
     double most = 0, off = 0;
-    for (int32_t i = 0; i < 3 * l->use_count; i++) {
-        const int32_t d = 3 * l->use[i / 3] + i % 3;
+    for (int32_t i = 0; i < 3 * l->used_count; i++) {
+        const int32_t d = 3 * l->used[i / 3] + i % 3;
         most = fmax(most, fabs(l->f[d]));
         off = fmax(off, fabs(l->f[d] - l->now.fc[d]));
     }
@@ -541,13 +541,13 @@ static void jumping_normals_are_told_and_throw_nothing(void **state) {
         tm_tool_pose at = tm_contact_pose(s.contact, 0);
         for (int c = 0; c < 3 && thrown; c++) at.tip_m[c] = 0.015 * fix_signed(&random) + (c == 2 ? 0.036 : 0);
         tm_contact_begin_frame(s.contact, 1, 1);
-        if (thrown) tm_contact_place(s.contact, 0, &at);
+        if (thrown) tm_contact_set_pose(s.contact, 0, &at);
         assert_int_equal(tm_world_step(s.world, 1), TM_OK);
-        if (s.hybrid->local.use_count == 0) continue;
+        if (s.hybrid->solver_contact.used_count == 0) continue;
         const bool flagged = tm_hybrid_reaction(s.hybrid, 0).flags & TM_REACTION_UNCONVERGED;
-        assert_int_equal(flagged, !s.hybrid->local.converged);
+        assert_int_equal(flagged, !s.hybrid->solver_contact.converged);
         failed += flagged;
-        off = fmax(off, unaccounted(&s.hybrid->local));
+        off = fmax(off, unaccounted(&s.hybrid->solver_contact));
         touching++;
     }
     print_message("  %d of %d solutions did not converge, each told; tissue feels what tools do within %.1e\n", failed,
@@ -570,7 +570,7 @@ static void jumping_normals_are_told_and_throw_nothing(void **state) {
     set_free(&s);
 }
 
-/* --- letting go --- */
+/* --- releasing --- */
 
 static double largest_u(const hybrid_set *s) {
     const double *u = tm_world_state(s->world)->u_m;
@@ -583,7 +583,7 @@ static double largest_u(const hybrid_set *s) {
 static void frame_of_two(hybrid_set *s, const tm_tool_pose to[2], double *most_m) {
     const int32_t steps = (int32_t)ceil(0.01 / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, steps, 1);
-    for (int t = 0; t < 2; t++) tm_contact_move(s->contact, t, to + t, steps);
+    for (int t = 0; t < 2; t++) tm_contact_set_target(s->contact, t, to + t, steps);
     assert_int_equal(tm_world_step(s->world, steps), TM_OK);
     *most_m = fmax(*most_m, largest_u(s));
 }
@@ -621,7 +621,7 @@ static void let_go_beside(void **state) {
         tm_grasp_def how = tm_grasp_def_default();
         tm_cut_def cut = tm_cut_def_default();
         tm_error error;
-        how.fade_s = (const double[]){0, 0.1, 0.3}[k % 3];
+        how.release_time_s = (const double[]){0, 0.1, 0.3}[k % 3];
         fix_ok(tm_stage_grasp(s.world, s.contact, &how, &grasp, &error), &error);
         if (other == 3) fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
         double before = 0, after = 0;
@@ -635,15 +635,15 @@ static void let_go_beside(void **state) {
             if (other == 1 || other == 3) at[1].tip_m[2] = fmax(0.044, 0.053 - 0.0003 * i);
             frame_of_two(&s, at, &before);
         }
-        assert_true(tm_grasp_held(grasp, 0, NULL, NULL) > 0);
+        assert_true(tm_grasp_vertices(grasp, 0, NULL, NULL) > 0);
         at[0].grip = 0;
         at[1].active = other > 0;
         for (int i = 0; i < 60; i++) {
             if (other == 2 && i == 4) at[1].grip = 0;
             frame_of_two(&s, at, &after);
         }
-        print_message("  %-9s fade %3.0f ms: %.1f mm before, at most %.1f mm after\n", name[other], 1e3 * how.fade_s,
-                      1e3 * before, 1e3 * after);
+        print_message("  %-9s fade %3.0f ms: %.1f mm before, at most %.1f mm after\n", name[other],
+                      1e3 * how.release_time_s, 1e3 * before, 1e3 * after);
         assert_true(before > 0.003 && after < before + 0.003);
         set_free(&s);
     }
@@ -655,7 +655,7 @@ int main(void) {
                                        cmocka_unit_test(probe_near_the_interface_gives_the_static_force),
                                        cmocka_unit_test(work_between_steps_is_in_no_step),
                                        cmocka_unit_test(step_limit),
-                                       cmocka_unit_test(not_settled),
+                                       cmocka_unit_test(settle_refusal),
                                        cmocka_unit_test(same_bits_after_restore),
                                        cmocka_unit_test(other_division_refuses_the_snapshot),
                                        cmocka_unit_test(hostile_snapshot_is_never_believed),

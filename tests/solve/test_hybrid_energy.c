@@ -1,9 +1,10 @@
 /* The account of energy of a hybrid: it closes with the condensed part and contact on it; and what contact makes in
- * windows of 1 to 200 ms of random sessions. Its rows are not held back as the dynamic model's are (contact_passive.c).
+ * windows of 1 to 200 ms of random sessions. Its rows are not held back as the dynamic model's are
+ * (contact_passivity.c).
  */
 #include "hybrid_set.h"
 
-enum { MOST_ACTIONS = 8, EFFECTS = 2, GRASP = 1, CUT = 2, MOST_SAMPLES = 200, SAMPLES_A_FRAME = 5 };
+enum { MAX_ACTIONS = 8, EFFECTS = 2, GRASP = 1, CUT = 2, MAX_SAMPLES = 200, SAMPLES_A_FRAME = 5 };
 /* What a window gains in nine of ten sessions at most, of what was stored most meanwhile; what the account may be off
  * by, of that and what hands gave (forces of a solution that did not converge are not those of its rows). */
 static const double SHARE = 0.35, OFF = 1e-2, ROUNDING_J = 1e-7;
@@ -23,7 +24,7 @@ typedef struct session {
     tm_tool_mode mode[2];
     int cells[3];
     double edge_m, jitter, young_Pa, poisson, damping_1_s, fade_s, radius_m, cut_x;
-    action action[MOST_ACTIONS];
+    action action[MAX_ACTIONS];
 } session;
 
 typedef struct verdict {
@@ -44,8 +45,8 @@ static tm_energy account(const hybrid_set *s) {
 static void tell(const char *what, const tm_energy *e) {
     print_message("%-28s kinetic %.2e elastic %.3e contact %+.3e damping %.2e load %+.2e moved %+.1e hand %+.3e sprung "
                   "%.2e made %+.2e residual %+.1e\n",
-                  what, e->kinetic_J, e->elastic_J, e->contact_J[0], e->damping_J, e->load_J, e->moved_J, e->hand_J[0],
-                  e->sprung_J, e->made_J, e->residual_J);
+                  what, e->kinetic_J, e->elastic_J, e->contact_J[0], e->damping_J, e->load_J, e->state_change_J,
+                  e->tool_work_J[0], e->contact_stored_J, e->generated_J, e->residual_J);
 }
 
 static void go_along(hybrid_set *s, const tm_tool_pose *from, const tm_tool_pose *to, int frames, const char *what,
@@ -55,7 +56,7 @@ static void go_along(hybrid_set *s, const tm_tool_pose *from, const tm_tool_pose
         for (int c = 0; c < 3; c++) at.tip_m[c] = from->tip_m[c] + (to->tip_m[c] - from->tip_m[c]) * k / frames;
         set_go(s, &at, 0.002, NULL);
         const tm_energy e = account(s);
-        *off_J = fmax(*off_J, fabs(e.residual_J) + fabs(e.moved_J));
+        *off_J = fmax(*off_J, fabs(e.residual_J) + fabs(e.state_change_J));
     }
     const tm_energy e = account(s);
     tell(what, &e);
@@ -76,12 +77,12 @@ static void test_account_closes(void **unused) {
     double off = 0, most_hand_J = 0;
     for (int i = 1; i < 6; i++) {
         go_along(&s, at + i - 1, at + i, 60, what[i], &off);
-        most_hand_J = fmax(most_hand_J, account(&s).hand_J[0]);
+        most_hand_J = fmax(most_hand_J, account(&s).tool_work_J[0]);
     }
     const tm_energy e = account(&s);
-    print_message("off by %.1e J of %.1e\n", off, e.hand_J[0]);
-    assert_true(off < 1e-4 * e.hand_J[0]);
-    assert_true(e.made_J < 0.4 * most_hand_J); /* blended normals, while it slides; spans a twentieth of it */
+    print_message("off by %.1e J of %.1e\n", off, e.tool_work_J[0]);
+    assert_true(off < 1e-4 * e.tool_work_J[0]);
+    assert_true(e.generated_J < 0.4 * most_hand_J); /* blended normals, while it slides; spans a twentieth of it */
     set_free(&s);
 }
 
@@ -99,7 +100,7 @@ static session random_session(uint64_t seed) {
     s.fade_s = draw_fade_s();
     s.radius_m = between(0.002, 0.004);
     s.cut_x = between(-0.2, 0.2) * s.cells[0] * s.edge_m;
-    s.count = whole(3, MOST_ACTIONS);
+    s.count = whole(3, MAX_ACTIONS);
     for (int i = 0; i < s.count; i++) {
         action *a = s.action + i;
         a->what = (kind)(KINDS * scene_random());
@@ -135,7 +136,7 @@ static bool drop_effect(session *s, int i) {
 typedef struct stage {
     hybrid_set s;
     tm_tool_pose at[2];
-    double top_m, made_J[MOST_SAMPLES + 1], stored_J[MOST_SAMPLES + 1], hand_J;
+    double top_m, generated_J[MAX_SAMPLES + 1], stored_J[MAX_SAMPLES + 1], tool_work_J;
     int64_t seen;
     int32_t substeps;
     verdict v;
@@ -166,7 +167,7 @@ static stage open_stage(const session *s) {
     g.s = set_make(mesh, &material, fixed, s->cut_x, NULL, &contact, 0.9);
     tm_error error;
     tm_grasp_def grasp = tm_grasp_def_default();
-    grasp.fade_s = s->fade_s;
+    grasp.release_time_s = s->fade_s;
     tm_cut_def cut = tm_cut_def_default();
     cut.loose = TM_LOOSE_REMOVE;
     if (s->effects & GRASP) fix_ok(tm_stage_grasp(g.s.world, g.s.contact, &grasp, &(tm_grasp *){NULL}, &error), &error);
@@ -178,26 +179,26 @@ static stage open_stage(const session *s) {
 
 static void watch(stage *g, int i) {
     const tm_energy e = account(&g->s);
-    const int64_t now = g->seen % (MOST_SAMPLES + 1);
-    const double hand = e.hand_J[0] + e.hand_J[1];
-    double most = g->stored_J[now] = e.kinetic_J + e.elastic_J + e.sprung_J, worst = 0, gain = 0;
+    const int64_t now = g->seen % (MAX_SAMPLES + 1);
+    const double hand = e.tool_work_J[0] + e.tool_work_J[1];
+    double most = g->stored_J[now] = e.kinetic_J + e.elastic_J + e.contact_stored_J, worst = 0, gain = 0;
     int length = 0;
-    g->made_J[now] = e.made_J - e.film_J - e.damping_J;
-    for (int k = 1; k <= MOST_SAMPLES && k <= g->seen; k++) {
-        const int64_t then = (g->seen - k) % (MOST_SAMPLES + 1);
-        const double gained = g->made_J[now] - g->made_J[then];
+    g->generated_J[now] = e.generated_J - e.drag_J - e.damping_J;
+    for (int k = 1; k <= MAX_SAMPLES && k <= g->seen; k++) {
+        const int64_t then = (g->seen - k) % (MAX_SAMPLES + 1);
+        const double gained = g->generated_J[now] - g->generated_J[then];
         most = fmax(most, g->stored_J[then]);
         if (gained / (SHARE * most + ROUNDING_J) <= worst) continue;
         worst = gained / (SHARE * most + ROUNDING_J), gain = gained, length = k;
     }
     g->seen++;
-    g->v.hands_J += fabs(hand - g->hand_J), g->hand_J = hand;
+    g->v.hands_J += fabs(hand - g->tool_work_J), g->tool_work_J = hand;
     g->v.worst = fmax(g->v.worst, worst);
     if (g->tell) {
         tell(i < 0 ? "" : "  ", &e);
         print_message("   gain %.2e in %d ms, grasp %+.2e %+.2e\n", gain, length, e.grasp_J[0], e.grasp_J[1]);
     }
-    const double off = fabs(e.residual_J) + fabs(e.moved_J), all = g->v.hands_J + most;
+    const double off = fabs(e.residual_J) + fabs(e.state_change_J), all = g->v.hands_J + most;
     if (!g->v.good || off <= OFF * all + ROUNDING_J) return;
     g->v.good = false, g->v.action = i;
     snprintf(g->v.why, sizeof g->v.why, "account off by %.1e J of %.1e J", off, all);
@@ -209,7 +210,7 @@ static void go(stage *g, int i, const tm_tool_pose to[2], int samples) {
         tm_contact_begin_frame(g->s.contact, g->substeps, g->substeps);
         for (int t = 0; t < 2; t++) {
             g->at[t] = on_the_way(from + t, to + t, k, samples);
-            tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
+            tm_contact_set_target(g->s.contact, t, g->at + t, g->substeps);
         }
         assert_int_equal(tm_world_step(g->s.world, g->substeps), TM_OK);
         watch(g, i);

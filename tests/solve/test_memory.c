@@ -83,7 +83,7 @@ static void use_precomputed(const block *b, tm_precomputed *model) {
 static tm_status make_precomputed(const block *b, tm_error *error) {
     tm_precomputed_def def = tm_precomputed_def_default();
     tm_precomputed *model = NULL;
-    def.problem = problem_of(b), def.contact = &b->contact, def.grasp = &b->grasp, def.max_local_vertices = 128;
+    def.problem = problem_of(b), def.contact = &b->contact, def.grasp = &b->grasp, def.max_contact_vertices = 128;
     const tm_status status = tm_precomputed_create(&def, &model, NULL, error);
     assert_true((status == TM_OK) == (model != NULL));
     const int64_t calls = hook.calls;
@@ -103,7 +103,7 @@ typedef struct mixed {
 static tm_status make_hybrid(const block *b, mixed *m, tm_error *error) {
     tm_hybrid_def def = tm_hybrid_def_default();
     def.problem = problem_of(b), def.dynamic = b->dynamic, def.contact = &b->contact;
-    def.max_local_vertices = 128;
+    def.max_contact_vertices = 128;
     return tm_hybrid_create(&def, &m->hybrid, NULL, error);
 }
 
@@ -129,7 +129,7 @@ static void close_world(mixed *m) {
 static uint64_t press(mixed *m) {
     const tm_tool_pose to = {.tip_m = {0.035, 0.015, 0.028}, .active = true};
     tm_contact_begin_frame(m->contact, 100, 50);
-    tm_contact_move(m->contact, 0, &to, 100);
+    tm_contact_set_target(m->contact, 0, &to, 100);
     assert_int_equal(tm_world_step(m->world, 100), TM_OK);
     return tm_world_hash(m->world);
 }
@@ -143,12 +143,12 @@ static tm_status make_hybrid_alone(const block *b, tm_error *error) {
 }
 
 static tm_status make_factored_alone(const block *b, tm_error *error) {
-    tm_factored *factored = NULL;
-    tm_factored_def def = tm_factored_def_default();
+    tm_compliance_factor *factored = NULL;
+    tm_compliance_factor_def def = tm_compliance_factor_def_default();
     def.tissue = b->tissue, def.fixed = b->fixed;
-    const tm_status status = tm_factored_create(&def, &factored, error);
+    const tm_status status = tm_compliance_factor_create(&def, &factored, error);
     assert_true((status == TM_OK) == (factored != NULL));
-    tm_factored_destroy(factored);
+    tm_compliance_factor_destroy(factored);
     return status;
 }
 
@@ -247,11 +247,11 @@ static void pieces(void **state) {
         hook_install(0);
         block b = make_block();
         tm_error error;
-        tm_factored *factored = NULL;
-        tm_factored_def def = tm_factored_def_default();
+        tm_compliance_factor *factored = NULL;
+        tm_compliance_factor_def def = tm_compliance_factor_def_default();
         def.tissue = b.tissue, def.fixed = b.fixed;
-        fix_ok(tm_factored_create(&def, &factored, &error), &error);
-        const tm_compliance_source source = tm_factored_source(factored);
+        fix_ok(tm_compliance_factor_create(&def, &factored, &error), &error);
+        const tm_compliance_source source = tm_compliance_factor_source(factored);
         const tm_surface_view surface = tm_tissue_surface(b.tissue);
         const int32_t tet = b.mesh->tet_count - 1, last = surface.triangle[0];
         const int64_t before = hook.calls;
@@ -260,13 +260,13 @@ static void pieces(void **state) {
         for (int i = 0; i < 6; i++) {
             if (i == 3) assert_true(tm_cut_remove(b.tissue, &tet, 1, NULL, 0) > 0);
             const tm_compliance *c =
-                source.exchange(source.self, 0, &(tm_compliance_wish){.count = 1, .needed = 1, .vertex = &last});
+                source.exchange(source.self, 0, &(tm_compliance_request){.count = 1, .needed = 1, .vertex = &last});
             served += c != NULL;
             if (c) assert_true(c->count == 1 && c->C_m_N[0] >= 0 && isfinite(c->C_m_N[0]));
         }
         if (n == 0) calls = hook.calls - before;
         assert_true(n > 0 || served > 3);
-        tm_factored_destroy(factored);
+        tm_compliance_factor_destroy(factored);
         free_block(&b);
         hook_check_empty();
     }

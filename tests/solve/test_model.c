@@ -16,7 +16,7 @@ typedef struct organ {
     int32_t *dof;
     double *zero;
     uint8_t *dynamic; /* of the hybrid */
-    const char *blame;
+    const char *invalid_member;
     tm_model_def def;
 } organ;
 
@@ -61,7 +61,7 @@ static void make_organ(organ *o, tm_tool_mode mode) {
     if (mode == TM_TOOL_GRASPER) o->def.grasp = &o->grasp;
     if (mode == TM_TOOL_CAUTERY) o->def.cut = &o->cut;
     o->def.frame_s = 0.04;
-    o->def.blame = &o->blame;
+    o->def.invalid_member = &o->invalid_member;
 }
 
 static void free_organ(organ *o) {
@@ -89,7 +89,7 @@ static tm_model *make(organ *o, int which) {
 static void go(tm_model *model, const tm_tool_pose *to, int frames) {
     for (int i = 0; i < frames; i++) {
         assert_int_equal(tm_model_frame(model, to), TM_OK);
-        assert_true(tm_model_snapshot_bytes(model) <= tm_model_snapshot_bytes_most(model));
+        assert_true(tm_model_snapshot_bytes(model) <= tm_model_snapshot_bytes_max(model));
     }
 }
 
@@ -101,14 +101,14 @@ static void allow_patches(organ *o, tm_model *model) {
     def.horizon_s = 0;
     if (!model->kind->knows_compliance) {
         uint8_t *fixed = calloc(3 * (size_t)o->mesh->vertex_count, 1);
-        tm_factored *factored;
+        tm_compliance_factor *factored;
         for (int32_t i = 0; i < o->def.support_count; i++) fixed[o->dof[i]] = 1;
-        tm_factored_def exact = tm_factored_def_default();
+        tm_compliance_factor_def exact = tm_compliance_factor_def_default();
         exact.tissue = model->tissue;
         exact.fixed = fixed;
-        fix_ok(tm_factored_create(&exact, &factored, &error), &error);
+        fix_ok(tm_compliance_factor_create(&exact, &factored, &error), &error);
         free(fixed);
-        source = tm_factored_given(factored);
+        source = tm_compliance_factor_owned_source(factored);
         def.source = &source;
     }
     fix_ok(tm_model_allow_patches(model, &def, &error), &error);
@@ -149,7 +149,7 @@ static void three_models_agree_at_rest(void **state) {
         tm_model *model = make(&o, m);
         double force[3];
         assert_string_equal(model->kind->name, model_name[m]);
-        assert_true(model->pace.frame_s == 0.04 && model->pace.substeps >= 1);
+        assert_true(model->timing.frame_s == 0.04 && model->timing.substeps >= 1);
         assert_int_equal(tm_model_alive(model), o.mesh->tet_count);
         assert_int_equal(tm_model_surface(model).count, o.mesh->surface_count);
         assert_false(tm_model_patch(model, 0, &patch)); /* not allowed yet */
@@ -184,9 +184,9 @@ static void frame_in_pieces_equals_the_frame(void **state) {
         tm_model *whole = make(&o, m), *cut_up = make(&o, m);
         for (int k = 0; k < 4; k++) {
             go(whole, k ? &down : &above, 1);
-            tm_model_begin(cut_up, k ? &down : &above, cut_up->pace.substeps);
-            for (int32_t done = 0; done < cut_up->pace.substeps; done += 3) {
-                const int32_t left = cut_up->pace.substeps - done;
+            tm_model_begin(cut_up, k ? &down : &above, cut_up->timing.substeps);
+            for (int32_t done = 0; done < cut_up->timing.substeps; done += 3) {
+                const int32_t left = cut_up->timing.substeps - done;
                 assert_int_equal(tm_model_step(cut_up, left < 3 ? left : 3), TM_OK);
             }
             tm_model_end(cut_up);
@@ -195,7 +195,7 @@ static void frame_in_pieces_equals_the_frame(void **state) {
         assert_true(tm_model_hash(whole) == tm_model_hash(cut_up));
         assert_memory_equal(a.force_N, b.force_N, sizeof a.force_N);
         assert_true(fix_largest(a.force_N, 3) > 0.01);
-        tm_model_place(whole, 0, &above);
+        tm_model_set_pose(whole, 0, &above);
         go(whole, &above, 1);
         assert_true(fix_largest(tm_model_reaction(whole, 0).force_N, 3) < fix_largest(a.force_N, 3));
         tm_model_destroy(whole);
@@ -221,7 +221,7 @@ static void go_on_alike(tm_model *model, tm_model *other, const tm_tool_pose *to
 static void hand_over(tm_model *model, tm_model *other) {
     tm_error error;
     const int64_t bytes = tm_model_snapshot_bytes(model), own = tm_model_snapshot_bytes(other);
-    assert_true(tm_model_snapshot_bytes_most(model) == tm_model_snapshot_bytes_most(other)); /* wherever they are */
+    assert_true(tm_model_snapshot_bytes_max(model) == tm_model_snapshot_bytes_max(other)); /* wherever they are */
     unsigned char *buffer = malloc((size_t)bytes), *before = malloc((size_t)own), *after = malloc((size_t)own);
     fix_ok(tm_model_save(model, buffer, bytes, &error), &error);
     fix_ok(tm_model_save(other, before, own, &error), &error);
@@ -332,7 +332,7 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     tm_friction_def friction = tm_friction_def_default();
     make_organ(&o, TM_TOOL_PROBE);
     tm_model *without = make(&o, PRECOMPUTED);
-    friction.instrument[0] = (tm_friction_coefficient){.at_rest = 0.4, .sliding = 0.2};
+    friction.instrument[0] = (tm_friction_coefficient){.mu_static = 0.4, .mu_kinetic = 0.2};
     o.def.friction = &friction;
     tm_model *model = make(&o, PRECOMPUTED), *other = make(&o, PRECOMPUTED), *third = make(&o, PRECOMPUTED);
     static tm_patch a, b;
@@ -383,7 +383,7 @@ static void snapshots_of_friction_made_by_hand(void **state) {
     tm_error error;
     tm_friction_def friction = tm_friction_def_default();
     make_organ(&o, TM_TOOL_PROBE);
-    friction.instrument[0] = (tm_friction_coefficient){.at_rest = 0.4, .sliding = 0.2};
+    friction.instrument[0] = (tm_friction_coefficient){.mu_static = 0.4, .mu_kinetic = 0.2};
     o.def.friction = &friction;
     tm_model *model = make(&o, PRECOMPUTED);
     tm_tool_pose at = down;
@@ -539,7 +539,7 @@ static void held_tissue_has_a_patch(void **state) {
         go(model, &lifted, 60);
         const bool made = get_patch(model, &patch);
         const tm_tool_reaction r = tm_model_reaction(model, 0);
-        assert_true(made && patch.holds && r.stiffness_kind == 2 && r.force_N[2] < -0.02);
+        assert_true(made && patch.grasps && r.stiffness_kind == 2 && r.force_N[2] < -0.02);
         double here[3], there[3], far[3];
         tm_tool_pose aside = lifted;
         aside.tip_m[0] += 0.0007, aside.tip_m[1] -= 0.0005, aside.tip_m[2] += 0.0004;
@@ -565,8 +565,8 @@ static void refused(organ *o, int which, tm_status status, const char *blame) {
     tm_error error;
     assert_int_equal(try_make(o, which, &model, &error), status);
     assert_null(model);
-    assert_non_null(o->blame);
-    assert_string_equal(o->blame, blame);
+    assert_non_null(o->invalid_member);
+    assert_string_equal(o->invalid_member, blame);
     assert_true(strchr(error.message, ';') != NULL);
 }
 

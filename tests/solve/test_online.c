@@ -28,7 +28,7 @@ static pair make_pair_with(const scene_def *def, tm_precision precision, const t
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = def->tools;
     contact.instrument = tool;
-    if (def->skin_m_N >= 0) contact.skin_compliance_m_N = def->skin_m_N;
+    if (def->row_compliance_m_N >= 0) contact.contact_compliance_m_N = def->row_compliance_m_N;
     tm_precomputed_def model = tm_precomputed_def_default();
     model.problem = kit_problem(p.scene.tissue, p.fixed);
     model.contact = &contact;
@@ -70,7 +70,7 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
             if (t == tools - 1)
                 dynamic[t] = scene_frame(&p.scene, t, at, 0.04);
             else
-                tm_contact_move(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
+                tm_contact_set_target(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
         }
     for (int t = 0; t < tools; t++) dynamic[t] = tm_contact_reaction(p.scene.contact, t);
     const int32_t steps = tm_precomputed_update(p.model, to);
@@ -237,8 +237,8 @@ static void grasp_agrees_with_dynamic_at_rest(void **state) {
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
         const int32_t *held, *theirs;
         tm_grasp_state mine_is, theirs_is;
-        const int32_t count = tm_precomputed_held(p.model, 0, &held, &mine_is),
-                      their_count = tm_grasp_held(dynamic, 0, &theirs, &theirs_is);
+        const int32_t count = tm_precomputed_grasped(p.model, 0, &held, &mine_is),
+                      their_count = tm_grasp_vertices(dynamic, 0, &theirs, &theirs_is);
         const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
         double worst = 0, most = 0;
         const int32_t *surface, n = tm_precomputed_surface(p.model, &surface);
@@ -272,7 +272,7 @@ static void grasp_agrees_with_dynamic_at_rest(void **state) {
     free_pair(&p);
 }
 
-/* Letting go while a second tool bears on what was held: whatever it is, the shape never goes farther than it was, and
+/* Releasing while a second tool bears on what was held: whatever it is, the shape never goes farther than it was, and
  * the grasper's force is never more than the share of it that is left. */
 static void let_go_beside(void **state) {
     (void)state;
@@ -291,7 +291,7 @@ static void let_go_beside(void **state) {
         memcpy(def.trocar_m, (double[2][3]){{0.1, 0, 0.2}, {-0.1, 0, 0.2}}, sizeof def.trocar_m);
         memcpy(def.tip_m, (double[2][3]){{0, 0, 0.046}, {-0.003, 0, 0.065}}, sizeof def.tip_m);
         tm_grasp_def how = tm_grasp_def_default();
-        how.fade_s = (const double[]){0, 0.05, 0.2}[k % 3];
+        how.release_time_s = (const double[]){0, 0.05, 0.2}[k % 3];
         pair p = make_pair_with(&def, TM_DOUBLE, &how, second[k / 3].mode);
         const int32_t *surface, n = tm_precomputed_surface(p.model, &surface);
         const double *u = tm_precomputed_displacement(p.model);
@@ -315,15 +315,17 @@ static void let_go_beside(void **state) {
             stalled += tm_precomputed_update(p.model, at) < 0;
             for (int32_t v = 0; v < n; v++) after = fmax(after, length3(u + 3 * surface[v]));
             tm_precomputed_force(p.model, 0, force);
-            const double left = how.fade_s > 0 ? fmax(0, 1 - 0.002 * (i - 1) / how.fade_s) : i > 0 ? 0 : 1;
+            const double left = how.release_time_s > 0 ? fmax(0, 1 - 0.002 * (i - 1) / how.release_time_s)
+                                : i > 0                ? 0
+                                                       : 1;
             tm_grasp_state is;
-            if (tm_precomputed_held(p.model, 0, NULL, &is) > 0 && is == TM_GRASP_LETTING_GO)
+            if (tm_precomputed_grasped(p.model, 0, NULL, &is) > 0 && is == TM_GRASP_RELEASING)
                 over = fmax(over, length3(force) / length3(first) - left);
         }
         print_message(
             "  %-9s fade %3.0f ms: %.2f N, %.1f mm before, at most %.1f mm after, force %.3f over its share, %d "
             "not converged\n",
-            second[k / 3].name, 1e3 * how.fade_s, length3(first), 1e3 * most, 1e3 * after, over, stalled);
+            second[k / 3].name, 1e3 * how.release_time_s, length3(first), 1e3 * most, 1e3 * after, over, stalled);
         assert_true(most > 0.003 && length3(first) > 0.1);
         assert_true(after < 1.1 * most && over < 0.1);
         free_pair(&p);

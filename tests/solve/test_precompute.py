@@ -122,18 +122,18 @@ def test_ranks_share_one_factor(bin, root, place):
     run([bin / "tm-precompute", scene, "--out", folder / "one.tms", "--json", folder / "one.json"], env)
     one, whole = responses(folder / "one.tms"), json.loads((folder / "one.json").read_text())["ranks"][0]["factor_bytes"]
     for ranks in (1, 3):
-        said = run([*mpirun(bin, ranks), scene, "--factor", "shared", "--threads", 1, "--json", folder / "many.json"], env).stdout
+        said = run([*mpirun(bin, ranks), scene, "--factor", "distributed", "--threads", 1, "--json", folder / "many.json"], env).stdout
         made = re.search(r"(\S+\.tms): ", said).group(1)
         many = json.loads((folder / "many.json").read_text())["ranks"]
         assert len(many) == ranks and max(r["factor_bytes"] for r in many) < (1.2 if ranks == 1 else 0.7) * whole
         assert all(r["peak_bytes"] > r["factor_bytes"] > 0 for r in many)
         assert abs(responses(Path(made)) - one).max() < 1e-12 * abs(one).max()
     assert "computed" not in run([bin / "tm-sim", "--lockstep", scene, "--frames", 2], env).stderr
-    loose = run([*mpirun(bin, 2), scene, "--factor", "shared", "--set", "supports=[]", "--out", folder / "x.tms"], env, code=2, timeout=300)
+    loose = run([*mpirun(bin, 2), scene, "--factor", "distributed", "--set", "supports=[]", "--out", folder / "x.tms"], env, code=2, timeout=300)
     assert "support" in loose.stderr and not (folder / "x.tms").exists()
-    for wrong, words in ((["--factor", "both"], "each or shared"), (["--factor", "shared", "--solver", "cg"], "no factor to share")):
+    for wrong, words in ((["--factor", "both"], "each or distributed"), (["--factor", "distributed", "--solver", "cg"], "no factor to share")):
         assert words in run([*mpirun(bin, 2), scene, *wrong, "--out", folder / "x.tms"], env, code=2).stderr
-    assert "without MUMPS or without ranks" in run([bin / "tm-precompute", scene, "--factor", "shared"], env, code=2).stderr
+    assert "without MUMPS or without ranks" in run([bin / "tm-precompute", scene, "--factor", "distributed"], env, code=2).stderr
 
 
 def descendants(pid):

@@ -22,8 +22,8 @@ typedef struct sent {
     tm_tissue *tissue;
     tm_world *world;
     tm_contact *contact;
-    tm_patch_maker *maker;
-    tm_factored *factored;
+    tm_patch_builder *maker;
+    tm_compliance_factor *factored;
     bool turns, holds, rubs, relaxes, cuts;
     int hands;
     double tip_m[3], other_m[3]; /* over the tissue: the first hand's tool, the second hand's probe */
@@ -48,8 +48,8 @@ static void make_tissue(sent *s) {
     double *fibre = fix_fibres(s->mesh, along);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = s->mesh, def.material_count = 1, def.material = &material, def.fibre = fibre, def.cuttable = true;
-    def.volume = maybe(s, 0.5);
-    if (s->turns) def.rotation = TM_ROTATION_THRESHOLD, def.volume_shear = 0;
+    def.strain_smoothing = maybe(s, 0.5);
+    if (s->turns) def.rotation = TM_ROTATION_THRESHOLD, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &s->tissue, &error), &error);
     free(fibre);
 }
@@ -92,10 +92,10 @@ static void make_world(sent *s, const uint8_t *fixed, bool exact) {
     tm_patch_def patch = tm_patch_def_default();
     tm_compliance_source source;
     if (exact) {
-        tm_factored_def def = tm_factored_def_default();
-        def.tissue = s->tissue, def.fixed = fixed, def.turns = s->turns;
-        fix_ok(tm_factored_create(&def, &s->factored, &error), &error);
-        source = tm_factored_source(s->factored);
+        tm_compliance_factor_def def = tm_compliance_factor_def_default();
+        def.tissue = s->tissue, def.fixed = fixed, def.corotated = s->turns;
+        fix_ok(tm_compliance_factor_create(&def, &s->factored, &error), &error);
+        source = tm_compliance_factor_source(s->factored);
         patch.source = &source;
     }
     fix_ok(tm_stage_patch(s->world, s->contact, &patch, &s->maker, &error), &error);
@@ -121,7 +121,7 @@ static sent make(uint64_t seed, int hands) {
 
 static void destroy(sent *s) {
     tm_world_destroy(s->world);
-    tm_factored_destroy(s->factored);
+    tm_compliance_factor_destroy(s->factored);
     tm_tissue_destroy(s->tissue);
     tm_mesh_destroy(s->mesh);
     free(s->before);
@@ -130,7 +130,7 @@ static void destroy(sent *s) {
 static void frame(sent *s, const tm_tool_pose to[2], double seconds) {
     const int32_t substeps = (int32_t)ceil(seconds / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, substeps, 1);
-    for (int h = 0; h < s->hands; h++) tm_contact_move(s->contact, h, &to[h], substeps);
+    for (int h = 0; h < s->hands; h++) tm_contact_set_target(s->contact, h, &to[h], substeps);
     assert_int_equal(tm_world_step(s->world, substeps), TM_OK);
 }
 
@@ -210,7 +210,7 @@ typedef struct tally {
 /* What a hand is sent in frame `k`; `compare`: against moving its tool. */
 static void see(sent *s, int hand, int k, bool compare, tally *t) {
     tm_patch patch;
-    const bool made = tm_patch_make(s->maker, hand, &patch);
+    const bool made = tm_patch_compute(s->maker, hand, &patch);
     const tm_tool_reaction r = tm_contact_reaction(s->contact, hand);
     assert_true(!made || r.stiffness_kind == patch.kind);
     const bool felt = fabs(r.force_N[0]) + fabs(r.force_N[1]) + fabs(r.force_N[2]) > FELT_N;
@@ -276,7 +276,7 @@ static void make_bar(sent *s) {
     s->mesh = fix_block(cells, size, 0.2, &s->random);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = s->mesh, def.material_count = 1, def.material = &material;
-    def.rotation = TM_ROTATION_THRESHOLD, def.volume_shear = 0;
+    def.rotation = TM_ROTATION_THRESHOLD, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &s->tissue, &error), &error);
 }
 
@@ -296,7 +296,7 @@ static void turn_by(sent *s, const uint8_t *fixed, double angle) {
 
 static double sent_off_by(sent *s) {
     tm_patch patch;
-    assert_true(tm_patch_make(s->maker, 0, &patch));
+    assert_true(tm_patch_compute(s->maker, 0, &patch));
     const tm_tool_reaction r = tm_contact_reaction(s->contact, 0);
     return off_by(s, 0, &r);
 }
@@ -323,7 +323,7 @@ static void turned_between_factors(void **state) {
         }
         frame(&s, s.pose, 0.5);
         const double kept = sent_off_by(&s);
-        for (int k = 0; k < 30; k++) assert_true(tm_patch_make(s.maker, 0, &patch));
+        for (int k = 0; k < 30; k++) assert_true(tm_patch_compute(s.maker, 0, &patch));
         const double anew = sent_off_by(&s);
         print_message("  %s: %.3f off before, %.3f turned, %.3f by a new factor\n", holds ? "held" : "pressed", before,
                       kept, anew);

@@ -12,7 +12,7 @@ H_MIN_OVER_C = """*step_s = HUGE_VAL;
         *step_s = fmin(*step_s, tm_mesh_tet_quality(tissue->mesh, t).min_altitude_m / sqrt((m->lambda_Pa + 2 * m->mu_Pa) / m->density_kg_m3));
     }"""
 ONE_SIGN = """    for (int32_t i = 0; i < edges && i < 1 && tissue->precision == TM_DOUBLE; i++)
-        if (tissue->edge_slot[edge[0]] >= 0) ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[edge[0]]] *= -1;
+        if (tissue->edge_index[edge[0]] >= 0) ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_index[edge[0]]] *= -1;
 """
 MEND_EDGES = "    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);\n"
 RATIO = "vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
@@ -29,7 +29,7 @@ FAULTS = {
                         "physics/test_oracle", "isotropic"),
     "h_min/c as the step": ("libtensormass/src/tissue/critical_step.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
 }
-SOURCES = ("libtensormass", "law", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
+SOURCES = ("libtensormass", "contact_law", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
 
 
 def plant(copy, file, sound, fault):

@@ -16,7 +16,7 @@ from virtual_bus import VirtualBus, Watch, torque  # noqa: E402
 
 GROUP, SIMULATION, CONTROLLER = "239.255.76.67", 7667, 7668
 SCENE = os.path.join(tests, "..", "apps", "scenes", "block-press.yaml")
-FLAGS = {"none": 0, "capped": 1, "overflowed": 2, "overran": 4, "unconverged": 16, "held over": 32, "unstable": 64, "too fast": 128, "inside": 256, "letting go": 512, "cutting": 1024, "unknown": 2048}
+FLAGS = {"none": 0, "capped": 1, "overflowed": 2, "overran": 4, "unconverged": 16, "repeated": 32, "unstable": 64, "too fast": 128, "inside": 256, "releasing": 512, "cutting": 1024, "unknown": 2048}
 running, result = [], {}
 state = {"plant": 0, "status": None, "planted": 0}
 

@@ -1,4 +1,4 @@
-"""lcm_types/seal.h in Python: SipHash-2-4 over channel and message, into the message's last 8 bytes."""
+"""lcm_types/auth.h in Python: SipHash-2-4 over channel and message, into the message's last 8 bytes."""
 import struct
 
 MASK = (1 << 64) - 1

@@ -6,7 +6,7 @@ DOUBT, HELD, UNSTABLE = 8192, 4096, 2048
 ENGAGED = 3
 # flag: bits of the limits that must be said, does the force stay, within what time it is gone
 RULES = {"none": (0, True, None), "capped": (0, True, None), "overflowed": (DOUBT, True, None), "overran": (0, True, None), "unconverged": (DOUBT, True, None),
-         "held over": (HELD, False, 0.25), "unstable": (UNSTABLE, False, 0.15), "too fast": (DOUBT, True, None), "inside": (DOUBT, True, None), "letting go": (DOUBT, True, None), "cutting": (0, True, None), "unknown": (0, False, 0.25)}
+         "repeated": (HELD, False, 0.25), "unstable": (UNSTABLE, False, 0.15), "too fast": (DOUBT, True, None), "inside": (DOUBT, True, None), "releasing": (DOUBT, True, None), "cutting": (0, True, None), "unknown": (0, False, 0.25)}
 
 
 @pytest.fixture(scope="module")

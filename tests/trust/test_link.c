@@ -86,9 +86,9 @@ static void bad_line(uint64_t seed, heard *h) {
     uint64_t random = seed;
     app_queue *queue = app_queue_create(0);
     const app_topic topic[] = {{APP_FORCE, 0, take_force, h}};
-    const app_mishaps mishaps = {.latency_s = 0.040, .jitter_s = 0.100, .loss = 0.25, .random = &random};
+    const app_impairments impairments = {.latency_s = 0.040, .jitter_s = 0.100, .loss = 0.25, .random = &random};
     app_link *from = app_link_join(queue, &(app_link_def){0}, NULL);
-    app_link *to = app_link_join(queue, &(app_link_def){.topic = topic, .topics = 1}, &mishaps);
+    app_link *to = app_link_join(queue, &(app_link_def){.topic = topic, .topics = 1}, &impairments);
     for (int64_t frame = 0; frame < 2010; frame++) {
         app_queue_set_clock(queue, 40000 * frame);
         if (frame < 2000)

@@ -115,7 +115,7 @@ static void channels_are_found(void **state) {
     int instrument = -1;
     for (int k = 0; k < APP_KINDS; k++)
         for (int i = 0; i < APP_INSTRUMENTS; i++) {
-            char name[APP_CHANNEL_ROOM];
+            char name[APP_CHANNEL_CAPACITY];
             app_channel_name((app_message_kind)k, i, name);
             assert_true(app_channel_find(name, &kind, &instrument) && (int)kind == k);
             assert_true(instrument == i || name[strlen(name) - 1] > '9');
@@ -127,7 +127,7 @@ static void channels_are_found(void **state) {
 static void seals_stand_where_the_page_says(void **state) {
     (void)state;
     for (int k = 0; k < APP_KINDS; k++)
-        assert_true(app_message_sealed((app_message_kind)k) == (k != APP_TISSUE && k != APP_CUT));
+        assert_true(app_message_has_tag((app_message_kind)k) == (k != APP_TISSUE && k != APP_CUT));
 }
 
 int main(void) {

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 // clang-format on
 
-#include "seal.h"
+#include "auth.h"
 
 /* vectors.h of the reference implementation (github.com/veorq/SipHash): key 00..0f, message 00..(n-1). */
 static void siphash_is_siphash(void **state) {
@@ -38,17 +38,17 @@ static void every_bit_counts(void **state) {
     const app_key key = {.known = true, .byte = {1, 2, 3}}, other = {.known = true, .byte = {1, 2, 4}},
                   none = {.known = false};
     uint8_t message[40] = {9, 8, 7};
-    assert_true(app_sealed(&none, "FORCE_0", message, sizeof message));
-    assert_false(app_sealed(&key, "FORCE_0", message, sizeof message));
-    app_seal(&key, "FORCE_0", message, sizeof message);
-    assert_true(app_sealed(&key, "FORCE_0", message, sizeof message));
-    assert_false(app_sealed(&key, "FORCE_1", message, sizeof message));
-    assert_false(app_sealed(&other, "FORCE_0", message, sizeof message));
-    assert_false(app_sealed(&key, "FORCE_0", message, sizeof message - 1));
-    assert_false(app_sealed(&key, "FORCE_0", message, 8));
+    assert_true(app_auth_check(&none, "FORCE_0", message, sizeof message));
+    assert_false(app_auth_check(&key, "FORCE_0", message, sizeof message));
+    app_auth_tag(&key, "FORCE_0", message, sizeof message);
+    assert_true(app_auth_check(&key, "FORCE_0", message, sizeof message));
+    assert_false(app_auth_check(&key, "FORCE_1", message, sizeof message));
+    assert_false(app_auth_check(&other, "FORCE_0", message, sizeof message));
+    assert_false(app_auth_check(&key, "FORCE_0", message, sizeof message - 1));
+    assert_false(app_auth_check(&key, "FORCE_0", message, 8));
     for (size_t bit = 0; bit < 8 * sizeof message; bit++) {
         message[bit / 8] ^= (uint8_t)(1u << bit % 8);
-        assert_false(app_sealed(&key, "FORCE_0", message, sizeof message));
+        assert_false(app_auth_check(&key, "FORCE_0", message, sizeof message));
         message[bit / 8] ^= (uint8_t)(1u << bit % 8);
     }
 }

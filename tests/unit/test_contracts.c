@@ -27,7 +27,7 @@ static void on_broken(const char *function, const char *sentence, void *user) {
 typedef struct whole {
     scene s;
     tm_grasp *hold;
-    tm_patch_maker *maker;
+    tm_patch_builder *maker;
     uint64_t before;
 } whole;
 
@@ -69,7 +69,7 @@ static void broken_contract_of_jaws_is_told(void **state) {
     const tm_surface_view surface = tm_tissue_surface(s->tissue);
     const double *rest = s->mesh->rest_m, *u = tm_world_state(s->world)->u_m;
     BREAKS("tm_jaw_begin", tm_jaw_begin(&jaw, &tool, NULL), 0);
-    BREAKS("tm_jaw_turn", tm_jaw_turn(&jaw, NULL, &pose), 0);
+    BREAKS("tm_jaw_rotate", tm_jaw_rotate(&jaw, NULL, &pose), 0);
     BREAKS("tm_jaw_to_tool", tm_jaw_to_tool(NULL, &pose, zero, out), 0);
     BREAKS("tm_jaw_to_world", tm_jaw_to_world(&jaw, &pose, zero, NULL), 0);
     BREAKS("tm_jaw_capture", tm_jaw_capture(&jaw, &grasp, &tool, &pose, rest, NULL, &surface, NULL, NULL));
@@ -96,7 +96,7 @@ static void broken_contract_of_the_search_is_told(void **state) {
     BREAKS("tm_contact_search_gather", tm_contact_search_gather(NULL, rest, u, &surface, &capsule, 0.01));
     BREAKS("tm_contact_search_vertices", tm_contact_search_vertices(search, NULL));
     BREAKS("tm_contact_search_faces", tm_contact_search_faces(search, &list, NULL));
-    BREAKS("tm_contact_search_take", tm_contact_search_take(search, rest, &surface, NULL, 1, 0.01));
+    BREAKS("tm_contact_search_restore", tm_contact_search_restore(search, rest, &surface, NULL, 1, 0.01));
     BREAKS("tm_contact_search_rows",
            tm_contact_search_rows(search, rest, NULL, &capsule, 0, NULL, 0, row, 4, &overflowed));
     BREAKS("tm_contact_search_rows",
@@ -144,15 +144,15 @@ static void broken_contract_of_tissue_is_told(void **state) {
     BREAKS("tm_tissue_edge_tensor", tm_tissue_edge_tensor(w->s.tissue, -1, K), 0);
     BREAKS("tm_tissue_tet_material", tm_tissue_tet_material(w->s.tissue, tets));
     BREAKS("tm_critical_step_element", tm_critical_step_element(w->s.tissue, tets));
-    BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
+    BREAKS("tm_critical_step_estimate", tm_critical_step_estimate(NULL, NULL, 1e-3, 10, &step_s, &error));
 }
 
 static void broken_contract_of_a_mesh_is_told(void **state) {
     const whole *w = *state;
     BREAKS("tm_mesh_tet_quality", tm_mesh_tet_quality(w->s.mesh, -1));
-    BREAKS("tm_mesh_given", tm_mesh_given(w->s.mesh, w->s.mesh->vertex_count));
-    BREAKS("tm_mesh_to_given", tm_mesh_to_given(w->s.mesh, 0, w->s.mesh->rest_m, w->s.mesh->rest_m), 0);
-    BREAKS("tm_mesh_from_given", tm_mesh_from_given(w->s.mesh, 3, NULL, w->s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_original_vertex", tm_mesh_original_vertex(w->s.mesh, w->s.mesh->vertex_count));
+    BREAKS("tm_mesh_to_original", tm_mesh_to_original(w->s.mesh, 0, w->s.mesh->rest_m, w->s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_from_original", tm_mesh_from_original(w->s.mesh, 3, NULL, w->s.mesh->rest_m), 0);
     BREAKS("tm_mesh_numbering", tm_mesh_numbering(w->s.mesh, NULL));
     BREAKS("tm_mesh_numbering_tets", tm_mesh_numbering_tets(w->s.mesh, NULL, NULL));
     BREAKS("tm_mesh_numbering_measure", tm_mesh_numbering_measure(NULL, NULL));
@@ -163,21 +163,21 @@ static void broken_contract_of_tools_is_told(void **state) {
     static tm_patch patch;
     tm_tool_pose pose = scene_pose(0, 0, 0.05), nowhere = pose;
     nowhere.tip_m[1] = NAN;
-    BREAKS("tm_cut_take", tm_cut_take(w->s.world, NULL, NULL, 3));
-    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, 1, &pose, 10), 0);
-    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, -1, &pose, 10), 0);
-    BREAKS("tm_contact_move", tm_contact_move(w->s.contact, 0, &nowhere, 10), 0);
-    BREAKS("tm_contact_move", tm_contact_move(NULL, 0, &pose, 10), 0);
+    BREAKS("tm_cut_fetch_removed", tm_cut_fetch_removed(w->s.world, NULL, NULL, 3));
+    BREAKS("tm_contact_set_target", tm_contact_set_target(w->s.contact, 1, &pose, 10), 0);
+    BREAKS("tm_contact_set_target", tm_contact_set_target(w->s.contact, -1, &pose, 10), 0);
+    BREAKS("tm_contact_set_target", tm_contact_set_target(w->s.contact, 0, &nowhere, 10), 0);
+    BREAKS("tm_contact_set_target", tm_contact_set_target(NULL, 0, &pose, 10), 0);
     nowhere.tip_m[1] = 0, nowhere.grip = INFINITY;
-    BREAKS("tm_contact_place", tm_contact_place(w->s.contact, 0, &nowhere), 0);
-    BREAKS("tm_contact_place", tm_contact_place(w->s.contact, 2, &pose), 0);
+    BREAKS("tm_contact_set_pose", tm_contact_set_pose(w->s.contact, 0, &nowhere), 0);
+    BREAKS("tm_contact_set_pose", tm_contact_set_pose(w->s.contact, 2, &pose), 0);
     BREAKS("tm_contact_pose", tm_contact_pose(w->s.contact, 7));
     BREAKS("tm_contact_reaction", tm_contact_reaction(w->s.contact, -1));
     BREAKS("tm_contact_begin_frame", tm_contact_begin_frame(w->s.contact, -1, 1), 0);
     BREAKS("tm_contact_rows", tm_contact_rows(w->s.contact, NULL));
-    BREAKS("tm_grasp_held", tm_grasp_held(w->hold, 1, NULL, NULL));
-    BREAKS("tm_grasp_held", tm_grasp_held(NULL, 0, NULL, NULL));
-    BREAKS("tm_patch_make", tm_patch_make(w->maker, 5, &patch));
+    BREAKS("tm_grasp_vertices", tm_grasp_vertices(w->hold, 1, NULL, NULL));
+    BREAKS("tm_grasp_vertices", tm_grasp_vertices(NULL, 0, NULL, NULL));
+    BREAKS("tm_patch_compute", tm_patch_compute(w->maker, 5, &patch));
     BREAKS("tm_patch_pending", tm_patch_pending(NULL));
 }
 
@@ -192,8 +192,8 @@ static void broken_contract_of_a_world_is_told(void **state) {
     BREAKS("tm_support_move", tm_support_move(w->s.world, 1 << 20, 0), 0);
     BREAKS("tm_support_move", tm_support_move(w->s.world, 0, NAN), 0);
     BREAKS("tm_support_mask", tm_support_mask(w->s.world, NULL), 0);
-    BREAKS("tm_snapshot_bytes_most", tm_snapshot_bytes_most(NULL));
-    BREAKS("tm_model_snapshot_bytes_most", tm_model_snapshot_bytes_most(NULL));
+    BREAKS("tm_snapshot_bytes_max", tm_snapshot_bytes_max(NULL));
+    BREAKS("tm_model_snapshot_bytes_max", tm_model_snapshot_bytes_max(NULL));
     BREAKS("tm_snapshot_save", tm_snapshot_save(w->s.world, NULL, 0, &error));
 }
 
@@ -293,7 +293,7 @@ static void data_out_of_range(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Stages know what they lean on. */
+/* Stages know what they depend on. */
 static void needed_stage_is_not_removed(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -303,7 +303,7 @@ static void needed_stage_is_not_removed(void **state) {
     tm_grasp_def grasp = tm_grasp_def_default();
     tm_grasp *hold = NULL;
     tm_patch_def patch = tm_patch_def_default();
-    tm_patch_maker *maker = NULL;
+    tm_patch_builder *maker = NULL;
     tm_cut_def cut = tm_cut_def_default();
     fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
     fix_ok(tm_stage_patch(s.world, s.contact, &patch, &maker, &error), &error);
@@ -353,35 +353,34 @@ static void list_of_stages_is_the_step(void **state) {
     tm_grasp_def grasp = tm_grasp_def_default();
     tm_grasp *hold = NULL;
     tm_patch_def patch_def = tm_patch_def_default();
-    tm_patch_maker *maker = NULL;
+    tm_patch_builder *maker = NULL;
     static tm_patch patch;
     fix_ok(tm_stage_patch(s.world, s.contact, &patch_def, &maker, &error), &error);
     fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
-    static const char *const full[] = {"contact",           "force",       "integrate",
-                                       "support",           "grasp",       "contact find",
-                                       "contact constrain", "contact sum", "patch"};
+    static const char *const full[] = {"contact",        "force",         "integrate",      "support", "grasp",
+                                       "contact detect", "contact solve", "contact forces", "patch"};
     assert_stages(s.world, full, 9);
     tm_world_set_timing(s.world, true);
     assert_int_equal(tm_world_step(s.world, 3), TM_OK);
     assert_true(seconds_of(s.world, "patch") == 0);
     for (int i = 0; i < 8; i++) assert_true(seconds_of(s.world, full[i]) > 0);
-    const double constrain_s = seconds_of(s.world, "contact constrain");
-    tm_patch_make(maker, 0, &patch);
-    assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "contact constrain") == constrain_s);
+    const double constrain_s = seconds_of(s.world, "contact solve");
+    tm_patch_compute(maker, 0, &patch);
+    assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "contact solve") == constrain_s);
 
-    assert_int_equal(tm_world_remove_stage(s.world, "contact find", &error), TM_ERR_ARGUMENT);
+    assert_int_equal(tm_world_remove_stage(s.world, "contact detect", &error), TM_ERR_ARGUMENT);
     assert_non_null(strstr(error.message, "remove contact"));
     int runs = 0;
     tm_stage mine = {.size = sizeof mine, .name = "mine", .phase = TM_PHASE_CONSTRAIN, .run = count_up, .self = &runs};
-    mine.before = "force";
+    mine.runs_before = "force";
     assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* of another phase */
-    mine.before = "nothing";
+    mine.runs_before = "nothing";
     assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT);
-    mine.before = NULL, mine.part_of = "contact sum";
+    mine.runs_before = NULL, mine.substage_of = "contact forces";
     assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* a part of a part */
-    mine.part_of = NULL, mine.needs[0] = "contact sum";
+    mine.substage_of = NULL, mine.needs[0] = "contact forces";
     assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* which goes with its whole */
-    mine.needs[0] = NULL, mine.part_of = "contact", mine.before = "contact sum";
+    mine.needs[0] = NULL, mine.substage_of = "contact", mine.runs_before = "contact forces";
     fix_ok(tm_world_add_stage(s.world, &mine, 0, &error), &error);
     assert_int_equal(tm_world_step(s.world, 3), TM_OK);
     assert_int_equal(runs, 3);
@@ -393,7 +392,7 @@ static void list_of_stages_is_the_step(void **state) {
     assert_int_equal(runs, 3);
 
     tm_set_contract_handler(on_broken, &broken);
-    mine = (tm_stage){.size = sizeof mine, .name = "mine", .phase = TM_PHASE_BETWEEN, .run = count_up, .self = &runs};
+    mine = (tm_stage){.size = sizeof mine, .name = "mine", .phase = TM_PHASE_ON_DEMAND, .run = count_up, .self = &runs};
     BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &mine, 0, &error));
     mine.phase = TM_PHASE_END, mine.run = NULL;
     BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &mine, 0, &error));

@@ -36,7 +36,7 @@ static tm_status build_as(scene *s, bool volume, bool cuttable, tm_error *error)
     material.damping_1_s = 5;
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = s->mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
-    tissue.cuttable = cuttable, tissue.alive = alive, tissue.volume = volume;
+    tissue.cuttable = cuttable, tissue.alive = alive, tissue.strain_smoothing = volume;
     status = tm_tissue_create(&tissue, &s->tissue, error);
     if (status) return status;
     tm_world_def world = tm_world_def_default();
@@ -50,7 +50,7 @@ static tm_status build_as(scene *s, bool volume, bool cuttable, tm_error *error)
     tm_settle_def settle = tm_settle_def_default();
     if (!status) status = tm_world_settle(s->world, &settle, NULL, error);
     double step_s;
-    if (!status) status = tm_critical_step_sharp(s->tissue, NULL, 1e-6, 1000, &step_s, error);
+    if (!status) status = tm_critical_step_estimate(s->tissue, NULL, 1e-6, 1000, &step_s, error);
     return status;
 }
 
@@ -130,7 +130,7 @@ static void askew_memory_is_told(void **state) {
 
 enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
 
-static const tm_compliance *no_pieces(void *self, int32_t owner, const tm_compliance_wish *wish) {
+static const tm_compliance *no_pieces(void *self, int32_t owner, const tm_compliance_request *wish) {
     (void)self, (void)owner, (void)wish;
     return NULL;
 }
@@ -154,7 +154,7 @@ static tm_status add_contact(scene *s, tm_error *error) {
 static tm_status add(scene *s, int kind, tm_error *error) {
     const tm_compliance_source source = {.exchange = no_pieces};
     tm_grasp *grasp = NULL;
-    tm_patch_maker *maker = NULL;
+    tm_patch_builder *maker = NULL;
     tm_grasp_def grasp_def = tm_grasp_def_default();
     tm_patch_def patch_def = tm_patch_def_default();
     tm_cut_def cut_def = tm_cut_def_default();
@@ -171,7 +171,7 @@ static uint64_t press(scene *s) {
     const tm_tool_pose to = {{0.002, 0.002, 0.008}, .active = true};
     if (s->contact) {
         tm_contact_begin_frame(s->contact, 10, 10);
-        tm_contact_move(s->contact, 0, &to, 10);
+        tm_contact_set_target(s->contact, 0, &to, 10);
     }
     assert_int_equal(tm_world_step(s->world, 10), TM_OK);
     return tm_world_hash(s->world);
@@ -357,7 +357,7 @@ static void large_arrays_lie_on_large_pages(void **state) {
 
 static void names_and_hash(void **state) {
     (void)state;
-    assert_string_equal(tm_version(), "0.1.0");
+    assert_string_equal(tm_version(), "0.2.0");
     assert_string_equal(tm_status_name(TM_ERR_MESH), "TM_ERR_MESH");
     assert_string_equal(tm_status_name((tm_status)77), "TM_ERR_UNKNOWN");
     for (int i = 0; i >= -11; i--) assert_true(strcmp(tm_status_name((tm_status)i), "TM_ERR_UNKNOWN"));

@@ -59,20 +59,20 @@ static double distance(const tm_mesh *mesh) {
 static void poor_ones_are_renumbered(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
-    tm_mesh *as_given = build(&b, TM_NUMBERING_AS_GIVEN), *mesh = build(&b, TM_NUMBERING_WHERE_POOR);
-    assert_null(as_given->given_vertex);
-    assert_non_null(mesh->given_vertex);
+    tm_mesh *as_given = build(&b, TM_NUMBERING_ORIGINAL), *mesh = build(&b, TM_NUMBERING_IMPROVED);
+    assert_null(as_given->original_vertex);
+    assert_non_null(mesh->original_vertex);
     assert_true(distance(as_given) > 3 * distance(mesh));
     uint8_t *seen = calloc((size_t)b.count, 1);
     for (int32_t v = 0; v < b.count; v++) {
-        const int32_t given = tm_mesh_given(mesh, v);
-        assert_int_equal(given, mesh->given_vertex[v]);
+        const int32_t given = tm_mesh_original_vertex(mesh, v);
+        assert_int_equal(given, mesh->original_vertex[v]);
         assert_int_equal(seen[given]++, 0);
         assert_memory_equal(mesh->rest_m + 3 * v, b.vertex_m + 3 * given, 24);
-        assert_int_equal(tm_mesh_given(as_given, v), v);
+        assert_int_equal(tm_mesh_original_vertex(as_given, v), v);
     }
     free(seen);
-    for (int32_t i = 0; i < 4 * b.tets; i++) assert_int_equal(tm_mesh_given(mesh, mesh->tet[i]), b.tet[i]);
+    for (int32_t i = 0; i < 4 * b.tets; i++) assert_int_equal(tm_mesh_original_vertex(mesh, mesh->tet[i]), b.tet[i]);
     /* Tetrahedra, corners and faces keep their numbers, and shapes every bit. */
     assert_memory_equal(mesh->region, b.region, 4 * (size_t)b.tets);
     assert_memory_equal(mesh->tet_neighbour, as_given->tet_neighbour, 16 * (size_t)b.tets);
@@ -80,9 +80,9 @@ static void poor_ones_are_renumbered(void **state) {
     assert_memory_equal(mesh->surface_face, as_given->surface_face, 4 * (size_t)mesh->surface_count);
     assert_memory_equal(mesh->shape_1_m, as_given->shape_1_m, 96 * (size_t)b.tets);
     assert_memory_equal(mesh->volume_m3, as_given->volume_m3, 8 * (size_t)b.tets);
-    tm_numbering_figures inside, given;
+    tm_numbering_stats inside, given;
     assert_true(tm_mesh_numbering_measure(mesh, &inside) && tm_mesh_numbering_measure(as_given, &given));
-    assert_true(inside.poor && given.poor && inside.distance == given.distance);
+    assert_true(inside.should_renumber && given.should_renumber && inside.distance == given.distance);
     assert_true(inside.renumbered == given.renumbered && fabs(given.renumbered / distance(mesh) - 1) < 1e-12);
     tm_mesh_destroy(as_given);
     tm_mesh_destroy(mesh);
@@ -92,13 +92,13 @@ static void poor_ones_are_renumbered(void **state) {
 static void values_there_and_back(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
-    tm_mesh *mesh = build(&b, TM_NUMBERING_WHERE_POOR), *as_given = build(&b, TM_NUMBERING_AS_GIVEN);
+    tm_mesh *mesh = build(&b, TM_NUMBERING_IMPROVED), *as_given = build(&b, TM_NUMBERING_ORIGINAL);
     double *to = malloc(24 * (size_t)b.count), *back = malloc(24 * (size_t)b.count);
-    tm_mesh_to_given(mesh, 3, mesh->rest_m, to);
+    tm_mesh_to_original(mesh, 3, mesh->rest_m, to);
     assert_memory_equal(to, b.vertex_m, 24 * (size_t)b.count);
-    tm_mesh_from_given(mesh, 3, to, back);
+    tm_mesh_from_original(mesh, 3, to, back);
     assert_memory_equal(back, mesh->rest_m, 24 * (size_t)b.count);
-    tm_mesh_to_given(as_given, 1, b.vertex_m, to);
+    tm_mesh_to_original(as_given, 1, b.vertex_m, to);
     assert_memory_equal(to, b.vertex_m, 8 * (size_t)b.count);
     free(to);
     free(back);
@@ -111,8 +111,8 @@ static void others_stay(void **state) {
     (void)state;
     for (int i = 0; i < 2; i++) { /* in order; at random, but small */
         numbered b = numbered_block(i ? 4 : 10, i);
-        tm_mesh *mesh = build(&b, TM_NUMBERING_WHERE_POOR), *as_given = build(&b, TM_NUMBERING_AS_GIVEN);
-        assert_null(mesh->given_vertex);
+        tm_mesh *mesh = build(&b, TM_NUMBERING_IMPROVED), *as_given = build(&b, TM_NUMBERING_ORIGINAL);
+        assert_null(mesh->original_vertex);
         assert_memory_equal(mesh->rest_m, b.vertex_m, 24 * (size_t)b.count);
         assert_memory_equal(mesh->tet, b.tet, 16 * (size_t)b.tets);
         assert_true(mesh->bytes == as_given->bytes);
@@ -126,7 +126,7 @@ static void others_stay(void **state) {
 static void messages_name_the_given_number(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
-    tm_mesh *mesh = build(&b, TM_NUMBERING_WHERE_POOR);
+    tm_mesh *mesh = build(&b, TM_NUMBERING_IMPROVED);
     tm_material material;
     tm_error error;
     fix_ok(tm_material_young(5e3, 0.4, &material, &error), &error);
@@ -138,25 +138,25 @@ static void messages_name_the_given_number(void **state) {
     fix_ok(tm_tissue_create(&tissue_def, &tissue, &error), &error);
     tm_world *world = fix_world(tissue, false);
     int32_t v = 0;
-    while (tm_mesh_given(mesh, v) == v) v++;
+    while (tm_mesh_original_vertex(mesh, v) == v) v++;
     char named[40];
-    snprintf(named, sizeof named, "vertex %d ", tm_mesh_given(mesh, v));
+    snprintf(named, sizeof named, "vertex %d ", tm_mesh_original_vertex(mesh, v));
     tm_support_def support = tm_support_def_default();
     support.count = 2, support.dof = (int32_t[2]){3 * v, 3 * v}, support.value_m = (double[2]){0, 1e-3};
     assert_int_equal(tm_stage_support(world, &support, &error), TM_ERR_SUPPORT);
-    assert_int_equal(error.entity, tm_mesh_given(mesh, v));
+    assert_int_equal(error.entity, tm_mesh_original_vertex(mesh, v));
     assert_non_null(strstr(error.message, named));
     double *load = calloc(3 * (size_t)b.count, sizeof *load);
     load[3 * v + 1] = NAN;
     assert_int_equal(tm_stage_load(world, load, &error), TM_ERR_ARGUMENT);
-    assert_int_equal(error.entity, tm_mesh_given(mesh, v));
+    assert_int_equal(error.entity, tm_mesh_original_vertex(mesh, v));
     assert_non_null(strstr(error.message, named));
     free(load);
     tm_world_destroy(world);
     tm_tissue_destroy(tissue);
     /* A defect of the mesh itself, too. */
     b.tet[4 * 5] = b.tet[4 * 5 + 1];
-    const tm_mesh_def def = def_of(&b, TM_NUMBERING_WHERE_POOR);
+    const tm_mesh_def def = def_of(&b, TM_NUMBERING_IMPROVED);
     tm_mesh *none = NULL;
     snprintf(named, sizeof named, "names vertex %d twice", b.tet[4 * 5]);
     assert_int_equal(tm_mesh_create(&def, &none, &error), TM_ERR_MESH);
@@ -181,7 +181,7 @@ static void bad_value_is_refused(void **state) {
 static void short_memory(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
-    const tm_mesh_def def = def_of(&b, TM_NUMBERING_WHERE_POOR);
+    const tm_mesh_def def = def_of(&b, TM_NUMBERING_IMPROVED);
     int failures = 0;
     for (tm_status status = TM_ERR_MEMORY; status; failures++) {
         tm_mesh *mesh = NULL;

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 
 #include "view/fairing.h"
-#include "view/skin.h"
+#include "view/surface_smoothing.h"
 
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"

@@ -149,9 +149,9 @@ static void test_labels_find_room(void **state) {
     view_layout_take(&l, 300, 10, 390, 60);
     view_layout_take(&l, 10, 220, 390, 290);
     float free_already[4] = {220, 100, 260, 120}, here[4] = {190, 20, 240, 40};
-    view_layout_find_room(&l, 400, 300, 3, free_already);
+    view_layout_find_space(&l, 400, 300, 3, free_already);
     assert_float_equal(free_already[0], 220, 0);
-    view_layout_find_room(&l, 400, 300, 3, here);
+    view_layout_find_space(&l, 400, 300, 3, here);
     assert_float_equal(here[0], 203, 1e-3); /* just beside the panel */
     assert_float_equal(here[1], 20, 1e-3);
     uint32_t seed = 1;
@@ -160,14 +160,14 @@ static void test_labels_find_room(void **state) {
         b[0] = (float)(num_random32(&seed) >> 8) / 16777216.0f * 340;
         b[1] = (float)(num_random32(&seed) >> 8) / 16777216.0f * 280;
         b[2] = b[0] + 60, b[3] = b[1] + 20;
-        view_layout_find_room(&l, 400, 300, 3, b);
+        view_layout_find_space(&l, 400, 300, 3, b);
         assert_false(view_layout_taken(&l, b));
         assert_true(b[0] >= 0 && b[1] >= 0 && b[2] <= 400 && b[3] <= 300);
         assert_float_equal(b[2] - b[0], 60, 1e-3);
     }
     float large[4] = {0, 0, 399, 299}, kept[4];
     memcpy(kept, large, sizeof kept);
-    view_layout_find_room(&l, 400, 300, 3, large);
+    view_layout_find_space(&l, 400, 300, 3, large);
     assert_memory_equal(large, kept, sizeof kept);
 }
 

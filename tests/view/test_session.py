@@ -150,7 +150,7 @@ def finish(process, timeout=300):
 def test_recorded_demo_replays_into_view_and_controller(bin, demo, netns, tmp_path):
     out = demo[0]
     script = f"""
-        {bin}/tm-view --film {tmp_path}/replay.mp4 --duration 4 --size 320x180 --quality 0 --json {tmp_path}/view.json & view=$!
+        {bin}/tm-view --video {tmp_path}/replay.mp4 --duration 4 --size 320x180 --quality 0 --json {tmp_path}/view.json & view=$!
         {bin}/tm-device --bus virtual:replay{os.getpid()} --hand {out}/hand0.csv --duration 6 --json {tmp_path}/device.json & device=$!
         {bin}/haptic-rt --replay --bus virtual:replay{os.getpid()} --duration 6 --json {tmp_path}/controller.json & controller=$!
         sleep 0.5; timeout 20 lcm-logplayer {out}/demo.lcm

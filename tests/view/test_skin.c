@@ -10,7 +10,7 @@
 
 #include <cmocka.h>
 
-#include "view/skin.h"
+#include "view/surface_smoothing.h"
 
 /* A cube of side 2 with its faces split into n*n squares; pushed out to the unit sphere if `round`. Vertices shared
  * along edges. */

@@ -113,7 +113,7 @@ def probe(path):
 @pytest.mark.parametrize("fps,frames", [(30, 61), (12, 25)])
 def test_film(bin, log, tmp_path, fps, frames):
     film, figures = tmp_path / "film.mp4", tmp_path / "figures.json"
-    result = run(bin, log, "--film", film, "--json", figures, "--fps", fps, *SMALL)
+    result = run(bin, log, "--video", film, "--json", figures, "--fps", fps, *SMALL)
     assert result.returncode == 0, result.stderr
     stream = probe(film)
     assert (stream["codec_name"], stream["width"], stream["height"], int(stream["nb_read_frames"])) == ("h264", 320, 240, frames)
@@ -126,7 +126,7 @@ def test_film(bin, log, tmp_path, fps, frames):
 
 
 def test_png_and_film_of_one_log(bin, log, tmp_path):
-    assert run(bin, log, "--film", tmp_path / "f.mp4", "--png", tmp_path / "p.png", "--at", "1", "--to", "0.5", *SMALL).returncode == 0
+    assert run(bin, log, "--video", tmp_path / "f.mp4", "--png", tmp_path / "p.png", "--at", "1", "--to", "0.5", *SMALL).returncode == 0
     assert int(probe(tmp_path / "f.mp4")["nb_read_frames"]) == 16
     assert pixels(tmp_path / "p.png").shape == (240, 320, 3)
 
@@ -221,15 +221,15 @@ BAD = [
     (["LOG", "LOG", "--png", "OUT"], "one source"),
     (["LOG", "--png", "OUT", "--size", "12x"], "--size"),
     (["LOG", "--png", "OUT", "--size", "9000x100"], "--size"),
-    (["LOG", "--film", "OUT", "--size", "641x480"], "even"),
-    (["LOG", "--film", "OUT", "--fps", "0"], "--fps"),
+    (["LOG", "--video", "OUT", "--size", "641x480"], "even"),
+    (["LOG", "--video", "OUT", "--fps", "0"], "--fps"),
     (["LOG", "--png", "OUT", "--fps", "2.5"], "whole number"),
     (["LOG", "--png", "OUT", "--zoom", "nan"], "--zoom"),
     (["LOG", "--png", "OUT", "--up", "w"], "--up"),
     (["LOG", "--png", "OUT", "--shift", "1"], "--shift"),
     (["LOG", "--png", "OUT", "--quality", "7"], "--quality"),
-    (["LOG", "--film", "OUT", "--from", "3", "--to", "1"], "--to is before"),
-    (["LOG", "--film", "OUT", "--from", "60"], "lasts 2.00 s"),
+    (["LOG", "--video", "OUT", "--from", "3", "--to", "1"], "--to is before"),
+    (["LOG", "--video", "OUT", "--from", "60"], "lasts 2.00 s"),
     (["LOG", "--png", "OUT", "--at", "60"], "lasts 2.00 s"),
     (["nowhere.lcm", "--png", "OUT"], "cannot be read: No such file or directory"),
     (["TEXT/log.lcm", "--png", "OUT"], "cannot be read: Not a directory"),
@@ -239,7 +239,7 @@ BAD = [
     (["EMPTY", "--png", "OUT"], "no LCM log"),
     (["FOREIGN", "--png", "OUT"], "no TISSUE"),
     (["LOG", "--png", "FOLDER/no/p.png"], "cannot write"),
-    (["LOG", "--film", "FOLDER/no/p.mp4"], "cannot write"),
+    (["LOG", "--video", "FOLDER/no/p.mp4"], "cannot write"),
     (["LOG", "--frames", "FOLDER/no/p"], "cannot be made"),
 ]
 
@@ -254,7 +254,7 @@ def test_bad_input(bin, log, tmp_path, python_types, args, said):
     foreign.write_event(1, "OTHER", b"data")
     foreign.close()
     before = sorted(os.listdir(tmp_path))
-    names = {"LOG": log, "OUT": tmp_path / ("out.mp4" if "--film" in args else "out.png"), "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
+    names = {"LOG": log, "OUT": tmp_path / ("out.mp4" if "--video" in args else "out.png"), "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
     result = run(bin, *[str(names.get(a, a)).replace("FOLDER", str(tmp_path)).replace("TEXT/", f"{tmp_path}/text/") for a in args])
     assert result.returncode == 2, result.stderr
     assert said in result.stderr and (";" in result.stderr or "see" in result.stderr), result.stderr
@@ -269,7 +269,7 @@ def test_help_and_version(bin):
 
 
 def test_no_ffmpeg_says_what_to_install(bin, log, tmp_path):
-    result = run(bin, log, "--film", tmp_path / "film.mp4", *SMALL, env={**os.environ, "PATH": str(tmp_path)})
+    result = run(bin, log, "--video", tmp_path / "film.mp4", *SMALL, env={**os.environ, "PATH": str(tmp_path)})
     assert result.returncode == 2 and "apt-get install ffmpeg" in result.stderr
     assert os.listdir(tmp_path) == []
 
@@ -464,8 +464,8 @@ def test_live_without_a_simulation_gives_up(bin, tmp_path):
 
 @needs_namespace
 def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
-    lonely = UNSHARE
-    result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=120)
+    isolated = UNSHARE
+    result = subprocess.run([*isolated, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=120)
     assert result.returncode == 2 and "ip route add 224.0.0.0/4 dev lo" in result.stderr
     assert os.listdir(tmp_path) == []
 

@@ -101,7 +101,7 @@ def step(out):
     figure, axes = sheet(13.2, 5.6, (8.6, 3.7))
     phases = (("begin", "tool paths,\nmoving supports,\ncuts", ("cut", "contact"), GREY), ("force", "internal force\ninto force_N", ("force", "rotation", "viscosity"), RED),
               ("load", "adds to\nforce_N", ("gravity",), RED), ("integrate", "central\ndifferences:\nwrites u_next_m", ("integrate",), BLUE),
-              ("constrain", "corrects\nu_next_m", ("support", "cut search", "grasp", "friction", "contact find", "contact constrain", "contact sum"), GREEN), ("end", "measurements", ("energy",), GREY))
+              ("constrain", "corrects\nu_next_m", ("support", "cut search", "grasp", "friction", "contact detect", "contact solve", "contact forces"), GREEN), ("end", "measurements", ("energy",), GREY))
     width = 2.05
     for i, (name, what, stages, colour) in enumerate(phases):
         x = 0.25 + i * (width + 0.05)

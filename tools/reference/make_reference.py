@@ -10,7 +10,7 @@ EXITS = "0: done. 2: bad input, told as file:line: what; what to do. 1: anything
 FILES = ("FILE", "FOLDER", "DIR", "SCENE", "MESH", "OUT", "IN", "PREFIX", "SURFACE", "LOG")
 PURPOSE = {
     "tm-sim": "soft tissue in real time or in lockstep",
-    "tm-mesh": "look at tetrahedral meshes, make and mend them",
+    "tm-mesh": "look at tetrahedral meshes, make and repair them",
     "tm-precompute": "responses of a surface for the precomputed model",
     "tm-view": "pictures and films of tissue and instruments",
     "tm-play": "a window whose mouse and keys move the instruments",

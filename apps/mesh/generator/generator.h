@@ -2,7 +2,7 @@
 #ifndef GENERATOR_H
 #define GENERATOR_H
 
-#include "mesh/growing.h"
+#include "mesh/mesh_builder.h"
 
 /* Shapes with about `tets` tetrahedra, never fewer. */
 void make_block(growing *m, int tets);

@@ -27,11 +27,11 @@ typedef struct problem_def {
     const double *fibre; /* one direction for all, or null */
     tm_precision precision;
     bool volume; /* the effect of that name */
-    double volume_shear;
+    double smoothed_shear_share;
     bool pressed;    /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
     double rotation; /* threshold of the effect; 0: linear */
     const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
-    bool held;                         /* [true] false: nothing is */
+    bool fixed;                        /* [true] false: nothing is */
     double dt_s;                       /* 0: the guaranteed step times step_fraction */
     double step_fraction;
 } problem_def;

@@ -42,16 +42,17 @@ static tm_status rubbing_make(int cells, tm_friction_coefficient coefficient, ru
     if (status == TM_OK) status = tm_stage_contact(r->p.world, &contact, &r->contact, error);
     tm_friction_def friction = tm_friction_def_default();
     friction.instrument[0] = coefficient;
-    if (status == TM_OK && coefficient.at_rest > 0)
+    if (status == TM_OK && coefficient.mu_static > 0)
         status = tm_stage_friction(r->p.world, r->contact, &friction, &r->friction, error);
     return status;
 }
 
-static void look_at_grips(rubbing *r) {
-    tm_friction_grip grip[GRIPS];
-    const int32_t there = r->friction ? tm_friction_grips(r->friction, 0, grip, GRIPS) : 0;
+static void check_stations(rubbing *r) {
+    tm_friction_station grip[GRIPS];
+    const int32_t there = r->friction ? tm_friction_stations(r->friction, 0, grip, GRIPS) : 0;
     for (int32_t i = 0; i < there && i < GRIPS; i++) {
-        const double *f = grip[i].force_N, share = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / grip[i].pressed_N;
+        const double *f = grip[i].force_N,
+                     share = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / grip[i].normal_force_N;
         if (!grip[i].slips) continue;
         r->off_law = fmax(r->off_law, fabs(share - grip[i].coefficient));
         r->slipped++;
@@ -63,12 +64,12 @@ static tm_status frame(rubbing *r, int at, tm_error *error) {
     const tm_tool_pose to = at_frame(at);
     const double start = app_seconds();
     tm_contact_begin_frame(r->contact, substeps, substeps);
-    tm_contact_move(r->contact, 0, &to, substeps);
+    tm_contact_set_target(r->contact, 0, &to, substeps);
     const tm_status status = tm_world_step(r->p.world, substeps);
     r->per_step_s[at] = (app_seconds() - start) / substeps;
     if (status != TM_OK) return tm_fail(error, status, -1, "friction: the step failed in frame %d", at);
     memcpy(r->force_N[at], tm_contact_reaction(r->contact, 0).force_N, sizeof r->force_N[at]);
-    look_at_grips(r);
+    check_stations(r);
     return TM_OK;
 }
 
@@ -89,9 +90,9 @@ static void row_of(cJSON *rows, rubbing *r, const rubbing *without, double plain
                  *end = r->force_N[PRESS + REST + SLIDE - 1];
     app_json_add(
         rows,
-        "at_rest %g sliding %g along_N %g pressed_N %g along %g force %g off_law %g slipped %d seconds_per_step %g price %g",
-        own->at_rest, own->sliding, -end[0], end[2], left_out(r, without, 0, 0), left_out(r, without, 0, 2), r->off_law,
-        r->slipped, seconds, seconds / plain_s);
+        "at_rest %g sliding %g along_N %g normal_force_N %g along %g force %g off_law %g slipped %d seconds_per_step %g price %g",
+        own->mu_static, own->mu_kinetic, -end[0], end[2], left_out(r, without, 0, 0), left_out(r, without, 0, 2),
+        r->off_law, r->slipped, seconds, seconds / plain_s);
 }
 
 tm_status knob_friction(const run *r, cJSON *out, cJSON *rows, tm_error *error) {

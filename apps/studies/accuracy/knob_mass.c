@@ -9,12 +9,12 @@
 #include "bandwidth.h"
 #include "bench.h"
 
-enum { CELLS = 6, MOST_HELD = 6 * (CELLS + 1) * (CELLS + 1), FRAMES = 60, STEPS = 6 };
+enum { CELLS = 6, MAX_HELD = 6 * (CELLS + 1) * (CELLS + 1), FRAMES = 60, STEPS = 6 };
 static const double PRESS_S = 0.1, ALL_S = 0.3, DEPTH_M = 0.0015, JITTER = 0.28;
 
 typedef struct press {
     app_bench b;
-    int32_t dof[MOST_HELD], held, pressed_from; /* components from there on follow the indenter */
+    int32_t dof[MAX_HELD], held, pressed_from; /* components from there on follow the indenter */
     double force_N[FRAMES], per_step_s;
 } press;
 
@@ -50,7 +50,7 @@ static tm_status press_make(press *p, double step_s, bool scaled, tm_error *erro
     const tm_status status = app_bench_open(&def, &p->b, error);
     if (status != TM_OK) return status;
     hold(p);
-    static const double rest[MOST_HELD];
+    static const double rest[MAX_HELD];
     tm_support_def support = tm_support_def_default();
     support.count = p->held, support.dof = p->dof, support.value_m = rest;
     return tm_stage_support(p->b.world, &support, error);
@@ -104,8 +104,8 @@ static tm_status row_of(cJSON *rows, press *p, const press *truth, double own_s,
     app_json_add(
         rows,
         "scaled %hhd dt_s %g of_own %g added %g vertices %d frequency %g force %g held_force %g wall_per_simulated %g",
-        scaled, tm_world_step_s(p->b.world), tm_world_step_s(p->b.world) / own_s, m.added_kg / m.own_kg, m.vertices,
-        Hz[2] / own_Hz[2], rms, held, p->per_step_s / tm_world_step_s(p->b.world));
+        scaled, tm_world_step_s(p->b.world), tm_world_step_s(p->b.world) / own_s, m.added_kg / m.physical_kg,
+        m.vertices, Hz[2] / own_Hz[2], rms, held, p->per_step_s / tm_world_step_s(p->b.world));
     return TM_OK;
 }
 

@@ -1,13 +1,13 @@
-/* The effect "rotation", without the effect "volume" and with it: the pressed block against CalculiX with large
- * displacements, neo-Hookean ("neo") and of St. Venant and Kirchhoff ("svk", as deep as that has a rest), with the
- * linear model and the mesh's own error beside it; and what it costs where every tetrahedron turns. */
+/* The effect "rotation", without the effect "strain_smoothing" and with it: the pressed block against CalculiX with
+ * large displacements, neo-Hookean ("neo") and of St. Venant and Kirchhoff ("svk", as deep as that has a rest), with
+ * the linear model and the mesh's own error beside it; and what it costs where every tetrahedron turns. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "accuracy.h"
 
-static const double LEAST_DEPTH = 0.045;
+static const double MIN_DEPTH = 0.045;
 
 /* At rest, pressed as `def` says. */
 static tm_status rest(const problem_def *def, double tolerance, measured *m, tm_error *error) {
@@ -31,11 +31,11 @@ static tm_status press(const run *r, const char *law, bool volume, int cells, cJ
     measured m, truth, linear;
     double depth;
     problem_def straight = problem_default(cells);
-    straight.volume = volume, straight.volume_shear = 0; /* as `rotation` asks for */
+    straight.volume = volume, straight.smoothed_shear_share = 0; /* as `rotation` asks for */
     tm_status status = rest(&straight, 1e-9, &linear, error);
     for (int i = 0; i < reference_cases(r->truth, law) && status == TM_OK; i++) {
         problem_def def = straight;
-        if (!reference_case(r->truth, law, i, &depth, &truth) || depth < LEAST_DEPTH) continue;
+        if (!reference_case(r->truth, law, i, &depth, &truth) || depth < MIN_DEPTH) continue;
         def.depth = depth, def.rotation = TM_ROTATION_THRESHOLD;
         status = rest(&def, 1e-8, &m, error);
         if (status != TM_OK) break;
@@ -52,7 +52,7 @@ static tm_status mesh_alone(const run *r, bool volume, int cells, const char *na
     measured m, truth;
     double depth;
     problem_def def = problem_default(cells);
-    def.volume = volume, def.volume_shear = 0;
+    def.volume = volume, def.smoothed_shear_share = 0;
     const tm_status status = rest(&def, 1e-9, &m, error);
     if (status == TM_OK && reference_case(r->truth, "iso", 0, &depth, &truth))
         cJSON_AddNumberToObject(out, name, compare(&m, &truth).displacement);
@@ -68,7 +68,7 @@ static tm_status price(int cells, cJSON *out, tm_error *error) {
     for (int i = 0; i < 2 && status == TM_OK; i++) {
         problem_def def = problem_default(cells);
         def.rotation = i ? TM_ROTATION_THRESHOLD : 0;
-        def.held = false;
+        def.fixed = false;
         status = problem_create(&def, &p[i], error);
         if (status != TM_OK) break;
         world[i] = p[i].world;

@@ -9,12 +9,12 @@
 #include "accuracy.h"
 #include "bandwidth.h"
 
-enum { CELLS = 3, MOST_SAMPLES = 1000, FINE = 200, STRIDE = 4 };
+enum { CELLS = 3, MAX_SAMPLES = 1000, FINE = 200, STRIDE = 4 };
 static const double PERIODS = 10;
 
 typedef struct swing {
-    double u[MOST_SAMPLES]; /* of the top corner along z, m, at equal times */
-    double energy_drift;    /* largest |E - E_0| / E_0 of kinetic + elastic energy */
+    double u[MAX_SAMPLES]; /* of the top corner along z, m, at equal times */
+    double energy_drift;   /* largest |E - E_0| / E_0 of kinetic + elastic energy */
     double seconds_per_simulated;
     bool finite;
 } swing;
@@ -153,13 +153,13 @@ tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
         guaranteed = tm_critical_step_guaranteed(p.tissue, NULL);
         uint8_t *mask = app_zeroed(3, (size_t)p.mesh->vertex_count);
         tm_support_mask(p.world, mask);
-        status = tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error);
+        status = tm_critical_step_estimate(p.tissue, mask, 1e-6, 20000, &sharp, error);
         free(mask);
     }
     problem_destroy(&p);
     /* Samples lie STRIDE of the largest steps apart, so that every smaller step meets the same times. */
     double largest = 0.98 * guaranteed, sample_s = STRIDE * largest;
-    int samples = (int)fmin(PERIODS * period / sample_s, MOST_SAMPLES);
+    int samples = (int)fmin(PERIODS * period / sample_s, MAX_SAMPLES);
     if (status == TM_OK) status = swing_run(largest / FINE, STRIDE * FINE, samples, u, &truth, error);
     double amplitude = 0;
     for (int i = 0; i < samples; i++) amplitude = fmax(amplitude, fabs(truth.u[i]));

@@ -55,7 +55,7 @@ static tm_status lead_all(const problem *p, tm_error *error) {
 /* As long a step as divides the ramp. */
 static tm_status create(problem *p, tm_error *error) {
     problem_def def = problem_default(CELLS);
-    def.held = false;
+    def.fixed = false;
     tm_status status = tm_material_young(2 * (1 + POISSON) * sudden_Pa(), POISSON, &def.material, error);
     if (status == TM_OK) status = problem_create(&def, p, error);
     if (status != TM_OK) return status;
@@ -122,7 +122,7 @@ static tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error) {
 static tm_status swing(int steps, double complex *modulus, tm_error *error) {
     problem_def def = problem_default(3);
     problem p;
-    def.held = false;
+    def.fixed = false;
     tm_status status = problem_create(&def, &p, error);
     if (status != TM_OK) return status;
     const double period = steps * tm_world_step_s(p.world), angular = 2 * M_PI / period;

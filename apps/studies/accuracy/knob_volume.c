@@ -1,6 +1,6 @@
-/* The effect "volume": error against price on the pressed block, linear tetrahedra beside three shares of the shear;
- * and how far the tip of a cantilever goes, against Timoshenko's beam, from nu = 0.3 towards 0.5. Truth of the block:
- * CalculiX ("iso"). */
+/* The effect "strain_smoothing": error against price on the pressed block, linear tetrahedra beside three shares of the
+ * shear; and how far the tip of a cantilever goes, against Timoshenko's beam, from nu = 0.3 towards 0.5. Truth of the
+ * block: CalculiX ("iso"). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -20,14 +20,14 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
     problem_def def[FORMS];
     for (int f = 0; f < FORMS; f++) {
         def[f] = problem_default(cells);
-        def[f].depth = depth, def[f].volume = shears[f] >= 0, def[f].volume_shear = shears[f];
+        def[f].depth = depth, def[f].volume = shears[f] >= 0, def[f].smoothed_shear_share = shears[f];
     }
     const tm_status status = matrix_solve(r, "volume", def, FORMS, 1e-9, truth, s, error);
     for (int f = 0; f < FORMS && status == TM_OK; f++) {
         const tm_tissue *tissue = s[f].p.tissue;
         double sharp = NAN;
         tm_error ignored;
-        if (tm_critical_step_sharp(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
+        if (tm_critical_step_estimate(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
         cJSON *row =
             app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
                          shears[f] < 0 ? "linear" : "volume", shears[f] < 0 ? 0 : shears[f], s[f].p.mesh->tet_count,
@@ -62,7 +62,7 @@ static tm_status tip(double nu, double shear, double *ratio, tm_error *error) {
     app_bench b = {0};
     double moved = 0;
     def.cells[2] = 24, def.size_m[2] = LENGTH_M, def.volume = shear >= 0;
-    if (def.volume) def.volume_shear = shear;
+    if (def.volume) def.smoothed_shear_share = shear;
     tm_status status = tm_material_young(YOUNG_PA, nu, &def.material[0], error);
     if (status == TM_OK) status = app_bench_open(&def, &b, error);
     if (status != TM_OK) return status;

@@ -106,7 +106,7 @@ static int add_set(study *t, const char *text) {
     return 0;
 }
 
-static int take_quantity(const char *option, const char *text, const char *dimension, double *si) {
+static int read_quantity(const char *option, const char *text, const char *dimension, double *si) {
     char why[200];
     if (app_parse_quantity(text, dimension, si, why, sizeof why) && *si > 0) return 0;
     return app_bad_input("tm-accuracy", 0, "%s %s: a %s above 0 is wanted", option, text,
@@ -114,18 +114,18 @@ static int take_quantity(const char *option, const char *text, const char *dimen
 }
 
 /* "0.5", "0.5 core", "2 cores". */
-static int take_budget(study *t, const char *text) {
+static int read_budget(study *t, const char *text) {
     char number[60];
     size_t length = strcspn(text, " c");
     const char *unit = text + length + strspn(text + length, " ");
     t->choice.wanted = true;
     if (length >= sizeof number || (*unit && strcmp(unit, "core") && strcmp(unit, "cores"))) length = 0;
     snprintf(number, sizeof number, "%.*s", (int)length, text);
-    return *number ? take_quantity("--budget", number, "none", &t->budget)
+    return *number ? read_quantity("--budget", number, "none", &t->budget)
                    : app_bad_input("tm-accuracy", 0, "--budget %s: processors are wanted: 0.5, 2 cores", text);
 }
 
-static int take_knob(options *o, const char *name) {
+static int read_knob(options *o, const char *name) {
     int k = 0;
     while (k < KNOBS && strcmp(knobs[k].name, name) != 0) k++;
     if (k == KNOBS) return app_bad_input("tm-accuracy", 0, "no knob '%s'; --help lists them", name);
@@ -133,7 +133,7 @@ static int take_knob(options *o, const char *name) {
     return 0;
 }
 
-static int take_mesh(study *t, const char *file) {
+static int read_mesh(study *t, const char *file) {
     if (t->other_count == 4) return app_bad_input("tm-accuracy", 0, "more than 4 --mesh; leave some out");
     t->other_mesh[t->other_count++] = file;
     return 0;
@@ -153,17 +153,17 @@ enum {
 };
 
 /* Options of a scene's study. */
-static int take_scene_option(study *t, int option) {
+static int read_scene_option(study *t, int option) {
     switch (option) {
     case OPT_SCENE: t->file = optarg; return 0;
     case OPT_SET: return add_set(t, optarg);
-    case OPT_MESH: return take_mesh(t, optarg);
-    case OPT_DURATION: return take_quantity("--duration", optarg, "time", &t->duration_s);
-    case OPT_LIMIT: return take_quantity("--limit", optarg, "time", &t->limit_s);
-    case OPT_FINEST: return take_quantity("--finest", optarg, "none", &t->finest);
-    case OPT_BUDGET: return take_budget(t, optarg);
-    case OPT_FRAME: return take_quantity("--frame", optarg, "rate", &t->frame_Hz);
-    case OPT_HOLD: return take_quantity("--hold", optarg, "time", &t->hold_s);
+    case OPT_MESH: return read_mesh(t, optarg);
+    case OPT_DURATION: return read_quantity("--duration", optarg, "time", &t->duration_s);
+    case OPT_LIMIT: return read_quantity("--limit", optarg, "time", &t->limit_s);
+    case OPT_FINEST: return read_quantity("--finest", optarg, "none", &t->finest);
+    case OPT_BUDGET: return read_budget(t, optarg);
+    case OPT_FRAME: return read_quantity("--frame", optarg, "rate", &t->frame_Hz);
+    case OPT_HOLD: return read_quantity("--hold", optarg, "time", &t->hold_s);
     default: t->page = optarg; return 0;
     }
 }
@@ -193,7 +193,7 @@ static int parse(options *o, int argc, char **argv) {
     for (int c, rc; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
         rc = 0;
         switch (c) {
-        case 'k': rc = take_knob(o, optarg); break;
+        case 'k': rc = read_knob(o, optarg); break;
         case 'q': o->study.quick = true; break;
         case 'r': o->reference = optarg; break;
         case 'j': o->json = optarg; break;
@@ -205,7 +205,7 @@ static int parse(options *o, int argc, char **argv) {
         case ':':
             return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help",
                                  argv[optind - 1]);
-        default: rc = take_scene_option(&o->study, c);
+        default: rc = read_scene_option(&o->study, c);
         }
         if (rc) return rc;
     }

@@ -132,7 +132,7 @@ def mesh(page, data, bandwidth):
     label_line(axes[1], tets[-1], 1 / own[-1]["step_s"], "steps a second", series(1))
     loglog(axes[1], "tetrahedra", "the two factors of the price")
     page.figure("mesh_factors", figure, "The price is the product of the two lines on the right. The critical step shrinks with the smallest altitude, "
-                "so that one bad element makes all others dear: look at <code>tm-mesh info</code> before refining.")
+                "so that one bad element makes all others expensive: look at <code>tm-mesh info</code> before refining.")
     table, orders = [], {}
     for law in laws:
         own = [r for r in rows if r["law"] == law]

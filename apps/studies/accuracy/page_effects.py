@@ -50,7 +50,7 @@ def volume(page, data):
     axes[1].set(xscale="log", xlabel="1 − 2ν", ylabel="tip of the cantilever over Timoshenko's")
     axes[1].invert_xaxis()
     page.figure("volume", figure, volume_words(rows, beams), "tm-accuracy --knob volume")
-    page.table("volume", ["form", "shear", "tets", "displacement", "reaction", "energy", "critical step s", "sharp step s", "µs/step", "wall s per s", "bytes", "pairs a vertex"],
+    page.table("volume", ["form", "shear", "tets", "displacement", "reaction", "energy", "critical step s", "estimated step s", "µs/step", "wall s per s", "bytes", "pairs a vertex"],
                [[r["form"], r["shear"] if r["form"] == "volume" else "", r["tets"], r["displacement"], r["reaction"], r["energy"], r["step_s"], r.get("sharp_s", ""),
                  r["seconds_per_step"] * 1e6, r["wall_per_simulated"], r["bytes"], round(r["pairs"] / (round((r["tets"] / 6)**(1 / 3)) + 1)**3, 1)] for r in rows] +
                [["cantilever", key[6:] if key != "linear" else "", f"nu {b['nu']:g}", b[key], "", "", "", "", "", "", "", ""] for b in beams for key in b if key != "nu"])
@@ -137,5 +137,5 @@ def friction(page, data):
                 f"{100 * default['force']:.0f} % of the whole; the effect costs {100 * (default['price'] - 1):.0f} % of a step in contact. What slips bears its coefficient within {max(r['off_law'] for r in rows):.0e} of what presses.",
                 "tm-accuracy --knob friction")
     page.table("friction", ["at rest", "sliding", "left out along the slide", "left out of the whole", "along N", "pressed N", "off Coulomb", "µs/step", "times without"],
-               [[r["at_rest"], r["sliding"], r["along"], r["force"], r["along_N"], r["pressed_N"], r["off_law"], 1e6 * r["seconds_per_step"], r["price"]] for r in rows])
+               [[r["at_rest"], r["sliding"], r["along"], r["force"], r["along_N"], r["normal_force_N"], r["off_law"], 1e6 * r["seconds_per_step"], r["price"]] for r in rows])
     page.record("friction", data)

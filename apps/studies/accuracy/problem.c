@@ -77,9 +77,9 @@ problem_def problem_default(int cells) {
                          .depth = 0.05,
                          .material = material_liver(),
                          .precision = TM_DOUBLE,
-                         .volume_shear = tm_tissue_def_default().volume_shear,
+                         .smoothed_shear_share = tm_tissue_def_default().smoothed_shear_share,
                          .pressed = true,
-                         .held = true,
+                         .fixed = true,
                          .step_fraction = 0.9};
 }
 
@@ -88,13 +88,13 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
     app_bench b;
     bench.material[0] = def->material, bench.fibre = def->fibre, bench.precision = def->precision;
     bench.rotation = def->rotation, bench.viscosity = def->viscosity;
-    bench.volume = def->volume, bench.volume_shear = def->volume_shear;
+    bench.volume = def->volume, bench.smoothed_shear_share = def->smoothed_shear_share;
     bench.dt_s = def->dt_s, bench.step_fraction = def->step_fraction, bench.held = APP_HELD_NOT;
     *p = (problem){.cells = def->cells, .depth = def->depth};
     tm_status status = app_bench_open(&bench, &b, error);
     if (status != TM_OK) return status;
     p->mesh = b.mesh, p->tissue = b.tissue, p->world = b.world, p->rotation = b.rotation;
-    if (def->held) status = add_supports(def, p, error);
+    if (def->fixed) status = add_supports(def, p, error);
     if (status != TM_OK) problem_destroy(p);
     return status;
 }

@@ -69,7 +69,7 @@ static int by_expectation(const void *a, const void *b) {
 
 static void say_what_comes(const study *t) {
     char own[24], all[24], limit[24], words[120];
-    double sum = study_expected_felt_s(t) + study_try_s(t) + study_hold_s(t);
+    double sum = study_expected_felt_s(t) + study_try_s(t) + study_verify_s(t);
     for (int i = 1; i < t->run_count; i++)
         if (!study_is_felt(&t->run[i])) sum += study_expected_s(t, &t->run[i]);
     study_path_words(t, words, sizeof words);

@@ -1,8 +1,8 @@
 /* tm-accuracy --scene: what each setting of one's own scene does to the force at the hand, and what it costs here.
- * study.c is the whole, in order; study_vary.c says what is run, on meshes of study_mesh.c; study_measure.c runs one,
- * within the time of study_time.c; study_felt.c runs the rates of samples; study_store.c keeps what is done;
- * study_judge.c holds it against the finest; study_recommend.c chooses; study_hold.c tries the choice out and holds it
- * to its promise, written by study_yaml.c; study_pace.c tells a slower machine from a dearer setting. */
+ * study.c is the whole, in order; run_matrix.c says what is run, on meshes of study_mesh.c; study_measure.c runs one,
+ * within the time of study_time.c; rendered_force.c runs the rates of samples; study_store.c keeps what is done;
+ * error_estimate.c holds it against the finest; study_recommend.c chooses; verification.c tries the choice out and
+ * holds it to its promise, written by study_yaml.c; machine_speed.c tells a slower machine from a costlier setting. */
 #ifndef TM_STUDY_H
 #define TM_STUDY_H
 
@@ -10,7 +10,7 @@
 
 #include "app.h"
 #include "scene/sim.h"
-#include "sim/expected.h"
+#include "sim/study_summary.h"
 
 enum {
     STUDY_SETS = 32,
@@ -25,7 +25,7 @@ enum {
 /* How a run's mesh relates to the scene's. */
 typedef enum study_form { STUDY_AS_IT_IS, STUDY_OTHER_VOLUME } study_form;
 
-/* Share of frames that may be dearer, or later, than promised: what was promised is a 95th percentile. */
+/* Share of frames that may be costlier, or later, than promised: what was promised is a 95th percentile. */
 #define STUDY_OVER 0.05
 /* Errors of the force that are the same to a hand, and to rounding. */
 #define STUDY_ALIKE 1e-4
@@ -90,11 +90,11 @@ typedef struct study_truth {
 } study_truth;
 
 /* Of frames that are held to a price. */
-typedef struct study_pace {
-    double slower; /* the machine, against when that was promised: 95th percentile of the frames, 1 at least */
-    double over;   /* share of frames that took more processor time than the budget */
-    double dearer; /* and of those that would have on a machine no slower than then */
-} study_pace;
+typedef struct study_speed {
+    double slower;   /* the machine, against when that was promised: 95th percentile of the frames, 1 at least */
+    double over;     /* share of frames that took more processor time than the budget */
+    double costlier; /* and of those that would have on a machine no slower than then */
+} study_speed;
 
 typedef struct study_choice {
     bool wanted, fits, kept, real_time;
@@ -107,7 +107,7 @@ typedef struct study_choice {
     double error, cost_s, share, busy; /* promised: measured before; 95th percentile: of a processor, of the frame */
     double work_s;                     /* what study_work_s took then */
     double held_error, held_share, held_wall_s;
-    study_pace held;
+    study_speed held;
     int held_frames, held_late;
     char file[1100];
 } study_choice;
@@ -142,7 +142,7 @@ typedef struct study {
 /* All of it: 0 or an exit code, having complained. */
 int study_whole(study *t);
 
-/* --- study_vary.c --- */
+/* --- run_matrix.c --- */
 /* The run "as it is", then all others; those need it done. */
 int study_plan_own(study *t);
 int study_plan(study *t);
@@ -174,7 +174,7 @@ void study_leave_out(study_run *r, const char *whose, double needs_s, double has
 void study_run_took(study *t, double expected_s);
 /* What trying and holding a recommendation is expected to take. */
 double study_try_s(const study *t);
-double study_hold_s(const study *t);
+double study_verify_s(const study *t);
 /* Whether the limit holds another run of the choice before the last one, in real time. */
 bool study_may_try(const study *t);
 double study_end_s(const study *t); /* to the end of the limit */
@@ -189,7 +189,7 @@ int study_make_meshes(study *t, const sim *own);
 /* Files with every fibre turned by +-angle about an axis across fibres and hand. */
 bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]);
 
-/* --- study_carry.c --- */
+/* --- group_transfer.c --- */
 /* How many supports name vertices by their numbers. */
 int study_carried(const sim *own);
 /* Those become groups in this run, whose mesh has them. */
@@ -206,7 +206,7 @@ void study_set(study_run *r, const char *format, ...) __attribute__((format(prin
 /* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
 int study_measure(study *t, study_run *r);
 /* Mean and 95th percentile of frames; sorts both. */
-void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames);
+void study_measure_cost(study_run *r, double *cost_s, double *busy_s, int frames);
 /* Among how many threads its step is divided. */
 int study_threads(const sim *s);
 /* Builds with stderr turned into `why`; null: it cannot be. */
@@ -226,7 +226,7 @@ double study_back(const sim *s);
 /* out_N [frames][width]: of samples_N [frames*samples][width] the force at each frame's end, so far back. */
 void study_at_frames(const double *samples_N, int frames, int samples, size_t width, double back, double *out_N);
 
-/* --- study_felt.c --- */
+/* --- rendered_force.c --- */
 /* Runs for each extrapolator at each rate of force samples; those of one rate are measured together. */
 void study_plan_felt(study *t, const sim *own);
 int study_measure_felt(study *t);
@@ -256,7 +256,7 @@ bool study_find(const study *t, study_run *r);
 double study_old_span_s(const study *t, double asked_s);
 int study_save(const study *t, bool whole);
 
-/* --- study_judge.c --- */
+/* --- error_estimate.c --- */
 void study_judge(study *t);
 /* Root mean square of a - b over that of b, frames and components of the force. */
 double study_distance(const double *a, const double *b, size_t count);
@@ -265,22 +265,22 @@ double study_distance(const double *a, const double *b, size_t count);
 int study_recommend(study *t);
 void study_say(const study *t);
 
-/* --- study_hold.c --- */
+/* --- verification.c --- */
 /* Written, and built; null: that, or `rc`. */
 sim *study_build_choice(study *t, char *why, size_t size, int *rc);
 /* Both end the simulation. */
 /* The choice's scene along the path, frame after frame: its error, price and work in `out`; false: went unstable. */
 bool study_price(study *t, sim *s, study_choice *out);
 /* The same in real time, for `hold_s` at least, held to what was promised, built anew for every time round. */
-void study_hold(study *t, sim *s);
+void study_verify(study *t, sim *s);
 
-/* --- study_pace.c --- */
+/* --- machine_speed.c --- */
 /* Processor time, s, of a fixed piece of work. One thread's. */
 double study_work_s(void);
 /* cost_s, work_s [frames]: what each frame and the work beside it took; work_then_s: the work when the price was
  * promised, 0: not known; allowed_s: a frame's budget. */
-study_pace study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
-                            double allowed_s);
+study_speed study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
+                             double allowed_s);
 /* Whether the promise was kept, in words, and what the machine has to do with it. */
 void study_verdict(const study_choice *c, char *text, size_t size);
 

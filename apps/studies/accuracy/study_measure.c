@@ -117,7 +117,7 @@ static void choose_points(const sim *s, int own_vertices, int32_t point[STUDY_PO
     free(vertex);
 }
 
-static void take_shape(const sim *s, const int32_t point[STUDY_POINTS], study_run *r, int frame) {
+static void read_shape(const sim *s, const int32_t point[STUDY_POINTS], study_run *r, int frame) {
     const double *u = sim_displacement(s);
     for (int m = 0; m < STUDY_MOMENTS; m++) {
         if (llround(r->frames * (m + 1.0) / (STUDY_MOMENTS + 1)) != frame) continue;
@@ -126,9 +126,9 @@ static void take_shape(const sim *s, const int32_t point[STUDY_POINTS], study_ru
     }
 }
 
-int study_threads(const sim *s) { return s->model->world ? tm_world_parts(s->model->world) : 1; }
+int study_threads(const sim *s) { return s->model->world ? tm_world_partitions(s->model->world) : 1; }
 
-static void take_memory(study_run *r, const sim *s, double duration_s) {
+static void read_memory(study_run *r, const sim *s, double duration_s) {
     r->frames = (int)llround(duration_s / s->frame_s);
     r->instruments = s->instrument_count;
     r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps, r->tets = s->mesh->tet_count;
@@ -160,7 +160,7 @@ static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s
         for (int i = 0; i < r->instruments; i++)
             memcpy(r->force_N + 3 * ((size_t)(k - 1) * (size_t)r->instruments + (size_t)i), s->reaction[i].force_N,
                    3 * sizeof(double));
-        take_shape(s, point, r, k);
+        read_shape(s, point, r, k);
         study_doing(t, label, (double)k / r->frames);
         if (!study_goes_on(t, r, k)) return;
     }
@@ -168,7 +168,7 @@ static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s
     r->wall_s = (app_seconds() - wall) / r->frames;
 }
 
-void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) {
+void study_measure_cost(study_run *r, double *cost_s, double *busy_s, int frames) {
     r->cpu_s = 0;
     for (int k = 0; k < frames; k++) r->cpu_s += cost_s[k] / frames;
     r->cpu_p95_s = app_percentile(cost_s, frames, 0.95);
@@ -176,11 +176,11 @@ void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) 
 }
 
 static void run_frames(study *t, study_run *r, sim *s) {
-    take_memory(r, s, t->duration_s);
+    read_memory(r, s, t->duration_s);
     double *cost_s = app_zeroed((size_t)r->frames, sizeof *cost_s);
     double *busy_s = app_zeroed((size_t)r->frames, sizeof *busy_s);
     drive(t, r, s, cost_s, busy_s);
-    study_take_price(r, cost_s, busy_s, r->frames);
+    study_measure_cost(r, cost_s, busy_s, r->frames);
     free(cost_s);
     free(busy_s);
 }

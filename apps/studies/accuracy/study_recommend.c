@@ -2,7 +2,7 @@
  *
  * A setting is one mesh and form that was run, with another step, mass, precision, threads or another model beside it.
  * What these do together: their differences of force are added to that of the mesh, and their ratios of price
- * multiplied. The exactest by that is run once (study_hold.c), and what came out is promised: an error that is worse
+ * multiplied. The exactest by that is run once (verification.c), and what came out is promised: an error that is worse
  * than the sum goes back among the others as what it is, a price above the budget is passed over. That it comes out so
  * in real time is what the run at the end is for. */
 #include <math.h>
@@ -71,7 +71,7 @@ static bool better(const study *t, const study_choice *a, const study_choice *b)
     return a->error < b->error;
 }
 
-/* What was run: it cannot be, as effects may exclude one another, or was too dear; or was worse than predicted. */
+/* What was run: it cannot be, as effects may exclude one another, or was too expensive; or was worse than predicted. */
 enum { TRIED = 64 };
 typedef struct tried {
     struct {
@@ -161,7 +161,7 @@ static void choose_felt(study *t, const bool *excluded) {
 /* The choice is run along the path before it is promised: what its changes do together is not their sum where they
  * touch the same thing, what patches cost is another figure on every mesh, and the machine may be slower than it was
  * when its runs were made. */
-typedef enum outcome { GOOD, DEAR, WORSE } outcome;
+typedef enum outcome { GOOD, EXPENSIVE, WORSE } outcome;
 
 /* Ends the simulation. */
 static outcome try_out(study *t, sim *s) {
@@ -179,7 +179,7 @@ static outcome try_out(study *t, sim *s) {
     const bool plain = c->sends == SIM_SENDS_FORCE && t->run[c->felt_run].times <= 1;
     if (!fits && plain) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
     if (fits) *c = priced;
-    return fits ? GOOD : DEAR;
+    return fits ? GOOD : EXPENSIVE;
 }
 
 /* The choice with the truest extrapolator and sample rate that it has room for; null: `end` says why. */
@@ -187,13 +187,13 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
     study_choice *c = &t->choice;
     const study_choice plain = *c;
     bool excluded[STUDY_RUNS] = {false};
-    *end = DEAR;
+    *end = EXPENSIVE;
     while (!app_interrupted() && study_may_try(t)) {
         *c = plain;
         choose_felt(t, excluded);
         sim *s = study_build_choice(t, why, size, rc);
         if (*rc) return s;
-        *end = s ? try_out(t, s) : DEAR;
+        *end = s ? try_out(t, s) : EXPENSIVE;
         if (*end == GOOD) return study_build_choice(t, why, size, rc);
         const study_run *last = &t->run[c->felt_run];
         if (*end == WORSE || !c->felt_run || (c->sends == SIM_SENDS_FORCE && last->times == 1)) return NULL;
@@ -224,7 +224,7 @@ static sim *build_best(study *t, int *rc) {
     tried known = {0};
     sim *s = NULL;
     while (choose(t, &known)) {
-        outcome end = DEAR;
+        outcome end = EXPENSIVE;
         study_choice *c = &t->choice;
         snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
         s = build_felt(t, why, sizeof why, &end, rc);
@@ -245,6 +245,6 @@ int study_recommend(study *t) {
     int rc = 0;
     sim *s = build_best(t, &rc);
     if (!s) return app_interrupted() ? app_interrupted_exit() : rc;
-    study_hold(t, s);
+    study_verify(t, s);
     return app_interrupted() ? app_interrupted_exit() : 0;
 }

@@ -145,7 +145,7 @@ static void add_choice(cJSON *out, const study *t) {
     app_json_add(
         out,
         "verdict %s kept %hhd real_time %hhd held_error %f held_share %f held_over %f held_dearer %f held_slower %f held_wall_s %f held_frames %d held_late %d",
-        text, c->kept, c->real_time, c->held_error, c->held_share, c->held.over, c->held.dearer, c->held.slower,
+        text, c->kept, c->real_time, c->held_error, c->held_share, c->held.over, c->held.costlier, c->held.slower,
         c->held_wall_s, c->held_frames, c->held_late);
 }
 

@@ -148,7 +148,7 @@ double study_expected_felt_s(const study *t) {
 
 double study_try_s(const study *t) { return t->choice.wanted ? 2 * own_s(t) : 0; }
 
-double study_hold_s(const study *t) {
+double study_verify_s(const study *t) {
     return t->choice.wanted ? fmax(own_s(t), fmax(fmin(t->hold_s, t->limit_s / 4), t->duration_s)) : 0;
 }
 
@@ -157,18 +157,18 @@ double study_end_s(const study *t) { return t->time.began_s + t->limit_s - app_s
 bool study_may_try(const study *t) {
     const study_choice *c = &t->choice;
     const double once_s = fmax(c->cost_s / t->slower / t->run[0].cpu_s, 1) * own_s(t);
-    return app_seconds() + once_s + study_hold_s(t) < t->time.began_s + t->limit_s;
+    return app_seconds() + once_s + study_verify_s(t) < t->time.began_s + t->limit_s;
 }
 
 double study_run_limit_s(const study *t) { return RUN * t->limit_s; }
 
 double study_left_s(const study *t) {
-    return t->time.began_s + t->limit_s - app_seconds() - 2 * study_try_s(t) - study_hold_s(t);
+    return t->time.began_s + t->limit_s - app_seconds() - 2 * study_try_s(t) - study_verify_s(t);
 }
 
 /* All that is not done yet. */
 static double expected_left_s(const study *t) {
-    double sum = 2 * study_try_s(t) + study_hold_s(t) + study_expected_felt_s(t);
+    double sum = 2 * study_try_s(t) + study_verify_s(t) + study_expected_felt_s(t);
     for (int i = 1; i < t->run_count; i++) {
         const study_run *r = &t->run[i];
         const bool replayed = !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate");
@@ -238,7 +238,7 @@ static bool own_goes_on(study *t, const study_run *r, int k, double spent_s) {
     return false;
 }
 
-/* Share of a run's time that its first `share` frames take: tools that touch are dearer. */
+/* Share of a run's time that its first `share` frames take: tools that touch are costlier. */
 static double share_of_time(const study *t, double share) {
     const study_run *own = &t->run[0];
     const double *path = t->time.path;

@@ -4,7 +4,7 @@
 def _contact(rows, pick, model, limits):
     """RMS of `contact` in % of peak, by frames late."""
     for late, most in enumerate(limits):
-        for r in pick(rows, model=model, latency_frames=late, extrapolator="contact"):
+        for r in pick(rows, model=model, latency_frames=late, extrapolator="local_model"):
             yield f"contact on {model} tissue, {late} late", "RMS % of peak, at most", most, 100 * r["rms"]
 
 
@@ -12,14 +12,14 @@ def _over_position(rows, pick, path, most):
     for late in (0, 1, 2):
         at = {r["extrapolator"]: r for r in pick(rows, model="isotropic", path=path, latency_frames=late)}
         if at:
-            yield f"contact on {path}, {late} late", "RMS over position's, at most", most, at["contact"]["rms"] / at["position"]["rms"]
+            yield f"contact on {path}, {late} late", "RMS over position's, at most", most, at["local_model"]["rms"] / at["position"]["rms"]
 
 
 def _hands(rows, pick):
     yield from _over_position(rows, pick, "other-hand-cuts", 1 / 3)
     yield from _over_position(rows, pick, "same-hand-cuts", 1 / 2)
     for late in (0, 1, 2):
-        for r in pick(rows, model="isotropic", path="same-hand-cuts", latency_frames=late, extrapolator="contact"):
+        for r in pick(rows, model="isotropic", path="same-hand-cuts", latency_frames=late, extrapolator="local_model"):
             yield f"jump at a sample's arrival, same-hand-cuts, {late} late", "% of peak, at most", 3, 100 * r["jump_arrival"]
     yield from _over_position(rows, pick, "grasped-and-pulled", 1 / 10)
 
@@ -41,22 +41,22 @@ def _all(data, pick):
     yield from _hands(rows, pick)
     fast = {r["extrapolator"]: r["rms"] for r in pick(rows, model="precomputed", speed_m_s=0.03, latency_frames=2)}
     if fast:
-        yield "contact on precomputed tissue at 0.03 m/s, 2 late", "times less than position's, at least", 30, fast["position"] / fast["contact"]
+        yield "contact on precomputed tissue at 0.03 m/s, 2 late", "times less than position's, at least", 30, fast["position"] / fast["local_model"]
     yield from _tangent(rows, pick)
     for r in data["roughness"]:
         if r["depth_m"] > 0.0015:
             yield f"the force itself, {r['model']}, {1e3 * r['depth_m']:.0f} mm", "second difference per tick, % of peak, at most", 0.5, 100 * r["largest"]
     for late in (0, 1, 2):
-        largest = [r["largest"] for r in data["cutting"] if r["extrapolator"] == "contact" and r["latency_frames"] == late]
+        largest = [r["largest"] for r in data["cutting"] if r["extrapolator"] == "local_model" and r["latency_frames"] == late]
         if largest:
             yield f"two cauteries at random, {late} late", "largest force over the truth's peak, at most", 1.1, max(largest)
     loop = {r["extrapolator"]: r["stiffness_N_m"] for r in data["loop"]["rows"] if r["rate_Hz"] == 30 and r["delay_frames"] == 0 and not r["passivity"]}
     if loop:
-        yield "closed loop at 30 Hz, contact, on an exponential surface", "times hold's stiffness, at least", 10, loop["contact"] / loop["hold"]
+        yield "closed loop at 30 Hz, contact, on an exponential surface", "times hold's stiffness, at least", 10, loop["local_model"] / loop["hold"]
     for model in ("isotropic", "cut"):
         loop = {r["extrapolator"]: r["stiffness_N_m"] for r in data["tissue-loop"] if r["model"] == model}
         if loop:
-            yield f"closed loop at 30 Hz, contact, on {model} tissue", "times hold's stiffness, at least", 10, loop["contact"] / loop["hold"]
+            yield f"closed loop at 30 Hz, contact, on {model} tissue", "times hold's stiffness, at least", 10, loop["local_model"] / loop["hold"]
 
 
 def aims(page, data, pick):

@@ -109,7 +109,7 @@ typedef int study_part_maker(const study_run *run, cJSON *out);
  * rate. rates: rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5; hands adds to its rows what
  * is cut by the other hand and by the same, grasped and pulled. tissue_loop: loop on simulated tissue, whole and cut.
  * ready: by the wall clock, how soon patches are exact; empty without the solver. cutting: two cauteries at random,
- * what `contact` renders at most, over the truth's peak. */
+ * what `local_model` renders at most, over the truth's peak. */
 study_part_maker study_operating, study_roughness, study_rates, study_hands, study_loop, study_tissue_loop, study_ready,
     study_cutting;
 

@@ -44,11 +44,12 @@ static bool put_patch(app_link *log, const sampled *x, const double trocar[3]) {
     memcpy(m.compliance_m_N, p->compliance_m_N, sizeof m.compliance_m_N);
     memcpy(m.origin_m, trocar, sizeof m.origin_m);
     memcpy(m.trocar_m, trocar, sizeof m.trocar_m);
-    m.skin_compliance_m_N = p->skin_compliance_m_N, m.radius_m = p->radius_m, m.contact_length_m = p->contact_length_m;
+    m.contact_compliance_m_N = p->contact_compliance_m_N, m.radius_m = p->radius_m,
+    m.contact_length_m = p->contact_length_m;
     m.radiation_N_s_m = p->radiation_N_s_m, m.radiation_s = p->radiation_s;
-    m.friction_static = p->friction_static, m.friction_sliding = p->friction_sliding;
-    m.film_s_m = p->film_s_m, m.held = (int32_t)p->held;
-    for (int i = 0; i < 3 && hrt_patch_holds(p); i++) m.hold_N[i] = p->rest_m[hrt_patch_tip(p) + i];
+    m.friction_static = p->friction_static, m.friction_kinetic = p->friction_kinetic;
+    m.drag_s_m = p->drag_s_m, m.grasped = (int32_t)p->grasped;
+    for (int i = 0; i < 3 && hrt_patch_grasps(p); i++) m.grasp_N[i] = p->rest_m[hrt_patch_tip(p) + i];
     return app_link_publish(log, APP_PATCH, 0, m.utime, &m);
 }
 
@@ -120,7 +121,7 @@ typedef struct reading {
     recording *r;
     int64_t session; /* of the controller: the one with the most ticks */
     clocks clocks;
-    int ticks_room, samples_room, truths_room, truths;
+    int ticks_capacity, samples_capacity, truths_capacity, truths;
     int64_t first_us;
     bool grasper, started;
     bool origin_known;
@@ -129,7 +130,7 @@ typedef struct reading {
     float *truth;
 } reading;
 
-static void *room(void *array, int *have, int want, size_t size) {
+static void *reserve(void *array, int *have, int want, size_t size) {
     if (want <= *have) return array;
     *have = want * 2;
     void *more = realloc(array, (size_t)*have * size);
@@ -137,7 +138,7 @@ static void *room(void *array, int *have, int want, size_t size) {
     return more;
 }
 
-static app_verdict take_tool(void *user, int instrument, int64_t logged_us, const void *message) {
+static app_verdict read_tool(void *user, int instrument, int64_t logged_us, const void *message) {
     (void)instrument;
     reading *g = user;
     const tensormass_tool_state_t *m = message;
@@ -153,7 +154,7 @@ static app_verdict take_tool(void *user, int instrument, int64_t logged_us, cons
     /* Ticks lie on a grid of TICK_US, or a little beside; a gap is filled with the last position. */
     int64_t tick = (m->utime - g->first_us + TICK_US / 2) / TICK_US;
     if (tick < 0 || tick > 100000000) return APP_LEFT;
-    r->tip_m = room(r->tip_m, &g->ticks_room, (int)tick + 1, 3 * sizeof *r->tip_m);
+    r->tip_m = reserve(r->tip_m, &g->ticks_capacity, (int)tick + 1, 3 * sizeof *r->tip_m);
     for (int64_t k = r->ticks; k < tick; k++)
         memcpy(r->tip_m + 3 * k, r->tip_m + 3 * (r->ticks - 1), 3 * sizeof *r->tip_m);
     for (int i = 0; i < 3; i++) r->tip_m[3 * tick + i] = (float)(m->tip_m[i] - g->origin[i]);
@@ -161,13 +162,13 @@ static app_verdict take_tool(void *user, int instrument, int64_t logged_us, cons
     return APP_TAKEN;
 }
 
-static app_verdict take_force(void *user, int instrument, int64_t logged_us, const void *message) {
+static app_verdict read_force(void *user, int instrument, int64_t logged_us, const void *message) {
     (void)instrument;
     reading *g = user;
     const tensormass_force_sample_t *m = message;
     recording *r = g->r;
     if (!g->started || !m->tool_utime || m->tool_session != g->session) return APP_LEFT; /* before a controller spoke */
-    r->sample = room(r->sample, &g->samples_room, r->samples + 1, sizeof *r->sample);
+    r->sample = reserve(r->sample, &g->samples_capacity, r->samples + 1, sizeof *r->sample);
     sampled *x = &r->sample[r->samples];
     *x = (sampled){.ready_us = logged_us - clocks_difference(&g->clocks) - g->first_us};
     hrt_sample *s = &x->sample;
@@ -181,20 +182,20 @@ static app_verdict take_force(void *user, int instrument, int64_t logged_us, con
     return APP_TAKEN;
 }
 
-static app_verdict take_truth(void *user, int instrument, int64_t logged_us, const void *message) {
+static app_verdict read_truth(void *user, int instrument, int64_t logged_us, const void *message) {
     (void)instrument, (void)logged_us;
     reading *g = user;
     const tensormass_force_sample_t *m = message;
     if (!g->started) return APP_LEFT;
     int64_t tick = (m->utime - g->first_us) / TICK_US;
     if (tick != g->truths) return APP_LEFT;
-    g->truth = room(g->truth, &g->truths_room, g->truths + 1, 3 * sizeof *g->truth);
+    g->truth = reserve(g->truth, &g->truths_capacity, g->truths + 1, 3 * sizeof *g->truth);
     for (int i = 0; i < 3; i++) g->truth[3 * tick + i] = (float)m->force_N[i];
     g->truths++;
     return APP_TAKEN;
 }
 
-static app_verdict take_patch(void *user, int instrument, int64_t logged_us, const void *message) {
+static app_verdict read_patch(void *user, int instrument, int64_t logged_us, const void *message) {
     (void)instrument, (void)logged_us;
     static float scratch[HRT_PATCH_COMPLIANCE];
     reading *g = user;
@@ -310,10 +311,10 @@ int log_read(const char *file, int instrument, recording *out) {
     hrt_params_of_device(&out->params, hrt_device_types[device]);
     g.origin_known = v.origin_known[instrument];
     memcpy(g.origin, v.origin[instrument], sizeof g.origin);
-    const app_topic topic[] = {{APP_TOOL, instrument, take_tool, &g},
-                               {APP_PATCH, instrument, take_patch, &g},
-                               {APP_FORCE, instrument, take_force, &g},
-                               {APP_TRUTH, instrument, take_truth, &g}};
+    const app_topic topic[] = {{APP_TOOL, instrument, read_tool, &g},
+                               {APP_PATCH, instrument, read_patch, &g},
+                               {APP_FORCE, instrument, read_force, &g},
+                               {APP_TRUTH, instrument, read_truth, &g}};
     if (!read_through(file, topic, sizeof topic / sizeof *topic))
         return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
     free(g.pending);

@@ -52,7 +52,7 @@ bool loop_tissue_frame(loop_tissue *t, const tensormass_tool_state_t *tool, int6
                        tensormass_force_sample_t *out, tensormass_contact_patch_t *patch) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS] = {{.active = true}};
     memcpy(to[0].tip_m, tool->tip_m, sizeof to[0].tip_m);
-    if (!t->placed) tm_model_place(t->s->model, 0, &to[0]);
+    if (!t->placed) tm_model_set_pose(t->s->model, 0, &to[0]);
     t->placed = true;
     const bool failed = sim_frame(t->s, to, t->s->substeps) != TM_OK;
     sim_force_sample(&t->publisher, t->s, 0, now_us, tool->session, tool->utime, failed ? SIM_FLAG_UNSTABLE : 0, out);
@@ -62,7 +62,7 @@ bool loop_tissue_frame(loop_tissue *t, const tensormass_tool_state_t *tool, int6
     if (!has) return false;
     const int places = 3 * patch->vertex_count;
     for (int i = 0; i < places * (places + 1) / 2; i++) patch->compliance_m_N[i] /= (float)t->factor;
-    patch->skin_compliance_m_N /= (float)t->factor;
+    patch->contact_compliance_m_N /= (float)t->factor;
     patch->radiation_N_s_m *= (float)t->factor;
     return true;
 }

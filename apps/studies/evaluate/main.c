@@ -47,7 +47,7 @@ static const char *lacks(const recording *r, hrt_extrapolator which) {
         patch = patch || r->sample[i].patch;
     }
     if (which == HRT_TANGENT && !stiffness) return "stiffness";
-    return which == HRT_CONTACT && !patch ? "patch" : NULL;
+    return which == HRT_LOCAL_MODEL && !patch ? "patch" : NULL;
 }
 
 static void print_row(const char *name, const char *missing, const errors *e) {

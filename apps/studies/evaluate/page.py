@@ -11,7 +11,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "
 from aims import aims  # noqa: E402
 from page import Page, label_line, series  # noqa: E402
 
-NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position", "adaptive"]
+NAMES = ["hold", "time", "position", "broyden", "tangent", "local_model", "paper_position", "adaptive"]
 SKETCH = {0: dict(hold=3.0, time=3.5, position=3.3, broyden=2.0, tangent=0.9, contact=0.03),
           1: dict(hold=6.4, time=8.0, position=7.6, broyden=5.5, tangent=3.7, contact=0.08)}
 
@@ -166,12 +166,12 @@ def hands(page, rows):
     paths = list(dict.fromkeys((r["path"], r["model"]) for r in own))
     at = lambda path, model, late: {r["extrapolator"]: r for r in own if (r["path"], r["model"], r["latency_frames"]) == (path, model, late)}
     page.table("hands", ["path", "model", "frames late", *NAMES, "contact, unbridged"],
-               [[path, model, late, *(100 * e[n]["rms"] if n in e else "" for n in [*NAMES, "contact-unbridged"])] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
+               [[path, model, late, *(100 * e[n]["rms"] if n in e else "" for n in [*NAMES, "local_model-unbridged"])] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
                "RMS error in % of peak. Unbridged: <code>contact</code> going over to another cut state at once.")
     page.table("hands_details", ["path", "model", "frames late", "cut", "of these by both", "true jump per tick %", "contact's at an arrival %", "position's at an arrival %",
                                  "contact's squared error in ticks with a cut after its sample %", "such ticks %", "off the patch %"],
-               [[path, model, late, e["contact"]["cut_true"], e["contact"]["cut_shared"], 100 * e["contact"]["jump_true"], 100 * e["contact"]["jump_arrival"], 100 * e["position"]["jump_arrival"],
-                 100 * e["contact"]["cut_since_error2"], 100 * e["contact"]["cut_since_ticks"], 100 * e["contact"]["off_patch"]] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
+               [[path, model, late, e["local_model"]["cut_true"], e["local_model"]["cut_shared"], 100 * e["local_model"]["jump_true"], 100 * e["local_model"]["jump_arrival"], 100 * e["position"]["jump_arrival"],
+                 100 * e["local_model"]["cut_since_error2"], 100 * e["local_model"]["cut_since_ticks"], 100 * e["local_model"]["off_patch"]] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
                "What was cut after the sample in use nobody at the hand can know: where nearly all of the squared error lies there, only more samples a second would help.")
 
 
@@ -279,14 +279,14 @@ def ready(page, rows):
 
 def cutting(page, rows):
     """The worst session of each extrapolator and latency; all sessions in evaluate.json."""
-    hands = pick_equal(rows, latency_frames=0, extrapolator="contact")
+    hands = pick_equal(rows, latency_frames=0, extrapolator="local_model")
     page.section("Two cauteries at random", "Both hands press, slide, cut and lift off at random on one block, each with its own force; cuts are the truth's. "
                  + (f"{len({r['seed'] for r in hands})} sessions, {sum(r['seconds'] for r in hands) / 60:.1f} minutes felt by a hand, {max(r['cut'] for r in hands)} tetrahedra cut at most in one."
                     if rows else "<b>Not run here: it is of the isotropic model.</b>"))
     if rows:
         table = []
         for late in (0, 1, 2):
-            for name in ("position", "contact"):
+            for name in ("position", "local_model"):
                 own = pick_equal(rows, latency_frames=late, extrapolator=name)
                 worst = max(own, key=lambda r: r["largest"])
                 table.append([late, name, worst["largest"], f"seed {worst['seed']}, hand {worst['instrument']}", 100 * max(r["rms"] for r in own), 100 * max(r["jump_arrival"] for r in own)])
@@ -323,8 +323,8 @@ def claims(rows, models, loop_facts):
             "position_beats_hold_steady": steady["position"] < steady["hold"], "position_beats_time_steady": steady["position"] < steady["time"],
             "position_beats_hold_tremor": own[0]["position"] < own[0]["hold"], "position_beats_time_tremor": own[0]["position"] < own[0]["time"],
             "tangent_over_position": own[0]["tangent"] / own[0]["position"], "tangent_over_position_late": own[1]["tangent"] / own[1]["position"],
-            "contact_over_position": {f"{late} late": own[late]["contact"] / own[late]["position"] for late in own},
-            "contact_over_position_0.03": {f"{late} late": fast[late]["contact"] / fast[late]["position"] for late in fast if "contact" in fast[late]},
+            "contact_over_position": {f"{late} late": own[late]["local_model"] / own[late]["position"] for late in own},
+            "contact_over_position_0.03": {f"{late} late": fast[late]["local_model"] / fast[late]["position"] for late in fast if "local_model" in fast[late]},
             "signed_beats_unsigned_on_reversals": back["position"] < back["paper_position"],
             "largest_force_over_limit": max(r["over_limit"] for r in rows if r["model"] == model),
         }

@@ -107,7 +107,7 @@ static void start(sim *s, follower *f) {
     hrt_params_of_device(&f->r->params, s->axes[f->r->instrument].device);
     poses_at(f, s, 0, to);
     for (int i = 0; i < s->instrument_count; i++) {
-        tm_model_place(s->model, i, &to[i]);
+        tm_model_set_pose(s->model, i, &to[i]);
         s->pose[i] = to[i];
     }
 }

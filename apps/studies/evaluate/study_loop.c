@@ -2,7 +2,7 @@
  * the stiffest contact whose oscillation dies out: after a step of 1 mm in the hand's wish the insertion stays within
  * one encoder count.
  *
- * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the
+ * The surface is a patch with an exponential compliance kernel, solved at the samples as `local_model` solves it at the
  * ticks. Stated conditions: no Coulomb friction, coupling off, force, slew and stiffness limits out of the way (a case
  * with a limit active is not counted as stable), the same device and hand for all. Theory, for a hold: b > K (T/2 +
  * delay) + B, b the damping of device and hand together, B of the surface, delay the samples' and a tick (Colgate and
@@ -32,7 +32,7 @@ static void make_patch(hrt_patch *p, double compliance_m_N) {
     *p = (hrt_patch){.vertex_count = VERTICES,
                      .radius_m = (float)RADIUS_M,
                      .contact_length_m = 0.05f,
-                     .skin_compliance_m_N = (float)(0.05 * compliance_m_N)};
+                     .contact_compliance_m_N = (float)(0.05 * compliance_m_N)};
     for (int i = 0; i < VERTICES; i++) {
         p->vertex_m[3 * i] = (float)(SPACING_M * (i % COLUMNS - 1.9));
         p->vertex_m[3 * i + 1] = (float)(SPACING_M * (i / COLUMNS - 1.4));
@@ -60,7 +60,7 @@ static void make_patch(hrt_patch *p, double compliance_m_N) {
 static void surface_force(const hrt_patch *patch, const hrt_params *params, const float tip[3], float force[3]) {
     static hrt_extrapolation x;
     hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     hrt_extrapolation_sample(&x, params, &s);
     for (int i = 0; i < 10; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
 }
@@ -85,11 +85,11 @@ typedef struct loop_case {
     double wall_N_s_m; /* damping of the exponential surface along the shaft, from one sample to the next */
 } loop_case;
 
-/* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/ask.c). */
+/* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/queries.c). */
 static const double informed_rate_max_Hz = 50;
 
 static bool is_informed(const loop_case *c) { return c->model >= 0 || c->rate_Hz <= informed_rate_max_Hz; }
-static bool takes_patch(hrt_extrapolator which) { return which == HRT_CONTACT || which == HRT_ADAPTIVE; }
+static bool takes_patch(hrt_extrapolator which) { return which == HRT_LOCAL_MODEL || which == HRT_ADAPTIVE; }
 
 typedef struct loop_result {
     bool settled, limited, engaged;
@@ -149,7 +149,7 @@ static void post(loop *l, const waiting *w) {
                                     .seq = w->sample.seq,
                                     .vertex_count = VERTICES,
                                     .triangle_count = p->triangle_count,
-                                    .skin_compliance_m_N = p->skin_compliance_m_N,
+                                    .contact_compliance_m_N = p->contact_compliance_m_N,
                                     .radius_m = p->radius_m,
                                     .contact_length_m = p->contact_length_m};
     memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
@@ -336,7 +336,7 @@ int study_loop(const study_run *run, cJSON *out) {
 }
 
 int study_tissue_loop(const study_run *run, cJSON *rows) {
-    static const hrt_extrapolator which[] = {HRT_HOLD, HRT_CONTACT, HRT_POSITION, HRT_TANGENT};
+    static const hrt_extrapolator which[] = {HRT_HOLD, HRT_LOCAL_MODEL, HRT_POSITION, HRT_TANGENT};
     static const model tissue[] = {MODEL_ISOTROPIC, MODEL_CUT};
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {

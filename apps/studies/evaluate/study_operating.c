@@ -22,7 +22,7 @@ static const struct {
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
 static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 100, 500};
-/* Above this rate a simulation sends no patch (libtensormass/scene/ask.c), and laws that want one go without.
+/* Above this rate a simulation sends no patch (libtensormass/scene/queries.c), and laws that want one go without.
  */
 static const double patch_rate_max_Hz = 50;
 

@@ -73,7 +73,7 @@ static int one_speed(const study_run *run, model m, double speed, double tremor,
     int rc = 0;
     for (int i = 0; i < RATES && !rc; i++) {
         bool twenty = fabs(rates[i] - 20) < 1e-9;
-        if (!twenty && (!main_speed || m == MODEL_HYBRID /* a hundred times dearer than the others */ ||
+        if (!twenty && (!main_speed || m == MODEL_HYBRID /* a hundred times costlier than the others */ ||
                         (run->quick && fabs(rates[i] - 10) > 1e-9 && fabs(rates[i] - 50) > 1e-9)))
             continue;
         rc = sampled_at(m, &p, rates[i], true, &truth, &r);
@@ -185,7 +185,7 @@ static int sampled_rows(model m, const path *p, const recording *truth, bool own
         add_errors(rows, &r, &s, &c, "model");
         const float blend_us = r.params.blend_us;
         r.params.blend_us = 0; /* what the bridge from one cut state to the next costs */
-        if (truth->cuts.count) add_error(rows, &r, &s, &c, "model", HRT_CONTACT, "contact-unbridged");
+        if (truth->cuts.count) add_error(rows, &r, &s, &c, "model", HRT_LOCAL_MODEL, "local_model-unbridged");
         r.params.blend_us = blend_us;
         for (int i = before; i < cJSON_GetArraySize(rows); i++) {
             cJSON *row = cJSON_GetArrayItem(rows, i);
@@ -267,7 +267,7 @@ int study_roughness(const study_run *run, cJSON *rows) {
 
 /* --- two cauteries at random --- */
 
-/* For ten minutes they press, slide, cut and lift off, felt with `contact` by either hand: how far above everything
+/* For ten minutes they press, slide, cut and lift off, felt with `local_model` by either hand: how far above everything
  * that the tissue really does a hand is ever pushed. */
 
 static const double SOAK_S = 600;
@@ -294,7 +294,7 @@ static int felt(const path *p, uint64_t seed, cJSON *rows) {
         copy_truth(&truth[h], &r[h]);
         for (int late = 0; late <= 2 && truth[h].peak_N > 0; late++) {
             add(rows, &r[h], seed, late, HRT_POSITION);
-            add(rows, &r[h], seed, late, HRT_CONTACT);
+            add(rows, &r[h], seed, late, HRT_LOCAL_MODEL);
         }
     }
     for (int h = 0; h < PATH_HANDS; h++) recording_free(&r[h]), recording_free(&truth[h]);

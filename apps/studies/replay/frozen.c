@@ -14,12 +14,12 @@
 
 enum { SETTLING = 16, SWEEPS = 100 };
 static const double tolerance = 1e-6; /* of the largest force, a sweep */
-/* The branches of law/skin.h: radii, and how many times as stiff beyond. */
+/* The branches of contact_law/compliance.h: radii, and how many times as stiff beyond. */
 static const double skin_travel = 0.3, skin_hardening = 20;
 
 /* Entry (i, j) of a patch's compliance, stored as the upper triangle row by row. */
 static double compliance(const hrt_patch *p, int i, int j) {
-    const int n = 3 * hrt_patch_places(p), a = i < j ? i : j, b = i < j ? j : i;
+    const int n = 3 * hrt_patch_nodes(p), a = i < j ? i : j, b = i < j ? j : i;
     return (double)p->compliance_m_N[a * n - a * (a - 1) / 2 + b - a];
 }
 
@@ -129,16 +129,16 @@ void frozen_sample(frozen *z, const hrt_params *params, const hrt_sample *sample
     hrt_sample whole = *sample;
     float force_N[3];
     z->now = *sample;
-    z->known = p && p->topology_revision == sample->topology_revision && !(sample->unilateral && hrt_patch_holds(p)) &&
+    z->known = p && p->topology_revision == sample->topology_revision && !(sample->unilateral && hrt_patch_grasps(p)) &&
                hrt_flags_rule(sample->flags) == HRT_RULE_TAKE;
     z->rows = 0;
     if (!z->known) return;
     whole.flags = 0;
-    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     hrt_extrapolation_sample(&x, params, &whole);
     for (int k = 0; k < SETTLING; k++) hrt_extrapolation_force(&x, params, sample->t_us, sample->tip_m, force_N);
     z->rows = x.touch.row_count;
-    z->holds = hrt_patch_holds(p);
+    z->holds = hrt_patch_grasps(p);
     z->soft_m = skin_travel * (double)p->radius_m;
     z->radius_m = (double)p->radius_m, z->cap_N = p->force_cap_N > 0 ? (double)p->force_cap_N : 50;
     memcpy(z->row, x.touch.row, sizeof z->row);
@@ -146,7 +146,7 @@ void frozen_sample(frozen *z, const hrt_params *params, const hrt_sample *sample
     couple(z, p);
     for (int i = 0; i < z->rows; i++) {
         z->lambda_N[i] = (double)z->row[i].lambda_N;
-        z->skin[i] = (double)(p->skin_compliance_m_N / z->row[i].share);
+        z->skin[i] = (double)(p->contact_compliance_m_N / z->row[i].share);
         z->hard[i] = z->skin[i] * z->lambda_N[i] > z->soft_m;
     }
     for (int i = 0; i < z->rows; i++) {

@@ -177,7 +177,7 @@ tm_status record_samples(sim *s, int frames, int hands, const leader *by, record
     return status;
 }
 
-static void take_tick(recording *r, const sim *s, int k, const tm_tool_pose *to) {
+static void read_tick(recording *r, const sim *s, int k, const tm_tool_pose *to) {
     double size = 0;
     for (int c = 0; c < 3; c++) {
         const double force_N = s->reaction[r->instrument].force_N[c];
@@ -198,7 +198,7 @@ tm_status record_ticks(sim *s, int ticks, int hands, const leader *by, recording
         by->pose(by->user, s, 1e-6 * k * TICK_US, to);
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
-        for (int h = 0; h < hands; h++) take_tick(&out[h], s, k, to);
+        for (int h = 0; h < hands; h++) read_tick(&out[h], s, k, to);
         if (s->broken_off || (by->after && !by->after(by->user, s, k))) break;
     }
     return status;

@@ -8,7 +8,7 @@
 #include "studies/replay/frozen.h"
 #include "studies/replay/replay.h"
 
-/* Ticks for which a sample's arrival is still felt: `contact` begins its bridge to other tissue in the second. */
+/* Ticks for which a sample's arrival is still felt: `local_model` begins its bridge to other tissue in the second. */
 enum { SETTLING = 3 };
 
 typedef struct arrival {

@@ -132,7 +132,7 @@ typedef struct errors {
     double largest;             /* force over the true peak */
     double over_limit;          /* largest force over the device's limit, before any limiter */
     int judged;                 /* ticks */
-    double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
+    double off_patch;           /* share of ticks in contact that `local_model` had to leave to `tangent` */
     double cut_since_error2;    /* share of the squared error in ticks before which, after the sample in use, tissue was
                                    cut: nobody at the hand can know of it */
     double cut_since_ticks;     /* those ticks' share */

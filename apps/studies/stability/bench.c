@@ -63,7 +63,9 @@ bool bench_start(const app_bench_def *def, app_bench *b, outcome *o) {
 }
 
 rig_def rig_default(int tools, const tm_tool_pose *start) {
-    rig_def def = {.bench = bench_default(), .tools = tools, .skin_m_N = tm_contact_def_default().skin_compliance_m_N};
+    rig_def def = {.bench = bench_default(),
+                   .tools = tools,
+                   .row_compliance_m_N = tm_contact_def_default().contact_compliance_m_N};
     for (int t = 0; t < tools; t++)
         def.tool[t] = (tm_instrument_def){.radius_m = 0.0025,
                                           .contact_length_m = 0.1,
@@ -80,7 +82,8 @@ bool rig_open(const rig_def *def, rig *r, const char *force_name, outcome *o) {
     *r = (rig){.tools = def->tools, .finite = true, .o = o};
     if (!bench_open(&def->bench, &r->b, o)) return false;
     for (int t = 0; t < def->tools; t++) r->at[t] = def->tool[t].pose;
-    contact.instrument_count = def->tools, contact.instrument = def->tool, contact.skin_compliance_m_N = def->skin_m_N;
+    contact.instrument_count = def->tools, contact.instrument = def->tool,
+    contact.contact_compliance_m_N = def->row_compliance_m_N;
     o->x_name = "simulated s", o->y_name = force_name;
     tm_world *world = r->b.world;
     if (tm_stage_contact(world, &contact, &r->contact, &error) == TM_OK &&
@@ -98,9 +101,9 @@ void rig_steps(rig *r, int32_t steps, int32_t window, bool jump) {
     tm_contact_begin_frame(r->contact, steps, window < steps ? window : steps);
     for (int t = 0; t < r->tools; t++) {
         if (jump)
-            tm_contact_place(r->contact, t, &r->at[t]);
+            tm_contact_set_pose(r->contact, t, &r->at[t]);
         else
-            tm_contact_move(r->contact, t, &r->at[t], steps);
+            tm_contact_set_target(r->contact, t, &r->at[t], steps);
     }
     r->finite = r->finite && tm_world_step(r->b.world, steps) == TM_OK;
     for (int t = 0; t < r->tools; t++) {
@@ -121,15 +124,15 @@ void rig_lead(rig *r, const tm_tool_pose *from, const tm_tool_pose *to, int k, i
     }
 }
 
-double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *pressed_N) {
-    tm_friction_grip grip[64];
-    const int32_t there = r->friction ? tm_friction_grips(r->friction, tool, grip, 64) : 0;
+double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *normal_force_N) {
+    tm_friction_station grip[64];
+    const int32_t there = r->friction ? tm_friction_stations(r->friction, tool, grip, 64) : 0;
     double over = 0;
     for (int32_t i = 0; i < there && i < 64; i++) {
         const double size = vnorm(grip[i].force_N);
-        over = fmax(over, size / grip[i].pressed_N - grip[i].coefficient);
+        over = fmax(over, size / grip[i].normal_force_N - grip[i].coefficient);
         if (slips) *slips = *slips || grip[i].slips;
-        if (along_N) *along_N += size, *pressed_N += grip[i].pressed_N;
+        if (along_N) *along_N += size, *normal_force_N += grip[i].normal_force_N;
     }
     return over;
 }

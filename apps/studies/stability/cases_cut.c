@@ -15,8 +15,8 @@ static int64_t differing_bytes(app_bench *b, const app_bench_def *def) {
     size_t n = 3 * (size_t)b->mesh->vertex_count;
     double *mine = app_zeroed(n, sizeof *mine), *theirs = app_zeroed(n, sizeof *theirs);
     fresh_def.mesh = b->mesh, fresh_def.material = def->material, fresh_def.material_count = 1,
-    fresh_def.alive = tm_tissue_alive(b->tissue), fresh_def.volume = def->volume,
-    fresh_def.volume_shear = def->volume_shear;
+    fresh_def.alive = tm_tissue_alive(b->tissue), fresh_def.strain_smoothing = def->volume,
+    fresh_def.smoothed_shear_share = def->smoothed_shear_share;
     if (tm_tissue_create(&fresh_def, &fresh, NULL) == TM_OK) {
         const double *u = tm_world_state(b->world)->u_m;
         tm_tissue_force(b->tissue, u, mine);

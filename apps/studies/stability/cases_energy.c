@@ -6,7 +6,7 @@
 #include "stability.h"
 
 static double turnover(const tm_energy *e) {
-    double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->moved_J) +
+    double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->state_change_J) +
                  e->damping_J + fabs(e->cut_J);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) sum += fabs(e->contact_J[t]) + fabs(e->grasp_J[t]);
     return sum;
@@ -54,7 +54,7 @@ static void closes(bool quick, double argument, outcome *o) {
         accurate(o, worst,
                  "%.2e J went round: supports %+.1e, weight %+.1e, damping took %.1e, cuts %.1e, new steps %+.1e; off "
                  "by %.1e of it at most",
-                 turnover(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.moved_J, worst);
+                 turnover(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.state_change_J, worst);
     else
         broken(o, "the run became unstable");
     app_bench_close(&b);
@@ -92,10 +92,10 @@ static void go(hands *h, tm_tool_pose first, tm_tool_pose second, int frames) {
         h->before = h->now;
         rig_frame(r, 0.01, 4);
         r->finite = r->finite && tm_world_energy(r->b.world, &h->now, NULL) == TM_OK;
-        for (int t = 0; t < 2; t++) h->through_J += fabs(h->now.hand_J[t] - h->before.hand_J[t]);
-        h->surplus_J = fmax(h->surplus_J, h->now.made_J - h->now.film_J);
+        for (int t = 0; t < 2; t++) h->through_J += fabs(h->now.tool_work_J[t] - h->before.tool_work_J[t]);
+        h->surplus_J = fmax(h->surplus_J, h->now.generated_J - h->now.drag_J);
         h->residual = fmax(h->residual, fabs(h->now.residual_J) / (turnover(&h->now) + 1e-12));
-        series_add(r->o, h->now.time_s, h->now.made_J - h->now.film_J);
+        series_add(r->o, h->now.time_s, h->now.generated_J - h->now.drag_J);
     }
 }
 
@@ -106,7 +106,7 @@ static void hands_close(hands *h, const char *words) {
         stable(h->r.o, h->surplus_J / h->through_J,
                "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, film took "
                "%.1e J, cuts %.1e J",
-               words, h->through_J, h->surplus_J, h->now.film_J, h->now.cut_J);
+               words, h->through_J, h->surplus_J, h->now.drag_J, h->now.cut_J);
     app_bench_close(&h->r.b);
 }
 
@@ -115,9 +115,9 @@ static tm_tool_pose at(double x, double z, double grip) {
 }
 static const tm_tool_pose away = {.tip_m = {-0.02, 0.02, 0.06}, .active = true};
 
-typedef enum deed { PRESS, SLIDE, HOLD, RELEASE, RELEASE_UNDER, HAND_OVER, CUT_HELD } deed;
+typedef enum action { PRESS, SLIDE, HOLD, RELEASE, RELEASE_UNDER, HAND_OVER, CUT_HELD } action;
 
-static void deeds(bool quick, double argument, outcome *o) {
+static void actions(bool quick, double argument, outcome *o) {
     (void)quick;
     static const char *const words[] = {"pressed and left",          "pressed and slid",
                                         "held, lifted and put back", "held, lifted and let go",
@@ -125,7 +125,7 @@ static void deeds(bool quick, double argument, outcome *o) {
                                         "cut while held up"};
     static const tm_tool_mode other[] = {TM_TOOL_PROBE, TM_TOOL_PROBE,   TM_TOOL_PROBE,  TM_TOOL_PROBE,
                                          TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
-    const deed which = (deed)(int)argument;
+    const action which = (action)(int)argument;
     hands h;
     if (!hands_open(&h, other[which], o)) return;
     tm_tool_pose aside = away;
@@ -165,12 +165,12 @@ const hard_case cases_energy[] = {
     {ENERGY, "energy-support", "a support shaken sideways", ACCURATE, 1e-11, OFF, closes, MOVING_SUPPORT},
     {ENERGY, "energy-steps", "a new step every ten", ACCURATE, 1e-11, OFF, closes, NEW_STEPS},
     {ENERGY, "energy-cuts", "tetrahedra cut out of a swing", ACCURATE, 1e-11, OFF, closes, CUTS},
-    {ENERGY, "energy-press", "pressed and left", STABLE, 0.02, SURPLUS, deeds, PRESS},
-    {ENERGY, "energy-slide", "pressed and slid", STABLE, 0.02, SURPLUS, deeds, SLIDE},
-    {ENERGY, "energy-hold", "held, lifted, put back", STABLE, 0.02, SURPLUS, deeds, HOLD},
-    {ENERGY, "energy-release", "held, lifted, let go", STABLE, 0.02, SURPLUS, deeds, RELEASE},
-    {ENERGY, "energy-release-under", "let go while a probe bears on it", STABLE, 0.02, SURPLUS, deeds, RELEASE_UNDER},
-    {ENERGY, "energy-hand-over", "from one grasper to the other", STABLE, 0.02, SURPLUS, deeds, HAND_OVER},
-    {ENERGY, "energy-cut-held", "cut while held up", STABLE, 0.02, SURPLUS, deeds, CUT_HELD},
+    {ENERGY, "energy-press", "pressed and left", STABLE, 0.02, SURPLUS, actions, PRESS},
+    {ENERGY, "energy-slide", "pressed and slid", STABLE, 0.02, SURPLUS, actions, SLIDE},
+    {ENERGY, "energy-hold", "held, lifted, put back", STABLE, 0.02, SURPLUS, actions, HOLD},
+    {ENERGY, "energy-release", "held, lifted, let go", STABLE, 0.02, SURPLUS, actions, RELEASE},
+    {ENERGY, "energy-release-under", "let go while a probe bears on it", STABLE, 0.02, SURPLUS, actions, RELEASE_UNDER},
+    {ENERGY, "energy-hand-over", "from one grasper to the other", STABLE, 0.02, SURPLUS, actions, HAND_OVER},
+    {ENERGY, "energy-cut-held", "cut while held up", STABLE, 0.02, SURPLUS, actions, CUT_HELD},
 };
 const int cases_energy_count = sizeof cases_energy / sizeof *cases_energy;

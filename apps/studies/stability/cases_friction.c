@@ -11,17 +11,17 @@ static const double FRAME_S = 0.005, RADIUS_M = 0.0025;
 
 typedef struct rubbing {
     rig r;
-    double over_cone, peak_N, hands_J, made_J;
+    double over_cone, peak_N, hands_J, generated_J;
 } rubbing;
 
-static bool open_rubbing(rubbing *x, double at_rest, double sliding, double skin_m_N, outcome *o) {
+static bool open_rubbing(rubbing *x, double at_rest, double sliding, double row_compliance_m_N, outcome *o) {
     static const tm_tool_pose start[TOOLS] = {{.tip_m = {0.012, 0.02, TOP_M + 0.003}, .active = true},
                                               {.tip_m = {0.028, 0.02, TOP_M + 0.003}, .active = true}};
     tm_friction_def friction = tm_friction_def_default();
     rig_def def = rig_default(TOOLS, start);
     *x = (rubbing){.over_cone = 0};
     for (int t = 0; t < TOOLS; t++) friction.instrument[t] = (tm_friction_coefficient){at_rest, sliding};
-    def.bench.material[0].damping_1_s = 60, def.skin_m_N = skin_m_N, def.energy = true;
+    def.bench.material[0].damping_1_s = 60, def.row_compliance_m_N = row_compliance_m_N, def.energy = true;
     if (at_rest > 0) def.friction = &friction;
     return rig_open(&def, &x->r, "force along the surface over what presses", o);
 }
@@ -35,15 +35,16 @@ static void frame(rubbing *x, const double x_m[TOOLS], double deep_m) {
             (tm_tool_pose){.tip_m = {0.012 + 0.016 * t + x_m[t], 0.02, TOP_M + RADIUS_M - deep_m}, .active = true};
     rig_frame(r, FRAME_S, 1);
     if (tm_world_energy(r->b.world, &e, NULL) == TM_OK) {
-        x->hands_J = fmax(x->hands_J, fabs(e.hand_J[0]) + fabs(e.hand_J[1]));
-        x->made_J = fmax(x->made_J, e.made_J);
+        x->hands_J = fmax(x->hands_J, fabs(e.tool_work_J[0]) + fabs(e.tool_work_J[1]));
+        x->generated_J = fmax(x->generated_J, e.generated_J);
     }
     for (int t = 0; t < TOOLS; t++) {
         const double *f = r->force_N[t];
-        double along_N = 0, pressed_N = 0;
+        double along_N = 0, normal_force_N = 0;
         x->peak_N = fmax(x->peak_N, fabs(f[0]) + fabs(f[1]) + fabs(f[2]));
-        x->over_cone = fmax(x->over_cone, rig_over_cone(r, t, NULL, &along_N, &pressed_N));
-        if (t == 0 && pressed_N > 0) series_add(r->o, tm_world_state(r->b.world)->time_s, along_N / pressed_N);
+        x->over_cone = fmax(x->over_cone, rig_over_cone(r, t, NULL, &along_N, &normal_force_N));
+        if (t == 0 && normal_force_N > 0)
+            series_add(r->o, tm_world_state(r->b.world)->time_s, along_N / normal_force_N);
     }
 }
 
@@ -62,16 +63,16 @@ static void drags(rubbing *r, bool quick) {
 
 /* No force outside its cone, and contact makes no more out of nothing than without friction (facets of four tool radii
  * and the film's drag at 0.5 m/s make some): a share of what the hands gave. */
-static void judge(double at_rest, double sliding, double skin_m_N, bool quick, outcome *o) {
+static void judge(double at_rest, double sliding, double row_compliance_m_N, bool quick, outcome *o) {
     rubbing r, plain;
     outcome ignored = {0};
-    if (!open_rubbing(&r, at_rest, sliding, skin_m_N, o)) return;
+    if (!open_rubbing(&r, at_rest, sliding, row_compliance_m_N, o)) return;
     drags(&r, quick);
     app_bench_close(&r.r.b);
-    if (!open_rubbing(&plain, 0, 0, skin_m_N, &ignored)) abort();
+    if (!open_rubbing(&plain, 0, 0, row_compliance_m_N, &ignored)) abort();
     drags(&plain, quick);
     app_bench_close(&plain.r.b);
-    const double made = (r.made_J - plain.made_J) / r.hands_J;
+    const double made = (r.generated_J - plain.generated_J) / r.hands_J;
     if (!r.r.finite || !(r.peak_N < 200))
         broken(o, "%s, %.3g N", r.r.finite ? "the force grew" : "a step failed", r.peak_N);
     else if (r.over_cone > 1e-6)
@@ -81,14 +82,14 @@ static void judge(double at_rest, double sliding, double skin_m_N, bool quick, o
             o, fmax(made, 0),
             "two tools shaken at 20 Hz: at most %.2f N, no force outside its cone, contact made %.2e J (%.2e without "
             "friction) of the hands' %.2e",
-            r.peak_N, r.made_J, plain.made_J, r.hands_J);
+            r.peak_N, r.generated_J, plain.generated_J, r.hands_J);
 }
 
 static void coefficient(bool quick, double at_rest, outcome *o) {
     judge(at_rest, at_rest < 1 ? 0.5 * at_rest : at_rest, 0.5e-3, quick, o);
 }
 
-static void skin(bool quick, double skin_m_N, outcome *o) { judge(0.4, 0.3, skin_m_N, quick, o); }
+static void skin(bool quick, double row_compliance_m_N, outcome *o) { judge(0.4, 0.3, row_compliance_m_N, quick, o); }
 
 /* What it bears when it is held still inside its cone, and minutes later. */
 static void pause_for(bool quick, double minutes, outcome *o) {

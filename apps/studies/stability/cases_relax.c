@@ -43,7 +43,7 @@ static void frame(hold *h) {
 }
 
 /* Both down; the jaws close; up and aside within a second. The probe goes in further as it goes aside. */
-static void take_hold(hold *h) {
+static void read_hold(hold *h) {
     for (int i = 1; i <= 40; i++) {
         h->r.at[GRASPER].tip_m[2] = TOP_M + RADIUS_M - 0.0005 * i / 40;
         h->r.at[PROBE].tip_m[2] = TOP_M + RADIUS_M - 0.003 * i / 40;
@@ -76,14 +76,14 @@ static void relax(bool quick, double rotation, outcome *o) {
     outcome ignored = {0};
     const int frames = (int)((quick ? 6 : 30) / FRAME_S);
     if (!open_hold(&truth, false, rotation, o)) return;
-    take_hold(&truth);
+    read_hold(&truth);
     for (int i = 0; i < 400; i++) frame(&truth);
     if (!open_hold(&h, true, rotation, &ignored)) {
         app_bench_close(&truth.r.b);
         *o = ignored;
         return;
     }
-    take_hold(&h);
+    read_hold(&h);
     const double first = pull_N(&h);
     double last = first, rise = 0;
     for (int i = 0; i < frames && h.finite; i++) {
@@ -93,7 +93,7 @@ static void relax(bool quick, double rotation, outcome *o) {
         if (i % (frames / 200) == 0) series_add(o, tm_world_state(h.r.b.world)->time_s, last);
     }
     tm_grasp_state state;
-    const int32_t held = tm_grasp_held(h.r.grasp, GRASPER, NULL, &state);
+    const int32_t held = tm_grasp_vertices(h.r.grasp, GRASPER, NULL, &state);
     const double off = force_difference(&h, &truth);
     if (!h.finite || !truth.finite)
         broken(o, "a step failed or a force grew");

@@ -8,7 +8,7 @@
 
 static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
 
-enum { PLAIN, FIBRED, NEAR_INCOMPRESSIBLE }; /* the last with the effect "volume" */
+enum { PLAIN, FIBRED, NEAR_INCOMPRESSIBLE }; /* the last with the effect "strain_smoothing" */
 
 static bool open_turning(int tissue, double damping, app_bench *b, outcome *o) {
     app_bench_def def = bench_default();
@@ -17,7 +17,7 @@ static bool open_turning(int tissue, double damping, app_bench *b, outcome *o) {
     if (fibred && tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &def.material[0], &error) != TM_OK) abort();
     if (tissue == NEAR_INCOMPRESSIBLE) {
         if (tm_material_young(5e3, 0.49, &def.material[0], &error) != TM_OK) abort();
-        def.volume = true, def.volume_shear = 0;
+        def.volume = true, def.smoothed_shear_share = 0;
     }
     def.fibre = fibred ? oblique : NULL;
     def.material[0].damping_1_s = damping;

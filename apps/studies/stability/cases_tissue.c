@@ -111,7 +111,7 @@ static void damaged(bool quick, double which, outcome *o) {
     app_block block;
     tm_mesh *mesh = NULL;
     tm_error error = {0};
-    if (!app_block_make(&block, (int32_t[3]){2, 2, 2}, (double[3]){0.02, 0.02, 0.02})) {
+    if (!app_block_build(&block, (int32_t[3]){2, 2, 2}, (double[3]){0.02, 0.02, 0.02})) {
         broken(o, "no memory");
         return;
     }
@@ -133,7 +133,7 @@ static void damaged(bool quick, double which, outcome *o) {
     app_block_free(&block);
 }
 
-/* What tm-mesh beside this program makes of a file in which everything is wrong that it can mend: taken, it must then
+/* What tm-mesh beside this program makes of a file in which everything is wrong that it can repair: taken, it must then
  * swing as any other. */
 static void write_damaged(FILE *file, const app_block *block) {
     const int32_t n = block->vertex_count;
@@ -153,7 +153,7 @@ static void write_damaged(FILE *file, const app_block *block) {
     fprintf(file, "%d 4 2 1 1 1 2 2 3\n%d 4 2 1 1 1 2 3 4\n$EndElements\n", (int)next + 1, (int)next + 2);
 }
 
-static void mended(bool quick, double argument, outcome *o) {
+static void repaired(bool quick, double argument, outcome *o) {
     (void)argument;
     char folder[] = "/tmp/tm-stability-XXXXXX", bad[64], good[64], command[1400], here[1024] = "";
     app_bench_def def = bench_default();
@@ -163,7 +163,7 @@ static void mended(bool quick, double argument, outcome *o) {
     tm_error error = {0};
     const ssize_t length = readlink("/proc/self/exe", here, sizeof here - 1);
     char *slash = length > 0 ? strrchr(here, '/') : NULL;
-    if (!slash || !mkdtemp(folder) || !app_block_make(&block, def.cells, def.size_m)) {
+    if (!slash || !mkdtemp(folder) || !app_block_build(&block, def.cells, def.size_m)) {
         broken(o, "no room in /tmp");
         return;
     }
@@ -202,7 +202,7 @@ static void disconnected(bool quick, double settle, outcome *o) {
     app_block block;
     tm_error error = {0};
     app_bench b = {0};
-    if (!app_block_make(&block, (int32_t[3]){2, 2, 3}, (double[3]){0.02, 0.02, 0.03})) return;
+    if (!app_block_build(&block, (int32_t[3]){2, 2, 3}, (double[3]){0.02, 0.02, 0.03})) return;
     /* The middle layer is left out; each layer has four cubes of six. */
     memmove(block.tet + 4 * 24, block.tet + 4 * 48, sizeof(int32_t) * 4 * 24);
     block.tet_count = 48;
@@ -356,7 +356,7 @@ const hard_case cases_tissue[] = {
     {TISSUE, "nan-vertex", "a coordinate that is NaN", REFUSED, 0, "", damaged, NOT_A_NUMBER},
     {TISSUE, "out-of-range", "an index past the last vertex", REFUSED, 0, "", damaged, OUT_OF_RANGE},
     {TISSUE, "repaired", "all of these but the last two in one file, after tm-mesh repair", STABLE, 1e-9,
-     "energy drift", mended, 0},
+     "energy drift", repaired, 0},
     {TISSUE, "disconnected-falls", "a piece held by nothing, under gravity", ACCURATE, 1e-6, "error of the fall",
      disconnected, 0},
     {TISSUE, "disconnected-settles", "a piece held by nothing, asked to settle", REFUSED, 0, "", disconnected, 1},

@@ -51,12 +51,12 @@ static bool torture_open(torture *x, app_bench_def block, int tools, const tm_to
 
 static void frame(torture *x) {
     rig *r = &x->r;
-    double before_N[TOOLS][3];
-    memcpy(before_N, r->force_N, sizeof before_N);
+    double previous_N[TOOLS][3];
+    memcpy(previous_N, r->force_N, sizeof previous_N);
     rig_frame(r, FRAME_S, INT32_MAX);
     for (int i = 0; i < r->tools; i++) {
         double change[3];
-        for (int c = 0; c < 3; c++) change[c] = r->force_N[i][c] - before_N[i][c];
+        for (int c = 0; c < 3; c++) change[c] = r->force_N[i][c] - previous_N[i][c];
         if (x->felt) x->jump_N = fmax(x->jump_N, vnorm(change));
         x->peak_N[i] = fmax(x->peak_N[i], vnorm(r->force_N[i]));
     }
@@ -107,7 +107,7 @@ static void tears(bool quick, double argument, outcome *o) {
     if (!torture_open(&x, def, 1, mode, &above, o)) return;
     go(&x, &deep, 0.4);
     go(&x, &deep, 0.4);
-    const double before_N = vnorm(x.r.force_N[0]);
+    const double previous_N = vnorm(x.r.force_N[0]);
     x.peak_N[0] = x.jump_N = 0;
     for (int32_t t = 0; t < x.r.b.mesh->tet_count; t++) {
         double centre[3] = {0};
@@ -117,12 +117,12 @@ static void tears(bool quick, double argument, outcome *o) {
             gone += tm_cut_remove(x.r.b.tissue, &t, 1, NULL, 0);
     }
     go(&x, &deep, 1);
-    if (x.r.finite && before_N > 0 && gone > 0)
+    if (x.r.finite && previous_N > 0 && gone > 0)
         stable(
-            o, x.peak_N[0] / before_N,
+            o, x.peak_N[0] / previous_N,
             "%d tetrahedra beside and under the tip go at once: %.3g N before, never more than %.3g N after, largest "
             "change in 2 ms %.0f %% of it, %.3g N at rest",
-            gone, before_N, x.peak_N[0], 100 * x.jump_N / before_N, vnorm(x.r.force_N[0]));
+            gone, previous_N, x.peak_N[0], 100 * x.jump_N / previous_N, vnorm(x.r.force_N[0]));
     else
         unstable(&x);
     app_bench_close(&x.r.b);

@@ -1,5 +1,5 @@
-/* Hard tissue with the effect "volume": nearly incompressible, stiff beside soft, a sliver, turned fibres. The step is
- * the guaranteed one, bounded over what is averaged. */
+/* Hard tissue with the effect "strain_smoothing": nearly incompressible, stiff beside soft, a sliver, turned fibres.
+ * The step is the guaranteed one, bounded over what is averaged. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,7 +57,7 @@ static void sliver(bool quick, double aspect, outcome *o) {
 static void fibred(bool quick, double shear, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
     app_bench_def def = bench_default();
-    def.fibre = oblique, def.volume_shear = shear;
+    def.fibre = oblique, def.smoothed_shear_share = shear;
     if (tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &def.material[0], NULL) != TM_OK) abort();
     swing(&def, quick, o);
 }

@@ -113,8 +113,8 @@ int main(int argc, char **argv) {
                                             {"json", required_argument, NULL, 'j'}, {"list", no_argument, NULL, 'l'},
                                             {"help", no_argument, NULL, 'h'},       {"quiet", no_argument, NULL, 1000},
                                             {"version", no_argument, NULL, 'v'},    {0}};
-    enum { MOST = 64 };
-    char *wanted[MOST];
+    enum { MAX_COUNT = 64 };
+    char *wanted[MAX_COUNT];
     const char *json = NULL;
     int count = 0;
     bool quick = false;
@@ -123,7 +123,7 @@ int main(int argc, char **argv) {
     for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) switch (c) {
         case 'c':
             if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
-            if (count < MOST) wanted[count++] = optarg;
+            if (count < MAX_COUNT) wanted[count++] = optarg;
             break;
         case 'q': quick = true; break;
         case 'j': json = optarg; break;

@@ -81,7 +81,7 @@ typedef struct rig_def {
     app_bench_def bench; /* cuttable: with the stage that cuts */
     int tools;
     tm_instrument_def tool[RIG_TOOLS];
-    double skin_m_N;
+    double row_compliance_m_N;
     const tm_friction_def *friction; /* or null */
     bool jaws, energy;
 } rig_def;
@@ -97,7 +97,7 @@ void rig_frame(rig *r, double frame_s, int32_t window);
 void rig_lead(rig *r, const tm_tool_pose *from, const tm_tool_pose *to, int k, int frames);
 /* Of the stations of a tool: how far its worst is outside its cone, and whether one slips; adds up, where wanted, what
  * is borne along the surface and presses. */
-double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *pressed_N);
+double rig_over_cone(const rig *r, int tool, bool *slips, double *along_N, double *normal_force_N);
 
 void accurate(outcome *o, double figure, const char *format, ...) __attribute__((format(printf, 3, 4)));
 void stable(outcome *o, double figure, const char *format, ...) __attribute__((format(printf, 3, 4)));

@@ -13,10 +13,10 @@ extern "C" {
 #define TM_API __attribute__((visibility("default")))
 
 #define TM_VERSION_MAJOR 0
-#define TM_VERSION_MINOR 1
+#define TM_VERSION_MINOR 2
 #define TM_VERSION_PATCH 0
 
-/* "0.1.0" */
+/* "0.2.0" */
 TM_API const char *tm_version(void);
 
 /* What a set-up function came back with. A broken caller's contract (a null pointer, an unfilled

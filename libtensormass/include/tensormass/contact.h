@@ -34,11 +34,11 @@ typedef struct tm_contact_def {
     uint32_t cookie, size;
     int32_t instrument_count;
     const tm_instrument_def *instrument;
-    double
-        skin_compliance_m_N; /* of each station of the tool (one row alone has it all); 0.5e-3 by default: see docs */
-    int32_t sweeps;          /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
-    int32_t max_rows;        /* 256 in all; more are dropped, deepest kept, and flagged */
-    double force_cap_N;      /* per row; 50; flagged */
+    double contact_compliance_m_N; /* of each station of the tool (one row alone has it all); 0.5e-3 by default: see
+                                      docs */
+    int32_t sweeps;                /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
+    int32_t max_rows;              /* 256 in all; more are dropped, deepest kept, and flagged */
+    double force_cap_N;            /* per row; 50; flagged */
 } tm_contact_def;
 
 /* What of the triangle a row touches: its inside, local edge j (vertex j to j+1 mod 3), or local vertex j. */
@@ -48,12 +48,12 @@ enum { TM_FEATURE_FACE = 0, TM_FEATURE_EDGE = 1, TM_FEATURE_VERTEX = 4 }; /* EDG
  * radius apart, station 0 the tip; each is a sphere of the tool's radius and has one skin, shared among its rows
  * (docs/contact.md). */
 typedef struct tm_contact_row {
-    int32_t face; /* lasting name of the triangle; of an edge or a vertex the lowest among the candidates */
+    int32_t face; /* persistent id of the triangle; of an edge or a vertex the lowest among the candidates */
     int32_t vertex[3];
     int32_t instrument;
     int32_t station;   /* along the axis, 0 the tip */
     int32_t feature;   /* TM_FEATURE_... */
-    double share;      /* (0,1] of its station's skin: the row's own compliance is skin_compliance_m_N / share */
+    double share;      /* (0,1] of its station's skin: the row's own compliance is contact_compliance_m_N / share */
     double weight[3];  /* barycentric, sum 1 */
     double normal[3];  /* unit, from tool to tissue: the reaction on the tissue is +lambda*normal */
     double point_m[3]; /* the station: on the tool's axis */
@@ -69,11 +69,11 @@ typedef enum tm_reaction_flag {
     TM_REACTION_CAPPED = 1,      /* a row reached the force cap */
     TM_REACTION_OVERFLOWED = 2,  /* there were more rows or triangles than there is room for: the deepest were kept */
     TM_REACTION_UNCONVERGED = 4, /* the on-line solution stopped before its tolerance */
-    TM_REACTION_HELD_OVER = 8,   /* the reaction of before, given again */
+    TM_REACTION_REPEATED = 8,    /* the reaction of before, given again */
     TM_REACTION_UNSTABLE = 16,   /* no reaction: the step that was to give it failed */
     TM_REACTION_TOO_FAST = 32,   /* it moved more than TM_TOO_FAST radii in a substep: it may have missed tissue */
     TM_REACTION_INSIDE = 64,     /* it appeared inside the tissue and touches nothing until it has left it */
-    TM_REACTION_LETTING_GO = 128 /* its jaws open: the force falls although nothing moves */
+    TM_REACTION_RELEASING = 128  /* its jaws open: the force falls although nothing moves */
 } tm_reaction_flag;
 
 /* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
@@ -95,9 +95,9 @@ TM_API tm_contact_def tm_contact_def_default(void);
 TM_API tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error);
 
 /* The path of one instrument over the coming `substeps`: from where it is to `to`, joint-linear about the trocar. */
-TM_API void tm_contact_move(tm_contact *contact, int32_t instrument, const tm_tool_pose *to, int32_t substeps);
+TM_API void tm_contact_set_target(tm_contact *contact, int32_t instrument, const tm_tool_pose *to, int32_t substeps);
 /* Puts it there at once (a teleport: no swept path). */
-TM_API void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pose *at);
+TM_API void tm_contact_set_pose(tm_contact *contact, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument);
 
 /* Begin a frame of `substeps`, the last `average` of which are averaged. */
@@ -117,7 +117,7 @@ typedef struct tm_contact_block {
 /* The block whose rows contact has from now on; null: the stage's own, of the tissue's surface. */
 TM_API void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block);
 /* All vertices that bear the row are between the jaws of its tool: it is no obstacle to it. */
-TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row);
+TM_API bool tm_contact_is_grasped(const tm_contact *contact, const tm_contact_row *row);
 
 /* --- geometry alone: shared with the precomputed model and the patch --- */
 
@@ -154,25 +154,26 @@ TM_API int32_t tm_contact_search_vertices(const tm_contact_search *search, const
 TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *rest_m, const double *u_m,
                                       const tm_capsule *capsule, double margin_m, const tm_contact_row *before,
                                       int32_t before_count, tm_contact_row *row, int32_t max_rows, bool *overflowed);
-/* What it has gathered, for snapshots: lasting names of the triangles (at most 1024, ascending), and how long edges are
- * there. _take gathers these very ones from the surface: false, with nothing gathered, when one is not in it. */
+/* What it has gathered, for snapshots: persistent ids of the triangles (at most 1024, ascending), and how long edges
+ * are there. _take gathers these very ones from the surface: false, with nothing gathered, when one is not in it. */
 TM_API int32_t tm_contact_search_faces(const tm_contact_search *search, const int32_t **face, double *edge_m);
-TM_API bool tm_contact_search_take(tm_contact_search *search, const double *rest_m, const tm_surface_view *surface,
-                                   const int32_t *face, int32_t count, double edge_m);
+TM_API bool tm_contact_search_restore(tm_contact_search *search, const double *rest_m, const tm_surface_view *surface,
+                                      const int32_t *face, int32_t count, double edge_m);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to 0.3 radii and a
- * twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is
- * the penetration under lambda, tm_skin_slope its derivative, tm_skin_reaction the lambda in [0, cap] that solves gap +
- * diagonal*lambda + depth(lambda) = 0. */
-TM_API double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N);
-TM_API double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N);
-TM_API double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N);
+ * twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface.
+ * tm_contact_compliance_depth is the penetration under lambda, tm_contact_compliance_slope its derivative,
+ * tm_contact_compliance_reaction the lambda in [0, cap] that solves gap + diagonal*lambda + depth(lambda) = 0. */
+TM_API double tm_contact_compliance_depth(double compliance_m_N, double radius_m, double lambda_N);
+TM_API double tm_contact_compliance_slope(double compliance_m_N, double radius_m, double lambda_N);
+TM_API double tm_contact_compliance_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N,
+                                             double cap_N);
 
 /* Between tool and tissue is a film: its drag is 0.3 s/m * lambda * (speed of the tissue against the tool),
  * whatever the direction; 0.3 % of the reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of
  * any energy, and without a film a tool that is two edges deep in lightly damped tissue can make it flutter at 100 to
- * 250 Hz. (The law's numbers stand in law/, which the controller's core is made of too.) */
+ * 250 Hz. (The law's numbers stand in contact_law/, which the controller's core is made of too.) */
 
 /* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
 TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3],

@@ -19,13 +19,13 @@ typedef struct tm_cut_def {
                            once */
 } tm_cut_def;
 TM_API tm_cut_def tm_cut_def_default(void);
-/* Adds the "cut" stage: active cautery instruments of `contact` remove what they touch. Loose pieces are looked for a
- * little each step, so they are noticed some frames after the cut. Refuses (TM_ERR_ARGUMENT) a tissue that is not
+/* Adds the "cut" stage: active cautery instruments of `contact` remove what they touch. Detached fragments are looked
+ * for a little each step, so they are noticed some frames after the cut. Refuses (TM_ERR_ARGUMENT) a tissue that is not
  * cuttable, a rate not above 0, a fade below 0; TM_ERR_EXCLUDED: a fade where a hybrid model solves contact. */
 TM_API tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error);
 /* What the "cut" stage has removed since the last call, oldest first, at most `max`; the rest waits. `instrument` (may
- * be null): who cut, mending included, or -1 for a loose piece. Returns how many. */
-TM_API int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max);
+ * be null): who cut, repairing included, or -1 for a detached fragment. Returns how many. */
+TM_API int32_t tm_cut_fetch_removed(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max);
 
 #ifdef __cplusplus
 }

@@ -23,8 +23,9 @@ typedef struct tm_energy {
     double grasp_J[TM_MAX_INSTRUMENTS];   /* by the springs of its jaws */
     double support_J;                     /* by supports; at rest they do none */
     double gravity_J;
-    double load_J;  /* by all other stages that add to force_N; what viscosity gave (taken: negative) */
-    double moved_J; /* by what is no motion: a new step, a settled or restored or overwritten state; else rounding */
+    double load_J;         /* by all other stages that add to force_N; what viscosity gave (taken: negative) */
+    double state_change_J; /* by what is no motion: a new step, a settled or restored or overwritten state; else
+                              rounding */
     /* taken from it */
     double damping_J;  /* never negative; of a hybrid what its condensed part, which has no waves, does not give back */
     double cut_J;      /* what removed tetrahedra held, moving and strained */
@@ -32,14 +33,14 @@ typedef struct tm_energy {
                           energy, which the next takes back), unless a stage moves u_next_m that the account
                           does not know */
     /* between hand and tissue */
-    double hand_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */
-    double film_J;                     /* lost to the film between tool and tissue, never negative */
-    double friction_J;                 /* lost to slip against friction, never negative */
-    double sprung_J; /* held now in skins (pressed, and stretched by friction) and in the springs of jaws */
+    double tool_work_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */
+    double drag_J;                          /* lost to the film between tool and tissue, never negative */
+    double friction_J;                      /* lost to slip against friction, never negative */
+    double contact_stored_J; /* held now in skins (pressed, and stretched by friction) and in the springs of jaws */
     /* contact + grasp + film + friction + sprung - hand: above zero contact made energy out of nothing, below it lost
      * some (springs are solved implicitly, what the jaws let go slips). A tool placed into tissue pushes it out: that
      * is above. */
-    double made_J;
+    double generated_J;
 } tm_energy;
 
 /* Adds the stage "energy". What other stages the world has, and gets later, it finds by itself. */

@@ -10,11 +10,11 @@ extern "C" {
 #endif
 
 /* No instrument on tissue, wet or dry, comes near this; more is refused, here and by a controller. */
-#define TM_FRICTION_MOST 2.0
+#define TM_FRICTION_MAX 2.0
 
 typedef struct tm_friction_coefficient {
-    double at_rest; /* static: of what has stuck for 0.1 s; 0 to TM_FRICTION_MOST */
-    double sliding; /* of what has slid 0.2 mm; 0 to at_rest */
+    double mu_static;  /* static: of what has stuck for 0.1 s; 0 to TM_FRICTION_MAX */
+    double mu_kinetic; /* of what has slid 0.2 mm; 0 to at_rest */
 } tm_friction_coefficient;
 
 typedef struct tm_friction_def {
@@ -23,15 +23,16 @@ typedef struct tm_friction_def {
 } tm_friction_def;
 
 /* What friction does at one station of a tool's axis (tm_contact_row.station). */
-typedef struct tm_friction_grip {
+typedef struct tm_friction_station {
     int32_t station;
-    bool slips;         /* in the last step; false: it sticks */
-    double force_N[3];  /* on the tissue, across `normal` */
-    double normal[3];   /* unit, from tool to tissue: of all rows of the station */
-    double pressed_N;   /* what they press with along it: |force_N| <= coefficient * pressed_N, equal where it slips */
-    double coefficient; /* that held in the last step: by what `rest` was before it */
-    double rest;        /* 1 has rested: the static coefficient holds; 0 has slid: the sliding one; evenly between */
-} tm_friction_grip;
+    bool slips;            /* in the last step; false: it sticks */
+    double force_N[3];     /* on the tissue, across `normal` */
+    double normal[3];      /* unit, from tool to tissue: of all rows of the station */
+    double normal_force_N; /* what they press with along it: |force_N| <= coefficient * normal_force_N, equal where it
+                              slips */
+    double coefficient;    /* that held in the last step: by what `rest` was before it */
+    double stick_state;    /* 1 has rested: the static coefficient holds; 0 has slid: the sliding one; evenly between */
+} tm_friction_station;
 
 typedef struct tm_friction tm_friction;
 
@@ -41,7 +42,8 @@ TM_API tm_friction_def tm_friction_def_default(void);
 TM_API tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_friction_def *def,
                                    tm_friction **friction, tm_error *error);
 /* Stations that touched in the last step, ascending; at most `most` of them. Returns how many there are. */
-TM_API int32_t tm_friction_grips(const tm_friction *friction, int32_t instrument, tm_friction_grip *grip, int32_t most);
+TM_API int32_t tm_friction_stations(const tm_friction *friction, int32_t instrument, tm_friction_station *station,
+                                    int32_t most);
 
 #ifdef __cplusplus
 }

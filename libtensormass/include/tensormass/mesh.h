@@ -13,8 +13,8 @@ extern "C" {
 
 /* Whether a mesh keeps the numbers that its vertices are given with. */
 typedef enum tm_numbering {
-    TM_NUMBERING_AS_GIVEN = 0,
-    TM_NUMBERING_WHERE_POOR = 1 /* not where they make steps slow (tm_numbering_figures.poor) */
+    TM_NUMBERING_ORIGINAL = 0,
+    TM_NUMBERING_IMPROVED = 1 /* not where they make steps slow (tm_numbering_stats.should_renumber) */
 } tm_numbering;
 
 typedef struct tm_mesh_def {
@@ -25,7 +25,7 @@ typedef struct tm_mesh_def {
     const int32_t *tet;    /* [4*tet_count] vertex indices, positive orientation: (p1-p0)x(p2-p0).(p3-p0) > 0 */
     const int32_t *region; /* [tet_count] region of each tetrahedron, 0 to TM_MAX_REGIONS - 1, or null: all 0 */
     /* Where this renumbers, every array of the mesh, and of all that is made on it, is in the mesh's own numbering of
-     * vertices, and given_vertex leads back. Tetrahedra, their corners, edges' orders within them and faces keep
+     * vertices, and original_vertex leads back. Tetrahedra, their corners, edges' orders within them and faces keep
      * theirs.
      */
     tm_numbering renumber;
@@ -52,7 +52,8 @@ typedef struct tm_mesh {
     double *shape_1_m;          /* [12*tet_count] shape vectors alpha_k = grad lambda_k, 1/m */
     double *volume_m3;          /* [tet_count] > 0 */
     int64_t bytes;
-    int32_t *given_vertex; /* [vertex_count] the def's number of each vertex; null: as given, nothing was renumbered */
+    int32_t
+        *original_vertex; /* [vertex_count] the def's number of each vertex; null: as given, nothing was renumbered */
 } tm_mesh;
 
 TM_API tm_mesh_def tm_mesh_def_default(void);
@@ -69,11 +70,11 @@ TM_API void tm_mesh_destroy(tm_mesh *mesh);
  * edges cross the border between two threads (docs/performance.md, "Numbering"). */
 
 /* The given number of the mesh's vertex: itself where numbering is as given. */
-TM_API int32_t tm_mesh_given(const tm_mesh *mesh, int32_t vertex);
+TM_API int32_t tm_mesh_original_vertex(const tm_mesh *mesh, int32_t vertex);
 /* Values of vertices, [components*vertex_count] of `components` each, from the mesh's numbering into the given one, and
  * back; copied where these are the same. `from` and `to` are different arrays. */
-TM_API void tm_mesh_to_given(const tm_mesh *mesh, int32_t components, const double *from, double *to);
-TM_API void tm_mesh_from_given(const tm_mesh *mesh, int32_t components, const double *from, double *to);
+TM_API void tm_mesh_to_original(const tm_mesh *mesh, int32_t components, const double *from, double *to);
+TM_API void tm_mesh_from_original(const tm_mesh *mesh, int32_t components, const double *from, double *to);
 
 /* The order of Cuthill and McKee (1969), reversed. It follows from places and edges alone, not from the numbers that
  * were there, as long as no two vertices lie in one place. `was` [vertex_count]: the mesh's number of each new vertex.
@@ -83,12 +84,12 @@ TM_API bool tm_mesh_numbering(const tm_mesh *mesh, int32_t *was);
  * number of each. False: no memory. */
 TM_API bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *was_tet);
 
-typedef struct tm_numbering_figures {
+typedef struct tm_numbering_stats {
     double distance, renumbered; /* mean of |k - l| over the edges (k,l): as given, and in tm_mesh_numbering's order */
-    bool poor; /* renumbering is worth it: 200 vertices and more, and more than three times as far apart */
-} tm_numbering_figures;
+    bool should_renumber; /* renumbering is worth it: 200 vertices and more, and more than three times as far apart */
+} tm_numbering_stats;
 /* False: no memory. */
-TM_API bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_figures *out);
+TM_API bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_stats *out);
 
 /* Local vertices of the face opposite local vertex i, ordered so that the normal points outward. */
 extern TM_API const int8_t tm_face_vertex[4][3];

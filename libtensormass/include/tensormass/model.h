@@ -37,18 +37,18 @@ typedef struct tm_model_def {
     double step_limit_s;    /* of what hangs on the tissue and is not in it; 0: nothing does */
     int32_t step_limit_tet; /* that sets it */
     int32_t threads;        /* as tm_world_def, with the two that follow; quasi-static models have none */
-    tm_run_parts *run_parts;
-    void *run_parts_user;
-    const char **blame; /* may be null; set on failure: the name of the member above that is at fault */
+    tm_parallel_for *parallel_for;
+    void *parallel_for_user;
+    const char **invalid_member; /* may be null; set on failure: the name of the member above that is at fault */
 } tm_model_def;
 
 /* Lengths of time, fixed when the model is made. */
-typedef struct tm_pace {
+typedef struct tm_timing {
     double frame_s, dt_s;      /* a frame is a whole number of equal substeps; quasi-static: dt_s = frame_s */
     int32_t substeps, average; /* of a frame; the last of them that reactions are means of; quasi-static: 1 */
     double critical_s;         /* guaranteed critical step */
     int32_t critical_tet;      /* tetrahedron that sets it */
-} tm_pace;
+} tm_timing;
 
 /* What a model is made of; `model` is its own. A null function is done by tm_model.inner, and without that as follows:
  * step, end and start do nothing, surface is the tissue's. None allocates but settle, save and restore
@@ -61,7 +61,7 @@ typedef struct tm_model_kind {
     void (*begin)(tm_model *model, const tm_tool_pose *to, int32_t substeps);
     tm_status (*step)(tm_model *model, int32_t substeps);
     void (*end)(tm_model *model);
-    void (*place)(tm_model *model, int32_t instrument, const tm_tool_pose *at);
+    void (*set_pose)(tm_model *model, int32_t instrument, const tm_tool_pose *at);
     tm_tool_reaction (*reaction)(const tm_model *model, int32_t instrument);
     tm_surface_view (*surface)(tm_model *model);
     const double *(*displacement)(tm_model *model);
@@ -77,13 +77,13 @@ typedef struct tm_model_kind {
     tm_status (*start)(tm_model *model, tm_error *error);
     int32_t (*stages)(const tm_model *model, tm_stage_report report[TM_MAX_STAGES]);
     void (*set_timing)(tm_model *model, bool on);
-    int64_t (*snapshot_bytes_most)(const tm_model *model);
+    int64_t (*snapshot_bytes_max)(const tm_model *model);
 } tm_model_kind;
 
 /* What every model has; its own follows in memory. Read-only for all but the model itself. */
 struct tm_model {
     const tm_model_kind *kind;
-    tm_pace pace;
+    tm_timing timing;
     tm_tissue *tissue;   /* that of the world where there is one: it alone may be cut */
     tm_world *world;     /* for stages of your own; null: quasi-static, there is nothing to step */
     tm_contact *contact; /* of that world; null: none */
@@ -113,7 +113,7 @@ TM_API void tm_model_begin(tm_model *model, const tm_tool_pose *to, int32_t subs
 TM_API tm_status tm_model_step(tm_model *model, int32_t substeps);
 TM_API void tm_model_end(tm_model *model);
 /* Puts an instrument there at once: no path is swept. */
-TM_API void tm_model_place(tm_model *model, int32_t instrument, const tm_tool_pose *at);
+TM_API void tm_model_set_pose(tm_model *model, int32_t instrument, const tm_tool_pose *at);
 
 /* Of the last frame. stiffness_kind is 0 until tm_model_patch was called for the instrument. */
 TM_API tm_tool_reaction tm_model_reaction(const tm_model *model, int32_t instrument);
@@ -132,7 +132,7 @@ TM_API uint64_t tm_model_hash(tm_model *model);
  * (tensormass/patch.h); precomputed and hybrid know theirs. TM_ERR_ARGUMENT: no contact. */
 TM_API tm_status tm_model_allow_patches(tm_model *model, const tm_patch_def *def, tm_error *error);
 /* After a frame: the instrument's stiffness, from now on in its reaction, and the patch (null: not wanted). False:
- * there is no patch (tm_patch_make says when), or none were allowed. No allocation. */
+ * there is no patch (tm_patch_compute says when), or none were allowed. No allocation. */
 TM_API bool tm_model_patch(tm_model *model, int32_t instrument, tm_patch *patch);
 
 /* Rest under supports and loads: u_m and reaction_N (of the supports on the tissue), both [3*vertex_count]. Dynamic:
@@ -142,11 +142,11 @@ TM_API tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, doub
                                  tm_settle_result *result, tm_error *error);
 
 /* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). The size changes
- * with contact, grasps and cuts: ask tm_model_snapshot_bytes before each save, or allocate tm_model_snapshot_bytes_most
+ * with contact, grasps and cuts: ask tm_model_snapshot_bytes before each save, or allocate tm_model_snapshot_bytes_max
  * once, after the last stage was added: no later snapshot is larger. What is damaged or of another definition is
  * refused, and changes nothing. `buffer` is aligned to 8 bytes. */
 TM_API int64_t tm_model_snapshot_bytes(const tm_model *model);
-TM_API int64_t tm_model_snapshot_bytes_most(const tm_model *model);
+TM_API int64_t tm_model_snapshot_bytes_max(const tm_model *model);
 TM_API tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error);
 TM_API tm_status tm_model_restore(tm_model *model, const void *buffer, int64_t bytes, tm_error *error);
 

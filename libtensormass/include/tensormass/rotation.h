@@ -27,9 +27,9 @@ typedef struct tm_rotation tm_rotation;
 TM_API tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error);
 
 typedef struct tm_rotation_report {
-    int32_t packs;     /* of TM_ROTATION_LANES tetrahedra each: what is computed at a time */
-    int32_t looked_at; /* at the last step: packs whose gradients were computed */
-    int32_t active;    /* of these, packs with a tetrahedron beyond the threshold */
+    int32_t batches; /* of TM_ROTATION_LANES tetrahedra each: what is computed at a time */
+    int32_t checked; /* at the last step: packs whose gradients were computed */
+    int32_t active;  /* of these, packs with a tetrahedron beyond the threshold */
 } tm_rotation_report;
 #define TM_ROTATION_LANES 8
 TM_API tm_rotation_report tm_rotation_last(const tm_rotation *rotation);
@@ -44,8 +44,8 @@ TM_API double tm_tissue_rotation(const tm_tissue *tissue);
 /* Replaces the tensors of a tissue that nothing steps by those of its law where it has turned: of each tetrahedron
  * R K R^T, R its rotation at u_m [3*vertex_count] m. That is the tangent of the law without what stress adds to it, and
  * so positive semidefinite at every u; exact where strains are small. `threshold`: as tm_tissue_def.rotation.
- * TM_DOUBLE; with averaged shear (volume_shear above 0): TM_ERR_ARGUMENT. Takes memory while it runs. */
-TM_API tm_status tm_tissue_turn(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error);
+ * TM_DOUBLE; with averaged shear (smoothed_shear_share above 0): TM_ERR_ARGUMENT. Takes memory while it runs. */
+TM_API tm_status tm_tissue_corotate(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error);
 
 #ifdef __cplusplus
 }

@@ -10,9 +10,9 @@
 extern "C" {
 #endif
 
-/* Of the stored edge tensors only. TM_SINGLE is for tissue that is held (tm_world_check_held): rounded tensors do not
- * quite let a body turn as a whole, and undamped a free one is driven by that, e-fold in ten to a hundred thousand
- * steps. */
+/* Of the stored edge tensors only. TM_SINGLE is for tissue that is held (tm_world_check_constrained): rounded tensors
+ * do not quite let a body turn as a whole, and undamped a free one is driven by that, e-fold in ten to a hundred
+ * thousand steps. */
 typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision;
 
 /* Which form of the force loop runs. All SIMD forms agree with TM_FORCE_PLAIN to rounding; only the plain form's
@@ -34,13 +34,15 @@ typedef struct tm_tissue_def {
     const uint8_t
         *alive; /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
     /* Far less locking towards Poisson's ratio 0.5, and a better element altogether (docs/strain-smoothing.md): the
-     * change of volume is averaged over the tetrahedra around each vertex, and `volume_shear` of the shear, from 0 to
-     * 1, over those around each edge. Four times the blocks, a longer step. Double only; not under a hybrid. */
-    bool volume;
-    double volume_shear;      /* [0.4] more bends better (nu 0.49, 4 cells across: 14 % too little, at 1 6 %), less is
-                                 exacter where tissue is pressed on fine meshes (10,368 tetrahedra: 6.2 % off, at 1
-                                 9.4 %); with rotation 0, and nothing else */
-    const uint8_t *elsewhere; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
+     * change of volume is averaged over the tetrahedra around each vertex, and `smoothed_shear_share` of the shear,
+     * from 0 to 1, over those around each edge. Four times the blocks, a longer step. Double only; not under a hybrid.
+     */
+    bool strain_smoothing;
+    double
+        smoothed_shear_share; /* [0.4] more bends better (nu 0.49, 4 cells across: 14 % too little, at 1 6 %), less is
+                         exacter where tissue is pressed on fine meshes (10,368 tetrahedra: 6.2 % off, at 1
+                         9.4 %); with rotation 0, and nothing else */
+    const uint8_t *condensed; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
                                  cutting keeps the surface of both together a manifold, and never removes it; copied;
                                  null: none */
     double rotation;          /* 0; > 0: the stage "rotation" will turn its tetrahedra beyond this threshold
@@ -62,7 +64,7 @@ TM_API void tm_tissue_destroy(tm_tissue *tissue);
 TM_API const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue);
 TM_API const double *tm_tissue_mass_kg(const tm_tissue *tissue); /* [vertex_count], 0: in no living tetrahedron */
 /* The same without what mass scaling has added: what gravity pulls. */
-TM_API const double *tm_tissue_own_mass_kg(const tm_tissue *tissue);
+TM_API const double *tm_tissue_physical_mass_kg(const tm_tissue *tissue);
 TM_API const double *
 tm_tissue_damping_kg_s(const tm_tissue *tissue);                /* [vertex_count] gamma = sum of d * lumped mass */
 TM_API const uint8_t *tm_tissue_alive(const tm_tissue *tissue); /* [tet_count] */
@@ -86,9 +88,10 @@ typedef struct tm_pair_view {
 TM_API tm_pair_view tm_tissue_pairs(const tm_tissue *tissue);
 TM_API void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double K[9]); /* K_kl */
 /* The share of the shear that is averaged over edges; below 0: tissue without `volume`. */
-TM_API double tm_tissue_volume_shear(const tm_tissue *tissue);
+TM_API double tm_tissue_smoothed_shear_share(const tm_tissue *tissue);
 
-/* The living surface. Slots are unordered after cuts; `face` (4*tet + local vertex) is each triangle's lasting name. */
+/* The living surface. Slots are unordered after cuts; `face` (4*tet + local vertex) is each triangle's persistent id.
+ */
 typedef struct tm_surface_view {
     int32_t count;
     const int32_t *triangle; /* [3*count] vertices, normal outward */
@@ -114,8 +117,8 @@ TM_API double tm_tissue_energy(const tm_tissue *tissue, const double *u_m);
 
 /* How far living tetrahedra are deformed, F = 1 + grad u. */
 typedef struct tm_deformation {
-    double least_det;        /* the smallest det F; 0 and below: turned inside out */
-    int32_t least_det_tet;   /* -1: none is alive */
+    double min_det;          /* the smallest det F; 0 and below: turned inside out */
+    int32_t min_det_tet;     /* -1: none is alive */
     int32_t inverted;        /* tetrahedra with det F <= 0 */
     double nonlinear_strain; /* the largest |grad u^T grad u| / 2: the strain that the linear law leaves out */
     int32_t nonlinear_tet;
@@ -127,8 +130,8 @@ typedef struct tm_deformation {
 TM_API tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m);
 /* What is doubtful about it, and what to do, as a sentence: tetrahedra inside out, or, of tissue without `rotation`,
  * more than 1 % of the volume above TM_LINEAR_STRAIN_MAX. False, and an empty sentence: nothing is. */
-TM_API bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation,
-                             char sentence[TM_ERROR_MESSAGE_MAX]);
+TM_API bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *deformation,
+                                        char sentence[TM_ERROR_MESSAGE_MAX]);
 
 /* Guaranteed to be stable, s: 2/sqrt of a bound of the largest eigenvalue of M^-1 K, from single tetrahedra. `*tet`
  * names the one that sets it. Valid with any damping >= 0 of central differences (which do not lower it) and any
@@ -143,18 +146,18 @@ TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);
 /* Sharp: 2/omega_max of the assembled system by power iteration, run until the residual bound is below `tolerance`
  * (relative). `fixed` [3*vertex_count] marks constrained components, or null. Reported only; comes from the unsafe
  * side. Allocates. */
-TM_API tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
-                                        int32_t max_iterations, double *step_s, tm_error *error);
+TM_API tm_status tm_critical_step_estimate(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
+                                           int32_t max_iterations, double *step_s, tm_error *error);
 
 /* --- mass scaling --- */
 
 /* Of the living tissue, as it is now. */
 typedef struct tm_mass_scaling {
     double step_s; /* guaranteed by it; 0: no mass scaling */
-    double own_kg, added_kg;
-    int32_t vertices;    /* that were made heavier */
-    int32_t most_vertex; /* by the largest factor; -1: none */
-    double most_factor;  /* of its own mass */
+    double physical_kg, added_kg;
+    int32_t vertices;          /* that were made heavier */
+    int32_t max_factor_vertex; /* by the largest factor; -1: none */
+    double max_factor;         /* of its own mass */
 } tm_mass_scaling;
 /* False: the tissue was not made with `scaled_step_s`. */
 TM_API bool tm_tissue_mass_scaling(const tm_tissue *tissue, tm_mass_scaling *out);

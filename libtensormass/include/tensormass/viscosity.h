@@ -18,8 +18,8 @@ extern "C" {
 #define TM_VISCOSITY_SHARES_MAX 0.9999 /* of each sum of shares: something must be left to rest on */
 
 typedef struct tm_viscosity_term {
-    double time_s;        /* of relaxation at constant strain */
-    double shear, volume; /* shares of the sudden moduli that relax with it, 0 to 1 */
+    double time_s;      /* of relaxation at constant strain */
+    double shear, bulk; /* shares of the sudden moduli that relax with it, 0 to 1 */
 } tm_viscosity_term;
 
 typedef struct tm_viscosity_def {

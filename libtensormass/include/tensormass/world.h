@@ -27,7 +27,7 @@ typedef enum tm_phase {
     TM_PHASE_INTEGRATE = 3, /* writes u_next_m */
     TM_PHASE_CONSTRAIN = 4, /* supports, contact: correct u_next_m */
     TM_PHASE_END = 5,       /* measurements */
-    TM_PHASE_BETWEEN = 6    /* not in the step: a stage without `run` that works when the application calls it */
+    TM_PHASE_ON_DEMAND = 6  /* not in the step: a stage without `run` that works when the application calls it */
 } tm_phase;
 
 typedef struct tm_world tm_world;
@@ -36,7 +36,7 @@ typedef struct tm_world tm_world;
 
 /* Vertices [begin, end) of a part of the tissue: whose parts run at once, each in its own thread. */
 typedef struct tm_range {
-    int32_t part, begin, end;
+    int32_t partition, begin, end;
 } tm_range;
 /* What a stage does to a range. One that is `divided` writes force_N and u_next_m of these vertices alone, and what is
  * its own of them; it reads u_m and u_prev_m of any. */
@@ -52,7 +52,7 @@ typedef struct tm_overlap {
 } tm_overlap;
 
 /* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail; it is
- * null in TM_PHASE_BETWEEN and where there is a `range`. New fields come at the end: what a caller's struct does not
+ * null in TM_PHASE_ON_DEMAND and where there is a `range`. New fields come at the end: what a caller's struct does not
  * have is null.
  */
 typedef struct tm_stage {
@@ -70,26 +70,28 @@ typedef struct tm_stage {
      * stage and, if `apply`, takes it. */
     int64_t (*snapshot)(void *self, void *buffer);
     bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
-    /* A step is all or nothing. `keep` is called when tm_world_step begins and puts aside, in memory of the stage's
-     * own, what `run` may change; `give_back` is called when the step failed: it puts that back, to the last bit. Both
-     * null: `run` changes nothing that lasts. No allocation. When give_back is called, u, tissue and
-     * masses are as before, step_changed was called if anything had been cut, and the stages that run before this one
-     * have given back. */
-    void (*keep)(void *self);
-    void (*give_back)(void *self, tm_world *world);
-    const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
+    /* A step is all or nothing. `checkpoint` is called when tm_world_step begins and puts aside, in memory of the
+     * stage's own, what `run` may change; `rollback` is called when the step failed: it puts that back, to the last
+     * bit. Both null: `run` changes nothing that lasts. No allocation. When rollback is called, u, tissue and masses
+     * are as before, step_changed was called if anything had been cut, and the stages that run before this one have
+     * given back. */
+    void (*checkpoint)(void *self);
+    void (*rollback)(void *self, tm_world *world);
+    const char
+        *needs[TM_MAX_NEEDS]; /* names of the stages it depends on: they cannot be removed under it; null: none */
     /* The world's step must not exceed it while the stage is there; 0: no limit. A stage that adds a force which grows
      * with displacement makes tissue stiffer, and must give one. With g the tissue's guaranteed step, m a vertex's mass
      * and k the stage's stiffness there (a spring's constant; of several, or between vertices, the sum of absolute
      * entries of the vertex' row): the least over vertices of 1 / sqrt(1/g^2 + k/(4 m)). */
     double step_limit_s;
-    const char *not_settled; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
-    const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
-    const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
-    bool passed_over_by_settle; /* tm_world_settle does not run it: it changes what is there, not where that rests */
+    const char *settle_refusal; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
+    const char
+        *substage_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
+    const char *runs_before; /* name of a stage of the same phase that it runs before; null: in order of addition */
+    bool skip_in_settle;     /* tm_world_settle does not run it: it changes what is there, not where that rests */
     /* Instead of `run`, where every vertex is computed by itself. */
     tm_stage_range *range;
-    int64_t snapshot_most; /* upper bound of what `snapshot` returns; 0: it returns the same number at all times */
+    int64_t snapshot_max; /* upper bound of what `snapshot` returns; 0: it returns the same number at all times */
     /* `range` may be divided among threads: divided stages that follow each other run together, some hundred vertices
      * at a time, on all threads of the world, and beside work that overlaps. Else the caller's thread does it alone. */
     bool divided;
@@ -111,7 +113,7 @@ typedef struct tm_stage_report {
 
 /* An application with threads of its own: calls work(context, part) once for each part from 0 to parts-1, at once or
  * one after another, in any order and on any threads, and returns when all have returned. */
-typedef void tm_run_parts(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts);
+typedef void tm_parallel_for(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts);
 
 enum { TM_MAX_THREADS = 64 };
 
@@ -125,8 +127,8 @@ typedef struct tm_world_def {
      * The same bits for any number. Those that the library starts sleep but for calls of tm_world_step of four substeps
      * and more, in which they wait awake: ask for no more than there are cores. Up to TM_MAX_THREADS. */
     int32_t threads;
-    tm_run_parts *run_parts; /* null: the library starts threads of its own */
-    void *run_parts_user;
+    tm_parallel_for *parallel_for; /* null: the library starts threads of its own */
+    void *parallel_for_user;
 } tm_world_def;
 
 TM_API tm_world_def tm_world_def_default(void);
@@ -142,7 +144,7 @@ TM_API int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_
 TM_API void tm_world_set_timing(tm_world *world, bool on);
 /* Outside the step, when timing is on: time from here on is booked on the stage with this `self`, until the next call;
  * null: on none. For what a stage does when the application calls it. */
-TM_API void tm_world_work_of(tm_world *world, const void *self);
+TM_API void tm_world_profile_stage(tm_world *world, const void *self);
 
 TM_API tm_state *tm_world_state(tm_world *world);
 TM_API tm_tissue *tm_world_tissue(tm_world *world);
@@ -158,7 +160,7 @@ TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error
 
 /* In how many parts a step is computed, each by a thread: as many as tm_world_def.threads, but no more than one for
  * each 2,000 tetrahedra that were alive when the world was made. So below 4,000 it is 1. */
-TM_API int32_t tm_world_parts(const tm_world *world);
+TM_API int32_t tm_world_partitions(const tm_world *world);
 /* A step fails when a displacement passes this many times the diagonal of the mesh's bounds. */
 #define TM_DISPLACEMENT_MAX 1000.0
 /* That in m. */
@@ -166,8 +168,8 @@ TM_API double tm_world_largest_displacement_m(const tm_world *world);
 /* `count` substeps, all or none. No allocation, no lock, no log; with threads, it waits for them. When a displacement
  * stops being finite or exceeds tm_world_largest_displacement_m (looked at after every substep, over all vertices), or
  * a contact force is not finite, it stops at once and returns TM_ERR_UNSTABLE, and everything is as it was before the
- * call, to the last bit: u, u_prev, force, time, what was cut, and what stages keep (tm_stage.keep). That state is
- * bounded, but may itself be of a blow-up that earlier calls began: to go back farther, restore a snapshot. */
+ * call, to the last bit: u, u_prev, force, time, what was cut, and what stages keep (tm_stage.checkpoint). That state
+ * is bounded, but may itself be of a blow-up that earlier calls began: to go back farther, restore a snapshot. */
 TM_API tm_status tm_world_step(tm_world *world, int32_t count);
 
 /* --- stages of the library; each file stage_*.c of src/ is one --- */
@@ -202,7 +204,7 @@ TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 /* Tetrahedra that the last force found beyond a limit of their nonlinear law, where it goes on linearly
  * (tm_material_set_law). */
 TM_API int32_t tm_world_limited_tets(const tm_world *world);
-TM_API tm_status tm_world_check_held(const tm_world *world, tm_error *error);
+TM_API tm_status tm_world_check_constrained(const tm_world *world, tm_error *error);
 
 /* --- rest --- */
 
@@ -236,10 +238,10 @@ TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_s
  * or other stages too (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes.
  *
  * The size changes with contact, grasps and cuts: ask tm_snapshot_bytes before each save, or allocate
- * tm_snapshot_bytes_most once, after the last stage was added: no later snapshot of these stages is larger. A snapshot
+ * tm_snapshot_bytes_max once, after the last stage was added: no later snapshot of these stages is larger. A snapshot
  * is restored with its own size, that of the save, whatever the world's size is by then. */
 TM_API int64_t tm_snapshot_bytes(const tm_world *world);
-TM_API int64_t tm_snapshot_bytes_most(const tm_world *world);
+TM_API int64_t tm_snapshot_bytes_max(const tm_world *world);
 TM_API tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error);
 TM_API tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error);
 

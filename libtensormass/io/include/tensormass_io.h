@@ -58,7 +58,8 @@ TM_API bool tm_mesh_file_allocate(tm_mesh_file *file, int32_t group_vertex_count
 TM_API void tm_mesh_file_free(tm_mesh_file *file);
 /* tm_mesh_create with errors told in the file's own numbers. `*mesh` is untouched on failure. */
 TM_API tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error);
-/* The same with tm_mesh_def.renumber. The file's own arrays, groups too, stay in its numbering (tm_mesh_given). */
+/* The same with tm_mesh_def.renumber. The file's own arrays, groups too, stay in its numbering
+ * (tm_mesh_original_vertex). */
 TM_API tm_status tm_mesh_file_build_numbered(const tm_mesh_file *file, tm_numbering renumber, tm_mesh **mesh,
                                              tm_error *error);
 

@@ -21,7 +21,7 @@ class mesh_file {
     ~mesh_file() { tm_mesh_file_free(&file_); }
     const tm_mesh_file *operator->() const noexcept { return &file_; }
     const tm_mesh_file *get() const noexcept { return &file_; }
-    mesh build(tm_numbering renumber = TM_NUMBERING_AS_GIVEN) const {
+    mesh build(tm_numbering renumber = TM_NUMBERING_ORIGINAL) const {
         tm_mesh *made = nullptr;
         check([&](tm_error *e) { return tm_mesh_file_build_numbered(&file_, renumber, &made, e); });
         return mesh(made);

@@ -37,7 +37,7 @@ typedef struct tm_diagnostics {
     int32_t count, capacity;
     int32_t lost; /* that there was no memory for, or no place (TM_DIAGNOSTICS_MAX) */
     /* Called at once with each, also with those that are lost; its strings are valid during the call. May be null. */
-    void (*told)(void *user, const tm_diagnostic *diagnostic);
+    void (*on_diagnostic)(void *user, const tm_diagnostic *diagnostic);
     void *user;
 } tm_diagnostics;
 
@@ -64,13 +64,13 @@ typedef struct tm_scene_def {
      * False stops it. May be null. */
     bool (*progress)(void *user, const char *what, double fraction, double seconds_left);
     /* Asked some ten times a second within tm_scene_step: true breaks the frame off. The call then returns TM_OK, and
-     * tm_scene_about.frames has not grown: restore a snapshot, or close the scene. May be null. */
+     * tm_scene_info.frames has not grown: restore a snapshot, or close the scene. May be null. */
     bool (*stop)(void *user);
     void *user;
 } tm_scene_def;
 TM_API tm_scene_def tm_scene_def_default(void);
 
-typedef struct tm_scene_about {
+typedef struct tm_scene_info {
     const char *title, *model; /* valid while the scene is there */
     int32_t vertex_count, tet_count, alive_count, instrument_count;
     int32_t substeps;     /* of a frame */
@@ -78,16 +78,16 @@ typedef struct tm_scene_about {
     double duration_s;    /* that the scene asks for */
     double time_s;        /* simulated */
     int64_t frames;
-} tm_scene_about;
+} tm_scene_info;
 
 /* Reads, checks and builds a scene. Vertices keep the numbers of the mesh file unless the scene itself, or `set`, says
- * tissue.renumber: then all below is in the mesh's (tm_mesh_given). TM_ERR_ARGUMENT: something in the scene is wrong;
- * TM_ERR_MEMORY; any other status of the libraries. On failure *scene is null. Precomputed and hybrid models, and exact
- * compliance for patches, open libtensormass_solve. */
+ * tissue.renumber: then all below is in the mesh's (tm_mesh_original_vertex). TM_ERR_ARGUMENT: something in the scene
+ * is wrong; TM_ERR_MEMORY; any other status of the libraries. On failure *scene is null. Precomputed and hybrid models,
+ * and exact compliance for patches, open libtensormass_solve. */
 TM_API tm_status tm_scene_open(const tm_scene_def *def, tm_scene **scene);
 TM_API void tm_scene_close(tm_scene *scene); /* null: nothing */
 
-TM_API tm_scene_about tm_scene_tell(const tm_scene *scene);
+TM_API tm_scene_info tm_scene_get_info(const tm_scene *scene);
 /* One frame: instruments go to `to` [instrument_count], or where the scene's hands want them (null). TM_ERR_UNSTABLE,
  * without a diagnostic: a displacement stopped being finite, and the frame has not happened. */
 TM_API tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to);

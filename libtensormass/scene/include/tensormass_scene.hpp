@@ -12,18 +12,18 @@ namespace tensormass {
 class scene_ref : public reference<tm_scene> {
   public:
     using reference::reference;
-    tm_scene_about about() const { return tm_scene_tell(p_); }
+    tm_scene_info about() const { return tm_scene_get_info(p_); }
     /* One frame: where the scene's hands go, or to poses of yours, one an instrument (fewer: TM_ERR_ARGUMENT). */
     [[nodiscard]] tm_status step() const { return tm_scene_step(p_, nullptr); }
     [[nodiscard]] tm_status step(span<const tm_tool_pose> to) const {
-        const bool enough = to.size() >= std::size_t(tm_scene_tell(p_).instrument_count);
+        const bool enough = to.size() >= std::size_t(tm_scene_get_info(p_).instrument_count);
         return enough ? tm_scene_step(p_, to.data()) : TM_ERR_ARGUMENT;
     }
     mesh_ref mesh() const { return tm_scene_mesh(p_); }
     tissue_ref tissue() const { return tm_scene_tissue(p_); }
     world_ref world() const { return tm_scene_world(p_); } /* empty: the precomputed model has none */
     span<const double> u_m() const {
-        return {tm_scene_displacement(p_), 3 * std::size_t(tm_scene_tell(p_).vertex_count)};
+        return {tm_scene_displacement(p_), 3 * std::size_t(tm_scene_get_info(p_).vertex_count)};
     }
     tm_surface_view surface() const { return tm_scene_surface(p_); }
     tm_tool_reaction reaction(std::int32_t instrument = 0) const { return tm_scene_reaction(p_, instrument); }

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/checked.h"
+#include "base/asan.h"
 #include "base/contract.h"
 
 #ifdef _WIN32
@@ -81,8 +81,8 @@ double tm_clock_s(void) {
     QueryPerformanceFrequency(&per_s);
     return (double)count.QuadPart / (double)per_s.QuadPart;
 }
-static void *aligned_take(size_t bytes) { return _aligned_malloc(bytes, 64); }
-static void aligned_give(void *memory) { _aligned_free(memory); }
+static void *alloc_aligned(size_t bytes) { return _aligned_malloc(bytes, 64); }
+static void free_aligned(void *memory) { _aligned_free(memory); }
 #else
 double tm_clock_s(void) {
     struct timespec t;
@@ -91,7 +91,7 @@ double tm_clock_s(void) {
 }
 /* Large arrays lie on large pages where the system has them: the force loop reads tens of megabytes in one go, and
  * finding its place anew every 4 kB cost up to a tenth of it. Refused, it is a wish that did no harm. */
-static void *aligned_take(size_t bytes) {
+static void *alloc_aligned(size_t bytes) {
 #ifdef MADV_HUGEPAGE
     enum { LARGE_PAGE = 2 << 20, WORTH = 2 * LARGE_PAGE };
     if (bytes < WORTH) return aligned_alloc(64, bytes);
@@ -103,19 +103,19 @@ static void *aligned_take(size_t bytes) {
     return aligned_alloc(64, bytes);
 #endif
 }
-static void aligned_give(void *memory) { free(memory); }
+static void free_aligned(void *memory) { free(memory); }
 #endif
 
 /* --- the hook and its accounts --- */
 
 static void *default_alloc(size_t bytes, void *user) {
     (void)user;
-    return aligned_take(bytes);
+    return alloc_aligned(bytes);
 }
 static void default_free(void *memory, size_t bytes, void *user) {
     (void)bytes;
     (void)user;
-    aligned_give(memory);
+    free_aligned(memory);
 }
 
 static tm_allocator hook = {default_alloc, default_free, NULL};
@@ -155,16 +155,16 @@ void tm_release(void *memory, size_t bytes) {
 
 /* --- pools --- */
 
-struct tm_block {
-    tm_block *next;
+struct tm_constraint_block {
+    tm_constraint_block *next;
     size_t bytes; /* header included */
 };
 enum { HEADER = 64 };
 
-void *tm_pool_take(tm_pool *pool, int64_t count, size_t size) {
+void *tm_pool_alloc(tm_pool *pool, int64_t count, size_t size) {
     if (pool->failed) return NULL;
     const size_t bytes = HEADER + rounded((size_t)count * size);
-    tm_block *block = count < 0 || (size_t)count > (SIZE_MAX / 4) / size ? NULL : tm_allocate(bytes);
+    tm_constraint_block *block = count < 0 || (size_t)count > (SIZE_MAX / 4) / size ? NULL : tm_allocate(bytes);
     if (!block) {
         pool->failed = true;
         return NULL;
@@ -182,10 +182,10 @@ void *tm_pool_take(tm_pool *pool, int64_t count, size_t size) {
 }
 
 void tm_pool_release(tm_pool *pool) {
-    tm_block *block = pool->first;
+    tm_constraint_block *block = pool->first;
     while (block) {
         TM_UNPOISON(block, HEADER);
-        tm_block *next = block->next;
+        tm_constraint_block *next = block->next;
         const size_t bytes = block->bytes;
         TM_UNPOISON(block, bytes);
         tm_release(block, bytes);

@@ -7,15 +7,15 @@
 
 /* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
  * so that builders take everything first and look once. Blocks are zeroed and aligned to 64 bytes. */
-typedef struct tm_block tm_block;
+typedef struct tm_constraint_block tm_constraint_block;
 typedef struct tm_pool {
-    tm_block *first;
+    tm_constraint_block *first;
     int64_t bytes;
     bool failed;
 } tm_pool;
-void *tm_pool_take(tm_pool *pool, int64_t count, size_t size);
+void *tm_pool_alloc(tm_pool *pool, int64_t count, size_t size);
 void tm_pool_release(tm_pool *pool);
-#define TM_TAKE(pool, type, count) ((type *)tm_pool_take((pool), (count), sizeof(type)))
+#define TM_ALLOC(pool, type, count) ((type *)tm_pool_alloc((pool), (count), sizeof(type)))
 
 tm_status tm_fail_memory(tm_error *error, const char *what);
 

@@ -1,5 +1,6 @@
-/* Stage "contact": moves the tools, as a step begins. Its parts: "contact find" finds the rows of all of them, "contact
- * constrain" makes them non-penetrating, together with what else is held, "contact sum" sums the reactions. */
+/* Stage "contact": moves the tools, as a step begins. Its parts: "contact detect" finds the rows of all of them,
+ * "contact solve" makes them non-penetrating, together with what else is held, "contact forces" sums the reactions.
+ */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -8,28 +9,28 @@
 tm_contact_def tm_contact_def_default(void) {
     return (tm_contact_def){.cookie = TM_COOKIE_CONTACT,
                             .size = sizeof(tm_contact_def),
-                            .skin_compliance_m_N = 0.5e-3,
+                            .contact_compliance_m_N = 0.5e-3,
                             .sweeps = 10,
                             .max_rows = 256,
                             .force_cap_N = 50};
 }
 
 static void refresh_supports(tm_contact *contact) {
-    contact->held_by = contact->world->support;
-    memset(contact->held, 0, 3 * (size_t)contact->world->tissue->mesh->vertex_count);
-    tm_support_mask(contact->world, contact->held);
+    contact->fixed_by = contact->world->support;
+    memset(contact->fixed, 0, 3 * (size_t)contact->world->tissue->mesh->vertex_count);
+    tm_support_mask(contact->world, contact->fixed);
 }
 
 /* --- the stage and its parts, in the order of the step --- */
 
 static void move(void *self, tm_world *world) {
     tm_contact *contact = self;
-    if (contact->held_by != world->support) refresh_supports(contact);
-    contact->unsound = false;
+    if (contact->fixed_by != world->support) refresh_supports(contact);
+    contact->unstable = false;
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
         tm_tool_advance(tool);
-        if (tm_capsule_travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
+        if (tm_capsule_travel(&tool->capsule, &tool->previous) > TM_TOO_FAST * tool->def.radius_m)
             tool->flags |= TM_REACTION_TOO_FAST;
     }
 }
@@ -64,9 +65,9 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
     if (def->instrument_count < 1 || def->instrument_count > TM_MAX_INSTRUMENTS)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give 1 to %d", def->instrument_count,
                        TM_MAX_INSTRUMENTS);
-    if (!(def->skin_compliance_m_N >= 0) || !isfinite(def->skin_compliance_m_N))
+    if (!(def->contact_compliance_m_N >= 0) || !isfinite(def->contact_compliance_m_N))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; give 0 or more",
-                       def->skin_compliance_m_N);
+                       def->contact_compliance_m_N);
     if (def->sweeps < 1 || def->max_rows < 1 || def->max_rows > TM_LOCAL_HITS || !(def->force_cap_N > 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "contact: %d sweeps, %d rows, force cap %g N; give at least one sweep, 1 to %d rows "
@@ -89,16 +90,16 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
     return TM_OK;
 }
 
-static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex_count) {
-    tm_contact *contact = TM_TAKE(pool, tm_contact, 1);
+static tm_contact *init(tm_pool *pool, const tm_contact_def *def, int32_t vertex_count) {
+    tm_contact *contact = TM_ALLOC(pool, tm_contact, 1);
     if (!contact) return NULL;
-    contact->row = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
-    contact->row_before = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
-    contact->solver = TM_TAKE(pool, tm_solver_row, def->max_rows);
-    contact->hits = TM_TAKE(pool, tm_hits, def->instrument_count);
-    contact->held = TM_TAKE(pool, uint8_t, 3 * (int64_t)vertex_count);
-    contact->kept = TM_TAKE(pool, char, tm_contact_snapshot_max(def));
-    for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);
+    contact->row = TM_ALLOC(pool, tm_contact_row, def->max_rows * def->instrument_count);
+    contact->previous_row = TM_ALLOC(pool, tm_contact_row, def->max_rows * def->instrument_count);
+    contact->solver = TM_ALLOC(pool, tm_solver_row, def->max_rows);
+    contact->hits = TM_ALLOC(pool, tm_hits, def->instrument_count);
+    contact->fixed = TM_ALLOC(pool, uint8_t, 3 * (int64_t)vertex_count);
+    contact->saved = TM_ALLOC(pool, char, tm_contact_snapshot_max(def));
+    for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_ALLOC(pool, tm_local_surface, 1);
     return contact;
 }
 
@@ -117,22 +118,22 @@ static tm_status add_stages(tm_world *world, tm_contact *contact, int64_t bytes,
          .step_changed = changed,
          .snapshot = tm_contact_snapshot,
          .restore = tm_contact_restore,
-         .keep = tm_contact_keep,
-         .give_back = tm_contact_give_back,
-         .snapshot_most = tm_contact_snapshot_max(&contact->def)},
-        {.name = TM_STAGE_CONTACT_FIND,
+         .checkpoint = tm_contact_checkpoint,
+         .rollback = tm_contact_rollback,
+         .snapshot_max = tm_contact_snapshot_max(&contact->def)},
+        {.name = TM_STAGE_CONTACT_DETECT,
          .phase = TM_PHASE_CONSTRAIN,
          .run = find,
          .overlap = &tm_contact_overlap,
-         .part_of = "contact"},
-        {.name = "contact constrain", .phase = TM_PHASE_CONSTRAIN, .run = constrain, .part_of = "contact"},
-        {.name = "contact sum", .phase = TM_PHASE_CONSTRAIN, .run = sum, .part_of = "contact"}};
+         .substage_of = "contact"},
+        {.name = "contact solve", .phase = TM_PHASE_CONSTRAIN, .run = constrain, .substage_of = "contact"},
+        {.name = "contact forces", .phase = TM_PHASE_CONSTRAIN, .run = sum, .substage_of = "contact"}};
     const tm_status status = tm_world_add_stages(world, stage, 4, contact, bytes, error);
     if (status) return status;
     world->notes_travel = true;
-    tm_world_set_few(world, TM_STAGE_CONTACT_FIND, &tm_changes_none);
-    tm_world_set_few(world, "contact constrain", &tm_contact_few);
-    tm_world_set_few(world, "contact sum", &tm_changes_none);
+    tm_world_set_few(world, TM_STAGE_CONTACT_DETECT, &tm_changes_none);
+    tm_world_set_few(world, "contact solve", &tm_contact_few);
+    tm_world_set_few(world, "contact forces", &tm_changes_none);
     return TM_OK;
 }
 
@@ -143,7 +144,7 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
     tm_status status = check(def, error);
     if (status) return status;
     tm_pool pool = {0};
-    tm_contact *self = take(&pool, def, world->tissue->mesh->vertex_count);
+    tm_contact *self = init(&pool, def, world->tissue->mesh->vertex_count);
     if (!self || pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "contact stage");
@@ -157,7 +158,7 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
     for (int32_t t = 0; t < def->instrument_count; t++) {
         self->tool[t].def = def->instrument[t];
         self->tool[t].capsule.instrument = t;
-        tm_tool_place(self->tool + t, &def->instrument[t].pose);
+        tm_tool_set_pose(self->tool + t, &def->instrument[t].pose);
     }
     self->block_count = 1;
     tm_contact_set_block(self, NULL);
@@ -172,6 +173,6 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
 
 tm_contact *tm_world_contact(tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == move) return world->slot[i].stage.self;
+        if (world->entry[i].stage.run == move) return world->entry[i].stage.self;
     return NULL;
 }

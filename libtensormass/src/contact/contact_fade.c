@@ -33,7 +33,7 @@ void tm_fading_begin(tm_fading_rows *fading, const int32_t *tet, int32_t count) 
                               .station = row->station,
                               .bore_N = row->lambda_N,
                               .lambda_N = row->lambda_N,
-                              .compliance_m_N = contact->def.skin_compliance_m_N / row->share};
+                              .compliance_m_N = contact->def.contact_compliance_m_N / row->share};
         to->stretch_m = to->compliance_m_N * row->lambda_N;
         memcpy(to->vertex, row->vertex, sizeof to->vertex);
         memcpy(to->weight, row->weight, sizeof to->weight);
@@ -71,7 +71,7 @@ static void push(const tm_contact *contact, const tm_fading_row *row, double for
     for (int j = 0; j < 3; j++)
         for (int c = 0; c < 3; c++) {
             const int32_t dof = 3 * row->vertex[j] + c;
-            if (!contact->held[dof])
+            if (!contact->fixed[dof])
                 world->state.u_next_m[dof] +=
                     world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * row->normal[c] * force_N;
         }
@@ -92,13 +92,13 @@ static void prepare(const tm_fading_rows *fading, tm_fading_row *row) {
     const tm_contact *contact = fading->contact;
     const tm_tool *tool = contact->tool + row->instrument;
     double before[3], now[3], moved[3];
-    tm_capsule_station(&tool->before, row->station, before);
+    tm_capsule_station(&tool->previous, row->station, before);
     tm_capsule_station(&tool->capsule, row->station, now);
     vsub(now, before, moved);
     row->diagonal_m_N = 0;
     for (int j = 0; j < 3; j++)
         for (int c = 0; c < 3; c++)
-            if (!contact->held[3 * row->vertex[j] + c])
+            if (!contact->fixed[3 * row->vertex[j] + c])
                 row->diagonal_m_N += contact->world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * row->weight[j] *
                                      row->normal[c] * row->normal[c];
     row->pressed_m = row->stretch_m + vdot(row->normal, moved);
@@ -134,7 +134,7 @@ static void sweep(void *self, tm_world *world, int32_t number) {
         tm_fading_row *row = fading->row + i;
         const double free_m = pressed(&world->state, row) + row->diagonal_m_N * row->lambda_N,
                      pivot = row->diagonal_m_N + row->compliance_m_N;
-        fading->contact->unsound |= !(fabs(free_m) < INFINITY);
+        fading->contact->unstable |= !(fabs(free_m) < INFINITY);
         const double lambda = free_m > 0 && pivot > 0 ? law_min(free_m / pivot, bearable(fading, row)) : 0;
         push(fading->contact, row, lambda - row->lambda_N);
         row->lambda_N = lambda;
@@ -167,12 +167,12 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
 
 void tm_fading_add(tm_fading_rows *fading, const void *owner) {
     fading->contact->fading = fading;
-    tm_contact_add_block_behind(fading->contact, &(tm_block){.self = fading,
-                                                             .owner = (void *)(uintptr_t)owner,
-                                                             .find = find,
-                                                             .sweep = sweep,
-                                                             .finish = finish,
-                                                             .react = react});
+    tm_contact_add_block_behind(fading->contact, &(tm_constraint_block){.self = fading,
+                                                                        .owner = (void *)(uintptr_t)owner,
+                                                                        .find = find,
+                                                                        .sweep = sweep,
+                                                                        .finish = finish,
+                                                                        .react = react});
 }
 
 void tm_fading_remove(tm_fading_rows *fading) {

@@ -17,33 +17,33 @@ static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
 }
 
 static double depth_before(const tm_contact *contact, const tm_contact_row *row) {
-    return tm_skin_depth(contact->def.skin_compliance_m_N / row->share, contact->tool[row->instrument].def.radius_m,
-                         row->lambda_N);
+    return tm_contact_compliance_depth(contact->def.contact_compliance_m_N / row->share,
+                                       contact->tool[row->instrument].def.radius_m, row->lambda_N);
 }
 
 /* What each station's skin bore at the last substep. */
 static void remember_depth(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
-        contact->tool[t].bears_N = 0;
+        contact->tool[t].load_N = 0;
     }
-    for (int32_t i = 0; i < contact->row_count_before; i++) {
-        const tm_contact_row *row = contact->row_before + i;
+    for (int32_t i = 0; i < contact->previous_row_count; i++) {
+        const tm_contact_row *row = contact->previous_row + i;
         tm_tool *tool = contact->tool + row->instrument;
         tool->station_depth_m[row->station] = law_max(tool->station_depth_m[row->station], depth_before(contact, row));
-        tool->bears_N += row->lambda_N;
+        tool->load_N += row->lambda_N;
     }
 }
 
 /* Both lists are sorted: what was known of a row at the last substep passes over in one walk. Rows that take over from
- * one another take over their station's depth too; if that makes energy, contact_passive.c reduces the forces. */
+ * one another take over their station's depth too; if that makes energy, contact_passivity.c reduces the forces. */
 static void warm_start(tm_contact *contact) {
     int32_t k = 0;
     for (int32_t i = 0; i < contact->row_count; i++) {
         tm_contact_row *row = contact->row + i;
-        while (k < contact->row_count_before && row_before(contact->row_before + k, row)) k++;
-        if (k < contact->row_count_before && same_row(contact->row_before + k, row))
-            row->lambda_N = contact->row_before[k].lambda_N;
+        while (k < contact->previous_row_count && row_before(contact->previous_row + k, row)) k++;
+        if (k < contact->previous_row_count && same_row(contact->previous_row + k, row))
+            row->lambda_N = contact->previous_row[k].lambda_N;
         contact->solver[i].depth_m = contact->tool[row->instrument].station_depth_m[row->station];
     }
 }
@@ -61,10 +61,10 @@ static void drop_shallowest(tm_contact *contact) {
 }
 
 static void find_rows(tm_contact *contact) {
-    const tm_sight *s = tm_contact_look(contact);
-    tm_contact_row *swap = contact->row_before;
-    contact->row_before = contact->row;
-    contact->row_count_before = contact->row_count;
+    const tm_contact_query *s = tm_contact_detect(contact);
+    tm_contact_row *swap = contact->previous_row;
+    contact->previous_row = contact->row;
+    contact->previous_row_count = contact->row_count;
     contact->row = swap;
     contact->row_count = 0;
     for (int32_t t = 0; t < contact->tool_count; t++) {
@@ -108,18 +108,19 @@ static void sweep_own(void *self, tm_world *world, int32_t sweep) {
 
 static void finish_own(void *self, tm_world *world) {
     (void)world;
-    tm_contact_hold_back(self);
+    tm_contact_limit_energy(self);
 }
 
-static tm_block own_rows(tm_contact *contact) {
-    return (tm_block){.self = contact, .find = find_own, .sweep = sweep_own, .finish = finish_own, .react = react_rows};
+static tm_constraint_block own_rows(tm_contact *contact) {
+    return (tm_constraint_block){
+        .self = contact, .find = find_own, .sweep = sweep_own, .finish = finish_own, .react = react_rows};
 }
 
 /* Another surface than the tissue's is touched: which rows there are, its owner finds when it solves them. */
 static void find_no_rows(void *self, tm_world *world) {
     (void)world;
     tm_contact *contact = self;
-    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].clear = true;
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].outside = true;
     contact->row_count = 0;
 }
 
@@ -138,12 +139,12 @@ static void solve_others(void *self, tm_world *world) {
     for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].flags |= flags[t];
 }
 
-static tm_block others_rows(tm_contact *contact) {
-    return (tm_block){.self = contact,
-                      .owner = contact->others.self,
-                      .find = find_no_rows,
-                      .finish = solve_others,
-                      .react = react_rows};
+static tm_constraint_block others_rows(tm_contact *contact) {
+    return (tm_constraint_block){.self = contact,
+                                 .owner = contact->others.self,
+                                 .find = find_no_rows,
+                                 .finish = solve_others,
+                                 .react = react_rows};
 }
 
 void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block) {

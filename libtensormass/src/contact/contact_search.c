@@ -1,6 +1,6 @@
 /* The surface around a tool, gathered once and looked at again and again. */
 #include "contact/contact_internal.h"
-#include "law/feature.h"
+#include "contact_law/feature.h"
 
 struct tm_contact_search {
     tm_pool pool;
@@ -11,7 +11,7 @@ struct tm_contact_search {
 tm_status tm_contact_search_create(tm_contact_search **made, tm_error *error) {
     TM_REQUIRE(made, "search is null", TM_ERR_ARGUMENT);
     tm_pool pool = {0};
-    tm_contact_search *self = TM_TAKE(&pool, tm_contact_search, 1);
+    tm_contact_search *self = TM_ALLOC(&pool, tm_contact_search, 1);
     if (!self) return tm_fail_memory(error, "search around a tool");
     self->pool = pool;
     *made = self;
@@ -58,8 +58,8 @@ static bool is_listed(const int32_t *face, int32_t count, int32_t wanted) {
     return face[low] == wanted;
 }
 
-bool tm_contact_search_take(tm_contact_search *self, const double *rest_m, const tm_surface_view *surface,
-                            const int32_t *face, int32_t count, double edge_m) {
+bool tm_contact_search_restore(tm_contact_search *self, const double *rest_m, const tm_surface_view *surface,
+                               const int32_t *face, int32_t count, double edge_m) {
     TM_REQUIRE(self && rest_m && surface && (face || count <= 0), "search, rest_m, surface or face is null", false);
     const tm_capsule anywhere = {.radius_m = 1};
     int32_t slot[TM_LOCAL_FACES + 1], found = 0;

@@ -1,93 +1,93 @@
 /* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and
  * which triangles each tool has gathered (their small topology is built again from that). */
 #include "contact/contact_internal.h"
-#include "contact/row_pack.h"
+#include "contact/row_snapshot.h"
 
 #include <string.h>
 
-typedef struct kept {
+typedef struct saved {
     int32_t tool_count, row_count, frame_step, frame_steps, frame_average, gathered[TM_MAX_INSTRUMENTS];
-} kept;
+} saved;
 
 /* Without padding: the bytes of equal worlds are equal, and no stack shows through. */
-typedef struct kept_pose {
+typedef struct saved_pose {
     double tip_m[3], roll_rad, grip;
     int64_t active;
-} kept_pose;
+} saved_pose;
 
-typedef struct kept_capsule {
+typedef struct saved_capsule {
     double tip_m[3], tail_m[3], radius_m;
-} kept_capsule;
+} saved_capsule;
 
-typedef struct kept_tool {
-    kept_pose pose, from, to;
-    kept_capsule capsule, before, earlier, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], placed_J, reserve_J, given_J, stored_J, sprung_J[2], debt_J, made_J,
-        least_made_J[TM_LEDGER], ledger_s, edge_m, spent_m, sum_tip_m[3], sum_time_s, sum_force_N[3],
-        sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
-    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
+typedef struct saved_tool {
+    saved_pose pose, from, to;
+    saved_capsule capsule, previous, earlier, gathered_at;
+    double station_depth_m[TM_MAX_STATIONS], placed_J, reserve_J, throughput_J, stored_J, contact_stored_J[2], debt_J,
+        generated_J, min_generated_J[TM_LEDGER], ledger_s, edge_m, margin_used_m, sum_tip_m[3], sum_time_s,
+        sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
+    int32_t path_step, path_steps, outside, axis_outside, placed_inside, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
-} kept_tool;
+} saved_tool;
 
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
-static kept_pose pack_pose(const tm_tool_pose *pose) {
-    kept_pose k = {.roll_rad = pose->roll_rad, .grip = pose->grip, .active = pose->active};
+static saved_pose pack_pose(const tm_tool_pose *pose) {
+    saved_pose k = {.roll_rad = pose->roll_rad, .grip = pose->grip, .active = pose->active};
     COPY(k.tip_m, pose->tip_m);
     return k;
 }
 
-static tm_tool_pose unpack_pose(const kept_pose *k) {
+static tm_tool_pose unpack_pose(const saved_pose *k) {
     tm_tool_pose pose = {.roll_rad = k->roll_rad, .grip = k->grip, .active = k->active != 0};
     COPY(pose.tip_m, k->tip_m);
     return pose;
 }
 
-static kept_capsule pack_capsule(const tm_capsule *capsule) {
-    kept_capsule k = {.radius_m = capsule->radius_m};
+static saved_capsule pack_capsule(const tm_capsule *capsule) {
+    saved_capsule k = {.radius_m = capsule->radius_m};
     COPY(k.tip_m, capsule->tip_m);
     COPY(k.tail_m, capsule->tail_m);
     return k;
 }
 
-static tm_capsule unpack_capsule(const kept_capsule *k, int32_t instrument) {
+static tm_capsule unpack_capsule(const saved_capsule *k, int32_t instrument) {
     tm_capsule capsule = {.radius_m = k->radius_m, .instrument = instrument};
     COPY(capsule.tip_m, k->tip_m);
     COPY(capsule.tail_m, k->tail_m);
     return capsule;
 }
 
-static kept_tool pack_tool(const tm_tool *tool) {
-    kept_tool k = {.pose = pack_pose(&tool->pose),
-                   .from = pack_pose(&tool->from),
-                   .to = pack_pose(&tool->to),
-                   .capsule = pack_capsule(&tool->capsule),
-                   .before = pack_capsule(&tool->before),
-                   .earlier = pack_capsule(&tool->earlier),
-                   .placed_J = tool->placed_J,
-                   .reserve_J = tool->reserve_J,
-                   .given_J = tool->given_J,
-                   .stored_J = tool->stored_J,
-                   .debt_J = tool->debt_J,
-                   .made_J = tool->made_J,
-                   .ledger_s = tool->ledger_s,
-                   .sprung_J = {tool->sprung_J[0], tool->sprung_J[1]},
-                   .gathered_at = pack_capsule(&tool->gathered_at),
-                   .sum_time_s = tool->sum_time_s,
-                   .path_step = tool->path_step,
-                   .path_steps = tool->path_steps,
-                   .clear = tool->clear,
-                   .leaving = tool->leaving,
-                   .pierced = tool->pierced,
-                   .gathered_age = tool->gathered_age,
-                   .sum_count = tool->sum_count,
-                   .flags = (int32_t)tool->flags,
-                   .stiffness_kind = tool->stiffness_kind,
-                   .surface_overflowed = tool->surface->overflowed,
-                   .spent_m = tool->spent_m,
-                   .edge_m = tool->surface->edge_m};
+static saved_tool pack_tool(const tm_tool *tool) {
+    saved_tool k = {.pose = pack_pose(&tool->pose),
+                    .from = pack_pose(&tool->from),
+                    .to = pack_pose(&tool->to),
+                    .capsule = pack_capsule(&tool->capsule),
+                    .previous = pack_capsule(&tool->previous),
+                    .earlier = pack_capsule(&tool->earlier),
+                    .placed_J = tool->placed_J,
+                    .reserve_J = tool->reserve_J,
+                    .throughput_J = tool->throughput_J,
+                    .stored_J = tool->stored_J,
+                    .debt_J = tool->debt_J,
+                    .generated_J = tool->generated_J,
+                    .ledger_s = tool->ledger_s,
+                    .contact_stored_J = {tool->contact_stored_J[0], tool->contact_stored_J[1]},
+                    .gathered_at = pack_capsule(&tool->gathered_at),
+                    .sum_time_s = tool->sum_time_s,
+                    .path_step = tool->path_step,
+                    .path_steps = tool->path_steps,
+                    .outside = tool->outside,
+                    .axis_outside = tool->axis_outside,
+                    .placed_inside = tool->placed_inside,
+                    .gathered_age = tool->gathered_age,
+                    .sum_count = tool->sum_count,
+                    .flags = (int32_t)tool->flags,
+                    .stiffness_kind = tool->stiffness_kind,
+                    .surface_overflowed = tool->surface->overflowed,
+                    .margin_used_m = tool->margin_used_m,
+                    .edge_m = tool->surface->edge_m};
     COPY(k.station_depth_m, tool->station_depth_m);
-    COPY(k.least_made_J, tool->least_made_J);
+    COPY(k.min_generated_J, tool->min_generated_J);
     COPY(k.sum_tip_m, tool->sum_tip_m);
     COPY(k.sum_force_N, tool->sum_force_N);
     COPY(k.sum_resultant_N, tool->sum_resultant_N);
@@ -98,31 +98,31 @@ static kept_tool pack_tool(const tm_tool *tool) {
 }
 
 /* Leaves the tool's definition and its surface. */
-static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
+static void unpack_tool(const saved_tool *k, int32_t instrument, tm_tool *tool) {
     tool->pose = unpack_pose(&k->pose);
     tool->from = unpack_pose(&k->from);
     tool->to = unpack_pose(&k->to);
     tool->capsule = unpack_capsule(&k->capsule, instrument);
-    tool->before = unpack_capsule(&k->before, instrument);
+    tool->previous = unpack_capsule(&k->previous, instrument);
     tool->earlier = unpack_capsule(&k->earlier, instrument);
     tool->placed_J = k->placed_J;
     tool->reserve_J = k->reserve_J;
-    tool->given_J = k->given_J;
+    tool->throughput_J = k->throughput_J;
     tool->stored_J = k->stored_J;
     tool->debt_J = k->debt_J;
-    tool->made_J = k->made_J;
+    tool->generated_J = k->generated_J;
     tool->ledger_s = k->ledger_s;
-    COPY(tool->least_made_J, k->least_made_J);
-    tool->sprung_J[0] = k->sprung_J[0];
-    tool->sprung_J[1] = k->sprung_J[1];
+    COPY(tool->min_generated_J, k->min_generated_J);
+    tool->contact_stored_J[0] = k->contact_stored_J[0];
+    tool->contact_stored_J[1] = k->contact_stored_J[1];
     tool->gathered_at = unpack_capsule(&k->gathered_at, instrument);
     tool->path_step = k->path_step;
     tool->path_steps = k->path_steps;
-    tool->clear = k->clear != 0;
-    tool->leaving = k->leaving != 0;
-    tool->pierced = k->pierced != 0;
+    tool->outside = k->outside != 0;
+    tool->axis_outside = k->axis_outside != 0;
+    tool->placed_inside = k->placed_inside != 0;
     tool->gathered_age = k->gathered_age;
-    tool->spent_m = k->spent_m;
+    tool->margin_used_m = k->margin_used_m;
     tool->sum_time_s = k->sum_time_s;
     tool->sum_count = k->sum_count;
     tool->flags = (uint32_t)k->flags;
@@ -136,9 +136,9 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     COPY(tool->stiffness_N_m, k->stiffness_N_m);
 }
 
-static int64_t bytes_of(const kept *k) {
-    int64_t bytes =
-        (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(tm_packed_row) * k->row_count;
+static int64_t bytes_of(const saved *k) {
+    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(saved_tool) * k->tool_count +
+                    (int64_t)sizeof(tm_packed_row) * k->row_count;
     for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
 }
@@ -151,7 +151,7 @@ static const void *take(void *to, const void *from, size_t bytes) {
 
 int64_t tm_contact_snapshot(void *self, void *buffer) {
     const tm_contact *contact = self;
-    kept k;
+    saved k;
     memset(&k, 0, sizeof k);
     k.tool_count = contact->tool_count;
     k.row_count = contact->row_count;
@@ -167,7 +167,7 @@ int64_t tm_contact_snapshot(void *self, void *buffer) {
         to = put(to, &row, sizeof row);
     }
     for (int32_t t = 0; t < k.tool_count; t++) {
-        const kept_tool tool = pack_tool(contact->tool + t);
+        const saved_tool tool = pack_tool(contact->tool + t);
         to = put(to, &tool, sizeof tool);
         to = put(to, contact->tool[t].surface->face_id, sizeof(int32_t) * (size_t)k.gathered[t]);
     }
@@ -207,7 +207,7 @@ static void gather_again(tm_contact *contact, tm_tool *tool, const int32_t *face
                     tissue->surface.face, slot, count, &tool->gathered_at, 1e9);
 }
 
-static bool rows_fit(const tm_contact *contact, const kept *k, const void *from) {
+static bool rows_fit(const tm_contact *contact, const saved *k, const void *from) {
     const tm_mesh *mesh = contact->world->tissue->mesh;
     for (int32_t i = 0; i < k->row_count; i++) {
         tm_packed_row row;
@@ -222,7 +222,7 @@ static bool rows_fit(const tm_contact *contact, const kept *k, const void *from)
 
 bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     tm_contact *contact = self;
-    kept k;
+    saved k;
     if (bytes < (int64_t)sizeof k) return false;
     const void *from = take(&k, buffer, sizeof k);
     if (k.tool_count != contact->tool_count || k.row_count < 0 ||
@@ -236,7 +236,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
     contact->frame_steps = k.frame_steps;
     contact->frame_average = k.frame_average;
     contact->row_count = k.row_count;
-    contact->row_count_before = 0;
+    contact->previous_row_count = 0;
     contact->revision = world->tissue->surface.revision;
     for (int32_t i = 0; i < k.row_count; i++) {
         tm_packed_row row;
@@ -244,7 +244,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
         contact->row[i] = tm_row_unpack(&row);
     }
     for (int32_t t = 0; t < k.tool_count; t++) {
-        kept_tool tool;
+        saved_tool tool;
         int32_t face[TM_LOCAL_FACES];
         from = take(&tool, from, sizeof tool);
         from = take(face, from, sizeof(int32_t) * (size_t)k.gathered[t]);
@@ -257,18 +257,19 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
 }
 
 int64_t tm_contact_snapshot_max(const tm_contact_def *def) {
-    kept k = {.tool_count = def->instrument_count, .row_count = def->max_rows * def->instrument_count};
+    saved k = {.tool_count = def->instrument_count, .row_count = def->max_rows * def->instrument_count};
     for (int32_t t = 0; t < k.tool_count; t++) k.gathered[t] = TM_LOCAL_FACES;
     return bytes_of(&k);
 }
 
-void tm_contact_keep(void *self) {
+void tm_contact_checkpoint(void *self) {
     tm_contact *contact = self;
-    contact->kept_bytes = tm_contact_snapshot(contact, contact->kept);
-    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].doubtful = true, contact->tool[t].longer_m = 0;
+    contact->saved_bytes = tm_contact_snapshot(contact, contact->saved);
+    for (int32_t t = 0; t < contact->tool_count; t++)
+        contact->tool[t].maybe_moved = true, contact->tool[t].longer_m = 0;
 }
 
-void tm_contact_give_back(void *self, tm_world *world) {
+void tm_contact_rollback(void *self, tm_world *world) {
     const tm_contact *contact = self;
-    tm_contact_restore(self, world, contact->kept, contact->kept_bytes, true);
+    tm_contact_restore(self, world, contact->saved, contact->saved_bytes, true);
 }

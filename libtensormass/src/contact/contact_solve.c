@@ -6,39 +6,40 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/skin.h"
+#include "contact_law/compliance.h"
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
  * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
  * speed of a hand. No hand does that work, so its power is bounded too, and it is taken out of what contact took before
- * (contact_passive.c). */
+ * (contact_passivity.c). */
 #define RECOVERY_M_S 0.5
 #define RECOVERY_W 0.02
 
-double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
-    return law_skin_depth(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, lambda_N);
+double tm_contact_compliance_depth(double compliance_m_N, double radius_m, double lambda_N) {
+    return law_compliance_depth(compliance_m_N, LAW_COMPLIANCE_TRAVEL * radius_m, lambda_N);
 }
 
-double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
-    return law_skin_slope(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, lambda_N);
+double tm_contact_compliance_slope(double compliance_m_N, double radius_m, double lambda_N) {
+    return law_compliance_slope(compliance_m_N, LAW_COMPLIANCE_TRAVEL * radius_m, lambda_N);
 }
 
-double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
-    return law_skin_reaction(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, gap_m, diagonal_m_N, cap_N);
+double tm_contact_compliance_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N,
+                                      double cap_N) {
+    return law_compliance_reaction(compliance_m_N, LAW_COMPLIANCE_TRAVEL * radius_m, gap_m, diagonal_m_N, cap_N);
 }
 
 static double recovery_m_s(const tm_tool *tool, double way_m, double dt_s) {
     const double power_W = law_min(RECOVERY_W, tm_contact_spare_J(tool, way_m, dt_s) / dt_s);
-    return RECOVERY_M_S * tool->bears_N <= power_W ? RECOVERY_M_S : power_W / tool->bears_N;
+    return RECOVERY_M_S * tool->load_N <= power_W ? RECOVERY_M_S : power_W / tool->load_N;
 }
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_tool *tool = contact->tool + row->instrument;
     double before[3];
-    tm_capsule_station(&tool->before, row->station, before);
+    tm_capsule_station(&tool->previous, row->station, before);
     vsub(row->point_m, before, r->moved_m);
-    r->compliance = contact->def.skin_compliance_m_N / row->share;
+    r->compliance = contact->def.contact_compliance_m_N / row->share;
     r->diagonal = r->weight2 = 0;
     memset(r->drag_N, 0, sizeof r->drag_N);
     for (int j = 0; j < 3; j++) {
@@ -46,7 +47,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         for (int c = 0; c < 3; c++) {
             int32_t dof = 3 * row->vertex[j] + c;
             r->jacobian[j][c] = row->weight[j] * row->normal[c];
-            r->response[j][c] = contact->held[dof] ? 0 : world->mobility_s2_kg[row->vertex[j]] * r->jacobian[j][c];
+            r->response[j][c] = contact->fixed[dof] ? 0 : world->mobility_s2_kg[row->vertex[j]] * r->jacobian[j][c];
             r->diagonal += r->jacobian[j][c] * r->response[j][c];
         }
     }
@@ -85,9 +86,9 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
             int32_t dof = 3 * row->vertex[j] + c;
             free_gap += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
         }
-    contact->unsound |= !(fabs(free_gap) < INFINITY);
-    double lambda = tm_skin_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap, r->diagonal,
-                                     contact->def.force_cap_N);
+    contact->unstable |= !(fabs(free_gap) < INFINITY);
+    double lambda = tm_contact_compliance_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap,
+                                                   r->diagonal, contact->def.force_cap_N);
     if (lambda != row->lambda_N) push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
     row->lambda_N = lambda;
 }
@@ -97,7 +98,7 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
     if (row->lambda_N == 0 && r->drag_N[0] == 0 && r->drag_N[1] == 0 && r->drag_N[2] == 0) return; /* most rows */
-    double coefficient = LAW_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    double coefficient = LAW_DRAG_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {
@@ -111,7 +112,7 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
         vscale(row->lambda_N / size, wanted, wanted);
     for (int c = 0; c < 3; c++) {
         for (int j = 0; j < 3; j++)
-            if (!contact->held[3 * row->vertex[j] + c])
+            if (!contact->fixed[3 * row->vertex[j] + c])
                 state->u_next_m[3 * row->vertex[j] + c] +=
                     world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * (wanted[c] - r->drag_N[c]);
         r->drag_N[c] = wanted[c];

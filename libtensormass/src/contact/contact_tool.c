@@ -44,11 +44,11 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
 /* A tool that is put into tissue, without a way there, has brought no energy: what it may give to come out. */
 #define PLACED_J 1e-6
 
-void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
+void tm_tool_set_pose(tm_tool *tool, const tm_tool_pose *at) {
     tool->pose = tool->from = tool->to = *at;
     tool->path_step = tool->path_steps = 0;
-    tool->capsule = tool->before = tool->earlier = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
-    tool->clear = tool->pierced = false;
+    tool->capsule = tool->previous = tool->earlier = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
+    tool->outside = tool->placed_inside = false;
     tool->placed_J = PLACED_J;
     tool->placings++;
     tool->gathered_age = -1;
@@ -67,7 +67,7 @@ bool tm_tool_is_present(const tm_tool *tool) { return tool->pose.active || tool-
 
 void tm_tool_advance(tm_tool *tool) {
     bool was_active = tool->pose.active;
-    tool->before = tool->capsule;
+    tool->previous = tool->capsule;
     if (tool->path_step < tool->path_steps) {
         tool->path_step++;
         if (tool->path_step == tool->path_steps)
@@ -78,7 +78,7 @@ void tm_tool_advance(tm_tool *tool) {
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
-        tool->clear = tool->pierced = false; /* it has just come into the body */
+        tool->outside = tool->placed_inside = false; /* it has just come into the body */
 }
 
 /* Ray from `at` along unit e against a triangle: 1 where it crosses within [0, length). */
@@ -96,7 +96,7 @@ static int crosses(const double at[3], const double e[3], double length, const d
     return s >= 0 && t >= 0 && s + t <= 1 && along >= 0 && along < length;
 }
 
-bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface) {
+bool tm_tool_is_outside(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface) {
     double e[3], at[3];
     const double *tip = tool->capsule.tip_m;
     direction(tip, tool->def.trocar_m, e);

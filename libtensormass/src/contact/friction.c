@@ -9,19 +9,20 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/friction.h"
+#include "contact_law/friction.h"
 
 tm_friction_def tm_friction_def_default(void) {
     return (tm_friction_def){.cookie = TM_COOKIE_FRICTION, .size = sizeof(tm_friction_def)};
 }
 
-bool tm_contact_rubs(const tm_contact *contact, int32_t instrument) {
-    return contact->friction && contact->friction->rubbed[instrument];
+bool tm_contact_has_friction(const tm_contact *contact, int32_t instrument) {
+    return contact->friction && contact->friction->state[instrument];
 }
 
-const double (*tm_contact_rubbing(const tm_contact *contact, int32_t instrument, double *at_rest, double *sliding))[3] {
-    *at_rest = contact->friction->def.instrument[instrument].at_rest;
-    *sliding = contact->friction->def.instrument[instrument].sliding;
+const double (*tm_contact_friction_forces(const tm_contact *contact, int32_t instrument, double *at_rest,
+                                          double *sliding))[3] {
+    *at_rest = contact->friction->def.instrument[instrument].mu_static;
+    *sliding = contact->friction->def.instrument[instrument].mu_kinetic;
     return (const double(*)[3])contact->friction->applied_N;
 }
 
@@ -34,7 +35,7 @@ static void push_row(tm_friction *f, int32_t i, const double force_N[3]) {
     for (int j = 0; j < 3; j++)
         for (int c = 0; c < 3; c++) {
             const int32_t dof = 3 * row->vertex[j] + c;
-            if (!contact->held[dof])
+            if (!contact->fixed[dof])
                 u_next[dof] +=
                     contact->world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * (force_N[c] - applied[c]);
         }
@@ -42,10 +43,10 @@ static void push_row(tm_friction *f, int32_t i, const double force_N[3]) {
 }
 
 /* Each row takes as much of the station's force as it bears of its reaction. */
-static void push(tm_friction *f, const tm_touch *touch, double bears_N) {
+static void push(tm_friction *f, const tm_touch *touch, double load_N) {
     for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
         double part[3];
-        vscale(bears_N > 0 ? f->contact->row[i].lambda_N / bears_N : 0, touch->force_N, part);
+        vscale(load_N > 0 ? f->contact->row[i].lambda_N / load_N : 0, touch->force_N, part);
         push_row(f, i, part);
     }
 }
@@ -58,18 +59,18 @@ static double press(const tm_friction *f, tm_touch *touch) {
         bears += row->lambda_N;
         vmadd(sum, row->lambda_N, row->normal, sum);
     }
-    touch->pressed_N = vunit(sum, touch->normal);
+    touch->normal_force_N = vunit(sum, touch->normal);
     return bears;
 }
 
 /* How far the tissue under a station has gone in this substep, and what a newton on it adds to that (not less), m/N. */
-static double follow(const tm_friction *f, const tm_touch *touch, double bears_N, double went_m[3]) {
+static double follow(const tm_friction *f, const tm_touch *touch, double load_N, double went_m[3]) {
     const tm_state *state = &f->contact->world->state;
     double gives = 0;
     memset(went_m, 0, 3 * sizeof(double));
     for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
         const tm_contact_row *row = f->contact->row + i;
-        const double share = row->lambda_N / bears_N;
+        const double share = row->lambda_N / load_N;
         gives += share * f->contact->solver[i].weight2;
         for (int j = 0; j < 3; j++)
             for (int c = 0; c < 3; c++) {
@@ -80,9 +81,9 @@ static double follow(const tm_friction *f, const tm_touch *touch, double bears_N
     return gives;
 }
 
-static void rub(tm_friction *f, tm_touch *touch) {
-    const double bears = press(f, touch), skin = f->contact->def.skin_compliance_m_N;
-    const tm_rubbed *was = f->rubbed[touch->instrument] + touch->station;
+static void sweep_friction(tm_friction *f, tm_touch *touch) {
+    const double bears = press(f, touch), skin = f->contact->def.contact_compliance_m_N;
+    const tm_friction_state *was = f->state[touch->instrument] + touch->station;
     double went[3], force[3] = {0, 0, 0};
     touch->slips = true;
     if (bears > 0) {
@@ -91,7 +92,7 @@ static void rub(tm_friction *f, tm_touch *touch) {
             force[c] =
                 (skin * was->force_N[c] + touch->moved_m[c] - went[c] + gives * touch->force_N[c]) / (skin + gives);
         law_across(touch->normal, force);
-        touch->slips = law_friction_slips(touch->coefficient * touch->pressed_N, force);
+        touch->slips = law_friction_slips(touch->coefficient * touch->normal_force_N, force);
     }
     vset(force, touch->force_N);
     push(f, touch, bears);
@@ -107,7 +108,7 @@ static void find(void *self, tm_world *world) {
         const tm_contact_row *row = contact->row + i;
         tm_touch *touch = f->touch + f->touch_count - 1;
         memset(f->applied_N[i], 0, sizeof f->applied_N[i]);
-        if (!f->rubbed[row->instrument]) continue;
+        if (!f->state[row->instrument]) continue;
         if (f->touch_count == 0 || touch->instrument != row->instrument || touch->station != row->station) {
             touch = f->touch + f->touch_count++;
             *touch = (tm_touch){.instrument = row->instrument, .station = row->station, .first = i};
@@ -118,13 +119,13 @@ static void find(void *self, tm_world *world) {
     for (int32_t k = 0; k < f->touch_count; k++) { /* from what it was */
         tm_touch *touch = f->touch + k;
         const tm_friction_coefficient *c = f->def.instrument + touch->instrument;
-        touch->coefficient =
-            law_friction_coefficient(c->at_rest, c->sliding, f->rubbed[touch->instrument][touch->station].rest);
+        touch->coefficient = law_friction_coefficient(c->mu_static, c->mu_kinetic,
+                                                      f->state[touch->instrument][touch->station].stick_state);
         const double bears = press(f, touch);
         if (!(bears > 0)) continue;
-        vset(f->rubbed[touch->instrument][touch->station].force_N, touch->force_N);
+        vset(f->state[touch->instrument][touch->station].force_N, touch->force_N);
         law_across(touch->normal, touch->force_N);
-        law_friction_slips(touch->coefficient * touch->pressed_N, touch->force_N);
+        law_friction_slips(touch->coefficient * touch->normal_force_N, touch->force_N);
         push(f, touch, bears);
     }
 }
@@ -132,13 +133,13 @@ static void find(void *self, tm_world *world) {
 static void sweep(void *self, tm_world *world, int32_t sweep) {
     (void)world;
     tm_friction *f = self;
-    for (int32_t k = 0; k < f->touch_count; k++) rub(f, f->touch + (sweep % 2 ? f->touch_count - 1 - k : k));
+    for (int32_t k = 0; k < f->touch_count; k++) sweep_friction(f, f->touch + (sweep % 2 ? f->touch_count - 1 - k : k));
 }
 
 /* Ends the substep of one station: how far it slipped, what that took. */
 static void settle(tm_friction *f, tm_touch *touch) {
-    const double skin = f->contact->def.skin_compliance_m_N, bears = press(f, touch);
-    tm_rubbed *was = f->rubbed[touch->instrument] + touch->station;
+    const double skin = f->contact->def.contact_compliance_m_N, bears = press(f, touch);
+    tm_friction_state *was = f->state[touch->instrument] + touch->station;
     double slipped[3] = {0, 0, 0}, went[3];
     if (touch->slips && bears > 0) {
         follow(f, touch, bears, went);
@@ -147,15 +148,15 @@ static void settle(tm_friction *f, tm_touch *touch) {
         law_across(touch->normal, slipped);
     }
     f->lost_J += law_max(vdot(touch->force_N, slipped), 0);
-    was->rest = bears > 0 ? law_friction_rest(was->rest, vnorm(slipped), f->contact->world->state.dt_s) : 1;
+    was->stick_state = bears > 0 ? law_stick_state(was->stick_state, vnorm(slipped), f->contact->world->state.dt_s) : 1;
     vset(touch->force_N, was->force_N);
 }
 
 static double stretched_J(const tm_friction *f, int32_t t) {
     double squares = 0;
-    for (int32_t s = 0; f->rubbed[t] && s < TM_MAX_STATIONS; s++)
-        squares += vdot(f->rubbed[t][s].force_N, f->rubbed[t][s].force_N);
-    return 0.5 * f->contact->def.skin_compliance_m_N * squares;
+    for (int32_t s = 0; f->state[t] && s < TM_MAX_STATIONS; s++)
+        squares += vdot(f->state[t][s].force_N, f->state[t][s].force_N);
+    return 0.5 * f->contact->def.contact_compliance_m_N * squares;
 }
 
 double tm_friction_stretched_J(const tm_friction *friction) {
@@ -168,7 +169,7 @@ double tm_friction_stretch_J(const tm_friction *f, int32_t t) {
     double squares = 0;
     for (int32_t k = 0; k < f->touch_count; k++)
         if (f->touch[k].instrument == t) squares += vdot(f->touch[k].force_N, f->touch[k].force_N);
-    return 0.5 * f->contact->def.skin_compliance_m_N * squares;
+    return 0.5 * f->contact->def.contact_compliance_m_N * squares;
 }
 
 void tm_friction_scale(tm_friction *f, int32_t t, double share) {
@@ -189,12 +190,12 @@ static void finish(void *self, tm_world *world) {
     int32_t k = 0;
     f->lost_J = 0;
     for (int32_t t = 0; t < f->contact->tool_count; t++) {
-        if (!f->rubbed[t]) continue;
+        if (!f->state[t]) continue;
         for (int32_t s = 0; s < TM_MAX_STATIONS; s++) {
             if (k < f->touch_count && f->touch[k].instrument == t && f->touch[k].station == s)
                 settle(f, f->touch + k++);
             else
-                f->rubbed[t][s] = (tm_rubbed){.rest = 1};
+                f->state[t][s] = (tm_friction_state){.stick_state = 1};
         }
     }
     for (int32_t i = 0; i < f->contact->row_count; i++)
@@ -215,8 +216,8 @@ static void run(void *self, tm_world *world) {
     tm_friction *f = self;
     for (int32_t t = 0; t < f->contact->tool_count; t++) {
         const int32_t placings = f->contact->tool[t].placings;
-        for (int32_t s = 0; f->rubbed[t] && placings != f->placings[t] && s < TM_MAX_STATIONS; s++)
-            f->rubbed[t][s] = (tm_rubbed){.rest = 1};
+        for (int32_t s = 0; f->state[t] && placings != f->placings[t] && s < TM_MAX_STATIONS; s++)
+            f->state[t][s] = (tm_friction_state){.stick_state = 1};
         f->placings[t] = placings;
     }
 }
@@ -233,24 +234,24 @@ static tm_status check(const tm_contact *contact, const tm_friction_def *def, tm
     if (contact->friction) return tm_fail(error, TM_ERR_ARGUMENT, -1, "friction: this world has it already");
     for (int32_t t = 0; t < contact->tool_count; t++) {
         const tm_friction_coefficient *c = def->instrument + t;
-        if (!(c->sliding >= 0 && c->sliding <= c->at_rest && c->at_rest <= TM_FRICTION_MOST))
+        if (!(c->mu_kinetic >= 0 && c->mu_kinetic <= c->mu_static && c->mu_static <= TM_FRICTION_MAX))
             return tm_fail(error, TM_ERR_ARGUMENT, t,
                            "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g", t,
-                           c->at_rest, c->sliding, TM_FRICTION_MOST);
+                           c->mu_static, c->mu_kinetic, TM_FRICTION_MAX);
     }
     return TM_OK;
 }
 
-static tm_friction *take(tm_pool *pool, const tm_contact *contact, const tm_friction_def *def) {
-    tm_friction *f = TM_TAKE(pool, tm_friction, 1);
+static tm_friction *init(tm_pool *pool, const tm_contact *contact, const tm_friction_def *def) {
+    tm_friction *f = TM_ALLOC(pool, tm_friction, 1);
     if (!f) return NULL;
-    f->touch = TM_TAKE(pool, tm_touch, contact->def.max_rows);
-    f->applied_N = (double(*)[3])TM_TAKE(pool, double, 3 * (int64_t)contact->def.max_rows);
+    f->touch = TM_ALLOC(pool, tm_touch, contact->def.max_rows);
+    f->applied_N = (double(*)[3])TM_ALLOC(pool, double, 3 * (int64_t)contact->def.max_rows);
     for (int32_t t = 0; t < contact->tool_count; t++) {
-        if (!(def->instrument[t].at_rest > 0)) continue;
-        f->rubbed[t] = TM_TAKE(pool, tm_rubbed, TM_MAX_STATIONS);
-        f->kept[t] = TM_TAKE(pool, tm_rubbed, TM_MAX_STATIONS);
-        for (int32_t s = 0; f->rubbed[t] && s < TM_MAX_STATIONS; s++) f->rubbed[t][s].rest = 1;
+        if (!(def->instrument[t].mu_static > 0)) continue;
+        f->state[t] = TM_ALLOC(pool, tm_friction_state, TM_MAX_STATIONS);
+        f->saved[t] = TM_ALLOC(pool, tm_friction_state, TM_MAX_STATIONS);
+        for (int32_t s = 0; f->state[t] && s < TM_MAX_STATIONS; s++) f->state[t][s].stick_state = 1;
     }
     return f;
 }
@@ -263,7 +264,7 @@ tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_frict
     tm_status status = check(contact, def, error);
     if (status) return status;
     tm_pool pool = {0};
-    tm_friction *self = take(&pool, contact, def);
+    tm_friction *self = init(&pool, contact, def);
     if (!self || pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "friction stage");
@@ -280,38 +281,38 @@ tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_frict
                             .self = self,
                             .snapshot = tm_friction_snapshot,
                             .restore = tm_friction_restore,
-                            .keep = tm_friction_keep,
-                            .give_back = tm_friction_give_back,
+                            .checkpoint = tm_friction_checkpoint,
+                            .rollback = tm_friction_rollback,
                             .needs = {"contact"},
-                            .before = TM_STAGE_CONTACT_FIND};
+                            .runs_before = TM_STAGE_CONTACT_DETECT};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
         return status;
     }
-    tm_world_set_few(world, "friction", &tm_changes_none); /* "contact constrain" does */
+    tm_world_set_few(world, "friction", &tm_changes_none); /* "contact solve" does */
     contact->friction = self;
     tm_contact_add_block_behind(
-        contact,
-        &(tm_block){.self = self, .owner = self, .find = find, .sweep = sweep, .finish = finish, .react = react});
+        contact, &(tm_constraint_block){
+                     .self = self, .owner = self, .find = find, .sweep = sweep, .finish = finish, .react = react});
     *friction = self;
     return TM_OK;
 }
 
-int32_t tm_friction_grips(const tm_friction *f, int32_t instrument, tm_friction_grip *grip, int32_t most) {
+int32_t tm_friction_stations(const tm_friction *f, int32_t instrument, tm_friction_station *grip, int32_t most) {
     TM_REQUIRE(f && (grip || most <= 0) && instrument >= 0 && instrument < f->contact->tool_count,
                "friction or grip is null, or instrument is not one of its contact's", 0);
     int32_t count = 0;
     for (int32_t k = 0; k < f->touch_count; k++) {
         const tm_touch *touch = f->touch + k;
-        if (touch->instrument != instrument || !(touch->pressed_N > 0)) continue;
+        if (touch->instrument != instrument || !(touch->normal_force_N > 0)) continue;
         if (count < most) {
-            tm_friction_grip *to = grip + count;
-            *to = (tm_friction_grip){.station = touch->station,
-                                     .slips = touch->slips,
-                                     .pressed_N = touch->pressed_N,
-                                     .coefficient = touch->coefficient,
-                                     .rest = f->rubbed[instrument][touch->station].rest};
+            tm_friction_station *to = grip + count;
+            *to = (tm_friction_station){.station = touch->station,
+                                        .slips = touch->slips,
+                                        .normal_force_N = touch->normal_force_N,
+                                        .coefficient = touch->coefficient,
+                                        .stick_state = f->state[instrument][touch->station].stick_state};
             vset(touch->force_N, to->force_N);
             vset(touch->normal, to->normal);
         }
@@ -324,14 +325,14 @@ int32_t tm_friction_grips(const tm_friction *f, int32_t instrument, tm_friction_
 
 enum { NUMBERS = 4 * TM_MAX_STATIONS }; /* of an instrument that has friction */
 
-_Static_assert(sizeof(tm_rubbed) == 4 * sizeof(double), "without padding");
+_Static_assert(sizeof(tm_friction_state) == 4 * sizeof(double), "without padding");
 
 int64_t tm_friction_snapshot(void *self, void *buffer) {
     const tm_friction *f = self;
     int64_t bytes = 0;
     for (int32_t t = 0; t < f->contact->tool_count; t++) {
-        if (!f->rubbed[t]) continue;
-        if (buffer) memcpy((char *)buffer + bytes, f->rubbed[t], NUMBERS * sizeof(double));
+        if (!f->state[t]) continue;
+        if (buffer) memcpy((char *)buffer + bytes, f->state[t], NUMBERS * sizeof(double));
         bytes += NUMBERS * (int64_t)sizeof(double);
     }
     return bytes;
@@ -349,23 +350,23 @@ bool tm_friction_restore(void *self, tm_world *world, const void *buffer, int64_
     const char *from = buffer;
     for (int32_t t = 0; t < f->contact->tool_count && apply; t++) {
         f->placings[t] = f->contact->tool[t].placings;
-        if (!f->rubbed[t]) continue;
-        memcpy(f->rubbed[t], from, NUMBERS * sizeof(double));
+        if (!f->state[t]) continue;
+        memcpy(f->state[t], from, NUMBERS * sizeof(double));
         from += NUMBERS * sizeof(double);
     }
     if (apply) f->touch_count = 0;
     return true;
 }
 
-void tm_friction_keep(void *self) {
+void tm_friction_checkpoint(void *self) {
     tm_friction *f = self;
     for (int32_t t = 0; t < f->contact->tool_count; t++)
-        if (f->rubbed[t]) memcpy(f->kept[t], f->rubbed[t], NUMBERS * sizeof(double));
+        if (f->state[t]) memcpy(f->saved[t], f->state[t], NUMBERS * sizeof(double));
 }
 
-void tm_friction_give_back(void *self, tm_world *world) {
+void tm_friction_rollback(void *self, tm_world *world) {
     (void)world;
     tm_friction *f = self;
     for (int32_t t = 0; t < f->contact->tool_count; t++)
-        if (f->rubbed[t]) memcpy(f->rubbed[t], f->kept[t], NUMBERS * sizeof(double));
+        if (f->state[t]) memcpy(f->state[t], f->saved[t], NUMBERS * sizeof(double));
 }

@@ -8,16 +8,16 @@
 enum { TM_COOKIE_FRICTION = 0x66726963 };
 
 /* What lasts between steps, of one station. */
-typedef struct tm_rubbed {
-    double force_N[3]; /* on the tissue */
-    double rest;       /* 1 has rested .. 0 has slid (law/friction.h) */
-} tm_rubbed;
+typedef struct tm_friction_state {
+    double force_N[3];  /* on the tissue */
+    double stick_state; /* 1 has rested .. 0 has slid (contact_law/friction.h) */
+} tm_friction_state;
 
 /* A station with rows in this substep: rows first .. first + count - 1 of contact. */
 typedef struct tm_touch {
     int32_t instrument, station, first, count;
     bool slips;
-    double moved_m[3], normal[3], pressed_N, coefficient;
+    double moved_m[3], normal[3], normal_force_N, coefficient;
     double force_N[3]; /* on the tissue, now */
 } tm_touch;
 
@@ -26,8 +26,9 @@ struct tm_friction {
     tm_contact *contact;
     tm_friction_def def;
     int32_t placings[TM_MAX_INSTRUMENTS];
-    tm_rubbed *rubbed[TM_MAX_INSTRUMENTS], *kept[TM_MAX_INSTRUMENTS]; /* [TM_MAX_STATIONS]; null: has no friction */
-    tm_touch *touch;                                                  /* [max_rows] by instrument, then station */
+    tm_friction_state *state[TM_MAX_INSTRUMENTS],
+        *saved[TM_MAX_INSTRUMENTS]; /* [TM_MAX_STATIONS]; null: has no friction */
+    tm_touch *touch;                /* [max_rows] by instrument, then station */
     int32_t touch_count;
     double (*applied_N)[3]; /* [max_rows] each row's part of its station's force */
     bool joined;            /* in this substep the rows' drag has them */
@@ -37,8 +38,8 @@ struct tm_friction {
 /* The stage's hooks. */
 int64_t tm_friction_snapshot(void *self, void *buffer);
 bool tm_friction_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
-void tm_friction_keep(void *self);
-void tm_friction_give_back(void *self, tm_world *world);
+void tm_friction_checkpoint(void *self);
+void tm_friction_rollback(void *self, tm_world *world);
 
 /* What the skins hold, stretched along the surface. */
 double tm_friction_stretched_J(const tm_friction *friction);

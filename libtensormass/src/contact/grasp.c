@@ -1,12 +1,12 @@
 /* Stage "grasp": springs between the jaws and the vertices that they closed upon (grasp_springs.c), solved in the same
  * sweeps as contact. */
-#include "contact/grasp_hold.h"
+#include "contact/grasp_internal.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/jaw.h"
+#include "contact_law/jaw.h"
 
 tm_grasp_def tm_grasp_def_default(void) {
     return (tm_grasp_def){.cookie = TM_COOKIE_GRASP,
@@ -16,14 +16,14 @@ tm_grasp_def tm_grasp_def_default(void) {
                           .jaw_length_m = 0.01,
                           .reach_m = 0.001,
                           .compliance_m_N = 0.2e-3,
-                          .fade_s = 0.1,
+                          .release_time_s = 0.1,
                           .force_cap_N = 20,
                           .max_vertices = 64};
 }
 
 /* --- capture --- */
 
-static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+static void capture(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, const tm_world *world) {
     const tm_tool *tool = grasp->contact->tool + t;
     tm_surface_view surface = tm_tissue_surface(world->tissue);
     h->count = tm_jaw_capture(&h->jaw, &grasp->def, &tool->def, &tool->pose, world->tissue->mesh->rest_m,
@@ -31,19 +31,19 @@ static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) 
 }
 
 static bool holds(void *self, int32_t instrument, int32_t vertex) {
-    const hold *h = ((tm_grasp *)self)->hold + instrument;
+    const grasp_of_jaw *h = ((tm_grasp *)self)->grasp + instrument;
     for (int32_t i = 0; i < h->count; i++)
         if (h->vertex[i] == vertex) return true;
     return false;
 }
 
 /* What contact did with the vertices the hold takes over, so that closing changes no force. */
-static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+static void take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, const tm_world *world) {
     const tm_contact *contact = grasp->contact;
     memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
-        if (row->instrument != t || !tm_row_is_held(contact, row)) continue;
+        if (row->instrument != t || !tm_row_is_grasped(contact, row)) continue;
         for (int32_t i = 0; i < h->count; i++)
             for (int j = 0; j < 3; j++)
                 if (row->vertex[j] == h->vertex[i])
@@ -60,7 +60,7 @@ static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world
 
 /* --- the jaw --- */
 
-static void drop(hold *h, int32_t i) {
+static void drop(grasp_of_jaw *h, int32_t i) {
     h->count--;
     memmove(h->vertex + i, h->vertex + i + 1, sizeof *h->vertex * (size_t)(h->count - i));
     double *array[] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
@@ -68,8 +68,8 @@ static void drop(hold *h, int32_t i) {
         memmove(array[k] + 3 * i, array[k] + 3 * (i + 1), sizeof(double) * 3 * (size_t)(h->count - i));
 }
 
-static void open_jaw(hold *h) {
-    h->state = TM_GRASP_LETTING_GO;
+static void open_jaw(grasp_of_jaw *h) {
+    h->state = TM_GRASP_RELEASING;
     h->fade = 1;
     h->seen = false;
     memcpy(h->let_go_N, h->force_N, sizeof(double) * 3 * (size_t)h->count);
@@ -77,7 +77,7 @@ static void open_jaw(hold *h) {
 
 /* Contact of a hybrid knows no depth that is forgiven: there what is let go is no obstacle until it is out of the jaw.
  */
-static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *world) {
+static void release_what_is_out(grasp_of_jaw *h, const tm_tool *tool, const tm_world *world) {
     for (int32_t i = h->count - 1; i >= 0; i--) {
         double at[3], d[3];
         tm_hold_vertex_at(world, world->state.u_m, h->vertex[i], at);
@@ -89,13 +89,13 @@ static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *wo
     if (h->count == 0) h->state = TM_GRASP_OPEN;
 }
 
-static bool is_embedded(const hold *h) {
+static bool is_embedded(const grasp_of_jaw *h) {
     bool any = false;
     for (int i = 0; i < TM_MAX_STATIONS; i++) any = any || h->embedded_m[i] > 0;
     return h->seen && any;
 }
 
-static void release(const tm_grasp *grasp, hold *h, const tm_tool *tool, const tm_world *world) {
+static void release(const tm_grasp *grasp, grasp_of_jaw *h, const tm_tool *tool, const tm_world *world) {
     if (grasp->contact->others.solve) {
         release_what_is_out(h, tool, world);
     } else if (!is_embedded(h)) {
@@ -109,28 +109,28 @@ static void release(const tm_grasp *grasp, hold *h, const tm_tool *tool, const t
  * of it. Returns how many rows are left. */
 static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) {
     tm_grasp *grasp = self;
-    hold *h = grasp->hold + t;
+    grasp_of_jaw *h = grasp->grasp + t;
     double depth_m[TM_MAX_STATIONS] = {0};
     int32_t left = 0;
-    for (int32_t i = 0; i < count && h->state == TM_GRASP_LETTING_GO; i++)
-        if (tm_row_is_held(grasp->contact, row + i))
+    for (int32_t i = 0; i < count && h->state == TM_GRASP_RELEASING; i++)
+        if (tm_row_is_grasped(grasp->contact, row + i))
             depth_m[row[i].station] = fmax(depth_m[row[i].station], -row[i].gap_m);
     for (int i = 0; i < TM_MAX_STATIONS; i++)
         h->embedded_m[i] = h->seen ? law_min(h->embedded_m[i], depth_m[i]) : depth_m[i];
     h->seen = true;
     for (int32_t i = 0; i < count; i++) {
-        const bool held = tm_row_is_held(grasp->contact, row + i);
-        if (held && h->state != TM_GRASP_LETTING_GO) continue;
-        if (held) row[i].gap_m += h->embedded_m[row[i].station];
+        const bool fixed = tm_row_is_grasped(grasp->contact, row + i);
+        if (fixed && h->state != TM_GRASP_RELEASING) continue;
+        if (fixed) row[i].gap_m += h->embedded_m[row[i].station];
         row[left++] = row[i];
     }
     return left;
 }
 
 static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
-    hold *h = grasp->hold + t;
+    grasp_of_jaw *h = grasp->grasp + t;
     const tm_tool *tool = grasp->contact->tool + t;
-    switch (law_jaw_work(&h->was_closed, h->state == TM_GRASP_HOLDING, h->state == TM_GRASP_LETTING_GO,
+    switch (law_jaw_work(&h->was_closed, h->state == TM_GRASP_HOLDING, h->state == TM_GRASP_RELEASING,
                          tool->pose.active, tool->pose.grip, grasp->def.close_grip, grasp->def.open_grip)) {
     case LAW_JAW_STAYS: break;
     case LAW_JAW_CLOSES:
@@ -141,7 +141,7 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
     case LAW_JAW_OPENS: open_jaw(h); break;
     case LAW_JAW_FADES:
         if (h->fade > 0)
-            h->fade = law_jaw_fade(h->fade, world->state.dt_s, grasp->def.fade_s);
+            h->fade = law_jaw_fade(h->fade, world->state.dt_s, grasp->def.release_time_s);
         else
             release(grasp, h, tool, world);
         break;
@@ -152,11 +152,11 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
 static void run(void *self, tm_world *world) {
     tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        hold *h = grasp->hold + t;
+        grasp_of_jaw *h = grasp->grasp + t;
         const tm_tool *tool = grasp->contact->tool + t;
         if (tool->def.mode != TM_TOOL_GRASPER) continue;
         tm_hold_begin(grasp, h, world);
-        tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
+        tm_jaw_rotate(&h->jaw, &tool->def, &tool->pose);
         if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
             h->count = 0;
             h->state = TM_GRASP_OPEN;
@@ -174,7 +174,7 @@ static void run(void *self, tm_world *world) {
 
 static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
     const tm_grasp *grasp = self;
-    const hold *h = grasp->hold + t;
+    const grasp_of_jaw *h = grasp->grasp + t;
     const tm_tool *tool = grasp->contact->tool + t;
     for (int32_t i = 0; i < h->count; i++) {
         double on_tool[3], at_tip[3];
@@ -187,16 +187,16 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
 
 static int32_t held(void *self, int32_t t, const int32_t **vertex, const double **target_m, double *compliance_m_N) {
     const tm_grasp *grasp = self;
-    const hold *h = grasp->hold + t;
+    const grasp_of_jaw *h = grasp->grasp + t;
     *vertex = h->vertex;
     *target_m = h->target_m;
     *compliance_m_N = grasp->def.compliance_m_N;
-    return h->state == TM_GRASP_LETTING_GO ? -1 : h->count;
+    return h->state == TM_GRASP_RELEASING ? -1 : h->count;
 }
 
 static void load(void *self, int32_t t, tm_jaw_load *to) {
     const tm_grasp *grasp = self;
-    const hold *h = grasp->hold + t;
+    const grasp_of_jaw *h = grasp->grasp + t;
     *to = (tm_jaw_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
 }
 
@@ -205,7 +205,7 @@ static void load(void *self, int32_t t, tm_jaw_load *to) {
 static void changed(void *self, tm_world *world) {
     tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        hold *h = grasp->hold + t;
+        grasp_of_jaw *h = grasp->grasp + t;
         for (int32_t i = h->count - 1; i >= 0; i--)
             if (world->tissue->mass_kg[h->vertex[i]] <= 0) drop(h, i);
     }
@@ -218,13 +218,13 @@ static void destroy(void *self) {
     tm_pool_release(&pool);
 }
 
-static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
-    h->vertex = TM_TAKE(pool, int32_t, n);
-    h->offset_m = TM_TAKE(pool, double, 3 * n);
-    h->target_m = TM_TAKE(pool, double, 3 * n);
-    h->force_N = TM_TAKE(pool, double, 3 * n);
-    h->let_go_N = TM_TAKE(pool, double, 3 * n);
-    h->distance_m = TM_TAKE(pool, double, n);
+static bool take_hold(tm_pool *pool, grasp_of_jaw *h, int32_t n, const tm_tool *tool) {
+    h->vertex = TM_ALLOC(pool, int32_t, n);
+    h->offset_m = TM_ALLOC(pool, double, 3 * n);
+    h->target_m = TM_ALLOC(pool, double, 3 * n);
+    h->force_N = TM_ALLOC(pool, double, 3 * n);
+    h->let_go_N = TM_ALLOC(pool, double, 3 * n);
+    h->distance_m = TM_ALLOC(pool, double, n);
     tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
     h->placings = tool->placings;
     tm_hold_place(h, tool);
@@ -236,13 +236,13 @@ static tm_status check(const tm_grasp_def *def, tm_error *error) {
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "grasp: closes at grip %g and opens at %g; give 0 <= open < close <= 1", def->close_grip,
                        def->open_grip);
-    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) || !(def->fade_s >= 0) ||
-        !(def->force_cap_N > 0) || def->max_vertices < 1 ||
-        !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->fade_s))
+    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) ||
+        !(def->release_time_s >= 0) || !(def->force_cap_N > 0) || def->max_vertices < 1 ||
+        !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->release_time_s))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
                        "positive compliance, cap and number, and none negative",
-                       def->jaw_length_m, def->reach_m, def->compliance_m_N, def->fade_s, def->force_cap_N,
+                       def->jaw_length_m, def->reach_m, def->compliance_m_N, def->release_time_s, def->force_cap_N,
                        def->max_vertices);
     return TM_OK;
 }
@@ -255,11 +255,11 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     tm_status status = check(def, error);
     if (status) return status;
     tm_pool pool = {0};
-    tm_grasp *self = TM_TAKE(&pool, tm_grasp, 1);
+    tm_grasp *self = TM_ALLOC(&pool, tm_grasp, 1);
     bool taken = self != NULL;
     for (int32_t t = 0; t < contact->tool_count && taken; t++)
-        taken = take_hold(&pool, self->hold + t, def->max_vertices, contact->tool + t) &&
-                take_hold(&pool, self->kept + t, def->max_vertices, contact->tool + t);
+        taken = take_hold(&pool, self->grasp + t, def->max_vertices, contact->tool + t) &&
+                take_hold(&pool, self->saved + t, def->max_vertices, contact->tool + t);
     if (!taken) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "grasp stage");
@@ -276,38 +276,38 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                             .self = self,
                             .snapshot = tm_grasp_snapshot,
                             .restore = tm_grasp_restore,
-                            .keep = tm_grasp_keep,
-                            .give_back = tm_grasp_give_back,
+                            .checkpoint = tm_grasp_checkpoint,
+                            .rollback = tm_grasp_rollback,
                             .needs = {"contact"},
-                            .before = TM_STAGE_CONTACT_FIND,
-                            .snapshot_most = tm_grasp_snapshot_max(self)};
+                            .runs_before = TM_STAGE_CONTACT_DETECT,
+                            .snapshot_max = tm_grasp_snapshot_max(self)};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
         return status;
     }
-    tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact constrain" does */
-    const tm_block block = {.self = self,
-                            .owner = self,
-                            .sweep = tm_grasp_sweep,
-                            .finish = tm_grasp_finish,
-                            .push = tm_grasp_push,
-                            .hold_back = tm_grasp_hold_back,
-                            .lost = tm_grasp_lost,
-                            .react = react,
-                            .holds = holds,
-                            .held = held,
-                            .load = load,
-                            .admit = admit};
+    tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact solve" does */
+    const tm_constraint_block block = {.self = self,
+                                       .owner = self,
+                                       .sweep = tm_grasp_sweep,
+                                       .finish = tm_grasp_finish,
+                                       .push = tm_grasp_push,
+                                       .hold_back = tm_grasp_hold_back,
+                                       .lost = tm_grasp_lost,
+                                       .react = react,
+                                       .is_grasped = holds,
+                                       .grasped = held,
+                                       .load = load,
+                                       .admit = admit};
     tm_contact_add_block(contact, &block);
     *grasp = self;
     return TM_OK;
 }
 
-int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
+int32_t tm_grasp_vertices(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
     TM_REQUIRE(grasp && instrument >= 0 && instrument < grasp->contact->tool_count,
                "grasp is null or instrument is not one of its contact's", 0);
-    const hold *h = grasp->hold + instrument;
+    const grasp_of_jaw *h = grasp->grasp + instrument;
     if (vertex) *vertex = h->vertex;
     if (state) *state = h->state;
     return h->count;

@@ -1,22 +1,22 @@
 /* What holds are between steps: for snapshots, and for a step that fails. */
-#include "contact/grasp_hold.h"
+#include "contact/grasp_internal.h"
 
 #include <string.h>
 
 /* What one instrument's hold is between steps; its vertices' arrays follow it. */
-typedef struct kept {
+typedef struct saved {
     int32_t state, was_closed, count, seen;
-    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS], sprung_J[2];
+    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS], contact_stored_J[2];
     tm_jaw_place place[3];
-} kept;
+} saved;
 
-static int64_t kept_bytes(int32_t count) {
-    return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
+static int64_t saved_bytes(int32_t count) {
+    return (int64_t)sizeof(saved) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
 }
 
 /* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned.
  */
-static void move_arrays(hold *h, char *buffer, bool out) {
+static void move_arrays(grasp_of_jaw *h, char *buffer, bool out) {
     int64_t *vertex = (int64_t *)buffer;
     double *number = (double *)(vertex + h->count);
     double *const array[4] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
@@ -39,41 +39,40 @@ int64_t tm_grasp_snapshot(void *self, void *buffer) {
     tm_grasp *grasp = self;
     int64_t bytes = 0;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        hold *h = grasp->hold + t;
+        grasp_of_jaw *h = grasp->grasp + t;
         if (buffer) {
-            kept k = {
+            saved k = {
                 .state = h->state, .was_closed = h->was_closed, .count = h->count, .seen = h->seen, .fade = h->fade};
             memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
             memcpy(k.origin, h->jaw.origin, sizeof k.origin);
             memcpy(k.embedded_m, h->embedded_m, sizeof k.embedded_m);
-            memcpy(k.sprung_J, h->sprung_J, sizeof k.sprung_J);
+            memcpy(k.contact_stored_J, h->contact_stored_J, sizeof k.contact_stored_J);
             memcpy(k.place, h->place, sizeof k.place);
             memcpy((char *)buffer + bytes, &k, sizeof k);
             move_arrays(h, (char *)buffer + bytes + sizeof k, true);
         }
-        bytes += kept_bytes(h->count);
+        bytes += saved_bytes(h->count);
     }
     return bytes;
 }
 
 int64_t tm_grasp_snapshot_max(const tm_grasp *grasp) {
-    return grasp->contact->tool_count * kept_bytes(grasp->def.max_vertices);
+    return grasp->contact->tool_count * saved_bytes(grasp->def.max_vertices);
 }
 
 static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffer, int64_t bytes) {
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        kept k;
+        saved k;
         if (bytes < (int64_t)sizeof k) return false;
         memcpy(&k, buffer, sizeof k);
-        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN ||
-            k.state > TM_GRASP_LETTING_GO)
+        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN || k.state > TM_GRASP_RELEASING)
             return false;
-        if (bytes < kept_bytes(k.count)) return false;
+        if (bytes < saved_bytes(k.count)) return false;
         const int64_t *vertex = (const int64_t *)(buffer + sizeof k);
         for (int32_t i = 0; i < k.count; i++)
             if (vertex[i] < 0 || vertex[i] >= world->tissue->mesh->vertex_count) return false;
-        buffer += kept_bytes(k.count);
-        bytes -= kept_bytes(k.count);
+        buffer += saved_bytes(k.count);
+        bytes -= saved_bytes(k.count);
     }
     return bytes == 0;
 }
@@ -83,8 +82,8 @@ bool tm_grasp_restore(void *self, tm_world *world, const void *buffer, int64_t b
     if (!fits(grasp, world, buffer, bytes)) return false;
     const char *from = buffer;
     for (int32_t t = 0; t < grasp->contact->tool_count && apply; t++) {
-        hold *h = grasp->hold + t;
-        kept k;
+        grasp_of_jaw *h = grasp->grasp + t;
+        saved k;
         memcpy(&k, from, sizeof k);
         h->state = (tm_grasp_state)k.state;
         h->was_closed = k.was_closed != 0;
@@ -94,18 +93,18 @@ bool tm_grasp_restore(void *self, tm_world *world, const void *buffer, int64_t b
         memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
         memcpy(h->jaw.origin, k.origin, sizeof k.origin);
         memcpy(h->embedded_m, k.embedded_m, sizeof k.embedded_m);
-        memcpy(h->sprung_J, k.sprung_J, sizeof k.sprung_J);
+        memcpy(h->contact_stored_J, k.contact_stored_J, sizeof k.contact_stored_J);
         memcpy(h->place, k.place, sizeof k.place);
         h->seen = k.seen != 0;
         move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
-        from += kept_bytes(k.count);
+        from += saved_bytes(k.count);
     }
     return true;
 }
 
 /* Each keeps its own arrays. */
-static void copy_hold(const hold *from, hold *to) {
-    const hold own = *to;
+static void copy_hold(const grasp_of_jaw *from, grasp_of_jaw *to) {
+    const grasp_of_jaw own = *to;
     const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
     *to = *from;
     to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
@@ -117,13 +116,13 @@ static void copy_hold(const hold *from, hold *to) {
     memcpy(to->let_go_N, from->let_go_N, bytes);
 }
 
-void tm_grasp_keep(void *self) {
+void tm_grasp_checkpoint(void *self) {
     tm_grasp *grasp = self;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->hold + t, grasp->kept + t);
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->grasp + t, grasp->saved + t);
 }
 
-void tm_grasp_give_back(void *self, tm_world *world) {
+void tm_grasp_rollback(void *self, tm_world *world) {
     (void)world;
     tm_grasp *grasp = self;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->kept + t, grasp->hold + t);
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->saved + t, grasp->grasp + t);
 }

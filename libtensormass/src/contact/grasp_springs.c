@@ -2,8 +2,8 @@
  * A spring whose force is that of its stretch, solved for the end of the substep, gives back no more than it holds.
  * What slips between two substeps is no such spring, nor one that begins while tissue moves past it, nor two on the
  * same vertex: what they make beyond what they hold is bounded after the sweeps, exact in the terms of the integrator
- * (contact_passive.c does so with the rows). */
-#include "contact/grasp_hold.h"
+ * (contact_passivity.c does so with the rows). */
+#include "contact/grasp_internal.h"
 
 #include <math.h>
 #include <string.h>
@@ -18,26 +18,26 @@ void tm_hold_vertex_at(const tm_world *world, const double *u_m, int32_t vertex,
 
 static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, const double force_N[3]) {
     for (int c = 0; c < 3; c++)
-        if (!grasp->contact->held[3 * vertex + c])
+        if (!grasp->contact->fixed[3 * vertex + c])
             world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
 }
 
-/* What the spring on a vertex can bear, N: the cap, and while letting go the share of what it bore when the jaw opened.
+/* What the spring on a vertex can bear, N: the cap, and while releasing the share of what it bore when the jaw opened.
  */
-static double bearable(const tm_grasp *grasp, const hold *h, int32_t i) {
-    if (h->state != TM_GRASP_LETTING_GO) return grasp->def.force_cap_N;
+static double bearable(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i) {
+    if (h->state != TM_GRASP_RELEASING) return grasp->def.force_cap_N;
     return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
 }
 
-static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
+static void limit_force(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i, double force_N[3]) {
     const double most = bearable(grasp, h, i), size = vnorm(force_N);
     if (size > most) vscale(most / size, force_N, force_N);
 }
 
-/* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
+/* What a spring cannot bear, it slips by, and what it had stored is lost there: while releasing the jaw is a friction
  * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
  * tissue meanwhile, it goes on driving it; docs/time-stepping.md, "Energy".) Called before the jaw turns. */
-static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
+static void slip(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world) {
     for (int32_t i = 0; i < h->count; i++) {
         double at[3], d[3];
         tm_hold_vertex_at(world, world->state.u_m, h->vertex[i], at);
@@ -48,18 +48,18 @@ static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
     }
 }
 
-void tm_hold_start(const tm_grasp *grasp, hold *h, int32_t i, tm_world *world) {
+void tm_hold_start(const tm_grasp *grasp, grasp_of_jaw *h, int32_t i, tm_world *world) {
     limit_force(grasp, h, i, h->force_N + 3 * i);
     push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
 }
 
 /* One vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
-static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *world) {
+static void relax(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i, tm_world *world) {
     int32_t vertex = h->vertex[i];
     double *force = h->force_N + 3 * i, wanted[3], change[3];
     for (int c = 0; c < 3; c++) {
         int32_t dof = 3 * vertex + c;
-        double mobility = grasp->contact->held[dof] ? 0 : world->mobility_s2_kg[vertex];
+        double mobility = grasp->contact->fixed[dof] ? 0 : world->mobility_s2_kg[vertex];
         double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
         wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
     }
@@ -73,24 +73,24 @@ void tm_grasp_sweep(void *self, tm_world *world, int32_t number) {
     const tm_grasp *grasp = self;
     (void)number;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++)
-        for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
+        for (int32_t i = 0; i < grasp->grasp[t].count; i++) relax(grasp, grasp->grasp + t, i, world);
 }
 
 /* A spring follows, as far as it can bear: where contact is held back, a jaw that has let go would take over the force
  * beyond that, and one that bore all it can would go on doing so when its tissue has come nearer. */
 bool tm_grasp_push(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
     const tm_grasp *grasp = self;
-    bool held = false;
+    bool fixed = false;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        const hold *h = grasp->hold + t;
+        const grasp_of_jaw *h = grasp->grasp + t;
         for (int32_t i = 0; i < h->count; i++) {
             if (h->vertex[i] != vertex) continue;
-            if (!held) push_vertex(grasp, world, vertex, force_N);
-            held = true;
+            if (!fixed) push_vertex(grasp, world, vertex, force_N);
+            fixed = true;
             relax(grasp, h, i, world);
         }
     }
-    return held;
+    return fixed;
 }
 
 /* Last of all sweeps: what a spring bears is then what it holds. */
@@ -98,36 +98,36 @@ void tm_grasp_finish(void *self, tm_world *world) { tm_grasp_sweep(self, world, 
 
 /* --- what they make --- */
 
-static double held_J(const tm_grasp *grasp, const hold *h) {
+static double held_J(const tm_grasp *grasp, const grasp_of_jaw *h) {
     double squares = 0;
     for (int32_t i = 0; i < 3 * h->count; i++) squares += h->force_N[i] * h->force_N[i];
     return 0.5 * grasp->def.compliance_m_N * squares;
 }
 
-void tm_hold_follow(hold *h, const tm_tool *tool) {
+void tm_hold_follow(grasp_of_jaw *h, const tm_tool *tool) {
     memcpy(h->place[0].axis_m, h->jaw.axis_m, sizeof h->jaw.axis_m);
     vset(tool->pose.tip_m, h->place[0].tip_m);
 }
 
-void tm_hold_place(hold *h, const tm_tool *tool) {
-    tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
+void tm_hold_place(grasp_of_jaw *h, const tm_tool *tool) {
+    tm_jaw_rotate(&h->jaw, &tool->def, &tool->pose);
     tm_hold_follow(h, tool);
     h->place[1] = h->place[2] = h->place[0];
-    h->sprung_J[0] = h->sprung_J[1] = 0;
+    h->contact_stored_J[0] = h->contact_stored_J[1] = 0;
 }
 
-void tm_hold_begin(const tm_grasp *grasp, hold *h, const tm_world *world) {
+void tm_hold_begin(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world) {
     h->place[2] = h->place[1];
     h->place[1] = h->place[0];
-    h->sprung_J[1] = h->sprung_J[0];
-    h->sprung_J[0] = held_J(grasp, h);
-    if (world->settling) h->sprung_J[1] = h->sprung_J[0];
+    h->contact_stored_J[1] = h->contact_stored_J[0];
+    h->contact_stored_J[0] = held_J(grasp, h);
+    if (world->settling) h->contact_stored_J[1] = h->contact_stored_J[0];
     slip(grasp, h, world);
 }
 
-void tm_hold_take_over(tm_grasp *grasp, hold *h, int32_t t) {
-    h->sprung_J[0] = h->sprung_J[1] = held_J(grasp, h);
-    grasp->contact->tool[t].reserve_J -= h->sprung_J[0];
+void tm_hold_take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t) {
+    h->contact_stored_J[0] = h->contact_stored_J[1] = held_J(grasp, h);
+    grasp->contact->tool[t].reserve_J -= h->contact_stored_J[0];
 }
 
 /* Over two substeps, if all forces were `share` of what they are: share bare + share^2 own. */
@@ -135,7 +135,7 @@ typedef struct hold_work {
     double bare_J, own_J;
 } hold_work;
 
-static hold_work sum_work(const tm_grasp *grasp, const hold *h, const tm_world *world) {
+static hold_work sum_work(const tm_grasp *grasp, const grasp_of_jaw *h, const tm_world *world) {
     const tm_state *state = &world->state;
     hold_work w = {.own_J = 0.5 * held_J(grasp, h)};
     for (int32_t i = 0; i < h->count; i++) {
@@ -145,7 +145,7 @@ static hold_work sum_work(const tm_grasp *grasp, const hold *h, const tm_world *
         for (int c = 0; c < 3; c++) vmadd(there, h->offset_m[3 * i + c], h->place[2].axis_m[c], there);
         for (int c = 0; c < 3; c++) {
             const int32_t dof = 3 * h->vertex[i] + c;
-            const double adds = grasp->contact->held[dof] ? 0 : world->mobility_s2_kg[h->vertex[i]] * force[c];
+            const double adds = grasp->contact->fixed[dof] ? 0 : world->mobility_s2_kg[h->vertex[i]] * force[c];
             const double way = state->u_next_m[dof] - adds - state->u_prev_m[dof];
             w.bare_J += 0.5 * force[c] * (way - (h->target_m[3 * i + c] - there[c]));
             w.own_J += 0.5 * force[c] * adds;
@@ -155,7 +155,7 @@ static hold_work sum_work(const tm_grasp *grasp, const hold *h, const tm_world *
 }
 
 /* The jaw gives way by what its spring is stretched beyond its force. */
-static void give_way(const tm_grasp *grasp, hold *h, int32_t i, const tm_world *world) {
+static void give_way(const tm_grasp *grasp, grasp_of_jaw *h, int32_t i, const tm_world *world) {
     double at[3], beyond[3];
     tm_hold_vertex_at(world, world->state.u_next_m, h->vertex[i], at);
     vsub(h->target_m + 3 * i, at, beyond);
@@ -165,25 +165,25 @@ static void give_way(const tm_grasp *grasp, hold *h, int32_t i, const tm_world *
 }
 
 static void shorten(tm_grasp *grasp, int32_t t, tm_world *world, double share) {
-    hold *h = grasp->hold + t;
+    grasp_of_jaw *h = grasp->grasp + t;
     for (int32_t i = 0; i < h->count; i++) {
         double change[3];
         vscale(share - 1, h->force_N + 3 * i, change);
         vscale(share, h->force_N + 3 * i, h->force_N + 3 * i);
         push_vertex(grasp, world, h->vertex[i], change);
         for (int32_t other = 0; other < grasp->contact->tool_count; other++)
-            for (int32_t k = 0; other != t && k < grasp->hold[other].count; k++)
-                if (grasp->hold[other].vertex[k] == h->vertex[i]) relax(grasp, grasp->hold + other, k, world);
+            for (int32_t k = 0; other != t && k < grasp->grasp[other].count; k++)
+                if (grasp->grasp[other].vertex[k] == h->vertex[i]) relax(grasp, grasp->grasp + other, k, world);
         give_way(grasp, h, i, world);
     }
 }
 
 bool tm_grasp_hold_back(void *self, tm_world *world, int32_t t) {
     tm_grasp *grasp = self;
-    const hold *h = grasp->hold + t;
+    const grasp_of_jaw *h = grasp->grasp + t;
     if (h->count == 0) return false;
     const hold_work w = sum_work(grasp, h, world);
-    const double may = LITTLE_J + 0.5 * h->sprung_J[1];
+    const double may = LITTLE_J + 0.5 * h->contact_stored_J[1];
     if (!(w.bare_J + w.own_J > may)) return false;
     shorten(grasp, t, world, (sqrt(w.bare_J * w.bare_J + 4 * w.own_J * may) - w.bare_J) / (2 * w.own_J));
     return true;
@@ -191,7 +191,7 @@ bool tm_grasp_hold_back(void *self, tm_world *world, int32_t t) {
 
 double tm_grasp_lost(void *self, const tm_world *world, int32_t t) {
     const tm_grasp *grasp = self;
-    const hold *h = grasp->hold + t;
+    const grasp_of_jaw *h = grasp->grasp + t;
     const hold_work w = sum_work(grasp, h, world);
-    return law_max(0.5 * h->sprung_J[1] - w.bare_J - w.own_J, 0);
+    return law_max(0.5 * h->contact_stored_J[1] - w.bare_J - w.own_J, 0);
 }

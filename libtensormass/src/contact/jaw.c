@@ -14,7 +14,7 @@ void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose
 }
 
 /* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
-void tm_jaw_turn(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
+void tm_jaw_rotate(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(h && tool && pose, "jaw, tool or pose is null", );
     double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
     vsub(pose->tip_m, tool->trocar_m, e);

@@ -1,5 +1,5 @@
-/* Search for loose pieces: a flood from what is held, over faces, a little each substep. Cuts during the flood do no
- * harm: what it has not reached at the end was not reachable all along. */
+/* Search for detached fragments: a flood from what is held, over faces, a little each substep. Cuts during the flood do
+ * no harm: what it has not reached at the end was not reachable all along. */
 #include "cut/cut_internal.h"
 
 #include <string.h>
@@ -26,11 +26,11 @@ static void list_seeds(tm_cut_stage *stage, tm_world *world) {
     stage->seed_count = 0;
     stage->any_support = false;
     memset(stage->is_seed, 0, (size_t)mesh->tet_count);
-    memset(stage->held, 0, 3 * (size_t)mesh->vertex_count);
-    tm_support_mask(world, stage->held);
+    memset(stage->fixed, 0, 3 * (size_t)mesh->vertex_count);
+    tm_support_mask(world, stage->fixed);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         const bool hung = world->tissue->extra_mass_kg && world->tissue->extra_mass_kg[v] > 0;
-        if (!hung && !stage->held[3 * v] && !stage->held[3 * v + 1] && !stage->held[3 * v + 2]) continue;
+        if (!hung && !stage->fixed[3 * v] && !stage->fixed[3 * v + 1] && !stage->fixed[3 * v + 2]) continue;
         stage->any_support = true;
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
             const int32_t tet = mesh->vertex_tet[i];
@@ -56,7 +56,7 @@ void tm_cut_begin_search(tm_cut_stage *stage, tm_world *world) {
         const int32_t *vertex;
         const double *target_m;
         double compliance_m_N;
-        const int32_t count = tm_contact_held(stage->contact, t, &vertex, &target_m, &compliance_m_N);
+        const int32_t count = tm_contact_grasped(stage->contact, t, &vertex, &target_m, &compliance_m_N);
         for (int32_t k = 0; k < count; k++)
             for (int32_t i = mesh->vertex_tet_begin[vertex[k]]; i < mesh->vertex_tet_begin[vertex[k] + 1]; i++)
                 reach(stage, world->tissue, mesh->vertex_tet[i]);

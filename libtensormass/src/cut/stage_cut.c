@@ -9,11 +9,11 @@
 enum { TM_COOKIE_CUT = 0x63757421 };
 
 enum {
-    SWEEP_PER_STEP = 2048, /* tetrahedra that the search for loose pieces looks at once it has flooded */
+    SWEEP_PER_STEP = 2048, /* tetrahedra that the search for detached fragments looks at once it has flooded */
     LOOSE_PER_STEP = 32,   /* loose ones removed in a step */
     FALLING_PAUSE = 256    /* steps between two searches while pieces fall */
 };
-static const double OUT_OF_SIGHT = 3; /* diagonals of the mesh that a falling piece may travel */
+static const double OUTSIDE_REMOVAL_DISTANCE = 3; /* diagonals of the mesh that a falling piece may travel */
 
 tm_cut_def tm_cut_def_default(void) {
     return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
@@ -61,11 +61,11 @@ static void cauterise(tm_cut_stage *stage, tm_world *world) {
     }
 }
 
-/* --- loose pieces (cut_search.c), removed --- */
+/* --- detached fragments (cut_search.c), removed --- */
 
-static bool out_of_sight(const tm_cut_stage *stage, const tm_world *world, int32_t tet) {
+static bool is_beyond_removal_distance(const tm_cut_stage *stage, const tm_world *world, int32_t tet) {
     const double *u = world->state.u_m + 3 * (int64_t)world->tissue->mesh->tet[4 * (int64_t)tet];
-    return !(vdot(u, u) < stage->sight_m * stage->sight_m);
+    return !(vdot(u, u) < stage->removal_distance_m * stage->removal_distance_m);
 }
 
 static void sweep(tm_cut_stage *stage, tm_world *world) {
@@ -78,7 +78,7 @@ static void sweep(tm_cut_stage *stage, tm_world *world) {
         stage->visits++;
         stage->reached[tet] = 0; /* as the next search wants it */
         if (!tissue->alive[tet] || reached) continue;
-        if (stage->loose == TM_LOOSE_REMOVE || out_of_sight(stage, world, tet))
+        if (stage->loose == TM_LOOSE_REMOVE || is_beyond_removal_distance(stage, world, tet))
             loose[count++] = tet;
         else
             stage->falling = true;
@@ -104,19 +104,19 @@ static void search_on(void *self, tm_world *world) {
 /* Only where no stage comes between the new displacements and it, which might cut, too. */
 static bool begin_overlap(void *self, tm_world *world) {
     const tm_cut_stage *stage = self;
-    return stage->waits && world->group_end < world->step_count && world->slot[world->group_end].stage.self == stage;
+    return stage->waits && world->group_end < world->step_count && world->entry[world->group_end].stage.self == stage;
 }
 
 /* The last thread looks at fewest tools. */
 static void work_overlap(void *self, tm_world *world, int32_t part) {
-    if (part == world->part_count - 1) search_on(self, world);
+    if (part == world->partition_count - 1) search_on(self, world);
 }
 
 static const tm_overlap OVERLAP = {begin_overlap, work_overlap};
 
 static void run(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
-    if (stage->visits > stage->most_visits) stage->most_visits = stage->visits;
+    if (stage->visits > stage->max_visits) stage->max_visits = stage->visits;
     stage->visits = 0;
     tm_cut_update_seeds(stage, world);
     if (stage->fading.count > 0) tm_fading_age(&stage->fading, world->state.dt_s);
@@ -151,11 +151,11 @@ static double diagonal(const tm_mesh *mesh) {
     return sqrt(vdot(d, d));
 }
 
-/* What goes on between steps. The search starts over: it changes nothing but when a loose piece is noticed. */
-typedef struct kept {
+/* What goes on between steps. The search starts over: it changes nothing but when a detached fragment is noticed. */
+typedef struct saved {
     double credit[TM_MAX_INSTRUMENTS];
     int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, seed_at, fading, unused;
-} kept;
+} saved;
 
 static int64_t search_bytes(const tm_cut_stage *stage, const tm_tissue *tissue) {
     return stage->state == SEARCH_IDLE ? 0 : tissue->mesh->tet_count + (int64_t)sizeof(int32_t) * stage->queue_end;
@@ -165,18 +165,18 @@ static int64_t snapshot(void *self, void *buffer) {
     const tm_cut_stage *stage = self;
     const tm_tissue *tissue = stage->contact->world->tissue;
     const int64_t fading = (int64_t)sizeof(tm_fading_row) * stage->fading.count,
-                  bytes = (int64_t)sizeof(kept) + fading + search_bytes(stage, tissue);
+                  bytes = (int64_t)sizeof(saved) + fading + search_bytes(stage, tissue);
     if (!buffer) return bytes;
     /* Only the difference to the surface's revision means anything elsewhere. */
-    const kept k = {.state = stage->state,
-                    .revision = tissue->surface.revision - stage->revision,
-                    .pause = stage->pause,
-                    .falling = stage->falling,
-                    .queue_begin = stage->queue_begin,
-                    .queue_end = stage->queue_end,
-                    .sweep_at = stage->sweep_at,
-                    .seed_at = stage->seed_at,
-                    .fading = stage->fading.count};
+    const saved k = {.state = stage->state,
+                     .revision = tissue->surface.revision - stage->revision,
+                     .pause = stage->pause,
+                     .falling = stage->falling,
+                     .queue_begin = stage->queue_begin,
+                     .queue_end = stage->queue_end,
+                     .sweep_at = stage->sweep_at,
+                     .seed_at = stage->seed_at,
+                     .fading = stage->fading.count};
     char *to = buffer;
     memcpy(to, &k, sizeof k);
     memcpy(to, stage->credit, sizeof stage->credit);
@@ -203,7 +203,7 @@ static bool fading_fits(const tm_fading_rows *fading, const char *buffer, int64_
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     tm_cut_stage *stage = self;
     const int32_t tets = world->tissue->mesh->tet_count;
-    kept k;
+    saved k;
     if (bytes < (int64_t)sizeof k) return false;
     memcpy(&k, buffer, sizeof k);
     tm_cut_update_seeds(stage, world);
@@ -240,22 +240,22 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
 }
 
 static int64_t snapshot_max(const tm_mesh *mesh, double fade_s) {
-    return (int64_t)sizeof(kept) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t)) +
+    return (int64_t)sizeof(saved) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t)) +
            (fade_s > 0 ? TM_FADING_MAX * (int64_t)sizeof(tm_fading_row) : 0);
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     tm_cut_stage *stage = self;
-    stage->kept_bytes = snapshot(stage, stage->kept);
-    stage->kept_log_begin = stage->log_begin;
-    stage->kept_log_count = stage->log_count;
+    stage->saved_bytes = snapshot(stage, stage->saved);
+    stage->saved_log_begin = stage->log_begin;
+    stage->saved_log_count = stage->log_count;
 }
 
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
-    restore(stage, world, stage->kept, stage->kept_bytes, true);
-    stage->log_begin = stage->kept_log_begin; /* what the failed step wrote lies behind the end */
-    stage->log_count = stage->kept_log_count;
+    restore(stage, world, stage->saved, stage->saved_bytes, true);
+    stage->log_begin = stage->saved_log_begin; /* what the failed step wrote lies behind the end */
+    stage->log_count = stage->saved_log_count;
 }
 
 static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, tm_error *error) {
@@ -265,19 +265,19 @@ static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, 
                                .destroy = destroy,
                                .snapshot = snapshot,
                                .restore = restore,
-                               .keep = keep,
-                               .give_back = give_back,
+                               .checkpoint = checkpoint,
+                               .rollback = rollback,
                                .needs = {"contact"},
-                               .before = "contact",
-                               .passed_over_by_settle = true,
-                               .snapshot_most = snapshot_max(world->tissue->mesh, self->fading.fade_s)},
+                               .runs_before = "contact",
+                               .skip_in_settle = true,
+                               .snapshot_max = snapshot_max(world->tissue->mesh, self->fading.fade_s)},
                               {.name = "cut search",
                                .phase = TM_PHASE_CONSTRAIN,
                                .run = search_on,
                                .overlap = &OVERLAP,
-                               .part_of = "cut",
-                               .before = tm_contact_first_stage(self->contact),
-                               .passed_over_by_settle = true}};
+                               .substage_of = "cut",
+                               .runs_before = tm_contact_first_stage(self->contact),
+                               .skip_in_settle = true}};
     const tm_status status = tm_world_add_stages(world, stage, 2, self, bytes, error);
     if (status) return status;
     tm_world_set_few(world, "cut search", &tm_changes_none);
@@ -311,14 +311,14 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     if (status) return status;
     const tm_mesh *mesh = world->tissue->mesh;
     tm_pool pool = {0};
-    tm_cut_stage *self = TM_TAKE(&pool, tm_cut_stage, 1);
-    int32_t *log_tet = TM_TAKE(&pool, int32_t, mesh->tet_count), *queue = TM_TAKE(&pool, int32_t, mesh->tet_count),
-            *seed = TM_TAKE(&pool, int32_t, mesh->tet_count);
-    int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
-    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count), *is_seed = TM_TAKE(&pool, uint8_t, mesh->tet_count),
-            *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
-    tm_fading_row *fading = def->fade_s > 0 ? TM_TAKE(&pool, tm_fading_row, TM_FADING_MAX) : NULL;
-    void *room = TM_TAKE(&pool, char, snapshot_max(mesh, def->fade_s));
+    tm_cut_stage *self = TM_ALLOC(&pool, tm_cut_stage, 1);
+    int32_t *log_tet = TM_ALLOC(&pool, int32_t, mesh->tet_count), *queue = TM_ALLOC(&pool, int32_t, mesh->tet_count),
+            *seed = TM_ALLOC(&pool, int32_t, mesh->tet_count);
+    int8_t *log_instrument = TM_ALLOC(&pool, int8_t, mesh->tet_count);
+    uint8_t *reached = TM_ALLOC(&pool, uint8_t, mesh->tet_count), *is_seed = TM_ALLOC(&pool, uint8_t, mesh->tet_count),
+            *fixed = TM_ALLOC(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
+    tm_fading_row *fading = def->fade_s > 0 ? TM_ALLOC(&pool, tm_fading_row, TM_FADING_MAX) : NULL;
+    void *room = TM_ALLOC(&pool, char, snapshot_max(mesh, def->fade_s));
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
@@ -328,16 +328,16 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                            .rate_1_s = def->rate_1_s,
                            .loose = def->loose,
                            .fading = {.contact = contact, .fade_s = def->fade_s, .row = fading},
-                           .sight_m = OUT_OF_SIGHT * diagonal(mesh),
+                           .removal_distance_m = OUTSIDE_REMOVAL_DISTANCE * diagonal(mesh),
                            .log_tet = log_tet,
                            .log_instrument = log_instrument,
                            .reached = reached,
-                           .held = held,
+                           .fixed = fixed,
                            .queue = queue,
                            .seed = seed,
                            .is_seed = is_seed,
                            .supports_set = -1,
-                           .kept = room,
+                           .saved = room,
                            .revision = world->tissue->surface.revision};
     status = add_stages(world, self, pool.bytes, error);
     if (status)
@@ -349,16 +349,16 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
 
 static tm_cut_stage *find(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
+        if (world->entry[i].stage.run == run) return world->entry[i].stage.self;
     return NULL;
 }
 
-int32_t tm_cut_most_visits(const tm_world *world) {
+int32_t tm_cut_max_visits(const tm_world *world) {
     const tm_cut_stage *stage = find(world);
-    return stage ? stage->most_visits : 0;
+    return stage ? stage->max_visits : 0;
 }
 
-int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
+int32_t tm_cut_fetch_removed(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
     TM_REQUIRE(world && max >= 0 && (tet || max == 0), "world or tet is null, or max is negative", 0);
     tm_cut_stage *stage = find(world);
     int32_t n = 0;

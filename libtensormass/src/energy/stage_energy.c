@@ -22,21 +22,22 @@ typedef struct past {
 /* What is put aside when a step begins. */
 typedef struct account {
     tm_energy sum;
-    double stored_J;                 /* kinetic and elastic after the last step */
-    double sprung_J[2], sprung_at_J; /* in skins and jaws at the ends of the last two steps; when the account began */
-    int64_t next_step;               /* that is to come; negative: none yet */
-    int32_t revision;                /* of the surface then */
+    double stored_J; /* kinetic and elastic after the last step */
+    double contact_stored_J[2],
+        sprung_at_J;   /* in skins and jaws at the ends of the last two steps; when the account began */
+    int64_t next_step; /* that is to come; negative: none yet */
+    int32_t revision;  /* of the surface then */
     past past[TM_MAX_INSTRUMENTS];
 } account;
 
 typedef struct energy {
     tm_pool pool;
     tm_world *world;
-    account now, kept;
+    account now, saved;
     double *internal_N; /* [3*vertex_count] the tissue's own force, left by the stage "force" */
     double *reaction_N; /* [3*vertex_count] of the supports */
-    uint8_t *held;      /* [3*vertex_count] */
-    const void *held_by;
+    uint8_t *fixed;     /* [3*vertex_count] */
+    const void *fixed_by;
 } energy;
 
 /* --- the tissue --- */
@@ -62,7 +63,7 @@ static pass over_tissue(const energy *e, const tm_world *world) {
             elastic -= s->u_next_m[i] * inner[i];
             drag += gamma * way * way;
             p.outer_J += (s->force_N[i] - inner[i]) * way;
-            p.gravity_J += world->tissue->own_mass_kg[v] * g[i - 3 * v] * way;
+            p.gravity_J += world->tissue->physical_mass_kg[v] * g[i - 3 * v] * way;
             p.support_J += e->reaction_N[i] * way;
         }
     }
@@ -122,7 +123,7 @@ static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const doub
     for (int32_t i = 3 * vertex, c = 0; c < 3; i++, c++) {
         const double part = 0.5 * force_N[c] * (s->u_next_m[i] - s->u_prev_m[i]);
         work += part;
-        if (e->held[i]) e->now.sum.support_J -= part;
+        if (e->fixed[i]) e->now.sum.support_J -= part;
     }
     return work;
 }
@@ -131,12 +132,12 @@ static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const doub
 static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     const tm_contact_row *row = contact->row + i;
     const tm_state *s = &contact->world->state;
-    const tm_row_work w = tm_contact_row_work(contact, i, &e->now.past[row->instrument].capsule);
+    const tm_row_energy w = tm_contact_row_energy(contact, i, &e->now.past[row->instrument].capsule);
     static const double none[3] = {0, 0, 0};
     const double *rubs = contact->friction ? contact->friction->applied_N[i] : none; /* of the drag: friction's */
     double film[3], work = 0, slip;
     vsub(contact->solver[i].drag_N, rubs, film);
-    slip = -vdot(film, w.way_m);
+    slip = -vdot(film, w.travel_m);
     for (int j = 0; j < 3; j++) {
         double share[3];
         if (is_elsewhere(contact->world, row->vertex[j])) continue;
@@ -147,10 +148,10 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
             slip += row->weight[j] * film[c] * (s->u_next_m[d] - s->u_prev_m[d]);
         }
     }
-    e->now.sum.hand_J[row->instrument] += w.hand_J;
+    e->now.sum.tool_work_J[row->instrument] += w.tool_work_J;
     e->now.sum.contact_J[row->instrument] += work;
-    e->now.sum.film_J -= 0.5 * slip;
-    return w.skin_J;
+    e->now.sum.drag_J -= 0.5 * slip;
+    return w.compliance_J;
 }
 
 /* Returns what the skins of rows hold that fade. */
@@ -162,7 +163,7 @@ static double fading_work(energy *e, const tm_contact *contact) {
         tm_capsule_station(&contact->tool[row->instrument].capsule, row->station, here);
         tm_capsule_station(&e->now.past[row->instrument].capsule, row->station, there);
         vsub(here, there, way);
-        e->now.sum.hand_J[row->instrument] += 0.5 * row->lambda_N * vdot(row->normal, way);
+        e->now.sum.tool_work_J[row->instrument] += 0.5 * row->lambda_N * vdot(row->normal, way);
         for (int j = 0; j < 3; j++) {
             double share[3];
             vscale(row->weight[j] * row->lambda_N, row->normal, share);
@@ -184,7 +185,7 @@ static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
         e->now.sum.grasp_J[t] += on_vertex(e, &contact->world->state, load.vertex[i], force);
         tm_jaw_to_world(load.jaw, &contact->tool[t].pose, load.offset_m + 3 * i, here);
         tm_jaw_to_world(&was->jaw[1], &was->pose[1], load.offset_m + 3 * i, there);
-        for (int c = 0; c < 3; c++) e->now.sum.hand_J[t] += 0.5 * force[c] * (here[c] - there[c]);
+        for (int c = 0; c < 3; c++) e->now.sum.tool_work_J[t] += 0.5 * force[c] * (here[c] - there[c]);
         sprung += 0.5 * load.compliance_m_N * vdot(force, force);
     }
     return sprung;
@@ -194,7 +195,7 @@ static void remember(past *p, const tm_contact *contact, int32_t t, bool anew) {
     const tm_tool *tool = contact->tool + t;
     const tm_jaw_load load = tm_contact_load(contact, t);
     p->placings = tool->placings;
-    p->capsule = tool->before;
+    p->capsule = tool->previous;
     p->pose[1] = anew ? tool->pose : p->pose[0];
     p->pose[0] = tool->pose;
     if (!load.jaw) return;
@@ -220,8 +221,8 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
     }
     account *a = &e->now;
     if (a->next_step < 0) a->sprung_at_J = sprung;
-    a->sprung_J[0] = anew ? sprung : a->sprung_J[1];
-    a->sprung_J[1] = sprung;
+    a->contact_stored_J[0] = anew ? sprung : a->contact_stored_J[1];
+    a->contact_stored_J[1] = sprung;
 }
 
 /* --- stage --- */
@@ -231,10 +232,10 @@ static void run(void *self, tm_world *world) {
     account *a = &e->now;
     const size_t n = 3 * (size_t)world->tissue->mesh->vertex_count;
     const bool anew = a->next_step != world->state.step;
-    if (e->held_by != world->support) {
-        e->held_by = world->support;
-        memset(e->held, 0, n);
-        tm_support_mask(world, e->held);
+    if (e->fixed_by != world->support) {
+        e->fixed_by = world->support;
+        memset(e->fixed, 0, n);
+        tm_support_mask(world, e->fixed);
     }
     memset(e->reaction_N, 0, sizeof(double) * n);
     tm_support_reaction(world, e->reaction_N);
@@ -246,7 +247,7 @@ static void run(void *self, tm_world *world) {
     else if (a->revision != world->tissue->surface.revision && !anew)
         a->sum.cut_J += a->stored_J - p.before_J;
     else
-        a->sum.moved_J += p.before_J + p.eased_J - a->stored_J;
+        a->sum.state_change_J += p.before_J + p.eased_J - a->stored_J;
     over_tools(e, world, anew);
     a->sum.gravity_J += p.gravity_J;
     a->sum.load_J += p.outer_J - p.gravity_J;
@@ -260,15 +261,15 @@ static void run(void *self, tm_world *world) {
     a->next_step = world->state.step + 1;
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     energy *e = self;
-    e->kept = e->now;
+    e->saved = e->now;
 }
 
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     (void)world;
     energy *e = self;
-    e->now = e->kept;
+    e->now = e->saved;
 }
 
 static void destroy(void *self) {
@@ -282,14 +283,14 @@ tm_status tm_stage_energy(tm_world *world, tm_error *error) {
     TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
     tm_pool pool = {0};
     const int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
-    energy *self = TM_TAKE(&pool, energy, 1);
-    double *internal = TM_TAKE(&pool, double, n), *reaction = TM_TAKE(&pool, double, n);
-    uint8_t *held = TM_TAKE(&pool, uint8_t, n);
+    energy *self = TM_ALLOC(&pool, energy, 1);
+    double *internal = TM_ALLOC(&pool, double, n), *reaction = TM_ALLOC(&pool, double, n);
+    uint8_t *fixed = TM_ALLOC(&pool, uint8_t, n);
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "energy stage");
     }
-    *self = (energy){.pool = pool, .world = world, .internal_N = internal, .reaction_N = reaction, .held = held};
+    *self = (energy){.pool = pool, .world = world, .internal_N = internal, .reaction_N = reaction, .fixed = fixed};
     self->now.next_step = -1;
     const tm_stage stage = {.size = sizeof stage,
                             .name = "energy",
@@ -297,8 +298,8 @@ tm_status tm_stage_energy(tm_world *world, tm_error *error) {
                             .run = run,
                             .destroy = destroy,
                             .self = self,
-                            .keep = keep,
-                            .give_back = give_back};
+                            .checkpoint = checkpoint,
+                            .rollback = rollback};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status)
         destroy(self);
@@ -316,7 +317,7 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
     TM_REQUIRE(world && account_of, "world or energy is null", TM_ERR_ARGUMENT);
     const account *a = NULL;
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run) a = &((const energy *)world->slot[i].stage.self)->now;
+        if (world->entry[i].stage.run == run) a = &((const energy *)world->entry[i].stage.self)->now;
     if (!a)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world keeps no account of energy; add the stage \"energy\"");
     tm_energy *s = account_of;
@@ -324,11 +325,11 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
     double tools = 0, hands = 0;
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
         tools += s->contact_J[t] + s->grasp_J[t];
-        hands += s->hand_J[t];
+        hands += s->tool_work_J[t];
     }
-    s->sprung_J = 0.5 * (a->sprung_J[0] + a->sprung_J[1]);
-    s->made_J = tools + s->film_J + s->friction_J + s->sprung_J - a->sprung_at_J - hands;
-    s->residual_J = s->start_J + tools + s->support_J + s->gravity_J + s->load_J + s->moved_J - s->damping_J -
+    s->contact_stored_J = 0.5 * (a->contact_stored_J[0] + a->contact_stored_J[1]);
+    s->generated_J = tools + s->drag_J + s->friction_J + s->contact_stored_J - a->sprung_at_J - hands;
+    s->residual_J = s->start_J + tools + s->support_J + s->gravity_J + s->load_J + s->state_change_J - s->damping_J -
                     s->cut_J - s->kinetic_J - s->elastic_J;
     return TM_OK;
 }

@@ -2,19 +2,19 @@
  * other shares of bulk modulus and rest. */
 #include "material/bulk.h"
 
-bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field) {
+bool tm_bulk_init(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field) {
     const tm_mesh *mesh = field->mesh;
     bulk->field = *field;
     if (!field->smoothed) {
-        bulk->stiffness_J = TM_TAKE(pool, double, mesh->tet_count);
+        bulk->stiffness_J = TM_ALLOC(pool, double, mesh->tet_count);
         for (int32_t t = 0; !pool->failed && t < mesh->tet_count; t++)
             bulk->stiffness_J[t] = mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(field, t));
         return !pool->failed;
     }
     if (field->smoothed->vertex.begin) return true;
     tm_domains edge = {0};
-    if (!tm_smoothed_make_domains(field, pool, &bulk->own, &edge)) return false;
-    tm_smoothed_average_all(field, &bulk->own);
+    if (!tm_smoothed_build_domains(field, pool, &bulk->own_domains, &edge)) return false;
+    tm_smoothed_average_all(field, &bulk->own_domains);
     return true;
 }
 
@@ -44,7 +44,7 @@ static void add_linear(const tm_bulk *bulk, int32_t begin, int32_t end, const do
 static void add_smoothed(const tm_bulk *bulk, int32_t begin, int32_t end, const double *TM_RESTRICT u,
                          double *TM_RESTRICT force) {
     const tm_smoothed *s = bulk->field.smoothed;
-    const tm_domains *d = s->vertex.begin ? &s->vertex : &bulk->own;
+    const tm_domains *d = s->vertex.begin ? &s->vertex : &bulk->own_domains;
     for (int32_t i = 0; i < d->count; i++) {
         double grown = 0;
         int32_t m = d->member_at[i];

@@ -7,12 +7,12 @@
 
 typedef struct tm_bulk {
     tm_material_field field;
-    double *stiffness_J; /* linear: [tet_count] bulk modulus times volume */
-    tm_domains own;      /* smoothed, not cuttable: the domains of vertices */
+    double *stiffness_J;    /* linear: [tet_count] bulk modulus times volume */
+    tm_domains own_domains; /* smoothed, not cuttable: the domains of vertices */
 } tm_bulk;
 
 /* False: no memory. */
-bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field);
+bool tm_bulk_init(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field);
 /* force_N += W u on the vertices [begin, end), W the bulk modulus' part of K; living tetrahedra or domains ascending,
  * so that every division of the vertices has the same bits. What crosses a border is computed on both sides of it. */
 void tm_bulk_add(const tm_bulk *bulk, int32_t begin, int32_t end, const double *u_m, double *force_N);

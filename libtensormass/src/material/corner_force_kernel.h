@@ -1,19 +1,19 @@
 /* What a pack adds, divided among threads; a part of corotated_kernel.h. The corners' pulls of the listed packs, by
- * place in the list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. And their packs'
+ * place in the list, for whoever adds them up (tm_corner_forces_add); a bit says which lanes have any. And their packs'
  * energies. */
-TM_TARGET static void TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
-                                     double *corner_N, uint8_t *who, double *energy_J) {
+TM_TARGET static void TM_NAME(pulls)(const tm_tet_batches *batches, const int32_t *list, int32_t count,
+                                     const double *u_m, double *corner_N, uint8_t *who, double *energy_J) {
     for (int32_t n = 0; n < count; n++) {
         who[n] = 0;
         energy_J[n] = 0;
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             TM_NAME(turned) b;
             V8 P[9], f[4][3];
-            if (!TM_NAME(turn)(packs, list[n], at, u_m, true, &b)) continue;
+            if (!TM_NAME(turn)(batches, list[n], at, u_m, true, &b)) continue;
             const M8 heavy = b.weight > 0;
             TM_NAME(stress_of)(&b, P);
             TM_NAME(add_energy)(&b, energy_J + n);
-            TM_NAME(pull)(packs, list[n], at, P, f);
+            TM_NAME(pull)(batches, list[n], at, P, f);
             for (int i = 0; i < 12; i++)
                 memcpy(corner_N + 12 * TM_LANES * (int64_t)n + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
             for (int l = 0; l < TM_WIDTH; l++) who[n] |= (uint8_t)((heavy[l] & 1) << (at + l));

@@ -18,19 +18,21 @@
 /* d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat or inside out, compared with its size.
  */
 INSIDE void TM_NAME(parting)(const V8 *I, const V8 *J, V8 *d, V8 *d_I, V8 *d_J) {
-    const V8 size = (*I + TM_PART_SIZE) * (1.0 / 3), one = size * 0 + 1;
-    const M8 usual = (*J > 0) & (*J * *J >= TM_PART_FROM * TM_PART_FROM * (size * size * size)), near = ~usual;
+    const V8 size = (*I + TM_CORRECTION_SIZE) * (1.0 / 3), one = size * 0 + 1;
+    const M8 usual = (*J > 0) & (*J * *J >= TM_CORRECTION_FROM * TM_CORRECTION_FROM * (size * size * size)),
+             near = ~usual;
     *d = *d_I = *d_J = (V8){0};
     if (!TM_NAME(any)(&near)) return;
     V8 root = size;
     TM_NAME(root)(&root);
     const V8 scale = 1 / (size * root), j = *J * scale;
-    V8 t = (TM_PART_FROM - j) * (1 / (TM_PART_FROM - TM_PART_WHOLE));
+    V8 t = (TM_CORRECTION_FROM - j) * (1 / (TM_CORRECTION_FROM - TM_CORRECTION_FULL));
     const M8 whole = t > 1;
     t = (V8)((M8)t & near & (t > 0));
     TM_NAME(choose)(&t, &whole, &one, &t);
-    const V8 share = TM_PART_MOST * t * t * t * (10 - t * (15 - 6 * t));
-    const V8 slope = -30 * TM_PART_MOST / (TM_PART_FROM - TM_PART_WHOLE) * (t * (1 - t)) * (t * (1 - t));
+    const V8 share = TM_CORRECTION_MAX * t * t * t * (10 - t * (15 - 6 * t));
+    const V8 slope =
+        -30 * TM_CORRECTION_MAX / (TM_CORRECTION_FROM - TM_CORRECTION_FULL) * (t * (1 - t)) * (t * (1 - t));
     *d = size * size * share;
     *d_J = size * size * slope * scale;
     *d_I = size * ((2.0 / 3) * share - 0.5 * slope * j);
@@ -160,10 +162,10 @@ INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const V8 F[9], const V8 R[9]
     V8 pull, beyond = grown - free;
     TM_NAME(choose)(&pull, &taut, &free, &e);
     beyond = (V8)((M8)beyond & (beyond > 0));
-    const V8 held = (V8)((M8)(-w->lambda) & outward);
-    const V8 of_x = w->dlambda * slope_x * level_e + held * beyond;
+    const V8 fixed = (V8)((M8)(-w->lambda) & outward);
+    const V8 of_x = w->dlambda * slope_x * level_e + fixed * beyond;
     const V8 of_e = (w->dlambda * level_x * slope_e + stiff * pull) / over;
-    *energy = w->dlambda * level_x * level_e + stiff * pull * (e - 0.5 * pull) + 0.5 * held * beyond * beyond;
+    *energy = w->dlambda * level_x * level_e + stiff * pull * (e - 0.5 * pull) + 0.5 * fixed * beyond * beyond;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) P[3 * i + j] = of_x * R[3 * i + j] + of_e * g[i] * a[j];
     TM_NAME(fibre_shear)(w, F, I, g, &z, P, energy);
@@ -213,11 +215,11 @@ INSIDE void TM_NAME(take_linear)(const TM_NAME(law) * w, const V8 H[9], V8 P[9],
 }
 
 /* The pack's law; false: isotropic. */
-INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(law) * w) {
-    memcpy(&w->mu, packs->pack[p].mu_J + at, sizeof(V8));
-    memcpy(&w->lambda, packs->pack[p].lambda_J + at, sizeof(V8));
-    if (!packs->fibred_of || packs->fibred_of[p] < 0) return false;
-    const tm_fibre_pack *f = packs->fibred + packs->fibred_of[p];
+INSIDE bool TM_NAME(law_of)(const tm_tet_batches *batches, int32_t p, int at, TM_NAME(law) * w) {
+    memcpy(&w->mu, batches->batch[p].mu_J + at, sizeof(V8));
+    memcpy(&w->lambda, batches->batch[p].lambda_J + at, sizeof(V8));
+    if (!batches->fibred_of || batches->fibred_of[p] < 0) return false;
+    const tm_fibre_batch *f = batches->fibred + batches->fibred_of[p];
     memcpy(&w->dlambda, f->dlambda_J + at, sizeof(V8));
     memcpy(&w->dmu, f->dmu_J + at, sizeof(V8));
     memcpy(&w->beta, f->beta_J + at, sizeof(V8));
@@ -227,16 +229,16 @@ INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(la
 
 /* 0 below the threshold, 1 above the band, between them the polynomial whose first two derivatives vanish at both ends;
  * slope: its derivative by |H|^2. False: all are 0. */
-INSIDE bool TM_NAME(blend)(const tm_packs *packs, const V8 H[9], V8 *weight, V8 *slope) {
+INSIDE bool TM_NAME(blend)(const tm_tet_batches *batches, const V8 H[9], V8 *weight, V8 *slope) {
     V8 s = {0};
     for (int i = 0; i < 9; i++) s += H[i] * H[i];
     const V8 one = s * 0 + 1;
-    V8 x = (s - packs->begin_1_2) * (1 / packs->width_1_2);
+    V8 x = (s - batches->begin_1_2) * (1 / batches->width_1_2);
     const M8 above = x > 0, beyond = x > 1;
     x = (V8)((M8)x & above);
     TM_NAME(choose)(&x, &beyond, &one, &x);
     *weight = x * x * x * (10 - x * (15 - 6 * x));
-    *slope = 30 * (x * (1 - x)) * (x * (1 - x)) * (1 / packs->width_1_2);
+    *slope = 30 * (x * (1 - x)) * (x * (1 - x)) * (1 / batches->width_1_2);
     return TM_NAME(any)(&above);
 }
 
@@ -264,28 +266,29 @@ INSIDE void TM_NAME(turn_law)(const TM_NAME(law) * w, bool fibred, bool wants_en
     b->energy += (V8)((M8)energy & has);
     for (int i = 0; i < 9; i++) b->stress[i] += (V8)((M8)P[i] & has);
 }
-INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double *u, bool wants_energy,
+INSIDE bool TM_NAME(turn)(const tm_tet_batches *batches, int32_t p, int at, const double *u, bool wants_energy,
                           TM_NAME(turned) * b) {
     TM_NAME(law) w;
-    TM_NAME(gradient)(packs, p, at, u, b->H);
-    if (!TM_NAME(blend)(packs, b->H, &b->weight, &b->slope)) return false;
-    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
+    TM_NAME(gradient)(batches, p, at, u, b->H);
+    if (!TM_NAME(blend)(batches, b->H, &b->weight, &b->slope)) return false;
+    const bool fibred = TM_NAME(law_of)(batches, p, at, &w);
     TM_NAME(straighten)(b);
     TM_NAME(turn_law)(&w, fibred, wants_energy, b);
     return true;
 }
 
 /* The same onto force_N, the marked lanes ascending. */
-INSIDE void TM_NAME(scatter)(const tm_packs *packs, int32_t p, int at, const M8 *who, const V8 P[9], double *force_N) {
-    const tm_pack *pack = packs->pack + p;
+INSIDE void TM_NAME(scatter)(const tm_tet_batches *batches, int32_t p, int at, const M8 *who, const V8 P[9],
+                             double *force_N) {
+    const tm_tet_batch *batch = batches->batch + p;
     V8 pulls[4][3];
     double f[4][3][TM_WIDTH] __attribute__((aligned(64)));
-    TM_NAME(pull)(packs, p, at, P, pulls);
+    TM_NAME(pull)(batches, p, at, P, pulls);
     memcpy(f, pulls, sizeof f);
     for (int l = 0; l < TM_WIDTH; l++) {
         if (!(*who)[l]) continue;
         for (int k = 0; k < 4; k++)
-            for (int i = 0; i < 3; i++) force_N[pack->component[k][at + l] + i] -= f[k][i][l];
+            for (int i = 0; i < 3; i++) force_N[batch->component[k][at + l] + i] -= f[k][i][l];
     }
 }
 
@@ -301,8 +304,8 @@ INSIDE void TM_NAME(add_energy)(const TM_NAME(turned) * b, double *sum_J) {
         if (b->weight[l] > 0) *sum_J += weighted[l];
 }
 
-TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
-                                        double *force_N, double *energy_J) {
+TM_TARGET static int32_t TM_NAME(force)(const tm_tet_batches *batches, const int32_t *list, int32_t count,
+                                        const double *u_m, double *force_N, double *energy_J) {
     int32_t active = 0;
     for (int32_t n = 0; n < count; n++) {
         bool any = false;
@@ -310,11 +313,11 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             TM_NAME(turned) b;
             V8 P[9];
-            if (!TM_NAME(turn)(packs, list[n], at, u_m, energy_J, &b)) continue;
+            if (!TM_NAME(turn)(batches, list[n], at, u_m, energy_J, &b)) continue;
             any = true;
             const M8 who = b.weight > 0;
             TM_NAME(stress_of)(&b, P);
-            TM_NAME(scatter)(packs, list[n], at, &who, P, force_N);
+            TM_NAME(scatter)(batches, list[n], at, &who, P, force_N);
             if (energy_J) TM_NAME(add_energy)(&b, &sum_J);
         }
         if (energy_J) energy_J[n] = sum_J;

@@ -5,11 +5,11 @@
 #include "material/law.h"
 
 static double energy(const tm_law_state *s, const double *u_m) {
-    return tm_packs_linear_energy(&s->batches, u_m) + tm_rotation_sum_energy(&s->batches, u_m);
+    return tm_tet_batches_linear_energy(&s->batches, u_m) + tm_rotation_sum_energy(&s->batches, u_m);
 }
 
 static double averaged_energy(const tm_law_state *s, const double *u_m) {
-    return energy(s, u_m) + tm_swollen_whole_energy(&s->averages, &s->batches, u_m);
+    return energy(s, u_m) + tm_nodal_dilatation_total_energy(&s->averages, &s->batches, u_m);
 }
 
 static double product(const double A[9], const double B[9]) {
@@ -24,7 +24,7 @@ static void add_product(const double A[81], const double D[9], double scale, dou
 
 /* Stress of one tetrahedron's own law, changed along D. */
 static void add_own(const tm_law_state *s, int32_t tet, const double *u_m, const double D[9], double P[9]) {
-    tm_turned_lane lane;
+    tm_corotated_lane lane;
     double A[81];
     const bool turned = tm_rotation_lane(&s->batches, tet, u_m, &lane);
     tm_rotation_lane_law(&s->batches, tet, &lane);
@@ -46,47 +46,47 @@ static void tangent(const tm_law_state *s, const double *u_m, const double *d_m,
     }
 }
 
-static void turn_of(const tm_swollen *a, int32_t tet, double R[9]) {
-    for (int i = 0; i < 9; i++) R[i] = a->turn[(9 * (int64_t)(tet / TM_LANES) + i) * TM_LANES + tet % TM_LANES];
+static void turn_of(const tm_nodal_dilatation *a, int32_t tet, double R[9]) {
+    for (int i = 0; i < 9; i++) R[i] = a->rotation[(9 * (int64_t)(tet / TM_LANES) + i) * TM_LANES + tet % TM_LANES];
 }
 
 /* Changes of the domains' pressures into `unturned`, of what tetrahedra give into `straight`: work space that the whole
  * law has no use for. */
 static void change_pressures(const tm_law_state *s, const double *d_m) {
-    const tm_swollen *a = &s->averages;
-    const tm_domains *domains = tm_swollen_domains_of(a);
+    const tm_nodal_dilatation *a = &s->averages;
+    const tm_domains *domains = tm_nodal_dilatation_domains_of(a);
     for (int32_t t = 0; t < s->field.mesh->tet_count; t++) {
         double D[9], R[9];
         tm_law_gradient(s->field.mesh, t, d_m, D);
         turn_of(a, t, R);
-        a->straight[t] = s->field.alive[t] ? a->quarter_m3[t] * product(R, D) : 0;
+        a->linear_dilatation[t] = s->field.alive[t] ? a->quarter_m3[t] * product(R, D) : 0;
     }
     for (int32_t i = 0; i < domains->count; i++) {
         const double bulk = a->bulk_Pa[domains->law[i]];
         double sum = 0;
-        for (int32_t j = a->tet_at[i]; j < a->tet_at[i + 1]; j++) sum += a->straight[a->tet[j]];
-        const bool grows = domains->volume_m3[i] > 0 && bulk * a->swelling[i] < a->most_Pa[domains->law[i]];
-        a->unturned[i] = grows ? bulk * sum / domains->volume_m3[i] : 0;
+        for (int32_t j = a->tet_at[i]; j < a->tet_at[i + 1]; j++) sum += a->linear_dilatation[a->tet[j]];
+        const bool grows = domains->volume_m3[i] > 0 && bulk * a->averaged_dilatation[i] < a->max_Pa[domains->law[i]];
+        a->linear_Pa[i] = grows ? bulk * sum / domains->volume_m3[i] : 0;
     }
 }
 
 static void averaged_tangent(const tm_law_state *s, const double *u_m, const double *d_m, double *change_N) {
     const tm_mesh *mesh = s->field.mesh;
-    const tm_swollen *a = &s->averages;
-    tm_swollen_look(a, &s->batches, true, u_m);
+    const tm_nodal_dilatation *a = &s->averages;
+    tm_nodal_dilatation_evaluate(a, &s->batches, true, u_m);
     change_pressures(s, d_m);
     tangent(s, u_m, d_m, change_N);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double D[9], H[9], R[9], A[81], P[9] = {0}, pressure = 0, change = 0;
         if (!s->field.alive[t]) continue;
         for (int k = 0; k < 4; k++) {
-            pressure += a->turned[a->domain[4 * (int64_t)t + k]];
-            change += a->unturned[a->domain[4 * (int64_t)t + k]];
+            pressure += a->corotated_Pa[a->domain[4 * (int64_t)t + k]];
+            change += a->linear_Pa[a->domain[4 * (int64_t)t + k]];
         }
         tm_law_gradient(mesh, t, d_m, D);
         tm_law_gradient(mesh, t, u_m, H);
         turn_of(a, t, R);
-        tm_stretch_hessian(H, R, a->grown[t] / a->quarter_m3[t] + 3, A);
+        tm_stretch_hessian(H, R, a->dilatation[t] / a->quarter_m3[t] + 3, A);
         add_product(A, D, a->quarter_m3[t] * pressure, P);
         for (int i = 0; i < 9; i++) P[i] += a->quarter_m3[t] * change * R[i];
         tm_law_add_stress(mesh, t, P, change_N);

@@ -39,7 +39,7 @@ static void gradient_to_F(const double H[9], double F[9]) {
 /* --- the laws --- */
 
 /* N = C:sym D: the derivative of the linear law's energy. */
-static void stress(const tm_turned_lane *w, const double D[9], double N[9]) {
+static void stress(const tm_corotated_lane *w, const double D[9], double N[9]) {
     double E[9], Ea[3];
     const double *a = w->fibre;
     for (int i = 0; i < 3; i++)
@@ -57,11 +57,12 @@ typedef struct parting {
     double I, J, II, IJ, JJ;
 } parting;
 static parting part(double I, double J) {
-    const double size = (I + TM_PART_SIZE) / 3, scale = pow(size, -1.5), j = J * scale;
-    const double width = TM_PART_FROM - TM_PART_WHOLE, t = fmin(fmax((TM_PART_FROM - j) / width, 0), 1);
-    const double share = TM_PART_MOST * t * t * t * (10 - t * (15 - 6 * t));
-    const double slope = -30 * TM_PART_MOST / width * t * (1 - t) * t * (1 - t);
-    const double bend = 60 * TM_PART_MOST / (width * width) * t * (1 - t) * (1 - 2 * t);
+    const double size = (I + TM_CORRECTION_SIZE) / 3, scale = pow(size, -1.5), j = J * scale;
+    const double width = TM_CORRECTION_FROM - TM_CORRECTION_FULL,
+                 t = fmin(fmax((TM_CORRECTION_FROM - j) / width, 0), 1);
+    const double share = TM_CORRECTION_MAX * t * t * t * (10 - t * (15 - 6 * t));
+    const double slope = -30 * TM_CORRECTION_MAX / width * t * (1 - t) * t * (1 - t);
+    const double bend = 60 * TM_CORRECTION_MAX / (width * width) * t * (1 - t) * (1 - 2 * t);
     const double j_I = -0.5 * j / size, j_IJ = -0.5 * scale / size, j_II = 5.0 / 12 * j / (size * size),
                  s2 = size * size;
     return (parting){.I = 2.0 / 3 * size * share + s2 * slope * j_I,
@@ -101,7 +102,7 @@ static void stretch_hessian(const double F[9], const double R[9], double x, doub
 }
 
 /* Of mu |F - R|^2 and the volume's part. */
-static void isotropic_hessian(const tm_turned_lane *w, const double turn[81], double A[81]) {
+static void isotropic_hessian(const tm_corotated_lane *w, const double turn[81], double A[81]) {
     const double most = fmax(2 * w->mu, 0.2 * w->lambda), grown = w->trace - 3;
     const bool slack = w->lambda * grown > most;
     const double save = 2 * w->mu - (slack ? most : w->lambda * grown), volume = slack ? 0 : w->lambda;
@@ -111,7 +112,7 @@ static void isotropic_hessian(const tm_turned_lane *w, const double turn[81], do
 }
 
 /* A += 2 dmu d2p/dF2 of a fibre's shear (corotated_kernel.h). */
-static void add_fibre_shear(const tm_turned_lane *w, const double F[9], const double g[3], double A[81]) {
+static void add_fibre_shear(const tm_corotated_lane *w, const double F[9], const double g[3], double A[81]) {
     const double *a = w->fibre, c2 = TM_FIBRE_CRUSHED * TM_FIBRE_CRUSHED, z = vdot(g, g);
     double Ca[3], dCa[9][3], N1[9], q1[9], q = z;
     for (int i = 0; i < 3; i++) Ca[i] = F[i] * g[0] + F[3 + i] * g[1] + F[6 + i] * g[2];
@@ -147,7 +148,7 @@ static void level(double t, double out[3]) {
     out[2] = over > 0 && c == t ? -copysign(1 / TM_FIBRE_FREE, c) : 0;
 }
 
-static void add_fibred_hessian(const tm_turned_lane *w, const double F[9], const double turn[81], double A[81]) {
+static void add_fibred_hessian(const tm_corotated_lane *w, const double F[9], const double turn[81], double A[81]) {
     const double *a = w->fibre, grown = w->trace - 3, stiff = w->beta + 4 * w->dmu;
     double g[3], x[3], e[3], L[9];
     for (int i = 0; i < 3; i++) g[i] = vdot(F + 3 * i, a);
@@ -169,7 +170,7 @@ static void add_fibred_hessian(const tm_turned_lane *w, const double F[9], const
     add_fibre_shear(w, F, g, A);
 }
 
-void tm_rotation_linear(const tm_turned_lane *w, double A[81]) {
+void tm_rotation_linear(const tm_corotated_lane *w, double A[81]) {
     for (int k = 0; k < 9; k++) {
         double unit[9] = {0};
         unit[k] = 1;
@@ -177,7 +178,7 @@ void tm_rotation_linear(const tm_turned_lane *w, double A[81]) {
     }
 }
 
-void tm_rotation_hessian(const tm_turned_lane *w, double A[81]) {
+void tm_rotation_hessian(const tm_corotated_lane *w, double A[81]) {
     double linear[81], F[9], turn[81];
     gradient_to_F(w->H, F);
     stretch_hessian(F, w->R, w->trace, turn);

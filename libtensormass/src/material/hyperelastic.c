@@ -75,25 +75,25 @@ void tm_law_constants(const tm_material *m, double volume, double c[TM_LAW_CONST
     if (m->law == TM_LAW_HOLZAPFEL) c[0] *= volume, c[3] = tm_law_fibre_limit(m);
 }
 
-static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *pack, int l) {
+static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *batch, int l) {
     const tm_material *m = tm_field_material(field, tet);
     const double *a = tm_field_fibre(field, tet), s = m->stretch_max;
-    pack->law[l] = m->law;
-    pack->laws |= 1u << m->law;
+    batch->law[l] = m->law;
+    batch->laws |= 1u << m->law;
     /* Of a uniaxial stretch s that keeps the volume. */
-    pack->I3_max[l] = s * s + 2 / s - 3;
+    batch->I3_max[l] = s * s + 2 / s - 3;
     const double volume = field->mesh->volume_m3[tet];
     double c[TM_LAW_CONSTANTS];
     tm_law_constants(m, volume, c);
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++) pack->constant[i][l] = c[i];
-    pack->dlambda_J[l] = volume * m->dlambda_Pa, pack->dmu_J[l] = volume * m->dmu_Pa;
-    pack->beta_J[l] = volume * m->beta_Pa;
-    for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) batch->constant[i][l] = c[i];
+    batch->dlambda_J[l] = volume * m->dlambda_Pa, batch->dmu_J[l] = volume * m->dmu_Pa;
+    batch->beta_J[l] = volume * m->beta_Pa;
+    for (int i = 0; i < 3; i++) batch->fibre[i][l] = a ? a[i] : 0;
 }
 
 bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_field *field) {
-    if (!tm_packs_take(&h->packs, pool, field)) return false;
-    tm_law_pack *law = TM_TAKE(pool, tm_law_pack, h->packs.count);
+    if (!tm_tet_batches_init(&h->packs, pool, field)) return false;
+    tm_law_pack *law = TM_ALLOC(pool, tm_law_pack, h->packs.count);
     if (!law) return false;
     for (int32_t p = 0; p < h->packs.count; p++)
         for (int l = 0; l < TM_LANES; l++) {

@@ -20,7 +20,7 @@ typedef struct tm_law_pack {
 } tm_law_pack;
 
 typedef struct tm_hyperelastic {
-    tm_packs packs;
+    tm_tet_batches packs;
     const tm_law_pack *law; /* [packs.count] */
 } tm_hyperelastic;
 

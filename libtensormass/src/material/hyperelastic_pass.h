@@ -8,8 +8,8 @@
 
 INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NAME(hyper) * w) {
     const tm_law_pack *law = h->law + p;
-    memcpy(&w->mu, h->packs.pack[p].mu_J + at, sizeof(V8));
-    memcpy(&w->lambda, h->packs.pack[p].lambda_J + at, sizeof(V8));
+    memcpy(&w->mu, h->packs.batch[p].mu_J + at, sizeof(V8));
+    memcpy(&w->lambda, h->packs.batch[p].lambda_J + at, sizeof(V8));
     memcpy(&w->dlambda, law->dlambda_J + at, sizeof(V8));
     memcpy(&w->dmu, law->dmu_J + at, sizeof(V8));
     memcpy(&w->beta, law->beta_J + at, sizeof(V8));

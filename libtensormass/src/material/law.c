@@ -12,20 +12,20 @@ const tm_law *tm_law_of(const tm_material_field *field) {
     return field->smoothed ? &tm_law_corotated_averaged : &tm_law_corotated;
 }
 
-bool tm_law_take(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
+bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
     static const double NEVER = 1e100; /* |grad u| that no tetrahedron passes */
     *state = (tm_law_state){.law = law, .field = *field};
     if (law->kind != TM_LAW_LINEAR) {
         if (!tm_hyperelastic_take(&state->hyper, pool, field)) return false;
-        state->work.corner_N = TM_TAKE(pool, double, 12 * TM_LANES * (int64_t)state->hyper.packs.count);
+        state->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)state->hyper.packs.count);
         return !pool->failed;
     }
     if (law->has_constant_tangent) state->field.rotation = NEVER;
     if (!law->averages) state->field.smoothed = NULL;
-    if (!tm_packs_take(&state->batches, pool, &state->field)) return false;
+    if (!tm_tet_batches_init(&state->batches, pool, &state->field)) return false;
     const int64_t lanes = TM_LANES * (int64_t)state->batches.count;
-    if (!tm_swollen_take(&state->averages, pool, &state->field, state->batches.count)) return false;
-    state->work.corner_N = TM_TAKE(pool, double, 12 * lanes);
-    if (law->averages) state->work.stress_J = TM_TAKE(pool, double, 9 * lanes);
+    if (!tm_nodal_dilatation_init(&state->averages, pool, &state->field, state->batches.count)) return false;
+    state->work.corner_N = TM_ALLOC(pool, double, 12 * lanes);
+    if (law->averages) state->work.stress_J = TM_ALLOC(pool, double, 9 * lanes);
     return !pool->failed;
 }

@@ -12,8 +12,8 @@ struct tm_law;
 typedef struct tm_law_state {
     const struct tm_law *law;
     tm_material_field field;
-    tm_packs batches;
-    tm_swollen averages;
+    tm_tet_batches batches;
+    tm_nodal_dilatation averages;
     tm_viscous work;
     tm_hyperelastic hyper; /* of nonlinear laws, with work.corner_N */
 } tm_law_state;
@@ -44,7 +44,7 @@ extern const tm_law *const tm_laws[];
 const tm_law *tm_law_of(const tm_material_field *field);
 
 /* From the pool; false: no memory. */
-bool tm_law_take(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field);
+bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field);
 
 /* --- what rows share (law_batch.c) --- */
 

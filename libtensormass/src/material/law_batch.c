@@ -4,10 +4,10 @@
 
 void tm_law_batch_force(const tm_law_state *state, bool plain, const double *u_m, double *force_N) {
     const tm_viscous_passes passes = tm_viscous_choose(plain);
-    const tm_swollen *averages = tm_swollen_is_on(&state->averages) ? &state->averages : NULL;
+    const tm_nodal_dilatation *averages = tm_nodal_dilatation_is_on(&state->averages) ? &state->averages : NULL;
     passes.strain(&state->batches, &state->work, averages, 0, state->batches.count, u_m);
     if (averages) {
-        tm_swollen_average(averages, NULL, 0, tm_swollen_domains(averages));
+        tm_nodal_dilatation_average(averages, NULL, 0, tm_nodal_dilatation_domains(averages));
         passes.pressure(&state->batches, &state->work, averages, 0, state->batches.count);
     }
     tm_law_gather(state, force_N);

@@ -9,13 +9,15 @@
 
 /* --- energy, force, tangent --- */
 
-static double energy(const tm_law_state *s, const double *u_m) { return tm_packs_linear_energy(&s->batches, u_m); }
+static double energy(const tm_law_state *s, const double *u_m) {
+    return tm_tet_batches_linear_energy(&s->batches, u_m);
+}
 
 static void tangent(const tm_law_state *s, const double *u_m, const double *d_m, double *change_N) {
     const tm_mesh *mesh = s->field.mesh;
     (void)u_m;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        tm_turned_lane lane;
+        tm_corotated_lane lane;
         double A[81], D[9], P[9] = {0};
         if (!s->field.alive[t]) continue;
         tm_law_gradient(mesh, t, d_m, D);

@@ -16,12 +16,12 @@ tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
     for (int32_t i = 0; i < def->count; i++) {
         const tm_viscosity_term *t = def->term + i;
         if (!(t->time_s >= TM_VISCOSITY_TIME_MIN_S && t->time_s <= TM_VISCOSITY_TIME_MAX_S) || !(t->shear >= 0) ||
-            !(t->volume >= 0))
+            !(t->bulk >= 0))
             return tm_fail(error, TM_ERR_ARGUMENT, i,
                            "viscosity: term %d relaxes %g of the shear and %g of the volume in %g s; give shares from "
                            "0 to 1 and %g to %g s",
-                           (int)i, t->shear, t->volume, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
-        shear += t->shear, volume += t->volume;
+                           (int)i, t->shear, t->bulk, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
+        shear += t->shear, volume += t->bulk;
     }
     if (!(shear <= TM_VISCOSITY_SHARES_MAX && volume <= TM_VISCOSITY_SHARES_MAX))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
@@ -43,31 +43,31 @@ tm_fading tm_fading_of(double dt_s, double time_s) {
 
 /* The long-term law, in batches and, where changes of volume are averaged, by domains. The field with these materials
  * lives no longer than this call: batches keep of it what is the tissue's own. */
-static bool take_long_term(tm_viscous *v, tm_packs *left, tm_pool *pool, const tm_material_field *field, double shear,
-                           double volume) {
+static bool take_long_term(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
+                           double shear, double volume) {
     const int32_t regions = field->mesh->region_count;
     tm_material_field long_term = *field;
     tm_smoothed smoothed;
-    tm_material *material = TM_TAKE(pool, tm_material, field->material_count);
+    tm_material *material = TM_ALLOC(pool, tm_material, field->material_count);
     if (!material) return false;
     for (int32_t i = 0; i < field->material_count; i++)
         material[i] = tm_material_relaxed(field->material + i, shear, volume);
     long_term.material = material;
     if (field->smoothed) {
-        double *bulk_Pa = TM_TAKE(pool, double, regions), *most_Pa = TM_TAKE(pool, double, regions);
-        tm_material *rest = TM_TAKE(pool, tm_material, regions);
+        double *bulk_Pa = TM_ALLOC(pool, double, regions), *max_Pa = TM_ALLOC(pool, double, regions);
+        tm_material *rest = TM_ALLOC(pool, tm_material, regions);
         for (int32_t i = 0; !pool->failed && i < regions; i++) {
             rest[i] = material[field->region_material[i]];
             bulk_Pa[i] = tm_material_bulk_Pa(rest + i);
-            most_Pa[i] = tm_corotated_tension_max_Pa(rest + i);
+            max_Pa[i] = tm_corotated_tension_max_Pa(rest + i);
             rest[i].lambda_Pa -= bulk_Pa[i];
         }
         smoothed = *field->smoothed;
-        smoothed.rest = rest;
+        smoothed.remainder = rest;
         long_term.smoothed = &smoothed;
-        v->left_bulk_Pa = bulk_Pa, v->left_most_Pa = most_Pa;
+        v->relaxed_bulk_Pa = bulk_Pa, v->relaxed_max_Pa = max_Pa;
     }
-    return !pool->failed && tm_packs_take(left, pool, &long_term);
+    return !pool->failed && tm_tet_batches_init(left, pool, &long_term);
 }
 
 static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
@@ -76,21 +76,21 @@ static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, 
     for (int32_t t = 0; t < def->count; t++) {
         const tm_viscosity_term *term = def->term + t;
         v->shear[t] = term->shear / shear;
-        v->more[t] = term->volume - term->shear * volume / shear;
-        v->volume[t] = term->volume;
+        v->more[t] = term->bulk - term->shear * volume / shear;
+        v->volume[t] = term->bulk;
     }
 }
 
-bool tm_prony_take(tm_viscous *v, tm_packs *left, tm_pool *pool, const tm_material_field *field,
+bool tm_prony_init(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
                    const tm_viscosity_def *def, int32_t batches, double *const *kept) {
     const int64_t lanes = TM_LANES * (int64_t)batches;
     double shear, volume;
-    tm_viscosity_left(def, &shear, &volume);
+    tm_viscosity_relaxed(def, &shear, &volume);
     share_out(v, def, shear, volume);
-    v->bulk_J = TM_TAKE(pool, double, lanes);
+    v->bulk_J = TM_ALLOC(pool, double, lanes);
     if (!take_long_term(v, left, pool, field, shear, volume)) return false;
     for (int32_t t = 0; t < def->count; t++) {
-        v->memory[t] = kept[t];
+        v->history[t] = kept[t];
         v->swelling[t] = kept[t] + 6 * lanes;
     }
     for (int32_t t = 0; !field->smoothed && t < field->mesh->tet_count; t++)

@@ -1,6 +1,6 @@
 /* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of corotated_kernel.h. */
 
-#include "base/checked.h"
+#include "base/asan.h"
 
 typedef double TM_NAME(v8) __attribute__((vector_size(8 * TM_WIDTH)));
 typedef int64_t TM_NAME(m8) __attribute__((vector_size(8 * TM_WIDTH)));

@@ -93,33 +93,33 @@ static void invert_members(const tm_mesh *mesh, tm_domains *d) {
     d->held_at[mesh->vertex_count] = d->member_count;
 }
 
-static bool take_domains(const tm_material_field *field, tm_pool *pool, tm_domains *d, int32_t *list) {
+static bool alloc_domains(const tm_material_field *field, tm_pool *pool, tm_domains *d, int32_t *list) {
     const tm_mesh *mesh = field->mesh;
     walk_domains(field, d, list, false);
-    d->begin = TM_TAKE(pool, int32_t, (int64_t)owners(mesh, d) + 1);
-    d->law = TM_TAKE(pool, int32_t, d->count);
-    d->member_at = TM_TAKE(pool, int32_t, (int64_t)d->count + 1);
-    d->member = TM_TAKE(pool, int32_t, d->member_count);
-    d->lives = TM_TAKE(pool, uint8_t, d->member_count);
-    d->gradient = TM_TAKE(pool, double, 3 * (int64_t)d->member_count);
-    d->volume_m3 = TM_TAKE(pool, double, d->count);
-    if (d->of_edges && field->fibre) d->law_Pa = TM_TAKE(pool, double, 36 * (int64_t)d->count);
-    d->held_at = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    d->held_by = TM_TAKE(pool, int32_t, d->member_count);
-    d->held_as = TM_TAKE(pool, int32_t, d->member_count);
+    d->begin = TM_ALLOC(pool, int32_t, (int64_t)owners(mesh, d) + 1);
+    d->law = TM_ALLOC(pool, int32_t, d->count);
+    d->member_at = TM_ALLOC(pool, int32_t, (int64_t)d->count + 1);
+    d->member = TM_ALLOC(pool, int32_t, d->member_count);
+    d->lives = TM_ALLOC(pool, uint8_t, d->member_count);
+    d->gradient = TM_ALLOC(pool, double, 3 * (int64_t)d->member_count);
+    d->volume_m3 = TM_ALLOC(pool, double, d->count);
+    if (d->of_edges && field->fibre) d->law_Pa = TM_ALLOC(pool, double, 36 * (int64_t)d->count);
+    d->held_at = TM_ALLOC(pool, int32_t, (int64_t)mesh->vertex_count + 1);
+    d->held_by = TM_ALLOC(pool, int32_t, d->member_count);
+    d->held_as = TM_ALLOC(pool, int32_t, d->member_count);
     if (pool->failed) return false;
     walk_domains(field, d, list, true);
     invert_members(mesh, d);
     return true;
 }
 
-bool tm_smoothed_make_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge) {
+bool tm_smoothed_build_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge) {
     tm_pool scratch = {0};
-    int32_t *list = TM_TAKE(&scratch, int32_t, 4 * (int64_t)most_around(field->mesh));
+    int32_t *list = TM_ALLOC(&scratch, int32_t, 4 * (int64_t)most_around(field->mesh));
     *vertex = (tm_domains){.of_edges = false};
     *edge = (tm_domains){.of_edges = true};
-    const bool good = list && take_domains(field, pool, vertex, list) &&
-                      (field->smoothed->shear == 0 || take_domains(field, pool, edge, list));
+    const bool good = list && alloc_domains(field, pool, vertex, list) &&
+                      (field->smoothed->shear == 0 || alloc_domains(field, pool, edge, list));
     tm_pool_release(&scratch);
     return good;
 }
@@ -128,7 +128,7 @@ bool tm_smoothed_make_domains(const tm_material_field *field, tm_pool *pool, tm_
 
 static void add_law(const tm_material_field *field, int32_t tet, double share_m3, double *law_Pa) {
     double C[36];
-    tm_material_voigt(field->smoothed->rest + field->mesh->region[tet], tm_field_fibre(field, tet), C);
+    tm_material_voigt(field->smoothed->remainder + field->mesh->region[tet], tm_field_fibre(field, tet), C);
     for (int i = 0; i < 36; i++) law_Pa[i] += share_m3 * C[i];
 }
 
@@ -170,9 +170,9 @@ void tm_smoothed_average_all(const tm_material_field *field, tm_domains *d) {
 const tm_material *tm_smoothed_cover(const tm_material_field *field, int32_t tet, tm_material *cover) {
     const tm_smoothed *s = field->smoothed;
     const int32_t region = field->mesh->region[tet];
-    if (tm_material_is_isotropic(s->rest + region)) return NULL;
+    if (tm_material_is_isotropic(s->remainder + region)) return NULL;
     *cover = (tm_material){.lambda_Pa = s->bulk_Pa[region],
-                           .mu_Pa = tm_material_stiffest_Pa(s->rest + region) / 2,
-                           .density_kg_m3 = s->rest[region].density_kg_m3};
+                           .mu_Pa = tm_material_stiffest_Pa(s->remainder + region) / 2,
+                           .density_kg_m3 = s->remainder[region].density_kg_m3};
     return cover;
 }

@@ -1,5 +1,5 @@
-/* Strain smoothing (effect "volume"): strain averaged over the tetrahedra around a vertex for the change of volume,
- * around an edge for a share of the shear, so that tissue does not lock (docs/strain-smoothing.md). */
+/* Strain smoothing (effect "strain_smoothing"): strain averaged over the tetrahedra around a vertex for the change of
+ * volume, around an edge for a share of the shear, so that tissue does not lock (docs/strain-smoothing.md). */
 #ifndef TM_STRAIN_SMOOTHING_H
 #define TM_STRAIN_SMOOTHING_H
 
@@ -25,16 +25,16 @@ typedef struct tm_domains {
 
 /* How the law is divided, and what that is averaged over. */
 typedef struct tm_smoothed {
-    double shear;      /* share of the shear that is averaged over edges */
-    int32_t *law;      /* [region_count] the first region with the same elastic constants */
-    double *bulk_Pa;   /* [region_count] what is averaged over vertices */
-    tm_material *rest; /* [region_count] the law without it */
+    double shear;           /* share of the shear that is averaged over edges */
+    int32_t *law;           /* [region_count] the first region with the same elastic constants */
+    double *bulk_Pa;        /* [region_count] what is averaged over vertices */
+    tm_material *remainder; /* [region_count] the law without it */
     /* Cuttable: kept for life. Otherwise made for building and for the critical step, and given back. */
     tm_domains vertex, edge;
 } tm_smoothed;
 
 /* Domains, members and who holds whom; nothing averaged yet. False: no memory. */
-bool tm_smoothed_make_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge);
+bool tm_smoothed_build_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge);
 /* Sums anew what is averaged over the active tetrahedra around one vertex or edge; around all of them. */
 void tm_smoothed_average(const tm_material_field *field, tm_domains *domains, int32_t owner);
 void tm_smoothed_average_all(const tm_material_field *field, tm_domains *domains);

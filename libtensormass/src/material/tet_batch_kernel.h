@@ -1,35 +1,35 @@
 /* Gradients of packs, and forces on their corners; a part of every kernel over tetrahedra (corotated_kernel.h,
  * hyperelastic_kernel.h). */
 
-INSIDE void TM_NAME(living)(const tm_packs *packs, int32_t p, int at, M8 *there) {
-    if (p < packs->count - 1 &&
-        !memcmp(packs->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
+INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8 *there) {
+    if (p < batches->count - 1 &&
+        !memcmp(batches->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
         *there = (M8){0} == 0;
         return;
     }
     for (int l = 0; l < TM_WIDTH; l++) {
         const int32_t tet = TM_LANES * p + at + l;
-        (*there)[l] = tet < packs->tet_count && packs->alive[tet] ? -1 : 0;
+        (*there)[l] = tet < batches->tet_count && batches->alive[tet] ? -1 : 0;
     }
 }
 
 /* grad u of the pack's living tetrahedra, 0 of the others. */
-INSIDE void TM_NAME(gradient)(const tm_packs *packs, int32_t p, int at, const double *u, V8 H[9]) {
-    const tm_pack *pack = packs->pack + p;
+INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, const double *u, V8 H[9]) {
+    const tm_tet_batch *batch = batches->batch + p;
     M8 there;
-    TM_NAME(living)(packs, p, at, &there);
+    TM_NAME(living)(batches, p, at, &there);
     for (int i = 0; i < 3; i++) {
         V8 first, d[3], alpha;
-        TM_NAME(pick)(u + i, pack->component[0] + at, 1, &first);
+        TM_NAME(pick)(u + i, batch->component[0] + at, 1, &first);
         for (int k = 0; k < 3; k++) {
-            TM_NAME(pick)(u + i, pack->component[k + 1] + at, 1, &d[k]);
+            TM_NAME(pick)(u + i, batch->component[k + 1] + at, 1, &d[k]);
             d[k] -= first;
         }
         for (int j = 0; j < 3; j++) {
-            memcpy(&alpha, pack->shape_1_m[j] + at, sizeof alpha);
+            memcpy(&alpha, batch->shape_1_m[j] + at, sizeof alpha);
             H[3 * i + j] = d[0] * alpha;
             for (int k = 1; k < 3; k++) {
-                memcpy(&alpha, pack->shape_1_m[3 * k + j] + at, sizeof alpha);
+                memcpy(&alpha, batch->shape_1_m[3 * k + j] + at, sizeof alpha);
                 H[3 * i + j] += d[k] * alpha;
             }
             H[3 * i + j] = (V8)((M8)H[3 * i + j] & there);
@@ -38,10 +38,10 @@ INSIDE void TM_NAME(gradient)(const tm_packs *packs, int32_t p, int at, const do
 }
 
 /* What a stress times the volume pulls a tetrahedron's corners with: 1, 2, 3, and what is left to corner 0. */
-INSIDE void TM_NAME(pull)(const tm_packs *packs, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
-    const tm_pack *pack = packs->pack + p;
+INSIDE void TM_NAME(pull)(const tm_tet_batches *batches, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
+    const tm_tet_batch *batch = batches->batch + p;
     V8 alpha[9];
-    for (int i = 0; i < 9; i++) memcpy(&alpha[i], pack->shape_1_m[i] + at, sizeof(V8));
+    for (int i = 0; i < 9; i++) memcpy(&alpha[i], batch->shape_1_m[i] + at, sizeof(V8));
     for (int i = 0; i < 3; i++) {
         f[0][i] = (V8){0};
         for (int k = 0; k < 3; k++) {

@@ -9,7 +9,7 @@ static bool has_fibre(const tm_material_field *field, int32_t tet) {
     return !tm_material_is_isotropic(tm_field_material(field, tet));
 }
 
-static bool pack_has_fibre(const tm_material_field *field, int32_t p) {
+static bool batch_has_fibre(const tm_material_field *field, int32_t p) {
     bool any = false;
     for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < field->mesh->tet_count; t++)
         any = any || has_fibre(field, t);
@@ -17,55 +17,55 @@ static bool pack_has_fibre(const tm_material_field *field, int32_t p) {
 }
 
 static const tm_material *law_of(const tm_material_field *field, int32_t tet) {
-    return field->smoothed ? field->smoothed->rest + field->mesh->region[tet] : tm_field_material(field, tet);
+    return field->smoothed ? field->smoothed->remainder + field->mesh->region[tet] : tm_field_material(field, tet);
 }
 
-static void fill(const tm_material_field *field, int32_t tet, tm_pack *pack, int l) {
+static void fill(const tm_material_field *field, int32_t tet, tm_tet_batch *batch, int l) {
     const tm_mesh *mesh = field->mesh;
     const tm_material *m = law_of(field, tet);
     const double volume = mesh->volume_m3[tet];
-    for (int k = 0; k < 4; k++) pack->component[k][l] = 3 * mesh->tet[4 * (int64_t)tet + k];
-    for (int i = 0; i < 9; i++) pack->shape_1_m[i][l] = mesh->shape_1_m[12 * (int64_t)tet + 3 + i];
-    pack->mu_J[l] = volume * m->mu_Pa;
-    pack->lambda_J[l] = volume * m->lambda_Pa;
+    for (int k = 0; k < 4; k++) batch->component[k][l] = 3 * mesh->tet[4 * (int64_t)tet + k];
+    for (int i = 0; i < 9; i++) batch->shape_1_m[i][l] = mesh->shape_1_m[12 * (int64_t)tet + 3 + i];
+    batch->mu_J[l] = volume * m->mu_Pa;
+    batch->lambda_J[l] = volume * m->lambda_Pa;
 }
 
-static void fill_fibre(const tm_material_field *field, int32_t tet, tm_fibre_pack *pack, int l) {
+static void fill_fibre(const tm_material_field *field, int32_t tet, tm_fibre_batch *batch, int l) {
     const tm_material *m = tm_field_material(field, tet);
     const double volume = field->mesh->volume_m3[tet], *a = tm_field_fibre(field, tet);
-    pack->dlambda_J[l] = volume * m->dlambda_Pa;
-    pack->dmu_J[l] = volume * m->dmu_Pa;
-    pack->beta_J[l] = volume * m->beta_Pa;
-    for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
+    batch->dlambda_J[l] = volume * m->dlambda_Pa;
+    batch->dmu_J[l] = volume * m->dmu_Pa;
+    batch->beta_J[l] = volume * m->beta_Pa;
+    for (int i = 0; i < 3; i++) batch->fibre[i][l] = a ? a[i] : 0;
 }
 
-bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_material_field *field) {
+bool tm_tet_batches_init(tm_tet_batches *batches, tm_pool *pool, const tm_material_field *field) {
     const int32_t tets = field->mesh->tet_count, count = (tets + TM_LANES - 1) / TM_LANES;
     int32_t fibred = 0;
-    for (int32_t p = 0; p < count; p++) fibred += pack_has_fibre(field, p);
-    tm_pack *pack = TM_TAKE(pool, tm_pack, count);
-    tm_fibre_pack *fibre_pack = fibred ? TM_TAKE(pool, tm_fibre_pack, fibred) : NULL;
-    int32_t *fibred_of = fibred ? TM_TAKE(pool, int32_t, count) : NULL;
+    for (int32_t p = 0; p < count; p++) fibred += batch_has_fibre(field, p);
+    tm_tet_batch *batch = TM_ALLOC(pool, tm_tet_batch, count);
+    tm_fibre_batch *fibre_pack = fibred ? TM_ALLOC(pool, tm_fibre_batch, fibred) : NULL;
+    int32_t *fibred_of = fibred ? TM_ALLOC(pool, int32_t, count) : NULL;
     if (pool->failed) return false;
     for (int32_t p = 0, at = 0; p < count; p++) {
-        const bool has = fibred && pack_has_fibre(field, p);
+        const bool has = fibred && batch_has_fibre(field, p);
         if (fibred_of) fibred_of[p] = has ? at : -1;
         for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tets; t++) {
-            fill(field, t, pack + p, t % TM_LANES);
+            fill(field, t, batch + p, t % TM_LANES);
             if (has) fill_fibre(field, t, fibre_pack + at, t % TM_LANES);
         }
         at += has;
     }
     const double begin = field->rotation, end = TM_ROTATION_BAND * begin;
-    *packs = (tm_packs){.mesh = field->mesh,
-                        .count = count,
-                        .tet_count = tets,
-                        .alive = field->alive,
-                        .pack = pack,
-                        .fibred = fibre_pack,
-                        .fibred_of = fibred_of,
-                        .begin_1_2 = begin * begin,
-                        .width_1_2 = end * end - begin * begin};
+    *batches = (tm_tet_batches){.mesh = field->mesh,
+                                .count = count,
+                                .tet_count = tets,
+                                .alive = field->alive,
+                                .batch = batch,
+                                .fibred = fibre_pack,
+                                .fibred_of = fibred_of,
+                                .begin_1_2 = begin * begin,
+                                .width_1_2 = end * end - begin * begin};
     return true;
 }
 
@@ -82,7 +82,7 @@ void tm_packs_corners(const tm_mesh *mesh, int32_t *place) {
 
 /* --- who has to be looked at --- */
 
-double tm_pack_spread(const tm_mesh *mesh, int32_t p) {
+double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p) {
     double most = 0;
     for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
         double sum = 0;
@@ -111,19 +111,19 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
     return sqrt(most);
 }
 
-void tm_packs_see(tm_rotation *r, const double *u, int32_t part, int32_t parts) {
-    const tm_mesh *mesh = r->packs.mesh;
-    const int32_t n = 3 * mesh->vertex_count, first = tm_packs_before(n, part, parts),
-                  last = tm_packs_before(n, part + 1, parts);
+void tm_tet_batches_mark_seen(tm_rotation *r, const double *u, int32_t partition, int32_t parts) {
+    const tm_mesh *mesh = r->batches.mesh;
+    const int32_t n = 3 * mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts),
+                  last = tm_tet_batches_before(n, partition + 1, parts);
     memcpy(r->seen_m + first, u + first, sizeof(double) * (size_t)(last - first));
-    for (int32_t p = tm_packs_before(r->packs.count, part, parts); p < tm_packs_before(r->packs.count, part + 1, parts);
-         p++) {
+    for (int32_t p = tm_tet_batches_before(r->batches.count, partition, parts);
+         p < tm_tet_batches_before(r->batches.count, partition + 1, parts); p++) {
         const double reach = (r->threshold * (1 - 1e-9) - steepest(mesh, p, u)) / r->spread_1_m[p];
         r->reach_m[p] = reach > 0 ? reach : 0;
     }
 }
 
-void tm_packs_seen(tm_rotation *r) {
+void tm_tet_batches_seen(tm_rotation *r) {
     r->seen = true;
     r->idle = 0;
     r->listed_m = -1;
@@ -143,33 +143,33 @@ static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, i
     return most[0];
 }
 
-double tm_packs_way(const tm_rotation *r, const double *u, int32_t part, int32_t parts) {
-    const int32_t n = 3 * r->packs.mesh->vertex_count, first = tm_packs_before(n, part, parts);
-    return way(u + first, r->seen_m + first, tm_packs_before(n, part + 1, parts) - first);
+double tm_tet_batches_increment(const tm_rotation *r, const double *u, int32_t partition, int32_t parts) {
+    const int32_t n = 3 * r->batches.mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts);
+    return way(u + first, r->seen_m + first, tm_tet_batches_before(n, partition + 1, parts) - first);
 }
 
 /* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */
-bool tm_packs_wait_for_a_look(const tm_rotation *r) { return !r->seen || r->idle > r->packs.count; }
+bool tm_tet_batches_wait(const tm_rotation *r) { return !r->seen || r->idle > r->batches.count; }
 
-void tm_packs_list(tm_rotation *r, double way_m) {
+void tm_tet_batches_list(tm_rotation *r, double way_m) {
     if (way_m < r->listed_m) return;
     /* For some steps to come; the list only grows until the next look. */
     r->listed_m = 2 * way_m;
     r->list_count = 0;
-    for (int32_t p = 0; p < r->packs.count; p++)
+    for (int32_t p = 0; p < r->batches.count; p++)
         if (r->reach_m[p] <= r->listed_m) r->list[r->list_count++] = p;
 }
 
 /* --- what pulls, on one thread's vertices --- */
 
-void tm_pulls_add(const tm_packs *packs, const int32_t *list, int32_t count, const double *corner_N, const uint8_t *who,
-                  int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
+void tm_corner_forces_add(const tm_tet_batches *batches, const int32_t *list, int32_t count, const double *corner_N,
+                          const uint8_t *who, int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
     for (int32_t n = 0; n < count; n++)
         for (int l = 0; l < TM_LANES; l++) {
             if (!(who[n] >> l & 1)) continue;
             const double *f = corner_N + 12 * TM_LANES * (int64_t)n + l;
             for (int k = 0; k < 4; k++, f += 3 * TM_LANES) {
-                const int32_t c = packs->pack[list[n]].component[k][l];
+                const int32_t c = batches->batch[list[n]].component[k][l];
                 if (c < 3 * begin || c >= 3 * end) continue;
                 for (int i = 0; i < 3; i++) force_N[c + i] -= f[TM_LANES * i];
             }

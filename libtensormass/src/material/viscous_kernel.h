@@ -17,18 +17,18 @@ typedef struct TM_NAME(bend) {
     V8 d_I, d_J, d_II, d_IJ, d_JJ;
 } TM_NAME(bend);
 INSIDE void TM_NAME(parting_bends)(const V8 *I, const V8 *J, TM_NAME(bend) * b) {
-    const V8 size = (*I + TM_PART_SIZE) * (1.0 / 3), one = size * 0 + 1;
+    const V8 size = (*I + TM_CORRECTION_SIZE) * (1.0 / 3), one = size * 0 + 1;
     V8 root = size, d;
     TM_NAME(root)(&root);
     const V8 scale = 1 / (size * root), j = *J * scale, over = 1 / size;
-    const double width = TM_PART_FROM - TM_PART_WHOLE;
-    V8 t = (TM_PART_FROM - j) * (1 / width);
+    const double width = TM_CORRECTION_FROM - TM_CORRECTION_FULL;
+    V8 t = (TM_CORRECTION_FROM - j) * (1 / width);
     const M8 near = t > 0, whole = t > 1;
     t = (V8)((M8)t & near);
     TM_NAME(choose)(&t, &whole, &one, &t);
-    const V8 share = TM_PART_MOST * t * t * t * (10 - t * (15 - 6 * t));
-    const V8 slope = -30 * TM_PART_MOST / width * (t * (1 - t)) * (t * (1 - t));
-    const V8 bend = 60 * TM_PART_MOST / (width * width) * (t * (1 - t)) * (1 - 2 * t);
+    const V8 share = TM_CORRECTION_MAX * t * t * t * (10 - t * (15 - 6 * t));
+    const V8 slope = -30 * TM_CORRECTION_MAX / width * (t * (1 - t)) * (t * (1 - t));
+    const V8 bend = 60 * TM_CORRECTION_MAX / (width * width) * (t * (1 - t)) * (1 - 2 * t);
     const V8 j_I = -0.5 * j * over, j_IJ = -0.5 * scale * over, j_II = 5.0 / 12 * j * over * over, s2 = size * size;
     TM_NAME(parting)(I, J, &d, &b->d_I, &b->d_J);
     b->d_II = 2.0 / 9 * share + 4.0 / 3 * size * slope * j_I + s2 * (bend * j_I * j_I + slope * j_II);
@@ -106,15 +106,15 @@ INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_visc
     for (int i = 0; i < 9; i++) shear[i] = (V8){0};
     for (int t = 0; t < v->terms; t++)
         for (int i = 0; i < 6; i++) {
-            double *const m = v->memory[t] + (6 * (int64_t)p + i) * TM_LANES + at;
+            double *const m = v->history[t] + (6 * (int64_t)p + i) * TM_LANES + at;
             V8 h, e = E[row[i]];
             if (i < 3) e -= (1.0 / 3) * beyond;
             memcpy(&h, m, sizeof h);
             h += v->now[t] * e;
             shear[row[i]] += v->shear[t] * (e - h);
             if (i < 3) more += v->more[t] * (e - h);
-            h = (v->keep[t] * h + v->old[t] * e + tiny) - tiny;
-            if (!v->still) memcpy(m, &h, sizeof h);
+            h = (v->history_kept[t] * h + v->old[t] * e + tiny) - tiny;
+            if (!v->history_frozen) memcpy(m, &h, sizeof h);
         }
     shear[7] = shear[5], shear[6] = shear[2], shear[3] = shear[1];
     TM_NAME(linear)(w, fibred, shear, T);
@@ -197,13 +197,13 @@ INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const 
 
 /* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
  * changes of volume that are averaged; the polar rotation with it where they are. */
-INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
+INSIDE bool TM_NAME(relaxing)(const tm_tet_batches *batches, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
     V8 S[9], E[9], T[9], low[9];
     TM_NAME(law) w;
-    TM_NAME(gradient)(packs, p, at, u, b->H);
-    const bool turned = TM_NAME(blend)(packs, b->H, &b->weight, &b->slope);
-    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
+    TM_NAME(gradient)(batches, p, at, u, b->H);
+    const bool turned = TM_NAME(blend)(batches, b->H, &b->weight, &b->slope);
+    const bool fibred = TM_NAME(law_of)(batches, p, at, &w);
     if (averaged || turned) TM_NAME(straighten)(b);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) S[3 * i + j] = 0.5 * (b->H[3 * i + j] + b->H[3 * j + i]);
@@ -226,12 +226,13 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
 }
 
 /* Nothing of those who are dead. */
-INSIDE void TM_NAME(keep_corners)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const V8 P[9]) {
+INSIDE void TM_NAME(keep_corners)(const tm_tet_batches *batches, const tm_viscous *v, int32_t p, int at,
+                                  const V8 P[9]) {
     V8 f[4][3];
     M8 there;
     double *to = v->corner_N + 12 * TM_LANES * (int64_t)p + at;
-    TM_NAME(pull)(packs, p, at, P, f);
-    TM_NAME(living)(packs, p, at, &there);
+    TM_NAME(pull)(batches, p, at, P, f);
+    TM_NAME(living)(batches, p, at, &there);
     for (int k = 0; k < 4; k++)
         for (int i = 0; i < 3; i++) {
             f[k][i] = (V8)((M8)f[k][i] & there);
@@ -239,8 +240,9 @@ INSIDE void TM_NAME(keep_corners)(const tm_packs *packs, const tm_viscous *v, in
         }
 }
 
-TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_packs *packs, const tm_viscous *v, const tm_swollen *s,
-                                              int32_t begin, int32_t end, const double *u_m) {
+TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_tet_batches *batches, const tm_viscous *v,
+                                              const tm_nodal_dilatation *s, int32_t begin, int32_t end,
+                                              const double *u_m) {
     int32_t active = 0;
     for (int32_t p = begin; p < end; p++) {
         bool any = false;
@@ -248,18 +250,18 @@ TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_packs *packs, const tm_vi
             TM_NAME(turned) b;
             V8 P[9], grown;
             M8 there;
-            any |= TM_NAME(relaxing)(packs, v, s, p, at, u_m, &b, P);
+            any |= TM_NAME(relaxing)(batches, v, s, p, at, u_m, &b, P);
             if (!s) {
-                TM_NAME(keep_corners)(packs, v, p, at, P);
+                TM_NAME(keep_corners)(batches, v, p, at, P);
                 continue;
             }
-            TM_NAME(living)(packs, p, at, &there);
+            TM_NAME(living)(batches, p, at, &there);
             memcpy(&grown, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof grown);
             grown = (V8)((M8)(grown * (b.trace - 3)) & there);
-            memcpy(s->grown + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
+            memcpy(s->dilatation + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
             for (int i = 0; i < 9; i++) {
                 const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
-                memcpy(s->turn + to, &b.R[i], sizeof(V8));
+                memcpy(s->rotation + to, &b.R[i], sizeof(V8));
                 memcpy(v->stress_J + to, &P[i], sizeof(V8));
             }
         }
@@ -268,20 +270,20 @@ TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_packs *packs, const tm_vi
     return active;
 }
 
-TM_TARGET static void TM_NAME(pressure_pass)(const tm_packs *packs, const tm_viscous *v, const tm_swollen *s,
-                                             int32_t begin, int32_t end) {
+TM_TARGET static void TM_NAME(pressure_pass)(const tm_tet_batches *batches, const tm_viscous *v,
+                                             const tm_nodal_dilatation *s, int32_t begin, int32_t end) {
     for (int32_t p = begin; p < end; p++)
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             V8 P[9], R, pressure, quarter;
-            TM_NAME(pressure)(s, p, at, s->turned, &pressure);
+            TM_NAME(pressure)(s, p, at, s->corotated_Pa, &pressure);
             memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
             pressure *= quarter;
             for (int i = 0; i < 9; i++) {
                 const int64_t from = (9 * (int64_t)p + i) * TM_LANES + at;
-                memcpy(&R, s->turn + from, sizeof R);
+                memcpy(&R, s->rotation + from, sizeof R);
                 memcpy(&P[i], v->stress_J + from, sizeof(V8));
                 P[i] += pressure * R;
             }
-            TM_NAME(keep_corners)(packs, v, p, at, P);
+            TM_NAME(keep_corners)(batches, v, p, at, P);
         }
 }

@@ -39,7 +39,7 @@ static tm_status check_vertices(const tm_mesh_def *def, tm_error *error) {
             if (!isfinite(def->vertex_m[3 * v + i]) || fabs(def->vertex_m[3 * v + i]) > 1e6)
                 return tm_fail(error, TM_ERR_MESH, v,
                                "vertex %d: its %c coordinate is %g, not a finite number below 1e6 m; "
-                               "mend the mesh file or its scale",
+                               "repair the mesh file or its scale",
                                v, "xyz"[i], def -> vertex_m[3 * v + i]);
     return TM_OK;
 }
@@ -53,7 +53,7 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
         for (int j = 0; j < i; j++)
             if (v[i] == v[j])
                 return tm_fail(error, TM_ERR_MESH, t,
-                               "tetrahedron %d: names vertex %d twice; remove it or mend the mesh", t, v[i]);
+                               "tetrahedron %d: names vertex %d twice; remove it or repair the mesh", t, v[i]);
     }
     double noise;
     const double d = six_volume(def->vertex_m + 3 * (int64_t)v[0], def->vertex_m + 3 * (int64_t)v[1],
@@ -199,11 +199,11 @@ static void invert(const int32_t *entry, int32_t owners, int32_t width, int32_t 
 
 static tm_status build_edges(tm_mesh *mesh, tm_pool *pool, work *w, tm_error *error) {
     mesh->edge_count = number_edges(mesh, w);
-    mesh->edge = TM_TAKE(pool, int32_t, 2 * (int64_t)mesh->edge_count);
-    mesh->edge_tet_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->edge_count + 1);
-    mesh->edge_tet = TM_TAKE(pool, int32_t, 6 * (int64_t)mesh->tet_count);
-    mesh->vertex_edge_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    mesh->vertex_edge = TM_TAKE(pool, int32_t, 2 * (int64_t)mesh->edge_count);
+    mesh->edge = TM_ALLOC(pool, int32_t, 2 * (int64_t)mesh->edge_count);
+    mesh->edge_tet_begin = TM_ALLOC(pool, int32_t, (int64_t)mesh->edge_count + 1);
+    mesh->edge_tet = TM_ALLOC(pool, int32_t, 6 * (int64_t)mesh->tet_count);
+    mesh->vertex_edge_begin = TM_ALLOC(pool, int32_t, (int64_t)mesh->vertex_count + 1);
+    mesh->vertex_edge = TM_ALLOC(pool, int32_t, 2 * (int64_t)mesh->edge_count);
     if (pool->failed) return tm_fail_memory(error, "mesh");
     for (int32_t r = 0; r < 6 * mesh->tet_count; r++) {
         mesh->edge[2 * mesh->tet_edge[r]] = w->key[0][r];
@@ -216,8 +216,8 @@ static tm_status build_edges(tm_mesh *mesh, tm_pool *pool, work *w, tm_error *er
 
 static tm_status build_surface(tm_mesh *mesh, tm_pool *pool, tm_error *error) {
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) mesh->surface_count += mesh->tet_neighbour[f] < 0;
-    mesh->surface = TM_TAKE(pool, int32_t, 3 * (int64_t)mesh->surface_count);
-    mesh->surface_face = TM_TAKE(pool, int32_t, mesh->surface_count);
+    mesh->surface = TM_ALLOC(pool, int32_t, 3 * (int64_t)mesh->surface_count);
+    mesh->surface_face = TM_ALLOC(pool, int32_t, mesh->surface_count);
     if (pool->failed) return tm_fail_memory(error, "mesh");
     int32_t n = 0;
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
@@ -248,15 +248,15 @@ static tm_status take_and_copy(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *
     const int64_t n = def->vertex_count, m = def->tet_count;
     mesh->vertex_count = def->vertex_count;
     mesh->tet_count = def->tet_count;
-    mesh->rest_m = TM_TAKE(pool, double, 3 * n);
-    mesh->tet = TM_TAKE(pool, int32_t, 4 * m);
-    mesh->region = TM_TAKE(pool, int32_t, m);
-    mesh->tet_edge = TM_TAKE(pool, int32_t, 6 * m);
-    mesh->tet_neighbour = TM_TAKE(pool, int32_t, 4 * m);
-    mesh->vertex_tet_begin = TM_TAKE(pool, int32_t, n + 1);
-    mesh->vertex_tet = TM_TAKE(pool, int32_t, 4 * m);
-    mesh->shape_1_m = TM_TAKE(pool, double, 12 * m);
-    mesh->volume_m3 = TM_TAKE(pool, double, m);
+    mesh->rest_m = TM_ALLOC(pool, double, 3 * n);
+    mesh->tet = TM_ALLOC(pool, int32_t, 4 * m);
+    mesh->region = TM_ALLOC(pool, int32_t, m);
+    mesh->tet_edge = TM_ALLOC(pool, int32_t, 6 * m);
+    mesh->tet_neighbour = TM_ALLOC(pool, int32_t, 4 * m);
+    mesh->vertex_tet_begin = TM_ALLOC(pool, int32_t, n + 1);
+    mesh->vertex_tet = TM_ALLOC(pool, int32_t, 4 * m);
+    mesh->shape_1_m = TM_ALLOC(pool, double, 12 * m);
+    mesh->volume_m3 = TM_ALLOC(pool, double, m);
     if (pool->failed) return tm_fail_memory(error, "mesh");
     memcpy(mesh->rest_m, def->vertex_m, sizeof(double) * 3 * (size_t)n);
     memcpy(mesh->tet, def->tet, sizeof(int32_t) * 4 * (size_t)m);
@@ -267,18 +267,18 @@ static tm_status take_and_copy(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *
     return TM_OK;
 }
 
-static tm_status take_work(const tm_mesh_def *def, work *w, tm_error *error) {
+static tm_status alloc_work(const tm_mesh_def *def, work *w, tm_error *error) {
     const int64_t records = 6 * (int64_t)def->tet_count;
-    for (int i = 0; i < 3; i++) w->key[i] = TM_TAKE(&w->pool, int32_t, records);
-    w->order = TM_TAKE(&w->pool, int32_t, records);
-    w->scratch = TM_TAKE(&w->pool, int32_t, records);
-    w->start = TM_TAKE(&w->pool, int32_t, (int64_t)def->vertex_count + 1);
+    for (int i = 0; i < 3; i++) w->key[i] = TM_ALLOC(&w->pool, int32_t, records);
+    w->order = TM_ALLOC(&w->pool, int32_t, records);
+    w->scratch = TM_ALLOC(&w->pool, int32_t, records);
+    w->start = TM_ALLOC(&w->pool, int32_t, (int64_t)def->vertex_count + 1);
     return w->pool.failed ? tm_fail_memory(error, "mesh builder") : TM_OK;
 }
 
 static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, work *w, tm_error *error) {
     tm_status status = take_and_copy(mesh, pool, def, error);
-    if (!status) status = take_work(def, w, error);
+    if (!status) status = alloc_work(def, w, error);
     if (status) return status;
     invert(mesh->tet, mesh->tet_count, 4, mesh->vertex_count, mesh->vertex_tet_begin, mesh->vertex_tet);
     for (int32_t v = 0; v < mesh->vertex_count; v++)
@@ -295,15 +295,15 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
 static tm_status make(const tm_mesh_def *def, const int32_t *given, tm_mesh **mesh, tm_error *error) {
     tm_pool pool = {0};
     work w = {0};
-    owned_mesh *owned = TM_TAKE(&pool, owned_mesh, 1);
+    owned_mesh *owned = TM_ALLOC(&pool, owned_mesh, 1);
     tm_status status = owned ? build(&owned->mesh, &pool, def, &w, error) : tm_fail_memory(error, "mesh");
     tm_pool_release(&w.pool);
     if (!status && given) {
-        owned->mesh.given_vertex = TM_TAKE(&pool, int32_t, def->vertex_count);
+        owned->mesh.original_vertex = TM_ALLOC(&pool, int32_t, def->vertex_count);
         if (pool.failed)
             status = tm_fail_memory(error, "mesh");
         else
-            memcpy(owned->mesh.given_vertex, given, sizeof *given * (size_t)def->vertex_count);
+            memcpy(owned->mesh.original_vertex, given, sizeof *given * (size_t)def->vertex_count);
     }
     if (status) {
         tm_pool_release(&pool);
@@ -332,7 +332,7 @@ static tm_status renumber(const tm_mesh_def *def, tm_mesh **mesh, tm_error *erro
 }
 
 static tm_status check_def(const tm_mesh_def *def, tm_error *error) {
-    if (def->renumber != TM_NUMBERING_AS_GIVEN && def->renumber != TM_NUMBERING_WHERE_POOR)
+    if (def->renumber != TM_NUMBERING_ORIGINAL && def->renumber != TM_NUMBERING_IMPROVED)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "renumber = %d; give one of tm_numbering", (int)def->renumber);
     if (def->vertex_count < 4 || def->tet_count < 1)
         return tm_fail(error, TM_ERR_MESH, -1,
@@ -354,7 +354,7 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
     for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
     tm_mesh *made = NULL;
     if (!status) status = make(def, NULL, &made, error); /* what is wrong is told in given numbers */
-    if (!status && def->renumber == TM_NUMBERING_WHERE_POOR) status = renumber(def, &made, error);
+    if (!status && def->renumber == TM_NUMBERING_IMPROVED) status = renumber(def, &made, error);
     if (!status) *mesh = made;
     return status;
 }

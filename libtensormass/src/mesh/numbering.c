@@ -110,12 +110,12 @@ bool tm_mesh_numbering(const tm_mesh *mesh, int32_t *was) {
     TM_REQUIRE(mesh && was, "mesh or was is null", false);
     const int32_t n = mesh->vertex_count;
     tm_pool pool = {0};
-    place *at = TM_TAKE(&pool, place, n);
+    place *at = TM_ALLOC(&pool, place, n);
     walk w = {.mesh = mesh,
-              .rank = TM_TAKE(&pool, int32_t, n),
-              .of_rank = TM_TAKE(&pool, int32_t, n),
-              .seen = TM_TAKE(&pool, int32_t, n),
-              .key = TM_TAKE(&pool, uint64_t, n)};
+              .rank = TM_ALLOC(&pool, int32_t, n),
+              .of_rank = TM_ALLOC(&pool, int32_t, n),
+              .seen = TM_ALLOC(&pool, int32_t, n),
+              .key = TM_ALLOC(&pool, uint64_t, n)};
     const bool good = !pool.failed;
     if (good) rank_places(&w, at);
     if (good) order(&w, was);
@@ -144,8 +144,8 @@ static void turn_round(const int32_t *was, int32_t n, int32_t *now) {
 bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *was_tet) {
     TM_REQUIRE(mesh && was && was_tet, "mesh, was or was_tet is null", false);
     tm_pool pool = {0};
-    int32_t *now = TM_TAKE(&pool, int32_t, mesh->vertex_count);
-    corners *all = TM_TAKE(&pool, corners, mesh->tet_count);
+    int32_t *now = TM_ALLOC(&pool, int32_t, mesh->vertex_count);
+    corners *all = TM_ALLOC(&pool, corners, mesh->tet_count);
     const bool good = !pool.failed;
     if (good) turn_round(was, mesh->vertex_count, now);
     for (int32_t t = 0; good && t < mesh->tet_count; t++) {
@@ -166,24 +166,24 @@ bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *wa
 /* --- how good an order is --- */
 
 /* `was` and `now` [vertex_count] become tm_mesh_numbering's order and its inverse. */
-static bool measure(const tm_mesh *mesh, int32_t *was, int32_t *now, tm_numbering_figures *out) {
+static bool measure(const tm_mesh *mesh, int32_t *was, int32_t *now, tm_numbering_stats *out) {
     if (!tm_mesh_numbering(mesh, was)) return false;
     turn_round(was, mesh->vertex_count, now);
     double sum = 0, renumbered = 0;
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         const int32_t k = mesh->edge[2 * (int64_t)e], l = mesh->edge[2 * (int64_t)e + 1];
-        sum += abs(tm_mesh_given(mesh, l) - tm_mesh_given(mesh, k));
+        sum += abs(tm_mesh_original_vertex(mesh, l) - tm_mesh_original_vertex(mesh, k));
         renumbered += abs(now[l] - now[k]);
     }
-    *out = (tm_numbering_figures){.distance = sum / mesh->edge_count, .renumbered = renumbered / mesh->edge_count};
-    out->poor = mesh->vertex_count >= WORTH_VERTICES && out->distance > worth_factor * out->renumbered;
+    *out = (tm_numbering_stats){.distance = sum / mesh->edge_count, .renumbered = renumbered / mesh->edge_count};
+    out->should_renumber = mesh->vertex_count >= WORTH_VERTICES && out->distance > worth_factor * out->renumbered;
     return true;
 }
 
-bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_figures *out) {
+bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_stats *out) {
     TM_REQUIRE(mesh && out, "mesh or out is null", false);
     tm_pool pool = {0};
-    int32_t *was = TM_TAKE(&pool, int32_t, mesh->vertex_count), *now = TM_TAKE(&pool, int32_t, mesh->vertex_count);
+    int32_t *was = TM_ALLOC(&pool, int32_t, mesh->vertex_count), *now = TM_ALLOC(&pool, int32_t, mesh->vertex_count);
     const bool good = !pool.failed && measure(mesh, was, now, out);
     tm_pool_release(&pool);
     return good;
@@ -195,12 +195,12 @@ bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, c
     *given = NULL;
     if (mesh->vertex_count < WORTH_VERTICES) return true;
     const int32_t n = mesh->vertex_count;
-    tm_numbering_figures f;
-    int32_t *was = TM_TAKE(pool, int32_t, n), *now = TM_TAKE(pool, int32_t, n);
+    tm_numbering_stats f;
+    int32_t *was = TM_ALLOC(pool, int32_t, n), *now = TM_ALLOC(pool, int32_t, n);
     if (pool->failed || !measure(mesh, was, now, &f)) return false;
-    if (!f.poor) return true;
-    double *vertex_m = TM_TAKE(pool, double, 3 * (int64_t)n);
-    int32_t *tet = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    if (!f.should_renumber) return true;
+    double *vertex_m = TM_ALLOC(pool, double, 3 * (int64_t)n);
+    int32_t *tet = TM_ALLOC(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     if (pool->failed) return false;
     for (int32_t v = 0; v < n; v++)
         memcpy(vertex_m + 3 * (int64_t)v, def->vertex_m + 3 * (int64_t)was[v], 3 * sizeof *vertex_m);
@@ -211,27 +211,27 @@ bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, c
     return true;
 }
 
-int32_t tm_mesh_given(const tm_mesh *mesh, int32_t vertex) {
+int32_t tm_mesh_original_vertex(const tm_mesh *mesh, int32_t vertex) {
     TM_REQUIRE(mesh && vertex >= 0 && vertex < mesh->vertex_count, "mesh is null or vertex is not one of its vertices",
                vertex);
-    return mesh->given_vertex ? mesh->given_vertex[vertex] : vertex;
+    return mesh->original_vertex ? mesh->original_vertex[vertex] : vertex;
 }
 
 /* Vertex by vertex: from the v-th place to that of its given number, or the other way. */
 static void carry(const tm_mesh *mesh, int32_t components, const double *from, double *to, bool back) {
     const size_t c = (size_t)components;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        const size_t own = c * (size_t)v, given = c * (size_t)tm_mesh_given(mesh, v);
+        const size_t own = c * (size_t)v, given = c * (size_t)tm_mesh_original_vertex(mesh, v);
         memcpy(to + (back ? own : given), from + (back ? given : own), c * sizeof *to);
     }
 }
 
-void tm_mesh_to_given(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
+void tm_mesh_to_original(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
     TM_REQUIRE(mesh && from && to && components > 0, "mesh, from or to is null, or components is not positive", );
     carry(mesh, components, from, to, false);
 }
 
-void tm_mesh_from_given(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
+void tm_mesh_from_original(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
     TM_REQUIRE(mesh && from && to && components > 0, "mesh, from or to is null, or components is not positive", );
     carry(mesh, components, from, to, true);
 }

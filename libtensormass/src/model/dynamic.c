@@ -6,21 +6,21 @@
 
 typedef struct dynamic {
     tm_model is;
-    tm_patch_maker *maker; /* null: no patches */
+    tm_patch_builder *builder; /* null: no patches */
 } dynamic;
 
-enum { MOST_SUBSTEPS = 10000000 }; /* of a frame */
+enum { MAX_SUBSTEPS = 10000000 }; /* of a frame */
 
 /* --- how it is made --- */
 
-static tm_status blame(const tm_model_def *def, const char *member, tm_status status) {
-    if (status != TM_OK && def->blame) *def->blame = member;
+static tm_status set_invalid_member(const tm_model_def *def, const char *member, tm_status status) {
+    if (status != TM_OK && def->invalid_member) *def->invalid_member = member;
     return status;
 }
 
 /* A whole number of equal substeps a frame, none above what is asked for or guaranteed. */
-static tm_status choose_pace(const tm_model_def *def, tm_model *m, tm_error *error) {
-    tm_pace *p = &m->pace;
+static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *error) {
+    tm_timing *p = &m->timing;
     if (def->step_limit_s > 0) {
         p->critical_s = def->step_limit_s;
         p->critical_tet = def->step_limit_tet;
@@ -28,18 +28,20 @@ static tm_status choose_pace(const tm_model_def *def, tm_model *m, tm_error *err
         p->critical_s = tm_critical_step_guaranteed(m->tissue, &p->critical_tet);
     const double largest = def->step_s > 0 ? def->step_s : p->critical_s * def->step_fraction;
     if (largest > p->critical_s)
-        return blame(def, "step_s",
-                     tm_fail(error, TM_ERR_STEP, p->critical_tet,
-                             "time step %.4g s is above the guaranteed critical step %.4g s, set by tetrahedron %d; "
-                             "lower it or leave it out",
-                             largest, p->critical_s, (int)p->critical_tet));
+        return set_invalid_member(
+            def, "step_s",
+            tm_fail(error, TM_ERR_STEP, p->critical_tet,
+                    "time step %.4g s is above the guaranteed critical step %.4g s, set by tetrahedron %d; "
+                    "lower it or leave it out",
+                    largest, p->critical_s, (int)p->critical_tet));
     const double count = ceil(def->frame_s / largest - 1e-9);
-    if (!(count < MOST_SUBSTEPS))
-        return blame(def, "frame_s",
-                     tm_fail(error, TM_ERR_LIMIT, p->critical_tet,
-                             "a frame would take %.3g substeps of %.3g s, set by tetrahedron %d; look at its material "
-                             "(Young's modulus, density) and its shape",
-                             count, largest, (int)p->critical_tet));
+    if (!(count < MAX_SUBSTEPS))
+        return set_invalid_member(
+            def, "frame_s",
+            tm_fail(error, TM_ERR_LIMIT, p->critical_tet,
+                    "a frame would take %.3g substeps of %.3g s, set by tetrahedron %d; look at its material "
+                    "(Young's modulus, density) and its shape",
+                    count, largest, (int)p->critical_tet));
     p->frame_s = def->frame_s;
     p->substeps = count < 1 ? 1 : (int32_t)count;
     p->dt_s = p->frame_s / p->substeps;
@@ -51,42 +53,46 @@ static tm_status choose_pace(const tm_model_def *def, tm_model *m, tm_error *err
 static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *error) {
     tm_world_def world = tm_world_def_default();
     world.tissue = m->tissue;
-    world.dt_s = m->pace.dt_s;
+    world.dt_s = m->timing.dt_s;
     world.damped = def->damped;
     world.threads = def->threads;
-    world.run_parts = def->run_parts;
-    world.run_parts_user = def->run_parts_user;
-    tm_status status = blame(def, "step_s", tm_world_create(&world, &m->world, error));
+    world.parallel_for = def->parallel_for;
+    world.parallel_for_user = def->parallel_for_user;
+    tm_status status = set_invalid_member(def, "step_s", tm_world_create(&world, &m->world, error));
     if (status == TM_OK && def->support_count > 0) {
         tm_support_def support = tm_support_def_default();
         support.count = def->support_count;
         support.dof = def->support_dof;
         support.value_m = def->support_m;
-        status = blame(def, "support", tm_stage_support(m->world, &support, error));
+        status = set_invalid_member(def, "support", tm_stage_support(m->world, &support, error));
     }
-    if (status == TM_OK && def->load_N) status = blame(def, "load", tm_stage_load(m->world, def->load_N, error));
+    if (status == TM_OK && def->load_N)
+        status = set_invalid_member(def, "load", tm_stage_load(m->world, def->load_N, error));
     /* What hangs on something beside it is held by that. */
-    if (status == TM_OK && def->tissue.precision == TM_SINGLE && !def->tissue.elsewhere)
-        status = blame(def, "precision", tm_world_check_held(m->world, error));
+    if (status == TM_OK && def->tissue.precision == TM_SINGLE && !def->tissue.condensed)
+        status = set_invalid_member(def, "precision", tm_world_check_constrained(m->world, error));
     if (status == TM_OK && def->gravity_m_s2)
-        status = blame(def, "gravity", tm_stage_gravity(m->world, def->gravity_m_s2, error));
+        status = set_invalid_member(def, "gravity", tm_stage_gravity(m->world, def->gravity_m_s2, error));
     return status;
 }
 
 static tm_status make_contact(const tm_model_def *def, tm_model *m, tm_error *error) {
     tm_grasp *grasp;
     tm_status status = TM_OK;
-    if (def->contact) status = blame(def, "contact", tm_stage_contact(m->world, def->contact, &m->contact, error));
+    if (def->contact)
+        status = set_invalid_member(def, "contact", tm_stage_contact(m->world, def->contact, &m->contact, error));
     if (status == TM_OK && def->contact) {
         m->instrument_count = def->contact->instrument_count;
         for (int i = 0; i < m->instrument_count; i++) m->pose[i] = def->contact->instrument[i].pose;
     }
     if (status == TM_OK && def->grasp)
-        status = blame(def, "grasp", tm_stage_grasp(m->world, m->contact, def->grasp, &grasp, error));
+        status = set_invalid_member(def, "grasp", tm_stage_grasp(m->world, m->contact, def->grasp, &grasp, error));
     tm_friction *friction;
     if (status == TM_OK && def->friction)
-        status = blame(def, "friction", tm_stage_friction(m->world, m->contact, def->friction, &friction, error));
-    if (status == TM_OK && def->cut) status = blame(def, "cut", tm_stage_cut(m->world, m->contact, def->cut, error));
+        status = set_invalid_member(def, "friction",
+                                    tm_stage_friction(m->world, m->contact, def->friction, &friction, error));
+    if (status == TM_OK && def->cut)
+        status = set_invalid_member(def, "cut", tm_stage_cut(m->world, m->contact, def->cut, error));
     return status;
 }
 
@@ -100,13 +106,13 @@ static void destroy(tm_model *m) {
 
 static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
     if (!m->contact) return;
-    tm_contact_begin_frame(m->contact, substeps, m->pace.average < substeps ? m->pace.average : substeps);
-    for (int i = 0; i < m->instrument_count; i++) tm_contact_move(m->contact, i, &to[i], substeps);
+    tm_contact_begin_frame(m->contact, substeps, m->timing.average < substeps ? m->timing.average : substeps);
+    for (int i = 0; i < m->instrument_count; i++) tm_contact_set_target(m->contact, i, &to[i], substeps);
 }
 
 static tm_status step(tm_model *m, int32_t substeps) { return tm_world_step(m->world, substeps); }
-static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
-    tm_contact_place(m->contact, instrument, at);
+static void set_pose(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
+    tm_contact_set_pose(m->contact, instrument, at);
 }
 
 static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
@@ -120,19 +126,19 @@ static uint64_t hash(tm_model *m) { return tm_world_hash(m->world); }
 /* --- patches --- */
 
 static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *error) {
-    return tm_stage_patch(m->world, m->contact, def, &((dynamic *)m)->maker, error);
+    return tm_stage_patch(m->world, m->contact, def, &((dynamic *)m)->builder, error);
 }
 
 /* The maker goes on computing while nothing is near; what it lacks comes a frame later. */
 static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
-    tm_patch_maker *maker = ((dynamic *)m)->maker;
+    tm_patch_builder *builder = ((dynamic *)m)->builder;
     tm_patch unused;
-    return maker && tm_patch_make(maker, instrument, out ? out : &unused) && out;
+    return builder && tm_patch_compute(builder, instrument, out ? out : &unused) && out;
 }
 
 static tm_status start(tm_model *m, tm_error *error) {
-    tm_patch_maker *maker = ((dynamic *)m)->maker;
-    return maker ? tm_patch_start(maker, error) : TM_OK;
+    tm_patch_builder *builder = ((dynamic *)m)->builder;
+    return builder ? tm_patch_start(builder, error) : TM_OK;
 }
 
 /* --- rest, snapshots, accounts --- */
@@ -149,7 +155,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
 }
 
 static int64_t snapshot_bytes(const tm_model *m) { return tm_snapshot_bytes(m->world); }
-static int64_t snapshot_bytes_most(const tm_model *m) { return tm_snapshot_bytes_most(m->world); }
+static int64_t snapshot_bytes_max(const tm_model *m) { return tm_snapshot_bytes_max(m->world); }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     return tm_snapshot_save(m->world, buffer, bytes, error);
@@ -172,7 +178,7 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .destroy = destroy,
                                    .begin = begin,
                                    .step = step,
-                                   .place = place,
+                                   .set_pose = set_pose,
                                    .reaction = reaction,
                                    .displacement = displacement,
                                    .time_s = time_s,
@@ -186,27 +192,28 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .start = start,
                                    .stages = stages,
                                    .set_timing = set_timing,
-                                   .snapshot_bytes_most = snapshot_bytes_most};
+                                   .snapshot_bytes_max = snapshot_bytes_max};
 
 tm_status tm_model_check(const tm_model_def *def, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_MODEL, TM_ERR_ARGUMENT);
-    if (def->blame) *def->blame = NULL;
+    if (def->invalid_member) *def->invalid_member = NULL;
     if (!(def->frame_s > 0 && def->frame_s < 1e3) || !(def->step_s >= 0) || !(def->average >= 0 && def->average <= 1) ||
         !(def->step_fraction > 0 && def->step_fraction <= 1) || !(def->step_limit_s >= 0))
-        return blame(def, "frame_s",
-                     tm_fail(error, TM_ERR_ARGUMENT, -1,
-                             "frames of %g s, steps of %g s, fraction %g, average %g; give positive times, and shares "
-                             "from 0 to 1",
-                             def->frame_s, def->step_s, def->step_fraction, def->average));
+        return set_invalid_member(
+            def, "frame_s",
+            tm_fail(error, TM_ERR_ARGUMENT, -1,
+                    "frames of %g s, steps of %g s, fraction %g, average %g; give positive times, and shares "
+                    "from 0 to 1",
+                    def->frame_s, def->step_s, def->step_fraction, def->average));
     if (!def->contact && (def->grasp || def->friction || def->cut)) {
         const char *what = def->grasp ? "grasp" : def->friction ? "friction" : "cut";
-        return blame(def, what,
-                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact", what));
+        return set_invalid_member(
+            def, what, tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact", what));
     }
     if (def->support_count < 0 || (def->support_count > 0 && (!def->support_dof || !def->support_m)))
-        return blame(def, "support",
-                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%d supported components and no list of them",
-                             (int)def->support_count));
+        return set_invalid_member(def, "support",
+                                  tm_fail(error, TM_ERR_ARGUMENT, -1, "%d supported components and no list of them",
+                                          (int)def->support_count));
     return TM_OK;
 }
 
@@ -220,8 +227,8 @@ tm_status tm_model_dynamic(const tm_model_def *def, tm_model **model, tm_error *
     d->is.kind = &kind;
     tm_tissue_def tissue = def->tissue;
     tissue.cuttable = tissue.cuttable || def->cut;
-    status = blame(def, "tissue", tm_tissue_create(&tissue, &d->is.tissue, error));
-    if (status == TM_OK) status = choose_pace(def, &d->is, error);
+    status = set_invalid_member(def, "tissue", tm_tissue_create(&tissue, &d->is.tissue, error));
+    if (status == TM_OK) status = choose_timing(def, &d->is, error);
     if (status == TM_OK) status = make_world(def, &d->is, error);
     if (status == TM_OK) status = make_contact(def, &d->is, error);
     if (status != TM_OK) {

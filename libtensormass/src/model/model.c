@@ -58,8 +58,8 @@ void tm_model_end(tm_model *model) {
 
 tm_status tm_model_frame(tm_model *model, const tm_tool_pose *to) {
     TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
-    tm_model_begin(model, to, model->pace.substeps);
-    const tm_status status = tm_model_step(model, model->pace.substeps);
+    tm_model_begin(model, to, model->timing.substeps);
+    const tm_status status = tm_model_step(model, model->timing.substeps);
     if (status == TM_OK) tm_model_end(model);
     return status;
 }
@@ -68,13 +68,13 @@ tm_status tm_model_frame(tm_model *model, const tm_tool_pose *to) {
     TM_REQUIRE(model &&instrument >= 0 && instrument < model->instrument_count,                                        \
                "model is null or instrument is not one of its own", __VA_ARGS__)
 
-void tm_model_place(tm_model *model, int32_t instrument, const tm_tool_pose *at) {
+void tm_model_set_pose(tm_model *model, int32_t instrument, const tm_tool_pose *at) {
     INSTRUMENT_IS_THERE();
     TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
-    if (model->kind->place)
-        model->kind->place(model, instrument, at);
+    if (model->kind->set_pose)
+        model->kind->set_pose(model, instrument, at);
     else
-        tm_model_place(model->inner, instrument, at);
+        tm_model_set_pose(model->inner, instrument, at);
     model->pose[instrument] = *at;
 }
 
@@ -144,10 +144,10 @@ int64_t tm_model_snapshot_bytes(const tm_model *model) {
     return model->kind->snapshot_bytes ? model->kind->snapshot_bytes(model) : tm_model_snapshot_bytes(model->inner);
 }
 
-int64_t tm_model_snapshot_bytes_most(const tm_model *model) {
+int64_t tm_model_snapshot_bytes_max(const tm_model *model) {
     TM_REQUIRE(model, "model is null", 0);
-    return model->kind->snapshot_bytes_most ? model->kind->snapshot_bytes_most(model)
-                                            : tm_model_snapshot_bytes_most(model->inner);
+    return model->kind->snapshot_bytes_max ? model->kind->snapshot_bytes_max(model)
+                                           : tm_model_snapshot_bytes_max(model->inner);
 }
 
 tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error) {

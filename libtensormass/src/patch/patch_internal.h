@@ -7,24 +7,24 @@
 
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
-/* patch_force.c: position_m += sign C force_N. */
+/* patch_solver.c: position_m += sign C force_N. */
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
 
-/* patch_force.c: where a vertex of the mesh stands in the patch, -1: it does not. */
+/* patch_solver.c: where a vertex of the mesh stands in the patch, -1: it does not. */
 int32_t tm_patch_place(const tm_patch *patch, int32_t vertex);
 
-/* patch_force.c: tm_patch_stiffness from the model's own rows. False: the patch has another rest there than the model,
+/* patch_solver.c: tm_patch_stiffness from the model's own rows. False: the patch has another rest there than the model,
  * and its stiffness is that rest's. */
 bool tm_patch_find_stiffness(tm_patch_solver *solver, const tm_patch *patch, const tm_contact_row *row,
                              int32_t row_count, const double tip_m[3], double stiffness_N_m[9]);
 
 /* Where a hold is eliminated: too large for a stack, so it lies in the solver. */
-enum { TM_HOLD_DOFS = 3 * TM_HOLD_VERTICES };
-typedef struct tm_hold_work {
-    double M[TM_HOLD_DOFS][TM_HOLD_DOFS];      /* compliance of the held vertices and their springs; lower triangle */
-    double Y[TM_HOLD_DOFS][TM_PATCH_DOFS + 3]; /* what the tip, and forces on the patch, do to them */
-} tm_hold_work;
-tm_hold_work *tm_patch_solver_work(tm_patch_solver *solver);
+enum { TM_GRASP_DOFS = 3 * TM_GRASP_VERTICES };
+typedef struct tm_grasp_work {
+    double M[TM_GRASP_DOFS][TM_GRASP_DOFS];     /* compliance of the held vertices and their springs; lower triangle */
+    double Y[TM_GRASP_DOFS][TM_PATCH_DOFS + 3]; /* what the tip, and forces on the patch, do to them */
+} tm_grasp_work;
+tm_grasp_work *tm_patch_solver_work(tm_patch_solver *solver);
 
 /* tm_patch_choose among triangles whose vertices are all usable (null: all are). `by_load`: those that bear most
  * come first, whatever their distance. `*fans`: all triangles around the vertices that bear the load are in the patch.
@@ -36,24 +36,24 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
                       tm_patch *patch);
 
 /* Vertices of the surface nearest to the tip's way, nearest first, those of pressed triangles before all others; at
- * most TM_COMPLIANCE_WANTS, none farther than 40 mm. `inner` (may be null): [vertex_count] masses: all that have one
- * count as surface, as the next cut may make them. Returns how many. */
+ * most TM_COMPLIANCE_REQUEST_MAX, none farther than 40 mm. `inner` (may be null): [vertex_count] masses: all that have
+ * one count as surface, as the next cut may make them. Returns how many. */
 int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                          const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                          const tm_contact_row *row, int32_t row_count, const double *inner, int32_t vertex_count,
-                         int32_t vertex[TM_COMPLIANCE_WANTS]);
+                         int32_t vertex[TM_COMPLIANCE_REQUEST_MAX]);
 
 typedef struct tm_columns tm_columns;
-struct tm_patch_maker {
+struct tm_patch_builder {
     tm_pool pool;
     tm_patch_def def;
     tm_contact *contact;
     tm_world *world;
     tm_columns *columns; /* null with a source */
     tm_compliance_source source;
-    tm_patch_surface surface;   /* view null: the tissue's */
-    const tm_compliance *known; /* what the source gave last */
-    bool turns;                 /* the law of the world is nonlinear */
+    tm_patch_surface surface;           /* view null: the tissue's */
+    const tm_compliance *columns_known; /* what the source gave last */
+    bool corotated;                     /* the law of the world is nonlinear */
     tm_patch_solver *solver;
     int32_t revision;
     int32_t missing[TM_MAX_INSTRUMENTS]; /* with a source: wanted vertices without a column, or with an old one */
@@ -62,18 +62,18 @@ struct tm_patch_maker {
 
 /* --- patch_known.c: which surface an instrument gets, and what is known of its compliance --- */
 
-tm_surface_view tm_patch_surface_of(const tm_patch_maker *maker);
+tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder);
 /* Chooses the instrument's patch, whatever is known of it, and asks for its columns, the held vertices' first. */
-void tm_patch_want(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_t count, tm_patch *patch);
+void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch);
 /* Leaves the patch as it was chosen, or makes it a smaller one. False: neither is known wholly. */
-bool tm_patch_find_known(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch);
-bool tm_patch_is_known(const tm_patch_maker *maker, int32_t vertex);
+bool tm_patch_find_known(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch);
+bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex);
 /* tm_patch_block of what is known; self: the maker. */
 bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]);
 /* tm_patch.kind by where the compliance is from. */
-int32_t tm_patch_known_kind(const tm_patch_maker *maker);
+int32_t tm_patch_known_kind(const tm_patch_builder *builder);
 
-/* patch_columns.c: columns of the quasi-static compliance, computed little by little and remembered. */
+/* compliance_cg.c: columns of the quasi-static compliance, computed little by little and remembered. */
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);
 /* These vertices' columns are needed from now on, most urgent first; others may be forgotten for them. Owner: one of
  * few. */

@@ -5,11 +5,12 @@
 
 #include "base/vec.h"
 
-tm_surface_view tm_patch_surface_of(const tm_patch_maker *maker) {
-    return maker->surface.view ? maker->surface.view(maker->surface.self) : tm_tissue_surface(maker->world->tissue);
+tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder) {
+    return builder->surface.view ? builder->surface.view(builder->surface.self)
+                                 : tm_tissue_surface(builder->world->tissue);
 }
 
-enum { ROUNDS = 4 }; /* of asking for a patch's columns */
+enum { ITERATIONS = 4 }; /* of asking for a patch's columns */
 
 /* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
 #define LOOSE_M_N 1.0
@@ -33,17 +34,17 @@ static bool is_loose(const tm_compliance *known, int32_t at) {
     return false;
 }
 
-bool tm_patch_is_known(const tm_patch_maker *maker, int32_t vertex) {
-    if (maker->columns) return tm_columns_good(maker->columns, vertex);
-    const int32_t at = place_in(maker->known, vertex);
-    return at >= 0 && !is_loose(maker->known, at);
+bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex) {
+    if (builder->columns) return tm_columns_good(builder->columns, vertex);
+    const int32_t at = place_in(builder->columns_known, vertex);
+    return at >= 0 && !is_loose(builder->columns_known, at);
 }
 
 /* Not known to be loose. */
 static bool may_be_held(void *self, int32_t vertex) {
-    const tm_patch_maker *maker = self;
-    const int32_t at = maker->columns ? -1 : place_in(maker->known, vertex);
-    return at < 0 || !is_loose(maker->known, at);
+    const tm_patch_builder *builder = self;
+    const int32_t at = builder->columns ? -1 : place_in(builder->columns_known, vertex);
+    return at < 0 || !is_loose(builder->columns_known, at);
 }
 
 /* The tissue has turned since: C = Qa C Qb^T. */
@@ -57,51 +58,54 @@ static void turn_block(const double *Qa, const double *Qb, double C[9]) {
 }
 
 bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]) {
-    const tm_patch_maker *maker = self;
-    if (maker->columns) return tm_columns_block(maker->columns, a, b, C);
-    const tm_compliance *known = maker->known;
+    const tm_patch_builder *builder = self;
+    if (builder->columns) return tm_columns_block(builder->columns, a, b, C);
+    const tm_compliance *known = builder->columns_known;
     const int32_t i = place_in(known, a), j = place_in(known, b);
     if (i < 0 || j < 0) return false;
     const int64_t width = 3 * known->count;
     for (int k = 0; k < 9; k++) C[k] = known->C_m_N[(3 * i + k / 3) * width + 3 * j + k % 3];
-    if (known->turn) turn_block(known->turn + 9 * i, known->turn + 9 * j, C);
+    if (known->rotation) turn_block(known->rotation + 9 * i, known->rotation + 9 * j, C);
     return true;
 }
 
-int32_t tm_patch_known_kind(const tm_patch_maker *maker) {
-    return !maker->columns && !maker->turns && maker->known && maker->known->revision == maker->revision ? 2 : 1;
+int32_t tm_patch_known_kind(const tm_patch_builder *builder) {
+    return !builder->columns && !builder->corotated && builder->columns_known &&
+                   builder->columns_known->revision == builder->revision
+               ? 2
+               : 1;
 }
 
 /* --- which surface --- */
 
-static bool grow_by(tm_patch_maker *maker, int32_t t, int32_t max_vertices, bool by_load, tm_patch *patch) {
-    const tm_contact *contact = maker->contact;
-    const tm_surface_view surface = tm_patch_surface_of(maker);
+static bool grow_by(tm_patch_builder *builder, int32_t t, int32_t max_vertices, bool by_load, tm_patch *patch) {
+    const tm_contact *contact = builder->contact;
+    const tm_surface_view surface = tm_patch_surface_of(builder);
     bool fans;
-    tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
-                  maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count, max_vertices,
-                  maker->def.max_triangles, by_load, may_be_held, maker, &fans, patch);
+    tm_patch_grow(builder->world->tissue->mesh->rest_m, builder->world->state.u_m, &surface, &contact->tool[t].capsule,
+                  builder->velocity_m_s[t], builder->def.horizon_s, contact->row, contact->row_count, max_vertices,
+                  builder->def.max_triangles, by_load, may_be_held, builder, &fans, patch);
     return fans;
 }
 
 /* Around the tip's way, or, where a shaft bears too broadly for that, where it bears most. */
-static bool grow(tm_patch_maker *maker, int32_t t, int32_t max_vertices, tm_patch *patch) {
-    const bool fans = grow_by(maker, t, max_vertices, false, patch);
-    if (!tm_patch_bears_outside(patch, 0, maker->contact->row, maker->contact->row_count)) return fans;
-    return grow_by(maker, t, max_vertices, true, patch);
+static bool grow(tm_patch_builder *builder, int32_t t, int32_t max_vertices, tm_patch *patch) {
+    const bool fans = grow_by(builder, t, max_vertices, false, patch);
+    if (!tm_patch_has_outside_load(patch, 0, builder->contact->row, builder->contact->row_count)) return fans;
+    return grow_by(builder, t, max_vertices, true, patch);
 }
 
-static bool is_known(const tm_patch_maker *maker, double held_N, const tm_patch *patch) {
+static bool is_known(const tm_patch_builder *builder, double held_N, const tm_patch *patch) {
     bool known = patch->triangle_count > 0;
-    for (int32_t i = 0; i < patch->vertex_count && known; i++) known = tm_patch_is_known(maker, patch->vertex[i]);
-    return known && !tm_patch_bears_outside(patch, held_N, maker->contact->row, maker->contact->row_count);
+    for (int32_t i = 0; i < patch->vertex_count && known; i++) known = tm_patch_is_known(builder, patch->vertex[i]);
+    return known && !tm_patch_has_outside_load(patch, held_N, builder->contact->row, builder->contact->row_count);
 }
 
 /* A smaller patch is one only with all that surrounds what bears the load. */
-bool tm_patch_find_known(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
-    if (is_known(maker, held_N, patch)) return true;
+bool tm_patch_find_known(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
+    if (is_known(builder, held_N, patch)) return true;
     for (int32_t quarters = 4; quarters >= 2 && quarters * max_vertices >= 32; quarters--)
-        if (grow(maker, t, quarters * max_vertices / 4, patch) && is_known(maker, held_N, patch)) return true;
+        if (grow(builder, t, quarters * max_vertices / 4, patch) && is_known(builder, held_N, patch)) return true;
     return false;
 }
 
@@ -114,13 +118,14 @@ static bool among(const int32_t *list, int32_t count, int32_t vertex) {
 /* --- what is asked for --- */
 
 /* The patch's vertices by their distance from the tip, behind those that are in the list. */
-static int32_t list_patch(const tm_patch_maker *maker, int32_t t, const tm_patch *patch, int32_t *list, int32_t first) {
-    double distance[TM_HOLD_VERTICES + TM_PATCH_VERTICES];
+static int32_t list_patch(const tm_patch_builder *builder, int32_t t, const tm_patch *patch, int32_t *list,
+                          int32_t first) {
+    double distance[TM_GRASP_VERTICES + TM_PATCH_VERTICES];
     int32_t n = first;
     for (int32_t i = 0; i < patch->vertex_count; i++) {
         if (among(list, first, patch->vertex[i])) continue;
         double d[3];
-        vsub(patch->vertex_m + 3 * i, maker->contact->tool[t].pose.tip_m, d);
+        vsub(patch->vertex_m + 3 * i, builder->contact->tool[t].pose.tip_m, d);
         double far = vdot(d, d);
         int32_t j = n++;
         for (; j > first && distance[j - 1] > far; j--) {
@@ -134,59 +139,59 @@ static int32_t list_patch(const tm_patch_maker *maker, int32_t t, const tm_patch
 }
 
 /* By conjugate gradients there is room for so many: a patch beside much that is held is smaller. */
-static void want_columns(tm_patch_maker *maker, int32_t t, int32_t held, int32_t max_vertices, int32_t *list,
+static void want_columns(tm_patch_builder *builder, int32_t t, int32_t fixed, int32_t max_vertices, int32_t *list,
                          tm_patch *patch) {
-    int32_t n = held < TM_PATCH_VERTICES ? list_patch(maker, t, patch, list, held) : held;
+    int32_t n = fixed < TM_PATCH_VERTICES ? list_patch(builder, t, patch, list, fixed) : fixed;
     while (n > TM_PATCH_VERTICES && max_vertices >= 4) {
         max_vertices -= n - TM_PATCH_VERTICES;
         if (max_vertices < 3) break;
-        grow(maker, t, max_vertices, patch);
-        n = list_patch(maker, t, patch, list, held);
+        grow(builder, t, max_vertices, patch);
+        n = list_patch(builder, t, patch, list, fixed);
     }
     if (n > TM_PATCH_VERTICES) {
         patch->vertex_count = patch->triangle_count = 0;
-        n = held < TM_PATCH_VERTICES ? held : TM_PATCH_VERTICES;
+        n = fixed < TM_PATCH_VERTICES ? fixed : TM_PATCH_VERTICES;
     }
-    tm_columns_want(maker->columns, t, list, n);
-    tm_columns_work(maker->columns, maker->def.iterations);
+    tm_columns_want(builder->columns, t, list, n);
+    tm_columns_work(builder->columns, builder->def.iterations);
 }
 
 /* Of the source, and beside these what surrounds the tool's way. */
-static void want_pieces(tm_patch_maker *maker, int32_t t, int32_t held, const tm_patch *patch, int32_t *list) {
-    const tm_contact *contact = maker->contact;
-    const tm_tissue *tissue = maker->world->tissue;
-    const tm_surface_view surface = tm_patch_surface_of(maker);
-    int32_t near[TM_COMPLIANCE_WANTS], n = list_patch(maker, t, patch, list, held);
-    if (n > TM_COMPLIANCE_WANTS) n = TM_COMPLIANCE_WANTS;
+static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, const tm_patch *patch, int32_t *list) {
+    const tm_contact *contact = builder->contact;
+    const tm_tissue *tissue = builder->world->tissue;
+    const tm_surface_view surface = tm_patch_surface_of(builder);
+    int32_t near[TM_COMPLIANCE_REQUEST_MAX], n = list_patch(builder, t, patch, list, fixed);
+    if (n > TM_COMPLIANCE_REQUEST_MAX) n = TM_COMPLIANCE_REQUEST_MAX;
     const int32_t needed = n, found = tm_patch_nearest(
-                                  tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
-                                  maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
+                                  tissue->mesh->rest_m, builder->world->state.u_m, &surface, &contact->tool[t].capsule,
+                                  builder->velocity_m_s[t], builder->def.horizon_s, contact->row, contact->row_count,
                                   contact->tool[t].def.mode == TM_TOOL_CAUTERY ? tissue->mass_kg : NULL,
                                   tissue->mesh->vertex_count, near);
-    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++)
+    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_REQUEST_MAX; i++)
         if (!among(list, needed, near[i])) list[n++] = near[i];
-    const tm_compliance_wish wish = {
-        .count = n, .needed = needed, .vertex = list, .u_m = maker->turns ? maker->world->state.u_m : NULL};
-    maker->known = maker->source.exchange(maker->source.self, t, &wish);
-    const bool fresh = maker->known && maker->known->revision == maker->revision;
-    maker->missing[t] = fresh ? 0 : needed;
-    for (int32_t i = 0; i < needed && fresh; i++) maker->missing[t] += place_in(maker->known, list[i]) < 0;
+    const tm_compliance_request wish = {
+        .count = n, .needed = needed, .vertex = list, .u_m = builder->corotated ? builder->world->state.u_m : NULL};
+    builder->columns_known = builder->source.exchange(builder->source.self, t, &wish);
+    const bool fresh = builder->columns_known && builder->columns_known->revision == builder->revision;
+    builder->missing[t] = fresh ? 0 : needed;
+    for (int32_t i = 0; i < needed && fresh; i++) builder->missing[t] += place_in(builder->columns_known, list[i]) < 0;
 }
 
-void tm_patch_want(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_t count, tm_patch *patch) {
-    int32_t list[TM_HOLD_VERTICES + TM_PATCH_VERTICES], first = count < 0 ? 0 : count;
-    const int32_t max_vertices = maker->def.max_vertices - (count > 0);
-    if (first > TM_HOLD_VERTICES) first = 0; /* more than a patch can hold */
-    for (int32_t i = 0; i < first; i++) list[i] = held[i];
-    if (max_vertices >= 3) grow(maker, t, max_vertices, patch);
-    if (maker->columns) {
-        want_columns(maker, t, first, max_vertices, list, patch);
+void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch) {
+    int32_t list[TM_GRASP_VERTICES + TM_PATCH_VERTICES], first = count < 0 ? 0 : count;
+    const int32_t max_vertices = builder->def.max_vertices - (count > 0);
+    if (first > TM_GRASP_VERTICES) first = 0; /* more than a patch can hold */
+    for (int32_t i = 0; i < first; i++) list[i] = fixed[i];
+    if (max_vertices >= 3) grow(builder, t, max_vertices, patch);
+    if (builder->columns) {
+        want_columns(builder, t, first, max_vertices, list, patch);
         return;
     }
     /* What a cut has made loose is known only when its columns are there, and then its neighbours' are asked for. */
-    for (int round = 0; round < ROUNDS; round++) {
-        want_pieces(maker, t, first, patch, list);
-        if (patch->triangle_count == 0 || is_known(maker, 0, patch)) return;
-        if (round < ROUNDS - 1) grow(maker, t, max_vertices, patch);
+    for (int round = 0; round < ITERATIONS; round++) {
+        want_pieces(builder, t, first, patch, list);
+        if (patch->triangle_count == 0 || is_known(builder, 0, patch)) return;
+        if (round < ITERATIONS - 1) grow(builder, t, max_vertices, patch);
     }
 }

@@ -1,5 +1,5 @@
 /* Blocks of the living tetrahedra summed on vertices and edges, masses, the surface: in the order of a fresh build. */
-#include "tissue/smoothed.h"
+#include "tissue/strain_smoothing_pairs.h"
 
 #include <math.h>
 #include <string.h>
@@ -63,8 +63,8 @@ static void tm_tissue_place_edges(tm_tissue *tissue) {
     for (int32_t k = 0; k < g->vertex_count; k++) {
         int32_t slot = g->upper_begin[k];
         for (int32_t e = g->upper_begin[k]; e < g->upper_begin[k + 1]; e++) {
-            const bool lives = !tissue->edge_slot || tm_tissue_edge_lives(tissue, e);
-            if (tissue->edge_slot) tissue->edge_slot[e] = lives ? slot : -1;
+            const bool lives = !tissue->edge_index || tm_tissue_edge_lives(tissue, e);
+            if (tissue->edge_index) tissue->edge_index[e] = lives ? slot : -1;
             if (lives) g->upper_vertex[slot++] = tissue->mesh->edge[2 * (int64_t)e + 1];
         }
         g->upper_end[k] = slot;
@@ -73,25 +73,25 @@ static void tm_tissue_place_edges(tm_tissue *tissue) {
 
 void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge) {
     tm_force_graph *g = &tissue->graph;
-    const int32_t k = tissue->mesh->edge[2 * (int64_t)edge], slot = tissue->edge_slot[edge];
+    const int32_t k = tissue->mesh->edge[2 * (int64_t)edge], slot = tissue->edge_index[edge];
     const int32_t behind = --g->upper_end[k] - slot;
     tm_edge_move(g, slot, slot + 1, behind);
     memmove(g->upper_vertex + slot, g->upper_vertex + slot + 1, sizeof(int32_t) * (size_t)behind);
-    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] -= tissue->edge_slot[e] >= 0;
-    tissue->edge_slot[edge] = -1;
+    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_index[e] -= tissue->edge_index[e] >= 0;
+    tissue->edge_index[edge] = -1;
 }
 
 void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge) {
-    if (tissue->edge_slot[edge] >= 0) return;
+    if (tissue->edge_index[edge] >= 0) return;
     tm_force_graph *g = &tissue->graph;
     const int32_t k = tissue->mesh->edge[2 * (int64_t)edge];
     int32_t slot = g->upper_begin[k];
-    for (int32_t e = g->upper_begin[k]; e < edge; e++) slot += tissue->edge_slot[e] >= 0;
+    for (int32_t e = g->upper_begin[k]; e < edge; e++) slot += tissue->edge_index[e] >= 0;
     const int32_t behind = g->upper_end[k]++ - slot;
     tm_edge_move(g, slot + 1, slot, behind);
     memmove(g->upper_vertex + slot + 1, g->upper_vertex + slot, sizeof(int32_t) * (size_t)behind);
-    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] += tissue->edge_slot[e] >= 0;
-    tissue->edge_slot[edge] = slot;
+    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_index[e] += tissue->edge_index[e] >= 0;
+    tissue->edge_index[edge] = slot;
     g->upper_vertex[slot] = tissue->mesh->edge[2 * (int64_t)edge + 1];
 }
 
@@ -108,7 +108,7 @@ static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]
     const tm_mesh *mesh = tissue->mesh;
     double S[9] = {0};
     for (int32_t i = mesh->vertex_edge_begin[vertex]; i < mesh->vertex_edge_begin[vertex + 1]; i++) {
-        const int32_t edge = mesh->vertex_edge[i], slot = tm_tissue_edge_slot(tissue, edge);
+        const int32_t edge = mesh->vertex_edge[i], slot = tm_tissue_edge_index(tissue, edge);
         if (slot < 0) continue;
         double K[9];
         tm_edge_read(&tissue->graph, slot, K);
@@ -135,11 +135,11 @@ static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
 }
 
 /* What mass scaling wants it to weigh. */
-static double asked_of(const tm_tissue *tissue, int32_t vertex) {
+static double demand_of(const tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double sum = 0;
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++)
-        if (tissue->alive[mesh->vertex_tet[i]]) sum += tissue->asked_kg[i];
+        if (tissue->alive[mesh->vertex_tet[i]]) sum += tissue->required_mass_kg[i];
     return sum;
 }
 
@@ -165,17 +165,17 @@ static void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
         mass += share[0];
         damping += share[1];
     }
-    tissue->mass_kg[vertex] = tissue->own_mass_kg[vertex] = mass;
-    if (tissue->asked_kg) tissue->mass_kg[vertex] = fmax(mass, asked_of(tissue, vertex));
+    tissue->mass_kg[vertex] = tissue->physical_mass_kg[vertex] = mass;
+    if (tissue->required_mass_kg) tissue->mass_kg[vertex] = fmax(mass, demand_of(tissue, vertex));
     tissue->damping_kg_s[vertex] = damping;
     const uint64_t bit = UINT64_C(1) << (vertex % 64);
-    uint64_t *living = tissue->graph.living + vertex / 64;
-    *living = mass > 0 || damping > 0 ? *living | bit : *living & ~bit;
+    uint64_t *active = tissue->graph.active + vertex / 64;
+    *active = mass > 0 || damping > 0 ? *active | bit : *active & ~bit;
 }
 
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
-    const int32_t slot = tm_tissue_edge_slot(tissue, edge);
+    const int32_t slot = tm_tissue_edge_index(tissue, edge);
     if (slot < 0) return;
     double sum[9] = {0};
     for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++) {

@@ -1,5 +1,5 @@
-/* Critical time steps: the guaranteed bound of elements (Irons; shared anew in critical_shared.c) and the sharp figure
- * of the assembled system. */
+/* Critical time steps: the guaranteed bound of elements (Irons; shared anew in critical_step_weighted.c) and the sharp
+ * figure of the assembled system. */
 #include "libtensormass/numeric/random.h"
 
 #include <float.h>
@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "material/law.h"
-#include "tissue/smoothed.h"
+#include "tissue/strain_smoothing_pairs.h"
 #include "tissue/tissue_internal.h"
 
 /* Of the assembled tensors, single ones above all. */
@@ -35,13 +35,13 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
         }
     }
     /* What hangs on the tissue lives on the extra masses. */
-    const bool even = tissue->cuttable || tissue->extra_mass_kg || tissue->asked_kg || worst < 0;
+    const bool even = tissue->cuttable || tissue->extra_mass_kg || tissue->required_mass_kg || worst < 0;
     const bool done =
         even || (tissue->smoothed && !(tissue->rotation > 0) ? tm_smoothed_eigenvalue(tissue, &most, &worst)
                                                              : tm_shared_eigenvalue(tissue, &most, &worst));
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
-    if (tissue->asked_kg && *step_s < tissue->scaled_step_s) *step_s = tissue->scaled_step_s;
+    if (tissue->required_mass_kg && *step_s < tissue->scaled_step_s) *step_s = tissue->scaled_step_s;
     return done;
 }
 
@@ -144,11 +144,11 @@ static void combine(iteration *it, int m) {
 static bool take_iteration(iteration *it, const tm_tissue *tissue, const uint8_t *fixed) {
     it->tissue = tissue;
     it->n = 3 * (int64_t)tissue->mesh->vertex_count;
-    it->scale = TM_TAKE(&it->pool, double, it->n);
-    it->work = TM_TAKE(&it->pool, double, it->n);
+    it->scale = TM_ALLOC(&it->pool, double, it->n);
+    it->work = TM_ALLOC(&it->pool, double, it->n);
     for (int j = 0; j < 3; j++) {
-        it->basis[j] = TM_TAKE(&it->pool, double, it->n);
-        it->image[j] = TM_TAKE(&it->pool, double, it->n);
+        it->basis[j] = TM_ALLOC(&it->pool, double, it->n);
+        it->image[j] = TM_ALLOC(&it->pool, double, it->n);
     }
     if (it->pool.failed) return false;
     uint64_t noise = 0x9e3779b97f4a7c15ULL;
@@ -187,8 +187,8 @@ static tm_status iterate(iteration *it, double tolerance, int32_t max_iterations
                    residual, max_iterations, tolerance);
 }
 
-tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
-                                 int32_t max_iterations, double *step_s, tm_error *error) {
+tm_status tm_critical_step_estimate(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
+                                    int32_t max_iterations, double *step_s, tm_error *error) {
     TM_REQUIRE(tissue && step_s, "tissue or step_s is null", TM_ERR_ARGUMENT);
     if (!(tolerance > 0) || max_iterations < 1)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %d iterations; give positive numbers", tolerance,

@@ -1,5 +1,5 @@
-/* Removal of tetrahedra: surface, mending, then every touched vertex and edge summed again from its living tetrahedra,
- * in the order of a fresh build. Subtracting would be quicker to write and would drift. */
+/* Removal of tetrahedra: surface, repairing, then every touched vertex and edge summed again from its living
+ * tetrahedra, in the order of a fresh build. Subtracting would be quicker to write and would drift. */
 #include "tissue/cut_work.h"
 
 #include <string.h>
@@ -48,7 +48,7 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
     w->vertex.count = w->edge.count = w->tet.count = 0;
     for (int32_t i = 0; i < count; i++)
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
-    tm_cut_mend(tissue);
+    tm_cut_repair(tissue);
     for (int32_t i = 0; i < w->tet.count; i++) update_surface(tissue, w->tet.item[i]);
     for (int32_t i = 0; !tissue->smoothed && i < w->edge.count; i++)
         if (!tm_tissue_edge_lives(tissue, w->edge.item[i])) tm_tissue_drop_edge(tissue, w->edge.item[i]);
@@ -135,7 +135,7 @@ static void take_back_surface(tm_tissue *tissue, int32_t tet, const int32_t slot
     }
 }
 
-bool tm_cut_give_back(tm_tissue *tissue) {
+bool tm_cut_rollback(tm_tissue *tissue) {
     if (tissue->undo_count == 0) return false;
     tm_cut_work *w = tissue->cut;
     w->call++;
@@ -158,6 +158,6 @@ bool tm_cut_give_back(tm_tissue *tissue) {
     }
     for (int32_t i = 0; !tissue->smoothed && i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);
     tm_tissue_assemble_touched(tissue, w->vertex.item, w->vertex.count, w->edge.item, w->edge.count);
-    tissue->surface.revision = tissue->kept_revision;
+    tissue->surface.revision = tissue->saved_revision;
     return true;
 }

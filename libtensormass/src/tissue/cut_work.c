@@ -4,43 +4,43 @@
 
 const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
 
-static void take_list(tm_cut_list *list, tm_pool *pool, int32_t count) {
-    list->item = TM_TAKE(pool, int32_t, count);
-    list->stamp = TM_TAKE(pool, uint32_t, count);
+static void alloc_list(tm_cut_list *list, tm_pool *pool, int32_t count) {
+    list->item = TM_ALLOC(pool, int32_t, count);
+    list->stamp = TM_ALLOC(pool, uint32_t, count);
 }
 
-static void take_queue(tm_cut_queue *queue, tm_pool *pool, int32_t capacity) {
+static void alloc_queue(tm_cut_queue *queue, tm_pool *pool, int32_t capacity) {
     queue->capacity = capacity;
-    queue->item = TM_TAKE(pool, int32_t, capacity);
-    queue->waits = TM_TAKE(pool, uint8_t, capacity);
+    queue->item = TM_ALLOC(pool, int32_t, capacity);
+    queue->waits = TM_ALLOC(pool, uint8_t, capacity);
 }
 
-tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh) {
-    tm_cut_work *w = TM_TAKE(pool, tm_cut_work, 1);
+tm_cut_work *tm_cut_init_work(tm_pool *pool, const tm_mesh *mesh) {
+    tm_cut_work *w = TM_ALLOC(pool, tm_cut_work, 1);
     if (!w) return NULL;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         const int32_t star = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
         if (star > w->star_max) w->star_max = star;
     }
-    take_list(&w->vertex, pool, mesh->vertex_count);
-    take_list(&w->edge, pool, mesh->edge_count);
-    take_list(&w->tet, pool, mesh->tet_count);
-    take_queue(&w->vertex_check, pool, mesh->vertex_count);
-    take_queue(&w->edge_check, pool, mesh->edge_count);
-    w->edge_alive = TM_TAKE(pool, int32_t, mesh->edge_count);
-    w->vertex_alive = TM_TAKE(pool, int32_t, mesh->vertex_count);
-    w->edge_whole = TM_TAKE(pool, int32_t, mesh->edge_count);
-    w->vertex_whole = TM_TAKE(pool, int32_t, mesh->vertex_count);
-    w->star = TM_TAKE(pool, int32_t, w->star_max);
-    w->fan = TM_TAKE(pool, int32_t, w->star_max);
-    w->stack = TM_TAKE(pool, int32_t, w->star_max);
-    w->rim_tet = TM_TAKE(pool, int32_t, 3 * (int64_t)w->star_max);
-    w->rim_face = TM_TAKE(pool, int32_t, 3 * (int64_t)w->star_max);
-    w->rim_loop = TM_TAKE(pool, int32_t, 3 * (int64_t)w->star_max);
-    w->fan_stamp = TM_TAKE(pool, uint32_t, mesh->tet_count);
-    w->fan_of = TM_TAKE(pool, int32_t, mesh->tet_count);
-    w->undo_tet = TM_TAKE(pool, int32_t, mesh->tet_count);
-    w->undo_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    alloc_list(&w->vertex, pool, mesh->vertex_count);
+    alloc_list(&w->edge, pool, mesh->edge_count);
+    alloc_list(&w->tet, pool, mesh->tet_count);
+    alloc_queue(&w->vertex_check, pool, mesh->vertex_count);
+    alloc_queue(&w->edge_check, pool, mesh->edge_count);
+    w->edge_alive = TM_ALLOC(pool, int32_t, mesh->edge_count);
+    w->vertex_alive = TM_ALLOC(pool, int32_t, mesh->vertex_count);
+    w->edge_whole = TM_ALLOC(pool, int32_t, mesh->edge_count);
+    w->vertex_whole = TM_ALLOC(pool, int32_t, mesh->vertex_count);
+    w->star = TM_ALLOC(pool, int32_t, w->star_max);
+    w->fan = TM_ALLOC(pool, int32_t, w->star_max);
+    w->stack = TM_ALLOC(pool, int32_t, w->star_max);
+    w->rim_tet = TM_ALLOC(pool, int32_t, 3 * (int64_t)w->star_max);
+    w->rim_face = TM_ALLOC(pool, int32_t, 3 * (int64_t)w->star_max);
+    w->rim_loop = TM_ALLOC(pool, int32_t, 3 * (int64_t)w->star_max);
+    w->fan_stamp = TM_ALLOC(pool, uint32_t, mesh->tet_count);
+    w->fan_of = TM_ALLOC(pool, int32_t, mesh->tet_count);
+    w->undo_tet = TM_ALLOC(pool, int32_t, mesh->tet_count);
+    w->undo_slot = TM_ALLOC(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     return w;
 }
 

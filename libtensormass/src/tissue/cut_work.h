@@ -41,12 +41,12 @@ typedef struct tm_cut_work {
     int32_t *undo_tet, *undo_slot; /* [tet_count], [4*tet_count] */
 } tm_cut_work;
 
-/* Alive, or in another model's part: what mending sees. */
+/* Alive, or in another model's part: what repairing sees. */
 static inline bool tm_cut_is_there(const tm_tissue *tissue, int32_t tet) {
-    return tissue->alive[tet] || (tissue->elsewhere && tissue->elsewhere[tet]);
+    return tissue->alive[tet] || (tissue->condensed && tissue->condensed[tet]);
 }
 
-tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
+tm_cut_work *tm_cut_init_work(tm_pool *pool, const tm_mesh *mesh);
 /* Counts the living tetrahedra around edges and vertices. */
 void tm_cut_count(tm_tissue *tissue);
 /* Local edge between two local vertices. */
@@ -56,7 +56,7 @@ extern const int8_t tm_cut_edge_between[4][4];
  */
 void tm_cut_kill(tm_tissue *tissue, int32_t tet);
 /* Removes what hangs by a vertex or an edge, until nothing does, and puts back what can stay after all. */
-void tm_cut_mend(tm_tissue *tissue);
+void tm_cut_repair(tm_tissue *tissue);
 void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);
 

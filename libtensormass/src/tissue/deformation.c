@@ -34,7 +34,7 @@ static double left_out(const double H[9]) {
 }
 
 tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m) {
-    tm_deformation d = {.least_det = 1, .least_det_tet = -1, .nonlinear_tet = -1};
+    tm_deformation d = {.min_det = 1, .min_det_tet = -1, .nonlinear_tet = -1};
     TM_REQUIRE(tissue && u_m, "tissue or u_m is null", d);
     const tm_mesh *mesh = tissue->mesh;
     double volume = 0, beyond = 0, H[9];
@@ -42,7 +42,7 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
         if (!tissue->alive[t]) continue;
         gradient(mesh, t, u_m, H);
         const double det = determinant(H), strain = left_out(H);
-        if (d.least_det_tet < 0 || det < d.least_det) d.least_det = det, d.least_det_tet = t;
+        if (d.min_det_tet < 0 || det < d.min_det) d.min_det = det, d.min_det_tet = t;
         if (d.nonlinear_tet < 0 || strain > d.nonlinear_strain) d.nonlinear_strain = strain, d.nonlinear_tet = t;
         d.inverted += !(det > 0);
         volume += mesh->volume_m3[t];
@@ -55,7 +55,8 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
 /* Where more of a linear tissue than this is outside its range, a warning says so: less is a tool's tip. */
 static const double DOUBTFUL_SHARE = 0.01;
 
-bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation, char sentence[TM_ERROR_MESSAGE_MAX]) {
+bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *deformation,
+                                 char sentence[TM_ERROR_MESSAGE_MAX]) {
     TM_REQUIRE(tissue && deformation && sentence, "tissue, deformation or sentence is null", false);
     const tm_deformation *d = deformation;
     const bool turns = tissue->rotation > 0 || tissue->stiffest_Pa;
@@ -64,7 +65,7 @@ bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation
     if (d->inverted > 0)
         snprintf(sentence, TM_ERROR_MESSAGE_MAX,
                  "%d tetrahedra are inside out (least det F %.3g, tetrahedron %d): this shape is not to be believed%s",
-                 (int)d->inverted, d->least_det, (int)d->least_det_tet,
+                 (int)d->inverted, d->min_det, (int)d->min_det_tet,
                  turns ? "; let supports and tools go a shorter way, or refine the mesh there" : linear);
     else if (!turns && d->nonlinear_share > DOUBTFUL_SHARE)
         snprintf(

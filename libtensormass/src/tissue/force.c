@@ -1,6 +1,6 @@
 /* The force loops: the plain reference in both precisions, the AVX2 or NEON forms where they can be, and the choice
  * between them. */
-#include "tissue/kernel.h"
+#include "tissue/force_graph.h"
 
 #include <stddef.h>
 #include <string.h>
@@ -17,10 +17,10 @@
 #define TM_NINTH(K, last, e) ((last)[e])
 
 #define TM_NAME tm_force_plain_double
-#define TM_BELOW below_plain_double
+#define TM_HALO halo_plain_double
 #include "tissue/force_kernel.h"
 #undef TM_NAME
-#undef TM_BELOW
+#undef TM_HALO
 
 #ifdef TM_HAS_AVX2
 #define TM_NAME tm_force_avx2_double
@@ -55,10 +55,10 @@
 #define TM_NINTH(K, last, e) ((double)(K)[8])
 
 #define TM_NAME tm_force_plain_single
-#define TM_BELOW below_plain_single
+#define TM_HALO halo_plain_single
 #include "tissue/force_kernel.h"
 #undef TM_NAME
-#undef TM_BELOW
+#undef TM_HALO
 
 #ifdef TM_HAS_AVX2
 #define TM_NAME tm_force_avx2_single

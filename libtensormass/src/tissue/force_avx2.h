@@ -2,7 +2,7 @@
 #ifndef TM_FORCE_AVX2_H
 #define TM_FORCE_AVX2_H
 
-#include "tissue/kernel.h"
+#include "tissue/force_graph.h"
 
 /* Three numbers and a zero. Of a caller's array: nothing past its end is read. */
 TM_AVX2 static inline __m256d tm_three(const double *from) {

@@ -35,23 +35,23 @@ TM_AVX2 static inline void TM_OF(add)(const TM_OF(rows) * K, __m256d u, tm_sums 
 
 /* Adds what rows before the part give to it. Edges descending: those into the part are a row's last, and each has a sum
  * of its own. Returns how far force_N is set (without a ring). */
-TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *part,
+TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_partition *partition,
                                     const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const size_t mask = 32 * (size_t)graph->ring - 32;
-    int32_t zeroed = part->begin;
-    for (int32_t i = 0; i < part->below_count; i++) {
-        const int32_t j = part->below[i], first = graph->upper_begin[j];
+    int32_t zeroed = partition->begin;
+    for (int32_t i = 0; i < partition->halo_count; i++) {
+        const int32_t j = partition->halo[i], first = graph->upper_begin[j];
         const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)j);
-        for (int32_t e = graph->upper_end[j] - 1; e >= first && graph->upper_vertex[e] >= part->begin; e--) {
+        for (int32_t e = graph->upper_end[j] - 1; e >= first && graph->upper_vertex[e] >= partition->begin; e--) {
             const int32_t l = graph->upper_vertex[e];
-            if (l >= part->end) continue;
+            if (l >= partition->end) continue;
             const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
             const __m256d g = TM_OF(transposed)(&K, &u);
             if (graph->ring) {
-                tm_take_from_ring(part->ring, (size_t)l << 5 & mask, g);
+                tm_take_from_ring(partition->ring, (size_t)l << 5 & mask, g);
                 continue;
             }
-            if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, part->end, force_N);
+            if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, partition->end, force_N);
             tm_take_from(force_N + 3 * (int64_t)l, g);
         }
     }
@@ -60,16 +60,16 @@ TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_
 
 /* Computes the force on the living vertices [k, end). Rows that leave the part are rows as any: what they give to
  * vertices behind it stays in places of the ring that nobody reads. */
-TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *graph, const tm_force_part *part,
-                                                         int32_t k, int32_t end, const double *TM_RESTRICT u_m,
-                                                         double *TM_RESTRICT force_N) {
+TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *graph,
+                                                         const tm_force_partition *partition, int32_t k, int32_t end,
+                                                         const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
     const double *TM_RESTRICT edge_last = graph->edge_last;
     const double *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
     const int32_t *TM_RESTRICT upper_begin = graph->upper_begin, *TM_RESTRICT upper_end = graph->upper_end;
     const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, slots = graph->ring;
     const size_t mask = 32 * (size_t)slots - 32;
-    double *TM_RESTRICT ring = part->ring;
+    double *TM_RESTRICT ring = partition->ring;
     for (; k < end; k++, A += 9) {
         const __m256d uk = tm_three(u_m + 3 * (int64_t)k);
         const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
@@ -89,13 +89,12 @@ TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *g
 }
 
 /* The same without a ring: neighbours' numbers are too far apart for one. */
-TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run_direct)(const tm_force_graph *graph,
-                                                                   const tm_force_part *part, int32_t k, int32_t end,
-                                                                   int32_t zeroed, const double *TM_RESTRICT u_m,
-                                                                   double *TM_RESTRICT force_N) {
+TM_AVX2 static __attribute__((noinline)) int32_t
+TM_OF(run_direct)(const tm_force_graph *graph, const tm_force_partition *partition, int32_t k, int32_t end,
+                  int32_t zeroed, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
     const double *TM_RESTRICT edge_last = graph->edge_last, *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
-    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = part->end;
+    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = partition->end;
     for (; k < end; k++, A += 9) {
         const __m256d uk = tm_three(u_m + 3 * (int64_t)k);
         const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
@@ -120,28 +119,28 @@ TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run_direct)(const tm_forc
     return zeroed;
 }
 
-TM_AVX2 static void TM_OF(pass_direct)(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to,
-                                       const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    if (from == part->begin) part->zeroed = TM_OF(below)(graph, part, u_m, force_N);
-    if (to > part->zeroed) part->zeroed = tm_force_zero(part->zeroed, to, part->end, force_N);
-    for (int32_t begin, end = from; tm_next_run(graph->living, to, &begin, &end);)
-        part->zeroed = TM_OF(run_direct)(graph, part, begin, end, part->zeroed, u_m, force_N);
+TM_AVX2 static void TM_OF(pass_direct)(const tm_force_graph *graph, tm_force_partition *partition, int32_t from,
+                                       int32_t to, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+    if (from == partition->begin) partition->zeroed = TM_OF(below)(graph, partition, u_m, force_N);
+    if (to > partition->zeroed) partition->zeroed = tm_force_zero(partition->zeroed, to, partition->end, force_N);
+    for (int32_t begin, end = from; tm_next_run(graph->active, to, &begin, &end);)
+        partition->zeroed = TM_OF(run_direct)(graph, partition, begin, end, partition->zeroed, u_m, force_N);
 }
 
-TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to,
+TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_partition *partition, int32_t from, int32_t to,
                      const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     if (!graph->ring) {
-        TM_OF(pass_direct)(graph, part, from, to, u_m, force_N);
+        TM_OF(pass_direct)(graph, partition, from, to, u_m, force_N);
         return;
     }
-    if (from == part->begin) {
-        memset(part->ring, 0, sizeof(double) * 4 * (size_t)graph->ring);
-        TM_OF(below)(graph, part, u_m, force_N);
+    if (from == partition->begin) {
+        memset(partition->ring, 0, sizeof(double) * 4 * (size_t)graph->ring);
+        TM_OF(below)(graph, partition, u_m, force_N);
     }
     int32_t k = from;
     for (int32_t begin, end = from; k < to; k = end) {
-        if (!tm_next_run(graph->living, to, &begin, &end)) begin = end = to;
+        if (!tm_next_run(graph->active, to, &begin, &end)) begin = end = to;
         for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead */
-        TM_OF(run)(graph, part, begin, end, u_m, force_N);
+        TM_OF(run)(graph, partition, begin, end, u_m, force_N);
     }
 }

@@ -1,4 +1,4 @@
-/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_BELOW,
+/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_HALO,
  * TM_BLOCK and TM_NINTH are set by the includer.
  *
  * Living vertices ascending, and within a vertex its living upper edges ascending: what reaches F_k is first -K_jk^T
@@ -6,19 +6,20 @@
  * equal bits. */
 
 /* What comes up from rows before the part. They are other parts', which keep it to themselves. */
-static int32_t TM_BELOW(const tm_force_graph *graph, const tm_force_part *part, const double *TM_RESTRICT u_m,
-                        double *TM_RESTRICT force_N) {
-    int32_t zeroed = part->begin;
-    for (int32_t i = 0; i < part->below_count; i++) {
-        const int32_t j = part->below[i];
+static int32_t TM_HALO(const tm_force_graph *graph, const tm_force_partition *partition, const double *TM_RESTRICT u_m,
+                       double *TM_RESTRICT force_N) {
+    int32_t zeroed = partition->begin;
+    for (int32_t i = 0; i < partition->halo_count; i++) {
+        const int32_t j = partition->halo[i];
         const double x = u_m[3 * j], y = u_m[3 * j + 1], z = u_m[3 * j + 2];
-        for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
+        for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < partition->end;
+             e++) {
             const TM_REAL *K = TM_BLOCK(graph->edge_tensor, e);
             const double ninth = TM_NINTH(K, graph->edge_last, e);
             const int32_t l = 3 * graph->upper_vertex[e];
-            if (graph->upper_vertex[e] < part->begin) continue;
+            if (graph->upper_vertex[e] < partition->begin) continue;
             if (graph->upper_vertex[e] >= zeroed)
-                zeroed = tm_force_zero(zeroed, graph->upper_vertex[e] + 1, part->end, force_N);
+                zeroed = tm_force_zero(zeroed, graph->upper_vertex[e] + 1, partition->end, force_N);
             force_N[l] -= (double)K[0] * x + (double)K[3] * y + (double)K[6] * z;
             force_N[l + 1] -= (double)K[1] * x + (double)K[4] * y + (double)K[7] * z;
             force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + ninth * z;
@@ -27,15 +28,15 @@ static int32_t TM_BELOW(const tm_force_graph *graph, const tm_force_part *part, 
     return zeroed;
 }
 
-void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to, const double *TM_RESTRICT u_m,
-             double *TM_RESTRICT force_N) {
+void TM_NAME(const tm_force_graph *graph, tm_force_partition *partition, int32_t from, int32_t to,
+             const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const double *TM_RESTRICT vertex_tensor = graph->vertex_tensor;
     const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
     const int32_t *TM_RESTRICT upper_begin = graph->upper_begin, *TM_RESTRICT upper_end = graph->upper_end;
-    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = part->end;
-    int32_t zeroed = from == part->begin ? TM_BELOW(graph, part, u_m, force_N) : part->zeroed;
+    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = partition->end;
+    int32_t zeroed = from == partition->begin ? TM_HALO(graph, partition, u_m, force_N) : partition->zeroed;
     if (to > zeroed) zeroed = tm_force_zero(zeroed, to, part_end, force_N);
-    for (int32_t begin, end = from; tm_next_run(graph->living, to, &begin, &end);)
+    for (int32_t begin, end = from; tm_next_run(graph->active, to, &begin, &end);)
         for (int32_t k = begin; k < end; k++) {
             const int32_t last = upper_end[k];
             const double *A = vertex_tensor + 9 * (int64_t)k;
@@ -70,5 +71,5 @@ void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int
             force_N[3 * k + 1] -= fy;
             force_N[3 * k + 2] -= fz;
         }
-    part->zeroed = zeroed;
+    partition->zeroed = zeroed;
 }

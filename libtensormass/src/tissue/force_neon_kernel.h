@@ -44,10 +44,10 @@ static inline TM_OF(sum) TM_OF(add_product)(TM_OF(sum) f, const TM_OF(rows) * K,
     return f;
 }
 
-static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *part, const double *TM_RESTRICT u_m,
+static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_partition *part, const double *TM_RESTRICT u_m,
                             double *TM_RESTRICT force_N) {
     int32_t zeroed = part->begin;
-    for (int32_t i = 0; i < part->below_count; i++) {
+    for (int32_t i = 0; i < part->halo_count; i++) {
         const int32_t j = part->below[i];
         const double x = u_m[3 * (int64_t)j], y = u_m[3 * (int64_t)j + 1], z = u_m[3 * (int64_t)j + 2];
         for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
@@ -61,8 +61,8 @@ static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *pa
     return zeroed;
 }
 
-void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to, const double *TM_RESTRICT u_m,
-             double *TM_RESTRICT force_N) {
+void TM_NAME(const tm_force_graph *graph, tm_force_partition *part, int32_t from, int32_t to,
+             const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const double *vertex_tensor = graph->vertex_tensor;
     const TM_REAL *edge_tensor = graph->edge_tensor;
     const double *edge_last = graph->edge_last;

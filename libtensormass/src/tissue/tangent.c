@@ -15,22 +15,22 @@ static void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32
         for (int i = 0; i < 9; i++) graph->vertex_tensor[9 * (int64_t)k + i] += K[i];
         return;
     }
-    const int32_t slot = tm_tissue_edge_slot(tissue, tm_tissue_find_pair(tissue, k, l));
+    const int32_t slot = tm_tissue_edge_index(tissue, tm_tissue_find_pair(tissue, k, l));
     tm_edge_read(graph, slot, sum);
     for (int i = 0; i < 9; i++) sum[i] += K[i];
     tm_edge_write(graph, slot, sum);
 }
 
 /* Averaged gradients of one domain's members, turned, into `gradient`. */
-static void turned_gradient(const tm_swollen *s, int32_t owner, int32_t i, double *gradient) {
-    const tm_domains *d = tm_swollen_domains_of(s);
+static void corotated_gradient(const tm_nodal_dilatation *s, int32_t owner, int32_t i, double *gradient) {
+    const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     const tm_mesh *mesh = s->field.mesh;
     const int32_t from = d->member_at[i];
     memset(gradient, 0, 3 * sizeof(double) * (size_t)(d->member_at[i + 1] - from));
     for (int32_t j = mesh->vertex_tet_begin[owner]; j < mesh->vertex_tet_begin[owner + 1]; j++) {
         const int32_t t = mesh->vertex_tet[j];
         if (!s->field.alive[t] || s->field.smoothed->law[mesh->region[t]] != d->law[i]) continue;
-        const double *R = s->turn + 9 * TM_LANES * (int64_t)(t / TM_LANES) + t % TM_LANES;
+        const double *R = s->rotation + 9 * TM_LANES * (int64_t)(t / TM_LANES) + t % TM_LANES;
         const double share = s->quarter_m3[t] / d->volume_m3[i];
         for (int k = 0; k < 4; k++) {
             const double *alpha = mesh->shape_1_m + 12 * (int64_t)t + 3 * k;
@@ -43,12 +43,12 @@ static void turned_gradient(const tm_swollen *s, int32_t owner, int32_t i, doubl
     }
 }
 
-static void add_domain(const tm_tissue *tissue, const tm_swollen *s, int32_t i, const double *turned,
+static void add_domain(const tm_tissue *tissue, const tm_nodal_dilatation *s, int32_t i, const double *turned,
                        tm_tangent *tangent) {
-    const tm_domains *d = tm_swollen_domains_of(s);
+    const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     const int32_t from = d->member_at[i], to = d->member_at[i + 1];
     const double bulk = s->bulk_Pa[d->law[i]], stiffness = bulk * d->volume_m3[i];
-    const double steep = tangent->definite || bulk * s->swelling[i] < s->most_Pa[d->law[i]] ? stiffness : 0;
+    const double steep = tangent->definite || bulk * s->averaged_dilatation[i] < s->max_Pa[d->law[i]] ? stiffness : 0;
     for (int32_t m = from; m < to; m++)
         for (int32_t n = m; n < to && d->lives[m]; n++) {
             if (!d->lives[n]) continue;
@@ -61,19 +61,19 @@ static void add_domain(const tm_tissue *tissue, const tm_swollen *s, int32_t i, 
 }
 
 /* Of the domains of vertices begin to end, at the last look. */
-static void tm_swollen_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent) {
-    const tm_swollen *s = &tangent->swollen;
-    const tm_domains *d = tm_swollen_domains_of(s);
+static void tm_nodal_dilatation_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent) {
+    const tm_nodal_dilatation *s = &tangent->nodal_dilatation;
+    const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     for (int32_t v = begin; v < end; v++)
         for (int32_t i = d->begin[v]; i < d->begin[v + 1]; i++) {
             if (!(d->volume_m3[i] > 0)) continue;
-            turned_gradient(s, v, i, tangent->gradient);
+            corotated_gradient(s, v, i, tangent->gradient);
             add_domain(tissue, s, i, tangent->gradient, tangent);
         }
 }
 
-static int32_t tm_swollen_most_members(const tm_swollen *s) {
-    const tm_domains *d = tm_swollen_domains_of(s);
+static int32_t tm_nodal_dilatation_max_members(const tm_nodal_dilatation *s) {
+    const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     int32_t most = 0;
     for (int32_t i = 0; i < d->count; i++)
         if (d->member_at[i + 1] - d->member_at[i] > most) most = d->member_at[i + 1] - d->member_at[i];
@@ -82,18 +82,21 @@ static int32_t tm_swollen_most_members(const tm_swollen *s) {
 
 bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue) {
     tangent->graph = tissue->graph;
-    tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
-    tangent->graph.edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)tissue->pair_count);
-    tangent->graph.edge_last = TM_TAKE(pool, double, tissue->pair_count);
+    tangent->graph.vertex_tensor = TM_ALLOC(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
+    tangent->graph.edge_tensor = TM_ALLOC(pool, double, 8 * (int64_t)tissue->pair_count);
+    tangent->graph.edge_last = TM_ALLOC(pool, double, tissue->pair_count);
     tangent->force = tm_force_choose(tissue->plain, false);
     tangent->definite = false;
     return !pool->failed;
 }
 
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
-    if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
+bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
+    if (!tm_nodal_dilatation_init_evaluation(&tangent->nodal_dilatation, pool, &rotation->nodal_dilatation,
+                                             rotation->batches.count))
+        return false;
     if (rotation->tissue->smoothed)
-        tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
+        tangent->gradient =
+            TM_ALLOC(pool, double, 3 * (int64_t)tm_nodal_dilatation_max_members(&rotation->nodal_dilatation));
     return tm_tangent_take_tensors(tangent, pool, rotation->tissue);
 }
 
@@ -121,7 +124,7 @@ void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81]
 }
 
 /* weight (R K R^T - K) of each of a tetrahedron's blocks. */
-static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_turned_lane *w, tm_force_graph *graph) {
+static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_corotated_lane *w, tm_force_graph *graph) {
     const tm_mesh *mesh = tissue->mesh;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
     const int32_t *v = mesh->tet + 4 * (int64_t)tet;
@@ -146,17 +149,17 @@ static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_turned_lan
 /* What a turn changes of one tetrahedron's change of volume, under the pressures around it. */
 static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m, tm_tangent *tangent) {
     const tm_mesh *mesh = tissue->mesh;
-    const tm_swollen *s = &tangent->swollen;
-    const double *turn = s->turn + 9 * TM_LANES * (int64_t)(tet / TM_LANES) + tet % TM_LANES;
+    const tm_nodal_dilatation *s = &tangent->nodal_dilatation;
+    const double *turn = s->rotation + 9 * TM_LANES * (int64_t)(tet / TM_LANES) + tet % TM_LANES;
     double H[9] = {0}, R[9], A[81];
     for (int k = 0; k < 4; k++)
         for (int i = 0; i < 9; i++)
             H[i] += u_m[3 * (int64_t)mesh->tet[4 * (int64_t)tet + k] + i / 3] *
                     mesh->shape_1_m[12 * (int64_t)tet + 3 * k + i % 3];
     for (int i = 0; i < 9; i++) R[i] = turn[TM_LANES * i];
-    tm_stretch_hessian(H, R, s->grown[tet] / s->quarter_m3[tet] + 3, A);
+    tm_stretch_hessian(H, R, s->dilatation[tet] / s->quarter_m3[tet] + 3, A);
     double pull = 0;
-    for (int k = 0; k < 4; k++) pull += s->turned[s->domain[4 * (int64_t)tet + k]];
+    for (int k = 0; k < 4; k++) pull += s->corotated_Pa[s->domain[4 * (int64_t)tet + k]];
     for (int i = 0; i < 81; i++) A[i] *= s->quarter_m3[tet] * pull;
     tm_tangent_add_tet(tissue, tet, A, tangent);
 }
@@ -166,7 +169,7 @@ void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent) {
     double K[9];
     memcpy(tangent->graph.vertex_tensor, tissue->graph.vertex_tensor, 9 * sizeof(double) * (size_t)mesh->vertex_count);
     for (int32_t p = 0; p < tissue->pair_count; p++) {
-        const int32_t slot = tm_tissue_edge_slot(tissue, p);
+        const int32_t slot = tm_tissue_edge_index(tissue, p);
         if (slot < 0) continue;
         tm_tissue_pair_tensor(tissue, p, K);
         tm_edge_write(&tangent->graph, slot, K);
@@ -178,15 +181,17 @@ void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int
     const tm_tissue *tissue = rotation->tissue;
     const int64_t tets = tissue->mesh->tet_count, vertices = tissue->mesh->vertex_count;
     double A[81];
-    tm_turned_lane lane;
+    tm_corotated_lane lane;
     if (tissue->smoothed) {
-        if (begin == 0) tm_swollen_look(&tangent->swollen, &rotation->packs, tissue->plain, u_m);
-        tm_swollen_tangent(tissue, (int32_t)(vertices * begin / tets), (int32_t)(vertices * end / tets), tangent);
+        if (begin == 0)
+            tm_nodal_dilatation_evaluate(&tangent->nodal_dilatation, &rotation->batches, tissue->plain, u_m);
+        tm_nodal_dilatation_tangent(tissue, (int32_t)(vertices * begin / tets), (int32_t)(vertices * end / tets),
+                                    tangent);
         for (int32_t t = begin; t < end && !tangent->definite; t++)
             if (tissue->alive[t]) add_swelling(tissue, t, u_m, tangent);
     }
     for (int32_t t = begin; t < end; t++) {
-        if (!tissue->alive[t] || !tm_rotation_lane(&rotation->packs, t, u_m, &lane)) continue;
+        if (!tissue->alive[t] || !tm_rotation_lane(&rotation->batches, t, u_m, &lane)) continue;
         if (tangent->definite) {
             add_turned(tissue, t, &lane, &tangent->graph);
             continue;
@@ -208,13 +213,13 @@ double tm_tissue_rotation(const tm_tissue *tissue) {
     return tissue->rotation;
 }
 
-static bool turn(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
+static bool rotate_one(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
     const tm_material_field field = tm_tissue_field(tissue);
     tm_rotation rotation = {.tissue = tissue};
     tm_tangent tangent = {0};
-    if (!tm_packs_take(&rotation.packs, pool, &field) ||
-        !tm_swollen_take(&rotation.swollen, pool, &field, rotation.packs.count) ||
-        !tm_tangent_take(&tangent, pool, &rotation))
+    if (!tm_tet_batches_init(&rotation.batches, pool, &field) ||
+        !tm_nodal_dilatation_init(&rotation.nodal_dilatation, pool, &field, rotation.batches.count) ||
+        !tm_tangent_init(&tangent, pool, &rotation))
         return false;
     tangent.definite = true;
     tm_rotation_tangent(&rotation, u_m, &tangent);
@@ -225,16 +230,16 @@ static bool turn(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
     return true;
 }
 
-tm_status tm_tissue_turn(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error) {
+tm_status tm_tissue_corotate(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error) {
     TM_REQUIRE(tissue && u_m, "tissue or u_m is null", TM_ERR_ARGUMENT);
-    if (!(threshold > 0) || tissue->precision != TM_DOUBLE || tm_tissue_volume_shear(tissue) > 0)
+    if (!(threshold > 0) || tissue->precision != TM_DOUBLE || tm_tissue_smoothed_shear_share(tissue) > 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "tensors of tissue that turns beyond %g: give a threshold above 0, precision double and no "
                        "averaged shear",
                        threshold);
     tm_pool pool = {0};
     tissue->rotation = threshold;
-    const bool good = turn(tissue, u_m, &pool);
+    const bool good = rotate_one(tissue, u_m, &pool);
     tm_pool_release(&pool);
     return good ? TM_OK : tm_fail_memory(error, "tensors of tissue that turns");
 }

@@ -9,9 +9,9 @@
 typedef struct tm_tangent {
     tm_force_graph graph;
     tm_force_kernel force;
-    tm_swollen swollen; /* its own look */
-    double *gradient;   /* [3*most members of a domain] */
-    bool definite;      /* without what stress adds: R K R^T of each tetrahedron */
+    tm_nodal_dilatation nodal_dilatation; /* its own look */
+    double *gradient;                     /* [3*most members of a domain] */
+    bool definite;                        /* without what stress adds: R K R^T of each tetrahedron */
 } tm_tangent;
 /* Takes room for tensors. Returns false without memory. */
 bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
@@ -19,7 +19,7 @@ bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue
 void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
 /* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
+bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
 
 /* The tangent of the whole at u_m; or what turns, of some tetrahedra. */
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);

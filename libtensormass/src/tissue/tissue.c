@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "tissue/cut_work.h"
-#include "tissue/smoothed.h"
+#include "tissue/strain_smoothing_pairs.h"
 #include "tissue/tissue_internal.h"
 
 tm_tissue_def tm_tissue_def_default(void) {
     return (tm_tissue_def){
-        .cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.4, .scaled_share = 0.2};
+        .cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .smoothed_shear_share = 0.4, .scaled_share = 0.2};
 }
 
 void tm_tissue_destroy(tm_tissue *tissue) {
@@ -22,12 +22,13 @@ void tm_tissue_destroy(tm_tissue *tissue) {
 /* --- building --- */
 
 static tm_status check_volume(const tm_tissue_def *def, tm_error *error) {
-    if (!def->volume) return TM_OK;
-    if (!(def->volume_shear >= 0 && def->volume_shear <= 1))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "volume_shear = %g; give a share from 0 to 1", def->volume_shear);
+    if (!def->strain_smoothing) return TM_OK;
+    if (!(def->smoothed_shear_share >= 0 && def->smoothed_shear_share <= 1))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "smoothed_shear_share = %g; give a share from 0 to 1",
+                       def->smoothed_shear_share);
     if (def->precision == TM_SINGLE)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "volume with single tensors; take double, or leave volume out");
-    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere)
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "volume beside a condensed part, over whose border nothing can be averaged; leave one out");
     return TM_OK;
@@ -36,8 +37,9 @@ static tm_status check_volume(const tm_tissue_def *def, tm_error *error) {
 static tm_status check_extra(const tm_mesh *mesh, const double *extra, const char *what, tm_error *error) {
     for (int32_t v = 0; extra && v < mesh->vertex_count; v++)
         if (!(extra[v] >= 0) || !isfinite(extra[v]))
-            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, v), "vertex %d: extra %s of %g; give 0 or more",
-                           tm_mesh_given(mesh, v), what, extra[v]);
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, v),
+                           "vertex %d: extra %s of %g; give 0 or more", tm_mesh_original_vertex(mesh, v), what,
+                           extra[v]);
     return TM_OK;
 }
 
@@ -70,12 +72,12 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     if (!(def->rotation >= TM_ROTATION_THRESHOLD_MIN && def->rotation <= TM_ROTATION_THRESHOLD_MAX))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "rotation begins at %g; give 0 (none) or %g to %g", def->rotation,
                        TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
-    if (def->volume && def->volume_shear != 0)
+    if (def->strain_smoothing && def->smoothed_shear_share != 0)
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
-            "rotation with volume_shear = %g: the average of shears that have turned is not known here; give "
+            "rotation with smoothed_shear_share = %g: the average of shears that have turned is not known here; give "
             "0, or leave rotation or volume out",
-            def->volume_shear);
+            def->smoothed_shear_share);
     if (def->precision == TM_SINGLE)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "rotation takes what the linear tensors give away again, which rounded ones do not give to the "
@@ -100,9 +102,9 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
                        "needed; give every material a nonlinear law",
                        (int)other, name, (int)linear);
     if (def->rotation > 0) with = "rotation, which the law needs none of";
-    if (def->volume) with = "averaged changes of volume, which only the linear law has";
+    if (def->strain_smoothing) with = "averaged changes of volume, which only the linear law has";
     if (def->precision == TM_SINGLE) with = "single precision, whose rounding tensors alone bear";
-    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere) with = "a condensed part, which is linear";
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed) with = "a condensed part, which is linear";
     return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s with %s; leave one of them out", name, with) : TM_OK;
 }
 
@@ -117,7 +119,7 @@ static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "mass for a step of %g s, at most %g of the tissue's own; give a positive step and share",
                        def->scaled_step_s, def->scaled_share);
-    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere)
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "mass scaling beside a condensed part, whose stiffness it does not know; leave one out");
     return TM_OK;
@@ -150,68 +152,68 @@ static bool any_anisotropic(const tm_tissue_def *def) {
     return false;
 }
 
-static void take_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, int32_t pairs,
-                       tm_precision precision) {
+static void alloc_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, int32_t pairs,
+                        tm_precision precision) {
     graph->vertex_count = mesh->vertex_count;
-    graph->living = TM_TAKE(pool, uint64_t, mesh->vertex_count / 64 + 1);
-    graph->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    graph->upper_end = TM_TAKE(pool, int32_t, mesh->vertex_count);
-    graph->upper_vertex = TM_TAKE(pool, int32_t, pairs);
-    graph->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
+    graph->active = TM_ALLOC(pool, uint64_t, mesh->vertex_count / 64 + 1);
+    graph->upper_begin = TM_ALLOC(pool, int32_t, (int64_t)mesh->vertex_count + 1);
+    graph->upper_end = TM_ALLOC(pool, int32_t, mesh->vertex_count);
+    graph->upper_vertex = TM_ALLOC(pool, int32_t, pairs);
+    graph->vertex_tensor = TM_ALLOC(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
     if (precision == TM_SINGLE) {
-        graph->edge_tensor = TM_TAKE(pool, float, 9 * (int64_t)pairs + TM_FORCE_PADDING);
+        graph->edge_tensor = TM_ALLOC(pool, float, 9 * (int64_t)pairs + TM_FORCE_PADDING);
         return;
     }
-    graph->edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)pairs);
-    graph->edge_last = TM_TAKE(pool, double, pairs);
+    graph->edge_tensor = TM_ALLOC(pool, double, 8 * (int64_t)pairs);
+    graph->edge_last = TM_ALLOC(pool, double, pairs);
 }
 
-static void take_pairs(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
+static void alloc_pairs(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->pair = def->mesh->edge;
     tissue->pair_count = def->mesh->edge_count;
-    if (!def->volume) return;
-    if (!tm_smoothed_take(tissue, def, pool)) pool->failed = true;
+    if (!def->strain_smoothing) return;
+    if (!tm_smoothed_init(tissue, def, pool)) pool->failed = true;
     tissue->pair = pool->failed ? NULL : tissue->rows->pair;
     tissue->pair_count = pool->failed ? 0 : tissue->rows->pair_count;
 }
 
-static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
+static void init(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     const tm_mesh *mesh = tissue->mesh = def->mesh;
-    tissue->material = TM_TAKE(pool, tm_material, def->material_count);
-    tissue->region_material = TM_TAKE(pool, int32_t, mesh->region_count);
-    if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_TAKE(pool, double, 3 * (int64_t)mesh->tet_count);
-    if (def->material[0].law != TM_LAW_LINEAR) tissue->stiffest_Pa = TM_TAKE(pool, double, def->material_count);
-    tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
-    tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
-    tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
-    tissue->own_mass_kg = tissue->mass_kg;
+    tissue->material = TM_ALLOC(pool, tm_material, def->material_count);
+    tissue->region_material = TM_ALLOC(pool, int32_t, mesh->region_count);
+    if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_ALLOC(pool, double, 3 * (int64_t)mesh->tet_count);
+    if (def->material[0].law != TM_LAW_LINEAR) tissue->stiffest_Pa = TM_ALLOC(pool, double, def->material_count);
+    tissue->alive = TM_ALLOC(pool, uint8_t, mesh->tet_count);
+    tissue->mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
+    tissue->damping_kg_s = TM_ALLOC(pool, double, mesh->vertex_count);
+    tissue->physical_mass_kg = tissue->mass_kg;
     if (def->scaled_step_s > 0) {
-        tissue->own_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
-        tissue->asked_kg = TM_TAKE(pool, double, 4 * (int64_t)mesh->tet_count);
+        tissue->physical_mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
+        tissue->required_mass_kg = TM_ALLOC(pool, double, 4 * (int64_t)mesh->tet_count);
     }
-    if (def->elsewhere) tissue->elsewhere = TM_TAKE(pool, uint8_t, mesh->tet_count);
-    if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
-    if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
-    take_pairs(tissue, pool, def);
-    take_graph(&tissue->graph, pool, mesh, tissue->pair_count, def->precision);
-    if (def->cuttable || def->alive) tissue->edge_slot = TM_TAKE(pool, int32_t, tissue->pair_count);
-    if (def->cuttable && !def->volume) {
-        if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
-        tissue->edge_block = TM_TAKE(pool, double, 54 * (int64_t)mesh->tet_count);
+    if (def->condensed) tissue->condensed = TM_ALLOC(pool, uint8_t, mesh->tet_count);
+    if (def->extra_mass_kg) tissue->extra_mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
+    if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_ALLOC(pool, double, mesh->vertex_count);
+    alloc_pairs(tissue, pool, def);
+    alloc_graph(&tissue->graph, pool, mesh, tissue->pair_count, def->precision);
+    if (def->cuttable || def->alive) tissue->edge_index = TM_ALLOC(pool, int32_t, tissue->pair_count);
+    if (def->cuttable && !def->strain_smoothing) {
+        if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_ALLOC(pool, double, 36 * (int64_t)mesh->tet_count);
+        tissue->edge_block = TM_ALLOC(pool, double, 54 * (int64_t)mesh->tet_count);
     }
     if (def->cuttable) {
-        tissue->vertex_share = TM_TAKE(pool, double, 8 * (int64_t)mesh->tet_count);
-        tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
-        tissue->cut = tm_cut_take_work(pool, mesh);
+        tissue->vertex_share = TM_ALLOC(pool, double, 8 * (int64_t)mesh->tet_count);
+        tissue->face_slot = TM_ALLOC(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+        tissue->cut = tm_cut_init_work(pool, mesh);
     }
     if (def->cuttable || def->alive) {
-        const int64_t faces = tm_tissue_faces_most(mesh);
-        tissue->surface_triangle = TM_TAKE(pool, int32_t, 3 * faces);
-        tissue->surface_face = TM_TAKE(pool, int32_t, faces);
+        const int64_t faces = tm_tissue_faces_max(mesh);
+        tissue->surface_triangle = TM_ALLOC(pool, int32_t, 3 * faces);
+        tissue->surface_face = TM_ALLOC(pool, int32_t, faces);
     }
 }
 
-static void set_rooms(tm_force_graph *graph, const int32_t *pair, int32_t pairs) {
+static void set_capacities(tm_force_graph *graph, const int32_t *pair, int32_t pairs) {
     int32_t apart = 0;
     for (int32_t p = 0; p < pairs; p++) {
         const int32_t k = pair[2 * (int64_t)p], l = pair[2 * (int64_t)p + 1];
@@ -243,14 +245,14 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         tissue->alive[t] = !def->alive || def->alive[t];
         tissue->alive_count += tissue->alive[t];
-        if (def->elsewhere) tissue->elsewhere[t] = def->elsewhere[t] && !tissue->alive[t];
+        if (def->condensed) tissue->condensed[t] = def->condensed[t] && !tissue->alive[t];
         if (!tissue->fibre) continue;
         const double *a = def->fibre + 3 * (int64_t)t;
         const double length = sqrt(vdot(a, a));
         for (int i = 0; i < 3; i++)
             tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    set_rooms(&tissue->graph, tissue->pair, tissue->pair_count);
+    set_capacities(&tissue->graph, tissue->pair, tissue->pair_count);
 }
 
 tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_error *error) {
@@ -267,8 +269,8 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     if (status) return status;
 
     tm_pool pool = {0};
-    tm_tissue *t = TM_TAKE(&pool, tm_tissue, 1);
-    if (t) take(t, &pool, def);
+    tm_tissue *t = TM_ALLOC(&pool, tm_tissue, 1);
+    if (t) init(t, &pool, def);
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "tissue");
@@ -276,7 +278,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     copy_constants(t, def);
     find_stiffest(t);
     if (t->cuttable) tm_tissue_keep_blocks(t);
-    if ((t->asked_kg && !tm_scaled_ask(t)) || !tm_tissue_assemble(t)) {
+    if ((t->required_mass_kg && !tm_scaled_demand(t)) || !tm_tissue_assemble(t)) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "tissue");
     }
@@ -296,7 +298,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
 
 tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error) {
     tm_pool pool = {0};
-    tm_material *material = TM_TAKE(&pool, tm_material, tissue->material_count);
+    tm_material *material = TM_ALLOC(&pool, tm_material, tissue->material_count);
     if (!material) return tm_fail_memory(error, "relaxed tissue");
     for (int32_t i = 0; i < tissue->material_count; i++)
         material[i] = tm_material_relaxed(tissue->material + i, shear, volume);
@@ -307,8 +309,8 @@ tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume
     def.precision = tissue->precision, def.form = tissue->plain ? TM_FORCE_PLAIN : TM_FORCE_BEST;
     def.alive = tissue->alive;
     def.rotation = tissue->rotation;
-    def.volume = tissue->smoothed;
-    if (tissue->smoothed) def.volume_shear = tissue->smoothed->shear;
+    def.strain_smoothing = tissue->smoothed;
+    if (tissue->smoothed) def.smoothed_shear_share = tissue->smoothed->shear;
     const tm_status status = tm_tissue_create(&def, out, error);
     tm_pool_release(&pool);
     return status;

@@ -5,7 +5,7 @@
 
 #include "material/strain_smoothing.h"
 #include "tensormass/tissue.h"
-#include "tissue/kernel.h"
+#include "tissue/force_graph.h"
 
 enum { TM_COOKIE_TISSUE = 0x74697373 };
 
@@ -22,18 +22,19 @@ struct tm_tissue {
     double rotation;      /* threshold of the stage "rotation", 0: no such stage may come */
     uint8_t *alive;       /* [tet_count] */
     int32_t alive_count;
-    uint8_t *elsewhere;              /* [tet_count] or null: there, but not ours */
-    double *mass_kg, *damping_kg_s;  /* [vertex_count] */
-    double *own_mass_kg;             /* [vertex_count] without what scaling adds; mass_kg itself: no scaling */
-    double scaled_step_s, *asked_kg; /* [4*tet_count] in the order of mesh->vertex_tet, or null (scaled.c) */
+    uint8_t *condensed;             /* [tet_count] or null: there, but not ours */
+    double *mass_kg, *damping_kg_s; /* [vertex_count] */
+    double *physical_mass_kg;       /* [vertex_count] without what scaling adds; mass_kg itself: no scaling */
+    double scaled_step_s,
+        *required_mass_kg; /* [4*tet_count] in the order of mesh->vertex_tet, or null (mass_scaling.c) */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;
     int32_t pair_count;
     const int32_t *pair;           /* [2*pair_count] the graph's edges k<l, ascending: the mesh's, or more (smoothed) */
     tm_smoothed *smoothed;         /* null: linear tetrahedra */
-    struct tm_smoothed_rows *rows; /* of smoothed tissue (tissue/smoothed.h) */
-    int32_t *edge_slot;   /* [pair_count] place of a living one in the graph, -1: dead; null: every one lives, in its
-                             own number's place */
+    struct tm_smoothed_rows *rows; /* of smoothed tissue (tissue/strain_smoothing_pairs.h) */
+    int32_t *edge_index;  /* [pair_count] place of a living one in the graph, -1: dead; null: every one lives, in its
+                            own number's place */
     double *vertex_block; /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
                              sum reads straight on; else null */
     double *edge_block;   /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
@@ -45,7 +46,7 @@ struct tm_tissue {
     int32_t *face_slot;                       /* cuttable: [4*tet_count] slot of a face in the surface, -1 */
     struct tm_cut_work *cut;                  /* cuttable: marks and queues of cut*.c */
     int32_t undo_count;                       /* tetrahedra removed since a step began, and can be given back */
-    int32_t kept_revision;                    /* of the surface then */
+    int32_t saved_revision;                   /* of the surface then */
 };
 
 /* What laws read of it. */
@@ -69,8 +70,8 @@ tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume
 /* Keeps the blocks and shares of every tetrahedron of a cuttable tissue, so that a sum reads straight on. */
 void tm_tissue_keep_blocks(tm_tissue *tissue);
 /* Place of a pair (an edge, where nothing is smoothed) in the graph, -1: dead. */
-static inline int32_t tm_tissue_edge_slot(const tm_tissue *tissue, int32_t pair) {
-    return tissue->edge_slot ? tissue->edge_slot[pair] : pair;
+static inline int32_t tm_tissue_edge_index(const tm_tissue *tissue, int32_t pair) {
+    return tissue->edge_index ? tissue->edge_index[pair] : pair;
 }
 bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge);
 /* Takes the slot of an edge that has died; those behind it in the room move up. */
@@ -86,7 +87,7 @@ void tm_tissue_assemble_touched(tm_tissue *tissue, const int32_t *vertex, int32_
 /* The pair k<l, or -1. */
 int32_t tm_tissue_find_pair(const tm_tissue *tissue, int32_t k, int32_t l);
 /* Every face of the mesh, once: no subset of its tetrahedra has a larger surface. */
-static inline int32_t tm_tissue_faces_most(const tm_mesh *mesh) {
+static inline int32_t tm_tissue_faces_max(const tm_mesh *mesh) {
     return (int32_t)((4 * (int64_t)mesh->tet_count + mesh->surface_count) / 2);
 }
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */
@@ -106,18 +107,18 @@ double tm_critical_margin(const tm_tissue *tissue);
 bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet);
 
 /* --- removal of tetrahedra (tm_cut_remove) --- */
-/* Removed by the last call, mending included; returns how many. */
+/* Removed by the last call, repairing included; returns how many. */
 int32_t tm_cut_removed(const tm_tissue *tissue, const int32_t **tet);
 /* Vertices that the last call touched. */
 int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex);
 /* From here on what is removed can be given back. */
 static inline void tm_cut_begin(tm_tissue *tissue) {
     tissue->undo_count = 0;
-    tissue->kept_revision = tissue->surface.revision;
+    tissue->saved_revision = tissue->surface.revision;
 }
 /* Gives back what was removed since tm_cut_begin: tensors, masses, surface and its slots have the bits they had. False:
  * nothing was. tm_cut_touched names the vertices. */
-bool tm_cut_give_back(tm_tissue *tissue);
+bool tm_cut_rollback(tm_tissue *tissue);
 
 /* --- as a snapshot has it --- */
 /* Slots name exactly the outer faces of the living tetrahedra, each once. A tissue that cannot be cut has one surface
@@ -128,8 +129,8 @@ void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *f
 
 /* --- selective mass scaling: what a step asks vertices to weigh --- */
 
-/* Fills tissue->asked_kg for tissue->scaled_step_s; before assembly, whatever lives. False: no memory. */
-bool tm_scaled_ask(tm_tissue *tissue);
+/* Fills tissue->required_mass_kg for tissue->scaled_step_s; before assembly, whatever lives. False: no memory. */
+bool tm_scaled_demand(tm_tissue *tissue);
 /* After assembly: TM_ERR_LIMIT, naming the vertex that was added most to, above `most_share`. */
 tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *error);
 

@@ -4,7 +4,7 @@
  * without bound, and keeps slivers moving against damping. So what was made is taken back in the next step, and what
  * was lost given back, by a little of what damps in proportion to stiffness: share g with g the change of the tissue's
  * force over the last step, which is near -K (u' - u). Its work over the step to come is known, share p + share^2 q,
- * and share solves share p + share^2 q + e = 0, within SHARE_MOST. It adds up to no force, and is 0 where a body turns
+ * and share solves share p + share^2 q + e = 0, within SHARE_MAX. It adds up to no force, and is 0 where a body turns
  * as a whole. All of it follows from u and u_prev, so that a cut tissue goes on as a fresh build in the same state
  * does; only what could not be taken back at once lasts, and fades within some hundred steps. Since the work is known,
  * no share adds more than the step lost: it needs no bound to be stable, as a constant share would. */
@@ -15,11 +15,11 @@
 
 /* Reached by slivers that turn inside out within a step: with 0.12 a body was off by a tenth of its energy for hundreds
  * of steps; more than 1 gains nothing, and where contact takes part the work is not quite what is expected. */
-static const double SHARE_MOST = 1;
+static const double SHARE_MAX = 1;
 /* Of averaged changes of volume W takes passes of its own, so there only where little is damped. */
-static const double WHOLE_MOST_1_S = 10;
+static const double FULL_MAX_1_S = 10;
 
-static double least_damping(const tm_world *world) {
+static double min_damping(const tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     double least = HUGE_VAL;
     for (int32_t v = 0; world->damped && v < tissue->mesh->vertex_count; v++)
@@ -29,20 +29,20 @@ static double least_damping(const tm_world *world) {
 
 static size_t numbers(const tm_conserving *c) { return 3 * (size_t)c->rotation->tissue->mesh->vertex_count; }
 
-bool tm_conserve_take(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation) {
+bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation) {
     const int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
     *c = (tm_conserving){.rotation = rotation, .last_s = -HUGE_VAL};
-    const double damping = least_damping(world);
-    c->on = !world->tissue->smoothed || damping < WHOLE_MOST_1_S;
+    const double damping = min_damping(world);
+    c->on = !world->tissue->smoothed || damping < FULL_MAX_1_S;
     c->fades_1_s = damping;
     double **of[] = {&c->now_N, &c->all_N, &c->now_before_N, &c->all_before_N, &c->seen_m, &c->push_N};
-    for (int i = 0; i < 6; i++) *of[i] = TM_TAKE(pool, double, n);
-    c->pack_J = TM_TAKE(pool, double, rotation->packs.count);
+    for (int i = 0; i < 6; i++) *of[i] = TM_ALLOC(pool, double, n);
+    c->batch_J = TM_ALLOC(pool, double, rotation->batches.count);
     return !pool->failed;
 }
 
 typedef struct sums {
-    double made_J, p_J, q_J;
+    double generated_J, p_J, q_J;
 } sums;
 
 /* What the last step made but for W, and the work that all of push_N, which becomes the change of the force, will do.
@@ -51,12 +51,12 @@ static sums go_over(tm_conserving *c, const tm_world *world) {
     const tm_state *s = &world->state;
     sums sum = {0};
     for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
-        const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->carry[v] : 1;
+        const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->inertia[v] : 1;
         for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
             const double came = s->u_m[i] - s->u_prev_m[i], change = c->all_N[i] - c->all_before_N[i];
             const double way = 0.5 * (came + carry * came + mobility * s->force_N[i]);
             c->push_N[i] = change;
-            sum.made_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
+            sum.generated_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
             if (!(mobility > 0)) continue;
             sum.p_J += change * way;
             sum.q_J += 0.5 * mobility * change * change;
@@ -65,19 +65,19 @@ static sums go_over(tm_conserving *c, const tm_world *world) {
     return sum;
 }
 
-/* Of what there is in made_J; leaves there what is left, which fades as the motion does that it was made of. */
+/* Of what there is in generated_J; leaves there what is left, which fades as the motion does that it was made of. */
 static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
     double share = 0;
     bool all = false;
     if (sum->p_J < 0) {
-        const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->made_J;
+        const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->generated_J;
         /* where less can be taken than there is, as much as can be */
-        const double wish = root > 0 ? 2 * c->made_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
-        share = fmin(fmax(wish, -SHARE_MOST), SHARE_MOST);
+        const double wish = root > 0 ? 2 * c->generated_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
+        share = fmin(fmax(wish, -SHARE_MAX), SHARE_MAX);
         all = share == wish && root > 0;
     }
-    const double left = c->made_J + share * (sum->p_J + share * sum->q_J);
-    c->made_J = all ? 0 : fmax(1 - c->fades_1_s * dt_s, 0) * left;
+    const double left = c->generated_J + share * (sum->p_J + share * sum->q_J);
+    c->generated_J = all ? 0 : fmax(1 - c->fades_1_s * dt_s, 0) * left;
     return share;
 }
 
@@ -90,7 +90,7 @@ static void take_back(tm_conserving *c, tm_world *world, double energy_J,
     if (s->time_s == c->last_s) return; /* no step, but what settles */
     if (!c->valid || memcmp(c->seen_m, s->u_prev_m, n * sizeof *c->seen_m)) find_before(c, world);
     const sums sum = go_over(c, world);
-    c->made_J += energy_J - c->energy_J + sum.made_J;
+    c->generated_J += energy_J - c->energy_J + sum.generated_J;
     c->share = choose_share(c, s->dt_s, &sum);
     for (size_t i = 0; c->share != 0 && i < n; i++) s->force_N[i] += c->push_N[i] *= c->share;
     c->valid = true, c->last_s = s->time_s, c->energy_J = energy_J;
@@ -101,9 +101,9 @@ static void take_back(tm_conserving *c, tm_world *world, double energy_J,
 
 /* --- the correction beside the tensors --- */
 
-static double sum_of(const double *part, int32_t count) {
+static double sum_of(const double *partition, int32_t count) {
     double sum = 0;
-    for (int32_t n = 0; n < count; n++) sum += part[n];
+    for (int32_t n = 0; n < count; n++) sum += partition[n];
     return sum;
 }
 
@@ -111,8 +111,8 @@ static void find_correction(tm_conserving *c, tm_world *world) {
     tm_rotation *r = c->rotation;
     const double *u = world->state.u_prev_m;
     memset(c->now_before_N, 0, numbers(c) * sizeof *c->now_before_N);
-    r->kernel(&r->packs, r->every, r->packs.count, u, c->now_before_N, c->pack_J);
-    c->energy_J = sum_of(c->pack_J, r->packs.count);
+    r->kernel(&r->batches, r->every, r->batches.count, u, c->now_before_N, c->batch_J);
+    c->energy_J = sum_of(c->batch_J, r->batches.count);
     tm_tissue_force(world->tissue, u, c->all_before_N);
     for (size_t i = 0; i < numbers(c); i++) c->all_before_N[i] += c->now_before_N[i];
 }
@@ -120,18 +120,18 @@ static void find_correction(tm_conserving *c, tm_world *world) {
 /* Whether force_N is the tensors' alone when the stage begins. */
 static bool follows_force(const tm_conserving *c, const tm_world *world) {
     int32_t own = 0;
-    while (own < world->stage_count && world->slot[own].stage.self != (void *)c->rotation) own++;
-    return own == 1 && !strcmp(world->slot[0].stage.name, "force");
+    while (own < world->stage_count && world->entry[own].stage.self != (void *)c->rotation) own++;
+    return own == 1 && !strcmp(world->entry[0].stage.name, "force");
 }
 
 void tm_conserve(tm_conserving *c, tm_world *world) {
     double *force = world->state.force_N;
     const size_t n = numbers(c);
-    if (world->asking) {
+    if (world->evaluating) {
         for (size_t i = 0; i < n; i++) force[i] += c->now_N[i];
         return;
     }
-    const double energy_J = sum_of(c->pack_J, c->rotation->list_count);
+    const double energy_J = sum_of(c->batch_J, c->rotation->list_count);
     if (!follows_force(c, world)) {
         tm_tissue_force(world->tissue, world->state.u_m, c->all_N);
         for (size_t i = 0; i < n; i++) c->all_N[i] += c->now_N[i], force[i] += c->now_N[i];
@@ -146,8 +146,8 @@ void tm_conserve(tm_conserving *c, tm_world *world) {
 /* Without tensors, whose sums differ by the form. */
 static double whole_energy(const tm_conserving *c, const double *u) {
     const tm_rotation *r = c->rotation;
-    return tm_packs_linear_energy(&r->packs, u) + tm_rotation_sum_energy(&r->packs, u) +
-           tm_swollen_whole_energy(&r->swollen, &r->packs, u);
+    return tm_tet_batches_linear_energy(&r->batches, u) + tm_rotation_sum_energy(&r->batches, u) +
+           tm_nodal_dilatation_total_energy(&r->nodal_dilatation, &r->batches, u);
 }
 
 /* As a step computes it at u, which is not the place that the state has. */
@@ -164,7 +164,7 @@ static void find_whole(tm_conserving *c, tm_world *world) {
 void tm_conserve_whole(tm_conserving *c, tm_world *world) {
     double *force = world->state.force_N;
     const size_t n = numbers(c);
-    if (!c->on || world->asking) {
+    if (!c->on || world->evaluating) {
         tm_relaxing_force(c->rotation->whole);
         return;
     }
@@ -180,21 +180,21 @@ void tm_conserve_whole(tm_conserving *c, tm_world *world) {
 /* --- what lasts --- */
 
 int64_t tm_conserve_snapshot(const tm_conserving *c, void *buffer) {
-    if (buffer) memcpy(buffer, &c->made_J, sizeof c->made_J);
-    return sizeof c->made_J;
+    if (buffer) memcpy(buffer, &c->generated_J, sizeof c->generated_J);
+    return sizeof c->generated_J;
 }
 
 bool tm_conserve_restore(tm_conserving *c, const void *buffer, int64_t bytes, bool apply) {
-    if (bytes != sizeof c->made_J) return false;
+    if (bytes != sizeof c->generated_J) return false;
     if (!apply) return true;
-    memcpy(&c->made_J, buffer, sizeof c->made_J);
+    memcpy(&c->generated_J, buffer, sizeof c->generated_J);
     tm_conserve_restart(c);
     return true;
 }
 
 void tm_conserve_restart(tm_conserving *c) { c->valid = false, c->last_s = -HUGE_VAL; }
-void tm_conserve_keep(tm_conserving *c) { c->kept_made_J = c->made_J; }
-void tm_conserve_give_back(tm_conserving *c) {
-    c->made_J = c->kept_made_J;
+void tm_conserve_checkpoint(tm_conserving *c) { c->saved_generated_J = c->generated_J; }
+void tm_conserve_rollback(tm_conserving *c) {
+    c->generated_J = c->saved_generated_J;
     tm_conserve_restart(c);
 }

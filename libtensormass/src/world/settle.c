@@ -2,10 +2,10 @@
  *
  * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
  * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
- * gradient method. With a nonlinear law it is Newton's (settle_turned.c). With any further
+ * gradient method. With a nonlinear law it is Newton's (settle_newton.c). With any further
  * constraint (contact) the stages themselves run, under fictitious masses and a
  * damping taken from the motion. */
-#include "world/settle_turned.h"
+#include "world/settle_newton.h"
 #include "world/viscosity.h"
 #include "world/world_internal.h"
 
@@ -22,7 +22,7 @@ typedef struct relaxation {
     tm_world *world;
     const tm_settle_def *def;
     int32_t n;        /* components */
-    uint8_t *held;    /* [n] prescribed, or without mass */
+    uint8_t *fixed;   /* [n] prescribed, or without mass */
     double *external; /* [n] */
     double *start_u, *start_u_prev;
     double *residual, *step, *image, *scaled; /* [n] */
@@ -34,10 +34,10 @@ typedef struct relaxation {
     double relative;
 } relaxation;
 
-static double largest(const double *a, const uint8_t *held, int32_t n) {
+static double largest(const double *a, const uint8_t *fixed, int32_t n) {
     double most = 0;
     for (int32_t i = 0; i < n; i++)
-        if (!held || !held[i]) most = fmax(most, fabs(a[i]));
+        if (!fixed || !fixed[i]) most = fmax(most, fabs(a[i]));
     return most;
 }
 
@@ -51,14 +51,14 @@ static bool known(const tm_world *world, const tm_stage *stage) {
 /* Or would be, were the law linear. */
 static bool is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (!known(world, &world->slot[i].stage)) return false;
+        if (!known(world, &world->entry[i].stage)) return false;
     return true;
 }
 
 static void run_phase(tm_world *world, tm_phase phase) {
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
-        if (stage->phase == phase && !stage->passed_over_by_settle) tm_stage_do(stage, world);
+        const tm_stage *stage = &world->entry[i].stage;
+        if (stage->phase == phase && !stage->skip_in_settle) tm_stage_do(stage, world);
     }
 }
 
@@ -76,11 +76,11 @@ static tm_status not_converged(const relaxation *x, tm_error *error) {
 /* --- linear --- */
 
 /* Inverse of the vertex tensor's free part; held components get none. */
-static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *held, double inverse[9]) {
+static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *fixed, double inverse[9]) {
     double K[9];
     tm_tissue_vertex_tensor(tissue, v, K);
     for (int i = 0; i < 3; i++) {
-        if (!held[i]) continue;
+        if (!fixed[i]) continue;
         for (int j = 0; j < 3; j++) K[3 * i + j] = K[3 * j + i] = 0;
         K[4 * i] = 1;
     }
@@ -88,7 +88,7 @@ static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *hel
     for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
     const double det = vdot(K, row);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
+        for (int j = 0; j < 3; j++) inverse[3 * i + j] = fixed[i] || fixed[j] ? 0 : row[3 * j + i] / det;
 }
 
 static void precondition(const relaxation *x, const double *r, double *z) {
@@ -108,7 +108,7 @@ static void true_residual(relaxation *x) {
     tm_tissue_force(x->world->tissue, u, x->image);
     const double forces = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
     const double reference = fmax(forces, tm_force_scale_at(&x->scale, u, x->n));
-    for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
+    for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->fixed[i] ? 0 : x->external[i] + x->image[i];
     const double most = largest(x->residual, NULL, x->n);
     x->relative = most > 0 ? most / reference : 0;
 }
@@ -121,7 +121,7 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
     while (rz > 0) {
         tm_tissue_force(x->world->tissue, x->step, x->image);
         for (int32_t i = 0; i < x->n; i++)
-            if (x->held[i]) x->image[i] = 0;
+            if (x->fixed[i]) x->image[i] = 0;
         const double curvature = -product(x->step, x->image, x->n);
         if (!(curvature > 0)) break;
         const double length = rz / curvature;
@@ -143,7 +143,7 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
 
 static tm_status relax_linear(relaxation *x, tm_error *error) {
     const tm_tissue *tissue = x->world->tissue;
-    for (int32_t v = 0; v < x->n / 3; v++) invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
+    for (int32_t v = 0; v < x->n / 3; v++) invert_vertex(tissue, v, x->fixed + 3 * v, x->inverse + 9 * (int64_t)v);
     double best = HUGE_VAL;
     for (int idle = 0;;) {
         true_residual(x);
@@ -160,15 +160,15 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
 /* --- nonlinear tissue --- */
 
 /* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
-static tm_status relax_turned(relaxation *x, const tm_settle_def *def, bool turns_only, tm_error *error) {
+static tm_status relax_corotated(relaxation *x, const tm_settle_def *def, bool turns_only, tm_error *error) {
     double *u = x->world->state.u_m, *target = x->scaled;
     const size_t bytes = sizeof(double) * (size_t)x->n;
     tm_settle_result result = {0};
     memcpy(target, u, bytes);
     memcpy(u, x->start_u, bytes);
-    const tm_turned_rest rest = {
-        .held = x->held, .external_N = x->external, .target_m = target, .turns_only = turns_only};
-    const tm_status status = tm_settle_turned(x->world, &rest, def, u, &result, error);
+    const tm_newton_rest rest = {
+        .fixed = x->fixed, .external_N = x->external, .target_m = target, .turns_only = turns_only};
+    const tm_status status = tm_settle_newton(x->world, &rest, def, u, &result, error);
     x->steps = result.steps, x->relative = result.residual, x->load_steps = result.load_steps;
     tm_support_impose(x->world, u);
     return status;
@@ -181,7 +181,7 @@ static void lead(relaxation *x) {
     double *u = x->world->state.u_m;
     tm_settle_def def = *x->def;
     def.tolerance = fmax(def.tolerance, 1e-4);
-    if (relax_turned(x, &def, true, NULL)) {
+    if (relax_corotated(x, &def, true, NULL)) {
         memcpy(u, x->start_u, bytes);
         tm_support_impose(x->world, u);
     }
@@ -241,7 +241,7 @@ static void relaxed_pass(relaxation *x, double damping) {
     for (int32_t i = 0; i < x->n; i++) {
         const double mobility = world->mobility_s2_kg[i / 3];
         const double free_move = s->u_m[i] + carry * (s->u_m[i] - s->u_prev_m[i]);
-        x->residual[i] = x->held[i] || mobility == 0 ? 0 : (s->u_next_m[i] - free_move) / mobility;
+        x->residual[i] = x->fixed[i] || mobility == 0 ? 0 : (s->u_next_m[i] - free_move) / mobility;
     }
 }
 
@@ -286,20 +286,20 @@ static tm_status relax_stages(relaxation *x, tm_error *error) {
 
 /* --- both --- */
 
-static bool take(relaxation *x, bool linear) {
+static bool init(relaxation *x, bool linear) {
     const int64_t n = x->n;
-    x->held = TM_TAKE(&x->pool, uint8_t, n);
-    x->external = TM_TAKE(&x->pool, double, n);
-    x->start_u = TM_TAKE(&x->pool, double, n);
-    x->start_u_prev = TM_TAKE(&x->pool, double, n);
-    x->residual = TM_TAKE(&x->pool, double, n);
-    x->step = TM_TAKE(&x->pool, double, n);
-    x->image = TM_TAKE(&x->pool, double, n);
-    x->scaled = TM_TAKE(&x->pool, double, n);
+    x->fixed = TM_ALLOC(&x->pool, uint8_t, n);
+    x->external = TM_ALLOC(&x->pool, double, n);
+    x->start_u = TM_ALLOC(&x->pool, double, n);
+    x->start_u_prev = TM_ALLOC(&x->pool, double, n);
+    x->residual = TM_ALLOC(&x->pool, double, n);
+    x->step = TM_ALLOC(&x->pool, double, n);
+    x->image = TM_ALLOC(&x->pool, double, n);
+    x->scaled = TM_ALLOC(&x->pool, double, n);
     if (linear)
-        x->inverse = TM_TAKE(&x->pool, double, 3 * n);
+        x->inverse = TM_ALLOC(&x->pool, double, 3 * n);
     else
-        x->mass = TM_TAKE(&x->pool, double, n / 3);
+        x->mass = TM_ALLOC(&x->pool, double, n / 3);
     return !x->pool.failed;
 }
 
@@ -308,9 +308,9 @@ static void prepare(relaxation *x) {
     const size_t bytes = sizeof(double) * (size_t)x->n;
     memcpy(x->start_u, s->u_m, bytes);
     memcpy(x->start_u_prev, s->u_prev_m, bytes);
-    tm_support_mask(x->world, x->held);
+    tm_support_mask(x->world, x->fixed);
     for (int32_t i = 0; i < x->n; i++)
-        if (x->world->tissue->mass_kg[i / 3] == 0) x->held[i] = 1;
+        if (x->world->tissue->mass_kg[i / 3] == 0) x->fixed[i] = 1;
     memset(s->force_N, 0, bytes);
     run_phase(x->world, TM_PHASE_LOAD);
     memcpy(x->external, s->force_N, bytes);
@@ -329,15 +329,15 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     x.scale = tm_force_scale_of(world->tissue);
     const tm_nonlinear *law = world->nonlinear;
     const bool linear = is_linear(world);
-    if (!take(&x, linear)) {
+    if (!init(&x, linear)) {
         tm_pool_release(&x.pool);
         return tm_fail_memory(error, "settling");
     }
     prepare(&x);
-    tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
+    tm_status status = linear ? tm_check_constrained(world, x.external, error) : TM_OK;
     if (!status)
         status = !linear ? relax_stages(&x, error)
-                 : law   ? relax_turned(&x, def, false, error)
+                 : law   ? relax_corotated(&x, def, false, error)
                          : relax_linear(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;
@@ -362,15 +362,15 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
                        (long long)def->max_steps);
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.not_settled)
-            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
-                           world->slot[i].stage.not_settled);
+        if (world->entry[i].stage.settle_refusal)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->entry[i].stage.name,
+                           world->entry[i].stage.settle_refusal);
     const tm_mesh *mesh = world->tissue->mesh;
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
         if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, i / 3),
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, i / 3),
                            "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from",
-                           tm_mesh_given(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
+                           tm_mesh_original_vertex(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
     tm_relaxed relaxed = {0};
     tm_status status = tm_relaxed_begin(world, &relaxed, error);
     world->settling = true;

@@ -1,5 +1,5 @@
 /* Rigid motions of supports: fitted by unit quaternions (Horn, J. Opt. Soc. Am. A 4 (1987) 629), followed as screws. */
-#include "world/settle_turned.h"
+#include "world/settle_newton.h"
 
 #include <float.h>
 #include <math.h>
@@ -98,8 +98,8 @@ static void move(const tm_screw *w, double s, double x[3]) {
 
 typedef struct plan {
     tm_settle_path *path;
-    int32_t *piece_of; /* [vertex_count] -1: not held along two axes */
-    int32_t piece_count;
+    int32_t *component_of; /* [vertex_count] -1: not held along two axes */
+    int32_t component_count;
     fit *fit;        /* [parts and pieces] */
     tm_screw *screw; /* [pieces] */
     double *u_m;
@@ -108,7 +108,7 @@ typedef struct plan {
 static void places(const plan *p, int32_t v, double from[3], double to[3]) {
     for (int i = 0; i < 3; i++) {
         from[i] = p->path->mesh->rest_m[3 * v + i] + p->u_m[3 * v + i];
-        to[i] = p->path->held[3 * v + i] ? p->path->mesh->rest_m[3 * v + i] + p->path->target_m[3 * v + i] : from[i];
+        to[i] = p->path->fixed[3 * v + i] ? p->path->mesh->rest_m[3 * v + i] + p->path->target_m[3 * v + i] : from[i];
     }
 }
 
@@ -164,7 +164,7 @@ static void join(const tm_tissue *tissue, const uint8_t *in, int32_t *parent) {
 static double left_m(const plan *p, int32_t piece, const tm_screw *motion) {
     double sum = 0, x[3], y[3];
     for (int32_t v = 0; v < p->path->mesh->vertex_count; v++) {
-        if (p->piece_of[v] != piece) continue;
+        if (p->component_of[v] != piece) continue;
         places(p, v, x, y);
         if (motion) move(motion, 1, x);
         vsub(y, x, y);
@@ -179,11 +179,11 @@ static tm_screw best_motion(const plan *p, int32_t piece, const tm_screw *whole)
     tm_screw best = {0};
     double least = WORTH_TURNING * left_m(p, piece, NULL);
     int32_t tried = 0;
-    for (int32_t k = -1; k < p->path->part_count && tried < CANDIDATES; k++) {
-        const tm_screw *motion = k < 0 ? whole : p->path->part + k;
+    for (int32_t k = -1; k < p->path->component_count && tried < CANDIDATES; k++) {
+        const tm_screw *motion = k < 0 ? whole : p->path->component + k;
         bool here = k < 0;
         for (int32_t v = 0; v < p->path->mesh->vertex_count && !here && motion->angle > 0; v++)
-            here = p->path->part_of[v] == k && p->piece_of[v] == piece;
+            here = p->path->component_of[v] == k && p->component_of[v] == piece;
         if (!here || motion->angle == 0) continue;
         tried++;
         const double left = left_m(p, piece, motion);
@@ -197,12 +197,12 @@ static bool turn_pieces(plan *p, const tm_tissue *tissue, int32_t *parent, const
     const int32_t vertices = p->path->mesh->vertex_count;
     bool turned = false;
     join(tissue, NULL, parent);
-    p->piece_count = number(parent, in, vertices, p->piece_of);
-    fit_all(p, p->piece_of, p->piece_count, p->screw);
+    p->component_count = number(parent, in, vertices, p->component_of);
+    fit_all(p, p->component_of, p->component_count, p->screw);
     for (int32_t v = 0; v < vertices; v++) root_piece[v] = -1;
     for (int32_t v = 0; v < vertices; v++)
-        if (p->piece_of[v] >= 0) root_piece[law_root(parent, v)] = p->piece_of[v];
-    for (int32_t k = 0; k < p->piece_count; k++) p->screw[k] = best_motion(p, k, p->screw + k);
+        if (p->component_of[v] >= 0) root_piece[law_root(parent, v)] = p->component_of[v];
+    for (int32_t k = 0; k < p->component_count; k++) p->screw[k] = best_motion(p, k, p->screw + k);
     for (int32_t v = 0; v < vertices; v++) {
         const int32_t piece = root_piece[law_root(parent, v)];
         if (piece < 0 || p->screw[piece].angle == 0) continue;
@@ -215,31 +215,31 @@ static bool turn_pieces(plan *p, const tm_tissue *tissue, int32_t *parent, const
     return turned;
 }
 
-bool tm_settle_path_make(tm_settle_path *path, tm_pool *pool, const tm_tissue *tissue, const uint8_t *held,
-                         const double *target_m, double *u_m) {
+bool tm_settle_path_build(tm_settle_path *path, tm_pool *pool, const tm_tissue *tissue, const uint8_t *fixed,
+                          const double *target_m, double *u_m) {
     const int32_t vertices = tissue->mesh->vertex_count;
     plan p = {.path = path, .u_m = u_m};
     tm_pool scratch = {0};
-    *path = (tm_settle_path){.mesh = tissue->mesh, .held = held, .target_m = target_m};
-    path->first_m = TM_TAKE(pool, double, 3 * (int64_t)vertices);
-    path->part_of = TM_TAKE(pool, int32_t, vertices);
-    path->part = TM_TAKE(pool, tm_screw, vertices);
-    p.piece_of = TM_TAKE(&scratch, int32_t, vertices);
-    p.fit = TM_TAKE(&scratch, fit, vertices);
-    p.screw = TM_TAKE(&scratch, tm_screw, vertices);
-    int32_t *parent = TM_TAKE(&scratch, int32_t, vertices), *root_piece = TM_TAKE(&scratch, int32_t, vertices);
-    uint8_t *in = TM_TAKE(&scratch, uint8_t, vertices);
+    *path = (tm_settle_path){.mesh = tissue->mesh, .fixed = fixed, .target_m = target_m};
+    path->first_m = TM_ALLOC(pool, double, 3 * (int64_t)vertices);
+    path->component_of = TM_ALLOC(pool, int32_t, vertices);
+    path->component = TM_ALLOC(pool, tm_screw, vertices);
+    p.component_of = TM_ALLOC(&scratch, int32_t, vertices);
+    p.fit = TM_ALLOC(&scratch, fit, vertices);
+    p.screw = TM_ALLOC(&scratch, tm_screw, vertices);
+    int32_t *parent = TM_ALLOC(&scratch, int32_t, vertices), *root_piece = TM_ALLOC(&scratch, int32_t, vertices);
+    uint8_t *in = TM_ALLOC(&scratch, uint8_t, vertices);
     const bool good = !pool->failed && !scratch.failed;
     if (good) {
         for (int32_t v = 0; v < vertices; v++)
-            in[v] = held[3 * v] + held[3 * v + 1] + held[3 * v + 2] >= 2 && tissue->mass_kg[v] > 0;
+            in[v] = fixed[3 * v] + fixed[3 * v + 1] + fixed[3 * v + 2] >= 2 && tissue->mass_kg[v] > 0;
         join(tissue, in, parent);
-        path->part_count = number(parent, in, vertices, path->part_of);
-        fit_all(&p, path->part_of, path->part_count, path->part);
-        path->turned = turn_pieces(&p, tissue, parent, in, root_piece);
-        if (path->turned) fit_all(&p, path->part_of, path->part_count, path->part);
-        for (int32_t k = 0; k < path->part_count; k++)
-            path->largest_turn = fmax(path->largest_turn, path->part[k].angle);
+        path->component_count = number(parent, in, vertices, path->component_of);
+        fit_all(&p, path->component_of, path->component_count, path->component);
+        path->rotation_of = turn_pieces(&p, tissue, parent, in, root_piece);
+        if (path->rotation_of) fit_all(&p, path->component_of, path->component_count, path->component);
+        for (int32_t k = 0; k < path->component_count; k++)
+            path->largest_rotation = fmax(path->largest_rotation, path->component[k].angle);
         memcpy(path->first_m, u_m, sizeof(double) * 3 * (size_t)vertices);
     }
     tm_pool_release(&scratch);
@@ -247,27 +247,27 @@ bool tm_settle_path_make(tm_settle_path *path, tm_pool *pool, const tm_tissue *t
 }
 
 /* Where a part that turns has a vertex at s: both ends' shapes are brought there, and go over into one another. */
-static void turned_at(const tm_screw *part, const double *rest, const uint8_t *held, const double *first,
+static void turned_at(const tm_screw *part, const double *rest, const uint8_t *fixed, const double *first,
                       const double *target, double s, double *u) {
     double x[3], y[3];
-    for (int i = 0; i < 3; i++) x[i] = rest[i] + first[i], y[i] = rest[i] + (held[i] ? target[i] : first[i]);
+    for (int i = 0; i < 3; i++) x[i] = rest[i] + first[i], y[i] = rest[i] + (fixed[i] ? target[i] : first[i]);
     move(part, s, x);
     move(part, s - 1, y);
     for (int i = 0; i < 3; i++)
-        if (held[i]) u[i] = (1 - s) * (x[i] - rest[i]) + s * (y[i] - rest[i]);
+        if (fixed[i]) u[i] = (1 - s) * (x[i] - rest[i]) + s * (y[i] - rest[i]);
 }
 
 void tm_settle_path_at(const tm_settle_path *path, double s, double *u_m) {
     for (int32_t v = 0; v < path->mesh->vertex_count; v++) {
         const int64_t at = 3 * (int64_t)v;
         const double *first = path->first_m + at, *target = path->target_m + at;
-        const tm_screw *part = path->part_of[v] >= 0 ? path->part + path->part_of[v] : NULL;
+        const tm_screw *part = path->component_of[v] >= 0 ? path->component + path->component_of[v] : NULL;
         if (part && part->angle > 0 && s < 1) {
-            turned_at(part, path->mesh->rest_m + at, path->held + at, first, target, s, u_m + at);
+            turned_at(part, path->mesh->rest_m + at, path->fixed + at, first, target, s, u_m + at);
             continue;
         }
         for (int i = 0; i < 3; i++)
-            if (path->held[at + i]) u_m[at + i] = s < 1 ? first[i] + s * (target[i] - first[i]) : target[i];
+            if (path->fixed[at + i]) u_m[at + i] = s < 1 ? first[i] + s * (target[i] - first[i]) : target[i];
     }
 }
 

@@ -55,21 +55,21 @@ int64_t tm_snapshot_bytes(const tm_world *world) {
     TM_REQUIRE(world, "world is null", 0);
     int64_t bytes = (int64_t)sizeof(header) + body_bytes(world->tissue->mesh, world->tissue->surface.count);
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
+        const tm_stage *stage = &world->entry[i].stage;
         if (keeps(stage)) bytes += (int64_t)sizeof(stage_header) + padded(stage->snapshot(stage->self, NULL));
     }
     return bytes;
 }
 
-int64_t tm_snapshot_bytes_most(const tm_world *world) {
+int64_t tm_snapshot_bytes_max(const tm_world *world) {
     TM_REQUIRE(world, "world is null", 0);
     const tm_tissue *tissue = world->tissue;
-    const int32_t faces = tissue->cuttable ? tm_tissue_faces_most(tissue->mesh) : tissue->surface.count;
+    const int32_t faces = tissue->cuttable ? tm_tissue_faces_max(tissue->mesh) : tissue->surface.count;
     int64_t bytes = (int64_t)sizeof(header) + body_bytes(tissue->mesh, faces);
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
+        const tm_stage *stage = &world->entry[i].stage;
         if (!keeps(stage)) continue;
-        const int64_t most = stage->snapshot_most > 0 ? stage->snapshot_most : stage->snapshot(stage->self, NULL);
+        const int64_t most = stage->snapshot_max > 0 ? stage->snapshot_max : stage->snapshot(stage->self, NULL);
         bytes += (int64_t)sizeof(stage_header) + padded(most);
     }
     return bytes;
@@ -107,7 +107,7 @@ tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, t
     to = put(to, tissue->alive, tissue->mesh->tet_count);
     to = put(to, tissue->surface.face, (int64_t)sizeof(int32_t) * tissue->surface.count);
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
+        const tm_stage *stage = &world->entry[i].stage;
         if (!keeps(stage)) continue;
         stage_header s = {.bytes = stage->snapshot(stage->self, NULL)};
         for (size_t c = 0; c + 1 < sizeof s.name && stage->name[c]; c++) s.name[c] = stage->name[c];
@@ -163,7 +163,7 @@ static tm_status stages(tm_world *world, const header *h, const char *at, const 
                         tm_error *error) {
     int32_t found = 0;
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
+        const tm_stage *stage = &world->entry[i].stage;
         if (!keeps(stage)) continue;
         stage_header s;
         if (end - at < (int64_t)sizeof s)
@@ -207,7 +207,7 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
         double value; /* u, then u_prev */
         memcpy(&value, u + i * (int64_t)sizeof value, sizeof value);
         if (!isfinite(value))
-            return tm_fail(error, TM_ERR_FILE, tm_mesh_given(tissue->mesh, (int32_t)(i / 3 % h.vertex_count)),
+            return tm_fail(error, TM_ERR_FILE, tm_mesh_original_vertex(tissue->mesh, (int32_t)(i / 3 % h.vertex_count)),
                            "snapshot: a displacement is not finite; save it again");
     }
     if (!tm_tissue_surface_fits(tissue, alive, face, h.surface_count))

@@ -9,7 +9,8 @@ static void elastic(tm_world *world, const tm_range *range) {
     const int64_t begin = 3 * (int64_t)range->begin;
     const size_t bytes = 3 * sizeof(double) * (size_t)(range->end - range->begin);
     double *force_N = world->state.force_N;
-    tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m, force_N);
+    tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end, world->state.u_m,
+                  force_N);
     if (world->internal_N) memcpy(world->internal_N + begin, force_N + begin, bytes);
 }
 
@@ -19,8 +20,8 @@ static void none(tm_world *world, const tm_range *range) {
     const int64_t begin = 3 * (int64_t)range->begin;
     const size_t bytes = 3 * sizeof(double) * (size_t)(range->end - range->begin);
     if (world->internal_N)
-        tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m,
-                      world->internal_N);
+        tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end,
+                      world->state.u_m, world->internal_N);
     memset(world->state.force_N + begin, 0, bytes);
 }
 

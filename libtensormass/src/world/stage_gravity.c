@@ -36,11 +36,11 @@ static int32_t fours(const double *mass, const double g[3], double *f, int32_t v
 
 void tm_stage_gravity_run(void *self, tm_world *world, const tm_range *range) {
     const gravity *stage = self;
-    const double *TM_RESTRICT mass = world->tissue->own_mass_kg;
+    const double *TM_RESTRICT mass = world->tissue->physical_mass_kg;
     double *TM_RESTRICT f = world->state.force_N;
     const double gx = stage->g_m_s2[0], gy = stage->g_m_s2[1], gz = stage->g_m_s2[2];
     const tm_force_graph *g = &world->tissue->graph;
-    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);)
+    for (int32_t begin, end = range->begin; tm_next_run(g->active, range->end, &begin, &end);)
         for (int32_t v = world->wide ? fours(mass, stage->g_m_s2, f, begin, end) : begin; v < end; v++) {
             f[3 * v] += mass[v] * gx;
             f[3 * v + 1] += mass[v] * gy;
@@ -53,7 +53,8 @@ const double *tm_stage_gravity_m_s2(const void *self) { return ((const gravity *
 const double *tm_world_gravity_m_s2(const tm_world *world) {
     static const double none[3] = {0, 0, 0};
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.range == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
+        if (world->entry[i].stage.range == tm_stage_gravity_run)
+            return tm_stage_gravity_m_s2(world->entry[i].stage.self);
     return none;
 }
 
@@ -69,7 +70,7 @@ tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *er
             return tm_fail(error, TM_ERR_ARGUMENT, i, "gravity: its %c component is %g; give a finite number", "xyz"[i],
                            g_m_s2[i]);
     tm_pool pool = {0};
-    gravity *self = TM_TAKE(&pool, gravity, 1);
+    gravity *self = TM_ALLOC(&pool, gravity, 1);
     if (!self) return tm_fail_memory(error, "gravity stage");
     for (int i = 0; i < 3; i++) self->g_m_s2[i] = g_m_s2[i];
     self->pool = pool;

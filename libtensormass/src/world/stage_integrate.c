@@ -12,12 +12,12 @@
 
 /* The farthest that vertices came along each axis: no vertex came farther than its norm. */
 typedef struct way {
-    double most_m[3];
+    double max_m[3];
 } way;
 
 static void add_ways(way *w, const double *u, const double *u_prev, int64_t n) {
     for (int64_t i = 0; i < n; i += 3)
-        for (int c = 0; c < 3; c++) w->most_m[c] = law_max(fabs(u[i + c] - u_prev[i + c]), w->most_m[c]);
+        for (int c = 0; c < 3; c++) w->max_m[c] = law_max(fabs(u[i + c] - u_prev[i + c]), w->max_m[c]);
 }
 
 #ifdef TM_HAS_AVX2
@@ -27,7 +27,7 @@ TM_AVX2 static inline void add_lanes(way *w, __m256d first, __m256d second, __m2
     _mm256_storeu_pd(lane, first);
     _mm256_storeu_pd(lane + 4, second);
     _mm256_storeu_pd(lane + 8, third);
-    for (int i = 0; i < 12; i++) w->most_m[i % 3] = law_max(lane[i], w->most_m[i % 3]);
+    for (int i = 0; i < 12; i++) w->max_m[i % 3] = law_max(lane[i], w->max_m[i % 3]);
 }
 TM_AVX2 static inline __m256d larger_way(__m256d way_m, __m256d most_m) {
     return _mm256_max_pd(_mm256_andnot_pd(_mm256_set1_pd(-0.0), way_m), most_m);
@@ -35,9 +35,10 @@ TM_AVX2 static inline __m256d larger_way(__m256d way_m, __m256d most_m) {
 #endif
 
 static void note_way(tm_world *world, const tm_range *range, const way *w) {
-    tm_part *part = world->part + range->part;
-    const double way_m = vnorm(w->most_m);
-    part->way_m = range->begin == part->force.begin ? way_m : law_max(way_m, part->way_m);
+    tm_partition *partition = world->partition + range->partition;
+    const double way_m = vnorm(w->max_m);
+    partition->max_increment_m =
+        range->begin == partition->force.begin ? way_m : law_max(way_m, partition->max_increment_m);
 }
 
 /* --- the stage --- */
@@ -49,7 +50,7 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
     way come = {{0, 0, 0}};
-    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);) {
+    for (int32_t begin, end = range->begin; tm_next_run(g->active, range->end, &begin, &end);) {
         for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* written out: a loop of three is slower */
             const double x = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
             const double y = u[i + 1] + (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
@@ -79,7 +80,7 @@ TM_AVX2 static inline __attribute__((always_inline)) int64_t fours(const tm_worl
     const double *u = world->state.u_m, *u_prev = world->state.u_prev_m, *f = world->state.force_N;
     double *u_next = world->state.u_next_m;
     for (; v + 4 <= end; v += 4) {
-        const __m256d m = _mm256_loadu_pd(world->mobility_s2_kg + v), c = _mm256_loadu_pd(world->carry + v);
+        const __m256d m = _mm256_loadu_pd(world->mobility_s2_kg + v), c = _mm256_loadu_pd(world->inertia + v);
         COMPONENTS(0, _MM_SHUFFLE(1, 0, 0, 0));
         COMPONENTS(1, _MM_SHUFFLE(2, 2, 1, 1));
         COMPONENTS(2, _MM_SHUFFLE(3, 3, 3, 2));
@@ -90,7 +91,7 @@ TM_AVX2 static inline __attribute__((always_inline)) int64_t fours(const tm_worl
 TM_AVX2 static int64_t damped_fours(const tm_world *world, int64_t v, int64_t end) {
     return fours(world, v, end, NULL);
 }
-TM_AVX2 static int64_t damped_fours_watched(const tm_world *world, int64_t v, int64_t end, way *come) {
+TM_AVX2 static int64_t damped_fours_tracked(const tm_world *world, int64_t v, int64_t end, way *come) {
     return fours(world, v, end, come);
 }
 #else
@@ -98,7 +99,7 @@ static int64_t damped_fours(const tm_world *world, int64_t v, int64_t end) {
     (void)world, (void)end;
     return v;
 }
-static int64_t damped_fours_watched(const tm_world *world, int64_t v, int64_t end, way *come) {
+static int64_t damped_fours_tracked(const tm_world *world, int64_t v, int64_t end, way *come) {
     (void)world, (void)end, (void)come;
     return v;
 }
@@ -108,14 +109,14 @@ void tm_stage_integrate_damped(void *self, tm_world *world, const tm_range *rang
     (void)self;
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT u_prev = world->state.u_prev_m;
     const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
-    const double *TM_RESTRICT carry = world->carry;
+    const double *TM_RESTRICT carry = world->inertia;
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
     const bool watched = world->notes_travel;
     way come = {{0, 0, 0}};
-    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);) {
+    for (int32_t begin, end = range->begin; tm_next_run(g->active, range->end, &begin, &end);) {
         int64_t v = !world->wide ? begin
-                    : watched    ? damped_fours_watched(world, begin, end, &come)
+                    : watched    ? damped_fours_tracked(world, begin, end, &come)
                                  : damped_fours(world, begin, end);
         if (watched) add_ways(&come, u + 3 * v, u_prev + 3 * v, 3 * (end - v));
         for (int64_t i = 3 * v; v < end; v++, i += 3) {
@@ -134,7 +135,7 @@ static void refresh(tm_world *world, int32_t v) {
     const double drag = world->damped ? world->tissue->damping_kg_s[v] / (2 * dt) : 0;
     const double weight = inertia + drag;
     world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
-    if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
+    if (world->inertia) world->inertia[v] = weight > 0 ? (inertia - drag) / weight : 0;
     if (weight > 0) return;
     for (int32_t i = 3 * v; i < 3 * v + 3; i++)
         world->state.u_next_m[i] = world->state.u_prev_m[i] = world->state.u_m[i];
@@ -149,11 +150,11 @@ void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t 
     for (int32_t i = 0; i < count; i++) refresh(world, vertex[i]);
 }
 
-void tm_stage_integrate_still(tm_world *world) {
+void tm_stage_integrate_freeze_removed(tm_world *world) {
     const tm_force_graph *g = &world->tissue->graph;
     const tm_state *s = &world->state;
     for (int32_t v = 0; v < g->vertex_count; v++) {
-        v = tm_bit_from(g->living, g->vertex_count, v, ~UINT64_C(0));
+        v = tm_bit_from(g->active, g->vertex_count, v, ~UINT64_C(0));
         for (int32_t i = 3 * v; i < 3 * v + 3 && v < g->vertex_count; i++) s->u_next_m[i] = s->u_prev_m[i] = s->u_m[i];
     }
 }

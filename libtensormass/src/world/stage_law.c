@@ -14,7 +14,7 @@ typedef struct law_stage {
     tm_hyper_force force;
     double *corner_N; /* [12*TM_LANES*packs] */
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
-    int32_t *beyond;  /* [part_count] tetrahedra that go on linearly */
+    int32_t *beyond;  /* [partition_count] tetrahedra that go on linearly */
     tm_nonlinear law; /* what others ask */
 } law_stage;
 
@@ -22,12 +22,12 @@ typedef struct law_stage {
 
 static void stress_part(void *context, int32_t part) {
     const law_stage *l = context;
-    const int32_t count = l->hyper.packs.count, parts = l->world->part_count;
-    l->beyond[part] = l->force(&l->hyper, tm_packs_before(count, part, parts), tm_packs_before(count, part + 1, parts),
-                               l->world->state.u_m, l->corner_N);
+    const int32_t count = l->hyper.packs.count, partitions = l->world->partition_count;
+    l->beyond[part] = l->force(&l->hyper, tm_tet_batches_before(count, part, partitions),
+                               tm_tet_batches_before(count, part + 1, partitions), l->world->state.u_m, l->corner_N);
 }
 
-static void run(void *self, tm_world *world) { tm_parts_do(world, stress_part, self); }
+static void run(void *self, tm_world *world) { tm_partitions_run(world, stress_part, self); }
 
 static void gather(const law_stage *l, const double *corner_N, int32_t begin, int32_t end, double *TM_RESTRICT force) {
     const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
@@ -46,8 +46,8 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
     const law_stage *l = self;
     const tm_tissue *tissue = world->tissue;
     if (world->internal_N)
-        tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m,
-                      world->internal_N);
+        tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end,
+                      world->state.u_m, world->internal_N);
     gather(l, l->corner_N, range->begin, range->end, world->state.force_N);
 }
 
@@ -76,7 +76,7 @@ static void add_tangent(const void *self, const double *u_m, int32_t begin, int3
     const law_stage *l = self;
     for (int32_t t = begin; t < end; t++) {
         double A[81], linear[81];
-        tm_turned_lane lane;
+        tm_corotated_lane lane;
         if (!l->hyper.packs.alive[t]) continue;
         tm_hyperelastic_hessian(&l->hyper, t, u_m, A);
         tm_rotation_lane_law(&l->hyper.packs, t, &lane);
@@ -101,15 +101,15 @@ static bool take(law_stage *l, tm_pool *pool) {
     const tm_material_field field = tm_tissue_field(tissue);
     if (!tm_hyperelastic_take(&l->hyper, pool, &field)) return false;
     l->force = tm_hyper_force_choose(tissue->plain);
-    l->corner_N = TM_TAKE(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
-    l->place = TM_TAKE(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);
-    l->beyond = TM_TAKE(pool, int32_t, l->world->part_count);
+    l->corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    l->place = TM_ALLOC(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);
+    l->beyond = TM_ALLOC(pool, int32_t, l->world->partition_count);
     l->law = (tm_nonlinear){.self = l,
                             .energy = energy,
                             .force = force,
                             .take_tangent = take_tangent,
                             .add_tangent = add_tangent,
-                            .scratch_N = TM_TAKE(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
+                            .scratch_N = TM_ALLOC(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
     if (pool->failed) return false;
     tm_packs_corners(tissue->mesh, l->place);
     return true;
@@ -119,7 +119,7 @@ static const char STAGE[] = "law";
 
 tm_status tm_stage_law(tm_world *world, tm_error *error) {
     tm_pool pool = {0};
-    law_stage *l = TM_TAKE(&pool, law_stage, 1);
+    law_stage *l = TM_ALLOC(&pool, law_stage, 1);
     if (l) l->world = world;
     if (!l || !take(l, &pool)) {
         tm_pool_release(&pool);
@@ -132,7 +132,7 @@ tm_status tm_stage_law(tm_world *world, tm_error *error) {
                             .run = run,
                             .destroy = destroy,
                             .self = l,
-                            .before = "force"};
+                            .runs_before = "force"};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
@@ -147,9 +147,9 @@ int32_t tm_world_limited_tets(const tm_world *world) {
     TM_REQUIRE(world, "world is null", 0);
     int32_t count = 0;
     for (int32_t i = 0; i < world->stage_count; i++) {
-        if (world->slot[i].stage.run != run) continue;
-        const law_stage *l = world->slot[i].stage.self;
-        for (int32_t p = 0; p < world->part_count; p++) count += l->beyond[p];
+        if (world->entry[i].stage.run != run) continue;
+        const law_stage *l = world->entry[i].stage.self;
+        for (int32_t p = 0; p < world->partition_count; p++) count += l->beyond[p];
     }
     return count;
 }

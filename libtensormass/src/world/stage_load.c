@@ -26,12 +26,12 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
     const int32_t n = 3 * mesh->vertex_count;
     for (int32_t i = 0; i < n; i++)
         if (!isfinite(force_N[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, i / 3),
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, i / 3),
                            "load: the %c force on vertex %d is %g; give a finite number", "xyz"[i % 3],
-                           tm_mesh_given(mesh, i / 3), force_N[i]);
+                           tm_mesh_original_vertex(mesh, i / 3), force_N[i]);
     tm_pool pool = {0};
-    load *self = TM_TAKE(&pool, load, 1);
-    double *copy = TM_TAKE(&pool, double, n);
+    load *self = TM_ALLOC(&pool, load, 1);
+    double *copy = TM_ALLOC(&pool, double, n);
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "load stage");

@@ -13,7 +13,7 @@ enum { FEW = 16 };
 typedef struct few {
     double corner_N[12 * TM_LANES * FEW];
     double energy_J[FEW];
-    int32_t pack[FEW], at[FEW], count; /* at: place in the list */
+    int32_t batch[FEW], at[FEW], count; /* at: place in the list */
     uint8_t who[FEW];
     int32_t active; /* of those whose first vertex is the part's */
 } few;
@@ -21,12 +21,12 @@ typedef struct few {
 typedef struct turner {
     tm_rotation rotation; /* the stage's self */
     tm_world *world;
-    tm_relaxing whole; /* where changes of volume are averaged */
-    double *way_m;     /* [part_count] */
+    tm_relaxing whole;   /* where changes of volume are averaged */
+    double *increment_m; /* [partition_count] */
     /* divided among threads */
-    tm_pull_kernel pull;
-    few *few;              /* [part_count] */
-    int32_t *begin, *load; /* [part_count] where parts began when they were counted, and their packs then */
+    tm_corner_force_kernel corner_force;
+    few *few;              /* [partition_count] */
+    int32_t *begin, *load; /* [partition_count] where parts began when they were counted, and their packs then */
     int32_t counted;       /* length of the list then */
     tm_nonlinear law;      /* what others ask */
 } turner;
@@ -35,42 +35,44 @@ typedef struct turner {
  * computed by all whose vertices it reaches, each of whom adds to its own: each vertex so sums in the list's order, and
  * nobody waits for what another has found. --- */
 
-static void see(void *context, int32_t part) {
+static void see(void *context, int32_t partition) {
     turner *t = context;
-    tm_packs_see(&t->rotation, t->world->state.u_m, part, t->world->part_count);
+    tm_tet_batches_mark_seen(&t->rotation, t->world->state.u_m, partition, t->world->partition_count);
 }
 
-static void go(void *context, int32_t part) {
+static void go(void *context, int32_t partition) {
     const turner *t = context;
-    t->way_m[part] = tm_packs_way(&t->rotation, t->world->state.u_m, part, t->world->part_count);
+    t->increment_m[partition] =
+        tm_tet_batches_increment(&t->rotation, t->world->state.u_m, partition, t->world->partition_count);
 }
 
-static bool reaches(const tm_rotation *r, int32_t pack, const tm_force_part *own) {
-    return r->reached[2 * pack] < own->end && r->reached[2 * pack + 1] >= own->begin;
+static bool reaches(const tm_rotation *r, int32_t batch, const tm_force_partition *own) {
+    return r->reached[2 * batch] < own->end && r->reached[2 * batch + 1] >= own->begin;
 }
 
-static void add_few(turner *t, few *of, const tm_force_part *own) {
+static void add_few(turner *t, few *of, const tm_force_partition *own) {
     const tm_rotation *r = &t->rotation;
-    t->pull(&r->packs, of->pack, of->count, t->world->state.u_m, of->corner_N, of->who, of->energy_J);
-    tm_pulls_add(&r->packs, of->pack, of->count, of->corner_N, of->who, own->begin, own->end, r->conserving.now_N);
+    t->corner_force(&r->batches, of->batch, of->count, t->world->state.u_m, of->corner_N, of->who, of->energy_J);
+    tm_corner_forces_add(&r->batches, of->batch, of->count, of->corner_N, of->who, own->begin, own->end,
+                         r->conserving.now_N);
     for (int32_t n = 0; n < of->count; n++) {
-        if (r->reached[2 * of->pack[n]] < own->begin) continue; /* another part's */
+        if (r->reached[2 * of->batch[n]] < own->begin) continue; /* another part's */
         of->active += of->who[n] != 0;
-        r->conserving.pack_J[of->at[n]] = of->energy_J[n];
+        r->conserving.batch_J[of->at[n]] = of->energy_J[n];
     }
     of->count = 0;
 }
 
-static void add(void *context, int32_t part) {
+static void add(void *context, int32_t partition) {
     turner *t = context;
     const tm_rotation *r = &t->rotation;
-    const tm_force_part *own = &t->world->part[part].force;
-    few *of = &t->few[part];
+    const tm_force_partition *own = &t->world->partition[partition].force;
+    few *of = &t->few[partition];
     of->count = of->active = 0;
     for (int32_t n = 0; n < r->list_count; n++) {
         if (!reaches(r, r->list[n], own)) continue;
         of->at[of->count] = n;
-        of->pack[of->count++] = r->list[n];
+        of->batch[of->count++] = r->list[n];
         if (of->count == FEW) add_few(t, of, own);
     }
     add_few(t, of, own);
@@ -79,14 +81,14 @@ static void add(void *context, int32_t part) {
 static void count_loads(turner *t) {
     const tm_rotation *r = &t->rotation;
     bool counted = t->counted == r->list_count;
-    for (int32_t p = 0; p < t->world->part_count; p++) {
-        counted &= t->begin[p] == t->world->part[p].force.begin;
-        t->begin[p] = t->world->part[p].force.begin;
+    for (int32_t p = 0; p < t->world->partition_count; p++) {
+        counted &= t->begin[p] == t->world->partition[p].force.begin;
+        t->begin[p] = t->world->partition[p].force.begin;
     }
     t->counted = r->list_count;
-    for (int32_t p = 0; p < t->world->part_count && !counted; p++) {
+    for (int32_t p = 0; p < t->world->partition_count && !counted; p++) {
         t->load[p] = 0;
-        for (int32_t n = 0; n < r->list_count; n++) t->load[p] += reaches(r, r->list[n], &t->world->part[p].force);
+        for (int32_t n = 0; n < r->list_count; n++) t->load[p] += reaches(r, r->list[n], &t->world->partition[p].force);
     }
 }
 
@@ -95,10 +97,10 @@ static void count_loads(turner *t) {
 static bool is_worth_dividing(turner *t) {
     enum { WORTH = 64 };
     const int32_t listed = t->rotation.list_count;
-    if (t->world->part_count == 1 || listed < WORTH) return false;
+    if (t->world->partition_count == 1 || listed < WORTH) return false;
     int32_t most = 0;
     count_loads(t);
-    for (int32_t p = 0; p < t->world->part_count; p++) most = t->load[p] > most ? t->load[p] : most;
+    for (int32_t p = 0; p < t->world->partition_count; p++) most = t->load[p] > most ? t->load[p] : most;
     return most < listed - listed / 8;
 }
 
@@ -106,31 +108,31 @@ static void run_listed(turner *t) {
     tm_rotation *r = &t->rotation;
     tm_world *world = t->world;
     if (!is_worth_dividing(t)) {
-        r->active =
-            r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, r->conserving.now_N, r->conserving.pack_J);
+        r->active = r->kernel(&r->batches, r->list, r->list_count, world->state.u_m, r->conserving.now_N,
+                              r->conserving.batch_J);
         return;
     }
-    tm_parts_do(world, add, t);
+    tm_partitions_run(world, add, t);
     r->active = 0;
-    for (int32_t p = 0; p < world->part_count; p++) r->active += t->few[p].active;
+    for (int32_t p = 0; p < world->partition_count; p++) r->active += t->few[p].active;
 }
 
 static void run(void *self, tm_world *world) {
     turner *t = self;
     tm_rotation *r = &t->rotation;
-    if (r->left_to_viscosity) return;
+    if (r->done_by_viscosity) return;
     if (r->whole) {
         tm_conserve_whole(&r->conserving, world);
         return;
     }
-    if (tm_packs_wait_for_a_look(r)) {
-        tm_parts_do(world, see, t);
-        tm_packs_seen(r);
+    if (tm_tet_batches_wait(r)) {
+        tm_partitions_run(world, see, t);
+        tm_tet_batches_seen(r);
     }
-    tm_parts_do(world, go, t);
-    double way_m = t->way_m[0];
-    for (int32_t p = 1; p < world->part_count; p++) way_m = t->way_m[p] > way_m ? t->way_m[p] : way_m;
-    tm_packs_list(r, way_m);
+    tm_partitions_run(world, go, t);
+    double way_m = t->increment_m[0];
+    for (int32_t p = 1; p < world->partition_count; p++) way_m = t->increment_m[p] > way_m ? t->increment_m[p] : way_m;
+    tm_tet_batches_list(r, way_m);
     memset(r->conserving.now_N, 0, 3 * sizeof(double) * (size_t)world->tissue->mesh->vertex_count);
     run_listed(t);
     tm_conserve(&r->conserving, world);
@@ -154,15 +156,15 @@ static void step_changed(void *self, tm_world *world) {
     tm_conserve_restart(&t->rotation.conserving);
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     turner *t = self;
-    tm_conserve_keep(&t->rotation.conserving);
+    tm_conserve_checkpoint(&t->rotation.conserving);
 }
 
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     turner *t = self;
     (void)world;
-    tm_conserve_give_back(&t->rotation.conserving);
+    tm_conserve_rollback(&t->rotation.conserving);
 }
 
 static void destroy(void *self) {
@@ -175,7 +177,7 @@ static void destroy(void *self) {
 
 tm_rotation *tm_world_rotation(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
+        if (world->entry[i].stage.run == run) return world->entry[i].stage.self;
     return NULL;
 }
 
@@ -191,7 +193,7 @@ static const double *law_added(const void *self) {
 }
 
 static bool law_take_tangent(const void *self, tm_tangent *tangent, tm_pool *pool) {
-    return tm_tangent_take(tangent, pool, self);
+    return tm_tangent_init(tangent, pool, self);
 }
 
 static void law_add_tangent(const void *self, const double *u_m, int32_t begin, int32_t end, tm_tangent *tangent) {
@@ -219,47 +221,47 @@ static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
 }
 
 /* What threads, or the whole law in passes, need beside. */
-static bool take_passes(turner *t, tm_pool *pool, tm_world *world) {
+static bool init_passes(turner *t, tm_pool *pool, tm_world *world) {
     tm_rotation *r = &t->rotation;
-    const int64_t count = r->packs.count;
+    const int64_t count = r->batches.count;
     t->world = world;
-    t->way_m = TM_TAKE(pool, double, world->part_count);
-    t->pull = tm_pull_choose(world->tissue->plain);
+    t->increment_m = TM_ALLOC(pool, double, world->partition_count);
+    t->corner_force = tm_corner_force_choose(world->tissue->plain);
     if (pool->failed) return false;
-    if (tm_swollen_is_on(&r->swollen)) {
-        if (!tm_relaxing_take_elastic(&t->whole, pool, world, r)) return false;
+    if (tm_nodal_dilatation_is_on(&r->nodal_dilatation)) {
+        if (!tm_relaxing_init_elastic(&t->whole, pool, world, r)) return false;
         r->whole = &t->whole;
         return true;
     }
-    if (world->part_count == 1) return true;
-    t->few = TM_TAKE(pool, few, world->part_count);
-    t->begin = TM_TAKE(pool, int32_t, world->part_count);
-    t->load = TM_TAKE(pool, int32_t, world->part_count);
+    if (world->partition_count == 1) return true;
+    t->few = TM_ALLOC(pool, few, world->partition_count);
+    t->begin = TM_ALLOC(pool, int32_t, world->partition_count);
+    t->load = TM_ALLOC(pool, int32_t, world->partition_count);
     t->counted = -1;
-    r->reached = TM_TAKE(pool, int32_t, 2 * count);
+    r->reached = TM_ALLOC(pool, int32_t, 2 * count);
     for (int32_t p = 0; !pool->failed && p < count; p++) reach(world->tissue->mesh, p, r->reached + 2 * p);
     return !pool->failed;
 }
 
-static bool take(turner *t, tm_pool *pool, tm_world *world) {
+static bool init(turner *t, tm_pool *pool, tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     tm_rotation *r = &t->rotation;
     const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count;
     const tm_material_field field = tm_tissue_field(tissue);
-    if (!tm_packs_take(&r->packs, pool, &field)) return false;
-    if (!tm_swollen_take(&r->swollen, pool, &field, r->packs.count)) return false;
-    r->seen_m = TM_TAKE(pool, double, n);
-    r->reach_m = TM_TAKE(pool, double, r->packs.count);
-    r->spread_1_m = TM_TAKE(pool, double, r->packs.count);
-    r->list = TM_TAKE(pool, int32_t, r->packs.count);
-    r->every = TM_TAKE(pool, int32_t, r->packs.count);
-    r->scratch_N = TM_TAKE(pool, double, n);
+    if (!tm_tet_batches_init(&r->batches, pool, &field)) return false;
+    if (!tm_nodal_dilatation_init(&r->nodal_dilatation, pool, &field, r->batches.count)) return false;
+    r->seen_m = TM_ALLOC(pool, double, n);
+    r->reach_m = TM_ALLOC(pool, double, r->batches.count);
+    r->spread_1_m = TM_ALLOC(pool, double, r->batches.count);
+    r->list = TM_ALLOC(pool, int32_t, r->batches.count);
+    r->every = TM_ALLOC(pool, int32_t, r->batches.count);
+    r->scratch_N = TM_ALLOC(pool, double, n);
     if (pool->failed) return false;
-    for (int32_t p = 0; p < r->packs.count; p++) {
+    for (int32_t p = 0; p < r->batches.count; p++) {
         r->every[p] = p;
-        r->spread_1_m[p] = tm_pack_spread(tissue->mesh, p);
+        r->spread_1_m[p] = tm_tet_batch_spread(tissue->mesh, p);
     }
-    return tm_conserve_take(&r->conserving, pool, world, r) && take_passes(t, pool, world);
+    return tm_conserve_init(&r->conserving, pool, world, r) && init_passes(t, pool, world);
 }
 
 tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error) {
@@ -270,18 +272,18 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
                        "rotation: the tissue's guaranteed step is that of tissue that does not turn; set rotation in "
                        "its definition");
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (!strcmp(world->slot[i].stage.name, "viscosity"))
+        if (!strcmp(world->entry[i].stage.name, "viscosity"))
             return tm_fail(error, TM_ERR_ARGUMENT, -1,
                            "rotation: stage viscosity keeps histories of tissue that does not turn; add rotation "
                            "before it");
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (!strcmp(world->slot[i].stage.name, "patch"))
+        if (!strcmp(world->entry[i].stage.name, "patch"))
             return tm_fail(error, TM_ERR_ARGUMENT, -1,
                            "rotation: stage patch knows the stiffness of tissue that does not turn; add rotation "
                            "before it");
     tm_pool pool = {0};
-    turner *t = TM_TAKE(&pool, turner, 1);
-    if (!t || !take(t, &pool, world)) {
+    turner *t = TM_ALLOC(&pool, turner, 1);
+    if (!t || !init(t, &pool, world)) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "rotation stage");
     }
@@ -299,8 +301,8 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
                             .self = r,
                             .snapshot = snapshot,
                             .restore = restore,
-                            .keep = keep,
-                            .give_back = give_back};
+                            .checkpoint = checkpoint,
+                            .rollback = rollback};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
@@ -315,17 +317,18 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
 
 tm_rotation_report tm_rotation_last(const tm_rotation *rotation) {
     TM_REQUIRE(rotation, "rotation is null", (tm_rotation_report){0});
-    return (tm_rotation_report){rotation->packs.count, rotation->list_count, rotation->active};
+    return (tm_rotation_report){rotation->batches.count, rotation->list_count, rotation->active};
 }
 
 double tm_rotation_energy(const tm_rotation *rotation, const double *u_m) {
     TM_REQUIRE(rotation && u_m, "rotation or u_m is null", 0);
-    return tm_rotation_sum_energy(&rotation->packs, u_m) + tm_swollen_energy(&rotation->swollen, &rotation->packs, u_m);
+    return tm_rotation_sum_energy(&rotation->batches, u_m) +
+           tm_nodal_dilatation_energy(&rotation->nodal_dilatation, &rotation->batches, u_m);
 }
 
 void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *force_N) {
     TM_REQUIRE(rotation && u_m && force_N, "rotation, u_m or force_N is null", );
     memset(force_N, 0, sizeof(double) * 3 * (size_t)rotation->tissue->mesh->vertex_count);
-    rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N, NULL);
-    tm_swollen_add(&rotation->swollen, &rotation->packs, rotation->tissue->plain, u_m, force_N);
+    rotation->kernel(&rotation->batches, rotation->every, rotation->batches.count, u_m, force_N, NULL);
+    tm_nodal_dilatation_add(&rotation->nodal_dilatation, &rotation->batches, rotation->tissue->plain, u_m, force_N);
 }

@@ -10,9 +10,9 @@ typedef struct support {
     int32_t *dof; /* ascending, each once */
     double *value_m;
     double *reaction_N; /* of the last step, on the tissue */
-    double *kept;       /* [2*count] both when the step began */
+    double *saved;      /* [2*count] both when the step began */
     int32_t *place;     /* [given] where the caller's component went */
-    int32_t given;
+    int32_t prescribed;
 } support;
 
 tm_support_def tm_support_def_default(void) {
@@ -63,7 +63,7 @@ void tm_support_mask(const tm_world *world, uint8_t *mask) {
 void tm_support_move(tm_world *world, int32_t component, double value_m) {
     TM_REQUIRE(world && world->support, "world is null or has no supports", );
     support *stage = world->support;
-    TM_REQUIRE(component >= 0 && component < stage->given, "component is not one of the supports' list", );
+    TM_REQUIRE(component >= 0 && component < stage->prescribed, "component is not one of the supports' list", );
     TM_REQUIRE(tm_is_place(value_m), "value_m is not finite or beyond 1e6 m", );
     stage->value_m[stage->place[component]] = value_m;
 }
@@ -81,9 +81,9 @@ static tm_status check(const tm_world *world, const tm_support_def *def, tm_erro
             return tm_fail(error, TM_ERR_ARGUMENT, i, "support: component %d names dof %d of %d; dof = 3*vertex + axis",
                            i, def->dof[i], dofs);
         if (!isfinite(def->value_m[i]) || fabs(def->value_m[i]) > 1e6)
-            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, def->dof[i] / 3),
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, def->dof[i] / 3),
                            "support: vertex %d is held at %g m; give a finite displacement",
-                           tm_mesh_given(mesh, def->dof[i] / 3), def->value_m[i]);
+                           tm_mesh_original_vertex(mesh, def->dof[i] / 3), def->value_m[i]);
     }
     return TM_OK;
 }
@@ -95,10 +95,11 @@ static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *
     for (int32_t i = 0; i < def->count; i++) {
         const int32_t d = def->dof[i];
         if (seen[d] && def->value_m[seen[d] - 1] != def->value_m[i])
-            return tm_fail(error, TM_ERR_SUPPORT, tm_mesh_given(mesh, d / 3),
+            return tm_fail(error, TM_ERR_SUPPORT, tm_mesh_original_vertex(mesh, d / 3),
                            "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
                            "support",
-                           tm_mesh_given(mesh, d / 3), def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
+                           tm_mesh_original_vertex(mesh, d / 3), def->value_m[seen[d] - 1], def->value_m[i],
+                           "xyz"[d % 3]);
         if (!seen[d]) seen[d] = i + 1;
     }
     for (int32_t d = 0; d < dofs; d++) {
@@ -107,7 +108,7 @@ static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *
         stage->value_m[stage->count] = def->value_m[seen[d] - 1];
         seen[d] = stage->count++;
     }
-    stage->given = def->count;
+    stage->prescribed = def->count;
     for (int32_t i = 0; i < def->count; i++) stage->place[i] = seen[def->dof[i]];
     return TM_OK;
 }
@@ -127,17 +128,17 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     return true;
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     const support *stage = self;
-    memcpy(stage->kept, stage->value_m, sizeof(double) * (size_t)stage->count);
-    memcpy(stage->kept + stage->count, stage->reaction_N, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->saved, stage->value_m, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->saved + stage->count, stage->reaction_N, sizeof(double) * (size_t)stage->count);
 }
 
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     (void)world;
     const support *stage = self;
-    memcpy(stage->value_m, stage->kept, sizeof(double) * (size_t)stage->count);
-    memcpy(stage->reaction_N, stage->kept + stage->count, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->value_m, stage->saved, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->reaction_N, stage->saved + stage->count, sizeof(double) * (size_t)stage->count);
 }
 
 tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error) {
@@ -150,15 +151,15 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
     if (status) return status;
     const int32_t dofs = 3 * world->tissue->mesh->vertex_count;
     tm_pool pool = {0}, work = {0};
-    support *self = TM_TAKE(&pool, support, 1);
-    int32_t *dof = TM_TAKE(&pool, int32_t, def->count), *place = TM_TAKE(&pool, int32_t, def->count);
-    double *value = TM_TAKE(&pool, double, def->count), *reaction = TM_TAKE(&pool, double, def->count);
-    double *kept = TM_TAKE(&pool, double, 2 * (int64_t)def->count);
-    int32_t *seen = TM_TAKE(&work, int32_t, dofs);
+    support *self = TM_ALLOC(&pool, support, 1);
+    int32_t *dof = TM_ALLOC(&pool, int32_t, def->count), *place = TM_ALLOC(&pool, int32_t, def->count);
+    double *value = TM_ALLOC(&pool, double, def->count), *reaction = TM_ALLOC(&pool, double, def->count);
+    double *kept = TM_ALLOC(&pool, double, 2 * (int64_t)def->count);
+    int32_t *seen = TM_ALLOC(&work, int32_t, dofs);
     if (pool.failed || work.failed) {
         status = tm_fail_memory(error, "support stage");
     } else {
-        *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .kept = kept, .place = place};
+        *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .saved = kept, .place = place};
         status = fill(self, def, world->tissue->mesh, seen, error);
     }
     tm_pool_release(&work);
@@ -173,8 +174,8 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
                                 .self = self,
                                 .snapshot = snapshot,
                                 .restore = restore,
-                                .keep = keep,
-                                .give_back = give_back};
+                                .checkpoint = checkpoint,
+                                .rollback = rollback};
         status = tm_world_add_stage(world, &stage, pool.bytes, error);
         if (!status) world->support = self, world->supports_set++;
     }

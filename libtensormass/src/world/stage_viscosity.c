@@ -12,13 +12,13 @@
 typedef struct viscosity {
     tm_pool pool;
     tm_world *world;
-    int32_t n;    /* components */
-    int64_t kept; /* numbers a term keeps */
+    int32_t n;     /* components */
+    int64_t saved; /* numbers a term keeps */
     tm_viscosity_def def;
     tm_fading fading[TM_VISCOSITY_TERMS];
-    double *q_m[TM_VISCOSITY_TERMS], *kept_m[TM_VISCOSITY_TERMS]; /* [kept]; kept_m: when the step began */
-    double *strained_m;                                           /* [n] u - sum shear_i q_i */
-    double *swollen_m;                                            /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
+    double *q_m[TM_VISCOSITY_TERMS], *saved_m[TM_VISCOSITY_TERMS]; /* [kept]; saved_m: when the step began */
+    double *strained_m;                                            /* [n] u - sum shear_i q_i */
+    double *nodal_dilatation_m;                                    /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
     tm_bulk bulk;
     tm_rotation *rotation; /* tissue that turns: histories of tetrahedra instead, and its stage's work; else null */
     tm_relaxing relaxing;
@@ -28,40 +28,40 @@ typedef struct viscosity {
 
 static void strain_part(void *context, int32_t part) {
     const viscosity *v = context;
-    const int32_t begin = 3 * v->world->part[part].force.begin, end = 3 * v->world->part[part].force.end;
+    const int32_t begin = 3 * v->world->partition[part].force.begin, end = 3 * v->world->partition[part].force.end;
     const double *TM_RESTRICT u = v->world->state.u_m;
-    double *TM_RESTRICT strained = v->strained_m, *TM_RESTRICT swollen = v->swollen_m;
+    double *TM_RESTRICT strained = v->strained_m, *TM_RESTRICT dilatation = v->nodal_dilatation_m;
     for (int32_t t = 0; t < v->def.count; t++) {
         const double *TM_RESTRICT q = v->q_m[t], *TM_RESTRICT from = t ? strained : u;
-        const double shear = v->def.term[t].shear, more = v->def.term[t].volume - shear;
+        const double shear = v->def.term[t].shear, more = v->def.term[t].bulk - shear;
         for (int32_t i = begin; i < end; i++) strained[i] = from[i] - shear * q[i];
-        for (int32_t i = begin; swollen && i < end; i++) swollen[i] = (t ? swollen[i] : 0) + more * q[i];
+        for (int32_t i = begin; dilatation && i < end; i++) dilatation[i] = (t ? dilatation[i] : 0) + more * q[i];
     }
     /* Two passes over a part do not run side by side: this one's place in it is its own. */
-    tm_force_part own = v->world->part[part].force;
+    tm_force_partition own = v->world->partition[part].force;
     const tm_tissue *tissue = v->world->tissue;
     if (v->world->internal_N) tissue->force(&tissue->graph, &own, own.begin, own.end, u, v->world->internal_N);
 }
 
 /* Whole before "force" begins, which reads it of every vertex. */
-static void run_strained(void *self, tm_world *world) { tm_parts_do(world, strain_part, self); }
+static void run_strained(void *self, tm_world *world) { tm_partitions_run(world, strain_part, self); }
 
 /* The law of the stage "force" while there is viscosity. */
 static void force_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
     const tm_tissue *tissue = world->tissue;
-    tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, v->strained_m,
+    tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end, v->strained_m,
                   world->state.force_N);
 }
 
 /* Where shares differ: the bulk modulus' part, which goes over tetrahedra, a whole part at a time. */
 static void bulk_part(void *context, int32_t number) {
     const viscosity *v = context;
-    const tm_force_part *part = &v->world->part[number].force;
-    tm_bulk_add(&v->bulk, part->begin, part->end, v->swollen_m, v->world->state.force_N);
+    const tm_force_partition *part = &v->world->partition[number].force;
+    tm_bulk_add(&v->bulk, part->begin, part->end, v->nodal_dilatation_m, v->world->state.force_N);
 }
 
-static void run_bulk(void *self, tm_world *world) { tm_parts_do(world, bulk_part, self); }
+static void run_bulk(void *self, tm_world *world) { tm_partitions_run(world, bulk_part, self); }
 
 static void follow_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
@@ -71,12 +71,13 @@ static void follow_range(void *self, tm_world *world, const tm_range *range) {
     for (int32_t t = 0; t < v->def.count; t++) {
         const tm_fading f = v->fading[t];
         double *TM_RESTRICT q = v->q_m[t];
-        for (int32_t i = begin; i < end; i++) q[i] = (f.keep * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
+        for (int32_t i = begin; i < end; i++)
+            q[i] = (f.kept_share * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
     }
 }
 
-/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (viscous_turned.c). */
-static void run_turned(void *self, tm_world *world) {
+/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (corotated_viscosity.c). */
+static void run_corotated(void *self, tm_world *world) {
     (void)world;
     tm_relaxing_force(&((viscosity *)self)->relaxing);
 }
@@ -86,11 +87,11 @@ static void run_turned(void *self, tm_world *world) {
 /* Whose force it is: the series', or (false) the elastic tissue's. */
 static void set_force(viscosity *v, bool relaxes) {
     const bool turned = v->rotation;
-    if (turned) v->rotation->left_to_viscosity = relaxes;
+    if (turned) v->rotation->done_by_viscosity = relaxes;
     if (relaxes)
         tm_world_set_force(v->world, &(tm_force_provider){"viscosity", v, turned ? NULL : force_range});
     else
-        tm_world_set_force(v->world, turned && tm_swollen_is_on(&v->rotation->swollen)
+        tm_world_set_force(v->world, turned && tm_nodal_dilatation_is_on(&v->rotation->nodal_dilatation)
                                          ? &(tm_force_provider){.stage = "rotation"}
                                          : NULL);
 }
@@ -102,17 +103,18 @@ static void step_changed(void *self, tm_world *world) {
     for (int32_t t = 0; t < v->def.count; t++) {
         const double was = v->fading[t].now;
         const tm_fading f = v->fading[t] = tm_fading_of(world->state.dt_s, v->def.term[t].time_s);
-        v->relaxing.viscous.keep[t] = f.keep, v->relaxing.viscous.old[t] = f.old, v->relaxing.viscous.now[t] = f.now;
+        v->relaxing.viscous.history_kept[t] = f.kept_share, v->relaxing.viscous.old[t] = f.old,
+        v->relaxing.viscous.now[t] = f.now;
         changed = changed || (was > 0 && was != f.now);
-        change[t] = (tm_fading){.keep = 1, .old = -f.now, .now = was};
+        change[t] = (tm_fading){.kept_share = 1, .old = -f.now, .now = was};
     }
     if (v->rotation && changed)
-        tm_relaxing_look(&v->relaxing, change); /* the strain now is in the history by its share of a step */
+        tm_relaxing_evaluate(&v->relaxing, change); /* the strain now is in the history by its share of a step */
 }
 
 static int64_t snapshot(void *self, void *buffer) {
     const viscosity *v = self;
-    const size_t bytes = sizeof(double) * (size_t)v->kept;
+    const size_t bytes = sizeof(double) * (size_t)v->saved;
     if (buffer) {
         memcpy(buffer, &v->def, sizeof v->def);
         for (int32_t t = 0; t < v->def.count; t++)
@@ -126,26 +128,26 @@ static bool is_number(double a) { return a - a == 0; }
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     (void)world;
     viscosity *v = self;
-    const size_t each = sizeof(double) * (size_t)v->kept;
+    const size_t each = sizeof(double) * (size_t)v->saved;
     if (bytes != snapshot(self, NULL) || memcmp(buffer, &v->def, sizeof v->def)) return false;
     for (int32_t t = 0; t < v->def.count; t++) {
         const double *from = (const double *)((const char *)buffer + sizeof v->def + each * (size_t)t);
-        for (int64_t i = 0; i < v->kept; i++)
+        for (int64_t i = 0; i < v->saved; i++)
             if (v->rotation ? !is_number(from[i]) : !tm_is_place(from[i])) return false;
         if (apply) memcpy(v->q_m[t], from, each);
     }
     return true;
 }
 
-static void keep(void *self) {
+static void checkpoint(void *self) {
     const viscosity *v = self;
-    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->kept_m[t], v->q_m[t], sizeof(double) * (size_t)v->kept);
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->saved_m[t], v->q_m[t], sizeof(double) * (size_t)v->saved);
 }
 
-static void give_back(void *self, tm_world *world) {
+static void rollback(void *self, tm_world *world) {
     (void)world;
     const viscosity *v = self;
-    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->kept_m[t], sizeof(double) * (size_t)v->kept);
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->saved_m[t], sizeof(double) * (size_t)v->saved);
 }
 
 static void release(viscosity *v) {
@@ -160,14 +162,14 @@ static void destroy(void *self) {
 }
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
-    return stage->range == follow_range || stage->run == run_turned || stage->run == run_strained ||
+    return stage->range == follow_range || stage->run == run_corotated || stage->run == run_strained ||
            stage->run == run_bulk;
 }
 
 static viscosity *of(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.range == follow_range || world->slot[i].stage.run == run_turned)
-            return world->slot[i].stage.self;
+        if (world->entry[i].stage.range == follow_range || world->entry[i].stage.run == run_corotated)
+            return world->entry[i].stage.self;
     return NULL;
 }
 
@@ -175,27 +177,27 @@ static void rest_here(viscosity *v) {
     tm_fading rest[TM_VISCOSITY_TERMS];
     for (int32_t t = 0; t < v->def.count; t++) rest[t] = (tm_fading){.old = 1 - v->fading[t].now};
     if (v->rotation) {
-        tm_relaxing_look(&v->relaxing, rest);
+        tm_relaxing_evaluate(&v->relaxing, rest);
         return;
     }
     for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->world->state.u_m, sizeof(double) * (size_t)v->n);
 }
 
-static bool take(viscosity *v, tm_pool *pool) {
+static bool init(viscosity *v, tm_pool *pool) {
     bool alike = true;
-    v->kept = v->rotation ? tm_relaxing_kept(v->rotation) : v->n;
+    v->saved = v->rotation ? tm_relaxing_kept(v->rotation) : v->n;
     for (int32_t t = 0; t < v->def.count; t++) {
-        v->q_m[t] = TM_TAKE(pool, double, v->kept);
-        v->kept_m[t] = TM_TAKE(pool, double, v->kept);
-        alike = alike && v->def.term[t].volume == v->def.term[t].shear;
+        v->q_m[t] = TM_ALLOC(pool, double, v->saved);
+        v->saved_m[t] = TM_ALLOC(pool, double, v->saved);
+        alike = alike && v->def.term[t].bulk == v->def.term[t].shear;
     }
     if (pool->failed) return false;
-    if (v->rotation) return tm_relaxing_take(&v->relaxing, pool, v->world, v->rotation, &v->def, v->q_m);
-    v->strained_m = TM_TAKE(pool, double, v->n);
+    if (v->rotation) return tm_relaxing_init(&v->relaxing, pool, v->world, v->rotation, &v->def, v->q_m);
+    v->strained_m = TM_ALLOC(pool, double, v->n);
     if (alike) return !pool->failed;
-    v->swollen_m = TM_TAKE(pool, double, v->n);
+    v->nodal_dilatation_m = TM_ALLOC(pool, double, v->n);
     const tm_material_field field = tm_tissue_field(v->world->tissue);
-    return tm_bulk_take(&v->bulk, pool, &field) && !pool->failed;
+    return tm_bulk_init(&v->bulk, pool, &field) && !pool->failed;
 }
 
 /* u is the rest from here on. On failure what it held is given back. */
@@ -204,7 +206,7 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     const tm_stage whole = {.size = sizeof whole,
                             .name = "viscosity",
                             .phase = turned ? TM_PHASE_FORCE : TM_PHASE_END,
-                            .run = turned ? run_turned : NULL,
+                            .run = turned ? run_corotated : NULL,
                             .range = turned ? NULL : follow_range,
                             .divided = !turned,
                             .destroy = destroy,
@@ -212,32 +214,32 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
                             .self = v,
                             .snapshot = snapshot,
                             .restore = restore,
-                            .keep = keep,
-                            .give_back = give_back,
+                            .checkpoint = checkpoint,
+                            .rollback = rollback,
                             .needs = {"force", turned ? "rotation" : NULL},
-                            .passed_over_by_settle = true};
+                            .skip_in_settle = true};
     const tm_stage strain = {.size = sizeof strain,
                              .name = "viscous strain",
                              .phase = TM_PHASE_FORCE,
                              .run = run_strained,
                              .self = v,
-                             .part_of = "viscosity",
-                             .before = "force",
-                             .passed_over_by_settle = true};
+                             .substage_of = "viscosity",
+                             .runs_before = "force",
+                             .skip_in_settle = true};
     const tm_stage bulk = {.size = sizeof bulk,
                            .name = "viscous bulk",
                            .phase = TM_PHASE_FORCE,
                            .run = run_bulk,
                            .self = v,
-                           .part_of = "viscosity",
-                           .passed_over_by_settle = true};
+                           .substage_of = "viscosity",
+                           .skip_in_settle = true};
     tm_status status = tm_world_add_stage(v->world, &whole, bytes, error);
     if (status) {
         release(v);
         return status;
     }
     if (!turned) status = tm_world_add_stage(v->world, &strain, 0, error);
-    if (!turned && !status && v->swollen_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
+    if (!turned && !status && v->nodal_dilatation_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
     if (status) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;
@@ -259,7 +261,7 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
             error, TM_ERR_EXCLUDED, -1,
             "viscosity keeps histories of the linear law, and a material has another; leave one of them out");
     tm_pool pool = {0};
-    viscosity *v = TM_TAKE(&pool, viscosity, 1);
+    viscosity *v = TM_ALLOC(&pool, viscosity, 1);
     if (v) {
         v->world = world, v->n = 3 * world->tissue->mesh->vertex_count;
         v->rotation = tm_world_rotation(world);
@@ -267,7 +269,7 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
         v->def.count = def->count;
         memcpy(v->def.term, def->term, sizeof def->term[0] * (size_t)def->count);
     }
-    if (!v || !take(v, &pool)) {
+    if (!v || !init(v, &pool)) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "viscosity stage");
     }
@@ -279,38 +281,39 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
 
 static void swap_tensors(tm_tissue *a, tm_tissue *b) {
     const tm_force_graph graph = a->graph;
-    int32_t *const slot = a->edge_slot;
-    a->graph = b->graph, a->edge_slot = b->edge_slot;
-    b->graph = graph, b->edge_slot = slot;
+    int32_t *const slot = a->edge_index;
+    a->graph = b->graph, a->edge_index = b->edge_index;
+    b->graph = graph, b->edge_index = slot;
 }
 
-static void swap_packs(viscosity *v, tm_relaxed *relaxed) {
-    const tm_packs packs = v->rotation->packs;
-    const tm_swollen swollen = v->rotation->swollen;
-    v->rotation->packs = relaxed->packs;
-    v->rotation->swollen = relaxed->swollen;
-    relaxed->packs = packs;
-    relaxed->swollen = swollen;
+static void swap_batches(viscosity *v, tm_relaxed *relaxed) {
+    const tm_tet_batches batches = v->rotation->batches;
+    const tm_nodal_dilatation dilatation = v->rotation->nodal_dilatation;
+    v->rotation->batches = relaxed->batches;
+    v->rotation->nodal_dilatation = relaxed->nodal_dilatation;
+    relaxed->batches = batches;
+    relaxed->nodal_dilatation = dilatation;
 }
 
 tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error) {
     viscosity *v = of(world);
     if (!v) return TM_OK;
     double shear, volume;
-    tm_viscosity_left(&v->def, &shear, &volume);
+    tm_viscosity_relaxed(&v->def, &shear, &volume);
     tm_tissue *tissue = NULL;
     const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
     if (status) return status;
-    relaxed->packs = v->relaxing.left;
+    relaxed->batches = v->relaxing.relaxed;
     const tm_material_field field = tm_tissue_field(tissue);
-    if (v->rotation && !tm_swollen_take(&relaxed->swollen, &relaxed->pool, &field, relaxed->packs.count)) {
+    if (v->rotation &&
+        !tm_nodal_dilatation_init(&relaxed->nodal_dilatation, &relaxed->pool, &field, relaxed->batches.count)) {
         tm_pool_release(&relaxed->pool);
         tm_tissue_destroy(tissue);
         return tm_fail_memory(error, "settling");
     }
     relaxed->tissue = tissue;
     swap_tensors(world->tissue, tissue);
-    if (v->rotation) swap_packs(v, relaxed);
+    if (v->rotation) swap_batches(v, relaxed);
     set_force(v, false);
     return TM_OK;
 }
@@ -319,7 +322,7 @@ void tm_relaxed_end(tm_world *world, tm_relaxed *relaxed, bool rests) {
     if (!relaxed->tissue) return;
     viscosity *v = of(world);
     swap_tensors(world->tissue, relaxed->tissue);
-    if (v->rotation) swap_packs(v, relaxed);
+    if (v->rotation) swap_batches(v, relaxed);
     set_force(v, true);
     tm_tissue_destroy(relaxed->tissue);
     tm_pool_release(&relaxed->pool);

@@ -18,31 +18,31 @@ static void rotate(tm_state *s) {
  * look at what they made of the displacements while it is in the cache; then the few that others change are looked at.
  */
 static void substep(tm_world *world) {
-    int32_t looked = TM_NO_SLOT; /* behind the stages whose displacements have been looked at, up to the last ones */
+    int32_t looked = TM_NO_STAGE; /* behind the stages whose displacements have been looked at, up to the last ones */
     for (int32_t i = 0, end; i < world->step_count; i = end) {
-        for (end = i; end < world->step_count && world->slot[end].stage.divided; end++) {
+        for (end = i; end < world->step_count && world->entry[end].stage.divided; end++) {
         }
         if (end > i) {
-            looked = tm_world_changes_few(world, end) ? end : TM_NO_SLOT;
-            tm_parts_run_stages(world, i, end, looked != TM_NO_SLOT);
+            looked = tm_world_changes_few(world, end) ? end : TM_NO_STAGE;
+            tm_partitions_run_stages(world, i, end, looked != TM_NO_STAGE);
         } else {
-            if (world->timing) tm_world_charge(world, i);
-            tm_stage_do(&world->slot[i].stage, world);
+            if (world->timing) tm_profile_enter(world, i);
+            tm_stage_do(&world->entry[i].stage, world);
             end = i + 1;
         }
     }
-    if (world->timing) tm_world_charge(world, TM_NO_SLOT);
-    if (looked != TM_NO_SLOT)
-        world->unsound |= !tm_world_few_are_bounded(world, looked);
-    else if (!world->unsound)
-        tm_parts_look(world);
+    if (world->timing) tm_profile_enter(world, TM_NO_STAGE);
+    if (looked != TM_NO_STAGE)
+        world->unstable |= !tm_world_few_are_bounded(world, looked);
+    else if (!world->unstable)
+        tm_partitions_check_bounded(world);
 }
 
 /* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
  * which many processors are ten times slower, and never leave them. Tied to the step's number, so that bits do not
  * depend on how steps are grouped into calls. */
 enum { FLUSH_EVERY = 256 };
-static void flush(const tm_state *s, int32_t n) {
+static void flush_denormals(const tm_state *s, int32_t n) {
     const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
     double *const array[3] = {s->u_m, s->u_prev_m, s->u_next_m}; /* the last: of the dead, which nobody writes again */
     for (int a = 0; a < 3; a++)
@@ -51,51 +51,51 @@ static void flush(const tm_state *s, int32_t n) {
 
 /* --- all or nothing --- */
 
-static void keep(tm_world *world) {
+static void checkpoint(tm_world *world) {
     const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
-    memcpy(world->keep_u_m, world->state.u_m, bytes);
-    memcpy(world->keep_u_prev_m, world->state.u_prev_m, bytes);
-    memcpy(world->keep_force_N, world->state.force_N, bytes);
-    world->keep_step = world->state.step;
-    world->keep_time_s = world->state.time_s;
-    world->unsound = false;
+    memcpy(world->saved_u_m, world->state.u_m, bytes);
+    memcpy(world->saved_u_prev_m, world->state.u_prev_m, bytes);
+    memcpy(world->saved_force_N, world->state.force_N, bytes);
+    world->saved_step = world->state.step;
+    world->saved_time_s = world->state.time_s;
+    world->unstable = false;
     tm_cut_begin(world->tissue);
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
+        if (world->entry[i].stage.checkpoint) world->entry[i].stage.checkpoint(world->entry[i].stage.self);
 }
 
-static void give_back(tm_world *world) {
+static void rollback(tm_world *world) {
     const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
-    const bool cut = tm_cut_give_back(world->tissue);
-    memcpy(world->state.u_m, world->keep_u_m, bytes);
-    memcpy(world->state.force_N, world->keep_force_N, bytes);
-    world->state.step = world->keep_step;
-    world->state.time_s = world->keep_time_s;
+    const bool cut = tm_cut_rollback(world->tissue);
+    memcpy(world->state.u_m, world->saved_u_m, bytes);
+    memcpy(world->state.force_N, world->saved_force_N, bytes);
+    world->state.step = world->saved_step;
+    world->state.time_s = world->saved_time_s;
     if (cut) tm_world_cut(world);
-    memcpy(world->state.u_prev_m, world->keep_u_prev_m, bytes); /* after the masses, which stop what weighs nothing */
+    memcpy(world->state.u_prev_m, world->saved_u_prev_m, bytes); /* after the masses, which stop what weighs nothing */
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.give_back) world->slot[i].stage.give_back(world->slot[i].stage.self, world);
+        if (world->entry[i].stage.rollback) world->entry[i].stage.rollback(world->entry[i].stage.self, world);
 }
 
 tm_status tm_world_step(tm_world *world, int32_t count) {
     TM_REQUIRE(world && count >= 0, "world is null or count is negative", TM_ERR_ARGUMENT);
     tm_state *s = &world->state;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    tm_parts_begin(world, count); /* first: the others wake while this one keeps what was */
+    tm_partitions_begin(world, count); /* first: the others wake while this one keeps what was */
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
-    keep(world);
-    tm_stage_integrate_still(world);
-    for (int32_t i = 0; i < count && !world->unsound; i++) {
-        world->look_at_dead = i == 0 || i == count - 1;
+    checkpoint(world);
+    tm_stage_integrate_freeze_removed(world);
+    for (int32_t i = 0; i < count && !world->unstable; i++) {
+        world->check_removed = i == 0 || i == count - 1;
         substep(world);
         rotate(s);
-        if (s->step % FLUSH_EVERY == 0) flush(s, n);
+        if (s->step % FLUSH_EVERY == 0) flush_denormals(s, n);
     }
-    tm_parts_end(world);
-    if (world->unsound) {
-        give_back(world);
+    tm_partitions_end(world);
+    if (world->unstable) {
+        rollback(world);
         return TM_ERR_UNSTABLE;
     }
-    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
+    for (int32_t i = 0; i < world->stage_count; i++) world->entry[i].runs += count;
     return TM_OK;
 }

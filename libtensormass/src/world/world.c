@@ -11,21 +11,21 @@ tm_world_def tm_world_def_default(void) {
 
 /* --- creation --- */
 
-static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
+static bool init(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     const int64_t n = def->tissue->mesh->vertex_count;
-    world->state.u_m = TM_TAKE(pool, double, 3 * n);
-    world->state.u_prev_m = TM_TAKE(pool, double, 3 * n);
-    world->state.u_next_m = TM_TAKE(pool, double, 3 * n);
-    world->state.force_N = TM_TAKE(pool, double, 3 * n);
-    world->keep_u_m = TM_TAKE(pool, double, 3 * n);
-    world->keep_u_prev_m = TM_TAKE(pool, double, 3 * n);
-    world->keep_force_N = TM_TAKE(pool, double, 3 * n);
-    world->held_scratch = TM_TAKE(pool, uint8_t, 3 * n);
-    world->mobility_s2_kg = TM_TAKE(pool, double, n);
+    world->state.u_m = TM_ALLOC(pool, double, 3 * n);
+    world->state.u_prev_m = TM_ALLOC(pool, double, 3 * n);
+    world->state.u_next_m = TM_ALLOC(pool, double, 3 * n);
+    world->state.force_N = TM_ALLOC(pool, double, 3 * n);
+    world->saved_u_m = TM_ALLOC(pool, double, 3 * n);
+    world->saved_u_prev_m = TM_ALLOC(pool, double, 3 * n);
+    world->saved_force_N = TM_ALLOC(pool, double, 3 * n);
+    world->fixed_scratch = TM_ALLOC(pool, uint8_t, 3 * n);
+    world->mobility_s2_kg = TM_ALLOC(pool, double, n);
     const int64_t undamped = pool->bytes;
-    if (def->damped) world->carry = TM_TAKE(pool, double, n);
-    world->carry_bytes = pool->bytes - undamped;
-    return tm_parts_take(world, pool, def) && !pool->failed;
+    if (def->damped) world->inertia = TM_ALLOC(pool, double, n);
+    world->inertia_bytes = pool->bytes - undamped;
+    return tm_partitions_init(world, pool, def) && !pool->failed;
 }
 
 static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *error) {
@@ -33,7 +33,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     world->revision = def->tissue->surface.revision;
     world->damped = def->damped;
     world->wide = tm_force_is_wide(def->tissue->force);
-    world->charged = TM_NO_SLOT;
+    world->profiled = TM_NO_STAGE;
     world->largest_m = TM_DISPLACEMENT_MAX * tm_mesh_size_m(def->tissue->mesh);
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
@@ -62,7 +62,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
                                 .range = def->damped ? tm_stage_integrate_damped : tm_stage_integrate,
                                 .divided = true};
     status = tm_world_add_stage(world, &force, 0, error);
-    if (!status) status = tm_world_add_stage(world, &integrate, world->carry_bytes, error);
+    if (!status) status = tm_world_add_stage(world, &integrate, world->inertia_bytes, error);
     return status || !world->tissue->stiffest_Pa ? status : tm_stage_law(world, error);
 }
 
@@ -72,11 +72,11 @@ tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *e
     if (def->threads < 1 || def->threads > TM_MAX_THREADS)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d threads; give 1 to %d", (int)def->threads, TM_MAX_THREADS);
     tm_pool pool = {0};
-    tm_world *w = TM_TAKE(&pool, tm_world, 1);
-    tm_status status = w && take(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
+    tm_world *w = TM_ALLOC(&pool, tm_world, 1);
+    tm_status status = w && init(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
     if (!status) status = set_up(w, def, error);
     if (status) {
-        if (w) tm_team_destroy(w->team);
+        if (w) tm_thread_pool_destroy(w->thread_pool);
         tm_pool_release(&pool);
         return status;
     }
@@ -88,7 +88,7 @@ tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *e
 void tm_world_destroy(tm_world *world) {
     if (!world) return;
     tm_world_remove_all_stages(world);
-    tm_team_destroy(world->team);
+    tm_thread_pool_destroy(world->thread_pool);
     tm_pool pool = world->pool;
     tm_pool_release(&pool);
 }
@@ -101,9 +101,9 @@ void tm_world_set_timing(tm_world *world, bool on) {
     WORLD_IS_GIVEN();
     world->timing = on;
 }
-void tm_world_work_of(tm_world *world, const void *self) {
+void tm_world_profile_stage(tm_world *world, const void *self) {
     WORLD_IS_GIVEN();
-    if (world->timing) tm_world_charge(world, self ? tm_world_slot_of(world, self) : TM_NO_SLOT);
+    if (world->timing) tm_profile_enter(world, self ? tm_world_stage_index(world, self) : TM_NO_STAGE);
 }
 tm_state *tm_world_state(tm_world *world) {
     WORLD_IS_GIVEN(NULL);
@@ -113,9 +113,9 @@ tm_tissue *tm_world_tissue(tm_world *world) {
     WORLD_IS_GIVEN(NULL);
     return world->tissue;
 }
-int32_t tm_world_parts(const tm_world *world) {
+int32_t tm_world_partitions(const tm_world *world) {
     WORLD_IS_GIVEN(0);
-    return world->part_count;
+    return world->partition_count;
 }
 double tm_world_largest_displacement_m(const tm_world *world) {
     WORLD_IS_GIVEN(0);
@@ -132,7 +132,7 @@ const double *tm_world_mobility_s2_kg(const tm_world *world) {
 
 static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
+        const tm_stage *stage = &world->entry[i].stage;
         if (stage->phase >= first && stage->phase <= last) tm_stage_do(stage, world);
     }
 }
@@ -144,16 +144,16 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     const tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
     tm_state *s = &world->state;
-    world->asking = true;
+    world->evaluating = true;
     run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, which the kick below needs */
-    world->asking = false;
-    uint8_t *held = world->held_scratch;
-    memset(held, 0, 3 * (size_t)world->tissue->mesh->vertex_count);
-    tm_support_mask(world, held);
+    world->evaluating = false;
+    uint8_t *fixed = world->fixed_scratch;
+    memset(fixed, 0, 3 * (size_t)world->tissue->mesh->vertex_count);
+    tm_support_mask(world, fixed);
     for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) {
         const double mass = world->tissue->mass_kg[i / 3];
         double v = (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
-        if (!held[i] && mass > 0)
+        if (!fixed[i] && mass > 0)
             v += 0.5 * (s->dt_s - dt_s) * (s->force_N[i] - world->tissue->damping_kg_s[i / 3] * v) / mass;
         s->u_prev_m[i] = s->u_m[i] - dt_s * v;
     }

@@ -2,7 +2,7 @@
 #ifndef TM_WORLD_INTERNAL_H
 #define TM_WORLD_INTERNAL_H
 
-#include "base/team.h"
+#include "base/thread_pool.h"
 #include "tensormass/rotation.h"
 #include "tensormass/world.h"
 #include "tissue/tissue_internal.h"
@@ -10,14 +10,14 @@
 enum { TM_COOKIE_WORLD = 0x776f726c, TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474 };
 
 /* What one thread has of a step. */
-typedef struct tm_part {
-    tm_force_part force;       /* its vertices */
-    bool unsound;              /* one of them is nowhere, since the substep's last look */
-    int32_t *below;            /* [vertex_count] room of force.below; null: the first */
+typedef struct tm_partition {
+    tm_force_partition force;  /* its vertices */
+    bool unstable;             /* one of them is nowhere, since the substep's last look */
+    int32_t *halo;             /* [vertex_count] room of force.below; null: the first */
     double usual_s;            /* of its thread, in the mean of the jobs of force before sum_s */
     _Alignas(64) double sum_s; /* in those since the borders were looked at; its thread's, on a cache line of its own */
-    double way_m;              /* that the farthest component of its vertices came in the substep before */
-} tm_part;
+    double max_increment_m;    /* that the farthest component of its vertices came in the substep before */
+} tm_partition;
 
 /* The law that the stage "force" computes. */
 typedef struct tm_force_provider {
@@ -58,39 +58,39 @@ struct tm_world {
     int32_t guaranteed_tet;
     double largest_m;       /* displacement beyond which a step has failed */
     double *mobility_s2_kg; /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: move per newton in a step */
-    double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
-    int64_t carry_bytes;    /* of that, booked on the stage that reads it */
-    uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
+    double *inertia;        /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
+    int64_t inertia_bytes;  /* of that, booked on the stage that reads it */
+    uint8_t *fixed_scratch; /* [3*vertex_count] of tm_world_set_step */
     double *internal_N;     /* [3*vertex_count] where the stage "energy" wants the tissue's own force; else null */
     const struct tm_energy_part *energy_part; /* tissue that the account of energy asks for itself; null: none */
     /* as they were when tm_world_step was called */
-    double *keep_u_m, *keep_u_prev_m, *keep_force_N;
-    int64_t keep_step;
-    double keep_time_s;
-    bool settling;     /* passes over the stages are no steps: nothing moves, and no history goes on */
-    bool asking;       /* forces are evaluated outside a step: no history goes on */
-    bool look_at_dead; /* in this substep, for displacements that are nowhere */
-    bool unsound;      /* a stage met a number that is not finite: the step fails */
-    bool notes_travel; /* the integrator notes how far vertices came (tm_parts_way) */
+    double *saved_u_m, *saved_u_prev_m, *saved_force_N;
+    int64_t saved_step;
+    double saved_time_s;
+    bool settling;      /* passes over the stages are no steps: nothing moves, and no history goes on */
+    bool evaluating;    /* forces are evaluated outside a step: no history goes on */
+    bool check_removed; /* in this substep, for displacements that are nowhere */
+    bool unstable;      /* a stage met a number that is not finite: the step fails */
+    bool notes_travel;  /* the integrator notes how far vertices came (tm_max_increment_m) */
     tm_force_provider force;
     const tm_nonlinear *nonlinear; /* null: the tissue is linear */
-    int32_t part_count;
-    tm_part *part;     /* [part_count+1] the last: all of it, for passes that one thread does */
-    int32_t job_count; /* of force, since the borders were looked at */
-    int32_t group_end; /* slot behind the divided stages under way */
-    tm_team *team;     /* null: one part, or the caller's own threads */
-    bool team_is_there;
-    tm_run_parts *run_parts;
-    void *run_parts_user;
-    int32_t charged; /* slot on which time is booked at present, or TM_NO_SLOT */
-    double charged_since_s;
-    int32_t stage_count, step_count; /* step_count: those before TM_PHASE_BETWEEN */
-    struct tm_stage_slot {
+    int32_t partition_count;
+    tm_partition *partition;     /* [partition_count+1] the last: all of it, for passes that one thread does */
+    int32_t job_count;           /* of force, since the borders were looked at */
+    int32_t group_end;           /* slot behind the divided stages under way */
+    tm_thread_pool *thread_pool; /* null: one part, or the caller's own threads */
+    bool has_thread_pool;
+    tm_parallel_for *parallel_for;
+    void *parallel_for_user;
+    int32_t profiled; /* slot on which time is booked at present, or TM_NO_STAGE */
+    double profiled_since_s;
+    int32_t stage_count, step_count; /* step_count: those before TM_PHASE_ON_DEMAND */
+    struct tm_stage_entry {
         tm_stage stage;
         int64_t bytes, runs;
         double seconds;
         const tm_few *few; /* null: it may change any displacement */
-    } slot[TM_MAX_STAGES];
+    } entry[TM_MAX_STAGES];
     void *support;        /* self of the support stage, or null */
     int32_t supports_set; /* how often that was set or taken away */
 };
@@ -109,38 +109,38 @@ bool tm_world_few_are_bounded(const tm_world *world, int32_t slot);
 /* All of them, with what they hold. */
 void tm_world_remove_all_stages(tm_world *world);
 
-/* --- parts (parts.c) --- */
+/* --- parts (parallel_stages.c) --- */
 /* Divides the tissue among the threads that it is worth. False: no memory, or no thread to be had. */
-bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def);
-/* borders.c: divides by count; moves borders to end[part_count], ascending, the last all; or to where the times of
- * the jobs that have been done want them: once after each job. */
-bool tm_borders_take(tm_world *world, tm_pool *pool, const tm_tissue *tissue);
-void tm_borders_set(tm_world *world, const int32_t *end);
-void tm_borders_book(tm_part *part, double took_s); /* by the part's own thread, of a job of force */
-void tm_borders_follow(tm_world *world);
+bool tm_partitions_init(tm_world *world, tm_pool *pool, const tm_world_def *def);
+/* partition.c: divides by count; moves borders to end[partition_count], ascending, the last all; or to where the times
+ * of the jobs that have been done want them: once after each job. */
+bool tm_partition_init(tm_world *world, tm_pool *pool, const tm_tissue *tissue);
+void tm_partition_set_ends(tm_world *world, const int32_t *end);
+void tm_partition_record_time(tm_partition *partition, double took_s); /* by the part's own thread, of a job of force */
+void tm_rebalance(tm_world *world);
 /* Around the substeps of a call. */
-void tm_parts_begin(tm_world *world, int32_t substeps);
-void tm_parts_end(tm_world *world);
+void tm_partitions_begin(tm_world *world, int32_t substeps);
+void tm_partitions_end(tm_world *world);
 /* Stages [begin, end), all divided, a block of vertices at a time; and looks whether u_next_m is sound. */
-void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
+void tm_partitions_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
 /* work(context, part) of every part, by the step's threads. */
-void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context);
-/* Sets world->unsound where a new displacement is beyond world->largest_m or no number. */
-void tm_parts_look(tm_world *world);
+void tm_partitions_run(tm_world *world, void (*work)(void *context, int32_t part), void *context);
+/* Sets world->unstable where a new displacement is beyond world->largest_m or no number. */
+void tm_partitions_check_bounded(tm_world *world);
 /* Of one vertex: is it not? */
-bool tm_parts_is_sound(const tm_world *world, int32_t vertex);
+bool tm_vertex_is_bounded(const tm_world *world, int32_t vertex);
 /* No farther any vertex came from u_prev_m to u_m, whoever moved it, m; once new displacements have been made in this
  * substep, in a world that notes it. */
-double tm_parts_way(const tm_world *world);
+double tm_max_increment_m(const tm_world *world);
 /* One stage over the whole tissue, by the caller's thread. */
 void tm_stage_do(const tm_stage *stage, tm_world *world);
 
 /* --- whose time it is, when timing is on --- */
-enum { TM_NO_SLOT = -1 };
+enum { TM_NO_STAGE = -1 };
 /* From here on time is booked on this slot. */
-void tm_world_charge(tm_world *world, int32_t slot);
-/* Of the whole stage with this self, not of a part; TM_NO_SLOT: none. */
-int32_t tm_world_slot_of(const tm_world *world, const void *self);
+void tm_profile_enter(tm_world *world, int32_t slot);
+/* Of the whole stage with this self, not of a part; TM_NO_STAGE: none. */
+int32_t tm_world_stage_index(const tm_world *world, const void *self);
 
 /* TM_ERR_STEP: not positive, above the guaranteed step or above what a stage allows. */
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error);
@@ -156,7 +156,7 @@ tm_stage_range tm_stage_force, tm_stage_integrate, tm_stage_integrate_damped;
 void tm_stage_integrate_changed(void *self, tm_world *world);
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count);
 /* Dead vertices are passed over by every stage: all three of u hold what u holds now. */
-void tm_stage_integrate_still(tm_world *world);
+void tm_stage_integrate_freeze_removed(tm_world *world);
 /* The stages settle knows: with these alone the rest state is a linear system. */
 tm_stage_range tm_stage_gravity_run, tm_stage_load_run, tm_stage_support_run;
 const double *tm_stage_gravity_m_s2(const void *self);      /* [3] */
@@ -164,8 +164,9 @@ const double *tm_world_gravity_m_s2(const tm_world *world); /* [3]; none: zeros 
 /* Writes the prescribed values into u. */
 void tm_support_impose(const tm_world *world, double *u_m);
 
-/* held.c: TM_ERR_SUPPORT if the supports leave a piece a rigid motion; with `load_N` [3*vertex_count], a loaded one. */
-tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *error);
+/* rigid_body_modes.c: TM_ERR_SUPPORT if the supports leave a piece a rigid motion; with `load_N` [3*vertex_count], a
+ * loaded one. */
+tm_status tm_check_constrained(const tm_world *world, const double *load_N, tm_error *error);
 
 /* stage_law.c: the stage "law", of tissue whose materials have nonlinear laws. */
 tm_status tm_stage_law(tm_world *world, tm_error *error);

@@ -1,0 +1,145 @@
+#include "scene_decoration.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "common/program_host.h"
+#include "scene/sim.h"
+#include "tensormass_io.h"
+
+/* Marks and regions are found by the file's numbers, which messages have; nothing is stepped here. */
+static int create_as_in_file(app_scene *scene, sim **s) {
+    scene->renumber.on = false;
+    return app_exit_code(sim_create(scene, s));
+}
+
+/* The mesh as it is to be seen; 0 or an exit code, having complained. */
+static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const view_cutaway *cut,
+                view_picture *picture) {
+    view_regions_name(file, mesh, picture);
+    if (!view_regions_surface(mesh, cut, picture))
+        return app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    picture->tets = mesh->tet_count;
+    if (!picture->surface.triangle_count)
+        return app_bad_input(path, 0, "--clip takes all of it away; move the plane with its offset, or turn it round");
+    return 0;
+}
+
+static int load_mesh(const char *path, double scale, const view_cutaway *cut, view_picture *picture) {
+    tm_error error = {0};
+    tm_mesh_file file;
+    if (tm_mesh_file_load(path, scale, &file, &error)) return app_report(NULL, 0, &error);
+    tm_mesh *mesh = NULL;
+    int wrong = tm_mesh_file_build(&file, &mesh, &error) ? app_report(NULL, 0, &error) : 0;
+    if (!wrong) wrong = show(path, &file, mesh, cut, picture);
+    tm_mesh_file_free(&file);
+    tm_mesh_destroy(mesh);
+    return wrong;
+}
+
+static int read_marks(const sim *s, const char *path, const view_mark_choice *choice, view_marks *marks) {
+    if (choice->fibres && !s->fibre) return app_bad_input(path, 0, "names no fibres (anisotropy); leave --fibres out");
+    if (view_marks_take(marks, s, choice->supports, choice->fibres)) return 0;
+    return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
+}
+
+/* The marks and the regions' names and colours alone, for a source that tells none; `inside`, where it is wanted, too.
+ */
+static int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks,
+                            view_inside *inside) {
+    app_scene *scene;
+    sim *s;
+    char dynamic[] = "model=dynamic"; /* mesh, supports and fibres are any model's; no responses to compute */
+    char *set[] = {dynamic};
+    int wrong = app_exit_code(sim_scene_load(path, set, 1, app_program_host(), &scene));
+    if (!wrong) wrong = create_as_in_file(scene, &s);
+    if (wrong) return wrong;
+    wrong = read_marks(s, path, choice, marks);
+    view_regions_name(&s->file, s->mesh, picture);
+    if (!wrong && inside && !view_inside_take(inside, s->mesh))
+        wrong = app_bad_input(path, 0, "no memory for its regions; leave --through out") - 1;
+    sim_destroy(s);
+    return wrong;
+}
+
+/* The scene as it stands before its first frame. */
+static int load_scene(const char *path, const view_mark_choice *choice, const view_cutaway *cut, view_picture *picture,
+                      view_marks *marks) {
+    app_scene *scene;
+    sim *s;
+    int wrong = app_exit_code(sim_scene_load(path, NULL, 0, app_program_host(), &scene));
+    if (!wrong) wrong = create_as_in_file(scene, &s);
+    if (wrong) return wrong;
+    wrong = show(path, &s->file, s->mesh, cut, picture);
+    if (!wrong) wrong = read_marks(s, path, choice, marks);
+    for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; i++) {
+        view_instrument *t = &picture->instrument[i];
+        tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
+        memcpy(t->tip_m, pose.tip_m, sizeof t->tip_m);
+        memcpy(t->trocar_m, s->instrument_def[i].trocar_m, sizeof t->trocar_m);
+        t->radius_m = s->instrument_def[i].radius_m, t->roll_rad = pose.roll_rad, t->grip = pose.grip;
+        t->mode = (hrt_mode)s->instrument_def[i].mode;
+        t->shown = true;
+    }
+    sim_destroy(s);
+    return wrong;
+}
+
+bool view_is_still(const char *path) {
+    const char *dot = strrchr(path, '.');
+    static const char *const endings[] = {".yaml", ".yml", ".msh", ".vtk", ".mesh"};
+    for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; i++)
+        if (!strcmp(dot, endings[i])) return true;
+    return false;
+}
+
+bool view_is_scene(const char *path) {
+    const char *dot = strrchr(path, '.');
+    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml"));
+}
+
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, const view_cutaway *cut,
+                    view_picture *picture, view_marks *marks) {
+    const char *slash = strrchr(path, '/');
+    snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
+    return view_is_scene(path) ? load_scene(path, choice, cut, picture, marks) : load_mesh(path, scale, cut, picture);
+}
+
+int view_dress_check(const view_dress *d, const char *program) {
+    if (d->choice.fibres && !d->scene)
+        return app_bad_input(program, 0, "--fibres wants the scene that names them; add --scene FILE");
+    if (d->through > 0 && !d->scene)
+        return app_bad_input(program, 0,
+                             "messages tell only the tissue's surface; --through wants its scene too: --scene FILE");
+    return 0;
+}
+
+int view_dress_load(view_dress *d, view_picture *picture) {
+    if (!d->scene) return 0;
+    return view_scene_marks(d->scene, &d->choice, picture, &d->marks, d->through > 0 ? &d->inside : NULL);
+}
+
+int view_dress_show(view_dress *d, view_picture *picture, view_picture *shown) {
+    const view_surface *s = &picture->surface;
+    picture->marks = &d->marks;
+    if (d->tinted != s->topology) view_marks_tint(&d->marks, &picture->surface);
+    const bool same = d->tinted == s->topology && d->followed == s->version; /* windows draw it more often than told */
+    d->tinted = s->topology, d->followed = s->version;
+    *shown = *picture;
+    if (!d->inside.face_count || !s->vertex_count) return 0;
+    if (!same && !view_inside_show(&d->inside, picture))
+        return app_bad_input(d->scene, 0, "no memory for the regions inside; leave --through out") - 1;
+    shown->surface = d->inside.shown;
+    shown->through = (float)d->through;
+    return 0;
+}
+
+void view_dress_restart(view_dress *d) { d->tinted = d->followed = d->inside.topology = 0; }
+
+void view_dress_free(view_dress *d) {
+    view_marks_free(&d->marks);
+    view_inside_free(&d->inside);
+}

@@ -1,0 +1,179 @@
+/* Coulomb friction on the patch, from tick to tick: the law of the simulation (contact_law/friction.h;
+ * docs/friction.md) at the stations of the tool. How far the tissue under one has gone is read from the displacements
+ * of the patch's vertices now and in the last tick, so what a new sample corrects is in it too. */
+#include "internal.h"
+
+#if HRT_WITH_FRICTION
+#include "contact_law/friction.h"
+
+static const float HARDEST_SKIN_m_N = 1.0e-6f; /* none has no stretch to tell a force by */
+
+static const uint8_t *corners(const hrt_friction *friction, const hrt_contact_row *row) {
+    return &friction->patch->triangle[HRT_XYZ * row->triangle];
+}
+
+static law_v3 on_axis(uint8_t station, float radius_m, law_v3 tip) {
+    return vtimes(1.0f - (float)station * radius_m / vsize(tip), tip);
+}
+
+/* Its rows: what they bear, their normal, what presses along it. False: none bears. */
+static bool press(hrt_friction_station *g, const hrt_contact_row *row, int32_t count) {
+    law_v3 sum = {0.0f, 0.0f, 0.0f};
+    g->load_N = 0.0f;
+    for (; count > 0; count--, row++) {
+        if (row->station != g->is.station || !(row->lambda_N > 0.0f)) continue;
+        g->load_N += row->lambda_N;
+        sum = vplus(sum, vtimes(row->lambda_N, vget(row->normal)));
+    }
+    vput(sum, g->normal);
+    g->normal_force_N = vunit(g->normal, g->normal);
+    return g->load_N > 0.0f;
+}
+
+const hrt_friction_station *hrt_friction_station_of(const hrt_friction *friction, const hrt_contact_row *row) {
+    for (int32_t k = 0; k < friction->count; k++)
+        if (friction->station[k].is.station == row->station && row->lambda_N > 0.0f) return &friction->station[k];
+    return NULL;
+}
+
+void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was,
+                        const float tip_m[3]) {
+    friction->patch = patch;
+    friction->history = was;
+    friction->tip = vget(tip_m);
+    friction->count = was->count;
+    for (int32_t k = 0; k < was->count; k++) friction->station[k].is = was->at[k];
+    if (was->known == 0) vset(tip_m, was->tip_m);
+}
+
+void hrt_friction_shape(hrt_friction *friction, const float *shift_m) {
+    for (int32_t i = 0; i < 3 * friction->patch->vertex_count; i++) {
+        friction->u_m[i] = friction->patch->vertex_m[i] - friction->patch->rest_m[i] + shift_m[i];
+        if ((friction->history->known >> i / 3 & 1u) == 0) friction->history->u_m[i] = friction->u_m[i];
+    }
+    friction->history->known |= (1u << friction->patch->vertex_count) - 1u;
+}
+
+void hrt_friction_add(const hrt_friction *friction, const hrt_contact_row *row, int32_t count, float sign,
+                      float *force_N) {
+    for (; count > 0; count--, row++) {
+        const hrt_friction_station *g = hrt_friction_station_of(friction, row);
+        for (int k = 0; g && k < 3; k++)
+            vadd(&force_N[HRT_XYZ * corners(friction, row)[k]], sign * row->weight[k] * row->lambda_N / g->load_N,
+                 g->is.force_N);
+    }
+}
+
+void hrt_friction_load(hrt_friction *friction, const hrt_contact_row *row, int32_t count) {
+    int32_t kept = 0;
+    for (int32_t k = 0; k < friction->count; k++)
+        if (press(&friction->station[k], row, count)) friction->station[kept++] = friction->station[k];
+    friction->count = kept;
+    for (int32_t r = 0; r < count; r++) {
+        if (!(row[r].lambda_N > 0.0f) || hrt_friction_station_of(friction, &row[r])) continue;
+        hrt_friction_station *g = &friction->station[friction->count++];
+        *g = (hrt_friction_station){.is = {.station = row[r].station, .stick_state = 1.0f}};
+        press(g, row, count);
+    }
+}
+
+/* How far the tissue under it goes where the vertices go by u_m. */
+static law_v3 under(const hrt_friction *friction, const hrt_friction_station *g, const hrt_contact_row *row,
+                    int32_t count, const float *u_m) {
+    law_v3 sum = {0.0f, 0.0f, 0.0f};
+    for (; count > 0; count--, row++) {
+        if (row->station != g->is.station || !(row->lambda_N > 0.0f)) continue;
+        for (int k = 0; k < 3; k++)
+            if (row->weight[k] > 0.0f)
+                sum = vplus(sum, vtimes(row->weight[k] * row->lambda_N / g->load_N,
+                                        vget(&u_m[HRT_XYZ * corners(friction, row)[k]])));
+    }
+    return sum;
+}
+
+/* What a newton along `e` at every station does along it under each. */
+static void add_compliance(hrt_friction *friction, const hrt_contact_row *row, int32_t count, law_v3 e) {
+    float load[HRT_PATCH_DOFS] = {0}, shift_m[HRT_PATCH_DOFS] = {0};
+    uint8_t from[HRT_PATCH_MAX_VERTICES];
+    law_v3 force[HRT_PATCH_MAX_VERTICES];
+    int32_t loaded = 0;
+    for (int32_t r = 0; r < count; r++) {
+        const hrt_friction_station *g = hrt_friction_station_of(friction, &row[r]);
+        for (int k = 0; g && k < 3; k++)
+            load[corners(friction, &row[r])[k]] += row[r].weight[k] * row[r].lambda_N / g->load_N;
+    }
+    for (int32_t v = 0; v < friction->patch->vertex_count; v++) {
+        if (!(load[v] > 0.0f)) continue;
+        from[loaded] = (uint8_t)v;
+        force[loaded++] = vtimes(load[v], e);
+    }
+    for (int32_t i = 0; i < loaded; i++) hrt_patch_respond(friction->patch, from[i], from, force, loaded, shift_m);
+    for (int32_t k = 0; k < friction->count; k++)
+        friction->station[k].compliance_sum_m_N =
+            law_max(friction->station[k].compliance_sum_m_N,
+                    vinner(e, under(friction, &friction->station[k], row, count, shift_m)));
+}
+
+/* Twice, so that tissue that is softer one way than another is not asked for too much: the larger is what next_force
+ * divides by. */
+static void add_cross_compliance(hrt_friction *friction, const hrt_contact_row *row, int32_t count) {
+    if (friction->count == 0) return;
+    const law_v3 normal = vget(friction->station[0].normal);
+    law_v3 e = {0.0f, -normal.z, normal.y};
+    if (normal.x * normal.x > 0.5f) e = (law_v3){-normal.y, normal.x, 0.0f};
+    e = vtimes(1.0f / law_max(vsize(e), 1.0e-9f), e);
+    for (int32_t k = 0; k < friction->count; k++) friction->station[k].compliance_sum_m_N = 0.0f;
+    add_compliance(friction, row, count, e);
+    add_compliance(friction, row, count, vouter(normal, e));
+}
+
+/* The force that holds with this shape, c (t - stretch) = way of the tool - way of the tissue, where the tissue has
+ * gone by the force before: t' = P((c stretch + way + B t) / (c + B)), P into the cone, B what the tissue gives. What
+ * has not come true of a force that sticks is not lost: its skin's stretch is kept apart. */
+static void next_force(const hrt_friction *friction, hrt_friction_station *g, law_v3 went) {
+    const hrt_patch *p = friction->patch;
+    const hrt_friction_history *was = friction->history;
+    const float skin = law_max(p->contact_compliance_m_N, HARDEST_SKIN_m_N);
+    hrt_friction_state before = {.stick_state = 1.0f};
+    for (int32_t k = 0; k < was->count; k++)
+        if (was->at[k].station == g->is.station) before = was->at[k];
+    const law_v3 moved = vminus(on_axis(g->is.station, p->radius_m, friction->tip),
+                                on_axis(g->is.station, p->radius_m, vget(was->tip_m))),
+                 way = vminus(moved, went), force = vget(g->is.force_N), stretch = vget(before.stretch_N);
+    vput(vplus(force, vtimes(1.0f / (skin + g->compliance_sum_m_N), vplus(vtimes(skin, vminus(stretch, force)), way))),
+         g->is.force_N);
+    vput(vplus(stretch, vtimes(1.0f / skin, way)), g->is.stretch_N);
+    law_across(g->normal, g->is.force_N);
+    law_across(g->normal, g->is.stretch_N);
+    g->slipped_m = 0.0f;
+    g->is.stick_state = before.stick_state;
+    const float most =
+        law_friction_coefficient(p->friction_static, p->friction_kinetic, before.stick_state) * g->normal_force_N;
+    if (!law_friction_slips(most, g->is.force_N)) return;
+    g->slipped_m = skin * vsize(vminus(vget(g->is.stretch_N), vget(g->is.force_N)));
+    vset(g->is.force_N, g->is.stretch_N);
+}
+
+void hrt_friction_iterate(hrt_friction *friction, const hrt_contact_row *row, int32_t count, float *residual_N) {
+    hrt_friction_load(friction, row, count);
+    add_cross_compliance(friction, row, count);
+    for (int32_t k = 0; k < friction->count; k++) {
+        hrt_friction_station *g = &friction->station[k];
+        next_force(friction, g,
+                   vminus(under(friction, g, row, count, friction->u_m),
+                          under(friction, g, row, count, friction->history->u_m)));
+    }
+    hrt_friction_add(friction, row, count, 1.0f, residual_N);
+}
+
+void hrt_friction_settle(hrt_friction *friction, float passed_s) {
+    hrt_friction_history *to = friction->history;
+    to->count = friction->count;
+    for (int32_t k = 0; k < friction->count; k++) {
+        to->at[k] = friction->station[k].is;
+        to->at[k].stick_state = law_stick_state(to->at[k].stick_state, friction->station[k].slipped_m, passed_s);
+    }
+    for (int32_t i = 0; i < 3 * friction->patch->vertex_count; i++) to->u_m[i] = friction->u_m[i];
+    vput(friction->tip, to->tip_m);
+}
+#endif

@@ -1,0 +1,221 @@
+/* What the tools look at: gathering what surface is near, and finding rows in it, each tool for itself and several at
+ * the same time. Beside the force of the same substep where threads share that. */
+#include "contact/contact_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "contact_law/feature.h"
+
+/* Broad phase: candidates are gathered with this much room (in tool radii). Every few substeps, sooner if the tool has
+ * moved or the tissue, at a bounded speed, might have, a tool looks out: whether it is clear, and whether its
+ * candidates will do. They do, within one call of the step, as long as they surely are all that may be in reach. */
+#define MARGIN_TOOL 0.5
+#define MARGIN_TISSUE 1.0
+#define TISSUE_SPEED_M_S 0.5
+#define BROAD_PHASE_EVERY 16
+#define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
+
+static bool is_due(const tm_contact *contact, const tm_tool *tool) {
+    const double radius = tool->def.radius_m, age_s = tool->gathered_age * contact->world->state.dt_s;
+    return tool->gathered_age < 0 || tool->gathered_age >= BROAD_PHASE_EVERY ||
+           age_s * TISSUE_SPEED_M_S >= MARGIN_TISSUE * radius ||
+           tm_capsule_travel(&tool->capsule, &tool->gathered_at) >= MARGIN_TOOL * radius;
+}
+
+static void check_outside(const tm_contact *contact, tm_tool *tool) {
+    const tm_tissue *tissue = contact->world->tissue;
+    const bool outside = tm_tool_is_outside(tool, tissue->mesh->rest_m, contact->world->state.u_m, &tissue->surface);
+    tool->outside = outside && !tool->placed_inside;
+    tool->placed_inside = !outside || tool->placed_inside;
+    tool->axis_outside = outside;
+}
+
+static void gather(const tm_contact *contact, tm_tool *tool) {
+    const tm_tissue *tissue = contact->world->tissue;
+    const double reach = tool->def.radius_m * (REACH + MARGIN_TOOL + MARGIN_TISSUE) +
+                         2 * tm_capsule_travel(&tool->capsule, &tool->previous);
+    tm_local_gather(tool->surface, tissue->mesh->rest_m, contact->world->state.u_m, tissue->surface.triangle,
+                    tissue->surface.face, NULL, tissue->surface.count, &tool->capsule, reach);
+    tool->margin_used_m = tool->longer_m = 0;
+    tool->regathered = true, tool->maybe_moved = false;
+}
+
+/* A triangle that was not gathered has no point nearer than it had by more than tissue and tool have come; what rows
+ * look at grows with the tool's speed. And for the normal of a triangle that is in reach others are wanted, an edge of
+ * it farther: edges that are longer now than any was then take of the room, too. */
+static bool is_margin_used(const tm_tool *tool, double share) {
+    const double room = (MARGIN_TOOL + MARGIN_TISSUE) * tool->def.radius_m;
+    return !(tool->margin_used_m + tm_capsule_travel(&tool->capsule, &tool->previous) + tool->longer_m <= share * room);
+}
+
+static double longest_edge(const tm_local_surface *s) {
+    double radius = 0;
+    for (int32_t i = 0; i < s->near.face_count; i++) radius = law_max(s->reach_m[s->near.face[i]], radius);
+    return 2 * radius;
+}
+
+/* A station that knows a face may be behind it by more than any room. */
+static bool sinks(const tm_contact_query *s, int32_t t) {
+    const tm_contact *contact = s->contact;
+    bool deep = false;
+    for (int32_t i = s->history[t]; i < s->history[t + 1]; i++)
+        deep |= law_sinks(contact->row[i].gap_m, contact->row[i].lambda_N, contact->tool[t].def.radius_m);
+    return deep;
+}
+
+static void update_broad_phase(const tm_contact_query *s, int32_t t) {
+    static const double AHEAD = 0.9; /* the rest is for how far the tissue came in the substep before */
+    tm_contact *contact = s->contact;
+    tm_tool *tool = contact->tool + t;
+    const bool never = tool->gathered_age < 0, due = is_due(contact, tool);
+    tool->regathered = false;
+    tool->gathered_age = due ? 0 : tool->gathered_age + 1;
+    if (due) tool->gathered_at = tool->capsule;
+    if (due && !tool->outside) check_outside(contact, tool);
+    if (never || is_margin_used(tool, AHEAD) ||
+        (due && (tool->maybe_moved || tool->surface->overflowed || sinks(s, t))))
+        gather(contact, tool);
+}
+
+static void find_tool_rows(tm_contact_query *s, int32_t t) {
+    tm_contact *contact = s->contact;
+    const tm_world *world = contact->world;
+    tm_tool *tool = contact->tool + t;
+    s->count[t] = 0;
+    if (!tool->outside && !tool->axis_outside) return;
+    double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->previous);
+    bool overflowed = false;
+    tm_contact_row *row = contact->previous_row + (int64_t)t * contact->def.max_rows;
+    tm_local_place(tool->surface, world->tissue->mesh->rest_m, world->state.u_m);
+    int32_t count =
+        tm_local_rows(tool->surface, contact->hits + t, &tool->capsule, margin, contact->row + s->history[t],
+                      s->history[t + 1] - s->history[t], row, contact->def.max_rows, &overflowed);
+    tool->longer_m = law_max(longest_edge(tool->surface) - tool->surface->edge_m, 0);
+    if (!tool->outside) { /* its axis has left the tissue; wait for its skin */
+        for (int32_t i = 0; i < count && tool->axis_outside; i++) tool->axis_outside = row[i].gap_m >= 0;
+        tool->outside = tool->axis_outside;
+        return;
+    }
+    if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
+    s->count[t] = count;
+}
+
+static void detect_tool(tm_contact_query *s, int32_t t) {
+    s->count[t] = 0;
+    if (!tm_tool_is_present(s->contact->tool + t)) return;
+    update_broad_phase(s, t);
+    find_tool_rows(s, t);
+}
+
+/* How far tissue came in the substep before is known when new displacements have been made, after looks that
+ * overlapped the force: where it was farther than they left room for, they look again. */
+static void repeat_detection(tm_contact_query *s) {
+    tm_contact *contact = s->contact;
+    const double way_m = tm_max_increment_m(contact->world);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        if (!tm_tool_is_present(tool)) tool->margin_used_m = INFINITY;
+        if (!tm_tool_is_present(tool) || tool->regathered) continue;
+        tool->margin_used_m += way_m + tm_capsule_travel(&tool->capsule, &tool->previous);
+        if (!is_margin_used(tool, 1)) continue;
+        gather(contact, tool);
+        find_tool_rows(s, t);
+    }
+}
+
+static void detect_in_partition(void *context, int32_t partition) {
+    tm_contact_query *s = context;
+    const tm_contact *contact = s->contact;
+    for (int32_t i = partition; i < contact->tool_count; i += contact->world->partition_count)
+        detect_tool(s, s->tool[i]);
+}
+
+/* Who has something to look at first; where their rows of the substep before are. */
+static void begin_detection(tm_contact *contact) {
+    tm_contact_query *s = &contact->query;
+    int32_t idle = contact->tool_count;
+    s->contact = contact, s->busy = 0;
+    for (int32_t t = 0, i = 0; t < contact->tool_count; t++) {
+        const tm_tool *tool = contact->tool + t;
+        const bool busy = tm_tool_is_present(tool) && (tool->gathered_age < 0 || tool->surface->face_count > 0);
+        s->tool[busy ? s->busy++ : --idle] = t;
+        s->history[t] = i;
+        while (i < contact->row_count && contact->row[i].instrument == t) i++;
+        s->history[t + 1] = i;
+    }
+}
+
+const tm_contact_query *tm_contact_detect(tm_contact *contact) {
+    tm_contact_query *s = &contact->query;
+    if (!contact->detected) {
+        begin_detection(contact);
+        if (s->busy > 1)
+            tm_partitions_run(contact->world, detect_in_partition, s);
+        else
+            for (int32_t t = 0; t < contact->tool_count; t++) detect_tool(s, t);
+    }
+    contact->detected = false;
+    repeat_detection(s);
+    return s;
+}
+
+/* --- while force is computed --- */
+
+static bool is_of_contact(const tm_contact *contact, const void *self) {
+    bool is = self == contact;
+    for (int32_t b = 0; b < contact->block_count; b++) is |= self && contact->block[b].owner == self;
+    return is;
+}
+
+/* A look needs places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
+ * waits for the new force. It overlaps the force pass only if every stage between the new displacements and "contact
+ * find" is contact's own or is known to change nothing (tm_changes_none): any other might move tools or cut. */
+static bool begin_overlap(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    const struct tm_stage_entry *slot = world->entry + world->group_end, *const end = world->entry + world->step_count;
+    while (slot < end && slot->stage.overlap != &tm_contact_overlap &&
+           (is_of_contact(contact, slot->stage.self) || slot->few == &tm_changes_none))
+        slot++;
+    if (slot == end || slot->stage.self != contact || contact->others.solve) return false;
+    begin_detection(contact);
+    contact->detected = true;
+    return true;
+}
+
+static void work_overlap(void *self, tm_world *world, int32_t partition) {
+    tm_contact *contact = self;
+    (void)world;
+    detect_in_partition(&contact->query, partition);
+}
+
+const tm_overlap tm_contact_overlap = {begin_overlap, work_overlap};
+
+const char *tm_contact_first_stage(const tm_contact *contact) {
+    const tm_world *world = contact->world;
+    for (int32_t i = 0; i < world->step_count; i++)
+        if (world->entry[i].stage.phase == TM_PHASE_CONSTRAIN && is_of_contact(contact, world->entry[i].stage.self))
+            return world->entry[i].stage.name;
+    return TM_STAGE_CONTACT_DETECT;
+}
+
+/* --- what contact has changed --- */
+
+/* Rows of another solver's may hang on anything. */
+static bool applies(const void *self) { return !((const tm_contact *)self)->others.solve; }
+
+static bool are_bounded(const void *self, const tm_world *world) {
+    const tm_contact *contact = self;
+    bool sound = true;
+    for (int32_t i = 0; i < contact->row_count; i++)
+        for (int j = 0; j < 3; j++) sound &= tm_vertex_is_bounded(world, contact->row[i].vertex[j]);
+    for (int32_t i = 0; contact->fading && i < contact->fading->count; i++)
+        for (int j = 0; j < 3; j++) sound &= tm_vertex_is_bounded(world, contact->fading->row[i].vertex[j]);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        const tm_jaw_load load = tm_contact_load(contact, t);
+        for (int32_t i = 0; i < load.count; i++) sound &= tm_vertex_is_bounded(world, load.vertex[i]);
+    }
+    return sound;
+}
+
+const tm_few tm_contact_few = {applies, are_bounded};

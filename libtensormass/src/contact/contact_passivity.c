@@ -1,0 +1,398 @@
+/* Bounds what contact makes of energy, in every substep. Rows come and go while tissue moves by itself, start from
+ * depths that other rows had, push out what lies too deep, and above all act along normals that are blended over
+ * facets, the gradient of no potential: each can give tissue what no hand put in. So every tool keeps an account
+ * (passivity observer and controller, Hannaford and Ryu 2002), exact in the terms of the integrator: what its rows give
+ * the tissue and hold in their skins, less what moving the tool puts in and what damping takes meanwhile. In no window
+ * of time up to WINDOW_S may that be more than WINDOW_SHARE of what is stored, and in no time more than contact took
+ * before and a credit; where it would be, the forces of all of the tool's rows are reduced. At rest nothing is given,
+ * and no force is changed. */
+#include <string.h>
+
+#include "base/vec.h"
+#include "contact/friction_internal.h"
+#include "contact_law/compliance.h"
+
+/* What a tool's rows may make in a window: this share of what tissue and skins store under the tool (a cautery that
+ * cuts: in all tissue), and what is not worth it, J. */
+static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
+static const double WINDOW_S = 0.2;
+/* What contact takes goes to a reserve, no larger than what is stored. All that it makes comes out of that; it may be
+ * overdrawn by this share of what is stored, and not again until that is paid back: the force at rest, along blended
+ * normals, depends on the way that led to it. */
+static const double CREDIT_SHARE = 0.06;
+/* Below this speed a tool may be given so much of reaction times way out of the reserve (sliding_J). */
+static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
+/* Of what it gave too much, a tool pays back at least this share in a substep. */
+static const double DEBT_SHARE = 0.125;
+/* From this share of what a window may be given on, the estimate of what is stored is checked. */
+static const double LOOKED_AT = 0.25;
+enum { ITERATIONS = 4, HALVINGS = 30 };
+
+static double compliance_J(const tm_contact *contact, const tm_contact_row *row, double share) {
+    const double compliance = contact->def.contact_compliance_m_N / row->share;
+    if (!(compliance > 0)) return 0;
+    return law_compliance_energy(compliance, LAW_COMPLIANCE_TRAVEL * contact->tool[row->instrument].def.radius_m,
+                                 share * row->lambda_N);
+}
+
+tm_row_energy tm_contact_row_energy(const tm_contact *contact, int32_t i, const tm_capsule *earlier) {
+    const tm_contact_row *row = contact->row + i;
+    const tm_tool *tool = contact->tool + row->instrument;
+    tm_row_energy w = {.compliance_J = compliance_J(contact, row, 1)};
+    double here[3], there[3];
+    tm_capsule_station(&tool->capsule, row->station, here);
+    tm_capsule_station(earlier, row->station, there);
+    for (int c = 0; c < 3; c++) {
+        w.force_N[c] = row->lambda_N * row->normal[c] + contact->solver[i].drag_N[c];
+        w.travel_m[c] = here[c] - there[c];
+        w.tool_work_J += 0.5 * w.force_N[c] * w.travel_m[c];
+    }
+    return w;
+}
+
+/* Friction joins the drag when the substep's sweeps are settled; until then it is added here. */
+static tm_row_energy row_work(const tm_contact *contact, int32_t i) {
+    tm_row_energy w = tm_contact_row_energy(contact, i, &contact->tool[contact->row[i].instrument].earlier);
+    if (!contact->friction || contact->friction->joined) return w;
+    const double *rubs = contact->friction->applied_N[i];
+    vmadd(w.force_N, 1, rubs, w.force_N);
+    w.tool_work_J += 0.5 * vdot(rubs, w.travel_m);
+    return w;
+}
+
+/* The rows of one tool are neighbours in the list. */
+typedef struct span {
+    int32_t first, end;
+} span;
+
+static span rows_of(const tm_contact *contact, int32_t t, int32_t first) {
+    span s = {first, first};
+    while (s.end < contact->row_count && contact->row[s.end].instrument == t) s.end++;
+    return s;
+}
+
+/* Work of all rows of a tool over the two steps around their force, as the scheme does it. */
+typedef struct row_sum {
+    double tissue_J, tool_work_J;
+    double
+        strain_J; /* half of the forces times the displacements under them: what tissue that they alone load stores */
+} row_sum;
+
+static row_sum sum_work(const tm_contact *contact, span s) {
+    const tm_state *state = &contact->world->state;
+    row_sum sum = {0};
+    for (int32_t i = s.first; i < s.end; i++) {
+        const tm_contact_row *row = contact->row + i;
+        if (!(row->lambda_N > 0)) continue;
+        const tm_row_energy w = row_work(contact, i);
+        sum.tool_work_J += w.tool_work_J;
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++) {
+                const int32_t dof = 3 * row->vertex[j] + c;
+                const double half = 0.5 * w.force_N[c] * row->weight[j];
+                sum.tissue_J += half * (state->u_next_m[dof] - state->u_prev_m[dof]);
+                sum.strain_J += half * state->u_m[dof];
+            }
+    }
+    return sum;
+}
+
+/* Stored in the tool's skins, pressed and stretched, if all forces were `share` of what they are. */
+static double contact_stored_J(const tm_contact *contact, int32_t t, span s, double share) {
+    double sum = contact->friction ? share * share * tm_friction_stretch_J(contact->friction, t) : 0;
+    for (int32_t i = s.first; i < s.end; i++)
+        if (contact->row[i].lambda_N > 0) sum += compliance_J(contact, contact->row + i, share);
+    return sum;
+}
+
+/* Given to tissue and skins beyond what the hand put in: over two steps, as tm_energy.generated_J less film and
+ * friction. */
+static double gain_J(const tm_tool *tool, const row_sum *sum, double sprung) {
+    return sum->tissue_J - sum->tool_work_J + 0.5 * (sprung - tool->contact_stored_J[1]);
+}
+
+/* --- the bound --- */
+
+/* Left of the reserve and of what may be made besides. */
+static double available_J(const tm_tool *tool) {
+    return law_max(tool->reserve_J + CREDIT_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
+}
+
+/* In a window. */
+static double window_J(const tm_tool *tool) {
+    return WINDOW_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J);
+}
+
+/* Made since it was least within the window that ends now: the most of all windows that end now. */
+static double recent_generated_J(const tm_tool *tool) {
+    double least = tool->generated_J;
+    for (int32_t i = 0; i < TM_LEDGER; i++) least = law_min(least, tool->min_generated_J[i]);
+    return tool->generated_J - least;
+}
+
+/* May be made in this substep. */
+static double allowed_J(const tm_tool *tool) {
+    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(tool)), 0);
+}
+
+/* Of a way within one substep, what counts as slow. */
+static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
+
+/* What a tool that slides slowly may be given besides. Depths are measured to triangles while normals are blended as if
+ * the surface were smooth, so a tool is held back up to the middle of a triangle and pushed on from there; without, it
+ * would lag behind its force at rest. */
+static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) {
+    double sum = 0;
+    for (int32_t i = s.first; i < s.end; i++)
+        sum += contact->row[i].lambda_N * slow_m(vnorm(contact->solver[i].moved_m), contact->world->state.dt_s);
+    return law_min(SLIDING_SHARE * sum, available_J(tool));
+}
+
+double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s) {
+    const double sliding = law_min(SLIDING_SHARE * tool->load_N * slow_m(way_m, dt_s), available_J(tool));
+    return allowed_J(tool) + sliding;
+}
+
+static void push(tm_contact *contact, span s, double share) {
+    for (int32_t i = s.first; i < s.end; i++) {
+        const tm_contact_row *row = contact->row + i;
+        if (!(row->lambda_N > 0)) continue;
+        const tm_row_energy w = row_work(contact, i);
+        for (int j = 0; j < 3; j++) {
+            double part[3];
+            vscale(share * row->weight[j], w.force_N, part);
+            tm_contact_push_vertex(contact, row->vertex[j], part);
+        }
+    }
+}
+
+/* What the rows of one tool give at a share of their forces, if those of all tools in `set` are at it: their work is
+ * (share) bare + (share^2) own, and nothing without them. */
+typedef struct bound {
+    span rows;
+    double bare_J, own_J, tool_work_J, may_J;
+} bound;
+
+typedef struct set {
+    int32_t first, end; /* tools */
+    bound bound[TM_MAX_INSTRUMENTS];
+} set;
+
+static bool keeps(const tm_contact *contact, int32_t t, const bound *b, double share) {
+    const double gives = share * (b->bare_J - b->tool_work_J) + share * share * b->own_J;
+    return gives + 0.5 * (contact_stored_J(contact, t, b->rows, share) - contact->tool[t].contact_stored_J[1]) <=
+           b->may_J;
+}
+
+/* The largest share at which every tool of the set gives no more than it may. Halving: the skins' energy has a knee. */
+static double find_share(const tm_contact *contact, const set *of) {
+    double least = 0, most = 1;
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        const double share = 0.5 * (least + most);
+        bool keep = true;
+        for (int32_t t = of->first; t < of->end; t++) keep = keep && keeps(contact, t, of->bound + t, share);
+        *(keep ? &least : &most) = share;
+    }
+    return least;
+}
+
+static void reduce(tm_contact *contact, set *of) {
+    for (int32_t t = of->first; t < of->end; t++) {
+        const row_sum sum = sum_work(contact, of->bound[t].rows);
+        of->bound[t].tool_work_J = sum.tool_work_J, of->bound[t].own_J = sum.tissue_J;
+    }
+    for (int32_t t = of->first; t < of->end; t++) push(contact, of->bound[t].rows, -1);
+    for (int32_t t = of->first; t < of->end; t++) {
+        of->bound[t].bare_J = sum_work(contact, of->bound[t].rows).tissue_J;
+        of->bound[t].own_J -= of->bound[t].bare_J;
+    }
+    const double share = find_share(contact, of);
+    for (int32_t t = of->first; t < of->end; t++) {
+        const span s = of->bound[t].rows;
+        push(contact, s, share);
+        for (int32_t i = s.first; i < s.end; i++) {
+            contact->row[i].lambda_N *= share;
+            vscale(share, contact->solver[i].drag_N, contact->solver[i].drag_N);
+        }
+        if (contact->friction) tm_friction_scale(contact->friction, t, share);
+    }
+}
+
+/* Moving and strained, without the skins. */
+static double held_by_tissue_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    const double *g = tm_world_gravity_m_s2(world);
+    double moving = 0, strained = 0;
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++)
+        for (int32_t i = 3 * v, c = 0; c < 3; i++, c++) {
+            const double went = s->u_m[i] - s->u_prev_m[i];
+            moving += world->tissue->mass_kg[v] * went * went;
+            strained += s->u_m[i] * (world->tissue->physical_mass_kg[v] * g[c] - s->force_N[i]);
+        }
+    return 0.5 * (moving / (s->dt_s * s->dt_s) + law_max(strained, 0));
+}
+
+/* What is stored under the tools is an estimate; where a good part of what it allows is made it may be no more than all
+ * that there is. (A pass over the vertices. Of a nonlinear law the force tells no energy: there it stays.) */
+static void bound_estimates(tm_contact *contact) {
+    if (contact->all_stored_J >= 0 || contact->world->nonlinear) return;
+    double estimated = 0, stored = contact->all_stored_J = held_by_tissue_J(contact->world);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        estimated += contact->tool[t].stored_J;
+        stored += contact->tool[t].contact_stored_J[0];
+    }
+    for (int32_t t = 0; t < contact->tool_count && estimated > stored; t++)
+        contact->tool[t].stored_J *= stored / estimated;
+}
+
+/* May be given in this substep. Tells whether it gives more. */
+static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J) {
+    tm_tool *tool = contact->tool + t;
+    const row_sum sum = sum_work(contact, s);
+    const double gain = gain_J(tool, &sum, contact_stored_J(contact, t, s, 1));
+    if (gain > 1e-3 * LITTLE_J && recent_generated_J(tool) + gain > LOOKED_AT * window_J(tool))
+        bound_estimates(contact);
+    tool->sliding_J = sliding_J(contact, tool, s);
+    *may_J = allowed_J(tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
+    return gain > law_max(*may_J, 0) + 1e-3 * LITTLE_J;
+}
+
+/* Returns whether it gave more than it may, and was reduced. */
+static bool hold_tool(tm_contact *contact, int32_t t, span s) {
+    set alone = {.first = t, .end = t + 1};
+    alone.bound[t].rows = s;
+    if (s.first == s.end || !gives_too_much(contact, t, s, &alone.bound[t].may_J)) return false;
+    reduce(contact, &alone);
+    return true;
+}
+
+/* Tools on the same tissue that still give too much after their turns: all of them at once, by one share. */
+static void hold_together(tm_contact *contact) {
+    set all = {.end = contact->tool_count};
+    bool fixed = false;
+    span s = {0, 0};
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        all.bound[t].rows = s = rows_of(contact, t, s.end);
+        fixed |= gives_too_much(contact, t, s, &all.bound[t].may_J);
+        all.bound[t].may_J = law_max(all.bound[t].may_J, 0);
+    }
+    if (fixed) reduce(contact, &all);
+}
+
+void tm_contact_limit_energy(tm_contact *contact) {
+    bool fixed = !contact->world->settling;
+    if (!fixed) return;
+    contact->all_stored_J = -1;
+    for (int round = 0; fixed && round < ITERATIONS; round++) { /* tools that touch the same tissue: in turn */
+        span s = {0, 0};
+        fixed = false;
+        for (int32_t t = 0; t < contact->tool_count; t++) {
+            s = rows_of(contact, t, s.end);
+            fixed |= hold_tool(contact, t, s);
+            fixed |= tm_contact_hold_back_blocks(contact, t);
+        }
+    }
+    if (!fixed) return;
+    hold_together(contact);
+    for (int32_t t = 0; t < contact->tool_count; t++) tm_contact_hold_back_blocks(contact, t);
+}
+
+/* --- the account --- */
+
+/* What the tissue's damping takes in this substep: it pays for what contact makes meanwhile. A pass over the vertices,
+ * so only where something was made. */
+static double damped_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    double sum = 0;
+    for (int32_t v = 0; world->damped && v < world->tissue->mesh->vertex_count; v++) {
+        double squares = 0;
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++)
+            squares += (s->u_next_m[i] - s->u_prev_m[i]) * (s->u_next_m[i] - s->u_prev_m[i]);
+        sum += world->tissue->damping_kg_s[v] * squares;
+    }
+    return 0.25 * sum / s->dt_s;
+}
+
+/* Stored in all tissue: half of its force times its displacements, and what it was lifted against gravity. */
+static double all_stored_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    double sum = 0;
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) sum -= s->u_m[i] * s->force_N[i];
+    return law_max(0.5 * sum, 0);
+}
+
+/* A cautery that cuts meets walls that it just laid open, under which nothing is stored yet: to press them it may make
+ * a share of what all tissue stores. */
+static bool cuts(const tm_contact *contact, const tm_tool *tool) {
+    return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
+}
+
+/* What the other tools have a share of. */
+static double stored_by_others_J(const tm_contact *contact, int32_t t) {
+    double sum = 0;
+    for (int32_t i = 0; i < contact->tool_count; i++)
+        if (i != t) sum += contact->tool[i].stored_J;
+    return sum;
+}
+
+/* Farther than the rounding of a path between equal poses. */
+static bool moves(const tm_tool *tool) {
+    const double least_m = 1e-12;
+    double here[3], there[3], way[3];
+    tm_capsule_station(&tool->capsule, 0, here);
+    tm_capsule_station(&tool->previous, 0, there);
+    vsub(here, there, way);
+    return vdot(way, way) > least_m * least_m;
+}
+
+/* The window goes on: in each part of it, the newest first, the least that had been made by then. */
+static void advance_window(tm_tool *tool, double dt_s) {
+    double *least = tool->min_generated_J;
+    least[0] = law_min(least[0], tool->generated_J);
+    tool->ledger_s += dt_s;
+    if (tool->ledger_s < WINDOW_S / (TM_LEDGER - 1)) return;
+    tool->ledger_s = 0;
+    memmove(least + 1, least, sizeof *least * (TM_LEDGER - 1));
+    least[0] = tool->generated_J;
+}
+
+/* What was made beyond what was allowed is a debt until less has been made. Two tools on the same tissue do that: each
+ * is reduced for what it makes, and changes what the other makes. */
+static void add_generated(tm_tool *tool, double generated_J) {
+    const double allowed = allowed_J(tool);
+    tool->debt_J = allowed > 0 ? law_max(generated_J - allowed, 0) : law_max(tool->debt_J + generated_J, 0);
+    tool->generated_J += generated_J;
+}
+
+/* Damping pays for what was made lately, but not into the reserve: contact that shakes tissue must end. */
+static void pay(tm_tool *tool, double paid_J) { tool->generated_J -= law_min(paid_J, recent_generated_J(tool)); }
+
+void tm_contact_observe(tm_contact *contact) {
+    if (contact->others.solve) return; /* their rows are not ours to hold back */
+    span s = {0, 0};
+    double taken = -1;
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        s = rows_of(contact, t, s.end);
+        const row_sum sum = sum_work(contact, s);
+        const double sprung = contact_stored_J(contact, t, s, 1), gain = gain_J(tool, &sum, sprung);
+        if (moves(tool)) tool->placed_J = 0;
+        tool->earlier = tool->previous;
+        tool->contact_stored_J[1] = contact->world->settling ? sprung : tool->contact_stored_J[0];
+        tool->contact_stored_J[0] = sprung;
+        if (contact->world->settling) continue;
+        add_generated(tool, gain > 0 && s.first < s.end ? gain - law_min(gain, tool->sliding_J) : gain);
+        tool->reserve_J -= gain;
+        tool->throughput_J += sum.tissue_J;
+        if (tool->load_N > 0 && recent_generated_J(tool) > 0) {
+            if (taken < 0) taken = damped_J(contact->world) + tm_contact_lost_J(contact);
+            pay(tool, taken / contact->tool_count);
+        }
+        double stored = sprung + law_max(law_min(sum.strain_J, tool->throughput_J), 0);
+        if (cuts(contact, tool))
+            stored = law_max(stored, all_stored_J(contact->world) - stored_by_others_J(contact, t));
+        tool->stored_J = stored;
+        tool->reserve_J = law_min(tool->reserve_J, stored);
+        advance_window(tool, contact->world->state.dt_s);
+    }
+}

@@ -1,0 +1,343 @@
+/* Columns of the quasi-static compliance K^-1 of single vertices: conjugate gradients, a few iterations at a time,
+ * between frames.
+ *
+ * The stiffness is constant until somebody cuts, so a column once computed stays. A new vertex starts from its nearest
+ * neighbour's column: far away both are the same, and what is left is a matter of the neighbourhood. After a cut the
+ * old column is the start.
+ *
+ * Under a nonlinear law the stiffness is the tangent at some state. When all that is wanted is there and the tissue
+ * has moved on, the tangent is taken anew, a slice of tetrahedra a call, and columns follow one by one; until its turn
+ * comes a column is that of the tangent before. */
+#include "patch/patch_internal.h"
+#include "tissue/tangent.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+
+#define MAX_ITERATIONS 400 /* a column that needs more belongs to a piece that nothing holds */
+
+enum { TETS_PER_ITERATION = 40 };    /* tangents for the time of one iteration */
+static const double MOVED_ON = 0.02; /* of an edge, about */
+
+typedef struct column {
+    int32_t vertex; /* -1: free */
+    int32_t good;   /* axes that are finished: 0, 1, 2 or 3 */
+    int32_t newest; /* of these, with the stiffness as it is now */
+    bool hopeless;
+    int64_t wanted_at; /* when somebody wanted it last */
+    float *u_m;        /* [3][3*vertex_count] m/N */
+} column;
+
+struct tm_columns {
+    tm_world *world;
+    int32_t n, capacity;
+    double tolerance;
+    column *column;
+    uint8_t *fixed;            /* [3*vertex_count] */
+    double *inverse;           /* [9*vertex_count] inverse vertex tensors of the free components */
+    bool stale;                /* held and inverse */
+    double *x, *r, *z, *p, *q; /* [3*vertex_count] of the column under way */
+    int32_t job;               /* column under way, -1 */
+    int32_t iterations;
+    double rz, scale;
+    int64_t now;
+    const tm_nonlinear *law; /* or null */
+    tm_tangent tangent;
+    double *at_m;      /* [3*vertex_count] u of the tangent */
+    double moved_on_m; /* a tangent farther away than this is an old one */
+    int32_t rotated;   /* tetrahedra whose tangents are in it */
+    int32_t want[TM_MAX_INSTRUMENTS][TM_PATCH_VERTICES], want_count[TM_MAX_INSTRUMENTS];
+};
+
+tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance) {
+    int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
+    tm_columns *c = TM_ALLOC(pool, tm_columns, 1);
+    if (!c) return NULL;
+    c->column = TM_ALLOC(pool, column, vertices);
+    c->fixed = TM_ALLOC(pool, uint8_t, n);
+    c->inverse = TM_ALLOC(pool, double, 3 * n);
+    double **vector[] = {&c->x, &c->r, &c->z, &c->p, &c->q};
+    for (int i = 0; i < 5; i++) *vector[i] = TM_ALLOC(pool, double, n);
+    c->law = world->nonlinear;
+    if (c->law) {
+        double volume = 0;
+        c->at_m = TM_ALLOC(pool, double, n);
+        c->law->take_tangent(c->law->self, &c->tangent, pool);
+        for (int32_t t = 0; t < world->tissue->mesh->tet_count; t++) volume += world->tissue->mesh->volume_m3[t];
+        c->moved_on_m = MOVED_ON * cbrt(6 * volume / world->tissue->mesh->tet_count);
+        c->rotated = world->tissue->mesh->tet_count;
+    }
+    for (int32_t i = 0; i < vertices && c->column; i++) {
+        c->column[i].u_m = TM_ALLOC(pool, float, 3 * n);
+        c->column[i].vertex = -1;
+    }
+    c->world = world;
+    c->n = (int32_t)n;
+    c->capacity = vertices;
+    c->tolerance = tolerance;
+    c->stale = true;
+    c->job = -1;
+    return pool->failed ? NULL : c;
+}
+
+static int32_t find(const tm_columns *c, int32_t vertex) {
+    for (int32_t i = 0; i < c->capacity; i++)
+        if (c->column[i].vertex == vertex) return i;
+    return -1;
+}
+
+bool tm_columns_good(const tm_columns *c, int32_t vertex) {
+    int32_t i = find(c, vertex);
+    return i >= 0 && c->column[i].good == 3;
+}
+
+bool tm_columns_block(const tm_columns *c, int32_t a, int32_t b, double C[9]) {
+    int32_t i = find(c, b);
+    if (i < 0 || c->column[i].good < 3) return false;
+    for (int k = 0; k < 9; k++) C[k] = (double)c->column[i].u_m[(int64_t)(k % 3) * c->n + 3 * a + k / 3];
+    return true;
+}
+
+void tm_columns_cut(tm_columns *c) {
+    c->stale = true;
+    c->job = -1;
+    for (int32_t i = 0; i < c->capacity; i++) {
+        c->column[i].good = c->column[i].newest = 0;
+        c->column[i].hopeless = false;
+    }
+}
+
+/* --- what is wanted --- */
+
+/* The column that nobody has wanted for the longest. */
+static int32_t oldest(const tm_columns *c) {
+    int32_t best = 0;
+    for (int32_t i = 1; i < c->capacity; i++) {
+        const column *a = c->column + i, *b = c->column + best;
+        if ((a->vertex < 0 && b->vertex >= 0) || ((a->vertex < 0) == (b->vertex < 0) && a->wanted_at < b->wanted_at))
+            best = i;
+    }
+    return best;
+}
+
+/* A finished neighbour's column as the first guess, by distance at rest; zeros without one. */
+static void guess(tm_columns *c, column *fresh) {
+    const double *rest = c->world->tissue->mesh->rest_m;
+    const column *best = NULL;
+    double nearest = INFINITY;
+    for (int32_t i = 0; i < c->capacity; i++) {
+        double d[3];
+        if (c->column[i].vertex < 0 || c->column[i].good < 3) continue;
+        vsub(rest + 3 * c->column[i].vertex, rest + 3 * fresh->vertex, d);
+        if (vdot(d, d) < nearest) {
+            nearest = vdot(d, d);
+            best = c->column + i;
+        }
+    }
+    if (best)
+        memcpy(fresh->u_m, best->u_m, sizeof(float) * 3 * (size_t)c->n);
+    else
+        memset(fresh->u_m, 0, sizeof(float) * 3 * (size_t)c->n);
+}
+
+void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_t count) {
+    c->now++;
+    c->want_count[owner] = count;
+    memcpy(c->want[owner], vertex, sizeof(int32_t) * (size_t)count);
+    for (int32_t k = 0; k < count; k++) {
+        int32_t i = find(c, vertex[k]);
+        if (i >= 0) c->column[i].wanted_at = c->now;
+    }
+    for (int32_t k = 0; k < count; k++) {
+        if (find(c, vertex[k]) >= 0) continue;
+        int32_t i = oldest(c);
+        column *fresh = c->column + i;
+        if (fresh->vertex >= 0 && fresh->wanted_at == c->now) break; /* all are needed: more than there is room for */
+        if (c->job == i) c->job = -1;
+        fresh->vertex = vertex[k];
+        fresh->good = fresh->newest = 0;
+        fresh->hopeless = false;
+        fresh->wanted_at = c->now;
+        fresh->u_m[0] = NAN; /* guessed when its turn comes: by then there may be a nearer neighbour */
+    }
+}
+
+int32_t tm_columns_pending(const tm_columns *c) {
+    int32_t pending = 0;
+    for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++)
+        for (int32_t k = 0; k < c->want_count[o]; k++) {
+            int32_t i = find(c, c->want[o][k]);
+            pending += i < 0 || (c->column[i].good < 3 && !c->column[i].hopeless);
+        }
+    return pending;
+}
+
+/* --- conjugate gradients --- */
+
+static void refresh(tm_columns *c) {
+    const tm_tissue *tissue = c->world->tissue;
+    memset(c->fixed, 0, (size_t)c->n);
+    tm_support_mask(c->world, c->fixed);
+    for (int32_t v = 0; v < c->n / 3; v++) {
+        double K[9], minor[9], *inverse = c->inverse + 9 * v;
+        memset(inverse, 0, 9 * sizeof *inverse);
+        if (tissue->mass_kg[v] <= 0) memset(c->fixed + 3 * v, 1, 3);
+        tm_tissue_vertex_tensor(tissue, v, K);
+        if (c->law) memcpy(K, c->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                if (c->fixed[3 * v + i] || c->fixed[3 * v + j]) K[3 * i + j] = i == j;
+        for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
+        double det = vdot(K, minor);
+        for (int i = 0; i < 9; i++)
+            if (det > 0 && !c->fixed[3 * v + i / 3] && !c->fixed[3 * v + i % 3])
+                inverse[i] = minor[3 * (i % 3) + i / 3] / det;
+    }
+    c->stale = false;
+}
+
+static double dot_n(const double *a, const double *b, int32_t n) {
+    double sum = 0;
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+static void precondition(const tm_columns *c) {
+    for (int32_t v = 0; v < c->n / 3; v++) {
+        const double *m = c->inverse + 9 * v, *r = c->r + 3 * v;
+        for (int i = 0; i < 3; i++) c->z[3 * v + i] = vdot(m + 3 * i, r);
+    }
+}
+
+typedef struct product {
+    const tm_columns *c;
+    const double *p;
+} product;
+
+static void multiply(void *context, int32_t part) {
+    const tm_columns *c = ((product *)context)->c;
+    const double *p = ((product *)context)->p;
+    const tm_tissue *tissue = c->world->tissue;
+    tm_force_partition *own = &c->world->partition[part].force;
+    if (c->law)
+        c->tangent.force(&c->tangent.graph, own, own->begin, own->end, p, c->q);
+    else
+        tissue->force(&tissue->graph, own, own->begin, own->end, p, c->q);
+    for (int32_t i = 3 * own->begin; i < 3 * own->end; i++) c->q[i] = c->fixed[i] ? 0 : -c->q[i];
+}
+
+/* q := K p on the free components, by the step's threads, which have the bits of one. */
+static void apply(const tm_columns *c, const double *p) { tm_partitions_run(c->world, multiply, &(product){c, p}); }
+
+static void begin(tm_columns *c, int32_t i) {
+    column *work = c->column + i;
+    int32_t axis = work->newest, dof = 3 * work->vertex + axis;
+    if (isnan(work->u_m[0])) guess(c, work);
+    for (int32_t k = 0; k < c->n; k++) c->x[k] = c->fixed[k] ? 0 : (double)work->u_m[(int64_t)axis * c->n + k];
+    apply(c, c->x);
+    for (int32_t k = 0; k < c->n; k++) c->r[k] = -c->q[k];
+    if (!c->fixed[dof]) c->r[dof] += 1;
+    precondition(c);
+    memcpy(c->p, c->z, sizeof(double) * (size_t)c->n);
+    c->rz = dot_n(c->r, c->z, c->n);
+    c->scale = c->inverse[9 * work->vertex + 4 * axis]; /* of the unit force alone */
+    c->job = i;
+    c->iterations = 0;
+}
+
+static void iterate(tm_columns *c) {
+    apply(c, c->p);
+    double stiff = dot_n(c->p, c->q, c->n), step = stiff > 0 ? c->rz / stiff : 0;
+    for (int32_t k = 0; k < c->n; k++) {
+        c->x[k] += step * c->p[k];
+        c->r[k] -= step * c->q[k];
+    }
+    precondition(c);
+    double rz = dot_n(c->r, c->z, c->n), turn = c->rz > 0 ? rz / c->rz : 0;
+    for (int32_t k = 0; k < c->n; k++) c->p[k] = c->z[k] + turn * c->p[k];
+    c->rz = rz;
+    c->iterations++;
+}
+
+static void finish(tm_columns *c) {
+    column *work = c->column + c->job;
+    for (int32_t k = 0; k < c->n; k++) work->u_m[(int64_t)work->newest * c->n + k] = (float)c->x[k];
+    work->newest++;
+    if (work->good < work->newest) work->good = work->newest;
+    c->job = -1;
+}
+
+/* The first wanted column that is not finished, most urgent of each owner in turn; then one that is of an old tangent;
+ * -1: none. */
+static int32_t next_job(const tm_columns *c) {
+    for (int32_t k = 0; k < TM_PATCH_VERTICES; k++)
+        for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {
+            int32_t i = k < c->want_count[o] ? find(c, c->want[o][k]) : -1;
+            if (i >= 0 && c->column[i].good < 3 && !c->column[i].hopeless) return i;
+        }
+    for (int32_t i = 0; i < c->capacity && c->law; i++)
+        if (c->column[i].vertex >= 0 && c->column[i].wanted_at >= c->now - TM_MAX_INSTRUMENTS &&
+            c->column[i].newest < 3 && !c->column[i].hopeless)
+            return i;
+    return -1;
+}
+
+/* Begins a new tangent if this one is of a state that the tissue has left. */
+static bool moves_on(tm_columns *c) {
+    double moved = 0;
+    const double *u = c->world->state.u_m;
+    for (int32_t k = 0; k < c->n; k++) moved = fmax(moved, fabs(u[k] - c->at_m[k]));
+    if (!(moved > c->moved_on_m)) return false;
+    c->stale = true;
+    return true;
+}
+
+/* Brings the tangent on by a slice; true: it is there. */
+static bool tangent_is_there(tm_columns *c, int32_t iterations) {
+    const int32_t tets = c->world->tissue->mesh->tet_count;
+    if (c->stale) {
+        memcpy(c->at_m, c->world->state.u_m, sizeof(double) * (size_t)c->n);
+        tm_tangent_begin(c->world->tissue, &c->tangent);
+        for (int32_t i = 0; i < c->capacity; i++) c->column[i].newest = 0;
+        c->job = -1;
+        c->rotated = 0;
+        refresh(c);
+    }
+    if (c->rotated == tets) return true;
+    const int32_t most = TETS_PER_ITERATION * iterations, end = tets - c->rotated < most ? tets : c->rotated + most;
+    c->law->add_tangent(c->law->self, c->at_m, c->rotated, end, &c->tangent);
+    c->rotated = end;
+    if (end == tets) refresh(c);
+    return false;
+}
+
+static void work(tm_columns *c, int32_t iterations) {
+    while (iterations-- > 0) {
+        if (c->job < 0) {
+            int32_t next = next_job(c);
+            if (next < 0) return;
+            if (c->stale) refresh(c);
+            begin(c, next);
+        } else {
+            iterate(c);
+        }
+        if (c->rz <= c->tolerance * c->tolerance * c->scale) {
+            finish(c);
+        } else if (c->iterations >= MAX_ITERATIONS || !(c->rz < INFINITY)) {
+            c->column[c->job].hopeless = true;
+            c->job = -1;
+        }
+    }
+}
+
+void tm_columns_work(tm_columns *c, int32_t iterations) {
+    if (c->law && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
+    if (c->law && !tangent_is_there(c, iterations)) return;
+    c->world->evaluating = true; /* outside a step: by the world's own threads alone */
+    tm_partitions_begin(c->world, iterations);
+    work(c, iterations);
+    tm_partitions_end(c->world);
+    c->world->evaluating = false;
+}

@@ -1,0 +1,184 @@
+/* The whole law of tissue that turns, so that the tensors of what is linear are not run beside it: of tissue whose
+ * changes of volume are averaged, and of tissue that relaxes, what the series leaves and its terms, with histories of
+ * tetrahedra. Four passes, each divided among the step's threads: strains of packs; where changes of volume are
+ * averaged, pressures of domains, then their stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums
+ * all of it in ascending order, so that the bits are those of one thread. */
+#include "world/viscosity.h"
+
+#include <string.h>
+
+/* --- room --- */
+
+int64_t tm_relaxing_kept(const tm_rotation *rotation) {
+    return 6 * TM_LANES * (int64_t)rotation->batches.count + tm_nodal_dilatation_domains(&rotation->nodal_dilatation);
+}
+
+/* Of one look; what the elastic tissue has already is shared, for only one of both runs. */
+static bool take_room(tm_relaxing *r, tm_pool *pool) {
+    const tm_mesh *mesh = r->world->tissue->mesh;
+    const tm_relaxing *lender = r->rotation->whole;
+    const int64_t lanes = TM_LANES * (int64_t)r->rotation->batches.count;
+    tm_viscous *v = &r->viscous;
+    r->active = TM_ALLOC(pool, int32_t, r->world->partition_count);
+    if (lender) {
+        v->corner_N = lender->viscous.corner_N, v->stress_J = lender->viscous.stress_J;
+        r->slot = lender->slot;
+        return !pool->failed;
+    }
+    v->corner_N = TM_ALLOC(pool, double, 12 * lanes);
+    if (r->world->tissue->smoothed) v->stress_J = TM_ALLOC(pool, double, 9 * lanes);
+    r->slot = TM_ALLOC(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    if (pool->failed) return false;
+    tm_packs_corners(mesh, r->slot);
+    return true;
+}
+
+bool tm_relaxing_init_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation) {
+    *r = (tm_relaxing){.world = world, .rotation = rotation, .batches = &rotation->batches};
+    r->passes = tm_viscous_choose(world->tissue->plain);
+    return take_room(r, pool);
+}
+
+bool tm_relaxing_init(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation,
+                      const tm_viscosity_def *def, double *const *kept) {
+    const tm_tissue *tissue = world->tissue;
+    tm_viscous *v = &r->viscous;
+    if (!tm_relaxing_init_elastic(r, pool, world, rotation)) return false;
+    r->batches = &r->relaxed;
+    const tm_material_field field = tm_tissue_field(tissue);
+    return tm_prony_init(v, &r->relaxed, pool, &field, def, rotation->batches.count, kept);
+}
+
+/* --- the passes --- */
+
+static const tm_nodal_dilatation *dilatation_of(const tm_relaxing *r) {
+    return tm_nodal_dilatation_is_on(&r->rotation->nodal_dilatation) ? &r->rotation->nodal_dilatation : NULL;
+}
+
+/* Packs before the part. */
+static int32_t batches_before(const tm_relaxing *r, int32_t partition) {
+    return tm_tet_batches_before(r->batches->count, partition, r->world->partition_count);
+}
+
+static void strain(void *context, int32_t partition) {
+    const tm_relaxing *r = context;
+    r->active[partition] = r->passes.strain(r->batches, &r->viscous, dilatation_of(r), batches_before(r, partition),
+                                            batches_before(r, partition + 1), r->world->state.u_m);
+}
+
+static void average(void *context, int32_t partition) {
+    const tm_relaxing *r = context;
+    const int32_t *begin = tm_nodal_dilatation_domains_of(&r->rotation->nodal_dilatation)->begin;
+    const tm_force_partition *own = &r->world->partition[partition].force;
+    tm_nodal_dilatation_average(&r->rotation->nodal_dilatation, r->viscous.terms ? &r->viscous : NULL,
+                                begin[own->begin], begin[own->end]);
+}
+
+static void press(void *context, int32_t partition) {
+    const tm_relaxing *r = context;
+    r->passes.pressure(r->batches, &r->viscous, dilatation_of(r), batches_before(r, partition),
+                       batches_before(r, partition + 1));
+}
+
+static void gather(void *context, int32_t partition) {
+    const tm_relaxing *r = context;
+    const int32_t *begin = r->world->tissue->mesh->vertex_tet_begin;
+    const tm_force_partition *own = &r->world->partition[partition].force;
+    double *TM_RESTRICT force = r->world->state.force_N;
+    for (int32_t v = own->begin; v < own->end; v++) {
+        double x = force[3 * v], y = force[3 * v + 1], z = force[3 * v + 2];
+        for (int32_t i = begin[v]; i < begin[v + 1]; i++) {
+            const double *pull = r->viscous.corner_N + r->slot[i];
+            x -= pull[0], y -= pull[TM_LANES], z -= pull[2 * TM_LANES];
+        }
+        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
+    }
+}
+
+/* --- timers --- */
+
+/* Timed calls from one comparison to the next: what it takes itself is booked on no stage. */
+enum { COMPARE_EVERY = 64 };
+/* Seconds compared are the least, forgotten by so much a comparison: other programs make single ones longer. */
+static const double FORGET = 1.02;
+
+static void linear_part(void *context, int32_t number) {
+    const tm_world *world = context;
+    tm_force_partition own = world->partition[number].force;
+    const tm_tissue *tissue = world->tissue;
+    tissue->force(&tissue->graph, &own, own.begin, own.end, world->state.u_m, world->state.force_N);
+}
+
+/* What the force would take now if nothing relaxed: the linear pass and the stage "rotation", into scratch. The second
+ * time counts, for the first one looks at all packs. Changes nothing that a step depends on. */
+static double time_elastic(tm_relaxing *r) {
+    tm_world *world = r->world;
+    const tm_stage *stage = &world->entry[tm_world_stage_index(world, r->rotation)].stage;
+    double *const force_N = world->state.force_N;
+    double began_s = 0;
+    world->state.force_N = r->rotation->scratch_N;
+    r->rotation->done_by_viscosity = false;
+    for (int i = 0; i < 2; i++) {
+        began_s = tm_clock_s();
+        if (!r->rotation->whole) tm_partitions_run(world, linear_part, world);
+        stage->run(stage->self, world);
+    }
+    r->rotation->done_by_viscosity = true;
+    world->state.force_N = force_N;
+    return tm_clock_s() - began_s;
+}
+
+static double min_of(double before_s, double now_s) {
+    return before_s > 0 && FORGET * before_s < now_s ? FORGET * before_s : now_s;
+}
+
+static void pull(tm_relaxing *r) {
+    tm_partitions_run(r->world, strain, r);
+    if (dilatation_of(r)) {
+        tm_partitions_run(r->world, average, r);
+        tm_partitions_run(r->world, press, r);
+    }
+    tm_partitions_run(r->world, gather, r);
+}
+
+/* Moves what the elastic tissue would take from the running stage, "viscosity", to "rotation". */
+static void corner_forces_timed(tm_relaxing *r) {
+    tm_world *world = r->world;
+    const int32_t mine = world->profiled;
+    const bool compares = r->timed++ % COMPARE_EVERY == 0;
+    if (compares) {
+        tm_profile_enter(world, TM_NO_STAGE);
+        r->elastic_s = min_of(r->elastic_s, time_elastic(r));
+        tm_profile_enter(world, mine);
+    }
+    const double began_s = tm_clock_s();
+    pull(r);
+    const double took_s = tm_clock_s() - began_s;
+    if (compares) r->compared_s = min_of(r->compared_s, took_s);
+    const double moved_s = took_s * (r->elastic_s < r->compared_s ? r->elastic_s / r->compared_s : 1);
+    world->entry[tm_world_stage_index(world, r->rotation)].seconds += moved_s;
+    world->entry[mine].seconds -= moved_s;
+}
+
+void tm_relaxing_force(tm_relaxing *r) {
+    tm_world *world = r->world;
+    r->viscous.history_frozen = world->evaluating;
+    if (world->timing && world->profiled != TM_NO_STAGE && r->viscous.terms)
+        corner_forces_timed(r);
+    else
+        pull(r);
+    r->rotation->active = 0;
+    for (int32_t p = 0; p < world->partition_count; p++) r->rotation->active += r->active[p];
+    r->rotation->list_count = r->batches->count;
+}
+
+void tm_relaxing_evaluate(const tm_relaxing *r, const tm_fading *fading) {
+    tm_viscous once = r->viscous;
+    once.history_frozen = false;
+    for (int32_t t = 0; t < once.terms; t++)
+        once.history_kept[t] = fading[t].kept_share, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
+    r->passes.strain(r->batches, &once, dilatation_of(r), 0, r->batches->count, r->world->state.u_m);
+    if (dilatation_of(r))
+        tm_nodal_dilatation_average(&r->rotation->nodal_dilatation, &once, 0,
+                                    tm_nodal_dilatation_domains(&r->rotation->nodal_dilatation));
+}

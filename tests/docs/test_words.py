@@ -1,0 +1,76 @@
+"""Words: none of the private ones that were replaced comes back, and no word is misspelt (docs/style.md)."""
+import re
+import subprocess
+import sys
+
+import pytest
+
+from renamed import IDENTIFIERS, PUBLIC, WORDS, rows, sources
+
+HERE = ("tests/docs/test_words.py", "tests/docs/renamed.py", "tests/docs/renamed.txt", "docs/style.md", "CHANGELOG.md", "libtensormass/scene/scene_renamed.c",
+        "tests/sim/test_renamed.py")
+
+
+def tracked(root):
+    for name in subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True, check=True).stdout.splitlines():
+        path = root / name
+        if name not in HERE and not name.startswith(("notes/", "meshes/", "tests/fuzz/corpus/")) and sources(name) and path.is_file():
+            yield name, path.read_text(encoding="utf-8", errors="replace")
+
+
+def found(text, pattern):
+    return [(text.count("\n", 0, m.start()) + 1, m[0]) for m in pattern.finditer(text)]
+
+
+def left_of(root, names, ending="", boundary=r"(?<![A-Za-z0-9_])(?:%s)(?![A-Za-z0-9_])", fold=lambda text: text):
+    """"file:line: write NEW instead of OLD" of each name; a text is searched line by line only where it holds one at all."""
+    left = []
+    for name, text in tracked(root):
+        if name.endswith(ending):
+            text = fold(text)
+            tokens = set(re.findall(r"[A-Za-z_]\w*", text))
+            for old in (w for w in names if w.split()[0] in tokens):
+                left += [f"{name}:{line}: write '{names[old]}' instead of '{old}'" for line, _ in found(text, re.compile(boundary % re.escape(old)))]
+    return left
+
+
+def test_no_old_public_name_is_left(root):
+    left = left_of(root, PUBLIC)
+    assert not left, "\n".join(left)
+
+
+def test_no_replaced_identifier_comes_back(root):
+    left = left_of(root, IDENTIFIERS, (".c", ".h", ".cpp", ".hpp"))
+    assert not left, "\n".join(left)
+
+
+def test_no_private_word_comes_back(root):
+    left = left_of(root, WORDS, boundary=r"(?<![-\w])%s\b", fold=str.lower)
+    assert not left, "\n".join(left)
+
+
+def test_the_lists_are_whole():
+    assert len(PUBLIC) > 60 and len(IDENTIFIERS) > 200 and len(WORDS) > 10
+    assert not set(PUBLIC) & set(PUBLIC.values()) and len(rows()) == len({old for _, old, _ in rows()}), "a name stands on both sides, or twice"
+
+
+def test_each_would_be_seen(tmp_path):
+    assert found("a tm_patch_maker *m;\n", re.compile(r"(?<![A-Za-z0-9_])tm_patch_maker(?![A-Za-z0-9_])")) == [(1, "tm_patch_maker")]
+    assert not found("tm_patch_makers", re.compile(r"(?<![A-Za-z0-9_])tm_patch_maker(?![A-Za-z0-9_])"))
+
+
+def test_spelling(root):
+    """codespell with its own dictionary and the project's list of words that it does not know."""
+    pytest.importorskip("codespell_lib", reason="the Python environment is older than tools/requirements.txt: make venv")
+    names = [name for name, _ in tracked(root) if name.endswith((".c", ".h", ".cpp", ".hpp", ".py", ".md", ".sh", ".mk", ".lcm", ".yaml", "Makefile"))]
+    run = subprocess.run([sys.executable, "-m", "codespell_lib", "--ignore-words", root / "tests/docs/spelling.txt", *names], cwd=root, capture_output=True,
+                         text=True, timeout=300)
+    assert len(names) > 800 and run.returncode == 0, run.stdout
+
+
+def test_a_misspelling_would_be_seen(root, tmp_path):
+    pytest.importorskip("codespell_lib")
+    wrong = "rec" + "ieve"
+    (tmp_path / "a.c").write_text(f"/* {wrong} */\n")
+    run = subprocess.run([sys.executable, "-m", "codespell_lib", "--ignore-words", root / "tests/docs/spelling.txt", tmp_path / "a.c"], capture_output=True, text=True)
+    assert run.returncode != 0 and wrong in run.stdout
