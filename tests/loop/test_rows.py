@@ -110,7 +110,7 @@ def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
     (core / "hrt.h").write_text(text)
     insert(core / "extrapolate.c", "typedef struct law {", LAW)
     choice, names = lines_of(tmp_path, EXTRAPOLATOR, sorted(core.glob("*.c")))
-    assert choice == "hold|time|position|broyden|tangent|contact|paper_position|adaptive|last" and names.split() == choice.split("|")
+    assert choice == "hold|time|position|broyden|tangent|local_model|paper_position|adaptive|last" and names.split() == choice.split("|")
 
 
 def test_a_bus_is_a_file_and_a_row(root, tmp_path):
