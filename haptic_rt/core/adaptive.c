@@ -1,23 +1,26 @@
-/* The law `adaptive`: a blend of several laws, weighted by how well each foretold the samples that came.
+/* The law `adaptive`: a blend of several laws, weighted by how well each predicted recent samples.
  *
- * What each law says is kept, tick by tick. A sample tells the true force at its own time, so each law is judged by
- * what it said at that time, with the samples that were there then: latency, loss and phase of the work are in the
- * verdict. The weights are exponential in the forgotten sum of squared errors, with a rate that follows the least sum
- * (exponentially weighted average forecaster: Cesa-Bianchi, Lugosi, Prediction, Learning, and Games, 2006, chapter 2;
- * the rate: Auer, Cesa-Bianchi, Gentile, J. Comput. Syst. Sci. 64, 2002). */
+ * Each law's force is recorded in every tick. A sample gives the true force at its own time t. Each law's error is its
+ * recorded force at t, computed from the samples available then, less the true force. Latency, loss and phase thus
+ * enter the errors.
+ *
+ * The weights are exponential in the decayed sum of squared errors; the rate is inverse to the minimum sum.
+ * Exponentially weighted average forecaster: Cesa-Bianchi, Lugosi, Prediction, Learning, and Games, 2006, chapter 2.
+ * The rate: Auer, Cesa-Bianchi, Gentile, J. Comput. Syst. Sci. 64, 2002. */
 #include "internal.h"
 
 #if HRT_WITH_ADAPTIVE
 
-static const float RECORD_US = 1900.0f;     /* ticks closer than this share a record */
-static const float HALF_SAMPLES = 2.0f;     /* an error counts half after so many samples, */
-static const float HALF_MIN_S = 0.03f;      /* or after this where samples come more often */
-static const float RATE = 3.0f;             /* of the weights, over the least sum */
-static const float FLOOR = 2.0e-3f;         /* errors below this share of the force tell laws apart no more */
-static const float TELLING = 0.03f;         /* nothing is forgotten while the worst errs by far less than this share */
-static const float PEAK_FORCE_KEPT = 0.98f; /* of the largest force, from sample to sample */
-static const float PEAK_FORCE_MIN_N = 1.0e-2f; /* at the first touch errors of less tell no law from another */
-/* Sums before anything is known: a patch knows the surface, the others only the last force. */
+static const float RECORD_US = 1900.0f; /* ticks closer than this share a record */
+static const float HALF_SAMPLES = 2.0f; /* half-life of an error, in samples, */
+static const float HALF_MIN_S = 0.03f;  /* or at least this time, where samples come more often */
+static const float RATE = 3.0f;         /* rate of the weights, relative to the minimum sum */
+static const float FLOOR = 2.0e-3f;     /* errors below this share of the force are not distinguished */
+static const float TELLING = 0.03f;     /* errors decay only if the worst is not far below this share of the force */
+static const float PEAK_FORCE_KEPT = 0.98f; /* decay of the peak force per sample */
+static const float PEAK_FORCE_MIN_N =
+    1.0e-2f; /* minimum scale: at first contact, smaller errors do not separate the laws */
+/* Initial sums: a patch models the surface, the other laws have only the last force. */
 static const float LOSS_PATCH = 1.0e-4f, LOSS_OTHER = 1.0e-2f;
 
 void hrt_adaptive_reset(hrt_adaptive *a) {
@@ -26,7 +29,7 @@ void hrt_adaptive_reset(hrt_adaptive *a) {
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->loss[i] = i == HRT_ADAPTIVE_PATCH ? LOSS_PATCH : LOSS_OTHER;
 }
 
-/* e^-x for x >= 0, within a hundredth of the whole. */
+/* Returns e^-x for x >= 0, with an absolute error of at most 0.01. */
 static float fallen(float x) {
     const float once = 1.0f / (1.0f + 0.0625f * x), twice = once * once, four = twice * twice, eight = four * four;
     return eight * eight;
@@ -40,7 +43,7 @@ static void set_weights(hrt_adaptive *a, bool with_patch) {
         a->weight[i] = i < laws ? fallen(RATE * (a->loss[i] - least) / (least + FLOOR * FLOOR)) : 0.0f;
         sum += a->weight[i];
     }
-    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->weight[i] /= sum; /* the best has 1 before */
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->weight[i] /= sum; /* the best law has weight 1 before this */
 }
 
 void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float said_N[HRT_ADAPTIVE_LAWS][3],
@@ -59,7 +62,7 @@ void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float 
     for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) vset(said_N[i], to->force_N[i]);
 }
 
-/* The last record at or before t_us and the one after it, which may be the same; false: all are younger. */
+/* Finds the last record at or before t_us and the next one, which may be the same. Returns false if all are later. */
 static bool find(const hrt_adaptive *a, int64_t t_us, const hrt_adaptive_record **before,
                  const hrt_adaptive_record **after) {
     *after = NULL;
@@ -95,11 +98,11 @@ void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const f
         any2 += vdot(before->force_N[i], before->force_N[i]);
         if (i != HRT_ADAPTIVE_PATCH || with_patch) worst2 = fmaxf(worst2, miss2[i]);
     }
-    if (!(any2 > 0.0f)) return; /* out of touch nothing is learnt, and nothing forgotten */
+    if (!(any2 > 0.0f)) return; /* without contact, errors neither grow nor decay */
     a->recent_peak_N = fmaxf(PEAK_FORCE_KEPT * a->recent_peak_N, vnorm(force_N));
     const float scale2 = fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N) * fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N);
-    /* Where no law could be wrong nothing was learnt of the next motion. A half-life h of a rate 1/(1+t/T) a sample: T
-     * = t / (sqrt 2 - 1) for h = 2 t. */
+    /* Errors decay only as far as the worst law erred: otherwise the sample carries no information. A decay of
+     * 1/(1+t/T) per sample t has half-life h = 2 t for T = t / (sqrt 2 - 1). */
     const float time_s = 1.207f * fmaxf(HALF_SAMPLES * interval_s, HALF_MIN_S);
     const float tells = worst2 / (worst2 + TELLING * TELLING * scale2);
     const float kept = time_s / (time_s + tells * fmaxf(interval_s, 1.0e-4f));

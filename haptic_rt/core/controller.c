@@ -1,4 +1,4 @@
-/* The tick, and the state diagram of docs/controller.md. */
+/* The tick, and the state machine of docs/controller.md. */
 #include "internal.h"
 
 void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_axes *axes, int64_t session) {
@@ -16,7 +16,7 @@ static bool in_use(const hrt_controller *c) { return c->state == HRT_ENGAGED || 
 
 static void enter(hrt_controller *c, int64_t now_us, hrt_state state) {
     if (state == HRT_BOOT) {
-        c->device_seen = false; /* encoder_us stays: only a newer frame is a sign of life */
+        c->device_seen = false; /* encoder_us stays: only a newer frame counts */
         c->sample_seen = false;
         c->sample_rule = HRT_RULE_TAKE;
         hrt_extrapolation_reset(&c->extrapolation, c->extrapolation.which);
@@ -32,7 +32,7 @@ static void enter(hrt_controller *c, int64_t now_us, hrt_state state) {
     c->good_since_us = now_us;
 }
 
-/* Seconds since the last tick, 2 ms at the first. */
+/* Returns the time since the last tick, s; 2 ms at the first. Checks the clock and late ticks. */
 static float read_clock(hrt_controller *c, int64_t now_us) {
     const int64_t gap_us = c->ticked ? now_us - c->last_tick_us : 2000;
     if (gap_us < 0) hrt_latch(c, now_us, HRT_FAULT_CLOCK, 0);
@@ -54,7 +54,7 @@ static bool sample_fresh(const hrt_controller *c, int64_t now_us) {
     return c->sample_seen && c->sample_rule < HRT_RULE_FADE && !hrt_older(now_us - c->sample_us, c->params.stale_us);
 }
 
-/* Order and origin of a sample that was found finite and bounded before. True: take it over. */
+/* Checks order and origin of a sample that passed hrt_sample_check. Returns true if it is to be taken over. */
 static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s) {
     c->counters.samples_received++;
     if (s->tool_session != c->session || s->t_us > now_us) {
@@ -63,8 +63,8 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
     }
     if (!c->sample_seen) return true;
     if (s->session != c->sim_session) {
-        /* Another simulation: never in the middle of a touch. When the first one ended, this one waits until its force
-         * has faded. */
+        /* Another simulation may not take over during contact: it waits until the force of the first has ramped down.
+         */
         if (in_use(c)) {
             c->counters.samples_rejected++;
             return false;
@@ -72,7 +72,7 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
         hrt_extrapolation_reset(&c->extrapolation, c->extrapolation.which);
         return true;
     }
-    /* After a silence any later t_n will do: a damaged seq must not lock the door for 2^31 samples. */
+    /* After a silence any later t_n is accepted: a corrupted seq must not block 2^31 samples. */
     const bool after_silence = !in_use(c) && !sample_fresh(c, now_us) && s->t_us > c->sample_us;
     if (!after_silence && (!hrt_seq_after(s->seq, c->sample_seq) || s->t_us < c->sample_us)) {
         c->counters.samples_late++;
@@ -82,15 +82,16 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
     return true;
 }
 
-/* By the rule of its flags (flags.c). */
+/* Takes over a sample by the rule of its flags (flags.c). */
 static void take_over(hrt_controller *c, const hrt_sample *newest) {
-    if (!c->sample_seen || c->sim_session != newest->session) c->sample_us = 0; /* nothing fresh of this one yet */
+    if (!c->sample_seen || c->sim_session != newest->session)
+        c->sample_us = 0; /* no fresh sample of this session yet */
     c->sample_seen = true;
     c->sim_session = newest->session;
     c->sample_seq = newest->seq;
     const hrt_flag_rule rule = hrt_flags_rule(newest->flags);
     if (rule != HRT_RULE_NOT_FRESH || c->sample_rule < HRT_RULE_FADE)
-        c->sample_rule = (uint8_t)rule; /* no news ends no fading */
+        c->sample_rule = (uint8_t)rule; /* a repeated sample does not end a ramp down */
     if (rule >= HRT_RULE_NOT_FRESH) return;
     c->sample_us = newest->t_us;
     hrt_extrapolation_sample(&c->extrapolation, &c->params, newest);
@@ -100,18 +101,18 @@ static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *
     if ((int)in->extrapolator >= 0 && in->extrapolator < HRT_EXTRAPOLATOR_COUNT)
         hrt_extrapolation_select(&c->extrapolation, in->extrapolator);
     if (newest && c->state != HRT_FAULT && sample_wanted(c, now_us, newest)) take_over(c, newest);
-    /* Their bits stand in the rules' order. */
+    /* The limit bits descend in the order of the rules. */
     if (c->sample_seen && c->sample_rule != HRT_RULE_TAKE) c->limits |= 2u * HRT_LIMIT_FORCE_ONLY >> c->sample_rule;
 }
 
-/* Two controllers on one device push in turn: neither may. What was heard before this state began is over: a bus that
- * was stuck may still deliver what a predecessor sent. */
+/* Raises a fault if another controller commands the same device. Frames from before this state are ignored: a blocked
+ * bus may still deliver frames of a predecessor. */
 static void check_bus_conflict(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     if (c->state != HRT_BOOT && in->bus_conflict_us > c->state_since_us)
         hrt_latch(c, now_us, HRT_FAULT_BUS_CONFLICT, 0);
 }
 
-/* Device health common to the states that have one. Returns false when it changed the state. */
+/* Checks the device in the states that use it. Returns false if it changed the state. */
 static bool device_well(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     const int64_t silent_us = now_us - c->encoder_us;
     if (in->device_fault) {
@@ -228,7 +229,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     c->counters.ticks++;
     c->limits = 0;
     vset(c->tip_m, before);
-    /* Constant from here on: looked at whenever `boot` is passed. */
+    /* Parameters stay constant after this check; it is repeated whenever `boot` is passed. */
     if (c->state == HRT_BOOT && hrt_params_check(&c->params) >= 0)
         hrt_latch(c, now_us, HRT_FAULT_PARAMETER, hrt_params_check(&c->params));
     const float dt_s = read_clock(c, now_us);
@@ -237,7 +238,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     vsub(c->tip_m, before, moved);
     if (in_use(c)) hrt_passivity_observe(c, now_us, dt_s, moved);
     read_simulation(c, now_us, in, newest);
-    if (c->state == state) change_state(c, now_us, in, dt_s); /* one change a tick */
+    if (c->state == state) change_state(c, now_us, in, dt_s); /* one state change per tick */
     if (in_use(c))
         make_force(c, now_us, in, dt_s);
     else

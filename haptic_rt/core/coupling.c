@@ -1,10 +1,10 @@
-/* Virtual coupling: where the scene is stiffer than the device can render, the hand feels a spring and damper to a
- * proxy that touches the scene in its stead. The proxy has no mass: k (P - x) + F(x) = 0, followed by one Newton step a
- * tick, implicit in the scene's stiffness. */
+/* Virtual coupling, for scenes stiffer than the device can render. The hand feels a spring and a damper to a proxy that
+ * touches the scene. The proxy has no mass: k (P - x) + F(x) = 0, solved by one Newton step per tick, implicit in the
+ * scene's stiffness. */
 #include "internal.h"
 
-/* (k I - K) d = r by Cramer's rule; K negative semidefinite to rounding makes it well conditioned. False: leave the
- * proxy. */
+/* Solves (k I - K) d = r by Cramer's rule; it is well conditioned if K is negative semidefinite to rounding. Returns
+ * false if not: the proxy stays where it is. */
 static bool newton(const float stiffness[9], float k, const float r[3], float d[3]) {
     float m[9];
     for (int i = 0; i < 9; i++) m[i] = (i % 4 == 0 ? k : 0.0f) - stiffness[i];
@@ -39,7 +39,7 @@ void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[
     vset(scene, residual);
     vadd(residual, k, pull);
     if (newton(stiffness, k, residual, step)) vadd(c->proxy_m, 1.0f, step);
-    /* Never further away than the largest force needs. */
+    /* Limits the distance to twice that of the maximum force. */
     vsub(c->proxy_m, c->tip_m, pull);
     const float far = vnorm(pull), most = 2.0f * c->params.force_max_N / k;
     if (far > most) {

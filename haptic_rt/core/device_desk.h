@@ -1,5 +1,5 @@
-/* A made-up desk device: a stylus on three slides, without roll, grip or trocar of its own; the scene's trocar is where
- * its joints are zero. */
+/* A fictitious desk device for tests: a stylus on three slides, without roll, grip or trocar. Its joints are zero at
+ * the scene's trocar. */
 
 static void desk_tip(const HRT_AXES *axes, const HRT_REAL joint[HRT_JOINTS], HRT_REAL tip_m[3]) {
     turn(axes->r, 1, joint, tip_m);

@@ -1,5 +1,5 @@
-/* The Impulse Engine: a gimbal at the trocar (pitch outside, yaw inside) with a sliding shaft. tip = insertion * (sin
- * yaw, sin pitch cos yaw, cos pitch cos yaw) in the device's axes. */
+/* The Impulse Engine: a gimbal at the trocar (pitch outside, yaw inside) with a sliding shaft. In the device's axes,
+ * tip = insertion * (sin yaw, sin pitch cos yaw, cos pitch cos yaw). */
 
 typedef struct gimbal {
     HRT_REAL sp, cp, sy, cy; /* sines and cosines of pitch and yaw */
@@ -43,7 +43,7 @@ static bool impulse_engine_inverse(const HRT_AXES *axes, const HRT_REAL tip_m[3]
 }
 
 #ifdef HRT_DESCRIBE
-/* Where the numbers are from: device/profiles/impulse_engine.profile. */
+/* device/profiles/impulse_engine.profile gives the sources of these numbers. */
 static const hrt_device_type impulse_engine_type = {
     NAMED("impulse_engine", "Laparoscopic Impulse Engine: pitch, yaw and insertion at a trocar, roll and grip",
           "torque_pitch_Nm", "torque_yaw_Nm", "force_insertion_N")
@@ -64,7 +64,7 @@ static const hrt_device_type impulse_engine_type = {
 #endif
 
 #ifdef HRT_TWIN
-/* Metres that the tip moves across or along for a unit of driven joint j; the shaft's first 2 cm count whole. */
+/* Returns the tip's travel per unit of driven joint j, m; the lever is at least 2 cm. */
 static HRT_REAL impulse_engine_lever(const HRT_REAL joint[HRT_JOINTS], int j) {
     return j == HRT_INSERTION ? 1.0 : fmax(joint[HRT_INSERTION], 0.02);
 }

@@ -1,27 +1,28 @@
-/* The devices that this build knows. A device is one file device_NAME.h, included below, and one row; firmware for one
- * device alone, here the Impulse Engine, defines HRT_ONE_DEVICE.
+/* The devices of this build. A device is one file device_NAME.h, included below, and one row. Firmware for the Impulse
+ * Engine alone defines HRT_ONE_DEVICE.
  *
- * A device's file is compiled twice: for `float`, the controller's (core/kinematics.c), and for the simulation's
- * precision (motion/kinematics.c). The includer sets HRT_REAL, HRT_AXES, HRT_SQRT, HRT_ASIN, HRT_ATAN2 and
- * HRT_SINE_COSINE, and HRT_SIZE_MIN and _MAX, between which a square keeps its digits. The file defines, for a row
- * `NAME`: NAME_tip, NAME_jacobian, NAME_inverse; where HRT_DESCRIBE is defined also `NAME_type`, its numbers; where
- * HRT_TWIN is defined `NAME_twin` and NAME_lever, what the virtual device and its hand are made of
- * (motion/kinematics.h). Helpers for all stand here. */
+ * A device's file is compiled twice: in `float` for the controller (core/kinematics.c), and in the simulation's
+ * precision (motion/kinematics.c). The includer defines HRT_REAL, HRT_AXES, HRT_SQRT, HRT_ASIN, HRT_ATAN2 and
+ * HRT_SINE_COSINE. HRT_SIZE_MIN and _MAX bound the lengths whose squares keep their digits.
+ *
+ * The file defines, for a row `NAME`: NAME_tip, NAME_jacobian and NAME_inverse. With HRT_DESCRIBE it also defines
+ * NAME_type, the device's description. With HRT_TWIN it defines NAME_twin and NAME_lever, parameters of the virtual
+ * device and its hand (motion/kinematics.h). Shared helpers follow. */
 
 static HRT_REAL size_of(const HRT_REAL a[3]) { return HRT_SQRT(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* y = s M x, row-major 3x3. */
+/* Computes y = s M x, row-major 3x3. */
 static inline void turn(const HRT_REAL m[9], HRT_REAL s, const HRT_REAL x[3], HRT_REAL y[3]) {
     for (int i = 0; i < 3; i++) y[i] = s * (m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2]);
 }
 
-/* y = M^T x. */
+/* Computes y = M^T x. */
 static inline void turn_back(const HRT_REAL m[9], const HRT_REAL x[3], HRT_REAL y[3]) {
     for (int i = 0; i < 3; i++) y[i] = m[i] * x[0] + m[3 + i] * x[1] + m[6 + i] * x[2];
 }
 
-/* Name and text of a device and names of its torques; a joint: name, counts a unit, lowest, highest and fastest of the
- * profile, lowest and highest of all. */
+/* NAMED: name and text of a device, names of its torques. JOINT: name, counts per unit; minimum, maximum and top speed
+ * of the profile; minimum and maximum of any profile. */
 #ifdef HRT_ONE_DEVICE
 #define GEOMETRY(name)
 #else

@@ -1,4 +1,4 @@
-/* What the device says: counts to joints, tip and velocity, and whether that can be true. */
+/* Converts encoder counts to joints, tip and velocity, and checks their plausibility. */
 #include "internal.h"
 
 static void start_from(hrt_controller *c, int64_t now_us, const hrt_input *in) {
@@ -29,8 +29,9 @@ static void check_jump(hrt_controller *c, int64_t now_us, const hrt_input *in, f
     }
 }
 
-/* A joint that nothing moves although its torque went up or down by a good part of what the motor has. Friction and a
- * firm hand hold far less than that within one count. At the end of the workspace a stop may. */
+/* Detects a stuck encoder: the count stays constant although the torque varied by a large share of its maximum.
+ * Friction and a firm hand withstand far less than that within one count. A stop at the end of the workspace may
+ * withstand it, so joints there are exempt. */
 static void check_stuck(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     for (int j = 0; j < hrt_motors(&c->params); j++) {
         const float margin = 0.01f * (c->params.joint_max[j] - c->params.joint_min[j]);

@@ -1,20 +1,19 @@
-/* What samples say of a stiffness and of a patch: whether they foretold the force, and how fast it drifts without any
- * motion. */
+/* Checks stiffness and patch against later samples: agreement of the predicted force, and its drift without motion. */
 #include "internal.h"
 
 #if HRT_WITH_EVIDENCE
 
-/* Of changes of force, squared: smaller ones say little of the stiffness that foretold them. */
+/* Squared force changes below this are unreliable evidence. */
 static const float UNRELIABLE_N2 = 1.0e-4f;
 
-/* The share of what a received stiffness foretold that came true of late: tissue that is cut again and again is never
- * at the rest that it is of. Tissue that has just been cut is believed what it has shown. */
+/* Returns the share of a received stiffness's predictions that recent samples confirmed. Tissue that is cut repeatedly
+ * never reaches the equilibrium that the stiffness assumes. Directly after a cut only the measured share counts. */
 float hrt_evidence_trust(const hrt_extrapolation *x) {
     const float unseen_N2 = x->cut ? 0.0f : UNRELIABLE_N2;
     return hrt_clamp((x->came_N2 + unseen_N2) / (x->foretold_N2 + UNRELIABLE_N2), 0.0f, 1.0f);
 }
 
-/* Follows how the stiffness of the sample before fared, with a memory of a few samples. */
+/* Updates predicted and actual force changes for the previous sample's stiffness; they decay by half per sample. */
 void hrt_evidence_judge(hrt_extrapolation *x) {
     float step[3], change[3], foretold[3];
     vsub(x->now.tip_m, x->previous.tip_m, step);
@@ -25,15 +24,15 @@ void hrt_evidence_judge(hrt_extrapolation *x) {
     x->came_N2 = known ? 0.5f * x->came_N2 + vdot(change, foretold) : 0.0f;
 }
 
-/* Of the force on a patch, what it may have drifted. */
+/* Maximum drift, as a share of the patch's force. */
 static const float DRIFT_MAX = 0.2f;
 /* Drifts measured over less time are averaged. */
 static const float DRIFT_S = 0.015f;
 static const float DRIFT_FORGOTTEN = 0.5f;
 
-/* Says whether the patch gives the force that came with it, to a half: one that does not know what a cautery touches in
- * its slit does not. Elsewhere a patch that differs has gone over an edge before the tissue did, and is right again
- * soon: left, it would be missed for a whole interval. */
+/* Returns whether the patch reproduces its sample's force, within a half. A patch does not if a cautery touches the
+ * inside of its cut. Used only while cutting: otherwise a patch that differs has only crossed an edge before the
+ * tissue, and soon agrees again. Dropping it would lose it for a complete interval. */
 static bool agrees(const hrt_extrapolation *x) {
     hrt_touch trial = x->touch;
     float force[3], miss[3];
@@ -45,8 +44,8 @@ static bool agrees(const hrt_extrapolation *x) {
     return vnorm(miss) < 0.5f * fmaxf(vnorm(force), vnorm(x->now.force_N)) + 0.01f;
 }
 
-/* What the new patch changes of the last tick's force came without motion: the free shape goes on moving as the tissue
- * swings, creeps and turns. What comes and goes (tremor, a loop that swings) is no drift. */
+/* Measures the drift: the change of the last tick's force by the new patch occurred without motion. The free shape
+ * moves on as tissue vibrates, creeps and rotates. Oscillations (tremor, an unstable loop) are not drift. */
 static void measure_drift(hrt_extrapolation *x) {
     hrt_touch trial = x->touch;
     float force[3], drift[3];
@@ -69,11 +68,11 @@ bool hrt_evidence_patch(hrt_extrapolation *x, bool same_tissue) {
     return true;
 }
 
-/* Of what a patch foretells under a cautery at work, the share that comes true: the rest is cut before it is felt. */
+/* Share of a patch's force change that occurs under an active cautery; the rest is cut before it is rendered. */
 static const float CUTTING_SHARE = 0.18f;
 
-/* Brings the patch's force back towards the sample's. Tissue that another hand cuts is believed: the next patch tells
- * what is left of it, and what this tool bears on changes little. */
+/* Reduces the patch's force change since the sample while this tool cuts. Not for tissue that another tool cuts: the
+ * next patch shows what remains, and this tool's support changes little. */
 static void limit_cutting(const hrt_extrapolation *x, float force[3]) {
     float change[3];
     if (!x->cutting) return;
@@ -81,8 +80,8 @@ static void limit_cutting(const hrt_extrapolation *x, float force[3]) {
     vadd(force, CUTTING_SHARE - 1.0f, change);
 }
 
-/* Adds to the patch's force what it has drifted since the sample: over two intervals at most, and by no more than a
- * share of it, so that a force that is not there does not drift. */
+/* Adds the drift since the sample to the patch's force. It covers two intervals at most and a limited share of the
+ * force, so zero force does not drift. */
 void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force[3]) {
     if (x->patch_ticks < 2) {
         for (int i = 0; i < 3; i++) x->drift_N_s[i] = 0.0f;
