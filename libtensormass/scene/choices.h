@@ -1,5 +1,5 @@
-/* The words of a scene's choices: one table each, a row a word and the value that it stands for. A scene's choice is
- * read as a position, and positions are cast to values: APP_CHOICE_CHECK(TABLE) does not compile where they differ. */
+/* Words of a scene's choices: one table per choice, one row per word with its value. A choice is read as a position in
+ * its table and cast to the value. APP_CHOICE_CHECK(TABLE) does not compile if they differ. */
 #ifndef TM_CHOICES_H
 #define TM_CHOICES_H
 
@@ -12,7 +12,7 @@
 #define APP_FORCE_FORMS(ROW) ROW("best", TM_FORCE_BEST) ROW("plain", TM_FORCE_PLAIN)
 #define APP_TOOL_MODES(ROW) ROW("probe", TM_TOOL_PROBE) ROW("grasper", TM_TOOL_GRASPER) ROW("cautery", TM_TOOL_CAUTERY)
 
-/* "double|single", as a field's `unit` wants it */
+/* "double|single", the format of a field's `unit` */
 #define APP_CHOICE_BAR(word, value) "|" word
 #define APP_CHOICE_WORDS(TABLE) (&TABLE(APP_CHOICE_BAR)[1])
 /* {"double", "single"} */

@@ -1,4 +1,4 @@
-/* Options of the effects that the modes themselves read. */
+/* Options of effects that the run modes read. */
 #ifndef TM_SIM_EFFECTS_H
 #define TM_SIM_EFFECTS_H
 
@@ -7,10 +7,10 @@
 typedef struct sim_haptics {
     app_section here;
     app_choice extrapolator; /* hrt_extrapolator */
-    app_choice sends;        /* sim_sends; unset: by the extrapolator */
-    app_choice compliance;   /* of the dynamic model's patches: factor, iterations */
+    app_choice sends;        /* sim_sends; unset: depends on the extrapolator */
+    app_choice compliance;   /* of patches of the dynamic model: factor, iterations */
     app_integer patch_vertices;
-    app_number rate; /* of force samples; 0: auto */
+    app_number rate; /* rate of force samples; 0: auto */
     app_number tick_rate, latency, loss, jitter;
     app_flag passivity;
     app_text profile;

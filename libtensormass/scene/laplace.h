@@ -4,16 +4,16 @@
 
 #include "tensormass/mesh.h"
 
-/* Laplace's equation on the mesh's linear tetrahedra: the potential is 0 where low[vertex_count] marks, 1 where
- * high[vertex_count] does (and not low), free of flux elsewhere on the surface. fibre[3*tet_count] := unit vectors
- * along its gradient; tetrahedra in which it is constant take their neighbours'. Rules of the kind: Bayer and others,
- * "A novel rule-based algorithm for assigning myocardial fiber orientation", Ann Biomed Eng 40:2243 (2012).
- * TM_ERR_MESH: a piece of the mesh has not both (`entity` a vertex of it). TM_ERR_MEMORY. TM_ERR_LIMIT: no solution
- * within vertex_count iterations. */
+/* Solves Laplace's equation on the mesh's linear tetrahedra. The potential is 0 at vertices marked in low[vertex_count]
+ * and 1 where only high[vertex_count] is marked; the rest of the surface has no flux. Sets fibre[3*tet_count] to unit
+ * vectors along its gradient; tetrahedra with a constant potential use their neighbours' direction. Such rules: Bayer
+ * and others, "A novel rule-based algorithm for assigning myocardial fiber orientation", Ann Biomed Eng 40:2243 (2012).
+ * Returns TM_ERR_MESH if a connected component lacks one of the sets (`entity`: one of its vertices), TM_ERR_MEMORY, or
+ * TM_ERR_LIMIT without convergence within vertex_count iterations. */
 tm_status sim_laplace(const tm_mesh *mesh, const uint8_t *low, const uint8_t *high, double *fibre, tm_error *error);
 
-/* `passes` times: each tetrahedron's axis becomes the mean of its own and its neighbours' across faces, either way
- * round, of length 1. False: no memory. */
+/* Repeats `passes` times: replaces each tetrahedron's axis by the unit mean of its own and its face neighbours', with
+ * signs aligned. Returns false if memory is exhausted. */
 bool sim_smooth_axes(const tm_mesh *mesh, int passes, double *fibre);
 
 #endif

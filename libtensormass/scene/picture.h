@@ -1,4 +1,4 @@
-/* The surface as single-precision rows, for viewers: scenes with `rendering` only. */
+/* The surface as single-precision rows, for viewers; only for scenes with `rendering`. */
 #ifndef TM_SIM_PICTURE_H
 #define TM_SIM_PICTURE_H
 
@@ -6,19 +6,19 @@
 
 typedef struct sim_picture {
     int32_t vertex_count, triangle_count;
-    int32_t *vertex_id;    /* [vertex_count] the mesh file's numbers, ascending */
-    float **vertex_m;      /* [vertex_count][3] now */
-    int32_t **triangle;    /* [triangle_count][3] indices into the above */
-    int8_t *triangle_kind; /* [triangle_count] 0: of the uncut surface, 1: laid open */
-    int32_t revision;      /* of the surface that is numbered */
+    int32_t *vertex_id;    /* [vertex_count] numbers of the mesh file, ascending */
+    float **vertex_m;      /* [vertex_count][3] current positions */
+    int32_t **triangle;    /* [triangle_count][3] indices into vertex_m */
+    int8_t *triangle_kind; /* [triangle_count] 0: on the uncut surface, 1: exposed by a cut */
+    int32_t revision;      /* revision of the numbered surface */
 
     /* private */
     int32_t *slot_of; /* [mesh vertices] index into the picture, -1: not on the surface */
-    int32_t *of_file; /* [mesh vertices] the mesh's number of each vertex of the file; null: the same */
+    int32_t *of_file; /* [mesh vertices] mesh number of each vertex of the file; null: equal */
     size_t bytes;
 } sim_picture;
 
-/* The tissue as it is now; rewritten by the next call. */
+/* Returns the tissue in its current state; the next call overwrites it. */
 const sim_picture *sim_picture_now(sim *s);
 
 #endif

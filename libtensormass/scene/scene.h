@@ -1,6 +1,7 @@
-/* Scenes: YAML read through one table of fields that also makes the defaults, the errors and docs/scene-reference.md.
+/* Scenes: YAML, read through one table of fields. The table also gives the defaults, the errors and
+ * docs/scene-reference.md.
  *
- * Every value carries the line it came from: 0 where it is a default, negative where it came from --set. */
+ * Each value carries its line: 0 for a default, negative for a value from --set. */
 #ifndef TM_SCENE_H
 #define TM_SCENE_H
 
@@ -32,7 +33,7 @@ typedef struct app_text {
 typedef struct app_choice {
     int index;
     int line;
-} app_choice; /* into the field's a|b|c */
+} app_choice; /* index into the field's a|b|c */
 typedef struct app_flag {
     bool on;
     int line;
@@ -46,41 +47,41 @@ typedef struct app_list {
     void *item;
     int count;
     int line;
-} app_list; /* of the field's item struct */
+} app_list; /* items of the field's item struct */
 
 typedef enum app_kind {
     APP_SECTION, /* mapping */
-    APP_NUMBER,  /* quantity of `unit`; "rate|auto": or that word, which is 0 */
+    APP_NUMBER,  /* quantity in `unit`; "rate|auto": or that word, read as 0 */
     APP_INTEGER,
-    APP_VECTOR, /* three quantities of `unit` */
+    APP_VECTOR, /* three quantities in `unit` */
     APP_TEXT,
-    APP_PATH,     /* text, relative to the scene's folder, made absolute or relative to the working directory */
+    APP_PATH,     /* text, relative to the scene's folder; made absolute, or relative to the working directory */
     APP_CHOICE,   /* one of `unit`, "a|b|c" */
     APP_FLAG,     /* yes or no */
-    APP_INTEGERS, /* an integer or a list of them */
-    APP_LIST,     /* sequence of mappings, fields "path[].…", items of `size` bytes that begin with an app_section */
-    APP_TABLE     /* mapping of names to mappings, fields "path.*.…"; items begin with an app_text, the name */
+    APP_INTEGERS, /* an integer or a list of integers */
+    APP_LIST,     /* sequence of mappings, fields "path[].…"; items of `size` bytes, first member app_section */
+    APP_TABLE     /* mapping of names to mappings, fields "path.*.…"; first member of an item: app_text, the name */
 } app_kind;
 
 typedef struct app_field {
     const char *path;
     app_kind kind;
     const char *unit;     /* dimension, or choices */
-    const char *fallback; /* text, parsed like the scene's own; null: unset; "!" required */
-    double min, max;      /* SI, inclusive; min == max: no range */
-    size_t offset;        /* in the enclosing struct: root, or list item */
-    size_t size;          /* of a list's item */
+    const char *fallback; /* text, parsed as a scene's own; null: unset; "!": required */
+    double min, max;      /* SI, inclusive; min == max: unlimited */
+    size_t offset;        /* in the enclosing struct: root or list item */
+    size_t size;          /* size of a list item */
     const char *doc;
 } app_field;
 
-/* A table and the struct it fills. The scene's own, and one for each effect. */
+/* A table of fields and the size of its struct: one for the scene, one per effect. */
 typedef struct app_schema {
     const app_field *field;
     int count;
-    size_t size; /* of the root struct */
+    size_t size; /* size of the root struct */
 } app_schema;
 
-/* --- which vertices --- */
+/* --- vertex selectors --- */
 
 typedef struct app_select {
     app_text group;
@@ -92,7 +93,7 @@ typedef struct app_select {
     app_integers vertex;
 } app_select;
 
-/* The selector's fields for another table: APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)). */
+/* Repeats the selector's fields in another table: APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)). */
 #define APP_SELECT_FIELDS(prefix, at)                                                                                  \
     {prefix "group",                                                                                                   \
      APP_TEXT,                                                                                                         \
@@ -138,13 +139,13 @@ typedef struct app_select {
 typedef enum app_model { APP_DYNAMIC = 0, APP_PRECOMPUTED = 1, APP_HYBRID = 2 } app_model;
 
 typedef struct app_material {
-    app_text region; /* "*": every region not named */
+    app_text region; /* "*": each region that is not named */
     app_number young, poisson;
     app_number lambda, mu;
     app_number lambda_T, mu_T, lambda_L, mu_L, beta;
     app_number E_L, E_T, nu_LT, nu_TT, G_L;
     app_choice law;                                                 /* tm_law_kind */
-    app_number stretch, compression, second, C, k1, k2, dispersion; /* of laws */
+    app_number stretch, compression, second, C, k1, k2, dispersion; /* meaning depends on the law */
     app_number density, damping;
 } app_material;
 
@@ -152,7 +153,7 @@ typedef struct app_support {
     app_section here;
     app_text name;
     app_select select;
-    app_text axes; /* some of xyz */
+    app_text axes; /* a subset of xyz */
     app_vector displace;
 } app_support;
 
@@ -163,8 +164,8 @@ typedef struct app_load {
     app_vector force, traction;
 } app_load;
 
-/* Either joint values or a tip position, whose insertion may be told by the surface instead; the rest of the joints
- * with either. */
+/* Either joint values or a tip position. The surface may set the insertion of a tip position. Either may give the other
+ * joints. */
 typedef struct app_pose {
     app_number pitch, yaw, insertion, above, roll, grip;
     app_vector tip;
@@ -173,11 +174,11 @@ typedef struct app_pose {
 typedef struct app_instrument {
     app_section here;
     app_choice mode; /* tm_tool_mode */
-    app_text device; /* a name of hrt_device_types */
+    app_text device; /* name from hrt_device_types */
     app_text profile;
     app_vector trocar, axis, up;
     app_number radius, contact_length;
-    app_section friction; /* of the effect of this name, what this one has of its own; null default: the effect's */
+    app_section friction; /* this instrument's options of the effect with this name; null default: the effect's value */
     app_number friction_static, friction_kinetic;
     app_section start_here;
     app_pose start;
@@ -200,10 +201,10 @@ typedef struct app_hand {
     app_list path; /* app_waypoint */
 } app_hand;
 
-/* By what name a scene asks for an effect, or by which model. */
+/* How a scene names an effect: by its key or by a model. */
 typedef struct app_effect_key {
     const char *name;
-    int model; /* app_model that stands for naming the effect; 0: its section does */
+    int model; /* app_model that implies the effect; 0: named by its section */
 } app_effect_key;
 
 typedef struct app_scene {
@@ -216,7 +217,7 @@ typedef struct app_scene {
     app_text mesh;
     app_number scale;
     app_choice precision; /* 0 double, 1 single: tm_precision */
-    app_flag renumber;    /* inside, where the file's numbering is poor */
+    app_flag renumber;    /* renumber vertices internally if the file's bandwidth is large */
     app_choice force;     /* 0 best, 1 plain: tm_force_form */
     app_list material;    /* app_material */
     app_list support;     /* app_support */
@@ -229,42 +230,42 @@ typedef struct app_scene {
 
     int effect_count;
     void *
-        *effect; /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
-    const app_effect_key *effect_key; /* [effect_count] of whoever loads; null: schemas have no names */
+        *effect; /* the options of each schema passed to app_scene_load; first member app_section, line 0: not named */
+    const app_effect_key *effect_key; /* [effect_count] of the caller; null: schemas have no names */
 
-    bool strict; /* warnings are errors */
-    int pace;    /* sim_scene_pace: how often forces are computed; set between loading and building */
+    bool strict; /* treat warnings as errors */
+    int pace;    /* sim_scene_pace: who requests forces; set between loading and building */
 
     /* private */
     void *arena;
-    void *no_memory; /* jmp_buf while the file is read: where app_scene_alloc goes when there is none */
+    void *no_memory; /* jmp_buf while the file is read: target of app_scene_alloc when memory is exhausted */
     char **set;
     int set_count;
 } app_scene;
 
-/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. */
+/* Reads `file` with the changes in `set`: "path=value" replaces a value, "path" removes a key. */
 tm_status app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
                          const app_host *host, app_scene **scene);
 void app_scene_free(app_scene *scene);
-/* "scene.yaml: out of memory; close other programs". Returns TM_ERR_MEMORY. */
+/* Adds the fault "scene.yaml: out of memory; close other programs". Returns TM_ERR_MEMORY. */
 tm_status app_scene_no_memory(const app_host *host, const char *file);
-/* Zeroed memory that lives as long as the scene; null: there is none. */
+/* Allocates zeroed memory that the scene owns; returns null if memory is exhausted. */
 void *app_scene_alloc(app_scene *scene, size_t bytes);
 
-/* `text` as a YAML scalar that means these very characters, for --set. False: `size` is too small, `out` is undefined.
- */
+/* Writes `text` as a YAML scalar with exactly these characters, for --set. Returns false if `size` is too small; `out`
+ * is then undefined. */
 bool app_scene_quote(const char *text, char *out, size_t size);
 
-/* Adds a fault with the line that is to blame. Returns `status`, not TM_OK. */
+/* Adds a fault at this line. Returns `status`, which is not TM_OK. */
 tm_status app_scene_fail(const app_scene *scene, int line, tm_status status, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
-/* A fault of a value, by its line. Returns TM_ERR_ARGUMENT. */
+/* Adds a fault about a value, at its line. Returns TM_ERR_ARGUMENT. */
 tm_status app_scene_bad(const app_scene *scene, int line, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
-/* "scene.yaml:12: warning: what; what to do", and the scene goes on: 0, or TM_ERR_ARGUMENT where it is strict. */
+/* Adds "scene.yaml:12: warning: what; what to do". Returns 0, or TM_ERR_ARGUMENT if the scene is strict. */
 tm_status app_scene_warn(const app_scene *scene, int line, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
-/* "scene.yaml:12", or "--set path=value". */
+/* Writes "scene.yaml:12", or "--set path=value". */
 void app_scene_where(const app_scene *scene, int line, char *text, size_t size);
 
 extern const app_schema app_scene_schema;

@@ -1,4 +1,4 @@
-/* From a scene's words to the library's arrays: laws, selectors, tissue. */
+/* Converts a scene's values to the library's arrays: laws, selectors, tissue. */
 #ifndef TM_SCENE_PARTS_H
 #define TM_SCENE_PARTS_H
 
@@ -8,26 +8,25 @@
 
 typedef enum app_law { APP_LAW_YOUNG, APP_LAW_LAME, APP_LAW_PAPER, APP_LAW_FIVE, APP_LAW_ENGINEERING } app_law;
 
-/* Which family of constants a material has. Returns TM_ERR_ARGUMENT where it has none, half of one or two.
- */
+/* Finds the family of constants of a material. Returns TM_ERR_ARGUMENT for none, an incomplete one, or two. */
 tm_status app_scene_law(const app_scene *scene, const app_material *material, app_law *law);
 static inline bool app_law_fibred(app_law law) { return law >= APP_LAW_PAPER; }
 
-/* mark[vertex_count] := 1 where selected. Complains where nothing is. `*count` is how many. */
+/* Sets mark[vertex_count] to 1 for selected vertices and `*count` to their number. Adds a fault if there are none. */
 tm_status app_select_vertices(const app_scene *scene, const app_select *select, int line, const tm_mesh_file *mesh,
                               uint8_t *mark, int32_t *count);
 
-/* Everything that needs no mesh. app_scene_load does not call it: effects check theirs in the same round. */
+/* Checks what needs no mesh. app_scene_load does not call it: effects run their checks in the same pass. */
 tm_status app_scene_check(const app_scene *scene);
 
-/* Whether constants of nonlinear laws are those of the material's own. */
+/* Checks that nonlinear constants belong to the material's law. */
 tm_status app_scene_law_check(const app_scene *scene, const app_material *material);
-/* The scene's materials, one a region of the mesh: out[mesh->region_count]. `default_damping_1_s` where a material
- * names none. */
+/* Fills out[mesh->region_count] with the scene's materials, one per region of the mesh. `default_damping_1_s` applies
+ * to materials without damping. */
 tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
                               tm_material *out);
 
-/* docs/scene-reference.md on `out`. `effect_name[i]` and `effect_doc[i]` head the fields of effect[i]. */
+/* Prints docs/scene-reference.md to `out`. `effect_name[i]` and `effect_doc[i]` head the fields of effect[i]. */
 #include <stdio.h>
 void app_scene_reference(FILE *out, const app_schema *effect, const char *const *effect_name,
                          const char *const *effect_doc, int effect_count);

@@ -1,12 +1,12 @@
-/* libtensormass_solve through the module `solve`, opened only by scenes whose model is precomputed or hybrid, or whose
- * controllers want exact compliance. */
+/* libtensormass_solve through the module `solve`. Only scenes with a precomputed or hybrid model, or controllers with
+ * exact compliance, open it. */
 #ifndef TM_SIM_SOLVE_API_H
 #define TM_SIM_SOLVE_API_H
 
 #include "sim.h"
 #include "tensormass_solve.h"
 
-/* It moves lists of macros about for ever. */
+/* clang-format does not converge on lists of macros. */
 /* clang-format off */
 #define SIM_SOLVE(F) \
     F(tm_precomputed_def_default) F(tm_model_precomputed) F(tm_model_precompute) \
@@ -21,7 +21,7 @@ typedef struct sim_solve_api {
 
 bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error);
 
-/* Options of `precomputed` and, all but the first, of `hybrid`. */
+/* Options of `precomputed`; `hybrid` has all but the first. */
 typedef struct sim_solve_options {
     app_section here;
     app_choice solver, precision;
@@ -33,7 +33,7 @@ typedef struct sim_solve_options {
     app_flag smooth;
 } sim_solve_options;
 
-/* The members that definitions of both kinds of model have. */
+/* Members that the definitions of both models share. */
 typedef struct sim_solve_members {
     tm_solve_def *problem;
     tm_precision *precision;
@@ -42,8 +42,8 @@ typedef struct sim_solve_members {
 } sim_solve_members;
 
 enum { SIM_SOLVE_PATH = 1024 };
-/* Sets them from a scene's options. `path` holds the name of the file, which differs by `kind` and by what the result
- * depends on; file null: the scene keeps none. */
+/* Sets the members from a scene's options. `path` receives the file's name, which depends on `kind` and on the inputs
+ * of the result. A null file means that the scene stores none. */
 void sim_solve_set(const sim *s, const sim_solve_options *o, const char *kind, char path[SIM_SOLVE_PATH],
                    const sim_solve_members *to);
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *report);

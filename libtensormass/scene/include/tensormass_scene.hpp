@@ -1,4 +1,5 @@
-/* libtensormass_scene from C++17 (tensormass.hpp): a scene that closes itself, its faults as one exception. */
+/* libtensormass_scene for C++17 (tensormass.hpp): a scene that closes itself; its faults are thrown as one
+ * exception. */
 #ifndef TENSORMASS_SCENE_HPP
 #define TENSORMASS_SCENE_HPP
 
@@ -13,7 +14,8 @@ class scene_ref : public reference<tm_scene> {
   public:
     using reference::reference;
     tm_scene_info about() const { return tm_scene_get_info(p_); }
-    /* One frame: where the scene's hands go, or to poses of yours, one an instrument (fewer: TM_ERR_ARGUMENT). */
+    /* Computes one frame: along the scene's hands, or to the given poses, one per instrument (fewer:
+     * TM_ERR_ARGUMENT). */
     [[nodiscard]] tm_status step() const { return tm_scene_step(p_, nullptr); }
     [[nodiscard]] tm_status step(span<const tm_tool_pose> to) const {
         const bool enough = to.size() >= std::size_t(tm_scene_get_info(p_).instrument_count);
@@ -21,7 +23,7 @@ class scene_ref : public reference<tm_scene> {
     }
     mesh_ref mesh() const { return tm_scene_mesh(p_); }
     tissue_ref tissue() const { return tm_scene_tissue(p_); }
-    world_ref world() const { return tm_scene_world(p_); } /* empty: the precomputed model has none */
+    world_ref world() const { return tm_scene_world(p_); } /* empty for the precomputed model */
     span<const double> u_m() const {
         return {tm_scene_displacement(p_), 3 * std::size_t(tm_scene_get_info(p_).vertex_count)};
     }
@@ -33,7 +35,7 @@ class scene_ref : public reference<tm_scene> {
 
 class scene : public owner<scene_ref, tm_scene, tm_scene_close> {
   public:
-    /* `set`: "path=value" or "path". Throws an error whose sentence is the first fault, file and line before it. */
+    /* `set`: "path=value" or "path". Throws an error with the first fault as its message, after file and line. */
     explicit scene(const std::string &file, const std::vector<std::string> &set = {})
         : list_(new tm_diagnostics{}, [](tm_diagnostics *list) {
               tm_diagnostics_clear(list);
@@ -53,11 +55,11 @@ class scene : public owner<scene_ref, tm_scene, tm_scene_close> {
             return status;
         });
     }
-    /* What was found on the way: warnings and remarks. */
+    /* Returns the warnings and remarks so far. */
     span<const tm_diagnostic> diagnostics() const { return {list_->item, std::size_t(list_->count)}; }
 
   private:
-    std::unique_ptr<tm_diagnostics, void (*)(tm_diagnostics *)> list_; /* stays where it is when the scene moves */
+    std::unique_ptr<tm_diagnostics, void (*)(tm_diagnostics *)> list_; /* keeps its address when the scene moves */
 };
 
 } // namespace tensormass
