@@ -1,4 +1,4 @@
-/* This machine's memory bandwidth, measured in the same run as whatever is held against it. */
+/* Memory bandwidth of this machine, measured in the same run as the figure that is compared with it. */
 #ifndef TM_BANDWIDTH_H
 #define TM_BANDWIDTH_H
 
@@ -7,9 +7,9 @@
 
 #include "clock.h"
 
-/* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the
- * triad of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set
- * that is judged. */
+/* Returns the memory bandwidth of one thread, B/s. It computes c[i] = a[i] + s b[i] over arrays of `bytes` together
+ * (the triad of McCalpin's STREAM) and takes the median of `rounds` passes. Returns 0 if memory is exhausted. Choose
+ * `bytes` like the working set in question. */
 double app_bandwidth_B_s(size_t bytes, int rounds);
 
 /* Memory for `count` things, zeroed; room for one more. A program that gets none says so and exits with 1. */

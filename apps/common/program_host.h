@@ -1,4 +1,4 @@
-/* A program around scenes: what their reader has to say goes to stderr as it comes, models show how far they are, and a
+/* Host of a program that loads scenes. The scene reader's messages go to stderr, models report their progress, and a
  * signal ends a frame. */
 #ifndef TM_PROGRAM_HOST_H
 #define TM_PROGRAM_HOST_H
@@ -6,13 +6,13 @@
 #include "app.h"
 #include "scene/host.h"
 
-/* For sim_scene_load. Valid for ever. */
+/* Returns the host for sim_scene_load. It stays valid until the program ends. */
 const app_host *app_program_host(void);
 
-/* For models that a program computes itself: says on stderr how far it is; stops where the user did. */
+/* Reports the progress of a model that a program computes itself on stderr. Returns false if the user stopped it. */
 bool app_solve_progress(void *user, const char *what, double fraction, double seconds_left);
-/* From now on what would take longer than that is stopped, by its own estimate; INFINITY: nothing is. */
+/* Stops computations whose estimated time exceeds this, from now on; INFINITY: none. */
 void app_solve_allow(double seconds);
-double app_solve_beyond(void); /* what that would have taken more; 0: nothing was stopped */
+double app_solve_beyond(void); /* estimated time that the stopped computation still needed, s; 0: none stopped */
 
 #endif

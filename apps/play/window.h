@@ -1,4 +1,4 @@
-/* A window that shows pictures and hears keys and mouse: a module (lib/tensormass/window.so) around SDL2. */
+/* A window that shows pictures and reads keys and mouse: a module (lib/tensormass/window.so) around SDL2. */
 #ifndef PLAY_WINDOW_H
 #define PLAY_WINDOW_H
 
@@ -16,7 +16,7 @@ typedef enum play_event_type {
     PLAY_FOCUS_LOST
 } play_event_type;
 
-/* Keys that are no character. Others carry their lower-case ASCII. */
+/* Keys without a character. Others have the code of their lower-case ASCII character. */
 enum {
     PLAY_LEFT = 256,
     PLAY_RIGHT,
@@ -32,19 +32,19 @@ enum {
 typedef struct play_event {
     play_event_type type;
     int code;     /* key; button 1 left, 2 middle, 3 right */
-    bool down;    /* of key or button; keys that repeat by themselves are not told again */
-    float dx, dy; /* motion in picture pixels, x right, y down; wheel steps in dy, away from the user positive */
+    bool down;    /* key or button is down; automatic repeats are not reported */
+    float dx, dy; /* pixels, x right, y down; wheel: steps in dy, positive away from the user */
 } play_event;
 
 typedef struct play_window play_window;
 
-/* The module's one symbol. */
+/* Functions of the module, reached through its single symbol. */
 typedef struct play_window_api {
-    /* TM_ERR_LIMIT: no display. */
+    /* Opens a window. Returns TM_ERR_LIMIT without a display. */
     tm_status (*open)(int width, int height, const char *title, play_window **window, tm_error *error);
     void (*close)(play_window *window);
     bool (*next_event)(play_window *window, play_event *event);
-    /* rgb[3*width*height], top row first; stretched when the window was resized. */
+    /* Shows rgb[3*width*height], top row first, stretched to the window's size. */
     void (*show)(play_window *window, const uint8_t *rgb);
 } play_window_api;
 #define PLAY_WINDOW_SYMBOL "play_sdl"

@@ -1,4 +1,4 @@
-/* Published constants of human tissues, found by what a region is called. */
+/* Published constants of human tissues, found by a region's name. */
 #ifndef SCENE_TISSUES_H
 #define SCENE_TISSUES_H
 
@@ -6,25 +6,26 @@
 
 typedef enum tissue_role {
     TISSUE_SOFT,
-    TISSUE_TUMOUR, /* what the first press looks for */
-    TISSUE_VESSEL, /* holds an organ where it leaves it */
-    TISSUE_BONE    /* held whole */
+    TISSUE_TUMOUR, /* the first instrument presses above it */
+    TISSUE_VESSEL, /* holds an organ where the vessel leaves it */
+    TISSUE_BONE    /* fixed completely */
 } tissue_role;
 
 typedef struct tissue_constants {
-    const char *name, *words; /* beginnings of words; "rib." is the whole word */
+    const char *name, *words; /* beginnings of words; "rib." matches the complete word only */
     tissue_role role;
     double young_Pa, poisson, density_kg_m3;
-    const char *source; /* of Young's modulus, a line of text */
+    const char *source; /* source of Young's modulus, one line */
 } tissue_constants;
 
-/* By the first row whose words the name has, in lower case, "_" between words or not. Null: in no row. */
+/* Returns the first row with a word that occurs in the name, in lower case, with or without "_" between words. Returns
+ * null if no row matches. */
 const tissue_constants *tissue_find(const char *name);
-/* What stands for a region that is in no row. */
+/* Constants for a region that matches no row. */
 extern const tissue_constants tissue_unknown;
-/* Where all densities are from. */
+/* Source of all densities. */
 extern const char tissue_density_source[];
-/* The table, a row at a time; null after the last. */
+/* Returns a row of the table, or null after the last. */
 const tissue_constants *tissue_row(int index);
 
 #endif

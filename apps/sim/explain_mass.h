@@ -1,4 +1,4 @@
-/* What --explain says of mass scaling. */
+/* Mass scaling in the output of --explain. */
 #ifndef TM_EXPLAIN_MASS_H
 #define TM_EXPLAIN_MASS_H
 
@@ -6,8 +6,8 @@
 
 #include "scene/sim.h"
 
-/* How much mass was added, where, and what that does to the lowest frequencies; nothing where the scene has none, but
- * what a sliver costs where tissue is cut. */
+/* Reports the added mass, its distribution and its effect on the lowest frequencies. Without mass scaling, reports only
+ * the cost of a sliver, and only if tissue is cut. */
 void explain_mass(const sim *s, cJSON *json);
 
 #endif

@@ -1,4 +1,4 @@
-/* What --explain says of a mesh whose numbers jump. */
+/* Vertex numbering in the output of --explain. */
 #ifndef TM_EXPLAIN_NUMBERING_H
 #define TM_EXPLAIN_NUMBERING_H
 
@@ -6,7 +6,7 @@
 
 #include "scene/sim.h"
 
-/* How far apart neighbours' numbers are in the file, and in the best order; printed only where that is worth having. */
+/* Reports the bandwidth of the file's numbering and of the best order. Prints it only if renumbering is worthwhile. */
 void explain_numbering(const sim *s, cJSON *json);
 
 #endif

@@ -1,4 +1,4 @@
-/* What --explain says of the rate of force samples. */
+/* Rate of force samples in the output of --explain. */
 #ifndef TM_EXPLAIN_STREAM_H
 #define TM_EXPLAIN_STREAM_H
 
@@ -6,7 +6,7 @@
 
 #include "scene/sim.h"
 
-/* Rate, substeps of a sample, and what goes with it; nothing without `haptics`. */
+/* Reports the rate, the substeps per sample and the contents of a sample; nothing without `haptics`. */
 void explain_stream(const sim *s, cJSON *json);
 
 #endif

@@ -1,4 +1,4 @@
-/* What a run notes on its way and says at its end: tools that never touched, tissue deformed too far. */
+/* Observations during a run, reported at its end: tools that never touched, tissue deformed too far. */
 #ifndef TM_SIM_OBSERVE_H
 #define TM_SIM_OBSERVE_H
 
@@ -6,17 +6,18 @@
 
 #include "scene/sim.h"
 
-/* After a frame: how near each instrument that has not touched yet has come. */
+/* Records, after a frame, the smallest distance of each instrument that has not touched yet. */
 void sim_reach_note(sim *s);
-/* At the end of a run of this length: a warning for each that never touched, if the run was long enough to. */
+/* Warns, at the end of a run, about each instrument that never touched, if `seconds` was long enough for it. */
 void sim_reach_report(const sim *s, double seconds);
 
-/* After a frame, some of them: how far the tissue is deformed, where all of it is known (the dynamic model). */
+/* Records, after some frames, the deformation of the tissue where all of it is known (the dynamic model). */
 void sim_shape_note(sim *s);
-/* At the end of a run: in the report (null: none), and a warning if it was linear and far outside its range. */
+/* Adds the deformation to the report (null: none) at the end of a run. Warns if the run was linear and far outside its
+ * range. */
 void sim_shape_report(const sim *s, cJSON *report);
-/* The same of one shape. */
-/* Tells how many tetrahedra were beyond a limit of their nonlinear law, in the report and, above 1 %, as a warning. */
+/* Adds the same for one shape. */
+/* Reports how many tetrahedra were beyond a limit of their nonlinear law; warns above 1 %. */
 void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *report);
 void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when);
 void sim_shape_json(const tm_deformation *shape, cJSON *report);

@@ -1,5 +1,5 @@
-/* What a frame tells the world: force samples, status, tissue. Structs of the generated types, filled here for network,
- * log and lockstep alike. */
+/* Messages of a frame: force samples, status, tissue. The structs of the generated types are filled here for network,
+ * log and lockstep. */
 #ifndef TM_SIM_PUBLISH_H
 #define TM_SIM_PUBLISH_H
 
@@ -9,7 +9,7 @@
 #include "scene/sim.h"
 #include "tools.h"
 
-/* force_sample_t.flags: how the reaction came about (tm_reaction_flag), and what befell the frame. */
+/* force_sample_t.flags: origin of the reaction (tm_reaction_flag) and events of the frame. */
 enum {
     SIM_FLAG_CAPPED = 1,
     SIM_FLAG_OVERFLOWED = 2,
@@ -25,8 +25,8 @@ enum {
 };
 
 typedef struct sim_publisher {
-    app_link *link; /* to whom it goes, and into the log; null: nobody listens */
-    app_link *log;  /* null: none; `link` itself where there is nothing else */
+    app_link *link; /* messages go to this link and into its log; null: no receiver */
+    app_link *log;  /* null: none; equals `link` if there is no other link */
     bool forces;    /* force samples are published */
     sim_ears ears;
     int64_t session;
@@ -37,42 +37,44 @@ typedef struct sim_publisher {
     tensormass_contact_patch_t patch;
 } sim_publisher;
 
-/* Which way messages go. */
+/* Routes of messages. */
 typedef struct sim_way {
-    const char *url;  /* the network; null: not there */
-    app_queue *queue; /* this process; null: not there */
+    const char *url;  /* URL of the network; null: none */
+    app_queue *queue; /* queue within this process; null: none */
     const char *log;  /* null: none */
     const app_key *key;
     int64_t session;
     bool forces;
-    sim_listener listener; /* tool null: nobody is listened to */
+    sim_listener listener; /* tool null: nothing is received */
 } sim_way;
 
-/* What was thrown away of what came. */
+/* Numbers of discarded messages. */
 typedef struct sim_refused {
-    int64_t malformed; /* messages that are not whole */
-    int64_t forged;    /* without the key's tag, heard before, or an answer to another simulation */
-    int64_t packets;   /* not LCM's, or too long */
-    int64_t foreign;   /* of other machines, though the URL has ttl=0 */
+    int64_t malformed; /* malformed messages */
+    int64_t forged;    /* messages with a wrong tag, replayed ones, and answers to another simulation */
+    int64_t packets;   /* packets that are not LCM or are too long */
+    int64_t foreign;   /* packets of other machines, although the URL has ttl=0 */
 } sim_refused;
 
-/* 0 or an exit code. The publisher stays where it is while it is open. */
+/* Opens the publisher. Returns 0 or an exit code. It must not move while it is open. */
 int sim_publisher_open(sim_publisher *p, const sim *s, const sim_way *way);
-/* False: the log could not be written to its end. */
+/* Returns false if the log could not be completed. */
 bool sim_publisher_close(sim_publisher *p);
 sim_refused sim_publisher_refused(const sim_publisher *p);
 
-/* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. What is not finite is sent
- * as no force and no stiffness, flagged unstable. */
+/* Fills the force sample of an instrument after a frame. tool_session is 0 before the first controller message. Values
+ * that are not finite are sent as zero force and stiffness, flagged unstable. */
 void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
                       int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out);
-/* The patch of the last frame, with its sample's seq; before the sample. False: there is none. */
+/* Fills the patch of the last frame with its sample's seq. Send it before the sample. Returns false if there is
+ * none. */
 bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
                        tensormass_contact_patch_t *out);
-/* Both of an instrument, after a frame of so many substeps of which the last `average` were averaged. */
+/* Publishes patch and sample of an instrument, after a frame of `substeps` substeps; the force is averaged over the
+ * last `average`. */
 void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int instrument, int64_t utime,
                           int32_t substeps, int32_t average, int32_t flags, tensormass_force_sample_t *sample);
-/* Cuts, status, tissue. compute_s: spent on the frame; rate_Hz: of force samples. */
+/* Publishes cuts, status and tissue. compute_s: time spent on the frame; rate_Hz: rate of force samples. */
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed, double rate_Hz);
 
 #endif

@@ -1,4 +1,4 @@
-/* A session on the wall clock: what its loop and its report share. */
+/* State of a session on the wall clock, shared by its loop and its report. */
 #ifndef TM_SIM_REALTIME_H
 #define TM_SIM_REALTIME_H
 
@@ -21,29 +21,29 @@ typedef struct controller_seen {
 typedef struct realtime {
     sim *s;
     const run_options *o;
-    const sim_haptics *haptics; /* null: instruments follow the hand */
+    const sim_haptics *haptics; /* null: the hand prescribes the instruments */
     sim_publisher publisher;
     sim_tools tools;
     app_file samples_file, report;
     run_series series;
     controller_seen controller[TM_MAX_INSTRUMENTS];
     sim_stream stream;
-    sim_stream_spent spent;                          /* by the frame under way */
-    int64_t start_us, next_us, frame_us, frame;      /* next: when the frame under way ends */
-    int64_t overruns, samples, merged, rate_changes; /* merged: base samples that came too late for one of their own */
-    double simulated_s, compute_s, cost_s;           /* cost_s: of one substep, smoothed */
+    sim_stream_spent spent;                          /* time spent on the current frame */
+    int64_t start_us, next_us, frame_us, frame;      /* next_us: end of the current frame */
+    int64_t overruns, samples, merged, rate_changes; /* merged: base samples too late for a force sample of their own */
+    double simulated_s, compute_s, cost_s;           /* cost_s: smoothed cost of one substep */
     hrt_histogram lateness, compute, sample_lateness;
     sim_magnitude force;
     bool reported_waiting;
     struct told {
         bool here, gone;
-        int64_t refused_us, refused; /* the last line about refused tool states; how many since */
+        int64_t refused_us, refused; /* time of the last message about refused tool states; number since */
     } told[TM_MAX_INSTRUMENTS];
-    sim_refused thrown_away; /* as it was told last */
+    sim_refused thrown_away; /* numbers at the last report */
     int64_t reported_dropped_us;
 } realtime;
 
-/* Fills the report of a session that has ended, and says the same in a line. */
+/* Fills the report of a session that has ended and prints its summary line. */
 void realtime_report(realtime *r, cJSON *json);
 
 #endif

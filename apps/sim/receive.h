@@ -1,5 +1,5 @@
-/* What the simulation hears: tool states, and what controllers say of themselves. With a key a tool answers this very
- * simulation, and every message counts once: recorded ones never fit. */
+/* Receives tool states and the controllers' status. With a key, a tool must answer this session of the simulation and
+ * each message counts once, so recorded messages are rejected. */
 #ifndef TM_SIM_LISTEN_H
 #define TM_SIM_LISTEN_H
 
@@ -15,12 +15,12 @@ typedef struct sim_listener {
 typedef struct sim_ears {
     sim_listener listener;
     bool sealed;
-    int64_t session; /* this simulation's */
+    int64_t session; /* session of this simulation */
     app_replay tools[TM_MAX_INSTRUMENTS], statuses[TM_MAX_INSTRUMENTS];
 } sim_ears;
 
 enum { SIM_TOPICS = 2 * TM_MAX_INSTRUMENTS };
-/* Fills `topic` for so many instruments, and says how many topics they are; `ears` must outlive the link. */
+/* Fills `topic` for this many instruments and returns the number of topics. `ears` must outlive the link. */
 int sim_ears_topics(sim_ears *ears, int instruments, app_topic topic[SIM_TOPICS]);
 
 #endif

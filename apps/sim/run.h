@@ -1,4 +1,4 @@
-/* The modes of tm-sim. Each takes a built scene and returns the exit code, having complained. */
+/* The modes of tm-sim. Each takes a built scene and returns the exit code, after an error message if it failed. */
 #ifndef TM_SIM_RUN_H
 #define TM_SIM_RUN_H
 
@@ -22,8 +22,8 @@ typedef struct run_options {
     int64_t paraview_every;
     bool no_key;
     run_mode mode;
-    double tolerance, snapshot_s, duration_s; /* duration below 0: the scene's */
-    int64_t frames;                           /* below 0: by duration */
+    double tolerance, snapshot_s, duration_s; /* duration_s below 0: the scene's */
+    int64_t frames;                           /* below 0: computed from the duration */
     char *set[RUN_MAX_SETS];
     int set_count;
     bool strict, list;
@@ -34,22 +34,22 @@ int run_realtime(sim *s, const run_options *o);
 int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
-/* Scenes that come with the programs, models, effects, on stdout. */
+/* Prints the scenes that come with the programs, the models and the effects on stdout. */
 int run_list(void);
 
-/* What a run ends with whose tissue went unstable: its output files are kept, they are the evidence. */
+/* Result of a run whose tissue became unstable: its output files are kept as evidence. */
 enum { RUN_UNSTABLE = -1 };
-/* Says so; returns RUN_UNSTABLE. */
+/* Reports the instability and returns RUN_UNSTABLE. */
 int run_unstable(int64_t frame);
 
-/* 130 or 143, having said so, where a signal ended a run that had an end of its own; else 0. */
+/* Returns 130 or 143 after a message if a signal ended a run of limited length; else 0. */
 int run_say_interrupted(int64_t frame, int64_t total);
 
-/* cJSON object of what every run reports: scene, mesh, step, memory. */
+/* Creates the cJSON object with the part common to all reports: scene, mesh, step, memory. */
 struct cJSON;
 struct cJSON *run_report_begin(const sim *s, const char *mode);
-/* What the effect `energy` knows, where the scene names it. */
-/* Of scenes that send more than forces: how many samples on tissue carried it. */
+/* Adds the figures of the effect `energy` if the scene has it. */
+/* Adds, for scenes that send more than forces, how many samples on tissue had those contents. */
 void run_report_coverage(const sim *s, struct cJSON *report);
 void run_report_energy(const sim *s, struct cJSON *report);
 

@@ -1,4 +1,4 @@
-/* Root mean squares of a run; its quantiles are io/histogram.h's. */
+/* Root mean squares of a run; io/histogram.h has the quantiles. */
 #ifndef TM_SIM_STATISTICS_H
 #define TM_SIM_STATISTICS_H
 
