@@ -1,4 +1,4 @@
-"""tensormass: soft tissue that can be felt. Tensor/mass finite elements, explicit dynamics, contact, cutting. SI units everywhere.
+"""tensormass: simulation of soft tissue with haptic feedback. Tensor/mass finite elements, explicit dynamics, contact, cutting. SI units everywhere.
 
     import tensormass as tm
 
@@ -10,8 +10,8 @@
     reaction, = contact.frame([tm.Pose((0.03, 0.03, 0.028))], substeps=2000)
     reaction.force_N
 
-Arrays are views of the library's memory where not said otherwise, and keep it alive. What goes wrong raises a tensormass.Error with the library's own
-sentence. See docs/python.md.
+Unless stated otherwise, arrays are views of the library's memory and keep it alive. Errors raise a tensormass.Error with the library's message.
+See docs/python.md.
 """
 from ._core import (
     ArgumentError, ContractError, ConvergenceError, DeformationWarning, Error, ExcludedError, FileError, LimitError, MaterialError, MeshError, NoMemoryError, SceneWarning,

@@ -1,4 +1,4 @@
-"""python -m tensormass SCENE: runs a scene and shows it, as numbers or (--show, tensormass[viz]) in PyVista."""
+"""python -m tensormass SCENE: runs a scene and prints its figures, or shows it in PyVista (--show, tensormass[viz])."""
 from __future__ import annotations
 
 import argparse
@@ -34,7 +34,7 @@ def _line(scene: Scene) -> str:
 
 
 def main(given: Optional[List[str]] = None) -> int:
-    """0, or 2 after bad input, as the programs do."""
+    """Returns 0, or 2 after bad input, as the programs do."""
     options = _arguments(given)
     sets = {**{key: value for key, _, value in (s.partition("=") for s in options.set)}, **{key: None for key in options.unset}}
     warnings.simplefilter("always", SceneWarning)

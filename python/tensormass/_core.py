@@ -1,4 +1,4 @@
-"""The libraries of this package, and what every module needs of them: calls, errors, handles that destroy in the right order, views of memory."""
+"""Access to the libraries of this package: calls, errors, handles with an order of destruction, views of memory."""
 from __future__ import annotations
 
 import contextlib
@@ -25,9 +25,9 @@ Bytes = NDArray[np.uint8]
 
 
 class Error(Exception):
-    """What a function of the library came back with, in its own sentence: what is wrong; what to do.
+    """An error that a function of the library returned, with its message: what is wrong; what to do.
 
-    `status`: its name in C ("TM_ERR_MESH"). `entity`: index of the vertex, tetrahedron, region ... that is to blame, -1 if none.
+    `status`: its name in C ("TM_ERR_MESH"). `entity`: index of the invalid vertex, tetrahedron or region, -1 if none.
     """
 
     def __init__(self, sentence: str, status: int = 0, entity: int = -1) -> None:
@@ -41,15 +41,15 @@ class ArgumentError(Error, ValueError):
 
 
 class ContractError(ArgumentError):
-    """What no correct program does: a null, an index out of range, a struct that was not filled. Nothing was changed."""
+    """A misuse that no correct program makes: a null, an index out of range, a struct without its defaults. Nothing has changed."""
 
 
 class NoMemoryError(Error, MemoryError):
-    """No memory."""
+    """Memory is exhausted."""
 
 
 class MeshError(Error, ValueError):
-    """Topology or geometry that no element can be built on."""
+    """Topology or geometry that no element can use."""
 
 
 class MaterialError(Error, ValueError):
@@ -57,7 +57,7 @@ class MaterialError(Error, ValueError):
 
 
 class SupportError(Error, ValueError):
-    """Boundary conditions that leave a rigid motion, or contradict."""
+    """Boundary conditions that leave a rigid motion free or contradict each other."""
 
 
 class StepError(Error, ValueError):
@@ -69,7 +69,7 @@ class ConvergenceError(Error, ArithmeticError):
 
 
 class UnstableError(Error, ArithmeticError):
-    """A displacement passed a thousand times the body's size, or stopped being finite: all is as before the call."""
+    """A displacement passed a thousand times the body's size, or is not finite. The state is as before the call."""
 
 
 class LimitError(Error):
@@ -81,15 +81,15 @@ class FileError(Error, OSError):
 
 
 class ExcludedError(Error, ValueError):
-    """Two effects that cannot be together."""
+    """Two effects that exclude each other."""
 
 
 class SceneWarning(UserWarning):
-    """What is valid in a scene and probably not meant, with its place."""
+    """A valid setting that is probably a mistake, with its file and line."""
 
 
 class DeformationWarning(UserWarning):
-    """Tissue is inside out somewhere, or linear and far outside its range: what to do about it."""
+    """Tetrahedra are inverted, or linear tissue is far outside its range. The message says what to do."""
 
 
 ERRORS: Dict[int, Type[Error]] = {
@@ -110,7 +110,7 @@ _broken = threading.local()
 
 
 class _Library:
-    """Functions by name, opened when first called. A broken contract raises, whatever the function returns."""
+    """The library's functions by name; opens each library at its first call. A contract error raises, whatever the function returns."""
 
     def __init__(self) -> None:
         self._opened: Dict[str, ctypes.CDLL] = {}
@@ -118,7 +118,7 @@ class _Library:
     def _open(self, name: str) -> ctypes.CDLL:
         if name not in self._opened:
             if name != "tensormass":
-                self._open("tensormass")  # theirs too
+                self._open("tensormass")  # these libraries require it
             found = sorted(_FOLDER.glob(f"lib{name}.*"))  # .so.0.2, .dll, .0.2.dylib
             if not found:
                 raise ImportError(f"{_FOLDER}: lib{name} is not there; " + (
@@ -160,13 +160,13 @@ lib.tm_set_contract_handler(_HANDLER, None)
 
 
 def call(function: Any, *arguments: Any) -> None:
-    """Calls a set-up function, whose last argument is the error, and raises what it came back with."""
+    """Calls a set-up function, whose last argument is the error, and raises that error."""
     error = c.tm_error()
     check(function(*arguments, ctypes.byref(error)), error)
 
 
 def check(status: int, error: Optional[c.tm_error] = None, sentence: str = "") -> None:
-    """Raises where `status` is not TM_OK."""
+    """Raises if `status` is not TM_OK."""
     if status == c.TM_OK:
         return
     told = error.message.decode(errors="replace") if error is not None and error.message else sentence
@@ -175,7 +175,7 @@ def check(status: int, error: Optional[c.tm_error] = None, sentence: str = "") -
 
 @contextlib.contextmanager
 def interrupt_noted() -> Iterator[List[Any]]:
-    """Ctrl-C within fills the list, and is raised at the end: raised in a function that the library calls it would be lost."""
+    """Notes Ctrl-C in the list and raises it at the end: an exception inside a function that the library calls would be lost."""
     noted: List[Any] = []
     usual = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(usual):
@@ -191,13 +191,13 @@ def interrupt_noted() -> Iterator[List[Any]]:
 
 
 class Diagnostics:
-    """What the scene library has to say: a list that a scene's calls add to."""
+    """Diagnostics of the scene library: a list to which a scene's calls append."""
 
     def __init__(self) -> None:
         self.list = c.tm_diagnostics()
 
     def take(self) -> List[str]:
-        """Faults since the last call, a line each; warnings among them are issued as such."""
+        """Returns the faults since the last call, one a line, and issues the warnings among them."""
         lines, text = [], ctypes.create_string_buffer(8192)
         item = ctypes.cast(self.list.item, ctypes.POINTER(c.tm_diagnostic))
         for i in range(self.list.count):
@@ -214,13 +214,13 @@ class Diagnostics:
 
 
 class Handle:
-    """One object of the library: destroyed when nobody uses it, and after what was made from it, in whatever order Python lets go."""
+    """Handle of one object of the library. Destroys it after its last use and after the objects made from it, in any order of Python's."""
 
     __slots__ = ("pointer", "keep", "_destroy", "_parents", "_users", "_lock")
 
     def __init__(self, pointer: int, destroy: Optional[Callable[[int], Any]], parents: Iterable["Handle"] = (), keep: Any = None) -> None:
         self.pointer = pointer
-        self.keep = keep  # what the object points to: buffers, callbacks
+        self.keep = keep  # objects that the library points to: buffers, callbacks
         self._destroy = destroy
         self._parents = list(parents)
         self._users = 1
@@ -229,7 +229,7 @@ class Handle:
             parent.take()
 
     def outlived_by(self, parent: "Handle") -> None:
-        """`parent`, too, is destroyed after this."""
+        """Destroys `parent` after this handle too."""
         parent.take()
         self._parents.append(parent)
 
@@ -251,7 +251,7 @@ class Handle:
 
 
 class Object:
-    """What stands for one object of the library."""
+    """Base of the classes that represent one object of the library."""
 
     _handle: Handle
 
@@ -275,7 +275,7 @@ _KINDS: Dict[str, Any] = {"float64": ctypes.c_double, "float32": ctypes.c_float,
 
 
 def view(owner: object, address: Any, shape: Iterable[int], kind: str = "float64", writable: bool = False) -> Any:
-    """Memory of the library as an array, without a copy; it keeps `owner` alive."""
+    """Returns memory of the library as an array, without a copy. The array keeps `owner` alive."""
     sizes = tuple(int(n) for n in shape)
     count = int(np.prod(sizes, dtype=np.int64))
     if not address or count == 0:
@@ -288,28 +288,28 @@ def view(owner: object, address: Any, shape: Iterable[int], kind: str = "float64
 
 
 def inside(struct: Any, field: str, shape: Iterable[int], owner: object = None) -> Any:
-    """An array that is a field of a struct, as a view that keeps the struct alive."""
+    """Returns an array field of a struct as a view that keeps the struct alive."""
     array = np.ctypeslib.as_array(getattr(struct, field))
     return array.reshape(tuple(shape))
 
 
 def fields(struct: Any) -> List[str]:
-    """Names of a struct's members."""
+    """Returns the names of a struct's members."""
     return [f[0] for f in struct._fields_]
 
 
 def field_type(struct: Any, name: str) -> Any:
-    """Of one member: what makes a callback of a Python function."""
+    """Returns the type of one member, which makes a callback of a Python function."""
     return {f[0]: f[1] for f in struct._fields_}[name]
 
 
 def floats(values: Any, shape: Iterable[int], name: str) -> Floats:
-    """A contiguous array of doubles of exactly this shape (-1: any length)."""
+    """Returns a contiguous array of doubles of exactly this shape (-1: any length)."""
     return _array(values, np.float64, shape, name)
 
 
 def ints(values: Any, shape: Iterable[int], name: str) -> Ints:
-    """A contiguous array of int32 of exactly this shape; numbers that are not whole or do not fit are refused."""
+    """Returns a contiguous array of int32 of exactly this shape. Rejects fractions and numbers that do not fit."""
     given = np.asarray(values)
     if given.size and not np.issubdtype(given.dtype, np.integer) and not np.all(given == np.floor(given)):
         raise ArgumentError(f"{name}: has numbers that are not whole; give integers", c.TM_ERR_ARGUMENT)
@@ -328,17 +328,17 @@ def _array(values: Any, kind: Any, shape: Iterable[int], name: str) -> Any:
 
 
 def address(array: Optional[NDArray[Any]]) -> Any:
-    """Of an array's memory, for a call; None is null."""
+    """Returns the address of an array's memory for a call; None gives null."""
     return None if array is None else ctypes.c_void_p(array.ctypes.data)
 
 
 def vector(values: Any, name: str) -> Any:
-    """Three doubles for a call or a struct."""
+    """Returns three doubles for a call or a struct."""
     return (ctypes.c_double * 3)(*floats(values, (3,), name))
 
 
 def choice(value: str, names: Dict[str, int], what: str) -> int:
-    """A word's number."""
+    """Returns the number of a word."""
     if value not in names:
         raise ArgumentError(f"{what} {value!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
     return names[value]

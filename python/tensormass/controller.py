@@ -1,4 +1,4 @@
-"""The controller's core for co-simulation: the pure tick of haptic-rt, and its extrapolators alone."""
+"""The controller's core for co-simulation: the pure tick of haptic-rt, and its extrapolators by themselves."""
 from __future__ import annotations
 
 import ctypes
@@ -30,13 +30,13 @@ def _device_types() -> Any:
 
 
 def devices() -> Dict[str, List[str]]:
-    """Names of the devices that the controller knows, each with those of its joints."""
+    """Returns the names of the controller's devices, each with its joints' names."""
     return {t.contents.name.decode(): [t.contents.joint[j].name.decode() for j in range(t.contents.joints)] for t in _device_types()}
 
 
 def parameters(device: str = "impulse_engine", **values: Any) -> c.hrt_params:
-    """The controller's parameters by their names in C (force_max_N, stale_us, coupling_N_m ...; docs/controller.md), the others at the device's defaults.
-    ArgumentError names one that is out of range."""
+    """Returns the controller's parameters by their names in C (force_max_N, stale_us, coupling_N_m ...; docs/controller.md), others at the device's
+    defaults. ArgumentError names a parameter that is out of range."""
     params = c.hrt_params()
     number = lib.hrt_device_type_find(device.encode())
     if number < 0:
@@ -68,8 +68,8 @@ def _words(row: int) -> str:
 
 def sample(reaction: Reaction, t_us: int, trocar_m: Any = (0.0, 0.0, 0.0), seq: int = 0, session: int = 1, tool_session: int = 1,
            unilateral: bool = True, params: Optional[c.hrt_params] = None) -> c.hrt_sample:
-    """A force sample (t_n, P_n, F_n, K) of a simulation's reaction. t_us: of the tip position, on the controller's clock. Positions are made relative
-    to the trocar. ArgumentError: what the controller would reject."""
+    """Returns a force sample (t_n, P_n, F_n, K) from a simulation's reaction. t_us: time of the tip position, on the controller's clock. Positions become
+    relative to the trocar. ArgumentError: the controller would reject it."""
     s = c.hrt_sample()
     s.session, s.tool_session, s.t_us, s.seq, s.unilateral, s.stiffness_kind = session, tool_session, t_us, seq, unilateral, reaction.stiffness_kind
     s.tip_m[:] = [float(p - o) for p, o in zip(reaction.tip_m, trocar_m)]
@@ -85,7 +85,7 @@ def _accept(reject: int) -> None:
 
 
 def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
-    """A simulation's patch as the controller has it: floats, relative to the trocar, checked. A grasper's hold is not taken over."""
+    """Returns a simulation's patch in the controller's form: floats, relative to the trocar, checked. A grasp is not copied."""
     p, n, t = patch._struct, patch.vertex_count, patch.triangle_count
     if p.grasps:
         raise ArgumentError("the patch holds tissue; send it over LCM, or leave the hold out", c.TM_ERR_ARGUMENT)
@@ -106,7 +106,8 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
 
 
 class Extrapolator:
-    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "local_model", "adaptive" ..."""
+    """One extrapolator: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "local_model",
+    "adaptive" ..."""
 
     def __init__(self, name: str = "adaptive", params: Optional[c.hrt_params] = None) -> None:
         self.params = params if params is not None else parameters()
@@ -114,23 +115,23 @@ class Extrapolator:
         lib.hrt_extrapolation_reset(ctypes.byref(self._struct), _which(name))
 
     def take(self, sample: c.hrt_sample, patch: Optional[c.hrt_patch] = None) -> None:
-        """A newer sample, with its patch."""
+        """Adds a newer sample with its patch."""
         if patch is not None:
             sample.patch = ctypes.addressof(patch)
-        self._kept = [patch, *self._kept[:2]]  # the law may still point to the one before
+        self._kept = [patch, *self._kept[:2]]  # the extrapolator may still point to the previous one
         lib.hrt_extrapolation_sample(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(sample))
 
     def force(self, t_us: int, tip_m: Any) -> Any:
-        """(3,) force on the tool at a tip (3,) relative to the trocar, N."""
+        """Returns the force (3,) on the tool, N, for a tip (3,) relative to the trocar, m."""
         tip, out = (ctypes.c_float * 3)(*[float(x) for x in tip_m]), (ctypes.c_float * 3)()
         lib.hrt_extrapolation_force(ctypes.byref(self._struct), ctypes.byref(self.params), int(t_us), tip, out)
         return np.array(out, float)
 
 
 class Controller:
-    """The controller of one instrument, without clock, bus or thread: tick() every 2 ms of your time.
+    """The controller of one instrument, without clock, bus or thread: call tick() every 2 ms of your time.
 
-    axis: the shaft's direction into the body at zero pitch and yaw; up: of the device; params: parameters(...). States, limits and faults:
+    axis: direction of the shaft into the body at zero pitch and yaw. up: of the device. params: parameters(...). States, limits and faults:
     docs/controller.md.
     """
 
@@ -149,20 +150,20 @@ class Controller:
         return ctypes.cast(self.params.device, ctypes.POINTER(c.hrt_device_type)).contents
 
     def _counted(self, joints: Any) -> List[float]:
-        """Of the device's joints the values, the first ones at least."""
+        """Returns the joint values of the device; the leading ones are required."""
         values, device = [float(x) for x in joints], self._device()
         if len(values) > device.joints:
             raise ArgumentError(f"joints: {len(values)} of them; a {device.name.decode()} has {device.joints}", c.TM_ERR_ARGUMENT)
         return values
 
     def tip(self, joints: Any) -> Any:
-        """(3,) tip of the device's joints, relative to the trocar, m."""
+        """Returns the tip (3,) of the device's joints, relative to the trocar, m."""
         joint, out = (ctypes.c_float * _JOINTS)(*self._counted(joints)), (ctypes.c_float * 3)()
         lib.hrt_tip(ctypes.byref(self._axes), joint, out)
         return np.array(out, float)
 
     def joints(self, tip_m: Any) -> Any:
-        """The device's joints that put the tip (3,) there, those without a motor 0."""
+        """Returns the device's joints that place the tip (3,) there; joints without a motor are 0."""
         out = (ctypes.c_float * _JOINTS)()
         if not lib.hrt_inverse(ctypes.byref(self._axes), (ctypes.c_float * 3)(*map(float, tip_m)), out):
             raise ArgumentError("tip_m: no joints put the tip at the trocar itself; give another", c.TM_ERR_ARGUMENT)
@@ -171,9 +172,9 @@ class Controller:
     def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
              passivity: bool = True, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
              device_fault: int = 0) -> c.hrt_result:
-        """One tick at t_us with the device's joints as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
+        """Runs one tick at t_us with the device's joints as the encoders measured them. newest: a sample received since the last tick, with its patch.
 
-        The result (hrt_result, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
+        The result (hrt_result, the same object each time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
         """
         i, values = self._input, self._counted(joints)
         i.encoder_us, i.device_session, i.device_fault, i.bus_ok = t_us, 1, device_fault, bus_ok
@@ -189,15 +190,15 @@ class Controller:
 
     @property
     def state(self) -> str:
-        """"boot", "self_test", "idle", "engaged", "stale", "fault"."""
+        """State: "boot", "self_test", "idle", "engaged", "stale" or "fault"."""
         return str(lib.hrt_state_name(self._struct.state).decode())
 
     @property
     def fault(self) -> str:
-        """What happened, what to do; "" without a fault."""
+        """Cause of the fault and remedy; "" without a fault."""
         return str(lib.hrt_fault_text(self._struct.fault).decode()) if self._struct.fault else ""
 
     @property
     def counters(self) -> Dict[str, int]:
-        """Ticks and samples so far."""
+        """Returns the counts of ticks and samples so far."""
         return {n: getattr(self._struct.counters, n) for n in fields(c.hrt_counters)}

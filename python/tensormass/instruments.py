@@ -22,12 +22,12 @@ HELD = {c.TM_GRASP_OPEN: "open", c.TM_GRASP_HOLDING: "holding", c.TM_GRASP_RELEA
 
 @dataclass
 class Pose:
-    """Where an instrument is. The shaft runs from the trocar through the tip; roll is about it."""
+    """Pose of an instrument. The shaft runs from the trocar through the tip; roll is about the shaft."""
 
     tip_m: Any  #: (3,) m, world
     roll_rad: float = 0.0
     grip: float = 0.0  #: 0 open to 1 closed
-    active: bool = True  #: cautery current, or in the body at all for a probe
+    active: bool = True  #: cautery: the current is on; probe: in the body
 
     def _c(self) -> c.tm_tool_pose:
         return c.tm_tool_pose(vector(self.tip_m, "tip_m"), self.roll_rad, self.grip, self.active)
@@ -41,11 +41,11 @@ class Pose:
 class Instrument:
     """A tool in a trocar, at its first pose."""
 
-    trocar_m: Any  #: (3,) m, world: the fixed pivot
+    trocar_m: Any  #: (3,) m, world: the pivot
     tip_m: Any  #: (3,) m, world, at the start
     mode: str = "probe"  #: "probe", "grasper", "cautery"
-    radius_m: float = 0.0025  #: of shaft and tip
-    contact_length_m: float = 0.1  #: of shaft behind the tip that can touch
+    radius_m: float = 0.0025  #: of shaft and tip, m
+    contact_length_m: float = 0.1  #: length of shaft behind the tip that can touch, m
     roll_rad: float = 0.0
     grip: float = 0.0
     active: bool = True
@@ -56,31 +56,31 @@ class Instrument:
 
 
 class Reaction(NamedTuple):
-    """Of a frame on one instrument, averaged over its last substeps."""
+    """Reaction of a frame on one instrument, averaged over the last substeps."""
 
-    time_s: float  #: mean simulated time of the average
-    tip_m: Floats  #: (3,) mean tip
-    force_N: Floats  #: (3,) equivalent tip force ON THE TOOL
-    resultant_N: Floats  #: (3,) plain sum of row forces on the tool
-    stiffness_N_m: Floats  #: (3, 3) dF/dP
+    time_s: float  #: mean simulated time of the average, s
+    tip_m: Floats  #: (3,) mean tip position, m
+    force_N: Floats  #: (3,) equivalent tip force ON THE TOOL, N
+    resultant_N: Floats  #: (3,) sum of row forces on the tool, N
+    stiffness_N_m: Floats  #: (3, 3) dF/dP, N/m
     stiffness_kind: int  #: 0 none, 1 estimated, 2 exact
     row_count: int
-    flags: int  #: bits; `flag_names` spells them
+    flags: int  #: bits; `flag_names` lists their names
 
     @property
     def flag_names(self) -> List[str]:
-        """Of the flags that are set."""
+        """Names of the flags that are set."""
         return [name for bit, name in FLAGS.items() if self.flags & bit]
 
 
 def reaction_of(r: c.tm_tool_reaction) -> Reaction:
-    """A tm_tool_reaction as arrays."""
+    """Returns a tm_tool_reaction as arrays."""
     return Reaction(r.time_s, inside(r, "tip_m", (3,)), inside(r, "force_N", (3,)), inside(r, "resultant_N", (3,)),
                     inside(r, "stiffness_N_m", (3, 3)), r.stiffness_kind, r.row_count, r.flags)
 
 
 def rows_of(owner: object, function: Any) -> Any:
-    """(n,) structured array of tm_contact_row."""
+    """Returns a structured array (n,) of tm_contact_row."""
     pointer = ctypes.c_void_p()
     count = function(owner, ctypes.byref(pointer))
     if not count:
@@ -91,7 +91,7 @@ def rows_of(owner: object, function: Any) -> Any:
 
 
 def contact_definition(instruments: Sequence[Instrument], options: Dict[str, Any]) -> Tuple[c.tm_contact_def, Any]:
-    """A filled tm_contact_def, and what it points to."""
+    """Returns a filled tm_contact_def and the objects that it points to."""
     listed = (c.tm_instrument_def * max(1, len(instruments)))(*[i._c() for i in instruments])
     definition = lib.tm_contact_def_default()
     definition.instrument_count, definition.instrument = len(instruments), ctypes.addressof(listed)
@@ -100,7 +100,7 @@ def contact_definition(instruments: Sequence[Instrument], options: Dict[str, Any
 
 
 def fill(definition: Any, options: Dict[str, Any]) -> None:
-    """Puts options into a definition struct by the names of its fields."""
+    """Sets fields of a definition struct by name."""
     names = [n for n in fields(definition) if n not in ("cookie", "size")]
     for name, value in options.items():
         if name not in names:
@@ -109,7 +109,7 @@ def fill(definition: Any, options: Dict[str, Any]) -> None:
 
 
 class _Part:
-    """A stage's handle, which the world owns."""
+    """Handle of a stage that the world owns."""
 
     def __init__(self, world: WorldState) -> None:
         self.world = world
@@ -121,7 +121,7 @@ class _Part:
 
 
 class Contact(_Part):
-    """Unilateral, frictionless contact of up to two instruments with the tissue's surface, regularised by a skin compliance.
+    """Unilateral, frictionless contact of up to two instruments with the tissue's surface, regularised by a contact compliance.
 
     Options (tm_contact_def): contact_compliance_m_N (0.5e-3), sweeps (10), max_rows (256), force_cap_N (50).
     """
@@ -133,23 +133,23 @@ class Contact(_Part):
         call(lib.tm_stage_contact, world, ctypes.byref(definition), ctypes.byref(self._handle))
 
     def set_target(self, instrument: int, to: Pose, substeps: int) -> None:
-        """Its path over the coming substeps: from where it is to `to`, joint-linear about the trocar."""
+        """Sets the instrument's path over the next substeps: from its present pose to `to`, joint-linear about the trocar."""
         lib.tm_contact_set_target(self, instrument, ctypes.byref(to._c()), substeps)
 
     def set_pose(self, instrument: int, at: Pose) -> None:
-        """Puts it there at once: no swept path."""
+        """Sets the pose at once, without a swept path."""
         lib.tm_contact_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def pose(self, instrument: int = 0) -> Pose:
-        """Where it is."""
+        """Returns the instrument's pose."""
         return Pose._of(lib.tm_contact_pose(self, instrument))
 
     def begin_frame(self, substeps: int, average: Optional[int] = None) -> None:
-        """A frame of `substeps`, the last `average` of which (a tenth) are averaged in the reaction."""
+        """Begins a frame of `substeps`; the reaction averages the last `average` of them (default: a tenth)."""
         lib.tm_contact_begin_frame(self, substeps, max(1, substeps // 10) if average is None else average)
 
     def frame(self, poses: Sequence[Pose], substeps: int, average: Optional[int] = None) -> List[Reaction]:
-        """Begins a frame, moves every instrument, steps the world, and gives the reactions."""
+        """Begins a frame, moves every instrument, steps the world, and returns the reactions."""
         self.begin_frame(substeps, average)
         for i, pose in enumerate(poses):
             self.set_target(i, pose, substeps)
@@ -157,18 +157,18 @@ class Contact(_Part):
         return [self.reaction(i) for i in range(self.instrument_count)]
 
     def reaction(self, instrument: int = 0) -> Reaction:
-        """Of the frame so far."""
+        """Returns the reaction of the present frame so far."""
         return reaction_of(lib.tm_contact_reaction(self, instrument))
 
     @property
     def rows(self) -> Any:
-        """(n,) rows of the last substep, a structured array with the fields of tm_contact_row: face, vertex, normal, gap_m, lambda_N ...; a view,
-        valid until the next step."""
+        """Returns the rows (n,) of the last substep, a structured array with the fields of tm_contact_row: face, vertex, normal, gap_m, lambda_N ... The
+        view is valid until the next step."""
         return rows_of(self, lib.tm_contact_rows)
 
 
 def friction_definition(coefficients: Sequence[Tuple[float, float]], count: int) -> Any:
-    """tm_friction_def of (static, kinetic) pairs, one an instrument."""
+    """Returns the tm_friction_def of (static, kinetic) pairs, one an instrument."""
     definition = lib.tm_friction_def_default()
     if len(coefficients) != count:
         raise ArgumentError("friction: %d pairs of coefficients for %d instruments; give one each" % (len(coefficients), count))
@@ -178,19 +178,19 @@ def friction_definition(coefficients: Sequence[Tuple[float, float]], count: int)
 
 
 class FrictionStation(NamedTuple):
-    """What friction does at one station of an instrument's axis, 0 the tip, one radius apart."""
+    """Friction at one station of an instrument's axis. Station 0 is the tip; stations are one radius apart."""
 
     station: int
-    slips: bool  #: in the last step
-    force_N: Floats  #: (3,) on the tissue
+    slips: bool  #: slid in the last step
+    force_N: Floats  #: (3,) force on the tissue, N
     normal: Floats  #: (3,) unit, from tool to tissue
-    normal_force_N: float  #: |force_N| <= coefficient * normal_force_N
+    normal_force_N: float  #: normal force, N; |force_N| <= coefficient * normal_force_N
     coefficient: float
-    stick_state: float  #: 1 rested: the static coefficient holds; 0 slid
+    stick_state: float  #: 1 stuck: the static coefficient holds; 0 slid
 
 
 class Friction(_Part):
-    """Coulomb friction of the instruments of a Contact: (static, kinetic) of each, (0, 0) for one that slides freely."""
+    """Coulomb friction of the instruments of a Contact: (static, kinetic) of each; (0, 0) is frictionless."""
 
     def __init__(self, world: WorldState, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> None:
         super().__init__(world)
@@ -198,7 +198,7 @@ class Friction(_Part):
         call(lib.tm_stage_friction, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
     def stations(self, instrument: int = 0) -> List[FrictionStation]:
-        """Stations that touched in the last step."""
+        """Returns the stations that were in contact in the last step."""
         grip = (c.tm_friction_station * 64)()
         count = lib.tm_friction_stations(self, instrument, grip, len(grip))
         return [FrictionStation(g.station, g.slips, inside(g, "force_N", (3,)), inside(g, "normal", (3,)), g.normal_force_N, g.coefficient, g.stick_state)
@@ -206,7 +206,7 @@ class Friction(_Part):
 
 
 class Grasp(_Part):
-    """Instruments of mode "grasper" hold the tissue between their jaws: a grip above close_grip closes, below open_grip opens.
+    """Grasping by instruments of mode "grasper": jaws close on the tissue above close_grip and open below open_grip.
 
     Options (tm_grasp_def): close_grip (0.7), open_grip (0.3), jaw_length_m, reach_m, compliance_m_N, release_time_s, force_cap_N, max_vertices.
     """
@@ -218,17 +218,17 @@ class Grasp(_Part):
         call(lib.tm_stage_grasp, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
     def vertices(self, instrument: int = 0) -> Tuple[Ints, str]:
-        """((n,) vertices in its jaws, "open" | "holding" | "releasing")."""
+        """Returns ((n,) vertices in its jaws, "open" | "holding" | "releasing")."""
         vertex, state = ctypes.c_void_p(), ctypes.c_int()
         count = lib.tm_grasp_vertices(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
         return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
 
 
 class Cut(_Part):
-    """Active instruments of mode "cautery" remove what they touch. The tissue must be cuttable.
+    """Cutting by active instruments of mode "cautery": removes the tetrahedra that they touch. The tissue must be cuttable.
 
-    rate_1_s: tetrahedra a second that one cautery may remove. loose: pieces that hang on nothing "fall" or are "removed". fade_s: what instruments felt on
-    a tetrahedron that goes fades within this time; 0: at once.
+    rate_1_s: largest number of tetrahedra per second that one cautery removes. loose: detached fragments "fall" or are "removed". fade_s: time within
+    which the force from a removed tetrahedron falls to 0; 0: at once.
     """
 
     def __init__(self, world: WorldState, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall", fade_s: float = 0.0) -> None:
@@ -240,7 +240,7 @@ class Cut(_Part):
         call(lib.tm_stage_cut, world, contact, ctypes.byref(definition))
 
     def fetch_removed(self) -> Tuple[Ints, Ints]:
-        """((n,) tetrahedra removed since the last call, (n,) by which instrument, -1: a detached fragment), oldest first."""
+        """Returns ((n,) tetrahedra removed since the last call, (n,) instrument of each, -1: a detached fragment), oldest first."""
         room = self.world.tissue.mesh.tet_count
         tet, who = np.empty(room, np.int32), np.empty(room, np.int8)
         count = lib.tm_cut_fetch_removed(self.world, address(tet), address(who), room)
@@ -248,7 +248,7 @@ class Cut(_Part):
 
 
 def tip_force(trocar_m: Any, tip_m: Any, point_m: Any, force_N: Any) -> Floats:
-    """(3,) equivalent tip force of a force (3,) at a point (3,) of a tool that pivots about its trocar."""
+    """Returns the equivalent tip force (3,) of a force (3,) at a point (3,) of a tool that pivots about its trocar."""
     out = np.zeros(3)
     given = [floats(v, (3,), n) for v, n in ((trocar_m, "trocar_m"), (tip_m, "tip_m"), (point_m, "point_m"), (force_N, "force_N"))]
     lib.tm_tip_force(*[address(g) for g in given], address(out))

@@ -1,4 +1,4 @@
-"""LCM logs (tm-sim --record, lcm-logger) as arrays, one a channel. Needs no LCM: the types are read from the definitions in this package."""
+"""LCM logs (tm-sim --record, lcm-logger) as arrays, one a channel. Does not need LCM: reads the types from the definitions in this package."""
 from __future__ import annotations
 
 import os
@@ -23,11 +23,11 @@ class Field(NamedTuple):
 
     name: str
     kind: str
-    dims: Tuple[Union[int, str], ...]  #: numbers, or names of members that hold them
+    dims: Tuple[Union[int, str], ...]  #: numbers, or names of the members that store them
 
 
 class Type:
-    """A message type: its members, its fingerprint, and how it is decoded."""
+    """A message type: its members, fingerprint and decoder."""
 
     def __init__(self, text: str) -> None:
         body = re.sub(r"//.*", "", text)
@@ -45,7 +45,7 @@ class Type:
                 dims = [d for d in re.findall(r"\[(\w+)\]", spelled[2])]
                 self.fields.append(Field(spelled[1], kind, tuple(int(d) if d.isdigit() else constants.get(d, d) for d in dims)))
         self.fingerprint = self._hash()
-        #: of messages of fixed size: their layout on the wire
+        #: layout on the wire, for messages of fixed size
         self.dtype: Optional[np.dtype[Any]] = None
         if all(f.kind != "string" and all(isinstance(d, int) for d in f.dims) for f in self.fields):
             self.dtype = np.dtype([(f.name, _KINDS[f.kind], f.dims) for f in self.fields])
@@ -76,7 +76,7 @@ class Type:
         return ((v << 1) & _MASK) + (v >> 63)
 
     def decode(self, data: bytes) -> Dict[str, Any]:
-        """Of a message of any size, without its fingerprint. ValueError: cut short, or too long."""
+        """Decodes a message of any size, without its fingerprint. ValueError: too short or too long."""
         out: Dict[str, Any] = {}
         at = 0
         for f in self.fields:
@@ -103,21 +103,21 @@ class Type:
 
 
 def message_types() -> Dict[int, Type]:
-    """By their fingerprints."""
+    """Returns the message types by their fingerprints."""
     types = [Type(p.read_text()) for p in sorted(_FOLDER.glob("*.lcm"))]
     return {t.fingerprint: t for t in types}
 
 
 class Channel:
-    """The messages of one channel. `channel["force_N"]` is an array (n, ...), or a list where messages differ in size."""
+    """The messages of one channel. `channel["force_N"]` is an array (n, ...), or a list if messages differ in size."""
 
     def __init__(self, name: str, type_: Type, log_us: List[int], messages: List[bytes]) -> None:
         self.name, self.type = name, type_.name
-        #: (n,) when the logger had it, us
+        #: (n,) time of reception by the logger, us
         self.log_us = np.array(log_us, np.int64)
         self._type, self._messages = type_, messages
         if type_.dtype is not None:
-            #: (n,) structured array, a field a member; None where messages differ in size
+            #: (n,) structured array, one field a member; None if messages differ in size
             self.array: Any = np.frombuffer(b"".join(messages), type_.dtype).astype(type_.dtype.newbyteorder("="))
         else:
             self.array = None
@@ -128,7 +128,7 @@ class Channel:
 
     @property
     def fields(self) -> List[str]:
-        """Names of the members."""
+        """Returns the names of the members."""
         return [f.name for f in self._type.fields]
 
     def __getitem__(self, field: str) -> Any:
@@ -147,7 +147,7 @@ class Channel:
 
 
 def _events(whole: bytes) -> Iterator[Tuple[int, str, bytes]]:
-    """(us, channel, message) of every whole event; what is none is passed over."""
+    """Yields (us, channel, message) of every complete event; skips damaged ones."""
     at, sync = 0, struct.pack(">I", _SYNC)
     while True:
         at = whole.find(sync, at)
@@ -163,7 +163,7 @@ def _events(whole: bytes) -> Iterator[Tuple[int, str, bytes]]:
 
 
 def read_log(path: Union[str, "os.PathLike[str]"]) -> Dict[str, Channel]:
-    """{channel: Channel} of an LCM log. Messages of unknown types, and damaged ones, are left out. FileError: no log, or not to be read."""
+    """Returns {channel: Channel} of an LCM log. Skips messages of unknown types and damaged ones. FileError: not a log, or unreadable."""
     try:
         data = pathlib.Path(path).read_bytes()
     except OSError as error:

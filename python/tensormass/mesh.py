@@ -12,7 +12,7 @@ from ._core import ArgumentError, Floats, Ints, Object, address, call, floats, i
 
 
 class Quality(NamedTuple):
-    """Of one tetrahedron, from rest positions."""
+    """Quality of one tetrahedron at its rest positions."""
 
     volume_m3: float
     aspect: float  #: longest edge / (2 sqrt(6) inradius): 1 regular
@@ -22,7 +22,7 @@ class Quality(NamedTuple):
 
 
 def _names(address: Any, count: int) -> List[str]:
-    """Of a C array of names, 64 bytes each."""
+    """Returns a C array of names, 64 bytes each, as a list."""
     return [ctypes.string_at(address + 64 * i).decode(errors="replace") for i in range(count)]
 
 
@@ -31,20 +31,20 @@ def _numbering(renumber: bool) -> int:
 
 
 class Mesh(Object):
-    """Rest positions and topology. Built once, then constant: cutting marks tetrahedra in the tissue, numbers stay for ever.
+    """Rest positions and topology, constant once built. Cutting marks tetrahedra in the tissue; numbers never change.
 
-    vertices: (V, 3) rest positions, m. tets: (T, 4) vertex indices; positive orientation, (p1-p0)x(p2-p0).(p3-p0) > 0, unless `orient`, which
-    turns those that are not. regions: (T,) region of each tetrahedron, from 0, or None: all 0. renumber: where the numbers given make steps slow
-    (docs/performance.md, "Numbering"), vertices get others: all arrays of this mesh, and of what is made on it, are then in the mesh's own
-    numbering, and `original_vertex`, `to_original` and `from_original` lead to yours. Tetrahedra keep their numbers.
+    vertices: (V, 3) rest positions, m. tets: (T, 4) vertex indices of positive orientation, (p1-p0)x(p2-p0).(p3-p0) > 0; `orient` reverses the others.
+    regions: (T,) region of each tetrahedron, from 0, or None: all 0. renumber: renumbers vertices if a large bandwidth makes steps slow
+    (docs/performance.md, "Numbering"). All arrays of this mesh, and of objects made on it, are then in the mesh's own numbering; `original_vertex`,
+    `to_original` and `from_original` convert. Tetrahedra keep their numbers.
 
-    Raises MeshError naming the `entity`: indices out of range, zero or negative volume, a face shared by three, a vertex without tetrahedra ...
-    All arrays are read-only views of the library's memory.
+    Raises MeshError with the `entity`: indices out of range, zero or negative volume, a face shared by three, a vertex without tetrahedra ... All arrays
+    are read-only views of the library's memory.
     """
 
-    #: named sets of vertices, (n,) each, of a mesh that came from a file
+    #: named sets of vertices, (n,) each, of a mesh from a file
     groups: Dict[str, Ints]
-    #: names of the regions, of a mesh that came from a file
+    #: names of the regions, of a mesh from a file
     region_names: Sequence[str]
 
     def __init__(self, vertices: Any, tets: Any, regions: Any = None, orient: bool = False, renumber: bool = False) -> None:
@@ -76,7 +76,7 @@ class Mesh(Object):
 
     @classmethod
     def _borrow(cls, pointer: int, owner: Object) -> "Mesh":
-        """A mesh that belongs to `owner`."""
+        """Returns a mesh that belongs to `owner`."""
         mesh = cls.__new__(cls)
         mesh._own(pointer, None, [owner])
         mesh._read_struct()
@@ -85,9 +85,9 @@ class Mesh(Object):
 
     @classmethod
     def read(cls, path: Union[str, "os.PathLike[str]"], scale: float = 1.0, renumber: bool = False) -> "Mesh":
-        """A mesh file: .msh (2.2, 4.1), .vtk, .mesh; lengths times `scale` (1e-3 for millimetres). Fills `groups` and `region_names`.
+        """Reads a mesh file: .msh (2.2, 4.1), .vtk, .mesh; lengths times `scale` (1e-3 for millimetres). Fills `groups` and `region_names`.
 
-        renumber: as Mesh; `groups` are in the mesh's numbering.
+        renumber: as for Mesh; `groups` are in the mesh's numbering.
         """
         file = c.tm_mesh_file()
         call(lib.tm_mesh_file_load, os.fsencode(path), scale, ctypes.byref(file))
@@ -108,7 +108,7 @@ class Mesh(Object):
 
     @classmethod
     def block(cls, size_m: Sequence[float], cells: Sequence[int], origin_m: Sequence[float] = (0.0, 0.0, 0.0)) -> "Mesh":
-        """A box of `cells` (nx, ny, nz) cubes of six tetrahedra each."""
+        """Makes a box of `cells` (nx, ny, nz) cubes of six tetrahedra each."""
         n = [int(k) for k in cells]
         axes = [origin_m[a] + size_m[a] * np.arange(n[a] + 1) / n[a] for a in range(3)]
         vertex = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
@@ -162,24 +162,24 @@ class Mesh(Object):
 
     @property
     def original_vertex(self) -> Optional[Ints]:
-        """(V,) the number that each vertex was given; None: as given, nothing was renumbered."""
+        """(V,) original number of each vertex; None if nothing was renumbered."""
         if not self._struct.original_vertex:
             return None
         return view(self, self._struct.original_vertex, (self.vertex_count,), "int32")
 
     def _of_given(self) -> Ints:
-        """(V,) the mesh's number of each given one."""
+        """(V,) number in the mesh of each original one."""
         found = np.arange(self.vertex_count, dtype=np.int32)
         if self.original_vertex is not None:
             found[self.original_vertex] = np.arange(self.vertex_count, dtype=np.int32)
         return found
 
     def to_original(self, values: Any) -> Any:
-        """A copy of values of vertices, (V, ...), from the mesh's numbering into the given one."""
+        """Returns a copy of vertex values, (V, ...), in the original numbering."""
         return self._checked(values)[self._of_given()]
 
     def from_original(self, values: Any) -> Any:
-        """The other way."""
+        """Returns a copy of vertex values, (V, ...), in the mesh's numbering."""
         return np.array(self._checked(values) if self.original_vertex is None else self._checked(values)[self.original_vertex])
 
     def _checked(self, values: Any) -> Any:
@@ -189,26 +189,26 @@ class Mesh(Object):
         return array
 
     def quality(self, tet: int) -> Quality:
-        """Of one tetrahedron."""
+        """Returns the quality of one tetrahedron."""
         if not 0 <= tet < self.tet_count:
             raise IndexError(tet)
         q = lib.tm_mesh_tet_quality(self, tet)
         return Quality(q.volume_m3, q.aspect, q.min_dihedral_rad, q.max_dihedral_rad, q.min_altitude_m)
 
     def near(self, point_m: Any, normal: Any, within_m: float = 1e-6) -> Ints:
-        """Vertices within a distance of the plane through `point_m` with this normal, ascending."""
+        """Returns the vertices within a distance of the plane through `point_m` with this normal, ascending."""
         unit = np.asarray(normal, float)
         distance = (self.rest_m - np.asarray(point_m, float)) @ (unit / np.linalg.norm(unit))
         return np.flatnonzero(np.abs(distance) <= within_m).astype(np.int32)
 
 
 def read_fibres(path: Union[str, "os.PathLike[str]"], tet_count: int) -> Floats:
-    """(T, 3) unit fibres of a CSV file with the columns tet,ax,ay,az."""
+    """Reads unit fibres (T, 3) from a CSV file with the columns tet,ax,ay,az."""
     fibre = np.zeros((tet_count, 3))
     call(lib.tm_fibres_load, os.fsencode(path), tet_count, address(fibre))
     return fibre
 
 
 def memory_in_use() -> int:
-    """Bytes held by the library's live objects in this process."""
+    """Returns the bytes that the library's objects use in this process."""
     return int(lib.tm_memory_in_use())

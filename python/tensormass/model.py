@@ -1,4 +1,4 @@
-"""One interface to every model of an organ: dynamic, precomputed, hybrid."""
+"""One interface to all models of an organ: dynamic, precomputed, hybrid."""
 from __future__ import annotations
 
 import ctypes
@@ -22,31 +22,28 @@ LOOSE = {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}
 
 
 class Timing(NamedTuple):
-    """Lengths of time, fixed when the model is made."""
+    """Durations, fixed when the model is made."""
 
     frame_s: float
     dt_s: float  #: of a substep
     substeps: int  #: of a frame
-    average: int  #: substeps at its end that reactions are means of
+    average: int  #: substeps at the frame's end over which reactions are averaged
     critical_s: float  #: guaranteed critical step
-    critical_tet: int  #: that sets it
+    critical_tet: int  #: tetrahedron that sets it
 
 
 class Model(Object):
-    """An organ, what holds it and what touches it, computed in one of three ways. The same calls move each of them; what one cannot do raises
-    ExcludedError.
+    """An organ with its supports and instruments, computed by one of three models. All have the same calls; an unsupported one raises ExcludedError.
 
     kind: "dynamic" (tensor/mass: mass, motion, everything cuttable), "precomputed" (quasi-static, no cutting) or "hybrid" (`dynamic` (T,) bool is
-    tensor/mass and cuttable, the rest condensed).
-    materials, region_material, fibres, precision, form, strain_smoothing, rotation: as Tissue (then model.world.add_rotation()). supports: [(vertices (n,),
-    value_m)], each value one number, (3,) or (n, 3), m.
-    load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; friction: (static,
-    kinetic) of each instrument, None: they slide freely; cut: {} or
-    {"rate_1_s", "loose", "fade_s"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache of a precomputed or
-    hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
+    tensor/mass and cuttable, the rest condensed). materials, region_material, fibres, precision, form, strain_smoothing, rotation: as for Tissue (then
+    model.world.add_rotation()). supports: [(vertices (n,), value_m)], each value one number, (3,) or (n, 3), m. load_N: (V, 3). gravity_m_s2: (3,).
+    instruments; contact, grasp: options of Contact and Grasp, grasp=None: no grasping. friction: (static, kinetic) of each instrument, None: frictionless.
+    cut: {} or {"rate_1_s", "loose", "fade_s"}, None: no cutting. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache
+    of a precomputed or hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
     """
 
-    report: Optional[Report] = None  #: of a precomputed or hybrid model: what it cost
+    report: Optional[Report] = None  #: cost of a precomputed or hybrid model
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], kind: str = "dynamic", *, region_material: Any = None,
                  fibres: Any = None, precision: str = "double", form: str = "best", supports: Sequence[Tuple[Any, Any]] = (), load_N: Any = None,
@@ -80,7 +77,7 @@ class Model(Object):
         self._struct = c.tm_model.from_address(self._pointer)
         self.instrument_count: int = self._struct.instrument_count
         self.tissue: Tissue = Tissue._borrow(self._struct.tissue, mesh, self)
-        #: None where the model has none; stages may be added to it
+        #: None for models without a world; you may add stages to it
         self.world: Optional[World] = World._borrow(self._struct.world, self.tissue, self) if self._struct.world else None
 
     # --- the definition ---
@@ -136,12 +133,12 @@ class Model(Object):
 
     @property
     def timing(self) -> Timing:
-        """Of frames and substeps."""
+        """Lengths and counts of frames and substeps."""
         p = self._struct.timing
         return Timing(p.frame_s, p.dt_s, p.substeps, p.average, p.critical_s, p.critical_tet)
 
     def frame(self, poses: Sequence[Pose] = ()) -> List[Reaction]:
-        """One frame: every instrument goes to its pose. Reactions, one an instrument. All or nothing: UnstableError, and nothing has happened."""
+        """Advances one frame: moves every instrument to its pose. Returns the reactions, one an instrument. UnstableError: nothing has changed."""
         if len(poses) != self.instrument_count:
             raise ArgumentError(f"{len(poses)} poses for {self.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
         to = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
@@ -153,21 +150,21 @@ class Model(Object):
         return [self.reaction(i) for i in range(self.instrument_count)]
 
     def set_pose(self, instrument: int, at: Pose) -> None:
-        """Puts an instrument there at once: no path is swept."""
+        """Sets an instrument's pose at once, without a swept path."""
         lib.tm_model_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def reaction(self, instrument: int = 0) -> Reaction:
-        """Of the last frame; with stiffness once `patch` was called."""
+        """Returns the reaction of the last frame, with stiffness once `patch` has been called."""
         return reaction_of(lib.tm_model_reaction(self, instrument))
 
     @property
     def surface(self) -> Surface:
-        """Of the whole organ, living; take it anew after a frame."""
+        """Surface of the complete organ's active tetrahedra; get it again after a frame."""
         return surface_of(self, lib.tm_model_surface(self))
 
     @property
     def u_m(self) -> Floats:
-        """(V, 3) displacements, m; precomputed: 0 inside. Take it anew after a frame."""
+        """(V, 3) displacements, m; inner vertices are 0 in the precomputed model. Get it again after a frame."""
         return view(self, lib.tm_model_displacement(self), (self.mesh.vertex_count, 3))
 
     @property
@@ -177,34 +174,36 @@ class Model(Object):
 
     @property
     def time_s(self) -> float:
-        """Simulated, s."""
+        """Simulated time, s."""
         return float(lib.tm_model_time_s(self))
 
     @property
     def alive_count(self) -> int:
-        """Living tetrahedra of the whole organ."""
+        """Number of active tetrahedra of the complete organ."""
         return int(lib.tm_model_alive(self))
 
     @property
     def hash(self) -> int:
-        """Of the bits of its state."""
+        """Hash of the state's bits."""
         return int(lib.tm_model_hash(self))
 
-    # --- beside frames ---
+    # --- between frames ---
 
     def allow_patches(self, **options: Any) -> None:
-        """Memory and a stage for patches and stiffness; once. Options: max_vertices, max_triangles, horizon_s ... (PatchBuilder)."""
+        """Adds memory and a stage for patches and stiffness; call it once. Options: max_vertices, max_triangles, horizon_s ... (PatchBuilder)."""
         d = lib.tm_patch_def_default()
         fill(d, options)
         call(lib.tm_model_allow_patches, self, ctypes.byref(d))
 
     def patch(self, instrument: int = 0) -> Optional[Patch]:
-        """The instrument's patch, and from now on its stiffness in the reaction. None: nothing is near, columns are lacking, or none were allowed."""
+        """Returns the instrument's patch; reactions carry its stiffness from now on. Returns None if no surface is near, columns are missing, or patches
+        are not allowed."""
         made = Patch()
         return made if lib.tm_model_patch(self, instrument, ctypes.byref(made._struct)) else None
 
     def settle(self, tolerance: float = 1e-10, max_steps: int = 2000000) -> Tuple[Floats, Floats]:
-        """((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N) at rest under supports and loads; precomputed and hybrid: without instruments."""
+        """Returns ((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N) in equilibrium under supports and loads. Precomputed and
+        hybrid models: without instruments."""
         d, result = lib.tm_settle_def_default(), c.tm_settle_result()
         d.tolerance, d.max_steps = tolerance, max_steps
         u, reaction = np.zeros((self.mesh.vertex_count, 3)), np.zeros((self.mesh.vertex_count, 3))
@@ -215,7 +214,7 @@ class Model(Object):
         return u, reaction
 
     def snapshot(self) -> bytes:
-        """Everything that a model of the same definition needs to go on with the same bits."""
+        """Returns a snapshot from which a model of the same definition continues bit-identically."""
         size = lib.tm_model_snapshot_bytes(self)
         room = np.zeros((size + 7) // 8, np.uint64)
         call(lib.tm_model_save, self, address(room), size)
@@ -223,24 +222,24 @@ class Model(Object):
 
     @property
     def snapshot_bytes_max(self) -> int:
-        """Upper bound, bytes: no later snapshot is larger. Their size changes with contact, grasps and cuts."""
+        """Upper bound of every later snapshot's size, bytes. Sizes change with contact, grasps and cuts."""
         return lib.tm_model_snapshot_bytes_max(self)
 
     def restore(self, snapshot: bytes) -> None:
-        """A damaged or foreign snapshot raises and changes nothing."""
+        """Restores a snapshot. A damaged or foreign one raises and changes nothing."""
         room = np.zeros((len(snapshot) + 7) // 8, np.uint64)
         room.view(np.uint8)[:len(snapshot)] = np.frombuffer(snapshot, np.uint8)
         call(lib.tm_model_restore, self, address(room), len(snapshot))
 
     def start(self) -> None:
-        """For real time: what works beside the frames does so in a thread of its own from now on."""
+        """Starts a thread for background work, for real time."""
         call(lib.tm_model_start, self)
 
     @property
     def stages(self) -> List[Stage]:
-        """What a frame is made of, in the order it runs."""
+        """The stages of a frame, in the order they run."""
         return stages_of(self, lib.tm_model_stages)
 
     def set_timing(self, on: bool = True) -> None:
-        """Measure the stages' seconds."""
+        """Enables or disables timing of the stages."""
         lib.tm_model_set_timing(self, on)

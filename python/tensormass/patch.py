@@ -1,4 +1,4 @@
-"""What a controller feels tissue by between two force samples: a patch of surface with its compliance."""
+"""Patches: surface near a tool with its compliance, from which a controller computes forces between two samples."""
 from __future__ import annotations
 
 import ctypes
@@ -14,7 +14,7 @@ from .state import WorldState
 
 
 class Patch:
-    """A piece of the surface near a tool and its quasi-static compliance (tm_patch). Arrays are views of it."""
+    """Surface patch near a tool and its quasi-static compliance (tm_patch). Arrays are views of it."""
 
     def __init__(self, struct: Optional[c.tm_patch] = None) -> None:
         self._struct = struct if struct is not None else c.tm_patch()
@@ -28,7 +28,7 @@ class Patch:
 
     @property
     def vertices(self) -> Ints:
-        """(n,) numbers in the mesh."""
+        """(n,) vertex indices in the mesh."""
         return inside(self._struct, "vertex", (-1,))[:self.vertex_count]
 
     @property
@@ -38,17 +38,17 @@ class Patch:
 
     @property
     def vertex_m(self) -> Floats:
-        """(n, 3) positions without this tool's contact, m."""
+        """(n, 3) positions without the contact of this tool, m."""
         return inside(self._struct, "vertex_m", (-1, 3))[:self.vertex_count]
 
     @property
     def rest_m(self) -> Floats:
-        """(n, 3) undeformed, m."""
+        """(n, 3) rest positions, m."""
         return inside(self._struct, "rest_m", (-1, 3))[:self.vertex_count]
 
     @property
     def compliance_m_N(self) -> Floats:
-        """(3n, 3n) displacement of component i by a unit force on j, m/N: a copy, the struct holds its upper triangle."""
+        """(3n, 3n) displacement of component i per unit force on j, m/N. A copy: the struct stores the upper triangle."""
         n = 3 * self.vertex_count
         full = np.zeros((n, n))
         full[np.triu_indices(n)] = inside(self._struct, "compliance_m_N", (-1,))[:n * (n + 1) // 2]
@@ -56,10 +56,10 @@ class Patch:
 
 
 class PatchBuilder(_Part):
-    """The stage "patch": between frames it makes an instrument's patch and stiffness.
+    """The stage "patch": computes an instrument's patch and stiffness between frames.
 
-    source: exact compliance (ComplianceFactor); None: conjugate gradients, little by little. Options (tm_patch_def): max_vertices (24), max_triangles (32),
-    column_vertices, iterations, tolerance, horizon_s.
+    source: exact compliance (ComplianceFactor); None: conjugate gradients, a few iterations a step. Options (tm_patch_def): max_vertices (24),
+    max_triangles (32), column_vertices, iterations, tolerance, horizon_s.
     """
 
     def __init__(self, world: WorldState, contact: Contact, source: Optional[ComplianceFactor] = None, **options: Any) -> None:
@@ -73,18 +73,18 @@ class PatchBuilder(_Part):
         call(lib.tm_stage_patch, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
 
     def compute(self, instrument: int = 0) -> Optional[Patch]:
-        """The instrument's patch; Contact.reaction then carries the stiffness. None: columns are still lacking, or nothing is near."""
+        """Returns the instrument's patch; Contact.reaction then carries the stiffness. Returns None if columns are missing or no surface is near."""
         made = Patch()
         return made if lib.tm_patch_compute(self, instrument, ctypes.byref(made._struct)) else None
 
     @property
     def pending(self) -> int:
-        """Columns that the patches need and that are not good yet: call make until it is 0."""
+        """Number of columns that the patches need and that have not converged: call compute until it is 0."""
         return int(lib.tm_patch_pending(self))
 
 
 class PatchSolver(Object):
-    """Contact solved against a patch: what the controller does in its ticks, in double and to convergence."""
+    """Contact solved on a patch, as in the controller's ticks, but in double precision and to convergence."""
 
     def __init__(self) -> None:
         pointer = ctypes.c_void_p()
@@ -92,13 +92,13 @@ class PatchSolver(Object):
         self._own(pointer, lib.tm_patch_solver_destroy)
 
     def force(self, patch: Patch, tip_m: Any) -> Tuple[Floats, bool]:
-        """((3,) equivalent tip force on the tool, N; no row bears upon the patch's border)."""
+        """Returns (equivalent tip force on the tool (3,), N; whether no row carries load at the patch's boundary)."""
         out, within = np.zeros(3), ctypes.c_bool()
         lib.tm_patch_force(self, ctypes.byref(patch._struct), address(floats(tip_m, (3,), "tip_m")), address(out), ctypes.byref(within))
         return out, within.value
 
     def stiffness(self, patch: Patch, tip_m: Any) -> Floats:
-        """(3, 3) dF/dP, N/m."""
+        """Returns the stiffness dF/dP (3, 3), N/m."""
         out = np.zeros((3, 3))
         lib.tm_patch_stiffness(self, ctypes.byref(patch._struct), address(floats(tip_m, (3,), "tip_m")), address(out))
         return out

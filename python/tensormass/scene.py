@@ -1,4 +1,4 @@
-"""Scenes: the YAML files that tm-sim runs, frame by frame."""
+"""Scenes: the YAML files that tm-sim runs, advanced frame by frame."""
 from __future__ import annotations
 
 import ctypes
@@ -22,14 +22,14 @@ def _raise(told: List[str], status: int, sentence: str = "") -> None:
 
 
 class Scene(Object):
-    """A scene as tm-sim reads it (docs/scene-reference.md), without controllers: instruments go where its hands want them, or where you say.
+    """A scene as tm-sim reads it (docs/scene-reference.md), without controllers. Instruments follow the scene's hands or the poses that you give.
 
-    sets: values laid over the scene's, {"time.frame_rate": 50, "gravity": None} (None leaves a key out). What is wrong in the file raises an Error
-    with "file:line: what; what to do"; what is valid and probably not meant is a SceneWarning.
+    sets: values that replace the scene's, {"time.frame_rate": 50, "gravity": None} (None removes a key). An error in the file raises an Error with
+    "file:line: what; what to do"; a probable mistake is a SceneWarning.
 
-    Bits are those of `tm-sim --lockstep` of a scene without haptics. Recording and rendering are the programs'. Vertices keep the numbers of the mesh
-    file; of a mesh whose numbers jump tm-sim has others inside, which is quicker, and {"tissue.renumber": True} gives them here too, with the same
-    bits and snapshots: all is then in the numbering of `mesh` (Mesh.to_original).
+    Results are bit-identical to `tm-sim --lockstep` of a scene without haptics. The programs record and render. Vertices keep the numbers of the mesh
+    file. For a mesh of large bandwidth tm-sim renumbers internally, which is faster; {"tissue.renumber": True} does so here, with the same bits and
+    snapshots. Everything is then in the numbering of `mesh` (Mesh.to_original).
     """
 
     def __init__(self, path: Union[str, "os.PathLike[str]"], sets: Optional[Mapping[str, Any]] = None) -> None:
@@ -47,12 +47,12 @@ class Scene(Object):
         self.mesh: Mesh = Mesh._borrow(lib.tm_scene_mesh(self), self)
         self.tissue: Tissue = Tissue._borrow(lib.tm_scene_tissue(self), self.mesh, self)
         world = lib.tm_scene_world(self)
-        #: None in the precomputed model; stages may be added to it
+        #: None in the precomputed model; you may add stages to it
         self.world: Optional[World] = World._borrow(world, self.tissue, self) if world else None
 
     @property
     def title(self) -> str:
-        """As the scene says."""
+        """Title of the scene."""
         return str(self._about.title.decode())
 
     @property
@@ -62,7 +62,7 @@ class Scene(Object):
 
     @property
     def instruments(self) -> List[Instrument]:
-        """At their first poses."""
+        """The instruments at their first poses."""
         found = [lib.tm_scene_instrument(self, i) for i in range(self._about.instrument_count)]
         return [Instrument(tuple(d.trocar_m), tuple(d.pose.tip_m), _MODE_NAMES[d.mode], d.radius_m, d.contact_length_m, d.pose.roll_rad,
                            d.pose.grip, d.pose.active) for d in found]
@@ -74,35 +74,35 @@ class Scene(Object):
 
     @property
     def time_s(self) -> float:
-        """Simulated, s."""
+        """Simulated time, s."""
         return float(lib.tm_scene_get_info(self).time_s)
 
     @property
     def frames(self) -> int:
-        """Done."""
+        """Number of completed frames."""
         return int(lib.tm_scene_get_info(self).frames)
 
     @property
     def alive_count(self) -> int:
-        """Tetrahedra that are left."""
+        """Number of active tetrahedra."""
         return int(lib.tm_scene_get_info(self).alive_count)
 
     def step(self, poses: Optional[Sequence[Pose]] = None) -> List[Reaction]:
-        """One frame: every instrument goes to its pose, or where the scene's hand wants it (None). Reactions, one an instrument."""
+        """Advances one frame: moves every instrument to its pose, or along the scene's hand (None). Returns the reactions, one an instrument."""
         to = None
         if poses is not None:
             if len(poses) != self._about.instrument_count:
                 raise ArgumentError(f"{len(poses)} poses for {self._about.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
             to = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
         status = lib.tm_scene_step(self, to)
-        told = self._said.take()  # also where a stage of one's own raised: the next call's are its own
+        told = self._said.take()  # also if a stage of the caller raised: the next call's diagnostics are its own
         if self.world is not None:
             self.world._raise_failed()
         _raise(told, status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
         return [self.reaction(i) for i in range(self._about.instrument_count)]
 
     def run(self, seconds: Optional[float] = None, each: Optional[Callable[["Scene"], Any]] = None) -> "Scene":
-        """Whole frames for so long (None: the scene's duration). each(scene) after every frame; False stops."""
+        """Runs complete frames for this long (None: the scene's duration). each(scene) is called after every frame; False stops."""
         total = int((self.duration_s if seconds is None else seconds) / self.frame_s + 0.5)
         for _ in range(total):
             self.step()
@@ -111,18 +111,18 @@ class Scene(Object):
         return self
 
     def reaction(self, instrument: int = 0) -> Reaction:
-        """Of the last frame."""
+        """Returns the instrument's reaction of the last frame."""
         self._check(instrument)
         return reaction_of(lib.tm_scene_reaction(self, instrument))
 
     def pose(self, instrument: int = 0) -> Pose:
-        """At the end of the last frame."""
+        """Returns the instrument's pose at the end of the last frame."""
         self._check(instrument)
         return Pose._of(lib.tm_scene_pose(self, instrument))
 
     def pose_of_joints(self, instrument: int, joints: Any, active: bool = True) -> Pose:
-        """Joints of its device, in that one's order and units (of the Impulse Engine pitch rad, yaw rad, insertion m, roll rad, grip 0 to 1), as a pose
-        in the world. Those left out are 0. ArgumentError: more than a device can have."""
+        """Returns the pose in the world for joints of the instrument's device, in its order and units (Impulse Engine: pitch rad, yaw rad, insertion m,
+        roll rad, grip 0 to 1). Missing joints are 0. ArgumentError: more joints than a device can have."""
         self._check(instrument)
         values = floats(joints, (-1,), "joints")
         if len(values) > c.HRT_JOINTS:
@@ -131,7 +131,7 @@ class Scene(Object):
         return Pose._of(lib.tm_scene_pose_of(self, instrument, joint, active))
 
     def patch(self, instrument: int = 0) -> Optional[Patch]:
-        """Of the last frame, a copy; None: the scene sends none (haptics: extrapolator), or nothing is near."""
+        """Returns a copy of the patch of the last frame. Returns None if the scene sends none (haptics: extrapolator) or no surface is near."""
         self._check(instrument)
         found = lib.tm_scene_patch(self, instrument)
         return Patch(c.tm_patch.from_buffer_copy(ctypes.string_at(found, ctypes.sizeof(c.tm_patch)))) if found else None
@@ -142,7 +142,7 @@ class Scene(Object):
 
     @property
     def u_m(self) -> Floats:
-        """(V, 3) displacements, m; take it anew after a frame."""
+        """(V, 3) displacements, m; get it again after a frame."""
         return view(self, lib.tm_scene_displacement(self), (self._about.vertex_count, 3))
 
     @property
@@ -152,23 +152,23 @@ class Scene(Object):
 
     @property
     def surface(self) -> Surface:
-        """What can be touched, whatever the model; take it anew after a frame."""
+        """Surface that can be touched, in any model; get it again after a frame."""
         return surface_of(self, lib.tm_scene_surface(self))
 
     @property
     def hash(self) -> int:
-        """Of the state's bits."""
+        """Hash of the state's bits."""
         return int(lib.tm_scene_hash(self))
 
     def _raise(self, status: int) -> None:
         _raise(self._said.take(), status)
 
     def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
-        """A snapshot, as tm-sim --snapshot writes it."""
+        """Writes a snapshot, as tm-sim --snapshot does."""
         self._raise(lib.tm_scene_save(self, os.fsencode(path)))
 
     def restore(self, path: Union[str, "os.PathLike[str]"]) -> None:
-        """Goes on from a snapshot of the same scene; a damaged one raises and changes nothing."""
+        """Restores a snapshot of the same scene; a damaged one raises and changes nothing."""
         self._raise(lib.tm_scene_restore(self, os.fsencode(path)))
 
 

@@ -1,4 +1,4 @@
-"""Static solutions, exact compliance, and the precomputed model by itself: libtensormass_solve, with CHOLMOD inside."""
+"""Static solutions, exact compliance, and the precomputed model by itself: libtensormass_solve with CHOLMOD."""
 from __future__ import annotations
 
 import ctypes
@@ -13,7 +13,7 @@ from .instruments import HELD, Instrument, Pose, Reaction, contact_definition, f
 from .tissue import PRECISION, Tissue
 from .state import WorldState
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the library has threads of its own, and uses one of OpenBLAS in each
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the library has threads of its own, with one OpenBLAS thread in each
 
 SOLVERS = {"cholesky": c.TM_SOLVER_CHOLESKY, "cg": c.TM_SOLVER_CG}
 Progress = Callable[[str, float, float], Any]
@@ -21,12 +21,12 @@ File = Union[str, "os.PathLike[str]", None]
 
 
 class Report(NamedTuple):
-    """What a solution or a model cost."""
+    """Cost of a solution or of a model."""
 
     free_dofs: int
     columns: int
     interface_dofs: int
-    columns_found: int  #: of them, done by an earlier run that did not come to its end (resume)
+    columns_found: int  #: columns that an earlier, unfinished run computed (resume)
     factor_bytes: int
     responses_bytes: int
     work_bytes: int
@@ -39,18 +39,18 @@ class Report(NamedTuple):
 
 
 def report_of(r: c.tm_solve_report) -> Report:
-    """A tm_solve_report in Python's own types."""
+    """Returns a tm_solve_report in Python's types."""
     values = {n: getattr(r, n) for n in fields(r)}
     values["why"] = values["why"].decode()
     return Report(**values)
 
 
 class Problem:
-    """K u = f with prescribed components, of the living tetrahedra of a tissue.
+    """Static problem K u = f with prescribed components, for the active tetrahedra of a tissue.
 
-    fixed: (V, 3) bool. fixed_value_m: (V, 3) read where fixed; None: all 0. load_N: (V, 3) constant forces, gravity included. solver: "cholesky" or
-    "cg". progress(what, fraction, seconds_left) may return False to stop. Options (tm_solve_def): cg_tolerance, cg_max_iterations, threads (0: all
-    cores; never changes a bit), memory_limit_bytes.
+    fixed: (V, 3) bool. fixed_value_m: (V, 3) read where fixed; None: all 0. load_N: (V, 3) constant forces, gravity included. solver: "cholesky" or "cg".
+    progress(what, fraction, seconds_left) may return False to stop. Options (tm_solve_def): cg_tolerance, cg_max_iterations, threads (0: all cores;
+    results are bit-identical), memory_limit_bytes.
     """
 
     def __init__(self, tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: Any = None, solver: str = "cholesky",
@@ -71,7 +71,7 @@ class Problem:
 
     @classmethod
     def computed(cls, progress: Optional[Progress], options: Dict[str, Any]) -> "Problem":
-        """Only how, not what: for Model."""
+        """Makes a problem of the solver's options only, for Model."""
         problem = cls.__new__(cls)
         problem._how(options.get("solver", "cholesky"), progress, {k: v for k, v in options.items() if k != "solver"})
         return problem
@@ -104,12 +104,12 @@ class Problem:
 
     @classmethod
     def of_world(cls, world: WorldState, load_N: Any = None, **options: Any) -> "Problem":
-        """The supports of a world as they are, with these loads."""
+        """Makes a problem of a world's present supports and these loads."""
         mask = world.support_mask
         return cls(world.tissue, mask, np.where(mask, world.u_m, 0.0), load_N, **options)
 
     def solve(self) -> Tuple[Floats, Floats, Report]:
-        """((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N, report)."""
+        """Returns ((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N, report)."""
         shape = (self.tissue.mesh.vertex_count, 3)
         u, reaction, report = np.zeros(shape), np.zeros(shape), c.tm_solve_report()
         self._call(lib.tm_solve_static, ctypes.byref(self._struct), address(u), address(reaction), ctypes.byref(report))
@@ -117,12 +117,12 @@ class Problem:
 
 
 def solve_static(tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: Any = None, **options: Any) -> Tuple[Floats, Floats, Report]:
-    """((V, 3) displacements, (V, 3) reactions, report) of the static Problem; options as there."""
+    """Returns ((V, 3) displacements m, (V, 3) reactions N, report) of the static Problem, with its options."""
     return Problem(tissue, fixed, fixed_value_m, load_N, **options).solve()
 
 
 class ComplianceFactor(Object):
-    """Exact compliance for the patches of the dynamic model, cut or whole: World.add_patch(contact, source).
+    """Exact compliance for the patches of the dynamic model, cut or uncut: World.add_patch(contact, source).
 
     fixed: (V, 3) bool, prescribed components (World.support_mask).
     """
@@ -138,15 +138,16 @@ class ComplianceFactor(Object):
         self._own(pointer, lib.tm_compliance_factor_destroy, [tissue])
 
     def start(self) -> None:
-        """From now on a thread of its own does the work."""
+        """Starts a thread that computes from now on."""
         call(lib.tm_compliance_factor_start, self)
 
 
 class Precomputed(Object):
-    """The precomputed model by itself, where displacements are imposed (the paper's way) or updates asked for at your pace; else Model(kind=
-    "precomputed"). Quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
+    """The precomputed model by itself, for imposed displacements (as in the paper) or updates at your own rate; otherwise use Model(kind="precomputed").
+    Quasi-static, no cutting. Computes the surface's responses once and stores them in `file` if one is given.
 
-    Options (tm_precomputed_def): update_s (0.002), max_contact_vertices (256), resume (False; a killed run's columns are gone on with). contact, grasp: dicts of the options of Contact and Grasp.
+    Options (tm_precomputed_def): update_s (0.002), max_contact_vertices (256), resume (False; True continues a killed run's columns). contact, grasp:
+    dicts of the options of Contact and Grasp.
     """
 
     def __init__(self, problem: Problem, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",
@@ -167,66 +168,66 @@ class Precomputed(Object):
         self.tissue, self.report, self.instrument_count = problem.tissue, report_of(report), len(instruments)
 
     def update(self, poses: Sequence[Pose]) -> int:
-        """Every instrument moves to its pose; contact is solved anew. Newton steps of the last piece; negative: not to tolerance."""
+        """Moves every instrument to its pose and solves contact. Returns the Newton steps of the last increment, negative if it did not converge."""
         if len(poses) != self.instrument_count:
             raise ArgumentError(f"{len(poses)} poses for {self.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
         listed = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
         return int(lib.tm_precomputed_update(self, listed))
 
     def set_pose(self, instrument: int, at: Pose) -> None:
-        """Puts it there at once."""
+        """Sets the instrument's pose at once."""
         lib.tm_precomputed_set_pose(self, instrument, ctypes.byref(at._c()))
 
     def pose(self, instrument: int = 0) -> Pose:
-        """Where it is."""
+        """Returns the instrument's pose."""
         return Pose._of(lib.tm_precomputed_pose(self, instrument))
 
     def force(self, instrument: int = 0) -> Floats:
-        """(3,) equivalent tip force on the tool at the last update, N."""
+        """Returns the equivalent tip force (3,) on the tool at the last update, N."""
         out = np.zeros(3)
         lib.tm_precomputed_force(self, instrument, address(out))
         return out
 
     def reaction(self, instrument: int = 0) -> Reaction:
-        """At the last update, with its stiffness (as expensive as a few updates)."""
+        """Returns the reaction at the last update, with its stiffness (costs a few updates)."""
         return reaction_of(lib.tm_precomputed_reaction(self, instrument))
 
     @property
     def rows(self) -> Any:
-        """(n,) rows of contact, as Contact.rows."""
+        """Returns the contact rows (n,), as Contact.rows."""
         return rows_of(self, lib.tm_precomputed_rows)
 
     def vertices(self, instrument: int = 0) -> Tuple[Ints, str]:
-        """As Grasp.vertices."""
+        """Returns the vertices in the jaws, as Grasp.vertices."""
         vertex, state = ctypes.c_void_p(), ctypes.c_int()
         count = lib.tm_precomputed_grasped(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
         return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
 
     def impose(self, vertices: Any, u_m: Any, compliance_m_N: float = 0.0) -> None:
-        """The paper's way: displacements (n, 3) imposed on surface vertices (n,) from the next update on; none: let go."""
+        """Imposes displacements (n, 3) on surface vertices (n,) from the next update on, as in the paper; without vertices: releases them."""
         listed = ints(vertices, (-1,), "vertices")
         u = floats(u_m, (len(listed), 3), "u_m")
         call(lib.tm_precomputed_impose, self, len(listed), address(listed), address(u), compliance_m_N)
 
     def imposed_force(self, i: int) -> Floats:
-        """(3,) that the i-th imposed vertex exerts on the tissue, N."""
+        """Returns the force (3,) of the i-th imposed vertex on the tissue, N."""
         out = np.zeros(3)
         lib.tm_precomputed_imposed_force(self, i, address(out))
         return out
 
     @property
     def u_m(self) -> Floats:
-        """(V, 3) displacements over the surface, m; inner vertices 0."""
+        """(V, 3) displacements on the surface, m; inner vertices 0."""
         return view(self, lib.tm_precomputed_displacement(self), (self.tissue.mesh.vertex_count, 3))
 
     @property
     def surface_vertices(self) -> Ints:
-        """(n,) that have responses, ascending."""
+        """(n,) vertices that have responses, ascending."""
         vertex = ctypes.c_void_p()
         count = lib.tm_precomputed_surface(self, ctypes.byref(vertex))
         return view(self, vertex.value, (count,), "int32")
 
     @property
     def bytes(self) -> int:
-        """Held by it."""
+        """Memory it uses, bytes."""
         return int(lib.tm_precomputed_bytes(self))

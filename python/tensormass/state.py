@@ -1,4 +1,4 @@
-"""State and step: a tissue's displacements and the list of stages that a step runs. Instruments, patches and solvers know this much of a World."""
+"""State and step: a tissue's displacements and the stages of a step. Instruments, patches and solvers use only this part of a World."""
 from __future__ import annotations
 
 import ctypes
@@ -30,24 +30,24 @@ class Stage(NamedTuple):
 
 
 def stages_of(owner: Object, function: Any) -> List[Stage]:
-    """Times of a world's stages, as the library reports them."""
+    """Returns the times of a world's stages as the library reports them."""
     report = (c.tm_stage_report * c.TM_MAX_STAGES)()
     count = function(owner, report)
     return [Stage(r.name.decode(), _PHASE_NAMES[r.phase], r.bytes, r.runs, r.seconds) for r in report[:count]]
 
 
 class Settled(NamedTuple):
-    """What `World.settle` came to."""
+    """Result of `World.settle`."""
 
     steps: int
     residual: float
     energy_J: float
-    load_steps: int  #: in which supports and loads came on, of tissue that turns; else 0
+    load_steps: int  #: load steps of supports and loads, for corotational tissue; else 0
     deformation: Deformation
 
 
 class WorldState(Object):
-    """What a World is without instruments: state, step, loads, supports, laws of the tissue, snapshots. Make a World."""
+    """The part of a World without instruments: state, step, loads, supports, laws of the tissue, snapshots. Create a World instead."""
 
     def __init__(self, tissue: Tissue, dt_s: float = 0.0, step_fraction: float = 0.9, damped: bool = True, threads: int = 1) -> None:
         definition = lib.tm_world_def_default()
@@ -92,12 +92,12 @@ class WorldState(Object):
 
     @property
     def u_next_m(self) -> Floats:
-        """(V, 3) for a stage from "integrate" on: displacements to come, m."""
+        """(V, 3) displacements of the next step, m, for a stage from "integrate" on."""
         return self._array(self._state.u_next_m)
 
     @property
     def force_N(self) -> Floats:
-        """(V, 3) internal and external force of the last step, N. A stage of "load" adds to it."""
+        """(V, 3) internal and external force of the last step, N. A "load" stage adds to it."""
         return self._array(self._state.force_N)
 
     @property
@@ -107,7 +107,7 @@ class WorldState(Object):
 
     @property
     def mobility_s2_kg(self) -> Floats:
-        """(V,) displacement within one step per newton, 1/(m/dt2 + gamma/2dt); 0 without mass."""
+        """(V,) displacement within one step per force, 1/(m/dt2 + gamma/2dt), s2/kg; 0 without mass."""
         return view(self, lib.tm_world_mobility_s2_kg(self), (self._vertices,))
 
     time_s: float = property(lambda self: self._state.time_s, doc="Simulated, s.")  # type: ignore[assignment]
@@ -115,7 +115,7 @@ class WorldState(Object):
 
     @property
     def dt_s(self) -> float:
-        """Length of a substep, s. Setting one above the guaranteed step: StepError."""
+        """Length of a substep, s. A value above the guaranteed step raises StepError."""
         return float(lib.tm_world_step_s(self))
 
     @dt_s.setter
@@ -124,13 +124,13 @@ class WorldState(Object):
 
     @property
     def hash(self) -> int:
-        """Of the bits of u_m and u_prev_m."""
+        """Hash of the bits of u_m and u_prev_m."""
         return int(lib.tm_world_hash(self))
 
     # --- stepping ---
 
     def step(self, count: int = 1) -> None:
-        """`count` substeps, all or none. UnstableError: everything is as it was before, to the last bit; so too when a stage's function raises."""
+        """Advances `count` substeps, all or none. After UnstableError, or an exception in a stage's function, the state is restored bit-identically."""
         status = lib.tm_world_step(self, count)
         self._raise_failed()
         check(status, sentence=f"a displacement passed {lib.tm_world_largest_displacement_m(self):g} m, or a force stopped being finite, within {count} steps "
@@ -138,24 +138,25 @@ class WorldState(Object):
               "what drives the tissue; to go back farther, restore a snapshot")
 
     def _raise_failed(self) -> None:
-        """What a stage's function raised."""
+        """Raises the exception of a stage's function."""
         failed, self._failed = self._failed, None
         if failed is not None:
             raise failed
 
     def run(self, seconds: float) -> int:
-        """Whole substeps up to this long, in pieces between which Ctrl-C is heard. Returns how many."""
+        """Advances complete substeps up to this duration, in chunks between which Ctrl-C is noticed. Returns their number."""
         total = max(0, round(seconds / self.dt_s))
         for done in range(0, total, 1000):
             self.step(min(1000, total - done))
         return total
 
     def settle(self, tolerance: float = 1e-10, max_steps: int = 2000000, progress: Optional[Callable[[int, float], Any]] = None) -> Settled:
-        """Solves for rest under supports and loads; contact stays active. Tissue that turns gets there from the present state in load steps of
-        its own, turned supports round their axes by the shorter way. tolerance: residual relative to forces, or to the stiffness times 1e-4 of
-        the largest displacement where that is more; 1e-11 and below may be less than rounding lets it be. progress(step, residual): False
-        stops; so does Ctrl-C. ConvergenceError: not reached, all is as before. DeformationWarning: tetrahedra are inside out at rest, or linear
-        tissue is far outside its range."""
+        """Solves for static equilibrium under supports and loads; contact stays active.
+
+        Corotational tissue starts at the present state and advances in load steps; rotated supports turn round their axes by the shorter arc.
+        tolerance: residual relative to forces, or to the stiffness times 1e-4 of the largest displacement if that is more. Rounding may prevent
+        1e-11 and below. progress(step, residual): False stops; so does Ctrl-C. ConvergenceError: not reached, the state is unchanged.
+        DeformationWarning: tetrahedra are inverted in equilibrium, or linear tissue is far outside its range."""
         definition, result = lib.tm_settle_def_default(), c.tm_settle_result()
         definition.tolerance, definition.max_steps = tolerance, max_steps
         raised: List[BaseException] = []
@@ -186,26 +187,26 @@ class WorldState(Object):
 
     @property
     def stages(self) -> List[Stage]:
-        """In the order they run."""
+        """The stages, in the order they run."""
         return stages_of(self, lib.tm_world_stages)
 
     def set_timing(self, on: bool = True) -> None:
-        """Measure the stages' seconds."""
+        """Enables or disables timing of the stages."""
         lib.tm_world_set_timing(self, on)
 
     def remove_stage(self, name: str) -> None:
-        """Refused while another stage needs it: remove that one first."""
+        """Removes a stage. Refused while another stage requires it: remove that one first."""
         call(lib.tm_world_remove_stage, self, name.encode())
 
     def add_stage(self, name: str, function: Callable[[Any], Any], phase: str = "load", before: Optional[str] = None,
                   step_limit_s: float = 0.0) -> None:
-        """Your own effect: `function(world)` once a substep, in `phase` ("begin", "force", "load", "integrate", "constrain", "end").
+        """Adds your own effect: calls `function(world)` once a substep, in `phase` ("begin", "force", "load", "integrate", "constrain", "end").
 
-        It reads u_m and adds to force_N ("load") or corrects u_next_m ("constrain"). When it raises, the step raises the same, and everything is
-        as it was before. What it keeps of its own is not in snapshots.
+        The function reads u_m, and adds to force_N ("load") or corrects u_next_m ("constrain"). If it raises, the step raises the same exception
+        and the state is unchanged. Snapshots do not contain data of the function's own.
 
-        step_limit_s: the longest step that is stable with it; a longer dt_s: StepError. 0: no limit, which is right for forces that do not
-        grow with u_m. With springs of k[v] N/m on vertices of mass m[v]: (1 / tissue.critical_step()[0]**2 + (k / (4 * m)).max()) ** -0.5.
+        step_limit_s: longest step that is stable with the effect; a longer dt_s raises StepError. 0: no limit, correct for forces that do not
+        grow with u_m. For springs of k[v] N/m on vertices of mass m[v]: (1 / tissue.critical_step()[0]**2 + (k / (4 * m)).max()) ** -0.5.
         """
         world = weakref.ref(self)
         number = choice(phase, PHASES, "phase")
@@ -226,7 +227,7 @@ class WorldState(Object):
         self._add(name, run, number, before, step_limit_s)
 
     def _guard(self) -> Callable[[Any, Any], None]:
-        """A function that raised before the integrator fails the step here: u_next_m is no number, so that the library gives all back."""
+        """Fails the step if a function raised before the integrator: sets u_next_m to NaN, so that the library rolls back."""
         world = weakref.ref(self)
 
         def run(_self: Any, _world: Any) -> None:
@@ -246,15 +247,15 @@ class WorldState(Object):
         self._kept += [run, spelled, other]
 
     def add_gravity(self, g_m_s2: Sequence[float] = (0.0, 0.0, -9.81)) -> None:
-        """Weight. g (3,), m/s2."""
+        """Adds weight. g (3,), m/s2."""
         call(lib.tm_stage_gravity, self, vector(g_m_s2, "g_m_s2"))
 
     def add_load(self, force_N: Any) -> None:
-        """Constant forces on vertices, (V, 3) N, copied."""
+        """Adds constant forces on vertices, (V, 3) N, copied."""
         call(lib.tm_stage_load, self, address(floats(force_N, (self._vertices, 3), "force_N")))
 
     def traction(self, triangles: Any, traction_Pa: Sequence[float]) -> Floats:
-        """(V, 3) N for add_load: a traction (3,), Pa over rest area, on surface triangles (n, 3)."""
+        """Returns forces (V, 3), N, for add_load: a traction (3,), Pa over rest area, on surface triangles (n, 3)."""
         listed, out = ints(triangles, (-1, 3), "triangles"), np.zeros((self._vertices, 3))
         if listed.size and (listed.min() < 0 or listed.max() >= self._vertices):
             raise ArgumentError(f"triangles: has vertices outside 0 to {self._vertices - 1}", c.TM_ERR_ARGUMENT)
@@ -262,7 +263,7 @@ class WorldState(Object):
         return out
 
     def add_support(self, vertices: Any, value_m: Any = 0.0, axes: str = "xyz") -> None:
-        """Prescribed displacements: of `vertices` (n,), along these axes. value_m: one number, (3,) or (n, 3), m. One support stage a world."""
+        """Prescribes displacements of `vertices` (n,) along these axes. value_m: one number, (3,) or (n, 3), m. One support stage a world."""
         listed = ints(vertices, (-1,), "vertices")
         held = ["xyz".index(a) for a in axes]
         value = np.broadcast_to(np.asarray(value_m, float), (len(listed), 3))[:, held]
@@ -270,7 +271,7 @@ class WorldState(Object):
         self.add_support_components(dof.ravel(), np.ascontiguousarray(value).ravel())
 
     def add_support_components(self, dof: Any, value_m: Any) -> None:
-        """Prescribed components: u.flat[dof[i]] = value_m[i], both (n,); dof = 3*vertex + axis."""
+        """Prescribes components: u.flat[dof[i]] = value_m[i], both (n,); dof = 3*vertex + axis."""
         listed = ints(dof, (-1,), "dof")
         value = floats(value_m, (len(listed),), "value_m")
         definition = lib.tm_support_def_default()
@@ -279,7 +280,7 @@ class WorldState(Object):
         self._axes = listed
 
     def move_support(self, component: int, value_m: float) -> None:
-        """Moves one component of the support's list (see add_support: vertices in order, axes within) to `value_m`."""
+        """Moves one component of the support's list to `value_m` (order of add_support: by vertex, then axis)."""
         lib.tm_support_move(self, component, value_m)
 
     @property
@@ -289,7 +290,7 @@ class WorldState(Object):
 
     @property
     def support_reaction_N(self) -> Floats:
-        """(V, 3) of the support on the tissue at the last step, N; zero elsewhere."""
+        """(V, 3) force of the support on the tissue at the last step, N; zero elsewhere."""
         out = np.zeros((self._vertices, 3))
         lib.tm_support_reaction(self, address(out))
         return out
@@ -302,15 +303,16 @@ class WorldState(Object):
         return out
 
     def check_constrained(self) -> None:
-        """SupportError, naming a vertex, if a piece is free to move or turn as a whole."""
+        """Raises SupportError with a vertex if a connected piece has a free rigid motion."""
         call(lib.tm_world_check_constrained, self)
 
     def add_rotation(self) -> None:
-        """Tissue that turns and bends far keeps its law: of a Tissue made with rotation > 0."""
+        """Makes the tissue corotational, so that large rotations keep its law. Needs a Tissue with rotation > 0."""
         call(lib.tm_stage_rotation, self, None)
 
     def add_viscosity(self, terms: "Sequence[Tuple[float, float, float]]") -> None:
-        """Tissue that relaxes: one to three (time_s, share of the shear, share of the bulk modulus) of a Prony series. After add_rotation, where both are wanted."""
+        """Adds viscosity: one to three (time_s, share of the shear, share of the bulk modulus) of a Prony series. Call add_rotation first if both are
+        needed."""
         definition = lib.tm_viscosity_def_default()
         definition.count = len(terms)
         for term, (time_s, shear, volume) in zip(definition.term, terms):
@@ -318,12 +320,12 @@ class WorldState(Object):
         call(lib.tm_stage_viscosity, self, ctypes.byref(definition))
 
     def add_energy(self) -> None:
-        """The account that `energy` reads."""
+        """Adds the energy account that `energy` reads."""
         call(lib.tm_stage_energy, self)
 
     @property
     def energy(self) -> c.tm_energy:
-        """The account up to the last step, J: kinetic_J, elastic_J, contact_J[2], damping_J ... (tensormass/energy.h). Needs add_energy."""
+        """Energy account up to the last step, J: kinetic_J, elastic_J, contact_J[2], damping_J ... (tensormass/energy.h). Needs add_energy."""
         out = c.tm_energy()
         call(lib.tm_world_energy, self, ctypes.byref(out))
         return out
@@ -331,7 +333,7 @@ class WorldState(Object):
     # --- snapshots ---
 
     def snapshot(self) -> bytes:
-        """Everything it needs to go on with the same bits: state, living tetrahedra, contact, grasps."""
+        """Returns a snapshot from which the world continues bit-identically: state, active tetrahedra, contact, grasps."""
         room = np.empty((lib.tm_snapshot_bytes(self) + 7) // 8, np.uint64)
         size = lib.tm_snapshot_bytes(self)
         call(lib.tm_snapshot_save, self, address(room), size)
@@ -339,11 +341,11 @@ class WorldState(Object):
 
     @property
     def snapshot_bytes_max(self) -> int:
-        """Upper bound, bytes: no later snapshot of the present stages is larger. Their size changes with contact, grasps and cuts."""
+        """Upper bound of later snapshots' sizes with the present stages, bytes. Sizes change with contact, grasps and cuts."""
         return lib.tm_snapshot_bytes_max(self)
 
     def restore(self, snapshot: bytes) -> None:
-        """Of a world set up the same way. FileError: damaged; ArgumentError: of another world; both leave this one as it was."""
+        """Restores a snapshot of a world set up the same way. FileError: damaged; ArgumentError: of another world; both leave this one unchanged."""
         room = np.zeros((len(snapshot) + 7) // 8, np.uint64)
         room.view(np.uint8)[:len(snapshot)] = np.frombuffer(snapshot, np.uint8)
         call(lib.tm_snapshot_restore, self, address(room), len(snapshot))

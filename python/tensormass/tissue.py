@@ -1,4 +1,4 @@
-"""Materials, and the tissue that a mesh becomes with them."""
+"""Materials, and tissue: a mesh with materials."""
 from __future__ import annotations
 
 import ctypes
@@ -17,7 +17,8 @@ FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
 class Material:
-    """Constants of linear, transversely isotropic tissue (docs/physics.md, eq. 1), and a law for large strains (with_law). Made by one of the class methods.
+    """Constants of linear, transversely isotropic tissue (docs/physics.md, eq. 1), and a law for large strains (with_law). Made by one of the class
+    methods.
 
     Pa; density_kg_m3 > 0; damping_1_s >= 0, the rate d of gamma_i = d m_i. MaterialError: constants that are not positive definite.
     """
@@ -38,12 +39,12 @@ class Material:
 
     @classmethod
     def young(cls, young_Pa: float, poisson: float, density_kg_m3: float = 1000.0, damping_1_s: float = 0.0) -> "Material":
-        """Isotropic, of Young's modulus and Poisson's ratio."""
+        """Isotropic, from Young's modulus and Poisson's ratio."""
         return cls._made(lib.tm_material_young, (young_Pa, poisson), density_kg_m3, damping_1_s)
 
     @classmethod
     def lame(cls, lambda_Pa: float, mu_Pa: float, density_kg_m3: float = 1000.0, damping_1_s: float = 0.0) -> "Material":
-        """Isotropic, of Lame's coefficients."""
+        """Isotropic, from Lame's coefficients."""
         return cls._made(lib.tm_material_lame, (lambda_Pa, mu_Pa), density_kg_m3, damping_1_s)
 
     @classmethod
@@ -55,7 +56,7 @@ class Material:
     @classmethod
     def five(cls, lambda_T_Pa: float, mu_T_Pa: float, lambda_L_Pa: float, mu_L_Pa: float, beta_Pa: float, density_kg_m3: float = 1000.0,
              damping_1_s: float = 0.0) -> "Material":
-        """Five constants, beta free."""
+        """Five constants; beta is independent."""
         return cls._made(lib.tm_material_five, (lambda_T_Pa, mu_T_Pa, lambda_L_Pa, mu_L_Pa, beta_Pa), density_kg_m3, damping_1_s)
 
     @classmethod
@@ -65,11 +66,11 @@ class Material:
         return cls._made(lib.tm_material_engineering, (E_L_Pa, E_T_Pa, nu_LT, nu_TT, G_L_Pa), density_kg_m3, damping_1_s)
 
     def with_law(self, law: str, stretch_max: float = 0.0, constants: Sequence[float] = ()) -> "Material":
-        """A copy with this law: small strains keep the elastic constants, large ones follow it (docs/nonlinear-laws.md).
+        """Returns a copy with this law: small strains keep the elastic constants, large ones follow the law (docs/nonlinear-laws.md).
 
-        law: linear, neo-hooke, st-venant-kirchhoff, mooney-rivlin, fung or holzapfel. stretch_max: uniaxial stretch up to which it is followed, 0: 1.6.
-        constants, at most four: st-venant-kirchhoff its share of compression, mooney-rivlin its share of the second invariant, fung C in Pa, holzapfel
-        k1 in Pa, k2, kappa. MaterialError: what is violated.
+        law: linear, neo-hooke, st-venant-kirchhoff, mooney-rivlin, fung or holzapfel. stretch_max: largest uniaxial stretch that follows the law, 0: 1.6.
+        constants, at most four: st-venant-kirchhoff its share of compression, mooney-rivlin its share of the second invariant, fung C in Pa, holzapfel k1
+        in Pa, k2, kappa. MaterialError: the violated condition.
         """
         made = Material.__new__(Material)
         made._struct = type(self._struct).from_buffer_copy(self._struct)
@@ -80,7 +81,7 @@ class Material:
 
     @property
     def law(self) -> str:
-        """Its name, as with_law takes it."""
+        """Name of the law, as for with_law."""
         return lib.tm_law_name(self._struct.law).decode()
 
     stretch_max: float = property(lambda self: self._struct.stretch_max)  # type: ignore[assignment]
@@ -94,11 +95,11 @@ class Material:
 
     @property
     def isotropic(self) -> bool:
-        """Needs no fibre."""
+        """True if the material needs no fibre."""
         return bool(lib.tm_material_is_isotropic(ctypes.byref(self._struct)))
 
     def voigt(self, fibre: Any = None) -> Floats:
-        """(6, 6) elasticity matrix, Pa (engineering shears xx yy zz yz xz xy), for the unit fibre (3,); None if isotropic."""
+        """Returns the elasticity matrix (6, 6), Pa (engineering shears xx yy zz yz xz xy), for the unit fibre (3,); None if isotropic."""
         if fibre is None and not self.isotropic:
             raise ArgumentError("fibre: this material has a direction; give a unit vector", c.TM_ERR_ARGUMENT)
         out = np.zeros((6, 6))
@@ -112,32 +113,32 @@ class Material:
 
 
 class Surface(NamedTuple):
-    """The living surface. `triangles` (S, 3) vertices, normals outward; `faces` (S,) the triangles' persistent ids, 4*tet + local vertex."""
+    """Surface of the active tetrahedra. `triangles` (S, 3) vertices, normals outward; `faces` (S,) the triangles' persistent ids, 4*tet + local vertex."""
 
     triangles: Ints
     faces: Ints
-    revision: int  #: grows by one with every change
+    revision: int  #: increases by one with every change
 
 
 def surface_of(owner: object, found: Any) -> Surface:
-    """A tm_surface_view as arrays."""
+    """Returns a tm_surface_view as arrays."""
     return Surface(view(owner, found.triangle, (found.count, 3), "int32"), view(owner, found.face, (found.count,), "int32"), found.revision)
 
 
 class Deformation(NamedTuple):
-    """How far living tetrahedra are deformed, F = 1 + grad u."""
+    """Deformation of the active tetrahedra, F = 1 + grad u."""
 
-    min_det: float  #: smallest det F; 0 and below: inside out
+    min_det: float  #: smallest det F; inverted at 0 and below
     min_det_tet: int
     inverted: int  #: tetrahedra with det F <= 0
-    nonlinear_strain: float  #: largest |grad u^T grad u| / 2, which the linear law leaves out
+    nonlinear_strain: float  #: largest |grad u^T grad u| / 2, which the linear law neglects
     nonlinear_tet: int
-    nonlinear_share: float  #: of the volume where that is above 0.1
-    doubt: str  #: what to do about it, as a sentence; empty: nothing is doubtful
+    nonlinear_share: float  #: share of the volume where that is above 0.1
+    doubt: str  #: what to do, as a sentence; empty if there is no doubt
 
 
 def deformation_of(tissue: Any, found: Any) -> Deformation:
-    """As the library returns it."""
+    """Returns the library's figures as a Deformation."""
     sentence = ctypes.create_string_buffer(c.TM_ERROR_MESSAGE_MAX)
     lib.tm_tissue_check_deformation(tissue, ctypes.byref(found), sentence)
     return Deformation(found.min_det, found.min_det_tet, found.inverted, found.nonlinear_strain, found.nonlinear_tet, found.nonlinear_share,
@@ -145,13 +146,14 @@ def deformation_of(tissue: Any, found: Any) -> Deformation:
 
 
 class Tissue(Object):
-    """A mesh with materials, assembled: stiffness tensors, lumped masses, surface. Constant but for cutting.
+    """Assembled tissue of a mesh with materials: stiffness tensors, lumped masses, surface. Only cutting changes it.
 
-    materials: one, or one a material number. region_material: (R,) material of each region, None: region i has material i (one material: all).
-    fibres: (T, 3) unit vectors, copied; None if every material is isotropic. cuttable: take the memory that cutting needs. alive: (T,) bool, build
-    without the others. precision: of the stored edge tensors, "double" or "single" (for held tissue). form: of the force loop, "best" or "plain"
-    (the same bits on every machine). strain_smoothing: far less locking towards Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
-    averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation will turn what bends farther than that.
+    materials: one, or one a material number. region_material: (R,) material of each region, None: region i has material i (one material: all). fibres: (T,
+    3) unit vectors, copied; None if every material is isotropic. cuttable: allocate the memory that cutting needs. alive: (T,) bool, build without the
+    others. precision: of the stored edge tensors, "double" or "single" (for supported tissue). form: of the force loop, "best" or "plain" (bit-identical
+    on every machine). strain_smoothing: reduces locking near Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
+    averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation makes tetrahedra corotational that rotate more
+    than this.
     """
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
@@ -202,78 +204,79 @@ class Tissue(Object):
 
     @property
     def mesh(self) -> Mesh:
-        """What it was made from."""
+        """Mesh that it was made from."""
         return self._mesh
 
     @property
     def mass_kg(self) -> Floats:
-        """(V,) lumped masses; 0: in no living tetrahedron."""
+        """(V,) lumped masses, kg; 0: in no active tetrahedron."""
         return view(self, lib.tm_tissue_mass_kg(self), (self._mesh.vertex_count,))
 
     @property
     def damping_kg_s(self) -> Floats:
-        """(V,) gamma, sum of d times lumped mass."""
+        """(V,) gamma, sum of d times lumped mass, kg/s."""
         return view(self, lib.tm_tissue_damping_kg_s(self), (self._mesh.vertex_count,))
 
     @property
     def alive(self) -> Bytes:
-        """(T,) 1: not cut away."""
+        """(T,) 1: active, 0: removed."""
         return view(self, lib.tm_tissue_alive(self), (self._mesh.tet_count,), "uint8")
 
     @property
     def alive_count(self) -> int:
-        """Tetrahedra that are left."""
+        """Number of active tetrahedra."""
         return int(lib.tm_tissue_alive_count(self))
 
     @property
     def bytes(self) -> int:
-        """Held by it."""
+        """Memory it uses, bytes."""
         return int(lib.tm_tissue_bytes(self))
 
     @property
     def surface(self) -> Surface:
-        """What can be touched; take it anew after a cut."""
+        """Surface that can be touched; get it again after a cut."""
         return surface_of(self, lib.tm_tissue_surface(self))
 
     def _displacements(self, u_m: Any) -> Floats:
         return floats(u_m, (self._mesh.vertex_count, 3), "u_m")
 
     def force(self, u_m: Any) -> Floats:
-        """(V, 3) internal force -K u, N, of displacements (V, 3), m."""
+        """Returns the internal force -K u (V, 3), N, of displacements (V, 3), m."""
         u = self._displacements(u_m)
         out = np.empty_like(u)
         lib.tm_tissue_force(self, address(u), address(out))
         return out
 
     def energy(self, u_m: Any) -> float:
-        """Stored energy u.K u / 2, J."""
+        """Returns the stored energy u.K u / 2, J."""
         u = self._displacements(u_m)
         return float(lib.tm_tissue_energy(self, address(u)))
 
     def deformation(self, u_m: Any) -> Deformation:
-        """How far displacements (V, 3), m, deform it: what is inside out, and what the linear law leaves out."""
+        """Returns the deformation by displacements (V, 3), m: inverted tetrahedra, and strains that the linear law neglects."""
         u = self._displacements(u_m)
         return deformation_of(self, lib.tm_tissue_deformation(self, address(u)))
 
     def vertex_tensor(self, vertex: int) -> Floats:
-        """(3, 3) K_kk, N/m."""
+        """Returns the tensor K_kk (3, 3), N/m."""
         K = np.zeros((3, 3))
         lib.tm_tissue_vertex_tensor(self, vertex, address(K))
         return K
 
     def edge_tensor(self, edge: int) -> Floats:
-        """(3, 3) K_kl with k < l, N/m."""
+        """Returns the tensor K_kl (3, 3) with k < l, N/m."""
         K = np.zeros((3, 3))
         lib.tm_tissue_edge_tensor(self, edge, address(K))
         return K
 
     def critical_step(self) -> Tuple[float, int]:
-        """(seconds, tetrahedron that sets it): guaranteed to be stable."""
+        """Returns (guaranteed critical step, s; tetrahedron that sets it)."""
         tet = ctypes.c_int32(-1)
         return float(lib.tm_critical_step_guaranteed(self, ctypes.byref(tet))), tet.value
 
     def critical_step_estimate(self, fixed: Any = None, tolerance: float = 1e-3, max_iterations: int = 20000) -> float:
-        """2/omega_max of the assembled system by power iteration, s. fixed: (V, 3) bool, constrained components. From the unsafe side."""
+        """Estimates the critical step 2/omega_max of the assembled system by power iteration, s: an upper estimate. fixed: (V, 3) bool, constrained
+        components."""
         mask = None if fixed is None else np.ascontiguousarray(fixed, np.uint8)
         if mask is not None and mask.shape != (self._mesh.vertex_count, 3):
             raise ArgumentError(f"fixed: has shape {mask.shape}; give ({self._mesh.vertex_count}, 3)", c.TM_ERR_ARGUMENT)
@@ -282,7 +285,7 @@ class Tissue(Object):
         return step.value
 
     def cut(self, tets: Any) -> Ints:
-        """Removes tetrahedra (n,), and whatever must go to leave the mesh manifold; the (m,) removed ones. Needs cuttable=True."""
+        """Removes tetrahedra (n,) and others that must go to keep the mesh manifold; returns the (m,) removed ones. Needs cuttable=True."""
         listed = ints(tets, (-1,), "tets")
         removed = np.empty(self._mesh.tet_count, np.int32)
         count = lib.tm_cut_remove(self, address(listed), len(listed), address(removed), len(removed))

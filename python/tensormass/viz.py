@@ -1,4 +1,4 @@
-"""What a world or a scene looks like, in PyVista (pip install 'tensormass[viz]')."""
+"""Pictures of a world or a scene in PyVista (pip install 'tensormass[viz]')."""
 from __future__ import annotations
 
 from typing import Any, Optional, Union
@@ -18,7 +18,7 @@ def _pyvista() -> Any:
 
 
 def surface(of: Union[World, Scene]) -> Any:
-    """A pyvista.PolyData of the surface as it lies now, with the array "displacement_mm" (all vertices of the mesh are its points)."""
+    """Returns a pyvista.PolyData of the current surface, with the array "displacement_mm". Its points are all vertices of the mesh."""
     mesh = of.mesh if isinstance(of, Scene) else of.tissue.mesh
     triangles = (of if isinstance(of, Scene) else of.tissue).surface.triangles
     faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
@@ -39,7 +39,7 @@ def _draw(plotter: Any, scene: Scene) -> None:
 
 
 def picture(scene: Scene, path: str) -> None:
-    """Writes what the scene looks like now to an image file."""
+    """Writes a picture of the scene's current state to an image file."""
     plotter = _pyvista().Plotter(off_screen=True)
     _draw(plotter, scene)
     plotter.screenshot(path)
