@@ -1,4 +1,4 @@
-/* TM_ASAN: is this built with AddressSanitizer? gcc and clang each say it in their own way. */
+/* TM_ASAN is defined in builds with AddressSanitizer. gcc and clang announce it differently. */
 #ifndef TM_CHECKED_H
 #define TM_CHECKED_H
 

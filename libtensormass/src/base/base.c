@@ -89,13 +89,13 @@ double tm_clock_s(void) {
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
-/* Large arrays lie on large pages where the system has them: the force loop reads tens of megabytes in one go, and
- * finding its place anew every 4 kB cost up to a tenth of it. Refused, it is a wish that did no harm. */
+/* Allocates large arrays on large pages where the system has them. The force loop streams tens of megabytes; address
+ * translation every 4 kB cost up to a tenth of its time. If the system refuses, ordinary pages serve. */
 static void *alloc_aligned(size_t bytes) {
 #ifdef MADV_HUGEPAGE
     enum { LARGE_PAGE = 2 << 20, WORTH = 2 * LARGE_PAGE };
     if (bytes < WORTH) return aligned_alloc(64, bytes);
-    /* Whole pages: C11 wants a multiple of the alignment, and sanitizers refuse anything else. */
+    /* Complete pages: C11 requires a multiple of the alignment, and sanitizers refuse anything else. */
     void *memory = aligned_alloc(LARGE_PAGE, (bytes + LARGE_PAGE - 1) / LARGE_PAGE * LARGE_PAGE);
     if (memory) (void)madvise(memory, bytes, MADV_HUGEPAGE);
     return memory;
@@ -106,7 +106,7 @@ static void *alloc_aligned(size_t bytes) {
 static void free_aligned(void *memory) { free(memory); }
 #endif
 
-/* --- the hook and its accounts --- */
+/* --- allocator hook and its statistics --- */
 
 static void *default_alloc(size_t bytes, void *user) {
     (void)user;
@@ -134,7 +134,7 @@ void *tm_allocate(size_t bytes) {
     const size_t size = rounded(bytes);
     void *memory = hook.alloc(size, hook.user);
     if (!memory) return NULL;
-    if ((uintptr_t)memory % 64) { /* vectors are loaded from it, and would fault */
+    if ((uintptr_t)memory % 64) { /* SIMD loads from it would fault */
         hook.free(memory, size, hook.user);
         tm_contract_broken("tm_set_allocator", "its alloc gave memory that is not aligned to 64 bytes");
         return NULL;
@@ -175,7 +175,7 @@ void *tm_pool_alloc(tm_pool *pool, int64_t count, size_t size) {
     block->bytes = bytes;
     pool->first = block;
     pool->bytes += (int64_t)bytes;
-    /* The header and the slack behind the array are out of bounds for everyone. */
+    /* Poisons the header and the padding after the array. */
     TM_POISON(block, HEADER);
     TM_POISON(memory + (size_t)count * size, bytes - HEADER - (size_t)count * size);
     return memory;
@@ -206,8 +206,8 @@ void tm_diagonalise6(double A[36]) {
     }
 }
 
-/* Who is told of a broken contract. The only place of the library that prints or ends the program, and only until the
- * caller sets a handler of its own. */
+/* Default contract handler. It is the only place of the library that prints or ends the program, and only until the
+ * caller sets another handler. */
 
 static void default_contract_handler(const char *function, const char *sentence, void *user) {
     (void)user;

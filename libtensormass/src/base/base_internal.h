@@ -1,12 +1,12 @@
-/* What the room `base` gives all others: contracts, errors, memory pools, a clock, small vectors. */
+/* Shared basics: contracts, errors, memory pools, a clock, small vectors. */
 #ifndef TM_BASE_INTERNAL_H
 #define TM_BASE_INTERNAL_H
 
 #include "base/contract.h"
 #include "base/vec.h"
 
-/* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
- * so that builders take everything first and look once. Blocks are zeroed and aligned to 64 bytes. */
+/* Every array of an object is one block of its pool; releasing the pool frees the object. A failed allocation marks the
+ * pool, so that builders allocate everything first and check once. Blocks are zeroed and aligned to 64 bytes. */
 typedef struct tm_constraint_block tm_constraint_block;
 typedef struct tm_pool {
     tm_constraint_block *first;
@@ -19,8 +19,8 @@ void tm_pool_release(tm_pool *pool);
 
 tm_status tm_fail_memory(tm_error *error, const char *what);
 
-/* One of Jacobi's rotations: makes entry (p, q) of a symmetric n x n matrix zero. Leaves its cosine and sine. Nothing
- * where the entry is zero already: cosine 1, sine 0. */
+/* One Jacobi rotation: makes entry (p, q) of a symmetric n x n matrix zero. Writes its cosine and sine. An entry that
+ * is zero already changes nothing: cosine 1, sine 0. */
 static inline void tm_jacobi(double *A, int n, int p, int q, double *cosine, double *sine) {
     *cosine = 1, *sine = 0;
     if (A[n * p + q] == 0) return;
@@ -39,10 +39,10 @@ static inline void tm_jacobi(double *A, int n, int p, int q, double *cosine, dou
     }
     *cosine = c, *sine = s;
 }
-/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
- * lie. */
+/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal, by Jacobi rotations: accurate for any spread of
+ * eigenvalues. */
 void tm_diagonalise6(double A[36]);
-/* Monotonic, s. */
+/* Monotonic time, s. */
 double tm_clock_s(void);
 
 #endif

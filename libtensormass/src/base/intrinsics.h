@@ -1,5 +1,4 @@
-/* The compiler's own header of them takes longer to read than any of our files: for those that call intrinsics alone.
- */
+/* SIMD intrinsics. A header of its own, because the compiler's takes longer to read than any of our files. */
 #ifndef TM_INTRINSICS_H
 #define TM_INTRINSICS_H
 

@@ -1,5 +1,5 @@
-/* What a sleeping thread waits for: a semaphore, and where the system has none without a name (macOS), or signals are
- * no part of threads (Windows), the same of a lock and a condition. */
+/* A semaphore for sleeping threads. macOS has none without a name, and Windows has no signals per thread: there a mutex
+ * and a condition variable replace it. */
 #ifndef TM_SEMAPHORE_H
 #define TM_SEMAPHORE_H
 
@@ -47,7 +47,7 @@ static inline void tm_semaphore_wait(tm_semaphore *w) {
 }
 #endif
 
-/* Signals are the program's, and go to the threads it knows: between the two none is started that would take them. */
+/* Blocks signals while threads are started, so that the program's own threads receive them. */
 #ifdef _WIN32
 typedef int tm_signals;
 static inline void tm_signals_block(tm_signals *before) { *before = 0; }

@@ -1,10 +1,10 @@
-/* A team: each job has a number, each part a word that holds the number of the last job it was taken for. Whoever moves
- * it from the job before to this one has the part, and says in another word when it is done. A thread that comes late
- * finds its part taken, so what it read about the job, which may be another by then, is not used.
+/* The thread pool of a step. Each job has a number; each part has a word with the number of the last job for which it
+ * was taken. The thread that advances this word to the new job owns the part, and reports completion in another word. A
+ * late thread finds its part taken, so it does not use what it read about the job, which may be outdated.
  *
- * A step is a job of some ten microseconds, and a cache line that another core has written takes a tenth of one to
- * come: in the usual case three lines go from one thread to another, the job's there and the word of each part back.
- * Who looks whether others have begun waits a little first. */
+ * A job takes some ten microseconds, and a cache line written by another core takes a tenth of one to arrive. In the
+ * usual case three lines pass between threads: the job's one way, the words of each part back. A thread waits a little
+ * before it checks whether others have begun. */
 #include "base/thread_pool.h"
 #include "base/semaphore.h"
 
@@ -15,12 +15,12 @@
 typedef void part_work(void *context, int32_t part);
 
 typedef struct worker_slot {
-    _Alignas(64) atomic_uint_fast32_t taken; /* the last job that this part was taken for, */
+    _Alignas(64) atomic_uint_fast32_t taken; /* number of the last job for which this part was taken */
     tm_semaphore wake;
     pthread_t thread;
     tm_thread_pool *pool;
     int32_t part;
-    _Alignas(64) atomic_uint_fast32_t done; /* and that it was done of */
+    _Alignas(64) atomic_uint_fast32_t done; /* number of the last job completed here */
 } worker_slot;
 
 struct tm_thread_pool {
@@ -32,14 +32,14 @@ struct tm_thread_pool {
     _Atomic(void *) context;
     _Alignas(64) atomic_bool awake;
     atomic_bool over;
-    /* The caller's own. */
-    bool here;             /* the members are awake */
-    bool late;             /* one was kept from running in the middle of its part, since tm_thread_pool_begin */
-    int32_t pause, longer; /* calls that the caller goes on alone; after the next lateness */
+    /* Used by the caller only. */
+    bool here;             /* the workers are awake */
+    bool late;             /* a worker was preempted in the middle of its part, since tm_thread_pool_begin */
+    int32_t pause, longer; /* calls that the caller does alone; number after the next lateness */
 };
 
-/* A pause, and now and then a place for whoever else wants the processor: not within what a step's serial rest takes,
- * or the thread is in the kernel when the next job comes. */
+/* Pauses, and now and then yields the processor. Not within the time of a step's serial rest: the thread would be in
+ * the kernel when the next job comes. */
 static void wait_a_little(unsigned *turns) {
     enum { TURNS = 512 };
 #if defined(__x86_64__) || defined(__i386__)
@@ -50,7 +50,7 @@ static void wait_a_little(unsigned *turns) {
     if (++*turns % TURNS == 0) sched_yield();
 }
 
-/* Does this part of this job, unless somebody has taken it. */
+/* Does this part of this job, unless another thread has taken it. */
 static void take(const tm_thread_pool *workers, uint_fast32_t job, int32_t part, part_work *work, void *context) {
     worker_slot *s = workers->worker + part;
     uint_fast32_t before = job - 1;
@@ -61,14 +61,14 @@ static void take(const tm_thread_pool *workers, uint_fast32_t job, int32_t part,
     atomic_store_explicit(&s->done, job, memory_order_release);
 }
 
-/* Parts [begin, end). */
+/* Does the parts [begin, end) that are not taken. */
 static void help(tm_thread_pool *workers, uint_fast32_t job, int32_t begin, int32_t end) {
     part_work *work = atomic_load_explicit(&workers->work, memory_order_relaxed);
     void *context = atomic_load_explicit(&workers->context, memory_order_relaxed);
     for (int32_t i = begin; i < end; i++) take(workers, job, i, work, context);
 }
 
-enum { BEFORE_OTHERS = 32 /* pauses, before parts are looked at that others ought to have begun */ };
+enum { BEFORE_OTHERS = 32 /* pauses, before checking for parts that other threads have not begun */ };
 
 static void *run_worker(void *of) {
     const worker_slot *own = of;
@@ -78,7 +78,7 @@ static void *run_worker(void *of) {
         if (atomic_load(&workers->over)) return NULL;
         for (unsigned turns = 0; atomic_load_explicit(&workers->awake, memory_order_relaxed);) {
             const uint_fast32_t job = atomic_load_explicit(&workers->job, memory_order_acquire);
-            if (job != done) { /* its own part: what that reads and writes is in its cache from the job before */
+            if (job != done) { /* its own part: the data are in its cache from the previous job */
                 help(workers, job, own->part, own->part + 1);
                 done = job;
                 turns = 0;
@@ -89,14 +89,14 @@ static void *run_worker(void *of) {
     }
 }
 
-/* When a job began, and when the caller, its own part done, began to wait for others; 0: it has not. */
+/* Times at which a job began, and at which the caller began to wait for others after its own part; 0: it has not. */
 typedef struct waiting {
     double begin_s, since_s;
 } waiting;
 
-/* Waits until every part is done, and does what nobody has begun. On a machine whose cores others want too, a thread
- * may lose its core in the middle of a part, for many times as long as a step takes: where it is late by more than that
- * and by as much as the caller's own part took, the caller goes on alone from then on. The bits are the same. */
+/* Waits until every part is done, and does parts that no thread has begun. Where other programs use the cores, a thread
+ * may lose its core in the middle of a part, for the time of many steps. If it is late by more than LATE_S and by as
+ * much as the caller's own part took, the caller continues alone. The bits are the same. */
 static void wait_for(tm_thread_pool *workers, uint_fast32_t job, int32_t part, waiting *w) {
     static const double LATE_S = 5e-4;
     enum { LOOK = 256 };
