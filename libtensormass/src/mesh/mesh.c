@@ -8,7 +8,7 @@
 const int8_t tm_face_vertex[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 const int8_t tm_edge_vertex[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
-/* The mesh people see, and the pool behind it. */
+/* The public mesh, and its pool. */
 typedef struct owned_mesh {
     tm_mesh mesh;
     tm_pool pool;
@@ -22,7 +22,7 @@ void tm_mesh_destroy(tm_mesh *mesh) {
     tm_pool_release(&pool);
 }
 
-/* 6 V, and the bound under which rounding alone can make it. */
+/* Returns 6 V; `noise`: the bound below which it may be rounding alone. */
 static double six_volume(const double *p0, const double *p1, const double *p2, const double *p3, double *noise) {
     double a[3], b[3], c[3], n[3];
     vsub(p1, p0, a);
@@ -83,7 +83,7 @@ static void sort_by(int32_t *order, int32_t *scratch, const int32_t *key, int32_
     memcpy(order, scratch, sizeof(int32_t) * (size_t)count);
 }
 
-/* Work space of the builder, released when it is done. */
+/* Work space of the builder, freed when it is done. */
 typedef struct work {
     tm_pool pool;
     int32_t *key[3], *order, *scratch, *start;
@@ -107,7 +107,7 @@ static void sort3(int32_t a[3]) {
     }
 }
 
-/* Which side of a face, named by its ascending vertices, a tetrahedron of positive volume lies on. */
+/* Returns the side of a face, given by its ascending vertices, on which a tetrahedron of positive volume is. */
 static bool even(const int32_t *tet, int i) {
     const int32_t a = tet[tm_face_vertex[i][0]], b = tet[tm_face_vertex[i][1]], c = tet[tm_face_vertex[i][2]];
     return (a < b) + (b < c) + (c < a) == 2;
@@ -187,7 +187,7 @@ static int32_t number_edges(tm_mesh *mesh, work *w) {
     return edges + 1;
 }
 
-/* Lists, for each of `items`, the owners whose `width` entries name it, ascending. */
+/* Lists, for each of `items`, the owners with it among their `width` entries, ascending. */
 static void invert(const int32_t *entry, int32_t owners, int32_t width, int32_t items, int32_t *begin, int32_t *list) {
     for (int64_t i = 0; i < (int64_t)owners * width; i++) begin[entry[i] + 1]++;
     for (int32_t v = 0; v < items; v++) begin[v + 1] += begin[v];
@@ -291,7 +291,7 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
     return status;
 }
 
-/* `given` null: numbering is as given. */
+/* Builds a mesh. `given` null: original numbering. */
 static tm_status make(const tm_mesh_def *def, const int32_t *given, tm_mesh **mesh, tm_error *error) {
     tm_pool pool = {0};
     work w = {0};
@@ -315,14 +315,14 @@ static tm_status make(const tm_mesh_def *def, const int32_t *given, tm_mesh **me
     return TM_OK;
 }
 
-/* Puts a mesh with a better order in the place of `*mesh` where its order is poor. On failure there is no mesh. */
+/* Replaces `*mesh` by one with a better order, where its order is poor. On failure there is no mesh. */
 static tm_status renumber(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
     tm_pool pool = {0};
     tm_mesh_def better = *def;
     const int32_t *given;
     tm_status status = TM_OK;
     if (!tm_numbering_better(*mesh, &pool, &better, &given)) status = tm_fail_memory(error, "mesh numbering");
-    if (status || given) { /* two of them would not find room where one does */
+    if (status || given) { /* memory may not suffice for two */
         tm_mesh_destroy(*mesh);
         *mesh = NULL;
     }
@@ -353,7 +353,7 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
     status = check_vertices(def, error);
     for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
     tm_mesh *made = NULL;
-    if (!status) status = make(def, NULL, &made, error); /* what is wrong is told in given numbers */
+    if (!status) status = make(def, NULL, &made, error); /* errors are reported in original numbers */
     if (!status && def->renumber == TM_NUMBERING_IMPROVED) status = renumber(def, &made, error);
     if (!status) *mesh = made;
     return status;

@@ -1,11 +1,11 @@
-/* Cuthill and McKee's order: breadth first from a vertex at an end of the mesh, neighbours of few neighbours first; and
- * the way between it and the numbers that were given. */
+/* Renumbers a mesh in Cuthill and McKee's order: breadth first from a vertex at an end of the mesh, neighbours with few
+ * neighbours first. Converts between this order and the original one. */
 #include "mesh/mesh_internal.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-/* Below so many vertices any order will do: at 64 and 125 one at random costs 0 to 6 % (docs/performance.md,
+/* Least vertex count worth renumbering: at 64 and 125 vertices a random order costs 0 to 6 % (docs/performance.md,
  * "Numbering"). */
 enum { WORTH_VERTICES = 200 };
 static const double worth_factor = 3;
@@ -19,9 +19,9 @@ typedef struct place {
 
 typedef struct walk {
     const tm_mesh *mesh;
-    int32_t *rank, *of_rank; /* vertices by place: x, then y, then z */
-    int32_t *seen, round;    /* in which round a vertex was seen last, 0: never */
-    uint64_t *key;           /* neighbours to come: few neighbours first, then by rank */
+    int32_t *rank, *of_rank; /* vertices by position: x, then y, then z */
+    int32_t *seen, round;    /* the last round in which a vertex was seen, 0: never */
+    uint64_t *key;           /* next neighbours: few neighbours first, then by rank */
 } walk;
 
 static int by_place(const void *a, const void *b) {
@@ -54,8 +54,8 @@ static void rank_places(walk *w, place *at) {
     }
 }
 
-/* The piece around `start` into `queue`, level by level. Returns how many vertices, `*depth` how many levels, `*far`
- * the vertex of the last level with the fewest neighbours. */
+/* Collects the connected component around `start` into `queue`, level by level. Returns its vertex count; `*depth`:
+ * number of levels; `*far`: the vertex of the last level with the fewest neighbours. */
 static int32_t spread(walk *w, int32_t start, int32_t *queue, int32_t *depth, int32_t *far) {
     const tm_mesh *m = w->mesh;
     int32_t count = 0, level_end = 1, level_begin = 0;
@@ -85,8 +85,8 @@ static int32_t spread(walk *w, int32_t start, int32_t *queue, int32_t *depth, in
     return count;
 }
 
-/* Piece after piece, each from an end: the farthest from the farthest, until that gets no farther (George and Liu
- * 1979). */
+/* Orders component after component, each from an end: the farthest vertex from the farthest, until the distance grows
+ * no more (George and Liu 1979). */
 static void order(walk *w, int32_t *was) {
     const int32_t n = w->mesh->vertex_count;
     int32_t done = 0;
@@ -136,7 +136,7 @@ static int by_corners(const void *a, const void *b) {
     return 0;
 }
 
-/* New numbers of the old ones. */
+/* Inverts a numbering: new numbers of the old ones. */
 static void turn_round(const int32_t *was, int32_t n, int32_t *now) {
     for (int32_t v = 0; v < n; v++) now[was[v]] = v;
 }
@@ -163,9 +163,9 @@ bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *wa
     return good;
 }
 
-/* --- how good an order is --- */
+/* --- quality of an order --- */
 
-/* `was` and `now` [vertex_count] become tm_mesh_numbering's order and its inverse. */
+/* Computes tm_mesh_numbering's order `was` and its inverse `now` [vertex_count], and the statistics. */
 static bool measure(const tm_mesh *mesh, int32_t *was, int32_t *now, tm_numbering_stats *out) {
     if (!tm_mesh_numbering(mesh, was)) return false;
     turn_round(was, mesh->vertex_count, now);
@@ -189,7 +189,7 @@ bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_stats *out) {
     return good;
 }
 
-/* --- a mesh in a better order than it was given in --- */
+/* --- a mesh in a better order than the original --- */
 
 bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, const int32_t **given) {
     *given = NULL;
@@ -217,7 +217,7 @@ int32_t tm_mesh_original_vertex(const tm_mesh *mesh, int32_t vertex) {
     return mesh->original_vertex ? mesh->original_vertex[vertex] : vertex;
 }
 
-/* Vertex by vertex: from the v-th place to that of its given number, or the other way. */
+/* Copies values per vertex: from index v to its original number, or back. */
 static void carry(const tm_mesh *mesh, int32_t components, const double *from, double *to, bool back) {
     const size_t c = (size_t)components;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
