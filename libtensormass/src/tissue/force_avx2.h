@@ -1,10 +1,10 @@
-/* What the AVX2 forms of the force loop share, whatever their tensors' precision. */
+/* Helpers of the AVX2 forms of the force loop, for tensors of both precisions. */
 #ifndef TM_FORCE_AVX2_H
 #define TM_FORCE_AVX2_H
 
 #include "tissue/force_graph.h"
 
-/* Three numbers and a zero. Of a caller's array: nothing past its end is read. */
+/* Three numbers and a zero. For a caller's array: reads nothing past its end. */
 TM_AVX2 static inline __m256d tm_three(const double *from) {
     return _mm256_maskload_pd(from, _mm256_set_epi64x(0, -1, -1, -1));
 }
@@ -17,24 +17,24 @@ TM_AVX2 static inline tm_spread tm_spread_of(const double *u) {
     return (tm_spread){_mm256_broadcast_sd(u), _mm256_broadcast_sd(u + 1), _mm256_broadcast_sd(u + 2)};
 }
 
-/* Of one vertex: what each component of its force sums to, by lanes, the fourth zero. */
+/* Force of one vertex: sums of each component by lanes, the fourth zero. */
 typedef struct tm_sums {
     __m256d x, y, z;
 } tm_sums;
 
-/* at -= g, as two and one: no store goes past the caller's array. */
+/* at -= g, as two and one: no store past the end of the caller's array. */
 TM_AVX2 static inline void tm_take_from(double *at, __m256d g) {
     _mm_storeu_pd(at, _mm_sub_pd(_mm_loadu_pd(at), _mm256_castpd256_pd128(g)));
     _mm_store_sd(at + 2, _mm_sub_sd(_mm_load_sd(at + 2), _mm256_extractf128_pd(g, 1)));
 }
 
-/* The half sum at so many bytes. */
+/* Subtracts g from the partial sum at this offset. */
 TM_AVX2 static inline void tm_take_from_ring(double *ring, size_t bytes, __m256d g) {
     double *at = (double *)((char *)ring + bytes);
     _mm256_store_pd(at, _mm256_sub_pd(_mm256_load_pd(at), g));
 }
 
-/* force_N := the half sum - f: lanes 0 and 1, and 2 and 3, then both. */
+/* force_N := partial sum - f: lanes 0 and 1, and 2 and 3, then both. */
 TM_AVX2 static inline void tm_give_sum(double *force_N, const double *half, const tm_sums *f) {
     const __m256d xy = _mm256_add_pd(_mm256_unpacklo_pd(f->x, f->y), _mm256_unpackhi_pd(f->x, f->y)),
                   zz = _mm256_add_pd(f->z, _mm256_unpackhi_pd(f->z, f->z));

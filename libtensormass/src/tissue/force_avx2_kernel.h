@@ -1,12 +1,12 @@
-/* The force loop with AVX2 and FMA, included once for double and once for single tensors: TM_REAL, TM_OF, which makes a
- * name of this precision's, TM_NAME, TM_BLOCK, TM_LOAD4 and TM_LAST_ROW are set by the includer. Sums as
- * force_kernel.h does, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
+/* The force loop with AVX2 and FMA, included once for double and once for single tensors. The includer sets TM_REAL,
+ * TM_OF (makes names of this precision), TM_NAME, TM_BLOCK, TM_LOAD4 and TM_LAST_ROW. The order of sums is that of
+ * force_kernel.h, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
  *
- * A block's rows are loaded as four numbers, the fourth of which belongs to the next row: it meets a zero lane of u or
- * is dropped. What a row gives to its upper neighbours is kept in a ring of half sums, four lanes a vertex, until the
- * neighbour's own row: one aligned load and store, where force_N takes two of each. A graph whose neighbours' numbers
- * are too far apart for a ring (graph->ring is 0) takes force_N. Both have the same bits.
- */
+ * A block's rows are loaded as four numbers, the fourth of which belongs to the next row: it is multiplied by a zero
+ * lane of u or dropped. Contributions of a row to its upper neighbours are kept in a ring buffer of partial sums, four
+ * lanes a vertex, until the neighbour's own row. That takes one aligned load and store, where force_N takes two of
+ * each. A graph without a ring (graph->ring is 0, its neighbours' numbers differ too much) adds to force_N. Both have
+ * the same bits. */
 typedef struct {
     __m256d a, b, c;
 } TM_OF(rows);
@@ -17,7 +17,7 @@ TM_AVX2 static inline TM_OF(rows) TM_OF(load)(const TM_REAL *tensor, const doubl
     TM_OF(rows) rows = {TM_LOAD4(K), TM_LOAD4(K + 3), TM_LAST_ROW(K, last, e)};
     enum { AHEAD = 96 }; /* edges: outside the caches a fifth to a quarter of the time */
     _mm_prefetch((const char *)TM_BLOCK(K, AHEAD), _MM_HINT_T0);
-    /* Used twice: not to be loaded twice. */
+    /* Used twice: keeps the compiler from loading them twice. */
     __asm__("" : "+x"(rows.a), "+x"(rows.b));
     return rows;
 }
@@ -33,8 +33,8 @@ TM_AVX2 static inline void TM_OF(add)(const TM_OF(rows) * K, __m256d u, tm_sums 
     f->z = _mm256_fmadd_pd(K->c, u, f->z);
 }
 
-/* Adds what rows before the part give to it. Edges descending: those into the part are a row's last, and each has a sum
- * of its own. Returns how far force_N is set (without a ring). */
+/* Adds the contributions of rows before the partition. Edges descend: those into the partition are a row's last, and
+ * each has a sum of its own. Returns how far force_N is set (without a ring). */
 TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_partition *partition,
                                     const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const size_t mask = 32 * (size_t)graph->ring - 32;
@@ -58,8 +58,8 @@ TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_
     return zeroed;
 }
 
-/* Computes the force on the living vertices [k, end). Rows that leave the part are rows as any: what they give to
- * vertices behind it stays in places of the ring that nobody reads. */
+/* Computes the force on the active vertices [k, end). Rows with edges out of the partition need no special case: their
+ * contributions to later vertices end in entries of the ring that are never read. */
 TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *graph,
                                                          const tm_force_partition *partition, int32_t k, int32_t end,
                                                          const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
@@ -88,7 +88,7 @@ TM_AVX2 static __attribute__((noinline)) void TM_OF(run)(const tm_force_graph *g
     }
 }
 
-/* The same without a ring: neighbours' numbers are too far apart for one. */
+/* The same without a ring: the numbers of neighbours differ too much for one. */
 TM_AVX2 static __attribute__((noinline)) int32_t
 TM_OF(run_direct)(const tm_force_graph *graph, const tm_force_partition *partition, int32_t k, int32_t end,
                   int32_t zeroed, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
@@ -110,7 +110,7 @@ TM_OF(run_direct)(const tm_force_graph *graph, const tm_force_partition *partiti
             TM_OF(add)(&K, tm_three(u_m + l), &f);
             tm_take_from(force_N + l, TM_OF(transposed)(&K, &u));
         }
-        for (; e < last; e++) { /* into parts behind */
+        for (; e < last; e++) { /* edges into later partitions */
             const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
             TM_OF(add)(&K, tm_three(u_m + 3 * (int64_t)upper_vertex[e]), &f);
         }
@@ -140,7 +140,7 @@ TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_partition *partition,
     int32_t k = from;
     for (int32_t begin, end = from; k < to; k = end) {
         if (!tm_next_run(graph->active, to, &begin, &end)) begin = end = to;
-        for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead */
+        for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* removed */
         TM_OF(run)(graph, partition, begin, end, u_m, force_N);
     }
 }

@@ -1,11 +1,12 @@
-/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_HALO,
- * TM_BLOCK and TM_NINTH are set by the includer.
+/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_HALO, TM_BLOCK and
+ * TM_NINTH are set by the includer.
  *
- * Living vertices ascending, and within a vertex its living upper edges ascending: what reaches F_k is first -K_jk^T
- * u_j of the lower neighbours in ascending order, then -K_kk u_k - sum of K_kl u_l. This order is the promise behind
- * equal bits. */
+ * It adds over active vertices ascending, and within a vertex over its active upper edges ascending. F_k gets first
+ * -K_jk^T u_j of the lower neighbours in ascending order, then -K_kk u_k - sum of K_kl u_l. Bit-identical results rely
+ * on this order. */
 
-/* What comes up from rows before the part. They are other parts', which keep it to themselves. */
+/* Adds the contributions of rows before the partition. Other partitions own these rows and add only to their
+ * vertices. */
 static int32_t TM_HALO(const tm_force_graph *graph, const tm_force_partition *partition, const double *TM_RESTRICT u_m,
                        double *TM_RESTRICT force_N) {
     int32_t zeroed = partition->begin;
@@ -59,7 +60,7 @@ void TM_NAME(const tm_force_graph *graph, tm_force_partition *partition, int32_t
                 force_N[l + 1] -= (double)K[1] * x + (double)K[4] * y + (double)K[7] * z;
                 force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + ninth * z;
             }
-            for (; e < last; e++) { /* into parts behind, which look at this row by themselves */
+            for (; e < last; e++) { /* edges into later partitions, which read this row themselves */
                 const TM_REAL *K = TM_BLOCK(edge_tensor, e);
                 const double ninth = TM_NINTH(K, graph->edge_last, e);
                 const double *u = u_m + 3 * upper_vertex[e];

@@ -1,8 +1,8 @@
-/* The force loop with NEON, included once for double and once for single tensors: TM_REAL, TM_NAME,
- * TM_LOAD2, TM_BLOCK, TM_NINTH and TM_OF, which makes a name of this precision's, are set by the includer. Sums as
- * force_kernel.h does, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
+/* The force loop with NEON, included once for double and once for single tensors. The includer sets TM_REAL, TM_NAME,
+ * TM_LOAD2, TM_BLOCK, TM_NINTH and TM_OF, which makes names of this precision. The order of sums is that of
+ * force_kernel.h, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
  *
- * A vector holds two numbers, a row of a block three: the first two of each row lie in a vector of their own, the
+ * A vector holds two numbers, a row of a block three: the first two of each row are in a vector of their own, the
  * thirds of the upper rows in a fourth, the last number stays a scalar. */
 typedef struct {
     float64x2_t a, b, c; /* K[0..1], K[3..4], K[6..7] */
@@ -27,7 +27,7 @@ static inline void TM_OF(take_transposed)(double *TM_RESTRICT at, const TM_OF(ro
     at[2] -= __builtin_fma(K->last, z, __builtin_fma(vgetq_lane_f64(K->third, 1), y, vgetq_lane_f64(K->third, 0) * x));
 }
 
-/* What a row of the whole matrix sums to, unfolded. */
+/* Sums of a row of the complete matrix, by lanes. */
 typedef struct {
     float64x2_t x, y, z, third;
     double last;
@@ -86,7 +86,7 @@ void TM_NAME(const tm_force_graph *graph, tm_force_partition *part, int32_t from
                 f = TM_OF(add_product)(f, &K, u_m + l);
                 TM_OF(take_transposed)(force_N + l, &K, x, y, z);
             }
-            for (; e < last; e++) { /* into parts behind */
+            for (; e < last; e++) { /* edges into later partitions */
                 const TM_OF(rows) K = TM_OF(load_rows)(edge_tensor, edge_last, e);
                 f = TM_OF(add_product)(f, &K, u_m + 3 * (int64_t)upper_vertex[e]);
             }

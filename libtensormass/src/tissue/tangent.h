@@ -5,15 +5,15 @@
 #include "material/material_internal.h"
 #include "tissue/tissue_internal.h"
 
-/* A copy of the tissue's tensors to which the tangents of what turns are added. Its lists are the tissue's own. */
+/* A copy of the tissue's tensors to which corotated tangents are added. Its lists are the tissue's own. */
 typedef struct tm_tangent {
     tm_force_graph graph;
     tm_force_kernel force;
-    tm_nodal_dilatation nodal_dilatation; /* its own look */
+    tm_nodal_dilatation nodal_dilatation; /* its own evaluation */
     double *gradient;                     /* [3*most members of a domain] */
-    bool definite;                        /* without what stress adds: R K R^T of each tetrahedron */
+    bool definite;                        /* without the stress terms: R K R^T of each tetrahedron */
 } tm_tangent;
-/* Takes room for tensors. Returns false without memory. */
+/* Allocates the tensors. Returns false without memory. */
 bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
 /* Sets them to the tissue's own. */
 void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
@@ -21,7 +21,7 @@ void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
 bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
 
-/* The tangent of the whole at u_m; or what turns, of some tetrahedra. */
+/* Computes the complete tangent at u_m; _add: the corotated part of the tetrahedra [begin, end). */
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
 void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
                              tm_tangent *tangent);
