@@ -1,20 +1,20 @@
-/* Tissue that turns keeps its energy (conserve.c). */
+/* Energy conservation of corotated tissue (conserve.c). */
 #ifndef TM_CONSERVE_H
 #define TM_CONSERVE_H
 
 #include "world/viscosity.h"
 
-/* Room from the pool. False: no memory. */
+/* Allocates from the pool. Returns false without memory. */
 bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation);
-/* Adds now_N to the world's force, and what takes back the energy that the last step made. Energies of the listed packs
- * are in batch_J. */
+/* Adds now_N to the world's force, and a force that removes the energy that the last step generated. batch_J holds the
+ * energies of the listed batches. */
 void tm_conserve(tm_conserving *c, tm_world *world);
-/* The same of a world whose changes of volume are averaged, with its force. */
+/* The same for a world with averaged dilatation, including its force. */
 void tm_conserve_whole(tm_conserving *c, tm_world *world);
 
-/* The tissue was cut, or the step changed. */
+/* Restarts after a cut or a change of the step. */
 void tm_conserve_restart(tm_conserving *c);
-/* As tm_stage asks for them. */
+/* Callbacks of tm_stage. */
 int64_t tm_conserve_snapshot(const tm_conserving *c, void *buffer);
 bool tm_conserve_restore(tm_conserving *c, const void *buffer, int64_t bytes, bool apply);
 void tm_conserve_checkpoint(tm_conserving *c);
