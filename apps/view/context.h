@@ -1,5 +1,4 @@
-/* Where render.c draws: an OpenGL 3.3 core context, of OSMesa (in memory, module osmesa.so) or of the display (module
- * opengl.so). */
+/* OpenGL 3.3 core context for render.c: OSMesa's in memory (module osmesa.so) or the display's (module opengl.so). */
 #ifndef VIEW_CONTEXT_H
 #define VIEW_CONTEXT_H
 
@@ -10,15 +9,14 @@
 
 typedef struct view_context view_context;
 
-/* True: framebuffer 0 is the memory handed to view_context_open. False: it is nobody's; what is drawn has to be read
- * back. */
+/* True: framebuffer 0 is the memory passed to view_context_open. False: the caller must read pictures back. */
 extern const bool view_context_in_memory;
 
-/* pixels[4*width*height] RGBA, bottom row first, used as long as the context lives. Null with `error` where there is no
- * such context. */
+/* Opens a context. pixels[4*width*height] RGBA, bottom row first, must outlive it. Returns null with `error` if no such
+ * context is available. */
 view_context *view_context_open(int width, int height, uint8_t *pixels, tm_error *error);
 void view_context_close(view_context *context);
-/* To be called before every picture: others may draw in the same thread. */
+/* Makes the context current. Call it before every picture: other code may draw in the same thread. */
 bool view_context_use(view_context *context);
 
 #endif

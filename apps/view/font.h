@@ -13,13 +13,13 @@ typedef struct view_colour {
     float alpha;
 } view_colour;
 
-/* Width in pixels of `text` in capitals `cap_px` high. */
+/* Returns the width of `text` in pixels, in capitals `cap_px` high. */
 float view_text_width(const char *text, float cap_px);
-/* `x_px` left edge, `y_px` baseline. Bytes outside printable ASCII are drawn as '?'. */
+/* Draws text with left edge `x_px` and baseline `y_px`. Bytes outside printable ASCII are drawn as '?'. */
 void view_text(const view_canvas *canvas, float x_px, float y_px, float cap_px, view_colour colour, const char *text);
-/* A segment with round ends, `width_px` wide. */
+/* Draws a segment with round ends, `width_px` wide. */
 void view_line(const view_canvas *canvas, float x0, float y0, float x1, float y1, float width_px, view_colour colour);
-/* A filled box with round corners. */
+/* Draws a filled box with round corners. */
 void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1, float corner_px, view_colour colour);
 
 #endif

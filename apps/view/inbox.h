@@ -1,5 +1,5 @@
-/* Live messages, received in a thread of their own, so that a picture that takes its time loses none of the small ones.
- * A viewer wants the newest: of tissues two are kept, of everything together what a second brings. */
+/* Live messages, received in a separate thread, so that a slow picture loses no small message. Keeps two tissue
+ * messages and one second of all messages. */
 #ifndef VIEW_INBOX_H
 #define VIEW_INBOX_H
 
@@ -16,12 +16,12 @@ typedef struct view_letter {
 } view_letter;
 
 view_inbox *view_inbox_create(void);
-/* For app_link_def.keep; `user` is the inbox. */
+/* Stores a message; for app_link_def.keep, with the inbox as `user`. */
 void view_inbox_store(void *user, const char *channel, int64_t utime, const void *bytes, int size);
-/* Begins to receive from a link that keeps; the link outlives the inbox. False: there is no thread to be had. */
+/* Begins to receive from a link, which must outlive the inbox. Returns false if no thread can be started. */
 bool view_inbox_start(view_inbox *inbox, app_link *link);
-/* The oldest letter, which is the caller's to free; waits at most so long; null: none came. */
+/* Returns the oldest message, which the caller frees. Waits at most `wait_ms`; null: none came. */
 view_letter *view_inbox_take(view_inbox *inbox, int wait_ms);
-void view_inbox_close(view_inbox *inbox); /* null: nothing */
+void view_inbox_close(view_inbox *inbox); /* null: does nothing */
 
 #endif

@@ -1,4 +1,4 @@
-/* What tm-view was asked for. */
+/* Options of tm-view. */
 #ifndef VIEW_OPTIONS_H
 #define VIEW_OPTIONS_H
 
@@ -6,8 +6,8 @@
 #include "scene_decoration.h"
 
 typedef struct view_options {
-    const char *source; /* file, or null: live */
-    const char *scene;  /* of a log or a live source; null: not told */
+    const char *source; /* file; null: live */
+    const char *scene;  /* scene for a log or a live source; null: none */
     view_mark_choice marks;
     view_cutaway cut;
     const char *png, *frames, *video, *json, *url, *key;
@@ -18,9 +18,9 @@ typedef struct view_options {
     bool finished; /* --help or --version was printed */
 } view_options;
 
-/* Returns 0, or APP_BAD_INPUT after complaining. */
+/* Parses the options. Returns 0, or APP_BAD_INPUT after an error message. */
 int view_options_parse(int argc, char **argv, view_options *options);
-/* What the scene is to add to a log or a running simulation. */
+/* Returns what the scene adds to a log or a running simulation. */
 view_dress view_options_dress(const view_options *options);
 
 #endif

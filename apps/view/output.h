@@ -1,4 +1,4 @@
-/* Pictures to files: PNG, numbered PNGs, and film through ffmpeg. */
+/* Output of pictures: PNG files, numbered PNG files, and video through ffmpeg. */
 #ifndef VIEW_OUTPUT_H
 #define VIEW_OUTPUT_H
 
@@ -7,7 +7,7 @@
 
 #include "app.h"
 
-/* Appears whole or not at all. Level 1..9 of compression. */
+/* Writes the complete file or none. `level`: compression, 1 to 9. */
 tm_status view_png_write(const char *path, int width, int height, const uint8_t *rgb, tm_error *error);
 
 typedef struct view_video {
@@ -18,11 +18,11 @@ typedef struct view_video {
     int64_t frames;
 } view_video;
 
-/* H.264 in MP4. Sizes must be even. */
+/* Begins an H.264 video in MP4. Sizes must be even. */
 tm_status view_video_begin(view_video *film, const char *path, int width, int height, int fps, tm_error *error);
 tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error);
 tm_status view_video_end(view_video *film, tm_error *error);
-/* Leaves no file. */
+/* Abandons the video; no file remains. */
 void view_video_abandon(view_video *film);
 
 #endif

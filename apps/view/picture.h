@@ -1,5 +1,4 @@
-/* What a picture shows, whatever it came from: the tissue's surface, the instruments, and what is known about the
- * programs. */
+/* Contents of a picture, independent of its source: the tissue's surface, the instruments, and the programs' status. */
 #ifndef VIEW_PICTURE_H
 #define VIEW_PICTURE_H
 
@@ -18,34 +17,34 @@ enum {
     VIEW_REGIONS = 16
 };
 
-/* What a triangle's kind says: laid open by a cut or a plane (bit 0), and of which region it is (the rest). */
+/* Returns a triangle's kind: bit 0 is set if a cut or a plane exposed it, the other bits are its region. */
 static inline uint8_t view_kind_of(int32_t region) { return (uint8_t)(region < VIEW_REGIONS ? 2 * region : 0); }
 
 typedef struct view_surface {
     int32_t vertex_count, triangle_count;
     float *vertex_m;       /* [3*vertex_count] m, world */
-    int32_t *vertex_id;    /* [vertex_count] numbers in the mesh: they outlive a cut */
+    int32_t *vertex_id;    /* [vertex_count] indices in the mesh; cuts do not change them */
     int32_t *triangle;     /* [3*triangle_count] normals outward */
-    uint8_t *kind;         /* [triangle_count] view_kind_of, | 1: laid open */
-    int32_t inside_count;  /* so many triangles, the first ones, are seen through the others */
-    int32_t between_count; /* and so many of these lie between two regions, not on the tissue's surface */
-    bool planed;           /* what is laid open was so by a plane: it is smooth as it is */
+    uint8_t *kind;         /* [triangle_count] view_kind_of, | 1: exposed */
+    int32_t inside_count;  /* the first triangles, seen through the others */
+    int32_t between_count; /* the first of these: between two regions, not on the tissue's surface */
+    bool planed;           /* a plane exposed the faces: they need no fairing */
     int64_t session;
     int32_t revision;
-    uint32_t version;  /* grows with every new set of positions */
-    uint32_t topology; /* grows whenever triangles or ids changed */
+    uint32_t version;  /* increases with every new set of positions */
+    uint32_t topology; /* increases when triangles or ids change */
     int32_t vertex_capacity, triangle_capacity;
 } view_surface;
 
 typedef struct view_instrument {
     bool shown;
     hrt_mode mode;
-    const hrt_device_type *device; /* what the hand holds; null: not told */
-    bool active;                   /* cautery current */
+    const hrt_device_type *device; /* device in the hand; null: not reported */
+    bool active;                   /* cautery current is on */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
-    double axis[3], up[3]; /* the device's pose at the trocar; zero: not told */
-    double force_N[3];     /* on the tool, as the simulation says */
-    /* From the controller, while it is heard. */
+    double axis[3], up[3]; /* the device's pose at the trocar; zero: not reported */
+    double force_N[3];     /* force on the tool, reported by the simulation */
+    /* From the controller, while its messages arrive. */
     bool has_controller;
     hrt_state state;
     int32_t fault;
@@ -61,7 +60,7 @@ typedef struct view_trace {
     float force_N[VIEW_INSTRUMENTS][VIEW_TRACE];
 } view_trace;
 
-/* A region of a mesh, where it is known. */
+/* A region of a mesh, if known. */
 typedef struct view_region {
     char name[64];
     bool tinted;  /* has a colour of its own */
@@ -72,23 +71,24 @@ typedef struct view_picture {
     view_surface surface;
     view_region region[VIEW_REGIONS];
     int regions;
-    float through; /* of what is behind the surface, 0: nothing */
+    float through; /* share of light from behind the surface; 0: opaque */
     view_instrument instrument[VIEW_INSTRUMENTS];
     char title[96], model[24]; /* scene and model, or the file's name */
     bool has_status;
     int32_t tets, substeps;
     double frame_hz, sample_hz, sim_rate, compute_s;
-    double time_s;           /* since the source began */
+    double time_s;           /* since the start of the source */
     view_trace trace;        /* forces of the last seconds */
     double newton_m;         /* length of an arrow of one newton; 0: no arrows */
-    const view_marks *marks; /* of the scene; null: none */
-    char notice[128];        /* what it waits for, or empty */
+    const view_marks *marks; /* marks of the scene; null: none */
+    char notice[128];        /* what the picture waits for, or empty */
 } view_picture;
 
-/* Room for these counts; contents are lost when it grows. False: no memory (the surface is left empty). */
+/* Allocates for these counts; contents are lost if it grows. Returns false if memory is exhausted, with the surface
+ * empty. */
 bool view_surface_reserve(view_surface *surface, int32_t vertices, int32_t triangles);
 void view_surface_free(view_surface *surface);
-/* Each triangle's region into its kind, where the marks know regions. */
+/* Adds each triangle's region to its kind, if the marks have regions. */
 void view_marks_tint(const view_marks *marks, view_surface *surface);
 void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS]);
 

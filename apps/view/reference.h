@@ -1,4 +1,5 @@
-/* Where each bit of tissue was when it was first seen: textures are laid out there, so that they stick to it. */
+/* Reference positions of the tissue when it was first seen. Textures are computed there, so they move with the
+ * tissue. */
 #ifndef VIEW_REFERENCE_H
 #define VIEW_REFERENCE_H
 
@@ -13,11 +14,11 @@ typedef struct view_references {
     } * item; /* [count] ascending by id */
 } view_references;
 
-/* Of every vertex, into at_m[3*vertex_count]. One that a cut laid open is new: it gets the place that it had when its
- * neighbours were first seen, by their mean displacement. False: no memory. */
+/* Computes the reference position of every vertex, at_m[3*vertex_count]. A vertex exposed by a cut gets its position
+ * minus its neighbours' mean displacement. Returns false if memory is exhausted. */
 bool view_references_update(view_references *r, const view_surface *surface, float *at_m);
 void view_references_free(view_references *r);
-/* 0..1 there: patches, and larger ones. */
+/* Computes noise of 0 to 1 at a reference position: small and large patches. */
 void view_reference_mottle(const float at_m[3], float grain_m, float mottle[2]);
 
 #endif

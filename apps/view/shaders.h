@@ -1,4 +1,4 @@
-/* Shader text of render.c. Colours are linear light until the last line. */
+/* Shader sources of render.c. Colours are linear light until the last line. */
 #ifndef VIEW_SHADERS_H
 #define VIEW_SHADERS_H
 // clang-format off
@@ -19,9 +19,9 @@
     "    du * vec3(k1 + k4 * u.y + k6 * u.z + k7 * u.y * u.z, k2 + k5 * u.z + k4 * u.x + k7 * u.z * u.x,\n"  \
     "              k3 + k6 * u.x + k5 * u.y + k7 * u.x * u.y)); }\n"
 
-/* Display value of linear light: c^(1/2.2) by square roots, which cost less. */
+/* Display value of linear light: c^(1/2.2), approximated by square roots, which cost less. */
 #define VIEW_DISPLAY                                                                                          \
-    /* Half a step of noise keeps wide gradients from showing their 256 steps. */                            \
+    /* Noise of half a step hides the 256 steps in wide gradients. */                            \
     "float dither() { return (fract(sin(dot(gl_FragCoord.xy, vec2(12.9898, 78.233))) * 43758.5453) - 0.5) / 255.0; }\n" \
     "vec3 display(vec3 c) { vec3 a = sqrt(clamp(c, 0.0, 1.0)), b = sqrt(a); return 0.5851 * a + 0.7831 * b - 0.3683 * sqrt(b); }\n"
 
@@ -29,7 +29,7 @@ static const char *const view_depth_vertex =
     VIEW_GLSL "layout(location = 0) in vec3 at; uniform mat4 to_clip; void main() { gl_Position = to_clip * vec4(at, 1.0); }\n";
 static const char *const view_depth_fragment = VIEW_GLSL "out vec4 colour; void main() { colour = vec4(1.0); }\n";
 
-/* The shadow's spot on the floor, made soft: one direction a pass. */
+/* The shadow on the floor, blurred in one direction per pass. */
 static const char *const view_blur_vertex =
     VIEW_GLSL "out vec2 uv; void main() { vec2 p = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0; uv = p; gl_Position = vec4(p * 2.0 - 1.0, 0.0, 1.0); }\n";
 static const char *const view_blur_fragment =
@@ -64,7 +64,7 @@ static const char *const view_lit_vertex =
     "  c += vec3(1.9, 1.85, 1.75) * smoothstep(0.90, 0.965, dot(d, key)); c += vec3(0.5, 0.6, 0.75) * smoothstep(0.80, 0.95, dot(d, fill)); return c; }\n" \
     "vec3 film(vec3 c) { c *= 1.05; c = c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14); return display(c); }\n"
 
-/* Wet tissue: light bleeds past the terminator, red farthest; a thin film of water mirrors the lamps. */
+/* Wet tissue: light scatters past the terminator, red farthest; a thin film of water reflects the lamps. */
 static const char *const view_tissue_fragment =
     VIEW_GLSL VIEW_NOISE VIEW_LIGHTING
     "uniform vec4 tint[16];\n"
@@ -89,7 +89,7 @@ static const char *const view_tissue_fragment =
     "  c += wetness * 0.035 * gloss(N, V, fill, 0.16) * vec3(0.9, 1.0, 1.15);\n"
     "  colour = vec4(film(c), 1.0); }\n";
 
-/* Instruments. The hot electrode and the arrows give light of their own. */
+/* Instruments. The hot electrode and the arrows emit light. */
 static const char *const view_metal_fragment =
     VIEW_GLSL VIEW_NOISE VIEW_LIGHTING
     "void main() {\n"

@@ -6,7 +6,7 @@
 #include "marks.h"
 #include "surface_smoothing.h"
 
-/* Values of view_vertex.kind past the tissue's own. */
+/* Values of view_vertex.kind above the tissue's. */
 enum {
     VIEW_PAINT_STEEL = 2,
     VIEW_PAINT_SLEEVE = 3,
@@ -21,20 +21,21 @@ enum {
 typedef struct view_shape {
     view_vertex *vertex;
     int32_t count, capacity;
-} view_shape; /* three vertices a triangle */
+} view_shape; /* three vertices per triangle */
 
 void view_shape_free(view_shape *shape);
-/* All add to the shape; where memory runs out they add less. The port is the sleeve in the body's wall. */
+/* Each function appends to the shape; if memory is exhausted it appends less. The port is the sleeve in the abdominal
+ * wall. */
 void view_shape_instrument(view_shape *shape, const view_instrument *instrument);
 void view_shape_port(view_shape *shape, const view_instrument *instrument);
-/* A force that points at the eye, or away from it, would be a disc: it is drawn as a ring with a dot (the arrow's
- * point) or a cross (its feathers), turned to the eye. */
+/* Appends an arrow. A force along the line of sight would appear as a disc. It is drawn as a ring facing the eye, with
+ * a dot (arrow's point) or a cross (its feathers). */
 void view_shape_arrow(view_shape *shape, const double from_m[3], const double along_m[3], float thickness_m, int paint,
                       const view_camera *camera);
 void view_shape_supports(view_shape *shape, const view_marks *marks, const view_surface *surface, float radius_m);
-/* Where they run along the surface, on each triangle that is a tetrahedron's face; carried along by the tissue. */
+/* Appends fibre directions on each triangle that is a face of a tetrahedron; they move with the tissue. */
 void view_shape_fibres(view_shape *shape, const view_marks *marks, const view_surface *surface);
-/* One corner of a triangle, in world coordinates. */
+/* Appends one corner of a triangle, in world coordinates. */
 void view_shape_point(view_shape *shape, const float at_m[3], const float normal[3], int paint);
 
 #endif

@@ -1,36 +1,35 @@
-/* The smooth skin drawn over a coarse surface: normals that know creases, and curved triangles between the mesh's own
- * vertices. */
+/* Smooth surface drawn over a coarse one: normals with creases, and curved triangles between the mesh's vertices. */
 #ifndef VIEW_SKIN_H
 #define VIEW_SKIN_H
 
 #include "picture.h"
 
-/* What the shaders read, per vertex. */
+/* Vertex attributes of the shaders. */
 typedef struct view_vertex {
     float at_m[3], normal[3];
-    float reference_m[3]; /* where this bit of tissue was when first seen: its colour sticks to it */
-    float kind;           /* the triangle's (view_kind_of); of shapes: view_paint */
+    float reference_m[3]; /* position when first seen: the colour moves with the tissue */
+    float kind;           /* the triangle's view_kind_of; for shapes: view_paint */
     float shade;          /* 0..1, darker in hollows */
     float mottle[2];      /* 0..1 noise of the reference position: patches and large patches */
 } view_vertex;
 
 typedef struct view_skin view_skin;
 
-/* `levels` 0..2: each draws four triangles for one. `crease_rad`: edges sharper than this stay edges. Null: no memory.
- */
+/* Creates a smoothed surface. `levels` 0..2: each splits a triangle in four. `crease_rad`: sharper edges stay sharp.
+ * Returns null if memory is exhausted. */
 view_skin *view_skin_create(int levels, float crease_rad);
 void view_skin_free(view_skin *skin);
-/* Brings the skin up to the surface's version; does nothing when it is. `grain_m`: size of the finest speckles. False:
- * no memory. */
+/* Updates the smoothed surface to the surface's version, if it differs. `grain_m`: size of the finest speckles. Returns
+ * false if memory is exhausted. */
 bool view_skin_update(view_skin *skin, const view_surface *surface, float grain_m);
 int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex);
-/* [3*vertex_count] where the surface's vertices are drawn: a cut's wall is faired. */
+/* Returns [3*vertex_count] drawn positions of the surface's vertices; a cut's wall is faired. */
 float *view_skin_places(const view_skin *skin);
-/* `*changed` tells whether the triangles are others than at the last call. */
+/* Returns the triangles. `*changed` is set if they differ from the last call. */
 int32_t view_skin_indices(view_skin *skin, const uint32_t **index, bool *changed);
-/* Of view_skin_indices, so many come first that lie inside. */
+/* Returns how many of view_skin_indices, at the beginning, are inner faces. */
 int32_t view_skin_inside(const view_skin *skin);
-/* The triangles before any split, over the same vertices: good enough for soft shadows. */
+/* Returns the triangles before any split, over the same vertices: sufficient for soft shadows. */
 int32_t view_skin_coarse_indices(const view_skin *skin, const uint32_t **index);
 
 #endif
