@@ -1,4 +1,4 @@
-/* A closed surface of triangles, and how far a point is from it. */
+/* A closed surface of triangles and the signed distance to it. */
 #ifndef MESH_SHELL_H
 #define MESH_SHELL_H
 
@@ -7,29 +7,30 @@
 
 typedef struct shell shell;
 
-/* Takes `corner_m` [9*triangles], malloced. `closed`: refuses what is not, and turns it inside in if its normals point
- * inwards; else it is for shell_distance_m and shell_pieces alone. */
+/* Takes `corner_m` [9*triangles], malloced. `closed`: rejects an open surface, and reverses the triangles if normals
+ * point inward. Otherwise only shell_distance_m and shell_pieces are valid. */
 tm_status shell_of_triangles(double *corner_m, int triangles, bool closed, shell **out, tm_error *error);
 double shell_distance_m(const shell *s, const double p[3]);
 void shell_free(shell *s);
 int shell_triangles(const shell *s);
 double shell_volume_m3(const shell *s);
-/* Whether its triangles came inside out. */
+/* Returns whether the triangles were reversed. */
 bool shell_turned(const shell *s);
 const double *shell_corner_m(const shell *s, int triangle, int corner);
 const double *shell_normal(const shell *s, int triangle);
-/* The piece, from 0, that each triangle is in: what hangs together through vertices. How many; -1: no memory. */
+/* Fills the piece, from 0, of each triangle; pieces are connected through vertices. Returns their number, -1 if memory
+ * is exhausted. */
 int shell_pieces(const shell *s, int *piece);
-/* Of a closed one; quick where no triangle is near. Not for several threads at once. */
+/* Returns whether p is inside a closed surface; fast if no triangle is near. Not thread-safe. */
 bool shell_contains(const shell *s, const double p[3]);
-/* Square of the distance to the box around it, at most that to itself. */
+/* Returns the squared distance to the bounding box, a lower bound of that to the surface. */
 double shell_box_m2(const shell *s, const double p[3]);
-/* The nearest place, and the square of how far it is, where that is less than `*square`; else both stay. */
+/* Finds the nearest point and its squared distance, if below `*square`; otherwise changes neither. */
 void shell_nearer(const shell *s, const double p[3], double *square, double place[3]);
-/* The shell as a body. Valid while the shell lives. */
+/* Returns the surface as a body, valid while the shell exists. */
 growing_solid shell_solid(const shell *s);
 
-/* Corners of the triangles, malloced here also on failure. */
+/* Reads the triangles' corners. The array is malloced, also on failure. */
 tm_status shell_read_stl(const char *path, double scale, double **corner_m, int *triangles, tm_error *error);
 
 #endif

@@ -1,4 +1,4 @@
-/* Closed surfaces from files: in pieces, inside each other, as regions. */
+/* Closed surfaces from files: their pieces, nesting and regions. */
 #ifndef MESH_SURFACES_H
 #define MESH_SURFACES_H
 
@@ -11,31 +11,32 @@ enum { SURFACES_MAX = 255, SURFACES_FILES = 32 };
 /* One closed piece. */
 typedef struct surface_piece {
     shell *shell;
-    int file, parent; /* the smallest piece around it, -1: none */
-    bool cavity;      /* of its parent: the same file's, turned the other way */
-    int region;       /* from 1; 0: a cavity */
+    int file, parent; /* parent: smallest piece around it, -1: none */
+    bool cavity;      /* cavity of its parent: from the same file, opposite orientation */
+    int region;       /* from 1; 0: cavity */
 } surface_piece;
 
 typedef struct surfaces {
     int pieces;
     surface_piece piece[SURFACES_MAX]; /* smallest volume first */
     int regions;
-    char name[SURFACES_MAX + 1][64]; /* from 1 */
-    shell *whole;                    /* all triangles, where they are one region; else null */
+    char name[SURFACES_MAX + 1][64]; /* [1..] */
+    shell *whole;                    /* all triangles, if they are one region; else null */
 } surfaces;
 
-/* Reads the files (STL here, others by the module `image`), times `scale`; says what is wrong with each, and repairs it
- * where that is asked for. Exit code. */
+/* Reads the files (STL here, others by the module `image`), times `scale`. Reports the defects of each; repairs them if
+ * requested. Returns the exit code. */
 int surfaces_load(char *const *path, int files, double scale, bool repair, surfaces *out);
 void surfaces_free(surfaces *s);
-/* image_label_fn: the smallest region that `p` is in, 0 outside. */
+/* image_label_fn: returns the smallest region around `p`, 0 outside. */
 int surfaces_label(const void *surfaces, const double p[3]);
-/* Onto the nearest of them. */
+/* Moves p onto the nearest surface. */
 void surfaces_project(const void *surfaces, double p[3]);
 
-/* --- several closed surfaces, next to or inside each other, as regions of one mesh --- */
+/* --- several closed surfaces, adjacent or nested, as regions of one mesh --- */
 
-/* Tetrahedra of edges about `size_m`, conformal between regions; says what came of each. Exit code. */
+/* Makes tetrahedra of edges about `size_m`, conformal between regions, and reports each region. Returns the exit
+ * code. */
 int fill_regions(const char *path, const surfaces *s, double size_m, tm_mesh_file *out);
 
 #endif

@@ -1,15 +1,15 @@
-/* The meshes of this folder, made from formulas: the same bytes on every machine. */
+/* Meshes of meshes/, generated from formulas: bit-identical on every machine. */
 #ifndef GENERATOR_H
 #define GENERATOR_H
 
 #include "mesh/mesh_builder.h"
 
-/* Shapes with about `tets` tetrahedra, never fewer. */
+/* Makes shapes with at least `tets` tetrahedra, and little more. */
 void make_block(growing *m, int tets);
 void make_cylinder(growing *m, int tets);
 void make_liver(growing *m, int tets);
 
-/* PREFIX.msh (Gmsh 2.2 text) and, if it has fibres, PREFIX.fibres.csv. */
+/* Writes PREFIX.msh (Gmsh 2.2 text) and, if it has fibres, PREFIX.fibres.csv. */
 bool write_mesh(const growing *m, const char *prefix);
 
 #endif

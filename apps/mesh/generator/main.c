@@ -6,7 +6,7 @@
 #include "generator.h"
 #include "libtensormass/numeric/order.h"
 
-/* What the mesh will cost: the critical step goes with the smallest size. */
+/* Reports the mesh's cost: the critical step is proportional to the smallest tetrahedron size. */
 static void report(const growing *m, const char *prefix) {
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     if (!size) exit(1);

@@ -1,4 +1,4 @@
-/* The three shapes: block, cylinder with a turning fibre, and a liver of two lobes. */
+/* Three shapes: a block, a cylinder with rotating fibres, and a liver with two lobes. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -73,14 +73,14 @@ void make_block(growing *m, int tets) {
     }
 }
 
-/* ---- cylinder: 120 mm long, 30 mm radius, along x; rings of 6, 12, 18 ... points; fibres turn around the axis, 30
- * degrees at the skin ---- */
+/* ---- cylinder: 120 mm long, 30 mm radius, along x; rings of 6, 12, 18 ... points; fibre angle 30 degrees at the
+ * surface ---- */
 
 static const double cylinder_length_m = 0.12, cylinder_radius_m = 0.03;
 
 static int ring_point(int ring, int i) { return ring == 0 ? 0 : 1 + 3 * ring * (ring - 1) + i % (6 * ring); }
 
-/* The triangles of the disk of `rings` rings, 6 rings^2 of them. */
+/* Fills the 6 rings^2 triangles of a disk. */
 static int disk_triangles(int rings, int *out) {
     int n = 0;
     for (int r = 1; r <= rings; r++)
@@ -94,7 +94,7 @@ static int disk_triangles(int rings, int *out) {
     return n;
 }
 
-/* Prism over the triangle, diagonals from its lower-numbered corners: neighbours agree. */
+/* Extrudes a triangle to a prism. Diagonals start at lower-numbered corners, so that neighbours agree. */
 static void extrude(growing *m, const int triangle[3], int bottom, int top) {
     int v[3] = {triangle[0], triangle[1], triangle[2]};
     for (int pass = 0; pass < 2; pass++)
@@ -150,14 +150,14 @@ void make_cylinder(growing *m, int tets) {
 
 /* ---- liver: x to the left lobe, y to the back, z up; 0.21 x 0.13 x 0.10 m ---- */
 
-/* About the distance to an ellipsoid, negative inside. */
+/* Returns the approximate distance to an ellipsoid, negative inside. */
 static double ellipsoid(const double p[3], double cx, double cy, double cz, double rx, double ry, double rz) {
     double u[3] = {(p[0] - cx) / rx, (p[1] - cy) / ry, (p[2] - cz) / rz}, w[3] = {u[0] / rx, u[1] / ry, u[2] / rz};
     double k0 = sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]), k1 = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
     return k0 * (k0 - 1) / (k1 + 1e-9);
 }
 
-/* The smaller of two distances with the edge between them rounded over `k`. */
+/* Returns the smaller of two distances, with the edge between them rounded over `k`. */
 static double join(double a, double b, double k) {
     double h = k - fabs(a - b);
     return (a < b ? a : b) - (h > 0 ? h * h / (4 * k) : 0);
@@ -165,8 +165,8 @@ static double join(double a, double b, double k) {
 
 static double carve(double body, double tool, double k) { return -join(-body, tool, k); }
 
-static const double hilum[3] = {0.012, 0.01, -0.060};        /* where the vessels enter: fibres run away from it */
-static const double cava_y_m = 0.062, cava_radius_m = 0.016; /* the vena cava's groove, along z, at x = 0.005 */
+static const double hilum[3] = {0.012, 0.01, -0.060};        /* entry of the vessels: fibres diverge from it */
+static const double cava_y_m = 0.062, cava_radius_m = 0.016; /* groove of the vena cava, along z, at x = 0.005 */
 static const double cava_x_m = 0.005;
 
 static double gall_bladder(const double p[3]) { return ellipsoid(p, -0.024, -0.046, -0.037, 0.018, 0.036, 0.019); }
@@ -187,7 +187,7 @@ static double liver(const void *shape, const double p[3]) {
     return -body;
 }
 
-/* Newton along the gradient. */
+/* Moves p to the surface by Newton steps along the gradient. */
 static void onto_liver(const void *shape, double p[3]) {
     for (int turn = 0; turn < 4; turn++) {
         double g[3], value = liver(shape, p), step = 1e-6;

@@ -1,5 +1,5 @@
-/* Gmsh 2.2 text, and fibres as CSV. Coordinates are rounded to a tenth of a micrometre, so that the last bits of libm
- * do not show. */
+/* Writes Gmsh 2.2 text, and fibres as CSV. Coordinates are rounded to 0.1 um, so that differences of libm's last bits
+ * do not appear. */
 #include <stdio.h>
 
 #include "generator.h"
