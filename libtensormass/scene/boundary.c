@@ -1,4 +1,4 @@
-/* Supports and loads of a scene as arrays, whatever the model. */
+/* Converts supports and loads of a scene to arrays, for all models. */
 #include "sim.h"
 
 #include <stdlib.h>
@@ -9,7 +9,7 @@ tm_status sim_build_supports(sim *s) {
     if (!scene->support.count) return 0;
     int32_t n = s->mesh->vertex_count, selected;
     uint8_t *mark = malloc((size_t)n);
-    int8_t *held = calloc((size_t)n * 3, 1); /* 1 + support, of each component: supports are few */
+    int8_t *held = calloc((size_t)n * 3, 1); /* 1 + support, per component; one byte, since supports are few */
     double *value = calloc((size_t)n * 3, sizeof *value);
     s->support_of = calloc((size_t)n, 1);
     s->fixed_dof = malloc(sizeof *s->fixed_dof * (size_t)n * 3);

@@ -1,4 +1,4 @@
-/* Diagnostics: kept for the caller, and told as they come. */
+/* Diagnostics: stored for the caller, and reported as they arrive. */
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 
 enum { TEXT_MAX = 4000 };
 
-/* The "; " between what is wrong and what to do: the first outside parentheses. */
+/* Finds the "; " between problem and remedy: the first outside parentheses. */
 static const char *seam(const char *text) {
     int depth = 0;
     for (const char *c = text; *c; c++) {
@@ -18,7 +18,7 @@ static const char *seam(const char *text) {
     return NULL;
 }
 
-/* Drops the last item that is no fault. Returns false if all are. */
+/* Drops the last item that is not a fault. Returns false if all are. */
 static bool drop_last(tm_diagnostics *list) {
     int32_t at = list->count;
     while (at > 0 && list->item[at - 1].severity == TM_FAULT) at--;
@@ -40,7 +40,7 @@ static bool has_capacity(tm_diagnostics *list, tm_severity severity) {
     return true;
 }
 
-/* One piece of memory for the strings, which begins with the file's name. */
+/* Stores a diagnostic. One block holds its strings, the file's name first. */
 static void keep(tm_diagnostics *list, const tm_diagnostic *d) {
     const size_t file = strlen(d->file) + 1, what = strlen(d->what) + 1, remedy = strlen(d->remedy) + 1;
     char *text = has_capacity(list, d->severity) ? malloc(file + what + remedy) : NULL;

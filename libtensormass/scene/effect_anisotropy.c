@@ -82,7 +82,7 @@ static tm_status check(const app_scene *scene, const void *own) {
     return 0;
 }
 
-/* Any unit vector across `axis`: where a rule has no direction of its own. */
+/* Returns any unit vector orthogonal to `axis`, for rules without a direction of their own. */
 static void across(const double axis[3], double out[3]) {
     int small = fabs(axis[0]) <= fabs(axis[1]) && fabs(axis[0]) <= fabs(axis[2]) ? 0
                 : fabs(axis[1]) <= fabs(axis[2])                                 ? 1
@@ -133,7 +133,7 @@ static tm_status from_file(sim *s, const options *o) {
     return sim_report_file(s->scene, o->file.line, NULL, 0, &error);
 }
 
-/* The rule between two groups; a vertex of both is where fibres begin. */
+/* Applies the rule between two groups; fibres begin at a vertex of both. */
 static tm_status from_potential(sim *s, const options *o) {
     const size_t n = (size_t)s->mesh->vertex_count;
     uint8_t *mark = malloc(2 * n);

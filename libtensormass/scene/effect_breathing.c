@@ -1,4 +1,4 @@
-/* A support that moves to and fro, as the diaphragm moves the liver. The example of docs/adding-an-effect.md. */
+/* A support that oscillates, as the diaphragm moves the liver. Example of docs/adding-an-effect.md. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,7 +35,7 @@ typedef struct breathing {
 static void run(void *self, tm_world *world) {
     const breathing *b = self;
     const tm_state *state = tm_world_state(world);
-    /* Supports are imposed on the displacement at the end of this step. */
+    /* Supports prescribe the displacement at the end of this step. */
     double share = 0.5 - 0.5 * cos(b->angular_1_s * (state->time_s + state->dt_s));
     for (int32_t i = 0; i < b->count; i++)
         tm_support_move(world, b->component[i].component, b->component[i].rest_m + share * b->component[i].amplitude_m);

@@ -18,7 +18,7 @@ static const app_field fields[] = {
      "at most; the deepest are kept and the loss is flagged"},
 };
 
-/* The instruments themselves come later: that array is the scene's for good. */
+/* The array of instruments is filled later; the scene owns it for good. */
 static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     tm_contact_def *def = &s->def.contact;

@@ -1,4 +1,4 @@
-/* Cautery: removal of what an active instrument touches, and what this frame's cuts took. */
+/* Cautery: removes what an active instrument touches, and records what this frame's cuts removed. */
 #include "choices.h"
 #include "sim.h"
 

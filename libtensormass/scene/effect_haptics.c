@@ -51,19 +51,19 @@ sim_sends sim_sends_of(int extrapolator) {
                                                                            : SIM_SENDS_FORCE;
 }
 
-/* What the scene's controllers may ask for, known before anything is built. */
+/* Returns what the scene's controllers may request, known before the build. */
 static sim_sends sim_may_send(const sim *s) {
     const sim_haptics *o = sim_options(s->scene, "haptics");
     if (!o || !sim_has(s, "contact")) return SIM_SENDS_FORCE;
     if (o->sends.line) return (sim_sends)o->sends.index;
-    /* In real time `auto` may fall to the frame rate. */
+    /* In real time `auto` may drop to the frame rate. */
     const bool falls = s->scene->pace == SIM_REALTIME && o->rate.si == 0;
     const double rate_Hz = falls ? s->scene->frame_rate.si : sim_stream_per_frame(s->scene) * s->scene->frame_rate.si;
     const sim_sends most = sim_stream_sends(s, rate_Hz), wanted = sim_sends_of(o->extrapolator.index);
     return wanted < most ? wanted : most;
 }
 
-/* Exact compliance for patches of the dynamic model, from the module `solve`. */
+/* Opens exact compliance for patches of the dynamic model, from the module `solve`. */
 static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     tm_error error = {0};
     tm_compliance_factor *factored;
@@ -83,7 +83,7 @@ static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     return 0;
 }
 
-/* By iterations the columns of a patch take seconds, and where tissue turns they are soon those of another state. */
+/* Warns of slow patches: by iterations their columns take seconds, and are outdated if the tissue rotates. */
 static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     const app_section *turns = sim_options(s->scene, "rotation");
     if (!turns || o->compliance.index == 0) return 0;
@@ -94,7 +94,7 @@ static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
         turns->line);
 }
 
-/* Memory and a stage only for what may be sent. */
+/* Adds memory and a stage only for what may be sent. */
 static tm_status build(sim *s, const void *own) {
     const sim_haptics *o = own;
     tm_error error = {0};
@@ -108,7 +108,7 @@ static tm_status build(sim *s, const void *own) {
     tm_patch_def def = tm_patch_def_default();
     def.max_vertices = (int32_t)o->patch_vertices.value;
     def.max_triangles = def.max_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
-    /* A period of samples, and two that its sample may be late. */
+    /* One sample period, plus two for a late sample. */
     def.horizon_s = 3 * (o->rate.si > 0 ? s->sample_s : s->frame_s);
     tm_compliance_source source;
     tm_status rc = warn_of_coverage(s, o);

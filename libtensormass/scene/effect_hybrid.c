@@ -1,4 +1,4 @@
-/* The hybrid model: a world for the part that may be cut, the rest condensed onto their interface. */
+/* Hybrid model: a world for the part that may be cut; the rest is condensed onto their interface. */
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* The precomputed model: quasi-static, one update a frame. */
+/* Precomputed model: quasi-static, one update per frame. */
 #include "choices.h"
 #include "models.h"
 #include "solve_api.h"

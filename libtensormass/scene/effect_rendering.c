@@ -1,4 +1,4 @@
-/* The surface for viewers: its memory is taken with the scene, filled once a frame. */
+/* The surface for viewers: allocated with the scene, filled once a frame. */
 #include <string.h>
 
 #include "effects.h"
@@ -10,12 +10,12 @@ static const app_field fields[] = {
     {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "one in so many frames"},
 };
 
-/* One piece of memory: the message's arrays of rows, the rows, and the numbering. */
+/* Allocates one block: the message's arrays of rows, the rows, and the numbering. */
 static tm_status build(sim *s, const void *own) {
     const sim_rendering *o = own;
     size_t n = (size_t)s->mesh->vertex_count;
-    /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull.
-     */
+    /* Cutting may expose each face of each tetrahedron, but faces pair up: two per tetrahedron at most, plus the
+     * hull. */
     size_t t = (size_t)s->mesh->surface_count + (s->def.model.tissue.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
     size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
                    t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
@@ -55,7 +55,7 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
     return low < mesh->surface_count && mesh->surface_face[low] == face;
 }
 
-/* The mesh's number of the file's. */
+/* Converts the file's vertex number to the mesh's. */
 static int32_t vertex_of(const sim_picture *p, int32_t in_file) { return p->of_file ? p->of_file[in_file] : in_file; }
 
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {

@@ -1,4 +1,4 @@
-/* Tissue that locks less: averaged changes of volume and shears. */
+/* Averages changes of volume and shears, against locking. */
 #include "sim.h"
 
 typedef struct options {

@@ -1,4 +1,4 @@
-/* Tissue that relaxes: a Prony series. */
+/* Tissue that relaxes, by a Prony series. */
 #include "sim.h"
 
 typedef struct term {

@@ -1,7 +1,7 @@
-/* Every effect that a scene can name: one row each, effect_NAME.c. Its fields, checks and stages are there. */
+/* All effects that a scene can name: one row each, effect_NAME.c with its fields, checks and stages. */
 #include "sim.h"
 
-/* The order in which they are prepared and built, and so the order of their stages within a phase: grasp after contact,
+/* The order in which effects are prepared and built, and so of their stages within a phase. Grasp follows contact,
  * whose sweeps it shares. */
 #define EFFECTS(ROW)                                                                                                   \
     ROW(anisotropy)                                                                                                    \

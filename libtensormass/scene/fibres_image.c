@@ -11,7 +11,7 @@
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
 
-/* The centroid in voxels, from the middle of the first; false: outside the grid. */
+/* Converts the centroid to voxels, from the centre of the first. Returns false if it is outside the grid. */
 static bool to_grid(const image_vectors *v, const tm_mesh *m, int32_t tet, double at[3]) {
     double p[3] = {0};
     for (int k = 0; k < 12; k++) p[k % 3] += 0.25 * m->rest_m[3 * m->tet[4 * (int64_t)tet + k / 3] + k % 3];
@@ -25,7 +25,7 @@ static bool to_grid(const image_vectors *v, const tm_mesh *m, int32_t tet, doubl
     return true;
 }
 
-/* Corner 0..7 of the cell around `at`: its weight and its vector, of length 1; 0 where there is none. */
+/* Computes weight and unit vector of corner 0..7 of the cell around `at`; returns 0 if it has none. */
 static double corner_of(const image_vectors *v, const double at[3], int corner, double axis[3]) {
     double weight = 1;
     size_t voxel = 0;
@@ -37,12 +37,12 @@ static double corner_of(const image_vectors *v, const double at[3], int corner, 
     }
     for (int k = 0; k < 3; k++) axis[k] = (double)v->vector[3 * voxel + (size_t)k];
     const double length = vnorm(axis);
-    if (!(length > 1e-6)) return 0; /* directions are of length about 1; voxels outside the tissue of 0 */
+    if (!(length > 1e-6)) return 0; /* directions have a length near 1; voxels outside the tissue 0 */
     for (int k = 0; k < 3; k++) axis[k] /= length;
     return weight;
 }
 
-/* The mean axis there, in the image's numbers. */
+/* Computes the mean axis at a place, in the image's axes. */
 static bool sample(const image_vectors *v, const double at[3], double out[3]) {
     double axis[8][3], weight[8], sum[3] = {0};
     int nearest = 0;
@@ -56,7 +56,7 @@ static bool sample(const image_vectors *v, const double at[3], double out[3]) {
         const double turn = vdot(axis[c], axis[nearest]) < 0 ? -weight[c] : weight[c];
         for (int k = 0; k < 3; k++) sum[k] += turn * axis[c][k];
     }
-    const double length = vnorm(sum); /* at least the nearest's weight: nothing points against it */
+    const double length = vnorm(sum); /* at least the nearest voxel's weight, since all signs agree with it */
     for (int k = 0; k < 3; k++) out[k] = sum[k] / length;
     return true;
 }

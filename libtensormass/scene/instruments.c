@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* A joint that the device has not rests at 0. */
+/* Returns a joint's value; 0 if the device lacks it. */
 static double joint_of(int32_t role, const double joint[SIM_JOINTS]) { return role < 0 ? 0 : joint[role]; }
 
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
@@ -23,7 +23,7 @@ bool sim_same_devices(const sim *s) {
     return true;
 }
 
-/* The device's driven joints of a shaft's pitch, yaw and insertion. */
+/* Converts the shaft's pitch, yaw and insertion to the device's driven joints. */
 static void joints_of_shaft(const sim *s, int instrument, const double shaft[3], double joint[SIM_JOINTS]) {
     const hrt_axes64 *axes = &s->axes[instrument];
     double tip_m[3];
@@ -51,7 +51,7 @@ tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m,
     return sim_pose(s, instrument, joint, active);
 }
 
-/* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
+/* Finds the insertion at which the tip, a sphere, is `above` its first contact. */
 static tm_status insert_above(const sim *s, int instrument, const app_pose *pose, double shaft[3]) {
     const tm_instrument_def *def = &s->instrument_def[instrument];
     const double one[3] = {shaft[0], shaft[1], 1};
@@ -73,7 +73,7 @@ static tm_status insert_above(const sim *s, int instrument, const app_pose *pose
     return 0;
 }
 
-/* A joint that the device has not is to be left out. */
+/* Sets a joint. A joint that the device lacks must be omitted. */
 static tm_status set_joint(const sim *s, int instrument, const app_number *value, int32_t role,
                            double joint[SIM_JOINTS]) {
     if (role >= 0)
@@ -84,7 +84,7 @@ static tm_status set_joint(const sim *s, int instrument, const app_number *value
     return 0;
 }
 
-/* A pose of the scene as joints; one above the surface needs the mesh. 0 or a status. */
+/* Converts a pose of the scene to joints; a pose above the surface needs the mesh. Returns 0 or a status. */
 static tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     const hrt_axes64 *axes = &s->axes[instrument];
     double shaft[3] = {pose->pitch.si, pose->yaw.si, pose->insertion.si};
@@ -109,7 +109,7 @@ tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
     return sim_pose(s, instrument, joint, pedal || s->instrument_def[instrument].mode != TM_TOOL_CAUTERY);
 }
 
-/* The scene's hand of an instrument as the virtual device takes it. */
+/* Converts an instrument's hand from the scene to the virtual device's form. */
 static tm_status make_hand(sim *s, int instrument, const app_hand *hand) {
     const app_waypoint *w = hand->path.item;
     hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
@@ -163,12 +163,12 @@ tm_status sim_build_instruments(sim *s) {
             const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
             if (hand->instrument.value == i && !rc) rc = make_hand(s, i, hand);
         }
-        /* An instrument starts where its hand does, unless it is told otherwise. */
+        /* An instrument starts where its hand does, unless it has a start of its own. */
         if (!rc) rc = sim_scene_joints(s, i, &t->start, s->start_joint[i]);
         if (rc) break;
         if (s->hand[i].key && !t->start_here.line)
             memcpy(s->start_joint[i], s->hand[i].key[0].joint, sizeof s->start_joint[i]);
-        /* Probe and grasper are in the body from the start; a cautery burns only when told. */
+        /* Probe and grasper are active from the start; a cautery only on command. */
         s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode != TM_TOOL_CAUTERY);
     }
     return rc;

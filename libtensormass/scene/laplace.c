@@ -1,5 +1,5 @@
-/* Conjugate gradients on edges, with the diagonal as preconditioner. Not the library's static solver: that solves
- * elasticity, whose matrix has the Laplacian in it only for a bulk modulus below zero, which it refuses. */
+/* Conjugate gradients on edges, with the diagonal as preconditioner. The library's static solver is not used: it solves
+ * elasticity, whose matrix contains the Laplacian only for a negative bulk modulus, which it refuses. */
 #include "laplace.h"
 
 #include <math.h>
@@ -21,7 +21,7 @@ typedef struct work {
 
 static bool is_held(const work *w, int32_t v) { return w->low[v] || w->high[v]; }
 
-/* Every piece must have both ends, or its potential is constant or anybody's guess. */
+/* Checks that each connected component has both ends; its potential is otherwise constant or undefined. */
 static tm_status check_pieces(const tm_mesh *m, const uint8_t *low, const uint8_t *high, tm_error *error) {
     int32_t *parent = malloc((size_t)m->vertex_count * sizeof *parent);
     uint8_t *has = calloc((size_t)m->vertex_count, 1);
@@ -56,7 +56,7 @@ static void assemble(work *w) {
     }
 }
 
-/* out := K x at free vertices, 0 where the potential is given. */
+/* out := K x at free vertices, 0 where the potential is prescribed. */
 static void apply(const work *w, const double *x, double *out) {
     const tm_mesh *m = w->mesh;
     memset(out, 0, (size_t)m->vertex_count * sizeof *out);
@@ -70,7 +70,7 @@ static void apply(const work *w, const double *x, double *out) {
         if (is_held(w, v)) out[v] = 0;
 }
 
-/* Scaled residual's square: r . r / diagonal. */
+/* Returns the square of the scaled residual: r . r / diagonal. */
 static double measure(const work *w) {
     double sum = 0;
     for (int32_t v = 0; v < w->mesh->vertex_count; v++) sum += w->rest[v] * w->rest[v] / w->diagonal[v];
@@ -105,7 +105,7 @@ static tm_status solve(work *w, tm_error *error) {
                                    "the rule's potential was not found; repair the mesh (tm-mesh check)");
 }
 
-/* Adds to `sum` the axis `a`, turned to the side where `sum` is. */
+/* Adds the axis `a` to `sum`, with the sign that agrees with `sum`. */
 static void add_axis(const double a[3], double sum[3]) {
     const double sign = vdot(a, sum) < 0 ? -1 : 1;
     for (int k = 0; k < 3; k++) sum[k] += sign * a[k];
@@ -117,8 +117,8 @@ static bool normalise(double v[3]) {
     return length > 0;
 }
 
-/* One pass over all tetrahedra (`only_empty`: those that have no axis) from `from` into `to`; how many have none still.
- */
+/* Runs one pass over all tetrahedra (`only_empty`: those without an axis) from `from` into `to`. Returns how many still
+ * have none. */
 static int32_t pass(const tm_mesh *m, const double *from, double *to, bool only_empty) {
     int32_t empty = 0;
     for (int32_t t = 0; t < m->tet_count; t++) {
@@ -145,7 +145,7 @@ bool sim_smooth_axes(const tm_mesh *mesh, int passes, double *fibre) {
     return from || !passes;
 }
 
-/* The gradient in each tetrahedron; rounding is no direction. */
+/* Computes the gradient in each tetrahedron; a gradient within rounding gives no direction. */
 static bool take_gradient(const work *w, double *fibre) {
     const tm_mesh *m = w->mesh;
     for (int32_t t = 0; t < m->tet_count; t++) {
@@ -165,7 +165,7 @@ static bool take_gradient(const work *w, double *fibre) {
         memcpy(from, fibre, 3 * (size_t)m->tet_count * sizeof *from);
         empty = pass(m, from, fibre, true);
     }
-    for (int32_t t = 0; t < m->tet_count; t++) /* a piece's last corner, reached across no face */
+    for (int32_t t = 0; t < m->tet_count; t++) /* a component's last corner, not reached across a face */
         if (!(vnorm(fibre + 3 * (int64_t)t) > 0)) fibre[3 * (int64_t)t + 2] = 1;
     free(from);
     return from;

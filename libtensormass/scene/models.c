@@ -1,4 +1,4 @@
-/* Which model a scene names: the one place that knows them apart. */
+/* The model that a scene names; no other file distinguishes them. */
 #include "models.h"
 
 const sim_model_row sim_models[] = {

@@ -1,4 +1,4 @@
-/* Heavy parts of a scene's work, opened when a scene asks for them. */
+/* Modules with heavy dependencies, opened when a scene needs them. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <string.h>
@@ -6,7 +6,7 @@
 
 #include "host.h"
 
-/* Beside this library, as wheels and plugins have it; else where the loader looks. */
+/* In this library's folder, as in wheels and plugins; else on the loader's path. */
 static void *open_solve(const char **why) {
     static const char name[] = "libtensormass_solve.so." TM_SOVERSION;
     Dl_info info;

@@ -1,4 +1,4 @@
-/* What effects, models and modes ask of a scene and its simulation. Knows none of them. */
+/* Queries of effects, models and run modes about a scene and its simulation. Independent of each of them. */
 #include "sim.h"
 
 #include <math.h>
@@ -54,9 +54,9 @@ double sim_time_s(const sim *s) { return tm_model_time_s(s->model); }
 int32_t sim_alive(const sim *s) { return tm_model_alive(s->model); }
 uint64_t sim_hash(const sim *s) { return tm_model_hash(s->model); }
 
-/* `auto`: no device feels more, and the law has nothing left to guess. */
+/* `auto`: devices render no faster, and the extrapolator has nothing left to predict. */
 static const double top_Hz = 500;
-/* Fastest rate with patches: one costs some milliseconds. */
+/* Maximum rate with patches: one takes some milliseconds. */
 static const double patch_rate_max_Hz = 50;
 
 int32_t sim_stream_per_frame(const app_scene *scene) {
@@ -78,9 +78,9 @@ sim_sends sim_stream_sends(const sim *s, double rate_Hz) {
     return !haptics || haptics->sends.line || frames ? SIM_SENDS_PATCH : sim_stream_sends_by_rate(rate_Hz);
 }
 
-/* --- which line of the scene is to blame for a model that could not be made --- */
+/* --- the scene's line that caused a model's failure --- */
 
-/* The line of the scene that asked for a member of tm_model_def. */
+/* Returns the line of the scene that set a member of tm_model_def. */
 static int line_of(const app_scene *scene, const char *member) {
     const struct {
         const char *member;

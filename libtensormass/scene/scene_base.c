@@ -1,4 +1,4 @@
-/* What every part of the scene's reader stands on: memory, and complaints with their place. */
+/* Basis of the scene's reader: memory, and faults with their place. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -33,7 +33,7 @@ char *app_scene_keep(app_scene *scene, const char *text) {
 bool app_scene_quote(const char *text, char *out, size_t size) {
     size_t quotes = 0;
     for (const char *c = text; *c; c++) quotes += *c == '\'';
-    if (strlen(text) + quotes + 3 > size) return false; /* one at either end, and the end of the string */
+    if (strlen(text) + quotes + 3 > size) return false; /* a quote at each end, and the end of the string */
     *out++ = '\'';
     for (; *text; *out++ = *text++)
         if (*text == '\'') *out++ = '\'';

@@ -1,4 +1,4 @@
-/* What a table of fields cannot say: which keys go together. Everything that needs no mesh. */
+/* Checks that a table of fields cannot express: which keys are valid together. No check here needs a mesh. */
 #include "scene_parts.h"
 
 #include <math.h>
@@ -95,7 +95,7 @@ tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
     return 0;
 }
 
-/* Exactly one selector, and it makes sense. `what` begins the complaint: "this support". */
+/* Checks that there is exactly one valid selector. `what` begins the fault: "this support". */
 static tm_status app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
     int count =
         (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);
@@ -156,7 +156,7 @@ static tm_status check_pose(const app_scene *scene, const app_pose *pose, const 
     return 0;
 }
 
-enum { FARTHEST_M = 1000 }; /* beyond it no coordinate is a millimetre's */
+enum { FARTHEST_M = 1000 }; /* no coordinate in millimetres is larger */
 
 static tm_status check_instruments(const app_scene *scene) {
     if (scene->instrument.count > 2)

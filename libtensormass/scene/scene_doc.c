@@ -1,4 +1,4 @@
-/* docs/scene-reference.md, from the tables that read scenes. */
+/* Prints docs/scene-reference.md, from the tables that read scenes. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* A scene's file: read whole, within limits, one YAML document, changed by --set, and then read through its fields. */
+/* Reads a scene's file: checks its limits, parses one YAML document, applies --set, reads the fields. */
 #include "scene_reader.h"
 
 #include <setjmp.h>
@@ -7,10 +7,9 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* What a scene may hold, looked at before libyaml builds it: nesting, aliases and directives cost it the square of
- * their number. */
+/* Limits of a scene, checked before libyaml builds it: its time for nesting, aliases and directives is quadratic. */
 
-/* Scenes of people have a depth of 5, no anchors and some hundred values. */
+/* Typical scenes have a depth of 5, no anchors and some hundred values. */
 enum { MAX_DEPTH = 16, MAX_ANCHORS = 64, MAX_DIRECTIVES = 4, MAX_VALUES = 1000000 };
 
 static tm_status too_many(const app_scene *scene, size_t line, const char *what, int most, const char *instead) {
@@ -29,8 +28,8 @@ static tm_status check_directives(const app_scene *scene, const char *text, size
     return 0;
 }
 
-/* Refuses nesting, anchors, directives and counts that no scene has, in linear time. 0 or a status. */
-/* What is not YAML passes: the reader that follows finds the same fault and knows better words. */
+/* Refuses nesting, anchors, directives and counts above the limits, in linear time. Returns 0 or a status. */
+/* Invalid YAML passes: the parser that follows reports it with a better message. */
 static tm_status app_scene_check_limits(const app_scene *scene, const char *text, size_t size) {
     yaml_parser_t parser;
     yaml_event_t event;
@@ -73,8 +72,8 @@ static tm_status app_scene_check_limits(const app_scene *scene, const char *text
     return rc;
 }
 
-/* What to do about a line (from 0) that is not YAML. */
-/* libyaml's words, and what people meant. */
+/* Returns the remedy for a line (from 0) that is not YAML. */
+/* libyaml's messages, and the usual cause. */
 static const char *app_scene_yaml_remedy(const char *text, size_t size, size_t line, const char *problem) {
     const char *at = text, *end = text + size;
     for (; line && at < end; line--) {
@@ -137,7 +136,7 @@ static tm_status load_document(reader *r, const char *text, size_t size) {
     return rc;
 }
 
-/* The whole file, to be freed. */
+/* Reads the complete file; the caller frees it. */
 static tm_status read_scene(const app_host *host, const char *path, char **text, size_t *size) {
     struct stat info;
     FILE *file = fopen(path, "rb");
@@ -157,7 +156,7 @@ static tm_status read_scene(const app_host *host, const char *path, char **text,
     return rc;
 }
 
-/* The scene's own arrays, and its file laid over what its fields have by default. */
+/* Allocates the scene's arrays, sets the defaults, then reads the file's fields. */
 static tm_status read_fields(reader *r, const app_schema *effect, char *const *set, const char *text, size_t size) {
     app_scene *scene = r->scene;
     scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(scene->set_count + 1));
@@ -175,7 +174,7 @@ static tm_status read_fields(reader *r, const app_schema *effect, char *const *s
     return rc ? rc : app_scene_read_mapping(r, NULL, node_at(r, 1), 1, "", "", base);
 }
 
-/* Comes back from wherever in the reading memory ran out. All that outlives the reading is of the caller's frame. */
+/* Reads the scene; if memory is exhausted, longjmp returns here. What outlives the reading is in the caller's frame. */
 static tm_status read_or_no_memory(reader *r, const char *file, const app_schema *effect, char *const *set,
                                    const char *text, size_t size) {
     jmp_buf back;

@@ -1,4 +1,4 @@
-/* Single values of a scene: numbers with units, choices, flags, texts, paths, vectors, lists of numbers. */
+/* Reads single values of a scene: numbers with units, choices, flags, texts, paths, vectors, lists of numbers. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ static tm_status quantity(const reader *r, int line, const app_field *field, con
     char why[256], unit[32];
     const size_t length = strcspn(field->unit, "|");
     snprintf(unit, sizeof unit, "%.*s", (int)length, field->unit);
-    if (field->unit[length] && !strcmp(text, field->unit + length + 1)) { /* "rate|auto": the word stands for 0 */
+    if (field->unit[length] && !strcmp(text, field->unit + length + 1)) { /* "rate|auto": the word means 0 */
         *si = 0;
         return 0;
     }
@@ -98,7 +98,7 @@ tm_status app_scene_scalar(reader *r, int line, const app_field *field, const ch
         return choice(r, line, field, shown, text, &((app_choice *)at)->index);
     case APP_FLAG: ((app_flag *)at)->line = line; return flag(r, line, shown, text, &((app_flag *)at)->on);
     case APP_TEXT: *(app_text *)at = (app_text){app_scene_keep(r->scene, text), line}; return 0;
-    /* A relative path of --set is the caller's, not the scene's. */
+    /* A relative path of --set starts from the working directory, not from the scene's folder. */
     case APP_PATH:
         *(app_text *)at = (app_text){line < 0 ? app_scene_keep(r->scene, text) : resolve_path(r->scene, text), line};
         return 0;
@@ -108,7 +108,7 @@ tm_status app_scene_scalar(reader *r, int line, const app_field *field, const ch
     case APP_LIST:
     case APP_TABLE: break;
     }
-    /* A default in a table that its kind cannot have. */
+    /* The table has a default that is invalid for its kind. */
     return app_scene_bad(r->scene, line, "%s: the schema gives it a default that it cannot have; correct its row",
                          shown);
 }

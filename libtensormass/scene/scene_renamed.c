@@ -1,10 +1,10 @@
-/* Keys and choices of version 0.1 that have another name since 0.2: whoever writes one is told the new one. */
+/* Keys and choices of version 0.1 that were renamed in 0.2; the error for an old name gives the new one. */
 #include <string.h>
 
 #include "scene_reader.h"
 
 static const struct {
-    const char *old, *now; /* whole path, or path=choice */
+    const char *old, *now; /* full path, or path=choice */
 } row[] = {
     {"contact.skin", "compliance"},
     {"friction.sliding", "kinetic"},

@@ -1,5 +1,5 @@
-/* The scene's fields, except those of effects (effect_*.c). Parsing, errors, defaults and
- * docs/scene-reference.md come from here. */
+/* Fields of a scene, except those of effects (effect_*.c). The parser, errors, defaults and docs/scene-reference.md use
+ * this table. */
 #include <math.h>
 
 #include "choices.h"

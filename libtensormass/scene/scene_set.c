@@ -1,10 +1,10 @@
-/* --set PATH=VALUE and --unset PATH: changes to a scene's document before it is read. */
+/* --set PATH=VALUE and --unset PATH: changes a scene's document before it is read. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "scene_reader.h"
 
-/* A copy of `from`'s node in the scene's document, marked with the line of this --set. */
+/* Copies a node of `from` into the scene's document, with the line of this --set. */
 static int copy_node(reader *r, yaml_document_t *from, int index, int set, int depth) {
     yaml_node_t *node = yaml_document_get_node(from, index);
     int made = 0;
@@ -52,7 +52,7 @@ static int set_key(reader *r, const char *name, int set) {
 
 static int line_of_set(int set) { return -(set + 1); }
 
-/* The pair of a mapping, null if it has no such key. */
+/* Returns a mapping's pair with this key, null if there is none. */
 static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *name) {
     for (yaml_node_pair_t *p = mapping->data.mapping.pairs.start; p != mapping->data.mapping.pairs.top; p++) {
         const yaml_node_t *key = node_at(r, p->key);
@@ -61,10 +61,10 @@ static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *
     return NULL;
 }
 
-/* A list that the scene does not have: its items are added by --set, one after the other. */
+/* Returns whether --set created the list; its items are then appended one by one. */
 static bool is_made(const yaml_node_t *list) { return list->start_mark.line >= SET_LINE; }
 
-/* What the path of a --set that ends in no item may name. */
+/* Refuses a --set whose path does not end in a list item. */
 static tm_status refuse_item(reader *r, int set, const yaml_node_t *node, const char *rest, long count) {
     const int line = line_of_set(set);
     if (node->type != YAML_SEQUENCE_NODE)
@@ -77,8 +77,8 @@ static tm_status refuse_item(reader *r, int set, const yaml_node_t *node, const 
                          count);
 }
 
-/* "[2].rest": goes into the list's item, or replaces it where the path ends; of a list that --set makes, adds the next
- * one. */
+/* "[2].rest": descends into the list's item, or replaces it at the end of the path. Appends to a list that --set
+ * created. */
 static tm_status enter_item(reader *r, int set, int value, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     char *close;
@@ -101,8 +101,8 @@ static tm_status enter_item(reader *r, int set, int value, char **rest, int *at)
     return 0;
 }
 
-/* Puts `name: child` into the mapping `at`, over what is there. The mapping may move as the document grows, so it is
- * found by number. */
+/* Puts `name: child` into the mapping `at`, replacing an old value. The mapping is found by index, since it moves as
+ * the document grows. */
 static tm_status put_key(reader *r, int set, int at, const char *name, int child) {
     int key = set_key(r, name, set);
     yaml_node_pair_t *found = find_pair(r, node_at(r, at), name);
@@ -111,8 +111,8 @@ static tm_status put_key(reader *r, int set, int at, const char *name, int child
     return app_scene_fail(r->scene, line_of_set(set), TM_ERR_MEMORY, "out of memory; use a smaller value");
 }
 
-/* "name.rest": goes into the key's value, made where it is not there, or puts the value in (or out) where the path
- * ends. */
+/* "name.rest": descends into the key's value, creating it if missing. At the end of the path sets or removes the
+ * value. */
 static tm_status enter_key(reader *r, int set, int value, bool remove, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     int line = line_of_set(set);

@@ -1,5 +1,5 @@
-/* Mappings, lists and tables of a YAML document into structs, through tables of fields. Knows nothing of tissue: only
- * kinds, keys and lines. */
+/* Reads mappings, lists and tables of a YAML document into structs, by tables of fields. Depends only on kinds, keys
+ * and lines, not on tissue. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -29,7 +29,7 @@ static int edit_distance(const char *a, const char *b) {
     return row[m];
 }
 
-/* The field's own key if it lies directly under `prefix`, else null. */
+/* Returns the field's own key if it is directly under `prefix`, else null. */
 static const char *child_key(const app_field *field, const char *prefix) {
     size_t n = strlen(prefix);
     if (strncmp(field->path, prefix, n)) return NULL;
@@ -171,8 +171,7 @@ static tm_status read_value(reader *r, const app_schema *schema, yaml_node_t *ke
     return app_scene_scalar(r, app_scene_line(node), field, shown, (const char *)node->data.scalar.value, at);
 }
 
-/* Values of fields that a scene leaves out. Lists stay empty; sections that are not there get their members' defaults.
- */
+/* Sets a field that the scene omits to its default. Lists stay empty; missing sections get their members' defaults. */
 static tm_status default_value(reader *r, const app_schema *schema, const app_field *field, char *base) {
     char *at = base + field->offset;
     const char *text = field->fallback && strcmp(field->fallback, "!") ? field->fallback : NULL;

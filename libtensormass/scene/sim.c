@@ -1,4 +1,4 @@
-/* From a scene to a world that can be stepped, and one frame of it. */
+/* Builds a world from a scene, and computes its frames. */
 #include "sim.h"
 #include "choices.h"
 #include "libtensormass/platform/clock.h"
@@ -12,7 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* --- the scene as a whole --- */
+/* --- the complete scene --- */
 
 tm_status sim_scene_load(const char *file, char *const *set, int set_count, const app_host *host, app_scene **scene) {
     app_schema schema[SIM_MAX_EFFECTS] = {0};
@@ -56,7 +56,7 @@ bool sim_effect_left_out(const char *name) {
     return false;
 }
 
-/* What nonlinear laws cannot be with. */
+/* Checks what nonlinear laws cannot be combined with. */
 static tm_status check_law(const app_scene *scene, const app_material *m) {
     const tm_status constants = app_scene_law_check(scene, m);
     if (constants) return constants;
@@ -148,8 +148,8 @@ static tm_status load_mesh(sim *s) {
     return 0;
 }
 
-/* Books the stages that have come since the last call on `effect`; on whom their names say where that is SIM_OWNER_ALL.
- * Returns what they hold. */
+/* Assigns new stages since the last call to `effect`; with SIM_OWNER_ALL, to the owners of their names. Returns their
+ * memory. */
 static int64_t own_stages(sim *s, int effect) {
     tm_stage_report report[TM_MAX_STAGES];
     const int count = tm_model_stages(s->model, report);
@@ -160,7 +160,7 @@ static int64_t own_stages(sim *s, int effect) {
         char whole[64];
         for (int j = 0; j < s->owner_count; j++) known |= !strcmp(s->owner[j].stage, report[i].name);
         if (known) continue;
-        snprintf(whole, sizeof whole, "%.*s", (int)strcspn(report[i].name, " "), report[i].name); /* of a part */
+        snprintf(whole, sizeof whole, "%.*s", (int)strcspn(report[i].name, " "), report[i].name); /* of a substage */
         if (owner == SIM_OWNER_ALL) owner = sim_effect_find(s->scene, whole);
         if (owner < 0)
             owner = !strcmp(whole, "support") ? SIM_OWNER_SUPPORTS
@@ -172,7 +172,7 @@ static int64_t own_stages(sim *s, int effect) {
     return bytes;
 }
 
-/* Runs one hook of every named effect and books memory and stages. */
+/* Runs one hook of each named effect; records memory and stages. */
 static tm_status run_hook(sim *s, bool build) {
     tm_status rc = 0;
     for (int i = 0; i < sim_effect_count && !rc; i++) {
@@ -289,13 +289,13 @@ static bool is_stopped(const sim *s) {
     return host->stop && host->stop(host->user);
 }
 
-/* A frame in pieces of a tenth of a second, so that Ctrl-C does not wait for millions of substeps. Bits do not depend
- * on the pieces. */
+/* Computes a frame in slices of 0.1 s, so that Ctrl-C does not wait for millions of substeps. The slices do not change
+ * a bit. */
 static tm_status step_in_slices(sim *s, int32_t substeps) {
     const double piece_s = 0.1;
     tm_status status = TM_OK;
     int32_t done = 0;
-    if (!s->slice) s->slice = 1 + 1000000 / s->mesh->tet_count; /* until it is measured: 0.1 us a tetrahedron */
+    if (!s->slice) s->slice = 1 + 1000000 / s->mesh->tet_count; /* until measured: 0.1 us per tetrahedron */
     while (!status && done < substeps && !is_stopped(s)) {
         int32_t count = s->slice < substeps - done ? s->slice : substeps - done;
         if (s->between) {
@@ -316,7 +316,7 @@ static void take_reactions(sim *s) {
     for (int i = 0; i < s->model->instrument_count; i++) s->reaction[i] = tm_model_reaction(s->model, i);
 }
 
-/* What the instrument's controller asks for beside the force. */
+/* Computes what the instrument's controller requests besides the force. */
 static void feel(sim *s, int i) {
     s->patch_valid[i] = false;
     if (i >= s->model->instrument_count || s->wants[i] == SIM_SENDS_FORCE) return;
@@ -334,10 +334,10 @@ tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps) {
     s->broken_off = false;
     tm_model_begin(s->model, to, substeps);
     tm_status status = step_in_slices(s, substeps);
-    if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
+    if (s->broken_off) return status; /* Ctrl-C: a partial frame is not reported */
     if (!status) tm_model_end(s->model);
     take_reactions(s);
-    if (status) { /* the frame has not happened: nothing of it is felt or shown */
+    if (status) { /* the frame failed: nothing of it is sent or drawn */
         memset(s->patch_valid, 0, sizeof s->patch_valid);
         return status;
     }

@@ -8,7 +8,7 @@
 
 static const char magic[8] = "TMSIMSN1";
 
-/* What the simulation knows beside its world. */
+/* State of the simulation outside its world. */
 typedef struct header {
     char magic[8];
     int64_t world_bytes, frames;
@@ -86,7 +86,7 @@ tm_status sim_snapshot_restore(sim *s, const char *path) {
             rc = refuse(host, path, "is damaged or cut short; save it again");
     }
     if (!rc) {
-        /* The library wants its part aligned. */
+        /* The library requires aligned data. */
         memmove(bytes, bytes + sizeof h, size - sizeof h);
         if (tm_model_restore(s->model, bytes, h.world_bytes, &error)) rc = app_host_report(host, path, 0, &error);
     }

@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* --- the folder of things that can be made again --- */
+/* --- cache folder --- */
 
 static bool cache_folder(char *path, size_t size) {
     const char *own = getenv("TM_CACHE_DIR"), *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
@@ -35,13 +35,13 @@ static bool make_folders(char *path) {
     return mkdir(path, 0777) == 0 || errno == EEXIST;
 }
 
-/* The folder of things that can be made again: $TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else
- * ~/.cache/tensormass. Made if it is not there; false when it cannot be. */
+/* Finds the cache folder: $TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else ~/.cache/tensormass. Creates it if
+ * missing. Returns false on failure. */
 static bool app_cache_folder(char *path, size_t size) { return cache_folder(path, size) && make_folders(path); }
 
-/* OpenBLAS, which the module brings, starts its threads as it is opened, maps 128 MB for itself and for each of them,
- * and where it cannot it tries for ever. The module uses one in each of its own threads; a process that is short of
- * address space sets OPENBLAS_NUM_THREADS=1, as our programs do. */
+/* Returns the address space of OpenBLAS, which comes with the module. It starts its threads when opened and maps 128 MB
+ * for itself and for each; on failure it retries for ever. The module uses one in each of its own threads. With little
+ * address space set OPENBLAS_NUM_THREADS=1, as our programs do. */
 static size_t blas_bytes(void) {
     const char *asked = getenv("OPENBLAS_NUM_THREADS");
     const long most = sysconf(_SC_NPROCESSORS_ONLN), given = asked ? strtol(asked, NULL, 10) : 0;
@@ -77,16 +77,16 @@ bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     return module != NULL;
 }
 
-/* Writes where the result is kept, made from what it depends on in name and folder. The library checks the contents.
- * Returns null if nowhere. */
+/* Writes the file name of the result: folder and name depend on its inputs. The library checks the contents. Returns
+ * null if there is no folder. */
 static const char *name_file(const sim *s, const sim_solve_options *o, const char *kind, char path[SIM_SOLVE_PATH]) {
     char folder[900];
     if (!o->cache.on || !app_cache_folder(folder, sizeof folder)) return NULL;
-    /* Scenes that differ in anything else than these would only overwrite each other's file, never read it wrongly. */
+    /* Scenes that differ in other inputs only overwrite each other's file; they never read a wrong one. */
     uint64_t key = tm_hash(&s->file.hash, sizeof s->file.hash, TM_HASH_SEED);
     for (int32_t r = 0; r < s->mesh->region_count; r++) {
         tm_material at_rest = s->material[r];
-        at_rest.damping_1_s = 0; /* plays no part */
+        at_rest.damping_1_s = 0; /* has no influence */
         key = tm_hash(&at_rest, sizeof at_rest, key);
     }
     if (o->region.line) key = tm_hash(o->region.s, strlen(o->region.s), key);

@@ -1,5 +1,5 @@
-/* Spheres and points against triangles. The sphere's way to a triangle is the shortest to its face, edges and corners,
- * each in closed form: Ericson, Real-Time Collision Detection (2005), 5.3 and 5.5. */
+/* Distance of spheres and points from triangles. A sphere's travel to a triangle is the shortest to its face, edges and
+ * corners, each in closed form: Ericson, Real-Time Collision Detection (2005), 5.3 and 5.5. */
 #include "surface_distance.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 #include "libtensormass/numeric/vec.h"
 typedef const double *vec;
 
-/* The nearest point of a triangle, as weights of its corners; Ericson 5.1.5. */
+/* Computes the nearest point of a triangle, as weights of its corners; Ericson 5.1.5. */
 static void nearest(vec p, vec a, vec b, vec c, double out[3]) {
     double ab[3], ac[3], ap[3], bp[3], cp[3], v, w;
     vsub(b, a, ab);
@@ -43,7 +43,7 @@ static double distance(vec p, vec a, vec b, vec c) {
     return sqrt(vdot(d, d));
 }
 
-/* The smaller root of |m + t d| = r, or infinity. */
+/* Returns the smaller root of |m + t d| = r, or infinity. */
 static double reach(vec m, vec d, double radius_m) {
     double a = vdot(d, d), b = vdot(m, d), c = vdot(m, m) - radius_m * radius_m, under = b * b - a * c;
     if (!(a > 1e-30) || under < 0) return INFINITY;
@@ -57,7 +57,7 @@ static double way_to_corner(vec from, vec along, vec a, double radius_m) {
     return reach(m, along, radius_m);
 }
 
-/* As to a line, seen along it; counts where it is met between the ends. */
+/* Treats the edge as a line seen along its direction; a hit counts only between the ends. */
 static double way_to_edge(vec from, vec along, vec a, vec b, double radius_m) {
     double e[3], m[3], flat_m[3], flat_d[3];
     vsub(b, a, e);

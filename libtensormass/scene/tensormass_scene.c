@@ -1,4 +1,4 @@
-/* The public face (tensormass_scene.h) of sim.h. */
+/* Public API (tensormass_scene.h) of sim.h. */
 #include "tensormass_scene.h"
 
 #include <math.h>
@@ -16,7 +16,7 @@ struct tm_scene {
 
 enum { COOKIE = 0x5ce4e };
 
-/* Checks the caller's part as TM_REQUIRE of the core library does, by its public function. */
+/* Checks the caller's arguments as TM_REQUIRE of the core library does, through its public function. */
 #define REQUIRE(condition, sentence, ...)                                                                              \
     do {                                                                                                               \
         if (!(condition)) {                                                                                            \
@@ -35,7 +35,7 @@ tm_scene_def tm_scene_def_default(void) { return (tm_scene_def){.cookie = COOKIE
 
 /* --- the scene --- */
 
-/* Copies the lines of `set`. Null: no memory. */
+/* Copies the lines of `set`. Returns null if memory is exhausted. */
 static tm_scene *begin(const tm_scene_def *def) {
     tm_scene *made = calloc(1, sizeof *made);
     if (made) made->set = calloc((size_t)def->set_count + 1, sizeof *made->set);
@@ -52,7 +52,7 @@ static tm_status build(tm_scene *made, const tm_scene_def *def, const app_host *
     const tm_status status = sim_scene_load(def->file, made->set, made->set_count, host, &read);
     if (status) return status;
     read->strict = def->strict;
-    if (!read->renumber.line) read->renumber.on = false; /* what is looked at here is the memory itself */
+    if (!read->renumber.line) read->renumber.on = false; /* callers read the memory itself */
     return sim_create(read, &made->s);
 }
 
@@ -108,7 +108,7 @@ tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
     REQUIRE_SCENE(TM_ERR_ARGUMENT);
     sim *s = scene->s;
     tm_tool_pose hand[TM_MAX_INSTRUMENTS] = {0};
-    /* On the microsecond, as tm-sim's clock is: the same bits. */
+    /* Rounded to microseconds, as tm-sim's clock: the same bits. */
     double end_s = (double)llround((double)(s->frames + 1) * s->frame_s * 1e6) * 1e-6;
     for (int i = 0; i < s->instrument_count && !to; i++) hand[i] = sim_hand_pose(s, i, end_s);
     return sim_frame(s, to ? to : hand, s->substeps);
@@ -181,6 +181,6 @@ tm_status tm_scene_restore(tm_scene *scene, const char *path) {
     const tm_status status = sim_snapshot_restore(s, path);
     if (status) return status;
     for (int i = 0; i < s->model->instrument_count; i++) s->reaction[i] = tm_model_reaction(s->model, i);
-    memset(s->patch_valid, 0, sizeof s->patch_valid); /* the next frame makes new ones */
+    memset(s->patch_valid, 0, sizeof s->patch_valid); /* the next frame computes new ones */
     return TM_OK;
 }

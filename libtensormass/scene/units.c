@@ -1,4 +1,4 @@
-/* Numbers with units. One table; everything inside the programs is SI. */
+/* Numbers with units, in one table. All values inside the programs are SI. */
 #include "units.h"
 
 #include <ctype.h>
@@ -12,7 +12,7 @@ typedef struct unit {
     double factor;
 } unit;
 
-/* The first unit of a dimension is the SI one, which a number without a unit is read in. */
+/* The first unit of a dimension is SI; it applies to a number without a unit. */
 static const unit units[] = {
     {"pressure", "Pa", 1},
     {"pressure", "kPa", 1e3},

@@ -1,4 +1,4 @@
-/* Between the numbers that the mesh file gives to vertices and those that the mesh has inside. */
+/* Converts between the mesh file's vertex numbers and those of the mesh. */
 #include <stdlib.h>
 
 #include "sim.h"

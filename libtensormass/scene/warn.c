@@ -1,4 +1,4 @@
-/* What is valid and probably not meant: units, supports, tools that cannot touch. */
+/* Warnings about input that is valid but probably a mistake: units, supports, tools that cannot touch. */
 #include <math.h>
 
 #include "effects.h"
@@ -6,7 +6,7 @@
 #include "sim.h"
 #include "surface_distance.h"
 
-/* Brain, the softest organ, has some 500 Pa; bone 2e10. */
+/* Brain, the softest organ, has about 500 Pa; bone 2e10. */
 static const double softest_Pa = 50, largest_organ_m = 2, smallest_organ_m = 1e-3, longest_shaft_m = 0.5;
 
 static void bounds(const tm_mesh *mesh, double low[3], double high[3]) {
@@ -95,9 +95,9 @@ tm_status sim_warn(const sim *s) {
     return rc;
 }
 
-enum { MANY_SUBSTEPS = 20000, MAX_SUBSTEPS = 10000000 }; /* a frame: slow; refused */
+enum { MANY_SUBSTEPS = 20000, MAX_SUBSTEPS = 10000000 }; /* per frame: slow; refused */
 
-/* A frame has a whole number of force samples. */
+/* A frame has an integer number of force samples. */
 static tm_status warn_rate(const sim *s) {
     const sim_haptics *haptics = sim_options(s->scene, "haptics");
     if (!haptics || haptics->rate.si == 0 || s->scene->pace == SIM_FRAMES) return 0;
@@ -115,7 +115,7 @@ tm_status sim_warn_timing(const sim *s) {
     if (rc) return rc;
     const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
     const double substeps = (double)s->samples * pace->substeps;
-    if (substeps > MAX_SUBSTEPS) /* the model refuses as many of a force sample */
+    if (substeps > MAX_SUBSTEPS) /* the model refuses as many per force sample */
         return app_scene_bad(s->scene, line,
                              "a frame would take %.3g substeps of %.3g s, set by tetrahedron %lld; look at its "
                              "material (Young's modulus, density) and its shape (tm-mesh info)",
