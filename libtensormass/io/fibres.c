@@ -1,4 +1,4 @@
-/* Fibre directions from CSV: one line a tetrahedron, or one a vertex. */
+/* Reads fibre directions from CSV: one line per tetrahedron, or per vertex. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -10,13 +10,13 @@
 #include "mesh_format.h"
 #include "place.h"
 
-/* What rows count. */
+/* Meaning of a row's index. */
 typedef struct rows {
     const char *word, *plural;
     int32_t count;
 } rows;
 
-/* One "tet,ax,ay,az" line into fibre[3*expected]. Null, or what is wrong. */
+/* Reads one "tet,ax,ay,az" line into fibre[3*expected]. Returns null, or the error. */
 static const char *parse_row(const rows *kind, const char *text, int32_t expected, double *fibre) {
     const char *form = *kind->word == 'v' ? "a row is vertex,ax,ay,az" : "a row is tet,ax,ay,az";
     char *end;
@@ -46,7 +46,7 @@ static bool is_header(const char *text, const char *word) {
     return strncmp(text, word, n) == 0 && strcmp(text + n, ",ax,ay,az") == 0;
 }
 
-/* The header: which of `kind` [kinds] the rows are; -1 after a complaint. */
+/* Reads the header: which of `kind` [kinds] the rows are; returns -1 after an error message. */
 static int read_header(FILE *file, const rows *kind, int kinds, tm_error *error) {
     char text[256];
     const char * or = kinds > 1 ? " or vertex,ax,ay,az" : "";
@@ -84,7 +84,7 @@ static tm_status read_rows(FILE *file, const rows *kind, double *fibre, int *lin
     return TM_OK;
 }
 
-/* A tetrahedron's axis from its vertices': turned to one side, summed, of length 1. */
+/* Averages the axes of a tetrahedron's vertices: aligns the signs, sums, normalises. */
 static void average(const tm_mesh *mesh, const double *of_vertex, double *fibre) {
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double sum[3] = {0, 0, 0}, length = 0;
@@ -99,7 +99,7 @@ static void average(const tm_mesh *mesh, const double *of_vertex, double *fibre)
     }
 }
 
-/* `mesh` null: rows are tetrahedra. */
+/* Reads the file. `mesh` null: rows are tetrahedra. */
 static tm_status read_file(const char *path, const tm_mesh *mesh, int32_t tet_count, double *fibre, int *line,
                            tm_error *error) {
     struct stat info;

@@ -6,16 +6,16 @@ enum { LONGEST = 15, LITERALS = 288, DISTANCES = 30, LENGTHS = 29, END_OF_BLOCK 
 
 typedef struct input {
     const uint8_t *at, *end;
-    uint32_t held; /* bits not taken yet, the next one lowest */
+    uint32_t held; /* bits not consumed yet, the next one lowest */
     int count;
-    bool over; /* more was asked for than is there */
+    bool over; /* more bits were requested than available */
 } input;
 
 typedef struct output {
     uint8_t *begin, *at, *end;
 } output;
 
-/* Symbols in the order of their codes, and how many codes of each length there are. */
+/* Symbols in the order of their codes, and the number of codes of each length. */
 typedef struct code {
     uint16_t count[LONGEST + 1], symbol[LITERALS];
 } code;
@@ -35,7 +35,7 @@ static uint32_t bits(input *in, int n) {
     return value;
 }
 
-/* False where the lengths ask for more codes than there are. */
+/* Returns false if the lengths need more codes than exist. */
 static bool make_code(code *c, const uint8_t *length, int symbols) {
     uint16_t place[LONGEST + 2] = {0};
     memset(c, 0, sizeof *c);
@@ -52,7 +52,7 @@ static bool make_code(code *c, const uint8_t *length, int symbols) {
     return true;
 }
 
-/* The next symbol; -1: no such code. */
+/* Returns the next symbol; -1 for an unknown code. */
 static int symbol(input *in, const code *c) {
     int value = 0, first = 0, index = 0;
     for (int l = 1; l <= LONGEST; l++) {
@@ -66,7 +66,7 @@ static int symbol(input *in, const code *c) {
 }
 
 static bool copy_stored(input *in, output *out) {
-    in->held = 0, in->count = 0; /* to the next whole byte: fewer than 8 bits are ever held here */
+    in->held = 0, in->count = 0; /* to the next byte: fewer than 8 bits are ever buffered here */
     if (in->end - in->at < 4) return false;
     const size_t size = (size_t)in->at[0] | (size_t)in->at[1] << 8,
                  not_size = (size_t)in->at[2] | (size_t)in->at[3] << 8;
@@ -79,7 +79,7 @@ static bool copy_stored(input *in, output *out) {
     return true;
 }
 
-/* Lengths 3 to 258, distances 1 to 32768: groups of 4, or 2, share a number of extra bits. */
+/* Decodes lengths 3 to 258, distances 1 to 32768: groups of 4, or 2, share a number of extra bits. */
 static int length_of(input *in, int s) {
     if (s == 28) return 258;
     const int extra = s < 8 ? 0 : s / 4 - 1;

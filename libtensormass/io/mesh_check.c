@@ -1,4 +1,4 @@
-/* Defects of a mesh, all of them, in the tags of its file. */
+/* Finds all defects of a mesh, in the tags of its file. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -9,7 +9,8 @@
 #include "mesh_format.h"
 #include "place.h"
 
-static const double largest_m = 1e6; /* of tm_mesh_create: beyond it differences of coordinates lose the millimetres */
+static const double largest_m = 1e6; /* limit of tm_mesh_create: beyond it differences of coordinates lose the
+                                      * millimetres */
 
 typedef struct list {
     tm_mesh_defect *defect;
@@ -21,7 +22,7 @@ static void add(list *l, tm_mesh_defect_kind kind, int32_t vertex, int32_t tet, 
     l->count++;
 }
 
-/* Six times the volume, and what of it may be rounding: tm_mesh_create's own measure of flat. */
+/* Returns six times the volume and its rounding error: tm_mesh_create's own measure of flat. */
 static double volume6_of(const tm_mesh_file *mesh, int32_t tet, double *rounding) {
     const double *p[4];
     double e[3][3], lengths = 1;
@@ -73,8 +74,8 @@ static void check_shapes(const tm_mesh_file *m, list *l) {
 
 typedef struct key {
     int32_t v[4], tet;
-    bool even; /* the sorting took an even number of swaps, and so did the face's turn outward: which side the
-                  tetrahedron is on */
+    bool even; /* sorting took an even number of swaps, and the face's outward rotation an even one: the side of the
+                * tetrahedron */
 } key;
 
 static int by_key(const void *a, const void *b) {
@@ -84,7 +85,7 @@ static int by_key(const void *a, const void *b) {
     return x->tet < y->tet ? -1 : x->tet > y->tet;
 }
 
-/* The sorted vertices of a tetrahedron without local vertex `without` (4: with all). */
+/* Returns the sorted vertices of a tetrahedron without local vertex `without` (4: all). */
 static key key_of(const tm_mesh_file *m, int32_t tet, int without) {
     key out = {{-1, -1, -1, -1}, tet, without % 2 == 0};
     int n = 0;
@@ -200,13 +201,13 @@ void tm_mesh_defect_text(const tm_mesh_file *m, const tm_mesh_defect *d, char *t
     }
 }
 
-/* An error of tm_mesh_create in the file's numbers, as far as its defects tell it. */
+/* Converts an error of tm_mesh_create to the file's numbers, if its defects allow. */
 static tm_status in_its_numbers(const tm_mesh_file *file, tm_error *error) {
     tm_mesh_defect first;
     char text[TM_ERROR_MESSAGE_MAX];
     const int64_t count = tm_mesh_file_defects(file, &first, 1);
     if (count < 0) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to check the mesh; use a coarser one");
-    if (count == 0) return TM_ERR_MESH; /* in the library's own words and numbers */
+    if (count == 0) return TM_ERR_MESH; /* with the library's message and numbers */
     tm_mesh_defect_text(file, &first, text, sizeof text);
     return tm_fail(error, TM_ERR_MESH, first.tet >= 0 ? first.tet : first.vertex, "%s", text);
 }

@@ -1,4 +1,4 @@
-/* Meshes from files and into files: one reader a format (mesh_format.h), then the same for all. */
+/* Reads and writes meshes: one reader per format (mesh_format.h), then common code. */
 #include "base/contract.h"
 
 #include <errno.h>
@@ -21,7 +21,7 @@ static const tm_io_format *const formats[] = {
 };
 enum { FORMATS = sizeof formats / sizeof *formats };
 
-/* --- kinds of files --- */
+/* --- formats --- */
 
 const char *tm_mesh_file_endings(bool written) {
     static char text[2][160];
@@ -68,7 +68,7 @@ static tm_status read_format(const char *path, tm_io_text *text, tm_io_raw *raw)
 
 /* --- reading --- */
 
-/* The whole file and a NUL, malloced. */
+/* Reads the complete file and a NUL, malloced. */
 static tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, tm_error *error) {
     struct stat info;
     FILE *file = fopen(path, "rb");

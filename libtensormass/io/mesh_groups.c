@@ -1,5 +1,5 @@
-/* Regions and groups of vertices, from the physical groups of a mesh file. Groups ascend by dimension and number; those
- * of one name are one. */
+/* Builds regions and groups of vertices from the physical groups of a mesh file. Groups ascend by dimension and number;
+ * groups with equal names are merged. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -12,7 +12,7 @@ static tm_status no_memory(tm_error *error) {
     return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the groups of the mesh; use fewer");
 }
 
-/* The elements of one entity, and the vertices that they have. */
+/* The elements of one entity and their vertices. */
 typedef struct part {
     int32_t dim, entity, vertices, region;
     int32_t *vertex;
@@ -22,8 +22,8 @@ typedef struct part {
 typedef struct group {
     char name[64];
     int64_t begin, end;
-    int32_t same; /* the next group of this name, -1 */
-    bool first;   /* of its name */
+    int32_t same; /* next group with this name, -1 */
+    bool first;   /* first with its name */
 } group;
 
 typedef struct work {
@@ -68,7 +68,7 @@ static bool find_parts(work *w) {
     return true;
 }
 
-/* Each part's vertices, each once: elements gathered by part, and a mark on each vertex. */
+/* Finds each part's vertices, each once: groups elements by part, with a mark per vertex. */
 static bool find_vertices(work *w) {
     const tm_io_raw *raw = w->raw;
     int64_t *begin = calloc((size_t)w->parts + 2, sizeof *begin);
@@ -159,7 +159,8 @@ static bool join_names(work *w) {
 
 /* --- into the mesh --- */
 
-/* The vertices of group g and of all others of its name, ascending. Counts alone where `out` is null. -1: too many. */
+/* Gathers the vertices of group g and of the others with its name, ascending. Only counts if `out` is null. Returns -1
+ * if there are too many. */
 static int64_t gather(const work *w, int32_t g, int32_t *mark, int32_t *out) {
     int64_t count = 0, looked = 0;
     for (int32_t i = g; i >= 0; i = w->group[i].same)
@@ -204,7 +205,8 @@ static tm_status put_groups(const work *w, tm_mesh_file *mesh, tm_error *error) 
     return good ? TM_OK : no_memory(error);
 }
 
-/* A volume in several groups belongs to the first; volumes in none make one more region, without a name. */
+/* Sets the regions. A volume in several groups belongs to the first; volumes in none form one more region, without a
+ * name. */
 static tm_status put_regions(const work *w, tm_mesh_file *mesh, tm_error *error) {
     const tm_io_raw *raw = w->raw;
     int32_t regions = 0;

@@ -1,5 +1,5 @@
-/* Medit's .mesh (text): https://www.ljll.fr/frey/logiciels/Docmedit.dir. Vertices and elements are keywords, each with
- * a count; elements count through all kinds from 1. References are written (regions), not read. */
+/* Reads and writes Medit's .mesh (text): https://www.ljll.fr/frey/logiciels/Docmedit.dir. Vertices and elements are
+ * keywords with a count; elements are numbered across all kinds from 1. References are written (regions), not read. */
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,13 +11,13 @@ typedef struct reader {
     tm_io_raw *raw;
     tm_error *error;
     int64_t vertices, elements;
-    bool ended; /* the vertices are all there */
+    bool ended; /* all vertices are read */
 } reader;
 
 static const struct kind {
     const char *word;
     int dim, corners;
-    const char *refused; /* a volume that is no tetrahedron */
+    const char *refused; /* a volume other than a tetrahedron */
 } kinds[] = {{"Edges", 1, 2, NULL},      {"Triangles", 2, 3, NULL},         {"Quadrilaterals", 2, 4, NULL},
              {"Tetrahedra", 3, 4, NULL}, {"Hexahedra", 3, 8, "hexahedron"}, {"Hexaedra", 3, 8, "hexahedron"},
              {"Prisms", 3, 6, "prism"},  {"Pyramids", 3, 5, "pyramid"}};
@@ -31,7 +31,7 @@ static void skip_spaces(reader *r) {
 static bool whole(reader *r, int64_t *out) {
     char *after;
     skip_spaces(r);
-    *out = strtoll(r->at, &after, 10); /* ends at the file's final NUL at the latest */
+    *out = strtoll(r->at, &after, 10); /* stops at the file's final NUL at the latest */
     if (after == r->at || after > r->end) return false;
     r->at = after;
     return true;
@@ -46,7 +46,7 @@ static bool real(reader *r, double *out) {
     return true;
 }
 
-/* The next word, which may be a number. False at the end of the file. */
+/* Returns the next word, which may be a number. Returns false at the end of the file. */
 static bool next_word(reader *r, const char **word, size_t *length) {
     skip_spaces(r);
     *word = r->at;
@@ -109,7 +109,7 @@ static tm_status read_section(reader *r, const char *word, size_t length) {
             word[length - 2] == 'P' && whole(r, &number) && number > 0)
             return tm_io_higher_order(r->error, r->elements + 1, word[length - 1] - '0');
     }
-    return TM_OK; /* another keyword, or a number of one */
+    return TM_OK; /* another keyword, or one of its numbers */
 }
 
 static tm_status read_medit(tm_io_text *text, tm_io_raw *raw) {

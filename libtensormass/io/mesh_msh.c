@@ -1,5 +1,5 @@
-/* Gmsh's .msh, 2.2 and 4.1, text and binary: https://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format. Text and binary
- * are one walk: a row is a line of text, and nothing in a binary file. Written by mesh_msh_write.c. */
+/* Reads Gmsh's .msh, 2.2 and 4.1, text and binary: https://gmsh.info/doc/texinfo/gmsh.html#MSH-file-format. One code
+ * path reads both: a row is a line of text, or nothing in a binary file. mesh_msh_write.c writes. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -28,7 +28,7 @@ static void skip_spaces(reader *r) {
     while (r->at < r->end && (*r->at == ' ' || *r->at == '\t' || *r->at == '\r')) r->at++;
 }
 
-/* A whole number: what is left of the row begins with one, or the next `bytes` (4: signed) are one. */
+/* Reads an integer: at the start of the row's rest, or the next `bytes` (4: signed). */
 static bool whole(reader *r, size_t bytes, int64_t *out) {
     if (r->binary) {
         int32_t narrow;
@@ -61,13 +61,13 @@ static bool real(reader *r, double *out) {
     char *after;
     skip_spaces(r);
     if (r->at >= r->end || *r->at == '\n') return false;
-    *out = strtod(r->at, &after); /* ends at the file's final NUL at the latest */
+    *out = strtod(r->at, &after); /* stops at the file's final NUL at the latest */
     if (after == r->at || after > r->end) return false;
     r->at = after;
     return true;
 }
 
-/* Numbers of things in space: ints of the file. */
+/* Reads ints of the file: numbers of geometric entities. */
 static bool narrow(reader *r, int32_t *out, int count) {
     for (int i = 0; i < count; i++) {
         int64_t value;
@@ -77,20 +77,20 @@ static bool narrow(reader *r, int32_t *out, int count) {
     return true;
 }
 
-/* A count and what follows it, on a row. Counts bound loops that take from the file with every turn. */
+/* Reads counts and what follows them, on a row. Counts bound loops that consume input in each iteration. */
 static bool counts(reader *r, int64_t *out, int count) {
     for (int i = 0; i < count; i++)
         if (!whole(r, 8, &out[i]) || out[i] < 0) return false;
     return true;
 }
 
-/* A row begins: the next line. */
+/* Starts a row: the next line. */
 static bool row(reader *r) {
     r->line += !r->binary;
     return r->at < r->end;
 }
 
-/* Nothing but spaces may be left of it. */
+/* Checks that only spaces are left of the row. */
 static bool row_ends(reader *r) {
     if (r->binary) return true;
     skip_spaces(r);
@@ -99,14 +99,14 @@ static bool row_ends(reader *r) {
     return true;
 }
 
-/* What is left of it is not wanted. */
+/* Skips the rest of the row. */
 static void row_rest(reader *r) {
     if (r->binary) return;
     const char *stop = memchr(r->at, '\n', (size_t)(r->end - r->at));
     r->at = stop ? stop + 1 : r->end;
 }
 
-/* A line of text in either kind of file, spaces at its end left out. */
+/* Reads a line of text in either kind of file, without trailing spaces. */
 static bool line(reader *r, const char **text, size_t *length) {
     if (r->at >= r->end) return false;
     const char *stop = memchr(r->at, '\n', (size_t)(r->end - r->at));
@@ -130,7 +130,7 @@ static tm_status section_end(reader *r, const char *mark, const char *what) {
     return line(r, &text, &length) && is(text, length, mark) ? TM_OK : bad(r, what);
 }
 
-/* To behind the end of a section that is not wanted. */
+/* Skips to the end of an unused section. */
 static void skip_section(reader *r, const char *name, size_t length) {
     char mark[80];
     if (length < 2 || length > 60) return;
@@ -144,7 +144,7 @@ static void skip_section(reader *r, const char *name, size_t length) {
 
 /* --- names and entities --- */
 
-/* A count in text, on a line of its own, in either kind of file. */
+/* Reads a count in text, on its own line, in either kind of file. */
 static bool text_count(reader *r, int64_t *count) {
     const bool binary = r->binary;
     r->line += !binary;
@@ -173,7 +173,7 @@ static tm_status physical_names(reader *r) {
     return TM_OK;
 }
 
-/* One entity: its number, what it is a partition of, a point or a box, its groups, and what bounds it. */
+/* Reads one entity: its number, its parent if partitioned, a point or a box, its groups, and its boundary. */
 static tm_status entity(reader *r, int dim, bool partitioned) {
     int32_t tag, group, parent[2];
     int64_t count;
@@ -235,7 +235,7 @@ static tm_status nodes_2(reader *r) {
     return TM_OK;
 }
 
-/* A block: its vertices' numbers, then their coordinates, with more of them where they lie on a curve or surface. */
+/* Reads a block: its vertices' numbers, then their coordinates, with parameters for points on a curve or surface. */
 static tm_status node_block(reader *r) {
     int32_t head[3]; /* dimension, entity, parametric */
     int64_t count, tag;
@@ -267,10 +267,10 @@ static tm_status nodes_4(reader *r) {
     return TM_OK;
 }
 
-/* First-order elements by Gmsh's numbers. */
+/* First-order elements by Gmsh's type numbers. */
 static const struct kind {
     int dim, corners;
-    const char *refused; /* a volume that is no tetrahedron */
+    const char *refused; /* a volume other than a tetrahedron */
 } kinds[] = {{-1, -1, NULL},       {1, 2, NULL},    {2, 3, NULL},      {2, 4, NULL},       {3, 4, NULL},
              {3, 8, "hexahedron"}, {3, 6, "prism"}, {3, 5, "pyramid"}, [15] = {0, 1, NULL}};
 
@@ -280,7 +280,7 @@ static tm_status kind_of(reader *r, int64_t tag, int64_t type, struct kind *out)
     return out->refused ? tm_io_other_volume(r->error, tag, out->refused) : TM_OK;
 }
 
-/* The corners of an element whose number and type are known: the end of its row. */
+/* Reads the corners of an element with known number and type, to the end of its row. */
 static tm_status corners(reader *r, size_t bytes, int64_t tag, const struct kind *kind, int32_t place) {
     int64_t corner[8]; /* of any kind */
     bool there = true;
@@ -289,7 +289,7 @@ static tm_status corners(reader *r, size_t bytes, int64_t tag, const struct kind
     return tm_io_add_element(r->raw, tag, kind->dim, place, corner, kind->corners, r->error);
 }
 
-/* The tags of an element of 2.2: the first is its group, which stands for its entity as well. */
+/* Reads the tags of an element of 2.2. The first is its group, and also serves as its entity. */
 static tm_status element_2(reader *r, int64_t tag, const struct kind *kind, int64_t tags) {
     int32_t first = 0, tag_of;
     for (int64_t i = 0; i < tags; i++) {
@@ -304,7 +304,7 @@ enum { MAX_TAGS = 100 };
 
 static tm_status elements_2(reader *r) {
     int64_t count, tag;
-    int32_t head[3]; /* text: number, type, tags; binary: type, how many follow, tags */
+    int32_t head[3]; /* text: number, type, tags; binary: type, number of elements, tags */
     struct kind kind;
     tm_status status = TM_OK;
     if (!text_count(r, &count)) return bad(r, "$Elements begins with their number");
@@ -342,7 +342,7 @@ static tm_status elements_4(reader *r) {
 
 /* --- the file --- */
 
-/* $MeshFormat: version, 0 for text, bytes of a size; in a binary file then the number 1. */
+/* Reads $MeshFormat: version, 0 for text, bytes of a size; then the number 1 in a binary file. */
 static tm_status format(reader *r) {
     const char *text;
     size_t length;
@@ -378,7 +378,7 @@ static tm_status read_msh(tm_io_text *file, tm_io_raw *raw) {
         } else if (is(text, length, "$Nodes")) {
             status = nodes ? bad(&r, "a second $Nodes") : r.major == 2 ? nodes_2(&r) : nodes_4(&r);
             nodes = true;
-            if (!status) twice = (status = tm_io_vertices_end(raw, r.error)) != TM_OK; /* on no line of its own */
+            if (!status) twice = (status = tm_io_vertices_end(raw, r.error)) != TM_OK; /* not on a line of its own */
             if (!status) status = section_end(&r, "$EndNodes", "$EndNodes expected here");
         } else if (is(text, length, "$Elements")) {
             elements = true;

@@ -1,4 +1,4 @@
-/* The two halves of .msh: mesh_msh.c reads, mesh_msh_write.c writes. */
+/* The two parts of .msh: mesh_msh.c reads, mesh_msh_write.c writes. */
 #ifndef TM_MESH_MSH_H
 #define TM_MESH_MSH_H
 

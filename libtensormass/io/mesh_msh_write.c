@@ -1,4 +1,4 @@
-/* .msh 2.2 as text: regions as volumes, groups of vertices as points, the file's own numbers. */
+/* Writes .msh 2.2 as text: regions as volumes, groups of vertices as points, with the file's own numbers. */
 #include <string.h>
 
 #include "mesh_msh.h"
@@ -9,7 +9,8 @@ static bool is_region(const tm_mesh_file *m, int32_t group) {
     return false;
 }
 
-/* Elements of a group: its vertices as points, none for a region's own group, which its tetrahedra make. */
+/* Returns the number of point elements of a group: its vertices, or none for a region's own group, which its tetrahedra
+ * form. */
 static int64_t point_count(const tm_mesh_file *m) {
     int64_t points = 0;
     for (int32_t g = 0; g < m->group_count; g++)

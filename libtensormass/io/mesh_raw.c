@@ -1,11 +1,11 @@
-/* What a mesh file holds, as its reader finds it: grown by what has been seen, each tag looked up once. */
+/* Contents of a mesh file as its reader finds them. Arrays grow with the data; each tag is looked up once. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "libtensormass/numeric/order.h"
 #include "mesh_raw.h"
 
-enum { MAX_COUNT = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
+enum { MAX_COUNT = INT32_MAX / 16 }; /* four corners and three coordinates of each fit an int32 */
 
 const char *tm_io_find(const char *at, const char *end, const char *word, size_t length) {
     for (const char *p = at; (p = memchr(p, word[0], (size_t)(end - p))); p++)
@@ -23,7 +23,7 @@ static tm_status no_memory(tm_error *error) {
     return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
 }
 
-/* Room for one more; arrays grow at powers of two. */
+/* Ensures capacity for one more item; arrays grow at powers of two. */
 static bool capacity_for(void **array, int64_t count, size_t each) {
     if ((count & (count - 1)) != 0) return true;
     void *grown = count < MAX_COUNT ? realloc(*array, (size_t)(count ? 2 * count : 1) * each) : NULL;
@@ -58,7 +58,7 @@ tm_status tm_io_vertices_end(tm_io_raw *raw, tm_error *error) {
     return TM_OK;
 }
 
-/* -1: not there. */
+/* Returns the vertex with this tag, -1 if there is none. */
 static int32_t vertex_of(const tm_io_raw *raw, int64_t tag) {
     if (!raw->ranked) {
         int64_t first = raw->vertices ? raw->vertex[0].tag : 0;

@@ -1,4 +1,4 @@
-/* Inside the mesh loader: what readers have found, on its way to an tm_mesh_file. */
+/* Internals of the mesh loader: data from the readers, before it becomes a tm_mesh_file. */
 #ifndef TM_MESH_RAW_H
 #define TM_MESH_RAW_H
 
@@ -34,12 +34,12 @@ struct tm_io_raw {
     struct tm_io_rank {
         int64_t tag;
         int32_t place;
-    } * ranked; /* the vertices by tag; null where tags count up by one */
+    } * ranked; /* vertices sorted by tag; null if tags are consecutive */
 };
 
-/* Sorted once all are there: by dimension, group and entity; names by dimension and group. */
+/* Sorts when all are added: by dimension, group and entity; names by dimension and group. */
 tm_status tm_io_raw_sort(tm_io_raw *raw, tm_error *error);
-/* Regions and groups of the mesh, whose vertices and tetrahedra are there. */
+/* Adds regions and groups to a mesh that has its vertices and tetrahedra. */
 tm_status tm_io_raw_groups(const tm_io_raw *raw, tm_mesh_file *mesh, tm_error *error);
 void tm_io_raw_free(tm_io_raw *raw);
 

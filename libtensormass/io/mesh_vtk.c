@@ -1,4 +1,4 @@
-/* VTK's legacy files of tetrahedra. */
+/* Reads and writes VTK's legacy files of tetrahedra. */
 #include <stdio.h>
 
 #include "vtk_cells.h"
@@ -11,7 +11,7 @@ static tm_status read_vtk(tm_io_text *text, tm_io_raw *raw) {
     return status;
 }
 
-/* As VTK does it: what would part a word as %20. */
+/* Writes a name as VTK does: spaces as %20. */
 static void put_name(const char *name, FILE *file) {
     for (; *name; name++)
         if ((unsigned char)*name <= ' ' || *name == '%' || *name == '"' || (unsigned char)*name > 126)
@@ -53,7 +53,7 @@ static void put_groups(const tm_mesh_file *m, FILE *file) {
     }
 }
 
-/* Regions as numbers of the cells, their names in a field, groups as 0 or 1 of the points. */
+/* Writes regions as cell data with their names in a field, groups as 0 or 1 of the points. */
 static void put_vtk(const tm_mesh_file *m, FILE *file) {
     fprintf(file, "# vtk DataFile Version 2.0\ntensormass mesh\nASCII\nDATASET UNSTRUCTURED_GRID\n");
     put_names(m, file);

@@ -1,8 +1,8 @@
-/* VTK's XML for unstructured grids: what ParaView and meshio open with regions, groups and fibres. */
+/* Writes VTK's XML for unstructured grids: ParaView and meshio open it with regions, groups and fibres. */
 #include "vtk_cells.h"
 #include "vtu.h"
 
-/* 1 where a vertex is in the group, whose vertices ascend. */
+/* Writes 1 for a vertex in the group, whose vertices ascend, else 0. */
 static void put_group(const tm_mesh_file *m, int32_t group, FILE *file) {
     int32_t at = m->group_begin[group];
     for (int32_t v = 0; v < m->vertex_count; v++) {
@@ -12,7 +12,7 @@ static void put_group(const tm_mesh_file *m, int32_t group, FILE *file) {
     }
 }
 
-/* Regions as numbers of the cells, their names in comments, groups as 0 or 1 of the points. */
+/* Writes regions as cell data with their names in comments, groups as 0 or 1 of the points. */
 static void put_vtu(const tm_mesh_file *m, FILE *file) {
     const int64_t v = m->vertex_count, t = m->tet_count;
     const vtu_array in_group = {"UInt8", 1, 1, v}, region = {"Int32", 1, 4, t}, fibre = {"Float64", 3, 8, t};

@@ -6,7 +6,7 @@
 #include <locale.h>
 #endif
 
-enum { PATH_TOLD = 200 }; /* of a long path its end: what to do must have room */
+enum { PATH_TOLD = 200 }; /* a long path is cut to its end: the remedy must fit */
 
 tm_status tm_io_place(const char *path, int line, tm_status status, tm_error *error) {
     if (!status || !error) return status;
@@ -42,7 +42,7 @@ tm_io_locale tm_io_locale_enter(void) {
 }
 
 void tm_io_locale_leave(tm_io_locale now) {
-    if (!now.here) return; /* no memory for it: as the process had it */
+    if (!now.here) return; /* no memory for it: keeps the process's locale */
     uselocale(now.before);
     freelocale(now.here);
 }

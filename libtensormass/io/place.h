@@ -1,14 +1,14 @@
-/* Where a message is about, and the locale that numbers of files are read and written in. */
+/* Place of a message in a file, and the locale for reading and writing numbers. */
 #ifndef TM_IO_PLACE_H
 #define TM_IO_PLACE_H
 
 #include "tensormass/base.h"
 
-/* Puts "path:line: " before the message of a failure (0: no line); gives `status` back. */
+/* Puts "path:line: " before a failure's message (line 0: only the path). Returns `status`. */
 tm_status tm_io_place(const char *path, int line, tm_status status, tm_error *error);
 
-/* A program may have set its locale (windows do): then strtod and printf would want a comma in 0.5. Of this thread
- * alone, and given back. */
+/* The "C" locale for this thread, restored afterwards. A program may have set its own, as windows do; strtod and printf
+ * would then use a decimal comma. */
 #ifdef _WIN32
 typedef struct tm_io_locale {
     int per_thread;

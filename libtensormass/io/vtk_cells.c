@@ -62,7 +62,7 @@ tm_status tm_io_vtk_check(const tm_io_vtk *v, int64_t corners) {
 
 static tm_status check_kind(const tm_io_vtk *v, int64_t c) {
     enum { FLAT = 9 };
-    static const int flat[FLAT + 1] = {0, 1, 0, 2, 0, 3, 0, 0, 4, 4}; /* corners, 0: any number */
+    static const int flat[FLAT + 1] = {0, 1, 0, 2, 0, 3, 0, 0, 4, 4}; /* number of corners, 0: any */
     const int64_t type = v->cell_type[c], corners = v->offset[c + 1] - v->offset[c];
     if (type >= 0 && type <= FLAT && (!flat[type] || corners == flat[type])) return TM_OK;
     if (type >= VTK_QUADRATIC)
@@ -75,13 +75,13 @@ static tm_status check_kind(const tm_io_vtk *v, int64_t c) {
                    (long long)type, (long long)corners);
 }
 
-/* A region is a group of the entities of its number; none: one without a name. */
+/* Adds regions as groups of the entities with their number; without any, one unnamed region. */
 static tm_status add_regions(const tm_io_vtk *v, tm_io_raw *raw) {
     tm_status status = TM_OK;
     int64_t most = -1;
     for (int64_t c = 0; c < v->cells && v->region; c++)
         if (v->cell_type[c] == VTK_TETRA) most = v->region[c] > most ? v->region[c] : most;
-    if (most <= 0 && !v->names) return TM_OK; /* one, without a name */
+    if (most <= 0 && !v->names) return TM_OK; /* one unnamed region */
     for (int64_t r = 0; r <= most && !status; r++) {
         char name[64];
         snprintf(name, sizeof name, "region_%lld", (long long)r);
@@ -107,7 +107,7 @@ static tm_status add_groups(const tm_io_vtk *v, tm_io_raw *raw) {
     return status;
 }
 
-/* Tags count vertices and cells of the file from 1. */
+/* Tags number vertices and cells of the file from 1. */
 tm_status tm_io_vtk_tets(const tm_io_vtk *v, tm_io_raw *raw) {
     tm_status status = TM_OK;
     for (int64_t c = 0; c < v->cells && !status; c++) status = check_kind(v, c);
@@ -129,12 +129,12 @@ tm_status tm_io_vtk_tets(const tm_io_vtk *v, tm_io_raw *raw) {
 
 /* --- triangles --- */
 
-/* So many triangles is a cell; -1: a volume, or of a higher order. */
+/* Returns the number of triangles of a cell; -1 for a volume or a higher order. */
 static int64_t triangles_of(const tm_io_vtk *v, int64_t c) {
     const int64_t type = v->cell_type ? v->cell_type[c] : VTK_POLYGON, corners = v->offset[c + 1] - v->offset[c];
     const bool flat = type == VTK_TRIANGLE || type == VTK_STRIP || type == VTK_POLYGON || type == VTK_QUAD;
     if (flat) return corners < 3 ? 0 : corners - 2;
-    return type >= 0 && type < VTK_TRIANGLE ? 0 : -1; /* points and lines are passed over */
+    return type >= 0 && type < VTK_TRIANGLE ? 0 : -1; /* points and lines are skipped */
 }
 
 tm_status tm_io_vtk_triangles(const tm_io_vtk *v, double **corner, int32_t *triangles) {
@@ -156,7 +156,7 @@ tm_status tm_io_vtk_triangles(const tm_io_vtk *v, double **corner, int32_t *tria
         const int64_t *k = v->corner + v->offset[c], more = triangles_of(v, c);
         const bool strip = v->cell_type && v->cell_type[c] == VTK_STRIP;
         for (int64_t t = 0; t < more; t++) {
-            /* every second triangle of a strip is turned */
+            /* every second triangle of a strip is flipped */
             const int64_t of[3] = {strip ? k[t + (t & 1)] : k[0], strip ? k[t + 1 - (t & 1)] : k[t + 1], k[t + 2]};
             for (int i = 0; i < 3; i++, to += 3) memcpy(to, v->point + 3 * of[i], 3 * sizeof *to);
         }

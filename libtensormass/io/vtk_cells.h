@@ -1,10 +1,10 @@
-/* What VTK's files hold, legacy and XML alike: points, cells of any kind, a region for each, groups of points. */
+/* Contents of VTK's files, legacy and XML: points, cells of any kind, a region per cell, groups of points. */
 #ifndef TM_IO_VTK_CELLS_H
 #define TM_IO_VTK_CELLS_H
 
 #include "mesh_format.h"
 
-/* Kinds of cells that have a name here. */
+/* Cell types with a name here. */
 enum { VTK_TRIANGLE = 5, VTK_STRIP = 6, VTK_POLYGON = 7, VTK_QUAD = 9, VTK_TETRA = 10, VTK_QUADRATIC = 21 };
 
 typedef struct tm_io_vtk_group {
@@ -19,7 +19,7 @@ typedef struct tm_io_vtk {
     int64_t *corner;    /* [offset[cells]] points, from 0 */
     int64_t *cell_type; /* [cells]; null: all polygons */
     int64_t points, cells;
-    int64_t *region; /* [cells], or null: one */
+    int64_t *region; /* [cells]; null: one region */
     int32_t names, groups;
     struct tm_io_vtk_name {
         int64_t region;
@@ -29,20 +29,21 @@ typedef struct tm_io_vtk {
 } tm_io_vtk;
 
 void tm_io_vtk_free(tm_io_vtk *v);
-/* "WHAT; write it anew", TM_ERR_FILE. */
+/* Fails with "WHAT; write it anew", TM_ERR_FILE. */
 tm_status tm_io_vtk_bad(const tm_io_vtk *v, const char *what);
 tm_status tm_io_vtk_no_memory(const tm_io_vtk *v);
-/* Names of regions and groups as they come. False: no memory. The group's members [points] are all 0. */
+/* Add names of regions and groups as they are read. Return false if memory is exhausted. The group's members [points]
+ * start at 0. */
 bool tm_io_vtk_name(tm_io_vtk *v, int64_t region, const char *name);
 uint8_t *tm_io_vtk_group_add(tm_io_vtk *v, const char *name);
-/* Offsets ascend within the corners, and corners name points that are there. `corners`: how many there are. */
+/* Checks that offsets ascend within `corners`, the number of corners, and that corners name existing points. */
 tm_status tm_io_vtk_check(const tm_io_vtk *v, int64_t corners);
-/* Its tetrahedra, with regions and groups; what is no volume is passed over. */
+/* Adds its tetrahedra, with regions and groups; cells that are not volumes are skipped. */
 tm_status tm_io_vtk_tets(const tm_io_vtk *v, tm_io_raw *raw);
-/* Its triangles, polygons and strips as triangles; volumes are refused. corner [9*triangles] malloced. */
+/* Converts triangles, polygons and strips to triangles; refuses volumes. corner [9*triangles] is malloced. */
 tm_status tm_io_vtk_triangles(const tm_io_vtk *v, double **corner, int32_t *triangles);
 
-/* Readers: they fill `v`, which the caller frees, whatever they return. `text` is the whole file. */
+/* Readers: fill `v`, which the caller frees whatever they return. `text` is the complete file. */
 tm_status tm_io_vtk_read_legacy(tm_io_text *text, const char *dataset, tm_io_vtk *v);
 tm_status tm_io_vtk_read_xml(tm_io_text *text, const char *dataset, tm_io_vtk *v);
 

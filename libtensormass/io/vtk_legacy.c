@@ -1,5 +1,5 @@
-/* VTK's legacy files, text and binary: with counts among the corners (to 4.2), and with OFFSETS and CONNECTIVITY (5,
- * what VTK 9, ParaView and meshio write unless told otherwise). Format:
+/* Reads VTK's legacy files, text and binary: with counts among the corners (to 4.2), or with OFFSETS and CONNECTIVITY
+ * (5, default of VTK 9, ParaView and meshio). Format:
  * https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html */
 #include <ctype.h>
 #include <math.h>
@@ -12,8 +12,8 @@
 
 typedef struct reader {
     const char *at, *end;
-    bool binary, offsets, surface; /* offsets: since version 5; surface: a dataset of polygons */
-    const char *dataset;           /* what it may be besides: "UNSTRUCTURED_GRID" */
+    bool binary, offsets, surface; /* offsets: since version 5; surface: dataset of polygons */
+    const char *dataset;           /* other accepted type: "UNSTRUCTURED_GRID" */
     tm_io_vtk *v;
 } reader;
 
@@ -23,7 +23,7 @@ static tm_status no_memory(reader *r) { return tm_io_vtk_no_memory(r->v); }
 
 /* --- words and values --- */
 
-/* The next line, without its end and the spaces around. False at the end of the file. */
+/* Returns the next line, without its end and the surrounding spaces. Returns false at the end of the file. */
 static bool next_line(reader *r, char *line, size_t size) {
     if (r->at >= r->end) return false;
     const char *stop = memchr(r->at, '\n', (size_t)(r->end - r->at));
@@ -87,8 +87,8 @@ static bool text_value(reader *r, double *value) {
     return true;
 }
 
-/* `count` values into `real` or `whole`, or, both null, past them. Refuses before it takes memory for what is not
- * there: the arrays are the caller's, made after has_capacity. */
+/* Reads `count` values into `real` or `whole`, or skips them if both are null. Refuses missing values before memory is
+ * allocated: the caller allocates after has_capacity. */
 static bool has_capacity(const reader *r, int64_t count, const struct type *type) {
     int64_t left = r->end - r->at, each = r->binary ? type->bytes : 2;
     return count >= 0 && count <= (left + 1) / each;
@@ -116,7 +116,7 @@ static bool make(int64_t **array, int64_t count) {
     return (*array = malloc((size_t)(count + 1) * sizeof **array)) != NULL;
 }
 
-/* VTK writes what would part a word as %20. */
+/* VTK writes spaces in a name as %20. */
 static void plain_name(char *name) {
     char *to = name;
     for (const char *from = name; *from; to++) {
@@ -156,7 +156,7 @@ static tm_status read_array(reader *r, const char *word, int64_t count, int64_t 
     return values(r, count, type, NULL, *array) ? TM_OK : cut_short(r);
 }
 
-/* Version 5: one offset more than there are cells. */
+/* Reads version 5: one offset more than cells. */
 static tm_status read_offsets(reader *r, int64_t offsets, int64_t corners) {
     r->v->cells = 0;
     tm_status status = read_array(r, "OFFSETS", offsets, &r->v->offset);
@@ -167,7 +167,7 @@ static tm_status read_offsets(reader *r, int64_t offsets, int64_t corners) {
     return tm_io_vtk_check(r->v, corners);
 }
 
-/* Before: each cell is a count and its corners, `size` numbers in all. */
+/* Reads earlier versions: each cell is a count and its corners, `size` numbers in total. */
 static tm_status read_counted(reader *r, int64_t cells, int64_t size) {
     const struct type *type = type_of("int");
     if (!has_capacity(r, size, type) || cells > size) return cut_short(r);
@@ -202,7 +202,7 @@ static tm_status read_types(reader *r, const char *line) {
     return values(r, count, type_of("int"), NULL, r->v->cell_type) ? TM_OK : cut_short(r);
 }
 
-/* FIELD comes before the points, with arrays of anything (strings, too): the names of regions alone are wanted. */
+/* Reads a FIELD before the points, with arrays of any type (strings, too); only the names of regions are used. */
 static tm_status read_field(reader *r) {
     static const char word[] = "\nregion_names ";
     const char *next = tm_io_find(r->at, r->end, "\nPOINTS ", 8);
@@ -219,8 +219,8 @@ static tm_status read_field(reader *r) {
     return TM_OK;
 }
 
-/* What is told of cells: numbers called region. Of points: fields of groups, 0 or 1. What is not ours is passed over by
- * its line, as everything else is; after binary data lines have no meaning, and so nothing of theirs is looked for. */
+/* Reads cell and point data: integers named region of cells, fields of groups (0 or 1) of points. Other data is skipped
+ * line by line. After binary data lines have no meaning, so the search ends there. */
 static tm_status read_regions(reader *r, const char *line) {
     char name[64], type_name[32], lookup[100];
     int components = 1;

@@ -1,4 +1,4 @@
-/* VTK's XML files of one piece: .vtu and .vtp, text, base64 or raw, plain or packed by zlib. Format:
+/* Reads VTK's XML files of one piece: .vtu and .vtp; text, base64 or raw; plain or zlib. Format:
  * https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html */
 #include <ctype.h>
 #include <math.h>
@@ -8,13 +8,13 @@
 #include "inflate.h"
 #include "vtk_cells.h"
 
-/* A part of the file. */
+/* A range of the file. */
 typedef struct span {
     const char *at, *end;
 } span;
 
 typedef struct reader {
-    span piece, appended; /* behind the _ */
+    span piece, appended; /* after the _ */
     bool big_endian, wide, packed, base64;
     tm_io_vtk *v;
 } reader;
@@ -30,7 +30,8 @@ static const type types[] = {{"Int8", 1, WHOLE},   {"UInt8", 1, NATURAL},  {"Int
 
 /* --- XML --- */
 
-/* The first element <NAME ...> in `in`: its attributes into `tag`. What follows it in `in` comes back; null: none. */
+/* Finds the first element <NAME ...> in `in` and sets `tag` to its attributes. Returns the text after it; null if there
+ * is none. */
 static const char *element(span in, const char *name, span *tag) {
     char word[40];
     const int length = snprintf(word, sizeof word, "<%s", name);
@@ -44,7 +45,7 @@ static const char *element(span in, const char *name, span *tag) {
     return NULL;
 }
 
-/* What is between <NAME ...> and </NAME>. */
+/* Finds the text between <NAME ...> and </NAME>. */
 static bool inside(span in, const char *name, span *tag, span *out) {
     char word[40];
     const int length = snprintf(word, sizeof word, "</%s>", name);
@@ -68,7 +69,7 @@ static void unescape(char *text) {
     *to = 0;
 }
 
-/* NAME="VALUE" of a tag. False: it is not there. */
+/* Reads NAME="VALUE" of a tag. Returns false if it is missing. */
 static bool attribute(span tag, const char *name, char *value, size_t size) {
     const size_t length = strlen(name);
     for (const char *at = tag.at; (at = tm_io_find(at, tag.end, name, length)); at += length) {
@@ -85,7 +86,7 @@ static bool attribute(span tag, const char *name, char *value, size_t size) {
     return false;
 }
 
-/* A count that a tag tells; 0 where it tells none. */
+/* Returns a count in a tag; 0 if it is missing. */
 static int64_t count_of(span tag, const char *name) {
     char text[32];
     return attribute(tag, name, text, sizeof text) ? strtoll(text, NULL, 10) : 0;
@@ -93,8 +94,8 @@ static int64_t count_of(span tag, const char *name) {
 
 /* --- bytes --- */
 
-/* `count` bytes of what is written in base64, or plainly, from `from` on. Padding may come in between: parts that were
- * written one by one. False: fewer are there. */
+/* Reads `count` bytes from `from` on, in base64 or raw. Padding may occur in between, from parts that were written
+ * separately. Returns false if there are fewer. */
 static bool take(bool base64, span from, uint8_t *to, size_t count) {
     if (!base64) {
         if ((size_t)(from.end - from.at) < count) return false;
@@ -136,7 +137,7 @@ static size_t header_at(const reader *r, const uint8_t *bytes, int64_t i) {
     return value < 1e15 ? (size_t)value : (size_t)1e15;
 }
 
-/* Blocks that are packed: how many, how large each and the last one is, how large each is when packed; then they. */
+/* Decompresses blocks. Their header: number, size, size of the last one, compressed size of each. */
 static tm_status unpack(const reader *r, bool base64, span from, uint8_t **out, size_t *size) {
     const size_t word = r->wide ? 8 : 4, most = (size_t)(from.end - from.at);
     uint8_t first[24];
@@ -196,7 +197,7 @@ static tm_status text_values(const reader *r, span from, int64_t expected, doubl
     return TM_OK;
 }
 
-/* `expected` values of the array that `tag` tells of and `body` may hold, malloced. */
+/* Reads the `expected` values of the array that `tag` describes and `body` may hold; malloced. */
 static tm_status values(const reader *r, span tag, span body, int64_t expected, double **out) {
     char kind[16] = "", format[16] = "";
     const type *t = NULL;
@@ -224,7 +225,7 @@ static tm_status values(const reader *r, span tag, span body, int64_t expected, 
     return status;
 }
 
-/* The array of this name in a section of the piece (null: the first), as whole numbers or not. */
+/* Reads the array with this name in a section of the piece (null: the first), as integers or not. */
 static tm_status section_values(const reader *r, const char *section, const char *name, int64_t expected,
                                 double **out) {
     span tag, part, body, array;
@@ -250,7 +251,7 @@ static tm_status whole_values(const reader *r, const char *section, const char *
 
 /* --- the mesh --- */
 
-/* Ends of cells, as files have them, with the 0 before them. */
+/* Reads the ends of cells, as in the file, after a leading 0. */
 static tm_status read_cells(const reader *r, const char *section) {
     tm_io_vtk *v = r->v;
     const int64_t cells = v->cells;
@@ -266,7 +267,7 @@ static tm_status read_cells(const reader *r, const char *section) {
     return status ? status : tm_io_vtk_check(v, corners);
 }
 
-/* <!-- region 0: NAME -->, as tm-mesh writes them. */
+/* Reads <!-- region 0: NAME -->, as written by tm-mesh. */
 static tm_status read_names(const reader *r, span file) {
     static const char word[] = "<!-- region ";
     for (const char *at = file.at; (at = tm_io_find(at, r->piece.at, word, sizeof word - 1)); at++) {

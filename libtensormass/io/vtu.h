@@ -1,5 +1,5 @@
-/* VTK's XML for unstructured grids, where arrays lie behind the XML that describes them, each behind its length in
- * bytes: what a mesh file and a frame of tm-sim's series have in common. Headers alone, so that tm-sim has it too. */
+/* VTK's XML for unstructured grids, with the arrays appended after the XML, each after its length in bytes. Shared by
+ * mesh files and the frames of tm-sim's series. Header only, so that tm-sim can include it. */
 #ifndef TM_VTU_H
 #define TM_VTU_H
 
@@ -8,17 +8,17 @@
 #include <stdio.h>
 
 typedef struct vtu_array {
-    const char *type; /* VTK's */
+    const char *type; /* VTK's name */
     int components, bytes;
     int64_t tuples;
 } vtu_array;
 
-/* A grid is begin, (field data,) piece, its point data, cells, its cell data, data, the arrays as they were declared,
- * end. `at`: where the next array lies, zero before the first. */
+/* A grid is begin, (field data,) piece, its point data, cells, its cell data, data, the arrays in declared order, end.
+ * `at`: offset of the next array, zero before the first. */
 
 static inline int64_t vtu_size(const vtu_array *a) { return a->tuples * a->components * a->bytes; }
 
-/* `prefix` as it is, `name` with what XML does not take replaced. */
+/* Writes `prefix` unchanged and `name` with the characters replaced that XML refuses. */
 static inline void vtu_declare(const vtu_array *a, const char *prefix, const char *name, int64_t *at, FILE *file) {
     fprintf(file, "<DataArray type=\"%s\" Name=\"%s", a->type, prefix);
     for (; *name; name++) {
@@ -52,7 +52,7 @@ static inline void vtu_begin(FILE *file) {
           file);
 }
 
-/* Vertices, declared first of all arrays. `what`: of the element that follows, " Vectors=..." or "". */
+/* Declares the vertices, before all other arrays. `what`: attributes of the next element, " Vectors=..." or "". */
 static inline void vtu_piece(int64_t vertices, int64_t tets, const char *what, int64_t *at, FILE *file) {
     const vtu_array points = {"Float64", 3, 8, vertices};
     fprintf(file, "<Piece NumberOfPoints=\"%" PRId64 "\" NumberOfCells=\"%" PRId64 "\">\n<Points>\n", vertices, tets);
@@ -77,7 +77,7 @@ static inline void vtu_put_points(int64_t vertices, const double *vertex_m, FILE
     vtu_put(&(vtu_array){"Float64", 3, 8, vertices}, vertex_m, file);
 }
 
-/* The three arrays of vtu_cells. */
+/* Writes the three arrays of vtu_cells. */
 static inline void vtu_put_cells(int64_t tets, const int32_t *tet, FILE *file) {
     enum { TETRA = 10 };
     vtu_put(&(vtu_array){"Int32", 1, 4, 4 * tets}, tet, file);

@@ -1,4 +1,4 @@
-/* libtensormass_io from C++17 (tensormass.hpp): a mesh file that frees itself, fibres as a vector. */
+/* libtensormass_io for C++17 (tensormass.hpp): a mesh file that frees itself, fibres as a vector. */
 #ifndef TENSORMASS_IO_HPP
 #define TENSORMASS_IO_HPP
 
@@ -26,7 +26,7 @@ class mesh_file {
         check([&](tm_error *e) { return tm_mesh_file_build_numbered(&file_, renumber, &made, e); });
         return mesh(made);
     }
-    /* The vertices of a group by their numbers in the file, ascending; empty: there is no group of that name. */
+    /* Returns the vertices of a group by their numbers in the file, ascending; empty if there is no such group. */
     span<const std::int32_t> group(const std::string &name) const noexcept {
         for (std::int32_t g = 0; g < file_.group_count; g++)
             if (name == file_.group_name[g])
@@ -39,7 +39,7 @@ class mesh_file {
     tm_mesh_file file_{};
 };
 
-/* [3*tet_count] unit vectors. */
+/* Reads fibres: [3*tet_count] unit vectors. */
 inline std::vector<double> fibres(const std::string &path, std::int32_t tet_count) {
     std::vector<double> fibre(3 * std::size_t(tet_count));
     check([&](tm_error *e) { return tm_fibres_load(path.c_str(), tet_count, fibre.data(), e); });
