@@ -1,4 +1,4 @@
-/* Clocks of the system, as a header alone: libraries that link no platform read them too. */
+/* System clocks, header only: libraries that do not link platform use them too. */
 #ifndef APP_CLOCK_H
 #define APP_CLOCK_H
 

@@ -1,4 +1,4 @@
-/* Ctrl-C and SIGTERM: the first asks a run to end, the second ends the program at once, whatever it is doing. */
+/* Ctrl-C and SIGTERM: the first asks a run to end, the second ends the program at once. */
 #include <signal.h>
 #include <stddef.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* Figures as JSON files. */
+/* Reads and writes figures as JSON files. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* Figures as JSON files, whole or not at all. Link with -lcjson. */
+/* Writes figures as JSON files, complete or not at all. Link with -lcjson. */
 #ifndef TM_JSON_FILE_H
 #define TM_JSON_FILE_H
 
@@ -9,20 +9,20 @@
 
 /* Writes `root` (not freed). On failure the message names the path. */
 tm_status app_json_write(const char *path, const cJSON *root, tm_error *error);
-/* The same: 0 or an exit code, having complained. `path` null: nobody asked. */
+/* The same; returns 0 or an exit code after an error message. `path` null: does nothing. */
 int app_json_save(const char *path, const cJSON *root);
-/* The same into an output that has begun, which ends here. */
+/* The same into an output that has begun, and ends it. */
 bool app_json_end(app_output *output, FILE *stream, const cJSON *root, tm_error *error);
 
-/* The whole file; null where it cannot be read or is no JSON. */
+/* Reads a JSON file; returns null if it cannot be read or parsed. */
 cJSON *app_json_read(const char *path);
 
-/* Adds members: "NAME %g NAME %d ..." says their names and what the arguments are: %g a double, %f one that is left out
- * where it is not finite, %d an int, %s a string, %hhd a bool. To an array it adds them as a new object. Returns what
- * has the members. */
+/* Adds members. "NAME %g NAME %d ..." gives their names and types: %g a double, %f a double that is omitted unless
+ * finite, %d an int, %s a string, %hhd a bool. Appends them to an array as a new object. Returns the object with the
+ * members. */
 cJSON *app_json_add(cJSON *to, const char *members, ...) __attribute__((format(printf, 2, 3)));
 
-/* Writes and deletes it. 0 or an exit code, having complained. */
+/* Writes and deletes the report. Returns 0 or an exit code after an error message. */
 int app_file_end_json(app_file *file, cJSON *report);
 
 #endif

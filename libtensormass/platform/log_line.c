@@ -21,8 +21,8 @@ static int end_fd = STDERR_FILENO;
 static enum { FILE_END, WAITING_END, SOCKET_END } kind;
 static _Atomic int left_out;
 
-/* A pipe or terminal is opened once more, so that only this end of it does not wait: O_NONBLOCK on stderr itself would
- * be felt by everyone who shares it. */
+/* Opens a pipe or terminal once more, so that only this descriptor is non-blocking: O_NONBLOCK on stderr itself would
+ * affect all processes that share it. */
 static void look(void) {
     struct stat about;
     if (fstat(STDERR_FILENO, &about) != 0) return;

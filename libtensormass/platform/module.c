@@ -1,5 +1,5 @@
-/* Heavy dependencies (LCM, OSMesa, CHOLMOD) live in shared objects of ours that are opened only when a scene or
- * command asks. */
+/* Modules with heavy dependencies (LCM, OSMesa, CHOLMOD): shared objects, opened only when a scene or command needs
+ * them. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <string.h>
@@ -23,7 +23,7 @@ static void fail(tm_error *error, const char *name, const char *why) {
              strcmp(name, "image") == 0 ? " image" : "");
 }
 
-/* The folder that the program lies in. */
+/* Finds the program's folder. */
 static bool program_folder(char bin[1024]) {
     ssize_t length = readlink("/proc/self/exe", bin, 1023);
     if (length <= 0) return false;
@@ -50,7 +50,7 @@ bool app_shared_file(const char *name, char *path, size_t size) {
 
 void *app_module(const char *name, tm_error *error) {
     char path[1200], bin[1024];
-    /* Beside the program (build/bin -> build/lib/tensormass, PREFIX/bin -> PREFIX/lib/tensormass). */
+    /* Next to the program (build/bin -> build/lib/tensormass, PREFIX/bin -> PREFIX/lib/tensormass). */
     if (!program_folder(bin)) {
         fail(error, name, "/proc is not mounted");
         return NULL;

@@ -1,4 +1,4 @@
-/* Output files that appear whole or not at all, and what is no file: devices, pipes, stdout, written through. */
+/* Output files that appear complete or not at all. Devices, pipes and stdout are written directly. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -29,7 +29,7 @@ static bool fail(tm_error *error, const char *path, const char *what) {
     return complain(error, path, all, "check the folder and its permissions");
 }
 
-/* --- what is no file --- */
+/* --- outputs that are not files --- */
 
 static bool in_proc(const char *path) {
     int fd = open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC);
@@ -39,8 +39,8 @@ static bool in_proc(const char *path) {
     return proc;
 }
 
-/* Follows links by name, so that the link stays and what it names is replaced. A link of /proc (what /dev/stdout and
- * /dev/fd/3 are) names an open file, not a place: false. */
+/* Follows links by name, so that the link stays and its target is replaced. Returns false for a link of /proc
+ * (/dev/stdout, /dev/fd/3), which names an open file, not a path. */
 static bool follow_links(char target[PATH_MAX]) {
     for (int i = 0; i < 40; i++) {
         char link[PATH_MAX], next[2 * PATH_MAX];
@@ -56,7 +56,7 @@ static bool follow_links(char target[PATH_MAX]) {
     return true;
 }
 
-/* Writing is by the descriptor that is held; by name only where that truncates nothing that others wrote. */
+/* Opens the output by its descriptor; by name only if that truncates no data of others. */
 static bool hold(app_output *output, int fd) {
     struct stat info;
     output->fd = fd;
@@ -67,7 +67,7 @@ static bool hold(app_output *output, int fd) {
     return true;
 }
 
-/* `-`: the output alone goes to stdout, what the program says for people goes to stderr. */
+/* `-`: only the output goes to stdout; the program's messages go to stderr. */
 static bool begin_stdout(app_output *output, tm_error *error) {
     static bool taken;
     if (taken) return complain(error, output->path, "two outputs to stdout", "give one of them a file");
@@ -78,7 +78,7 @@ static bool begin_stdout(app_output *output, tm_error *error) {
     return hold(output, fd);
 }
 
-/* The number in /dev/fd/3, -1: another path. Opening that anew would begin at the start of what it is. */
+/* Returns the number in /dev/fd/3, -1 for another path. Reopening it would start at its beginning. */
 static int open_already(const char *target) {
     static const char *const folder[] = {"/proc/self/fd/", "/dev/fd/"};
     for (int i = 0; i < 2; i++) {
@@ -90,7 +90,7 @@ static int open_already(const char *target) {
     return -1;
 }
 
-/* A FIFO waits for its reader here, as in a shell. */
+/* Opens a device or FIFO. A FIFO waits here for its reader, as in a shell. */
 static bool begin_through(app_output *output, tm_error *error) {
     int given = open_already(output->target);
     if (given == STDOUT_FILENO) return begin_stdout(output, error);
@@ -100,7 +100,7 @@ static bool begin_through(app_output *output, tm_error *error) {
 
 /* --- files --- */
 
-/* "name.123~" of a run that was killed on a file system without unnamed files: nobody holds its lock. */
+/* Removes "name.123~" of a killed run on a file system without unnamed files: its lock is free. */
 static void remove_stale(const char *folder, const char *name) {
     size_t length = strlen(name);
     DIR *all = opendir(folder);
@@ -117,7 +117,7 @@ static void remove_stale(const char *folder, const char *name) {
     if (all) closedir(all);
 }
 
-/* The folder of `output->target`, or "" where that is too long. */
+/* Splits off the folder of `output->target`; "" if it is too long. */
 static void split(const app_output *output, char folder[PATH_MAX], const char **name) {
     const char *slash = strrchr(output->target, '/');
     *name = slash ? slash + 1 : output->target;
@@ -206,6 +206,6 @@ bool app_output_end(app_output *output, FILE *stream, tm_error *error) {
     app_output_abandon(output);
     complain(error, output->path, "cannot be written to its end",
              "the disk may be full: free some space, or choose another place");
-    if (error) error->status = TM_ERR_LIMIT; /* nobody's input is bad: exit 1 */
+    if (error) error->status = TM_ERR_LIMIT; /* not an input error: exit 1 */
     return false;
 }

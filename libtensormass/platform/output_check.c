@@ -1,4 +1,4 @@
-/* Outputs that cannot be, told before and after a run. */
+/* Reports outputs that cannot be written, before and after a run. */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +12,7 @@ int app_output_check(const char *path) {
     tm_error error = {0};
     struct stat info;
     app_output output;
-    /* A pipe is not opened twice, its reader would take the first close for the end. */
+    /* A pipe is not opened twice: its reader would take the first close for the end. */
     if (!path || !strcmp(path, "-") || (stat(path, &info) == 0 && (S_ISFIFO(info.st_mode) || S_ISCHR(info.st_mode))))
         return APP_DONE;
     if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);

@@ -1,4 +1,4 @@
-/* Errors as people read them: "file:line: what; what to do", with the exit code of the contract. */
+/* Prints errors as "file:line: what; what to do", and gives the exit code of the contract. */
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -13,7 +13,7 @@ static void print_place(const char *file, int line) {
         fprintf(stderr, "%s: ", file);
 }
 
-/* Words of a damaged file stay words: no control character reaches the terminal. */
+/* Prints text of a damaged file without control characters, to protect the terminal. */
 static void print_plain(const char *text) {
     for (; *text; text++) {
         const bool plain = (unsigned char)*text >= ' ' || *text == '\n' || *text == '\t';
@@ -33,7 +33,7 @@ int app_bad_input(const char *file, int line, const char *format, ...) {
     return APP_BAD_INPUT;
 }
 
-/* Memory, convergence and instability are not the input's fault. */
+/* Memory, convergence and instability are not input errors. */
 int app_exit_code(tm_status status) {
     switch (status) {
     case TM_OK: return APP_DONE;
@@ -57,6 +57,6 @@ int app_report(const char *file, int line, const tm_error *error) {
     print_plain(error->message[0] ? error->message
                 : error->status   ? tm_status_name(error->status)
                                   : "the simulation did not get to its end; change what was changed last");
-    /* A step that failed fills no error: what is reported is never success. */
+    /* A failed step fills no error; the exit code must still not be success. */
     return error->status ? app_exit_code(error->status) : APP_FAILED;
 }

@@ -3,13 +3,13 @@
 
 #include "app.h"
 
-/* Output files, opened before the run so that a folder that is not there is told at once, and renamed after it. */
+/* Output files opened before the run, so that a missing folder is reported at once, and renamed after it. */
 typedef struct app_file {
     app_output output;
     bool begun;
     FILE *stream;
 } app_file;
-/* path null: nothing happens, and nothing in the others either. */
+/* Begins a file. A null path makes this and the functions below do nothing. */
 int app_file_begin(app_file *file, const char *path);
 int app_file_end(app_file *file, bool good);
 
