@@ -1,11 +1,11 @@
-/* Small symmetric systems. */
+/* Solves small symmetric systems. */
 #ifndef LAW_LINEAR_H
 #define LAW_LINEAR_H
 
 #include "libtensormass/numeric/number.h"
 
-/* a x = b, a symmetric positive definite [n][stride], b in its column n: of a the upper triangle alone is read and
- * written, x comes back in column n. A pivot that is none leaves its unknown 0. */
+/* Solves a x = b; a is symmetric positive definite [n][stride] with b in its column n. Only the upper triangle of a is
+ * read and written; x is returned in column n. A pivot that is not positive sets its unknown to 0. */
 static LAW_CALL void law_eliminate(law_real *a, int32_t stride, int32_t n) {
     const law_real least = LAW(1e-12);
     for (int32_t k = 0; k < n; k++) {
@@ -25,12 +25,13 @@ static LAW_CALL void law_eliminate(law_real *a, int32_t stride, int32_t n) {
     }
 }
 
-/* Of entry (i, j), i <= j, of a symmetric matrix whose upper triangle is stored row by row, n wide. */
+/* Returns the index of entry (i, j), i <= j, of a symmetric matrix with its upper triangle stored row by row, n
+ * wide. */
 static inline int32_t law_packed(int32_t n, int32_t i, int32_t j) { return i * (2 * n - i - 1) / 2 + j; }
 
-/* LDL^T in place of the first n rows and columns of a packed matrix `width` wide, `shift` added to its diagonal: false
- * where it is not positive semidefinite. A pivot within `least` of zero must have a row within `loose` of zero, as the
- * components that a support holds have. */
+/* Factorises LDL^T in place: the first n rows and columns of a packed matrix `width` wide, with `shift` added to its
+ * diagonal. Returns false if it is not positive semidefinite. A pivot within `least` of zero must have a row within
+ * `loose` of zero, as constrained components have. */
 static LAW_CALL bool law_semidefinite(law_real *a, int32_t width, int32_t n, law_real shift, law_real least,
                                       law_real loose) {
     for (int32_t k = 0; k < n; k++) {

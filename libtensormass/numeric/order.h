@@ -1,4 +1,4 @@
-/* Order of numbers, for qsort. */
+/* Comparisons of numbers for qsort. */
 #ifndef NUM_ORDER_H
 #define NUM_ORDER_H
 

@@ -1,4 +1,4 @@
-/* Vectors of three, in the precision of who includes this: LAW_REAL as for the law. */
+/* Vectors of three, in the precision that the including file sets: LAW_REAL, as for the contact law. */
 #ifndef LAW_VEC_H
 #define LAW_VEC_H
 
@@ -6,7 +6,7 @@
 
 #include "libtensormass/numeric/number.h"
 
-/* By value: in registers from call to call, where arrays would go through memory. */
+/* By value: stays in registers across calls, where arrays would go through memory. */
 typedef struct law_v3 {
     law_real x, y, z;
 } law_v3;
@@ -24,7 +24,7 @@ LAW_IN_PLACE law_v3 vouter(law_v3 a, law_v3 b) {
 LAW_IN_PLACE law_real vroot(law_real square) { return _Generic(square, float : sqrtf, double : sqrt)(square); }
 LAW_IN_PLACE law_real vsize(law_v3 a) { return vroot(vinner(a, a)); }
 
-/* In memory; `out` may be one of the others. */
+/* In memory; `out` may alias an input. */
 static inline law_real vdot(const law_real a[3], const law_real b[3]) { return vinner(vget(a), vget(b)); }
 static inline law_real vnorm(const law_real a[3]) { return vsize(vget(a)); }
 static inline void vset(const law_real a[3], law_real out[3]) { out[0] = a[0], out[1] = a[1], out[2] = a[2]; }
@@ -45,13 +45,13 @@ static inline void vscale(law_real s, const law_real a[3], law_real out[3]) {
 static inline void vcross(const law_real a[3], const law_real b[3], law_real out[3]) {
     vput(vouter(vget(a), vget(b)), out);
 }
-/* Unit vector of a, and its length; the zero vector stays zero. */
+/* Computes the unit vector of a and returns its length; the zero vector stays zero. */
 static inline law_real vunit(const law_real a[3], law_real out[3]) {
     law_real length = vnorm(a);
     vscale(length > 0 ? 1 / length : 0, a, out);
     return length;
 }
-/* Distance from a point to the piece of a line between two others. */
+/* Returns the distance from a point to a line segment. */
 static inline law_real vsegment(const law_real point[3], const law_real from[3], const law_real to[3]) {
     law_real axis[3], off[3];
     vsub(to, from, axis);
