@@ -17,7 +17,7 @@ rm -rf "$made" && mkdir -p "$made"
 # What a wheel is made of, as an sdist lays it: the package at the top, the sources of its libraries beneath.
 rm -rf "$tree" && mkdir -p "$tree"
 cd "$top"
-tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE law libtensormass haptic_rt lcm_types python tools | tar x -C "$tree"
+tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE contact_law libtensormass haptic_rt lcm_types python tools | tar x -C "$tree"
 mv "$tree"/python/{pyproject.toml,setup.py,MANIFEST.in,README.md,tensormass} "$tree"
 cd "$tree"
 

@@ -221,7 +221,7 @@ void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, co
 #if HRT_WITH_EVIDENCE
     x->interval_s = hrt_seconds(sample->t_us - x->now.t_us);
 #else
-    remember(&x->now, &x->before);
+    remember(&x->now, &x->previous);
 #endif
 #if HRT_WITH_ADAPTIVE
     if (x->which == HRT_ADAPTIVE && x->have)

@@ -21,7 +21,7 @@ static const char SCENE[] = "title: \"l\xc3\xa9"
                             "  mesh: liver.msh # 10k\n"
                             "  materials:\n"
                             "    liver: {young: 5 kPa}\n"
-                            "volume:\n"
+                            "strain_smoothing:\n"
                             "supports:\n"
                             "  - {name: a, vertex: [1,\n"
                             "      2]}\n"
@@ -98,11 +98,11 @@ static void what_is_unset_goes(void **state) {
 
 static void several_follow_one_another(void **state) {
     (void)state;
-    static const char *const edits[] = {"volume", "strain_smoothing.shear_share=0.4", "supports[0].vertex",
+    static const char *const edits[] = {"strain_smoothing", "strain_smoothing.shear_share=0.4", "supports[0].vertex",
                                         "supports[0].group=g"};
     const char *text = after(edits, 4);
-    assert_non_null(strstr(text, "# left out: volume:\n"));
-    assert_non_null(strstr(text, "\nvolume: {shear: 0.4}\n"));
+    assert_non_null(strstr(text, "# left out: strain_smoothing:\n"));
+    assert_non_null(strstr(text, "\nstrain_smoothing: {shear_share: 0.4}\n"));
     assert_non_null(strstr(text, "- {group: g, name: a}\n"));
 }
 

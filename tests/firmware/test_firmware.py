@@ -13,7 +13,7 @@ import report
 from paths import BUILD, LONG, ROOT
 
 DEVICES = 2
-EXTRAPOLATORS = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position", "adaptive"]
+EXTRAPOLATORS = ["hold", "time", "position", "broyden", "tangent", "local_model", "paper_position", "adaptive"]
 VARIANTS = {"plain": 0, "contact12": 12, "contact24": 24}
 TICKS = 35000 if LONG else 3500
 FIRMWARE = ROOT / "build" / "firmware"
@@ -114,8 +114,8 @@ def test_replay(built, recordings, cpu, variant):
     assert tick_stack < TICK_STACK * 3 / 4 and main_stack < MAIN_STACK * 3 / 4, (tick_stack, main_stack)
     assert entry["flash_core_bytes"] < FLASH_CORE[variant]
     assert device_bytes < RAM_DEVICE + PATCHES[variant]
-    assert all(cost["worst"] < INSTRUCTIONS for law, cost in by_law.items() if law not in ("contact", "adaptive")), by_law
-    assert all(by_law[law]["worst"] < CONTACT_INSTRUCTIONS[variant] for law in ("contact", "adaptive")), by_law  # without its memory `adaptive` runs as `contact`
+    assert all(cost["worst"] < INSTRUCTIONS for law, cost in by_law.items() if law not in ("local_model", "adaptive")), by_law
+    assert all(by_law[law]["worst"] < CONTACT_INSTRUCTIONS[variant] for law in ("local_model", "adaptive")), by_law  # without its memory `adaptive` runs as `local_model`
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

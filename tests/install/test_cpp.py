@@ -69,7 +69,7 @@ int main(int, char **word) {
         const tm_tool_pose down{{middle[0], middle[1], top - 0.004}, 0, 0, true};
         for (int i = 0; i < 40 && touch.reaction(0).row_count == 0; i++) {
             touch.begin_frame(10, 10);
-            touch.move(0, down, 10);
+            touch.set_target(0, down, 10);
             assert(world.step(10) == TM_OK);
         }
         assert(touch.reaction(0).row_count > 0);

@@ -176,4 +176,4 @@ def test_broken_contracts_reach_the_handler(root, build, tmp_path):
     run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "contracts.c", *(build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")), "-lyaml", "-ldl", "-lm",
         "-o", tmp_path / "contracts")
     told = [line.split(":")[0].removeprefix("tm_scene_") for line in run(tmp_path / "contracts", root / "apps/scenes/block-press.yaml").stdout.splitlines()]
-    assert told == [*("pose_of", "pose", "reaction", "instrument", "patch") * 2, "pose_of", "step", "save", "restore", "mesh", "tissue", "world", "displacement", "hash", "tell", "surface"]
+    assert told == [*("pose_of", "pose", "reaction", "instrument", "patch") * 2, "pose_of", "step", "save", "restore", "mesh", "tissue", "world", "displacement", "hash", "get_info", "surface"]

@@ -10,7 +10,7 @@ import pytest
 from paths import LONG
 
 
-@pytest.mark.parametrize("extrapolator", ["hold", "position", "broyden", "tangent", "contact"] if LONG else ["position", "broyden"])
+@pytest.mark.parametrize("extrapolator", ["hold", "position", "broyden", "tangent", "local_model"] if LONG else ["position", "broyden"])
 def test_force_falls_after_the_jaws_open(bin, root, tmp_path, extrapolator):
     out = tmp_path / "ticks.csv"
     run = subprocess.run([bin / "tm-sim", root / "apps" / "scenes" / "liver-cut.yaml", "--lockstep", "--duration", "9 s", "--set",

@@ -55,7 +55,7 @@ def test_the_other_captions_follow_theirs(accuracy):
     assert "more than 10 % at every depth" in accuracy.model_words(rows[1:], alone)
     kinds = [dict(precision=p, tets=10, displacement=e, mesh_displacement=0.1, bytes=b, seconds_per_step=s) for p, e, b, s in (("double", 0, 200, 1e-6), ("single", 1e-4, 100, 2e-6))]
     assert "1,000 times less" in accuracy.precision_words(kinds) and "is not faster" in accuracy.precision_words(kinds)
-    rates = [dict(extrapolator=n, rate_Hz=r, rms=e) for n, r, e in (("hold", 20, 0.1), ("hold", 80, 0.02), ("contact", 20, 0.03))]
+    rates = [dict(extrapolator=n, rate_Hz=r, rms=e) for n, r, e in (("hold", 20, 0.1), ("hold", 80, 0.02), ("local_model", 20, 0.03))]
     assert "needs 80 frames a second" in accuracy.rates_words(rates) and "even at 20" in accuracy.rates_words(rates[::2])
     fibres = [dict(seconds_per_step=s, bytes=b, displacement=u) for s, b, u in ((1.5, 120, 0.1), (1.0, 100, 0.6))]
     assert "price by +50 % and the tissue's memory by +20 %" in accuracy.fibre_words(fibres)

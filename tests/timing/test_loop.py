@@ -32,7 +32,7 @@ def run(tmp_path, extrapolator, *wrapper, **environment):
     assert "engaged" in done.stderr, done.stderr
 
 
-@pytest.mark.parametrize("extrapolator", ["tangent", "contact"])
+@pytest.mark.parametrize("extrapolator", ["tangent", "local_model"])
 def test_no_allocation(tmp_path, extrapolator):
     """COUNT_MALLOC's lines: sleeps, allocations and frees after the 500th sleep, of each thread that sleeps by the clock."""
     run(tmp_path, extrapolator, "env", f"LD_PRELOAD={BUILD}/tests/timing/count_malloc.so", f"COUNT_MALLOC={tmp_path}/count")
@@ -63,7 +63,7 @@ int main(void) { pthread_t thread; return pthread_create(&thread, 0, loop, 0) ||
 
 
 def test_system_calls_with_lcm(tmp_path):
-    run(tmp_path, "contact", "strace", "-f", "-o", "trace")
+    run(tmp_path, "local_model", "strace", "-f", "-o", "trace")
     calls = {}
     for line in open(tmp_path / "trace", errors="replace"):
         thread, _, rest = line.partition(" ")

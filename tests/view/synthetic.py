@@ -86,7 +86,7 @@ class Session:
     def controller(self, utime, t, instrument):
         m = self.types.controller_status_t()
         m.utime, m.seq, m.session, m.instrument = utime, self.seq, 5, instrument
-        m.state, m.fault_text, m.extrapolator, m.passivity_on = 3, "", "contact", 1
+        m.state, m.fault_text, m.extrapolator, m.passivity_on = 3, "", "local_model", 1
         m.ticks, m.missed_ticks, m.sample_age_s = int(t * 500), 0, 0.02
         m.lateness_us = [20.0, 60.0, 200.0, 500.0]
         return m

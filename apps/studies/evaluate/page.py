@@ -12,8 +12,8 @@ from aims import aims  # noqa: E402
 from page import Page, label_line, series  # noqa: E402
 
 NAMES = ["hold", "time", "position", "broyden", "tangent", "local_model", "paper_position", "adaptive"]
-SKETCH = {0: dict(hold=3.0, time=3.5, position=3.3, broyden=2.0, tangent=0.9, contact=0.03),
-          1: dict(hold=6.4, time=8.0, position=7.6, broyden=5.5, tangent=3.7, contact=0.08)}
+SKETCH = {0: dict(hold=3.0, time=3.5, position=3.3, broyden=2.0, tangent=0.9, local_model=0.03),
+          1: dict(hold=6.4, time=8.0, position=7.6, broyden=5.5, tangent=3.7, local_model=0.08)}
 
 
 def pick(rows, **wanted):
