@@ -1,6 +1,6 @@
-/* A CAN bus behind a small table of functions: classical frames, never blocking. Drivers: `loopback` (in process),
- * `virtual` (between processes, no kernel CAN), `socketcan`. A bus endpoint hears every other endpoint's frames and not
- * its own. */
+/* A CAN bus behind a table of functions: classical frames, non-blocking calls. Drivers: `loopback` (in process),
+ * `virtual` (between processes, without kernel CAN), `socketcan`. An endpoint receives the frames of all other
+ * endpoints but not its own. */
 #ifndef HRT_BUS_H
 #define HRT_BUS_H
 
@@ -17,32 +17,33 @@ extern "C" {
 
 typedef enum hrt_bus_state {
     HRT_BUS_OK = 0,
-    HRT_BUS_WARNING = 1, /* error counters high, or a send queue that was full */
-    HRT_BUS_OFF = 2,     /* the controller left the bus */
-    HRT_BUS_DOWN = 3     /* no bus: interface gone */
+    HRT_BUS_WARNING = 1, /* error counters high, or the send queue was full */
+    HRT_BUS_OFF = 2,     /* the CAN controller is bus-off */
+    HRT_BUS_DOWN = 3     /* the interface is gone */
 } hrt_bus_state;
 
 typedef struct hrt_bus hrt_bus;
 
 typedef struct hrt_bus_driver {
     const char *name;
-    /* 1 sent, 0 no room now (dropped), -1 bus off or down. */
+    /* Sends a frame. Returns 1 if sent, 0 if dropped (queue full), -1 if bus-off or down. */
     int (*send)(hrt_bus *bus, const hrt_can_frame *frame);
-    /* 1 a frame, 0 none waits, -1 bus off or down. */
+    /* Receives a frame. Returns 1 if there is one, 0 if not, -1 if bus-off or down. */
     int (*receive)(hrt_bus *bus, hrt_can_frame *frame);
     hrt_bus_state (*state)(hrt_bus *bus);
-    /* One attempt to come back after off or down, at most every 100 ms. By the tick's thread: opens and closes nothing,
-     * but takes over what `look` has opened. */
+    /* Tries to recover from bus-off or down, at most every 100 ms. Runs in the tick's thread: it opens and closes
+     * nothing, but takes over what `look` has opened. */
     void (*recover)(hrt_bus *bus, int64_t now_us);
     void (*close)(hrt_bus *bus);
-    /* 1 the place is ours, 0 somebody else's. Null: nobody else can be on this bus. */
+    /* Claims a role on the bus. Returns 1 if claimed, 0 if another process holds it. Null: no other process can be on
+     * this bus. */
     int (*claim)(hrt_bus *bus, int place);
-    /* From another thread, several times a second: what has happened to the bus, once each time. Opens anew what
-     * `recover` then takes over, and closes what it left. Null: nothing can happen. */
+    /* Checks the bus; called from another thread, several times a second. Returns each new event once. Reopens what
+     * `recover` then takes over, and closes what `recover` has left. Null: no events. */
     const char *(*look)(hrt_bus *bus);
 } hrt_bus_driver;
 
-/* What an address "KIND:name" opens: a row here, with the name as people are told it, and bus_KIND.c, which defines
+/* Kinds of address "KIND:name". Each has a row here, with the text of its name, and a file bus_KIND.c that defines
  * hrt_bus_KIND. */
 #define HRT_BUSES(ROW)                                                                                                 \
     ROW(virtual, "NAME")                                                                                               \
@@ -57,15 +58,15 @@ struct hrt_bus {
     const hrt_bus_driver *driver;
     hrt_bus_state now;
     int64_t tried_us;
-    uint64_t tx, rx, errors, dropped; /* frames; dropped: no room to send, or overrun while not receiving */
-    uint64_t bits;                    /* sent and received, on the wire with the worst stuffing */
+    uint64_t tx, rx, errors, dropped; /* numbers of frames; dropped: send queue full, or overrun while not receiving */
+    uint64_t bits;                    /* sent and received on the wire, with worst-case stuffing */
     int fd, claim_fd;                 /* socketcan */
     char name[256];                   /* interface or file */
-    void *shared;                     /* what threads or endpoints share; loopback: its hrt_loopback */
-    uint64_t next, self;              /* virtual: next frame to read, own mark; loopback: port */
+    void *shared;                     /* data shared by threads or endpoints; loopback: its hrt_loopback */
+    uint64_t next, self;              /* virtual: next frame to read, own id; loopback: port */
 };
 
-/* In-process bus: endpoints of one hrt_loopback. Caller-owned; ports 0..7. */
+/* In-process bus with endpoints at ports 0..7; owned by the caller. */
 enum { HRT_LOOPBACK_PORTS = 8, HRT_LOOPBACK_DEPTH = 256 };
 typedef struct hrt_loopback {
     struct {
@@ -73,25 +74,25 @@ typedef struct hrt_loopback {
         uint32_t head, tail;
         hrt_can_frame frame[HRT_LOOPBACK_DEPTH];
     } port[HRT_LOOPBACK_PORTS];
-    bool off; /* bus-off for all */
+    bool off; /* bus-off for all endpoints */
 } hrt_loopback;
 void hrt_loopback_init(hrt_loopback *loopback);
-/* False when all ports are taken. */
+/* Returns false if all ports are in use. */
 bool hrt_bus_open_loopback(hrt_bus *bus, hrt_loopback *loopback);
 
-/* Keeps everybody else on this machine from being the same one on the same bus, until it is closed or the program ends
- * in whatever way. False with `why`: somebody is. */
+/* Claims a role on a bus exclusively on this machine, until the bus is closed or the process ends. Returns false, with
+ * `why`, if another process holds it. */
 typedef enum hrt_bus_role { HRT_BUS_CONTROLLER = 0, HRT_BUS_DEVICE = 1 } hrt_bus_role;
 bool hrt_bus_claim(hrt_bus *bus, hrt_bus_role role, int32_t instrument, char *why, int why_size);
 
-/* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure
- * `why` says what is wrong and what to do. */
+/* Opens a bus by address: "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or
+ * "socketcan:can0". Returns false with the reason and the remedy in `why`. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
 
-/* False with `why`: the frames carry fewer joints than the device has. For whoever opens a bus for a device. */
+/* Checks a device before its bus is opened. Returns false, with `why`, if it has more joints than the frames carry. */
 bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size);
 
-/* For the drivers: counts a frame's bits. */
+/* Counts a frame and its bits, for drivers. */
 static inline void hrt_bus_count(hrt_bus *bus, uint64_t *what, const hrt_can_frame *frame) {
     (*what)++;
     bus->bits += hrt_can_bits(frame->length);

@@ -1,4 +1,4 @@
-/* The virtual bus in memory: what a test needs to look at it or to disturb it. One file, mapped by all; little-endian,
+/* Memory layout of the virtual bus, for its driver and for tests. One file, mapped by all endpoints; little-endian,
  * 8-byte aligned. */
 #ifndef HRT_BUS_VIRTUAL_H
 #define HRT_BUS_VIRTUAL_H
@@ -12,11 +12,11 @@ enum { HRT_VIRTUAL_SLOTS = 4096 };
 
 typedef struct hrt_virtual_bus {
     _Atomic uint64_t magic;
-    _Atomic uint64_t head; /* frames ever claimed */
-    _Atomic uint64_t off;  /* not 0: bus-off for all */
+    _Atomic uint64_t head; /* number of frames ever claimed */
+    _Atomic uint64_t off;  /* not 0: bus-off for all endpoints */
     uint64_t reserved[5];
     struct {
-        _Atomic uint64_t stamp; /* number of the frame in it plus 1; 0 while it is written */
+        _Atomic uint64_t stamp; /* number of its frame plus 1; 0 while it is being written */
         uint64_t writer;
         hrt_can_frame frame;
     } slot[HRT_VIRTUAL_SLOTS];

@@ -1,4 +1,4 @@
-/* The file of a virtual bus: made, mapped, shared, claimed, missed when it goes, and removed by the last one. */
+/* File of a virtual bus: creation, mapping, sharing, claims, recovery after its removal. The last user removes it. */
 #ifndef HRT_BUS_VIRTUAL_FILE_H
 #define HRT_BUS_VIRTUAL_FILE_H
 
@@ -9,32 +9,34 @@
 
 typedef enum hrt_virtual_trouble {
     HRT_VIRTUAL_WELL = 0,
-    HRT_VIRTUAL_CUT_SHORT, /* truncated: its pages are gone */
-    HRT_VIRTUAL_REMOVED,   /* or replaced: others would meet on another file */
-    HRT_VIRTUAL_TAKEN      /* on the new file somebody else has our place */
+    HRT_VIRTUAL_CUT_SHORT, /* truncated: its pages are lost */
+    HRT_VIRTUAL_REMOVED,   /* removed or replaced: other endpoints would use another file */
+    HRT_VIRTUAL_TAKEN      /* another process holds our role in the new file */
 } hrt_virtual_trouble;
 
-/* One endpoint's hold on the file. At most HRT_VIRTUAL_HOLDS in a process. */
+/* Handle of one endpoint on the file; at most HRT_VIRTUAL_HOLDS per process. */
 enum { HRT_VIRTUAL_HOLDS = 16 };
 typedef struct hrt_virtual_hold {
-    _Atomic(hrt_virtual_bus *) memory; /* the same until it is closed; null: this hold is free */
-    _Atomic int trouble;               /* hrt_virtual_trouble; not well: what is read is worth nothing, do not send */
-    _Atomic bool ready;                /* mapped anew: the tick's thread may say that all is well, and go on */
-    int fd;                            /* kept for its locks */
+    _Atomic(hrt_virtual_bus *) memory; /* constant until closed; null: this handle is free */
+    _Atomic int
+        trouble; /* hrt_virtual_trouble; unless HRT_VIRTUAL_WELL, read data are invalid and sending is forbidden */
+    _Atomic bool ready; /* mapped again: the tick's thread may reset `trouble` and continue */
+    int fd;             /* kept open for its locks */
     int claimed, told;
     const char *path;
 } hrt_virtual_hold;
 
-/* The file's path for a bus name. False with `why`. */
+/* Computes the file's path for a bus name. Returns false with `why`. */
 bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, int why_size);
-/* `path` outlives the hold. Null with `why`. */
+/* Opens the file; `path` must outlive the handle. Returns null with `why`. */
 hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size);
-/* 1 claimed, 0 somebody else has that place. Released when the process ends, however it does. */
+/* Claims a role. Returns 1 if claimed, 0 if another process holds it. It is released when the process ends in any way.
+ */
 int hrt_virtual_claim(hrt_virtual_hold *hold, int place);
-/* From one thread other than the tick's: is the file still there? Where it was not when last looked at, or that thread
- * ran into it, maps it anew in its place and says `ready`. What is wrong, once each time; null: nothing new. */
+/* Checks the file; call it from one thread other than the tick's. If the file is missing, or that thread found its
+ * mapping invalid, maps the file again in the same place and sets `ready`. Returns each new problem once, else null. */
 const char *hrt_virtual_look(hrt_virtual_hold *hold);
-/* The last one removes the file, and its folder if that is the default one and empty. */
+/* Closes the handle. The last user removes the file, and its folder if that is the default one and empty. */
 void hrt_virtual_close(hrt_virtual_hold *hold);
 
 #endif

@@ -1,5 +1,4 @@
-/* What the command lines of haptic-rt and tm-device have in common: bus, instrument, profile, messages, loop, figures.
- */
+/* Command-line options shared by haptic-rt and tm-device: bus, instrument, profile, messages, loop, statistics. */
 #ifndef HRT_COMMAND_H
 #define HRT_COMMAND_H
 
@@ -11,14 +10,14 @@
 typedef struct hrt_common {
     const char *bus, *url, *key_path, *json;
     int32_t instrument;
-    hrt_params params; /* of the device type */
+    hrt_params params; /* parameters of the device */
     bool params_read;  /* --profile or --set has changed them */
     int rate, priority;
-    double duration_s; /* 0: for ever */
+    double duration_s; /* 0: no limit */
     bool stats, no_key;
 } hrt_common;
 
-/* A program's own options count from HRT_OPTION_OWN. */
+/* Option codes; a program's own start at HRT_OPTION_OWN. */
 enum {
     HRT_OPTION_BUS = 1,
     HRT_OPTION_INSTRUMENT,
@@ -39,7 +38,7 @@ enum {
     HRT_OPTION_HELP = 'h',
     HRT_OPTION_OWN = 256
 };
-/* Rows of a table for getopt_long; "url" is the old name of "lcm-url". */
+/* Rows of a getopt_long table; "url" is the old name of "lcm-url". */
 #define HRT_COMMON_OPTIONS                                                                                             \
     {"bus", 1, 0, HRT_OPTION_BUS}, {"instrument", 1, 0, HRT_OPTION_INSTRUMENT},                                        \
         {"device-type", 1, 0, HRT_OPTION_DEVICE_TYPE}, {"profile", 1, 0, HRT_OPTION_PROFILE},                          \
@@ -55,16 +54,18 @@ typedef struct hrt_command_line {
     const char *program;
     void (*usage)(void);
     const struct option *option; /* HRT_COMMON_OPTIONS, the program's own, and a row of zeros */
-    /* One of the program's own: -1 go on, else the exit code, having complained where it is bad. */
+    /* Handles one of the program's own options. Returns -1 to continue, else the exit code, after a message if the
+     * option is invalid. */
     int (*take)(void *user, int option, const char *text);
     void *user;
 } hrt_command_line;
 
-/* Into `common`, which holds the defaults. -1: go on; else the exit code. */
+/* Reads the command line into `common`, which holds the defaults. Returns -1 to continue, else the exit code. */
 int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc, char **argv);
-/* Where messages go to: the option, else LCM_DEFAULT_URL, else APP_LINK_URL. */
+/* Returns the URL of the messages: the option, else LCM_DEFAULT_URL, else APP_LINK_URL. */
 const char *hrt_common_url(const hrt_common *common);
-/* Joins the network there, with the key that the options ask for. 0, or the exit code. `key` outlives it. */
+/* Joins the network at that URL, with the key that the options select. Returns 0 or the exit code. `key` must outlive
+ * the link. */
 int hrt_common_join(const hrt_common *common, hrt_peer_def *def, app_key *key, hrt_live **live);
 
 #endif

@@ -1,4 +1,5 @@
-/* Quantiles from a fixed-size histogram: 16 cells an octave (error below 1/16), 1 ns to 17 s, no allocation. */
+/* Quantiles from a histogram of fixed size: 16 cells per octave (relative error below 1/16), 1 ns to 17 s, no
+ * allocation. */
 #ifndef HRT_HISTOGRAM_H
 #define HRT_HISTOGRAM_H
 
@@ -22,7 +23,7 @@ static inline void hrt_histogram_add(hrt_histogram *h, int64_t ns) {
     h->count++;
     if (ns > h->max_ns) h->max_ns = ns;
 }
-/* Upper edge of the cell that holds the quantile, at most the maximum; microseconds. 0 when empty. */
+/* Returns the upper edge of the cell that holds the quantile, at most the maximum, us; 0 if empty. */
 static inline double hrt_histogram_us(const hrt_histogram *h, double quantile) {
     const double wanted = quantile * (double)h->count;
     uint64_t seen = 0;
@@ -43,7 +44,7 @@ static inline void hrt_histogram_quantiles(const hrt_histogram *h, double us[4])
 }
 
 struct cJSON;
-/* {"p50": ..., "p99": ..., "p999": ..., "max": ...}, microseconds */
+/* Adds {"p50": ..., "p99": ..., "p999": ..., "max": ...} to the report, in microseconds. */
 void hrt_report_quantiles(struct cJSON *json, const char *name, const hrt_histogram *h);
 void hrt_print_quantiles(const char *name, const hrt_histogram *h);
 

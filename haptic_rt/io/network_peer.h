@@ -1,5 +1,5 @@
-/* A peer on the network, for haptic-rt and tm-device. It hears in a thread of its own, and speaks in another: who
- * publishes leaves the message in a slot without lock, allocation or waiting. */
+/* A peer on the network, for haptic-rt and tm-device. One thread receives, another sends. Publishing stores the message
+ * in a slot without lock, allocation or waiting. */
 #ifndef HRT_LIVE_H
 #define HRT_LIVE_H
 
@@ -8,10 +8,10 @@
 
 typedef struct hrt_live hrt_live;
 
-/* How long messages lay before they were sent. */
+/* Statistics of sent messages. */
 typedef struct hrt_live_sent {
     hrt_histogram lay;
-    int64_t tools, skipped; /* skipped: a newer one came before it could be sent */
+    int64_t tools, skipped; /* skipped: replaced by a newer one before it was sent */
 } hrt_live_sent;
 
 typedef struct hrt_live_refused {
@@ -19,11 +19,12 @@ typedef struct hrt_live_refused {
     app_packet_counts packets;
 } hrt_live_refused;
 
-/* Both threads inherit the caller's scheduling. Null, with `why`, when the URL cannot be opened. */
+/* Opens the peer; both threads inherit the caller's scheduling. Returns null, with `why`, if the URL cannot be opened.
+ */
 hrt_live *hrt_live_open(app_network_opener *network, const char *url, const hrt_peer_def *def, char *why, int why_size);
-/* `sent` (null: not wanted) is filled. */
+/* Closes the peer and fills `sent` (may be null). */
 void hrt_live_close(hrt_live *live, hrt_live_sent *sent);
-/* Both from the loop's thread. */
+/* Call both from the loop's thread. */
 void hrt_live_send_tool(hrt_live *live, const tensormass_tool_state_t *tool);
 void hrt_live_send_status(hrt_live *live, const tensormass_controller_status_t *status);
 hrt_live_refused hrt_live_refusals(hrt_live *live);

@@ -1,5 +1,5 @@
-/* A controller on its bus: controller + CAN codec + mailbox. Who calls hrt_node_tick differs (Linux loop, lockstep
- * simulation), the code does not. */
+/* A controller on its bus: controller, CAN codec and mailbox. The Linux loop and the lockstep simulation call the same
+ * hrt_node_tick. */
 #ifndef HRT_NODE_H
 #define HRT_NODE_H
 
@@ -19,7 +19,7 @@
 extern "C" {
 #endif
 
-/* Where the scene put the trocar and how the device hangs there. World frame. */
+/* Pose of trocar and device in the scene, world frame. */
 typedef struct hrt_pose {
     double trocar_m[3];
     double axis[3]; /* shaft's direction into the body at zero pitch and yaw */
@@ -31,29 +31,31 @@ typedef struct hrt_node_config {
     hrt_mode mode;
     int64_t session; /* new at every start; lockstep: any constant */
     hrt_params params;
-    bool pose_known; /* false: never engages before hrt_node_post_pose */
+    bool pose_known; /* false: does not engage before hrt_node_post_pose */
     hrt_pose pose;
     hrt_extrapolator extrapolator;
     bool passivity, coupling;
-    bool enable; /* permission to engage; true */
+    bool enable; /* permission to engage; default true */
 } hrt_node_config;
 hrt_node_config hrt_node_config_default(int32_t instrument);
 
-/* Commands, thread-safe like samples. -1 leaves a setting. */
+/* A command; posting is thread-safe. -1 leaves a setting unchanged. */
 typedef struct hrt_command {
     int32_t extrapolator, passivity, coupling, enable;
     bool reset;
 } hrt_command;
 
-/* One writer, one reader, no lock. The writer owns a slot, the reader two (the one whose patch is in use, and a spare),
- * one is between them. */
+/* Lock-free mailbox with one writer and one reader. The writer owns one slot, the reader two: the one whose patch is in
+ * use, and a spare. The fourth is exchanged between them. */
 typedef struct hrt_mailbox {
     struct hrt_slot {
         hrt_sample sample;
         hrt_patch patch;
-        uint32_t number; /* of the samples posted */
+        uint32_t number; /* number of the posted sample */
     } slot[4];
-    _Atomic uint32_t between; /* slot number, | 4 when not yet read */
+    _Atomic uint32_t between; /* slot number;
+                               *
+                               * 4: not yet read */
     uint32_t write, held, spare;
 } hrt_mailbox;
 
@@ -64,53 +66,53 @@ typedef struct hrt_node {
     hrt_bus *bus;
     hrt_controller controller;
     hrt_mailbox mailbox;
-    /* the posting thread's */
+    /* used by the posting thread */
     float scratch[HRT_PATCH_COMPLIANCE];
-    bool patch_waits; /* in slot[write], for the sample with its seq */
+    bool patch_waits; /* a patch waits in slot[write] for the sample with its seq */
     int64_t patch_session;
-    hrt_gate gate;       /* whose samples are taken, in what order */
-    int64_t newest_t_us; /* t_n of the newest taken: the controller's own clock, so it never goes back */
+    hrt_gate gate;       /* filter of the samples' senders */
+    int64_t newest_t_us; /* t_n of the newest accepted sample, on the controller's own clock; it never decreases */
     _Atomic uint32_t rejected, late;
     uint32_t posted;
-    _Atomic(const char *) refusal; /* why the last of them; null: none */
-    _Atomic int64_t now_us;        /* of the last tick, */
-    _Atomic bool in_use;           /* and whether it rendered force */
+    _Atomic(const char *) refusal; /* reason of the last rejection; null: none */
+    _Atomic int64_t now_us;        /* time of the last tick */
+    _Atomic bool in_use;           /* whether that tick rendered force */
     _Atomic int32_t wish_extrapolator, wish_passivity, wish_coupling, wish_enable, wish_reset; /* -1: none */
     hrt_pose pose_posted;
-    _Atomic uint32_t pose_count, pose_taken; /* equal: taken over */
-    /* the tick's */
+    _Atomic uint32_t pose_count, pose_taken; /* equal: the posted pose is in use */
+    /* used by the tick */
     hrt_input input;
     hrt_result result;
     hrt_can_exchange exchange;
     uint32_t tool_seq;
     uint32_t taken;      /* number of the last sample taken */
-    uint32_t superseded; /* posted, and a newer one came before the tick that would have taken them */
-    uint32_t lost;       /* never came: gaps in seq, less those */
-    /* for timing figures: set by who wants them */
+    uint32_t superseded; /* samples replaced by a newer one before a tick took them */
+    uint32_t lost;       /* samples never received: gaps in seq, less those rejected */
+    /* for timing: set by the caller, or null */
     int64_t (*clock_ns)(void);
     int64_t stage_ns[HRT_NODE_STAGES];
 } hrt_node;
 
-/* The bus is opened by the caller and outlives the node. */
+/* Initialises the node. The caller opens the bus, which must outlive the node. */
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
-/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here, order and origin
- * too; anything but HRT_ACCEPT never reaches the tick, nor does it push out what waits there. Another simulation is
- * taken when no force is rendered and the present one has been silent for a second (gate.h). */
+/* Posts a patch or a sample; call both from one thread, not the tick's. A patch precedes the sample with its seq. Both
+ * check content, order and origin. Only accepted data reach the tick; rejected data replace nothing in the mailbox.
+ * Another simulation is accepted if no force is rendered and the current one has been silent for a second (gate.h). */
 hrt_reject hrt_node_post_patch(hrt_node *node, const tensormass_contact_patch_t *patch);
 hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t *sample);
-/* Is this the simulation whose samples are taken, or may it become so? From the posting thread. */
+/* Returns whether this simulation is the accepted one or may become so. Call it from the posting thread. */
 bool hrt_node_hears(const hrt_node *node, int64_t session);
-/* Force is rendered. Any thread. */
+/* Returns whether force is rendered; callable from any thread. */
 bool hrt_node_in_use(const hrt_node *node);
-/* The scene's trocar. Taken over while no force is rendered. */
+/* Posts the scene's pose. It takes effect while no force is rendered. */
 void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
 void hrt_node_post_command(hrt_node *node, const hrt_command *command);
-/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told; false: it means nothing
- * yet (no encoders, or no pose). */
+/* Receives, ticks and sends; call it every 2 ms. Fills `tool` (may be null) for the simulation. Returns false if that
+ * is not valid yet: no encoders, or no pose. */
 bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool);
-/* Before the program ends: motors off. */
+/* Turns the motors off; call it before the program ends. */
 void hrt_node_stop(hrt_node *node);
-/* Its texts are constants, not to be freed; timing is the loop's, who fills it in. */
+/* Fills the status. Its texts are constants, not to be freed. The loop adds the timing. */
 void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *status);
 
 #ifdef __cplusplus

@@ -1,4 +1,4 @@
-/* --record: every tick as a row of CSV. The loop puts rows into a ring of fixed size, another thread writes them. */
+/* Records every tick as a CSV row (--record). The loop puts rows into a ring buffer; another thread writes them. */
 #ifndef HRT_RECORD_H
 #define HRT_RECORD_H
 
@@ -23,13 +23,13 @@ typedef struct hrt_record {
     } row[HRT_RECORD_ROWS];
 } hrt_record;
 
-/* An exit code; 0: begun. */
+/* Opens the recording. Returns 0 or an exit code. */
 int hrt_record_begin(hrt_record *record, const hrt_device_type *device, const char *path);
-/* In the loop: never waits. A row that finds no room is lost and counted. */
+/* Adds a row, in the loop's thread; never blocks. Without capacity, the row is dropped and counted. */
 void hrt_record_put(hrt_record *record, double time_s, const hrt_result *result);
-/* Outside of it: writes what has come. */
+/* Writes the waiting rows, in another thread. */
 void hrt_record_write(hrt_record *record);
-/* Writes the rest and puts the file in place. An exit code. */
+/* Writes the remaining rows and publishes the file. Returns an exit code. */
 int hrt_record_end(hrt_record *record);
 void hrt_record_abandon(hrt_record *record);
 

@@ -1,4 +1,4 @@
-/* haptic-rt's command line. */
+/* Command line of haptic-rt. */
 #ifndef HRT_SETTINGS_H
 #define HRT_SETTINGS_H
 
@@ -7,13 +7,13 @@
 
 typedef struct hrt_settings {
     hrt_common common;
-    hrt_node_config node; /* with the instrument and the parameters of `common` */
+    hrt_node_config node; /* instrument and parameters as in `common` */
     const char *samples_path, *record_path;
     double auto_reset_s; /* 0: never */
     bool replay, idle_states;
 } hrt_settings;
 
-/* Defaults, then what was typed. -1: go on; else the exit code. */
+/* Sets the defaults, then reads the command line. Returns -1 to continue, else the exit code. */
 int hrt_settings_read(hrt_settings *settings, int argc, char **argv);
 
 #endif
