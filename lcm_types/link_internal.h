@@ -1,4 +1,4 @@
-/* Shared by the ways that a message may go. */
+/* Internal functions of links, shared by the drivers. */
 #ifndef TM_LINK_INTERNAL_H
 #define TM_LINK_INTERNAL_H
 
@@ -10,10 +10,10 @@ typedef struct app_link_driver {
     int64_t (*now_us)(const app_link *link);
     bool (*wanted)(const app_link *link, const char *channel); /* null: always */
     app_packet_counts (*packets)(const app_link *link);        /* null: there are none */
-    bool (*close)(app_link *link);                             /* frees what the driver took, and the link */
+    bool (*close)(app_link *link);                             /* frees the driver's data and the link */
 } app_link_driver;
 
-/* A driver's own struct begins with it. */
+/* Base of each driver's own struct; its first member. */
 struct app_link {
     const app_link_driver *driver;
     app_link_def def;
@@ -24,12 +24,13 @@ struct app_link {
     int capacity;
 };
 
-/* A link of `bytes` (its driver's struct), all zero but for what `def` says. Null: no memory. */
+/* Creates a link of `bytes` (the driver's struct), zero except for the contents of `def`. Returns null if memory is
+ * exhausted. */
 app_link *app_link_new(size_t bytes, const app_link_driver *driver, const app_link_def *def);
 void app_link_free(app_link *link);
-/* What a driver hands over; to app_link_give, or kept. */
+/* Passes received bytes to app_link_give, or stores them. */
 void app_link_came(app_link *link, const char *channel, int64_t utime, const void *bytes, int size);
-/* Does it listen to this channel? */
+/* Returns whether the link listens to this channel. */
 bool app_link_hears(const app_link *link, const char *channel);
 
 #endif

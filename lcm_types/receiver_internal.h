@@ -1,4 +1,4 @@
-/* Shared by the receiver's drivers. */
+/* Internal functions of the receiver, shared by its drivers. */
 #ifndef TM_RECEIVER_INTERNAL_H
 #define TM_RECEIVER_INTERNAL_H
 
@@ -8,19 +8,19 @@
 
 enum {
     APP_PACKET = 65536,
-    APP_FRAGMENTED = 4,        /* messages put together at once; one more and the oldest is given up */
-    APP_FRAGMENTS = 1 << 16,   /* of a message, by its header's 16 bits */
-    APP_FRAGMENT_US = 1000000, /* older ones are given up */
+    APP_FRAGMENTED = 4,        /* messages assembled concurrently; the oldest is dropped for a new one */
+    APP_FRAGMENTS = 1 << 16,   /* maximum per message: 16 bits in the header */
+    APP_FRAGMENT_US = 1000000, /* maximum age of an incomplete message */
     APP_ADDRESSES = 32
 };
 
-/* A message of which fragments have come. */
+/* An incomplete message and its fragments. */
 typedef struct app_fragmented {
     bool used;
     struct sockaddr_in from;
     uint32_t seq, size, fragments, come, bytes;
     int64_t since_us;
-    int channel; /* -1: its first fragment has not come */
+    int channel; /* -1: first fragment not received yet */
     uint8_t *data;
     uint8_t seen[APP_FRAGMENTS / 8];
 } app_fragmented;
@@ -40,14 +40,14 @@ struct app_receiver {
     uint8_t *store;
     app_fragmented fragmented[APP_FRAGMENTED];
     uint8_t packet[APP_PACKET];
-    /* others */
+    /* other schemes */
     void *lcm;
 };
 
-/* Number of a channel, -1: not ours. */
+/* Returns the number of a channel, -1 if it has no listener. */
 int app_receiver_find(const app_receiver *receiver, const char *name);
 void app_receiver_dispatch(app_receiver *receiver, int channel, const void *data, int size);
-/* One packet as it came; for the socket and for the fuzzer. */
+/* Processes one packet; for the socket and the fuzzer. */
 void app_udpm_packet(app_receiver *receiver, const struct sockaddr_in *from, const uint8_t *packet, int size,
                      int64_t now_us);
 

@@ -1,4 +1,5 @@
-/* The frames of impulse_engine.dbc as structs, with their counters, checksums and ids. No operating system, no heap. */
+/* Converts the frames of impulse_engine.dbc to structs and back, with counters, checksums and ids. No operating system,
+ * no heap. */
 #ifndef HRT_CODEC_H
 #define HRT_CODEC_H
 
@@ -16,10 +17,10 @@ typedef struct hrt_can_counters {
     uint32_t lost;     /* gaps in a counter */
     uint32_t repeated; /* the same counter again */
     uint32_t corrupt;  /* checksum, length or value wrong */
-    uint32_t foreign;  /* not ours: ids we do not know, extended, remote */
+    uint32_t foreign;  /* unknown id, extended or remote frame */
     uint32_t error;    /* error frames */
     uint32_t bus_off;
-    uint32_t command_gaps; /* controller: commands that the device missed, as it tells */
+    uint32_t command_gaps; /* controller: missed commands, reported by the device */
 } hrt_can_counters;
 
 typedef enum hrt_can_kind {
@@ -35,7 +36,7 @@ typedef enum hrt_can_kind {
     HRT_CAN_RESET
 } hrt_can_kind;
 
-/* The frames carry so many counts. */
+/* Number of counts in the frames. */
 enum { HRT_CAN_JOINTS = 5 };
 
 typedef struct hrt_can_message {
@@ -52,12 +53,12 @@ typedef struct hrt_can_message {
     uint16_t detail;      /* device fault */
 } hrt_can_message;
 
-/* Fills `frame`; values are clamped to what the frame can carry. False for a kind that is never sent. */
+/* Packs a message; values are clamped to the frame's ranges. Returns false for a kind that is never sent. */
 bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame);
-/* Kind CORRUPT or FOREIGN when it is not one of ours. */
+/* Unpacks a frame; its kind is CORRUPT or FOREIGN if it is invalid or unknown. */
 void hrt_can_unpack(const hrt_can_frame *frame, hrt_can_message *message);
 
-/* Torque per count on the wire: N m, N m, N. */
+/* Torque per count in a frame: N m, N m, N. */
 extern const float hrt_can_torque_unit[HRT_MOTORS];
 
 #ifdef __cplusplus

@@ -1,5 +1,6 @@
-/* The controller's side of the bus: messages into hrt_input, hrt_result into frames. No operating system, no heap:
- * hrt_node and the firmware both use it. What lost, late, repeated, corrupt and foreign frames do is defined here. */
+/* The controller's side of the bus: converts messages to hrt_input and hrt_result to frames. No operating system, no
+ * heap: hrt_node and the firmware share it. It defines the effect of lost, late, repeated, corrupt and foreign frames.
+ */
 #ifndef HRT_CAN_EXCHANGE_H
 #define HRT_CAN_EXCHANGE_H
 
@@ -13,33 +14,33 @@ enum { HRT_CAN_EXCHANGE_FRAMES = 3, HRT_CAN_EXCHANGE_BEAT_US = 50000, HRT_CAN_EX
 
 typedef struct hrt_can_exchange {
     int32_t instrument;
-    int32_t half_count[HRT_MOTORS]; /* EncoderA waits for its EncoderB */
+    int32_t half_count[HRT_MOTORS]; /* counts of EncoderA, until its EncoderB comes */
     uint8_t half_counter;
     bool half_waits;
     bool encoder_known;
     uint8_t encoder_counter, command_counter, beat_counter;
     bool gaps_known;
-    uint16_t gaps;                     /* as the device told last */
-    uint32_t commands, commands_since; /* sent; of these since then */
+    uint16_t gaps;                     /* last reported by the device */
+    uint32_t commands, commands_since; /* commands sent in total, and since that report */
     int64_t beat_us, reset_us;         /* 0: never */
     hrt_can_counters can;
 } hrt_can_exchange;
 
 void hrt_can_exchange_init(hrt_can_exchange *exchange, int32_t instrument);
-/* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10
- * ms, is forgotten. */
+/* Prepares a reset; call it before the tick with input->reset. Discards fault reports of the device up to now and for
+ * 10 ms more. */
 void hrt_can_exchange_reset(hrt_can_exchange *exchange, int64_t now_us, hrt_input *input);
-/* One received message; those of other instruments change nothing. Our own kinds come from a rival (the bus gives
- * nobody his own frames back), and so do more gaps in the commands than commands were sent. Encoder counts are taken
- * when both halves came under one counter newer than the last; a repeated or overtaken set is no sign of life. */
+/* Processes a received message; those of other instruments have no effect. Our own kinds show a bus conflict, since the
+ * bus does not return our own frames. So does a device that missed more commands than we sent. Encoder counts are used
+ * once both halves came with one counter newer than the last. A repeated or overtaken set is not a sign of life. */
 void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *message,
                            hrt_input *input);
-/* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame`
- * were filled. */
+/* Builds the frames to send after a tick: a requested reset, the command, periodically the heartbeat. Returns how many
+ * of `frame` are filled. */
 int32_t hrt_can_exchange_frames(hrt_can_exchange *exchange, int64_t now_us, const hrt_result *result, bool reset,
                                 hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES]);
 
-/* A last command: motors off. */
+/* Builds the last command: motors off. */
 bool hrt_can_exchange_off(hrt_can_exchange *exchange, hrt_can_frame *frame);
 
 #ifdef __cplusplus

@@ -13,7 +13,8 @@ typedef struct hrt_can_frame {
     uint8_t data[8];
 } hrt_can_frame;
 
-/* Bits on the wire of a classical frame with 11-bit id and `length` bytes, worst-case stuffing and interframe space. */
+/* Returns the bits on the wire of a classical frame with 11-bit id and `length` bytes, with worst-case stuffing and
+ * interframe space. */
 static inline uint32_t hrt_can_bits(uint32_t length) { return 47u + 8u * length + (34u + 8u * length - 1u) / 4u; }
 
 #endif

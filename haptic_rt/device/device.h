@@ -1,6 +1,6 @@
-/* The virtual device: mass, Coulomb and viscous friction, encoder counts, torque saturation, a watchdog that drops the
- * torque when commands stop, and a simulated hand. Speaks the frames of impulse_engine.dbc on any bus. Who
- * calls hrt_device_step differs (tm-device, lockstep simulation), the code does not. */
+/* The virtual device: mass, Coulomb and viscous friction, encoder counts, torque saturation and a simulated hand. Its
+ * watchdog drops the torque when commands stop. It uses the frames of impulse_engine.dbc on any bus. tm-device and the
+ * lockstep simulation call the same hrt_device_step. */
 #ifndef HRT_DEVICE_H
 #define HRT_DEVICE_H
 
@@ -16,21 +16,21 @@ extern "C" {
 typedef struct hrt_device_config {
     int32_t instrument;
     hrt_params profile; /* counts, workspace, torque limits */
-    /* By driven joint, in the units of hrt_twin. */
+    /* Per driven joint, in the units of hrt_twin. */
     double inertia[HRT_MOTORS], viscous[HRT_MOTORS], coulomb[HRT_MOTORS];
-    double hand_stiffness[HRT_MOTORS]; /* 0 lets go */
+    double hand_stiffness[HRT_MOTORS]; /* 0: no hand */
     double hand_damping[HRT_MOTORS];
-    double roll_grip_rate;   /* 1/s: joints without a motor follow the hand with this rate */
-    double rest[HRT_JOINTS]; /* where it starts */
-    double watchdog_us;      /* 20000: without a command the torque drops */
-    double period_us;        /* 2000: encoder frames */
-    double start_us;         /* script time zero, after the first step */
-    uint64_t seed;           /* noise; 0: none */
-    double noise_counts;     /* RMS, of each encoder, before rounding */
+    double roll_grip_rate;   /* 1/s: rate at which joints without a motor follow the hand */
+    double rest[HRT_JOINTS]; /* initial joints */
+    double watchdog_us;      /* time without a command after which the torque drops; default 20000 */
+    double period_us;        /* period of encoder frames; default 2000 */
+    double start_us;         /* delay of the script's time zero after the first step */
+    uint64_t seed;           /* seed of the noise; 0: none */
+    double noise_counts;     /* RMS noise of each encoder, before rounding */
     uint16_t session;        /* not 0 */
     hrt_hand_script hand;
 } hrt_device_config;
-/* Of the first device of the table; of one of them. */
+/* Return the defaults of the first device of hrt_device_types, and of a given one. */
 hrt_device_config hrt_device_config_default(int32_t instrument);
 hrt_device_config hrt_device_config_of(const hrt_device_type *device, int32_t instrument);
 
@@ -46,10 +46,10 @@ typedef struct hrt_device {
     hrt_bus *bus;
     bool started;
     int64_t start_us, now_us, sent_us, beat_us, command_us, heard_us;
-    bool unplugged; /* tests: hears and says nothing */
+    bool unplugged; /* for tests: neither receives nor sends */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
-    double torque[HRT_MOTORS]; /* applied now, N m or N */
-    double target[HRT_JOINTS]; /* the hand's, now */
+    double torque[HRT_MOTORS]; /* current torque, N m or N */
+    double target[HRT_JOINTS]; /* current target of the hand */
     bool external;             /* targets come from hrt_device_hand */
     double external_target[HRT_JOINTS];
     bool external_active;
@@ -60,15 +60,15 @@ typedef struct hrt_device {
     int32_t corrupt_in_a_row;
     uint64_t random;
     hrt_can_counters can;
-    uint32_t commands; /* good ones */
+    uint32_t commands; /* valid commands received */
 } hrt_device;
 
-/* The bus is opened by the caller and outlives the device. */
+/* Initialises the device. The caller opens the bus, which must outlive the device. */
 void hrt_device_init(hrt_device *device, const hrt_device_config *config, hrt_bus *bus);
-/* Takes commands, moves to `now_us` (steps of at most 250 us), sends encoder frames that are due. In lockstep call it
+/* Receives commands, moves to `now_us` (steps of at most 250 us), and sends due encoder frames. In lockstep call it
  * before hrt_node_tick(now_us). */
 void hrt_device_step(hrt_device *device, int64_t now_us);
-/* The hand follows this from now on instead of the script. */
+/* Makes the hand follow these joints from now on, instead of the script. */
 void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool active);
 
 #ifdef __cplusplus

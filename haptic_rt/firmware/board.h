@@ -1,6 +1,6 @@
-/* What the firmware asks of a board: a periodic tick, a CAN controller, a link to the simulation, a watchdog. One
- * board_*.c implements it. The tick runs in the timer's interrupt; what may take longer than a tick (checking a patch)
- * runs below it, in main. */
+/* Board interface of the firmware: a periodic tick, a CAN controller, a link to the simulation, a watchdog. One
+ * board_*.c implements it. The tick runs in the timer's interrupt; longer work (checking a patch) runs below it, in
+ * main. */
 #ifndef FW_BOARD_H
 #define FW_BOARD_H
 
@@ -16,38 +16,39 @@
 enum { FW_PERIOD_US = 2000 };
 #define FW_STACK_PAINT 0xA5A5A5A5u
 
-/* CAN at 1 Mbit/s, the link, the watchdog, and a timer interrupt every FW_PERIOD_US that calls `tick`. */
+/* Starts CAN at 1 Mbit/s, the link, the watchdog, and a timer interrupt every FW_PERIOD_US that calls `tick`. */
 void fw_board_start(void (*tick)(void));
-/* In main, below the tick: sleeps until there was an interrupt. */
+/* Sleeps until the next interrupt; call it in main. */
 void fw_board_sleep(void);
-/* In the tick. This clock need not agree with anybody's: the timer's interrupts counted are enough. */
+/* Returns the time, in the tick. The clock need not match any other: a count of timer interrupts suffices. */
 int64_t fw_board_now_us(void);
-/* From the tick. When it does not come for a few ticks the board resets; the device's own watchdog has dropped the
- * torque by then. */
+/* Feeds the watchdog, from the tick. After a few missing ticks the board resets; the device's own watchdog has dropped
+ * the torque by then. */
 void fw_board_watchdog(void);
-/* Something that cannot be: no command leaves the board any more. */
+/* Stops after an internal error; the board sends no further command. */
 _Noreturn void fw_board_panic(const char *why);
 
-/* The CAN controller, from the tick: classical frames, in the order of the bus. False: none waits, or no room. */
+/* Receive or send a classical frame, from the tick, in the order of the bus. Return false if none waits or the queue is
+ * full. */
 bool fw_can_receive(hrt_can_frame *frame);
 bool fw_can_send(const hrt_can_frame *frame);
-/* False after bus-off; the driver recovers by itself (128 times 11 recessive bits). */
+/* Returns false after bus-off; the driver recovers by itself (128 times 11 recessive bits). */
 bool fw_can_ok(void);
 
-/* What the link brought since the last tick: the newest whole message of each kind, positions already relative to the
+/* News from the link since the last tick: the newest complete message of each kind, with positions relative to the
  * trocar. */
 typedef struct fw_news {
     bool sample, patch, command;
-    bool enable, reset, passivity, coupling; /* with `command` */
+    bool enable, reset, passivity, coupling; /* valid with `command` */
     hrt_extrapolator extrapolator;
 } fw_news;
-/* In main. Writes at most one sample and, when it came with one, the patch into `patch` (null: this firmware has no
- * room for patches). */
+/* Receives from the link, in main. Writes at most one sample and the patch that came with it (`patch` null: no memory
+ * for patches). */
 void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch);
-/* In the tick, for whoever listens: the tool's state for the simulation, the controller's status. */
+/* Sends the tool's state for the simulation and the controller's status, in the tick. */
 void fw_link_send(int32_t device, const hrt_result *result);
 
-/* The board's interrupt handler of the core's own timer (the vector table names it). */
+/* Handles the core timer's interrupt; named in the vector table. */
 void fw_systick(void);
 
 #endif

@@ -1,13 +1,12 @@
-/* The firmware's work for every device on the bus, in two halves: the tick, in the timer's interrupt, and below it the
- * checking of what the simulation sent. The same on the board and, compiled for the host, in the reference of its test.
- * Static memory, bounded loops. */
+/* The firmware's loop over all devices on the bus: the tick in the timer's interrupt, and checks of the simulation's
+ * data below it. The board and the test's reference on the host share this code. Static memory, bounded loops. */
 #ifndef FW_LOOP_H
 #define FW_LOOP_H
 
 #include "board.h"
 #include "can/exchange.h"
 
-/* Patches: 0 leaves `local_model` without a patch (it runs as `tangent`), 1 keeps one in use and one being received. */
+/* 0: no patches, `local_model` runs as `tangent`; 1: one patch in use and one being received. */
 #ifndef FW_PATCHES
 #define FW_PATCHES 0
 #endif
@@ -17,7 +16,7 @@ typedef struct fw_device {
     hrt_can_exchange exchange;
     hrt_input input;
     hrt_result result;
-    /* from main to the tick: main writes while `posted` is false, the tick reads and clears it */
+    /* from main to the tick: main writes while `posted` is false; the tick reads, then clears it */
     volatile bool posted;
     fw_news news;
     hrt_sample sample;
@@ -32,12 +31,12 @@ typedef struct fw_loop {
 } fw_loop;
 
 void fw_loop_init(fw_loop *loop, int64_t session);
-/* In the interrupt: receive frames, tick, send. */
+/* Receives frames, ticks and sends, in the interrupt. */
 void fw_loop_tick(fw_loop *loop, int64_t now_us);
-/* In main: take what the link brought, check it, post it to the tick. */
+/* Receives from the link, checks, and posts to the tick, in main. */
 void fw_loop_background(fw_loop *loop);
 
-/* Around every hrt_tick and every patch's check, for builds that measure; empty in the product. */
+/* Called around every hrt_tick and every patch check, for builds that measure; empty in the product. */
 typedef enum fw_span { FW_SPAN_TICK, FW_SPAN_PATCH } fw_span;
 void fw_measure_begin(int32_t device, fw_span span);
 void fw_measure_end(int32_t device, fw_span span);

@@ -1,4 +1,4 @@
-/* The timer every Cortex-M has in its core. */
+/* The core timer of every Cortex-M. */
 #ifndef FW_SYSTICK_H
 #define FW_SYSTICK_H
 

@@ -87,7 +87,7 @@ typedef struct hrt_node {
     uint32_t tool_seq;
     uint32_t taken;      /* number of the last sample taken */
     uint32_t superseded; /* samples replaced by a newer one before a tick took them */
-    uint32_t lost;       /* samples never received: gaps in seq, less those rejected */
+    uint32_t lost;       /* samples never received: gaps in seq, less `superseded` */
     /* for timing: set by the caller, or null */
     int64_t (*clock_ns)(void);
     int64_t stage_ns[HRT_NODE_STAGES];
