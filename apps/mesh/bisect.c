@@ -1,5 +1,5 @@
-/* Longest-edge bisection (Rivara): an edge is halved only where it is the longest of every tetrahedron around it, so
- * that the mesh stays conformal and shapes do not degrade from halving to halving. */
+/* Longest-edge bisection (Rivara): halves an edge only if it is the longest of every tetrahedron around it. The mesh
+ * stays conformal, and shapes do not degrade with repeated halving. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -87,8 +87,8 @@ static int new_vertex(work *w, const edge *e) {
     return v;
 }
 
-/* The tetrahedron keeps the half at e.a; a new one gets the half at e.b. Both inherit orientation, region and parent.
- */
+/* Halves a tetrahedron: it keeps the half at e.a, a new one gets the half at e.b. Both inherit orientation, region and
+ * parent. */
 static bool halve(work *w, int tet, const edge *e, int middle) {
     growing *m = w->m;
     int v[4];
@@ -114,7 +114,7 @@ static bool halve(work *w, int tet, const edge *e, int middle) {
     return true;
 }
 
-/* Halves the longest edge at the end of the path of ever longer edges that begins at `tet`. */
+/* Halves the longest edge at the end of the path of ever longer edges from `tet`. */
 static bool halve_near(work *w, int tet) {
     edge e = longest_edge(w->m, tet);
     const bag *near;
@@ -161,7 +161,7 @@ bool growing_bisect(growing *m, growing_wanted_fn *wanted, const void *context, 
                     int **midpoint) {
     work w = {.m = m};
     bool good = start(&w);
-    for (int t = 0; good && t < m->tet_count; t++) /* halves made on the way sit at the end and are met later */
+    for (int t = 0; good && t < m->tet_count; t++) /* new halves are appended, so the loop reaches them later */
         while (good) {
             if (!wanted(m, t, growing_longest_edge_m(m, t), context)) break;
             good = m->tet_count < limit && halve_near(&w, t);

@@ -1,4 +1,4 @@
-/* tm-mesh fill: tetrahedra inside closed surfaces. */
+/* tm-mesh fill: makes tetrahedra inside closed surfaces. */
 #include <getopt.h>
 #include <math.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@ typedef struct options {
     char *const *in;
     const char *out;
     int files;
-    double scale, size_m; /* 0: not said */
+    double scale, size_m; /* 0: not given */
     bool repair;
 } options;
 
@@ -79,7 +79,7 @@ static int parse(int argc, char **argv, options *o) {
                          "no surface says the unit of its coordinates; give --unit mm (or m, cm, um, inch)");
 }
 
-/* One region 'tissue', one group 'surface', numbers from 1. */
+/* Makes the file's mesh: one region 'tissue', one group 'surface', numbers from 1. */
 static bool to_file(const growing *m, tm_mesh_file *out) {
     unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     int32_t members = 0;
@@ -107,8 +107,8 @@ static bool to_file(const growing *m, tm_mesh_file *out) {
     return true;
 }
 
-/* A pinched surface (two parts that touch in one vertex) comes of details as fine as the lattice: a little finer a
- * lattice is tried. */
+/* Fills the body; if the result is pinched, retries with a slightly finer lattice. Pinched surfaces (two parts that
+ * touch in one vertex) come from details as fine as the lattice. */
 static bool fill_manifold(growing *m, const growing_solid *body, double size_m) {
     for (int attempt = 0; attempt < 8 && !m->no_memory; attempt++, size_m *= 0.97) {
         growing_free(m);
@@ -158,7 +158,7 @@ static int fill_one(const options *o, const shell *surface, tm_mesh_file *out) {
     return exit;
 }
 
-/* Of the box around all of them, m. */
+/* Returns the longest side of the box around all surfaces, m. */
 static double longest_side_m(const surfaces *s) {
     double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
     for (int i = 0; i < s->pieces; i++) {
@@ -171,7 +171,7 @@ static double longest_side_m(const surfaces *s) {
     return fmax(high[0] - low[0], fmax(high[1] - low[1], high[2] - low[2]));
 }
 
-/* Before the work: how many tetrahedra will come, about. */
+/* Estimates the number of tetrahedra before the work, and rejects too many. */
 static int check_size(const options *o, const surfaces *s) {
     double volume_m3 = 0;
     for (int i = 0; i < s->pieces; i++)

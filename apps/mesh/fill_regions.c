@@ -1,4 +1,4 @@
-/* Several closed surfaces become regions: the mesher of the module `image` asks which region a place is in. */
+/* Makes several closed surfaces into regions: the mesher of the module `image` queries the region at a point. */
 #include "surfaces.h"
 
 #include <math.h>
@@ -19,8 +19,8 @@ typedef struct job {
     int seeds, expected;
 } job;
 
-/* A place deep in piece i that is of its region: below the middles of its triangles, as far from every surface as can
- * be had. */
+/* Finds a point deep in piece i that is in its region: below the centres of its triangles, as far from every surface as
+ * possible. */
 static bool find_seed(const surfaces *s, int i, double place[3]) {
     const shell *one = s->piece[i].shell;
     const int n = shell_triangles(one), step = 1 + n / 60;
@@ -44,8 +44,8 @@ static bool find_seed(const surfaces *s, int i, double place[3]) {
     return best > 0;
 }
 
-/* Of a region: what its pieces hold less what lies in them, about; the sizes of its tetrahedra follow as from an image
- * (a tube of radius r has V/A = r/2). */
+/* Estimates the volume of each region: its pieces less those inside them. Tetrahedron sizes follow as for an image (a
+ * tube of radius r has V/A = r/2). */
 static void measure(job *j) {
     const surfaces *s = j->s;
     for (int i = 0; i < s->pieces; i++) {
@@ -135,9 +135,9 @@ static int mesh(job *j, const image_api *api, image_tets *tets) {
     return image_improve(tets, j->s->regions, between, j->s) ? APP_DONE : command_no_memory(j->path);
 }
 
-/* --- the mesh of a file --- */
+/* --- the file's mesh --- */
 
-/* Group "surface", and NAME_outer of what of it is a region's. */
+/* Adds the group "surface", and NAME_outer with each region's part of it. */
 static bool add_groups(const image_tets *m, const surfaces *s, tm_mesh_file *out) {
     uint8_t *outer = calloc((size_t)m->vertices + 1, 1), *mine = malloc((size_t)m->vertices + 1);
     int *face = NULL, members = 0;
@@ -182,7 +182,7 @@ static double tet_m3(const image_tets *m, int t) {
     return vdot(n, e[2]) / 6;
 }
 
-/* A region that vanished is refused. */
+/* Reports the regions; rejects a mesh in which one vanished. */
 static int report(const job *j, const image_tets *m) {
     int count[SURFACES_MAX + 1] = {0};
     double volume[SURFACES_MAX + 1] = {0};

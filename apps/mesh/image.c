@@ -1,4 +1,4 @@
-/* tm-mesh image: from the labels of a segmented image to tetrahedra. */
+/* tm-mesh image: makes tetrahedra from the labels of a segmented image. */
 #include "image.h"
 
 #include <ctype.h>
@@ -88,7 +88,7 @@ static int parse_budget(const char *text, image_options *o) {
     return APP_DONE;
 }
 
-/* Words of a list separated by commas; each sets a flag. */
+/* Reads words separated by commas; each sets a flag. */
 static int parse_words(const char *option, const char *text, const char *const *word, bool *const *flag, int count) {
     char list[200], *rest = list;
     snprintf(list, sizeof list, "%s", text);
@@ -210,7 +210,7 @@ static int parse(int argc, char **argv, image_options *o) {
 
 static bool chooses(const image_options *o) { return o->regions && !o->all; }
 
-/* Where all labels stay: what was asked for some of them goes to their places among all. */
+/* Moves the options of named labels to their indices among all labels, if all are meshed. */
 static int spread_regions(const label_field *field, image_options *o) {
     static image_region asked[LABEL_MAX + 1];
     const int count = o->regions;
@@ -226,7 +226,7 @@ static int spread_regions(const label_field *field, image_options *o) {
     return APP_DONE;
 }
 
-/* Regions of all labels, with the file's names or label_N, each name once. */
+/* Names the regions of all labels, from the file or as label_N, each name once. */
 static void name_regions(const image_volume *volume, const label_field *field, image_options *o) {
     for (int l = 1; l <= field->labels; l++) {
         image_region *r = &o->region[l];
@@ -271,7 +271,7 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     return APP_DONE;
 }
 
-/* A label that vanished or fell apart, told with its figures; with --strict refused. */
+/* Reports labels that vanished or fell apart, with figures; rejects them with --strict. */
 static int check_mesh(const image_options *o, const label_field *f, const image_mesh *m) {
     int exit = APP_DONE;
     for (int l = 1; l <= f->labels; l++) {

@@ -1,5 +1,4 @@
-/* Moves the vertices of an image's mesh so that the smallest tetrahedron grows, and keeps its surfaces where they are.
- */
+/* Moves the vertices of an image's mesh to enlarge the smallest tetrahedron, and keeps its surfaces in place. */
 #include <stdlib.h>
 
 #include "image.h"
@@ -12,7 +11,7 @@ static bool none_wanted(const growing *m, int tet, double longest_m, const void 
     return false;
 }
 
-/* Which labels meet at a vertex: how many, 3 for more, and the first two; 0 is outside. */
+/* Labels that meet at a vertex: their number, 3 for more, and the first two; 0 is outside. */
 typedef struct sides {
     uint8_t count, label[2];
 } sides;
@@ -21,7 +20,7 @@ typedef struct meeting {
     const growing *mesh; /* its faces are those between labels */
     sides *at;           /* [vertices] */
     int *begin, *face;   /* faces around vertex v: face[begin[v]] to before begin[v + 1] */
-    double *normal;      /* [3*faces] unit, as they were */
+    double *normal;      /* [3*faces] unit, at the start */
     image_between_fn *between;
     const void *shape;
 } meeting;
@@ -33,7 +32,8 @@ static void enter(sides *at, uint8_t label) {
     if (at->count < 3) at->count++;
 }
 
-/* Enters every tetrahedron's label for its vertices, and 0 for those of the mesh's outer faces; false: no memory. */
+/* Records every tetrahedron's label at its vertices, and 0 at those of outer faces. Returns false if memory is
+ * exhausted. */
 static bool enter_all(const image_tets *m, sides *at) {
     int *face = NULL;
     const int faces = image_faces(m, 0, &face);
@@ -45,7 +45,8 @@ static bool enter_all(const image_tets *m, sides *at) {
     return faces >= 0;
 }
 
-/* On its surface, and no face around it turned far: a vertex that slides round a thin label's side leaves a thorn. */
+/* Moves a vertex onto its surface; returns false if a face around it rotated far. A vertex that slides round a thin
+ * label's edge leaves a spike. */
 static bool settle(const void *context, int v, double p[3]) {
     const meeting *of = context;
     if (of->at[v].count < 2) return true;
@@ -76,8 +77,8 @@ static bool make_meeting(const image_tets *m, int labels, growing *g, meeting *o
     return true;
 }
 
-/* Vertices move so that the smallest tetrahedron, which sets the time step, grows: freely within a label, along the
- * surface between two, not at all where three meet. */
+/* Enlarges the smallest tetrahedron, which sets the time step. Vertices move freely within a label, along the surface
+ * between two labels, and not at all where three meet. */
 bool image_improve(image_tets *m, int labels, image_between_fn *between, const void *shape) {
     growing g = {.vertex_count = m->vertices, .tet_count = m->tets, .vertex = m->vertex_m, .tet = m->tet};
     meeting of = {.between = between, .shape = shape};

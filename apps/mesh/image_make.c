@@ -1,5 +1,5 @@
-/* Meshing again and again until the count of tetrahedra, or the load of this machine, and the labels' volumes are what
- * was asked for; then optimisation, once. */
+/* Repeats meshing until the number of tetrahedra, or this machine's load, and the labels' volumes match the request;
+ * then optimises once. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,9 +27,9 @@ typedef struct pass {
     label_field *field;
     image_domain domain;
     double *seed_m;
-    int expected; /* vertices, for the progress line */
-    double relax; /* a thin label's tetrahedra may be so many times as large as it is thick */
-    bool finish;  /* optimise: seconds a pass, so at the end alone, and where steps are what is fitted */
+    int expected; /* vertices, for the progress display */
+    double relax; /* maximum tetrahedron size of a thin label relative to its thickness */
+    bool finish;  /* optimise; takes seconds a pass, so only at the end or when steps are fitted */
 } pass;
 
 static bool go_on(void *context, const char *doing, int vertices) {
@@ -42,8 +42,8 @@ static bool go_on(void *context, const char *doing, int vertices) {
     return !app_interrupted();
 }
 
-/* A label's tetrahedra are of the size asked for, and no larger than the label is thick (a tube of radius r has
- * V/A = r/2; voxels' faces are half as much again as the surface they step along), so that it does not fall apart. */
+/* Sets the size of each label's tetrahedra: as requested, but at most the label's thickness, so that it does not fall
+ * apart. A tube of radius r has V/A = r/2; voxel faces have 1.5 times the area of the surface. */
 static void set_sizes(const pass *p, double size_m, image_mesh *mesh) {
     const double *s = p->field->spacing_m, voxel_m3 = s[0] * s[1] * s[2];
     mesh->size_m = size_m;
@@ -101,8 +101,8 @@ static double worst_volume(const label_field *f, const image_mesh *mesh) {
     return worst;
 }
 
-/* Chords cut off what is round, and so does smoothing: each label's surface moves outwards by what it lacks over its
- * area. Across the surface the difference of two labels' strengths grows by 2/(sqrt(2 pi) sigma) a metre. */
+/* Moves each label's surface outward by its missing volume over its area: chords and smoothing cut off convex parts.
+ * Across the surface the difference of two labels' strengths grows by 2/(sqrt(2 pi) sigma) per metre. */
 static void correct_volumes(const pass *p, const image_mesh *mesh) {
     const double *s = p->field->spacing_m, voxel_m = cbrt(s[0] * s[1] * s[2]);
     for (int l = 1; l <= p->field->labels; l++) {
@@ -125,21 +125,21 @@ static double first_size(const pass *p) {
     return cbrt(9 * volume_m3 / (p->o->budget > 0 ? p->o->budget : 5000));
 }
 
-/* What of the budget is used: tetrahedra, or load. */
+/* Returns the budget used: tetrahedra, or load. */
 static double used(const pass *p, const image_mesh *mesh) {
     if (p->o->budget > 0) return mesh->tets.tets / (double)p->o->budget;
     return p->o->budget < 0 ? mesh->load / p->o->budget_load : count_aim;
 }
 
-/* Tetrahedra of labels whose size was asked for: the budget cannot change them. */
+/* Returns the number of tetrahedra in labels of a given size, which the budget cannot change. */
 static int own_tets(const pass *p, const image_mesh *mesh) {
     int own = 0;
     for (int l = 1; l <= p->field->labels; l++) own += p->o->region[l].size_m > 0 ? mesh->of[l].tets : 0;
     return own;
 }
 
-/* Sizes until the budget is used, volumes alongside. Where larger ones alone do not get there, thin labels' tetrahedra
- * grow beyond their thickness. */
+/* Adjusts sizes until the budget is used, and volumes with them. If larger sizes do not suffice, thin labels'
+ * tetrahedra exceed their thickness. */
 static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
     double before = HUGE_VAL;
     for (int i = 0; i < passes; i++) {
@@ -148,7 +148,7 @@ static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
         const double part = fmax(0.01, used(p, mesh)), worst = worst_volume(p->field, mesh);
         const bool fits = part >= count_low && part <= 1;
         if ((fits && (worst <= volume_aim || (i >= 3 && worst > 0.8 * before))) || i == passes - 1) break;
-        /* a mesh costs as 1/size^3, its load as 1/size^4 */
+        /* number of tetrahedra ~ 1/size^3, load ~ 1/size^4 */
         if (p->o->budget > 0 && own_tets(p, mesh) > count_low * p->o->budget) break;
         if (part > 1 && i >= 6) p->relax *= pow(part / count_aim, 1.0 / 3);
         if (!fits) *size_m *= pow(part / count_aim, p->o->budget < 0 ? 0.25 : 1.0 / 3);
@@ -158,9 +158,9 @@ static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
     return APP_DONE;
 }
 
-/* --- the whole --- */
+/* --- complete meshing --- */
 
-/* One place in each piece. */
+/* Sets one seed point in each piece. */
 static bool set_domain(pass *p) {
     label_field *f = p->field;
     p->seed_m = malloc((3 * (size_t)f->piece_count + 1) * sizeof *p->seed_m);
@@ -175,7 +175,7 @@ static bool set_domain(pass *p) {
     return p->seed_m != NULL;
 }
 
-/* Before the work: a size that would make millions of tetrahedra is a slip. */
+/* Rejects a size that would make millions of tetrahedra, before the work: it is a mistake. */
 static int check_count(const pass *p, double size_m) {
     const double *s = p->field->spacing_m;
     image_mesh sizes = {0};
@@ -189,7 +189,7 @@ static int check_count(const pass *p, double size_m) {
                          count);
 }
 
-/* More than the budget is told; with --strict, or where two wishes cannot both be met, refused. */
+/* Reports an exceeded budget; rejects it with --strict, or if two requests contradict each other. */
 static int check_budget(const pass *p, const image_mesh *mesh) {
     const image_options *o = p->o;
     const int own = own_tets(p, mesh);

@@ -1,4 +1,4 @@
-/* What the mesh made of each label, held against the voxels. */
+/* Compares each label in the mesh with its voxels. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "signed_distance.h"
 
 typedef struct side {
-    int v[3], at; /* ascending; at = 4*tet + corner opposite */
+    int v[3], at; /* v ascending; at = 4*tet + opposite corner */
 } side;
 
 static int by_corners(const void *a, const void *b) {
@@ -33,7 +33,7 @@ static side side_of(const int *tet, int at) {
     return s;
 }
 
-/* All faces of one label's tetrahedra (0: of all), sorted. */
+/* Returns all faces of one label's tetrahedra (0: of all), sorted. */
 static side *sides_of(const image_tets *m, int label, int *count) {
     side *all = malloc((4 * (size_t)m->tets + 1) * sizeof *all);
     *count = 0;
@@ -100,7 +100,7 @@ static double tet_m3(const image_tets *m, int t) {
            6;
 }
 
-/* parent[t]: tetrahedra that hang together through faces, those of one label alone or all. */
+/* Connects tetrahedra through faces, within a label or across labels; parent[t] is their union-find tree. */
 static bool join_tets(const image_tets *m, bool across, int32_t *parent) {
     int count;
     side *all = sides_of(m, 0, &count);
@@ -113,7 +113,7 @@ static bool join_tets(const image_tets *m, bool across, int32_t *parent) {
     return all != NULL;
 }
 
-/* Pieces of each label that hang together through faces, and the volume of the largest. */
+/* Counts the pieces of each label, connected through faces, and the volume of the largest. */
 static bool count_pieces(image_mesh *mesh) {
     const image_tets *m = &mesh->tets;
     int32_t *parent = malloc(((size_t)m->tets + 1) * sizeof *parent);
@@ -135,7 +135,7 @@ static bool count_pieces(image_mesh *mesh) {
 
 const double image_loose_share = 0.01;
 
-/* Tetrahedra that stay, in their order, and the vertices that they name. */
+/* Keeps the selected tetrahedra, in order, and the vertices that they use. */
 static bool keep_tets(image_tets *m, const uint8_t *stays) {
     int *number = malloc(((size_t)m->vertices + 1) * sizeof *number), tets = 0, vertices = 0;
     if (!number) return false;
@@ -163,7 +163,7 @@ bool image_drop_loose(const label_field *field, image_mesh *mesh) {
     const size_t room = (size_t)m->tets + 1;
     int32_t *parent = malloc(room * sizeof *parent);
     double *volume_m3 = calloc(room, sizeof *volume_m3), all_m3 = 0;
-    uint8_t *stays = malloc(room), *whole = calloc(room, 1); /* whole: some label in it is not in more pieces */
+    uint8_t *stays = malloc(room), *whole = calloc(room, 1); /* whole: contains a label without additional pieces */
     bool good = parent && volume_m3 && stays && whole && join_tets(m, true, parent);
     for (int t = 0; t < m->tets && good; t++) {
         const int32_t root = law_root(parent, t);
@@ -232,7 +232,7 @@ static void add_triangle(soup *s, const double *a, const double *b, const double
     memcpy(to + 6, c, 3 * sizeof *to);
 }
 
-/* Two triangles for each face between a voxel of the label and one of another. */
+/* Makes two triangles of each face between a voxel of the label and another. */
 static void voxel_faces(const label_field *f, int label, soup *out) {
     const int64_t step[3] = {1, f->size[0], (int64_t)f->size[0] * f->size[1]};
     int64_t i = 0;
@@ -264,7 +264,7 @@ static void mesh_faces(const image_tets *m, int label, soup *out) {
     free(face);
 }
 
-/* The middles of at most 20,000 of a soup's triangles, evenly taken, from a surface. */
+/* Measures distances to a surface at the centres of at most 20,000 triangles, evenly sampled. */
 static void farthest(const soup *from, const shell *to, double *most, double *sum, int *count) {
     const int step = 1 + from->count / 20000;
     for (int t = 0; t < from->count; t += step) {

@@ -1,11 +1,11 @@
-/* What would keep the detail that a mesh of an image lost: tried before it is said. */
+/* Proposes options that keep the detail which a mesh lost; tries them before reporting them. */
 #include <math.h>
 #include <string.h>
 
 #include "common/bandwidth.h"
 #include "image.h"
 
-static const double volume_told = 0.02; /* of a label's own: beyond it a warning */
+static const double volume_told = 0.02; /* share of a label's volume; a larger difference is a warning */
 
 static bool is_volume_off(const image_result *r) { return fabs(r->volume_m3 / r->image_m3 - 1) > volume_told; }
 
@@ -14,7 +14,7 @@ static bool is_far(const label_field *field, const image_mesh *m, int l) {
     return m->of[l].hausdorff_m > fmax(m->edge_m[l], 2 * cbrt(s[0] * s[1] * s[2]));
 }
 
-/* Label `l` vanished or fell apart, or its volume or surface is off. */
+/* Returns whether label `l` vanished, fell apart, or has a wrong volume or surface. */
 static bool is_lost(const label_field *field, const image_mesh *m, int l) {
     return m->of[l].pieces != field->pieces[l] || is_volume_off(&m->of[l]) || is_far(field, m, l);
 }
@@ -25,7 +25,7 @@ static int count_lost(const label_field *field, const image_mesh *m) {
     return lost;
 }
 
-/* Adds a size for every label that lost detail, as --label would. */
+/* Adds a size for every label that lost detail, as --label does. */
 static void ask_finer(const label_field *field, const image_mesh *m, double factor, image_options *o) {
     const bool all = o->regions == 0 || o->all;
     for (int l = 1; l <= field->labels; l++) {
@@ -38,7 +38,7 @@ static void ask_finer(const label_field *field, const image_mesh *m, double fact
     o->all = all;
 }
 
-/* The options of a trial as words; those that the user gave are in place of them. */
+/* Writes the trial's options as words, which replace those of the user. */
 static void to_words(const image_options *asked, const image_options *o, const label_field *field, const image_mesh *m,
                      char *words, size_t size) {
     size_t at = 0;
@@ -56,7 +56,7 @@ static void to_words(const image_options *asked, const image_options *o, const l
     }
 }
 
-/* Whether meshing so loses nothing; how many tetrahedra it takes. */
+/* Returns whether meshing with these options loses nothing, and the number of tetrahedra. */
 static bool try(const image_api *api, image_attempt_fn *attempt, const image_options *o, const image_volume *volume,
                 int *tets) {
     static image_options mine;

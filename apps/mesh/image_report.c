@@ -1,4 +1,4 @@
-/* The mesh of an image as a file has it, and what is said of it. */
+/* Converts an image's mesh to a file's mesh, and reports on it. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,11 +7,11 @@
 #include "json_file.h"
 #include "step.h"
 
-static const double volume_told = 0.02; /* of a label's own: beyond it a warning */
+static const double volume_told = 0.02; /* share of a label's volume; a larger difference is a warning */
 
 /* --- the file's mesh --- */
 
-/* Grid to world; LPS to RAS turns the first two axes. */
+/* Transforms grid to world; LPS to RAS negates the first two axes. */
 static void to_world(const image_options *o, const image_volume *v, const double p[3], double out[3]) {
     for (int i = 0; i < 3; i++) {
         out[i] = v->origin_m[i];
@@ -27,7 +27,8 @@ static bool is_mirrored(const image_volume *v) {
            0;
 }
 
-/* mark[v]: on an outer triangle; and of which labels' tetrahedra (all outer faces of the mesh belong to one). */
+/* Marks the vertices on a label's outer faces that are also in `outer` (null: all). Label 0: all outer faces of the
+ * mesh, each of which belongs to one label. */
 static bool mark_surface(const image_tets *m, int label, const uint8_t *outer, uint8_t *mark) {
     int *face = NULL;
     const int faces = image_faces(m, label, &face);
@@ -91,11 +92,11 @@ bool image_to_file(const image_options *o, const image_volume *volume, const lab
     return add_groups(o, field, m, number, out);
 }
 
-/* --- words --- */
+/* --- messages --- */
 
 typedef struct findings {
     step_figures step;
-    double dihedral_deg, middle_mm[3]; /* of the worst tetrahedron; of the one that sets the step where cut */
+    double dihedral_deg, middle_mm[3]; /* of the worst tetrahedron; of the one that sets the cut step */
     int32_t dihedral_tet;
 } findings;
 
@@ -123,8 +124,8 @@ static void print_labels(const image_options *o, const label_field *field, const
     }
 }
 
-/* Surfaces were moved as far as tetrahedra let them; and a part that was lost is made up for elsewhere: its surface is
- * far from the image's then. */
+/* Warns of lost detail. Surfaces move only as far as tetrahedra allow; a lost part is compensated elsewhere, so that
+ * the surface there is far from the image's. */
 static void warn_of_losses(const image_options *o, const label_field *field, const image_mesh *m) {
     const double *s = field->spacing_m;
     for (int l = 1; l <= field->labels; l++) {

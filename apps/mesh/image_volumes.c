@@ -1,7 +1,9 @@
-/* Each label gets its voxels' volume. Chords cut off what is round, so surfaces between labels move, by about the same
- * length everywhere on the surface between two of them: of all displacements d that give the labels what they lack the
- * least in the sum over vertices of area |d|^2, which is sum_l mu_l g_l / area with g_l the gradient of label l's
- * volume. Vertices where that would spoil a tetrahedron move less, the others make up for it in the next round. */
+/* Gives each label the volume of its voxels.
+ *
+ * Chords cut off convex parts, so surfaces between labels move, by about the same length everywhere between two labels.
+ * Among all displacements d that supply the missing volumes, it takes the minimum of the sum over vertices of area
+ * |d|^2: d = sum_l mu_l g_l / area, with g_l the gradient of label l's volume. Vertices move less where that would
+ * spoil a tetrahedron; others compensate in the next round. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,29 +15,30 @@
 #include "libtensormass/numeric/vec.h"
 
 enum { ROUNDS = 200, PATIENCE = 10, TRIES = 3, MEET_MAX = 12, RELAX_EVERY = 4 };
-static const double NEAR = 2e-5, AT_ONCE = 0.1, FREE_MIN = 1e-3; /* of volumes; of a vertex's freedom */
+static const double NEAR = 2e-5, AT_ONCE = 0.1, FREE_MIN = 1e-3; /* NEAR, AT_ONCE: share of volume; FREE_MIN: of a
+                                                                  * vertex's freedom */
 
 typedef struct fitting {
     const label_field *field;
     image_tets *m;
     growing mesh;
     growing_fans fans;
-    growing_hold inner;       /* vertices within labels: they make room */
-    double *free;             /* [vertices] how much of its displacement a vertex takes: 0 to 1 */
+    growing_hold inner;       /* vertices within labels, which give way */
+    double *free;             /* [vertices] share of the displacement that a vertex takes, 0 to 1 */
     double *matrix;           /* [labels*labels] */
-    double mu[LABEL_MAX + 1]; /* first what labels lack, then m per unit of gradient over area */
+    double mu[LABEL_MAX + 1]; /* first the missing volume, then m per unit of gradient over area */
     double wanted_m3[LABEL_MAX + 1], volume_m3[LABEL_MAX + 1];
-    bool given_up[LABEL_MAX + 1]; /* what lets no tetrahedron come near its volume keeps what it has */
-    double size_m, cosine;        /* worst allowed: size of a tetrahedron, cosine of its sharpest dihedral angle */
+    bool given_up[LABEL_MAX + 1]; /* the tetrahedra prevent the label's volume; it stays as it is */
+    double size_m, cosine;        /* bounds: tetrahedron size, cosine of the sharpest dihedral angle */
 } fitting;
 
-/* --- what is worst --- */
+/* --- bounds --- */
 
 static const double *corner(const fitting *f, int t, int k) {
     return f->m->vertex_m + 3 * (size_t)f->m->tet[4 * (size_t)t + k];
 }
 
-/* Twice the area times the outward normal of the face opposite a tetrahedron's corner. */
+/* Computes twice the area times the outward normal of the face opposite a tetrahedron's corner. */
 static void side_normal(const fitting *f, int t, int opposite, double n[3]) {
     const int8_t *side = tm_face_vertex[opposite];
     double u[3], w[3];
@@ -70,10 +73,10 @@ static bool worse_than_worst(const growing *g, int t, double longest_m, const vo
 
 typedef struct gradients {
     int count, label[MEET_MAX];
-    double g[MEET_MAX][3], area_m2; /* none: it lies within a label */
+    double g[MEET_MAX][3], area_m2; /* area 0: inside a label */
 } gradients;
 
-/* Of the volumes of the labels around a vertex; what is outside has none. */
+/* Computes the gradients of the volumes of the labels around a vertex; outside has none. */
 static void find_gradients(const fitting *f, int v, gradients *out) {
     double outside[3] = {0}, sum = 0;
     out->count = 0;
@@ -95,7 +98,7 @@ static void find_gradients(const fitting *f, int v, gradients *out) {
     out->area_m2 = 0.5 * (sum + sqrt(vdot(outside, outside)));
 }
 
-/* A vertex within one label: what is left of its faces is rounding. */
+/* Returns whether a vertex is inside one label: the sum of its faces is rounding error. */
 static bool is_within(const fitting *f, const gradients *g) { return g->area_m2 < 1e-9 * f->size_m * f->size_m; }
 
 /* --- a round --- */
@@ -110,7 +113,7 @@ static void find_volumes(fitting *f) {
     }
 }
 
-/* Fills `mu` with what labels lack, m3, no more than can be had in a round; how much the worst, of its own. */
+/* Fills `mu` with the missing volumes, m3, limited to those of one round. Returns the largest relative to its label. */
 static double find_lacks(fitting *f, int *worst) {
     double most = 0;
     find_volumes(f);
@@ -124,8 +127,8 @@ static double find_lacks(fitting *f, int *worst) {
     return most;
 }
 
-/* Cholesky of the symmetric matrix of gradients, row by row, and both substitutions, in place. A label that cannot move
- * has a row of nothing: it stays. */
+/* Solves with the symmetric matrix of gradients by Cholesky, in place. A label that cannot move has a zero row and
+ * stays. */
 static void solve(fitting *f) {
     const int n = f->field->labels;
     double *a = f->matrix, *x = f->mu + 1;
@@ -149,7 +152,7 @@ static void solve(fitting *f) {
     }
 }
 
-/* `mu` from what labels lack. */
+/* Computes `mu` from the missing volumes. */
 static void find_mu(fitting *f) {
     const int n = f->field->labels;
     memset(f->matrix, 0, (size_t)n * (size_t)n * sizeof *f->matrix);
@@ -164,7 +167,7 @@ static void find_mu(fitting *f) {
     solve(f);
 }
 
-/* As much of a displacement as spoils nothing: all, a half, a quarter, or none. */
+/* Applies as much of a displacement as spoils no tetrahedron: all, a half, a quarter, or none. */
 static double move(fitting *f, int v, const double d[3]) {
     double *p = f->m->vertex_m + 3 * (size_t)v, part = 1;
     const double keep[3] = {p[0], p[1], p[2]};
@@ -191,7 +194,7 @@ static void move_all(fitting *f) {
     }
 }
 
-/* A label that tetrahedra do not let come near its volume keeps what it has, so that its neighbours get theirs. */
+/* Gives up a label whose tetrahedra prevent its volume, so that its neighbours can reach theirs. */
 static double give_up(fitting *f, int label) {
     f->given_up[label] = true;
     f->wanted_m3[label] = f->volume_m3[label];
@@ -199,7 +202,7 @@ static double give_up(fitting *f, int label) {
     return HUGE_VAL;
 }
 
-/* --- the whole --- */
+/* --- complete fit --- */
 
 static bool make_fitting(fitting *f) {
     const double *s = f->field->spacing_m;

@@ -1,4 +1,4 @@
-/* Moves vertices so that the smallest tetrahedron, which sets everybody's time step, grows. */
+/* Moves vertices to enlarge the smallest tetrahedron, which sets the time step of all. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,7 +21,7 @@ void growing_fans_free(growing_fans *f) {
     free(f->tet);
 }
 
-/* Sum of (scale/size)^6 over a vertex's tetrahedra: the worst weighs most, the rest still counts. */
+/* Returns the sum of (scale/size)^6 over a vertex's tetrahedra: the worst dominates, the others still count. */
 static double badness(const growing *m, const growing_fans *f, int v, double scale) {
     double sum = 0;
     for (int i = f->begin[v]; i < f->begin[v + 1]; i++) {
@@ -51,7 +51,7 @@ static void keep_to(const growing_hold *h, int v, double d[3]) {
     }
 }
 
-/* Tries the six directions of a turned frame; a better place is kept. */
+/* Tries the six directions of a rotated frame and keeps a better position. */
 static void search(growing *m, const growing_fans *f, const growing_solid *b, const growing_hold *h, int v,
                    double scale, double step, unsigned *dice) {
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];

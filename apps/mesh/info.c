@@ -1,4 +1,4 @@
-/* tm-mesh info and check. */
+/* tm-mesh info and check: report a mesh's figures and defects. */
 #include "command.h"
 
 #include <getopt.h>
@@ -10,8 +10,8 @@
 #include "libtensormass/numeric/union_find.h"
 #include "step.h"
 
-/* Regions that a mesh file names without a tetrahedron in them: a scene that gives one a material is refused, and
- * usually a label or a volume was lost on the way. */
+/* Finds regions that a mesh file names without a tetrahedron in them. A scene that gives one a material is rejected;
+ * usually a label or a volume was lost before. */
 
 static bool has_tetrahedra(const tm_mesh_file *mesh, const char *name) {
     for (int32_t t = 0; t < mesh->tet_count; t++)
@@ -27,7 +27,7 @@ static int32_t add(const tm_mesh_file *mesh, const char *name, char found[REGION
     return count + 1;
 }
 
-/* The reader drops names that no element carries: they are looked for in the file's head. */
+/* Reads the names from the file's head: the reader drops names without elements. */
 static int32_t read_names(const tm_mesh_file *mesh, const char *path, char found[REGIONS_WITHOUT][64], int32_t count) {
     const size_t length = strlen(path);
     if (length < 4 || strcmp(path + length - 4, ".msh") != 0) return count;
@@ -55,14 +55,14 @@ typedef struct options {
     double scale, young_Pa, poisson, density_kg_m3;
 } options;
 
-/* Bounds between the bins of the histograms. */
+/* Bounds between the histograms' bins. */
 static const double aspect_bound[] = {1.5, 2, 3, 5, 10, 100}, dihedral_bound_deg[] = {2, 5, 10, 20, 30, 40};
 enum { BINS = 7, LISTED = 20 };
 
 typedef struct figures {
     double low_m[3], high_m[3], volume_m3;
     int64_t aspect[BINS], dihedral[BINS];
-    double worst_aspect, min_dihedral_deg, step_s, cut_step_s, median_step_s; /* cut_step_s: the worst element's */
+    double worst_aspect, min_dihedral_deg, step_s, cut_step_s, median_step_s; /* cut_step_s: of the worst element */
     int32_t worst_aspect_tet, step_tet, cut_step_tet, pieces;
     tm_numbering_stats numbering;
 } figures;
@@ -114,7 +114,7 @@ static int parse(const char *command, int argc, char **argv, options *o) {
     return APP_DONE;
 }
 
-/* All defects, the first of them one a line. */
+/* Prints all defects, the first ones a line each. */
 static int refuse(const tm_mesh_file *file, const char *path, const tm_error *error) {
     static tm_mesh_defect defect[LISTED];
     int64_t count = tm_mesh_file_defects(file, defect, LISTED);
@@ -130,7 +130,7 @@ static int refuse(const tm_mesh_file *file, const char *path, const tm_error *er
     return APP_BAD_INPUT;
 }
 
-/* Pieces that hang together through faces. */
+/* Counts the pieces that are connected through faces. */
 static int32_t count_pieces(const tm_mesh *mesh) {
     int32_t *parent = malloc((size_t)mesh->tet_count * sizeof *parent), pieces = 0;
     if (!parent) return -1;
@@ -196,7 +196,7 @@ static void print_histogram(const char *what, const int64_t count[BINS], const d
     printf("\n");
 }
 
-/* Volume and tetrahedra of each region. */
+/* Computes the volume and number of tetrahedra of each region. */
 static void region_sums(const tm_mesh *mesh, int32_t region, double *volume_m3, int32_t *tets) {
     *volume_m3 = 0;
     *tets = 0;

@@ -1,19 +1,19 @@
-/* Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice whose points near the surface are
- * pulled onto it, and whose tetrahedra that the surface still cuts are trimmed. Interior tetrahedra are all alike and
- * as round as a lattice allows. */
+/* Isosurface stuffing (Labelle and Shewchuk 2007). Moves points of a body-centred cubic lattice near the surface onto
+ * it, and trims the tetrahedra that the surface still cuts. Interior tetrahedra are congruent and as regular as the
+ * lattice allows. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh_builder.h"
 
-/* Points in half cells: all even is a cell's corner, all odd its centre. */
+/* A lattice with points in half cells: all even is a cell's corner, all odd its centre. */
 typedef struct lattice {
     int n[3]; /* half cells along each axis */
     double low[3], half;
-    double *position; /* pulled */
+    double *position; /* moved */
     double *value;    /* > 0 inside, 0 on the surface */
-    int *vertex;      /* of the mesh, -1: none yet */
+    int *vertex;      /* vertex of the mesh, -1: none yet */
 } lattice;
 
 static size_t at(const lattice *l, const int i[3]) {
@@ -43,7 +43,7 @@ static const int neighbour[14][3] = {{2, 0, 0},  {-2, 0, 0},  {0, 2, 0},   {0, -
                                      {0, 0, -2}, {1, 1, 1},   {1, 1, -1},  {1, -1, 1},  {1, -1, -1},
                                      {-1, 1, 1}, {-1, 1, -1}, {-1, -1, 1}, {-1, -1, -1}};
 
-/* A point that the surface passes closely is pulled onto it, by the shortest way along an edge. */
+/* Moves a point close to the surface onto it, by the shortest way along an edge. */
 static void pull(lattice *l, const growing_solid *body, const int i[3]) {
     size_t me = at(l, i);
     double best = 1e300, target[3] = {0, 0, 0};
@@ -107,16 +107,16 @@ static int cut_vertex(builder *b, size_t in, size_t out) {
     return b->cuts[b->cut_count++].vertex;
 }
 
-/* A prism a0 a1 a2 - b0 b1 b2 whose side diagonals leave a0 before a1 before a2: three tetrahedra, never in a circle.
- */
+/* Adds a prism a0 a1 a2 - b0 b1 b2 as three tetrahedra. Side diagonals start from a0 before a1 before a2, so they never
+ * form a cycle. */
 static void add_prism(growing *m, const int a[3], const int b[3]) {
     growing_add_tet(m, a[0], b[0], b[1], b[2]);
     growing_add_tet(m, a[0], a[1], b[1], b[2]);
     growing_add_tet(m, a[0], a[1], a[2], b[2]);
 }
 
-/* What of a lattice tetrahedron is inside. Quadrilaterals are split from their deeper point: the shorter diagonal, and
- * the same from both sides. */
+/* Adds the part of a lattice tetrahedron inside the body. Quadrilaterals are split from their deeper point: the shorter
+ * diagonal, and equal on both sides. */
 static void trim(builder *b, const size_t corner[4]) {
     size_t plus[4], minus[4], zero[4];
     int p = 0, n = 0, z = 0;
@@ -141,7 +141,7 @@ static void trim(builder *b, const size_t corner[4]) {
         }
     int v[4], c[4], k = 0;
     for (int i = 0; i < p; i++) v[i] = lattice_vertex(b, plus[i]);
-    if (n == 0 || p == 1) { /* whole, or a corner of it */
+    if (n == 0 || p == 1) { /* all of it, or one corner */
         for (int i = 0; i < p; i++) c[k++] = v[i];
         for (int i = 0; i < z; i++) c[k++] = lattice_vertex(b, zero[i]);
         for (int i = 0; i < n; i++) c[k++] = cut_vertex(b, plus[0], minus[i]);
@@ -163,8 +163,8 @@ static void trim(builder *b, const size_t corner[4]) {
     }
 }
 
-/* The four tetrahedra around the long edge from centre `i` along `axis`, each with one edge of the square between the
- * two cells. */
+/* Adds the four tetrahedra around the long edge from centre `i` along `axis`, each with one edge of the square between
+ * the two cells. */
 static void trim_around(builder *b, const int i[3], int axis) {
     int j[3] = {i[0], i[1], i[2]}, u = (axis + 1) % 3, w = (axis + 2) % 3;
     static const int square[5][2] = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}, {-1, -1}};
@@ -185,7 +185,7 @@ static void trim_around(builder *b, const int i[3], int axis) {
     }
 }
 
-/* Every point of the lattice: its value, then its pulling, then the trimming around it. */
+/* Visits every point of the lattice: computes values, then moves points, then trims. */
 static void sweep(builder *b, int job) {
     lattice *l = b->l;
     int i[3];

@@ -1,4 +1,4 @@
-/* Labels of an image, cropped, without specks, and the pieces that they are in. */
+/* Builds a field of an image's labels: crops it, merges specks, finds the pieces. */
 #include "label_field.h"
 
 #include <math.h>
@@ -7,9 +7,9 @@
 
 static size_t count_of(const label_field *f) { return (size_t)f->size[0] * (size_t)f->size[1] * (size_t)f->size[2]; }
 
-/* --- which labels, and where --- */
+/* --- the labels and their range --- */
 
-/* number[value]: label of the field. */
+/* Numbers the labels; number[value] is the label in the field. */
 static bool number_labels(const image_volume *image, const int *wanted, int count, uint8_t *number, label_field *f) {
     const size_t voxels = (size_t)image->size[0] * (size_t)image->size[1] * (size_t)image->size[2];
     uint8_t *there = calloc(65536, 1);
@@ -69,10 +69,10 @@ static bool crop(const image_volume *image, const uint8_t *number, int margin, l
 /* --- pieces --- */
 
 typedef struct flood {
-    int32_t *piece; /* [voxels] of each voxel, -1: none yet */
+    int32_t *piece; /* [voxels] piece of each voxel, -1: none yet */
     int64_t *stack;
     label_piece *found;
-    int64_t *first; /* a voxel of each */
+    int64_t *first; /* first voxel of each piece */
     int count, capacity;
 } flood;
 
@@ -82,7 +82,7 @@ static void place_of(const label_field *f, int64_t i, int place[3]) {
     place[2] = (int)(i / f->size[0] / f->size[1]);
 }
 
-/* Calls for each voxel around `i`: 6 neighbours, or 26. */
+/* Lists the voxels around `i`: 6 neighbours, or 26. */
 static int around(const label_field *f, int64_t i, bool corners, int64_t out[26]) {
     int p[3], count = 0;
     place_of(f, i, p);
@@ -99,7 +99,7 @@ static int around(const label_field *f, int64_t i, bool corners, int64_t out[26]
     return count;
 }
 
-/* The piece that voxel `from` begins. Labels hang together over corners, what is outside over faces alone. */
+/* Fills the piece that contains voxel `from`. Labels connect through corners too, the outside only through faces. */
 static void fill(const label_field *f, flood *w, int64_t from) {
     int64_t next[26], top = 0;
     w->piece[from] = w->count;
@@ -127,7 +127,7 @@ static void flood_free(flood *w) {
     free(w->first);
 }
 
-/* The piece of every voxel. */
+/* Finds the piece of every voxel. */
 static bool find_pieces(const label_field *f, flood *w) {
     const size_t voxels = count_of(f);
     *w = (flood){.piece = malloc(voxels * sizeof *w->piece), .stack = malloc(voxels * sizeof *w->stack)};
@@ -148,11 +148,11 @@ static bool find_pieces(const label_field *f, flood *w) {
     return true;
 }
 
-/* The label that a piece touches most, over faces. */
+/* Returns the label that a piece touches most, over faces. */
 static int label_around(const label_field *f, const flood *w, int piece, int64_t *members, int64_t *count) {
     int64_t touched[LABEL_MAX + 1] = {0}, next[26], seen = 0;
     members[seen++] = w->first[piece];
-    /* the piece's voxels again, marked by a piece that none has */
+    /* visits the piece's voxels again, with a mark that no piece uses */
     w->piece[members[0]] = -2;
     for (int64_t m = 0; m < seen; m++) {
         const int neighbours = around(f, members[m], w->found[piece].label != 0, next);
@@ -189,7 +189,7 @@ static void join_specks(label_field *f, flood *w, int64_t specks) {
     }
 }
 
-/* --- what the report is measured against --- */
+/* --- reference values of the report --- */
 
 static void measure(label_field *f) {
     const double area[3] = {f->spacing_m[1] * f->spacing_m[2], f->spacing_m[0] * f->spacing_m[2],
@@ -217,7 +217,7 @@ static void measure(label_field *f) {
     }
 }
 
-/* Where a piece's label is strongest. */
+/* Finds the point in each piece where its label is strongest. */
 static void find_seeds(label_field *f, const flood *w) {
     for (int p = 0; p < w->count; p++)
         if (w->found[p].label) {

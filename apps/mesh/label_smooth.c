@@ -1,6 +1,8 @@
-/* Labels smoothed one by one with a Gaussian; where a place has two, the stronger: the surface between two labels lies
- * where their smoothed indicators cross, not on the voxels' steps (weighted labels of Stalling, Zoeckler and Hege 1998,
- * with the three strongest kept instead of one, so that what lies between voxels is not a guess). */
+/* Smooths each label with a Gaussian and selects the strongest at each point. The surface between two labels is where
+ * their smoothed indicators are equal, not the voxels' steps.
+ *
+ * Weighted labels of Stalling, Zoeckler and Hege 1998, but with the three strongest instead of one, so that values
+ * between voxels are exact. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,13 +16,13 @@ typedef struct blur {
     float *kernel; /* [2*reach+1] sums to 1 */
     int reach;
 } blur;
-static const double SIGMA_SHARE = 0.28; /* of a thin label's thickness */
+static const double SIGMA_SHARE = 0.28; /* relative to a thin label's thickness */
 
 static size_t index_of(const label_field *f, int x, int y, int z) {
     return ((size_t)z * (size_t)f->size[1] + (size_t)y) * (size_t)f->size[0] + (size_t)x;
 }
 
-/* Boxes of all labels, grown by `margin`, within the field. */
+/* Finds the boxes of all labels, enlarged by `margin`, within the field. */
 static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MAX + 1]) {
     int high[LABEL_MAX + 1][3];
     for (int l = 0; l <= LABEL_MAX; l++)
@@ -43,7 +45,7 @@ static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MAX + 1
         }
 }
 
-/* One axis of the Gaussian over a box: lines of `length` numbers, `step` apart. */
+/* Applies one axis of the Gaussian to a box: lines of `length` values, `step` apart. */
 static void blur_lines(float *value, const box *b, int axis, const float *kernel, int reach, float *line) {
     const size_t step = axis == 0 ? 1 : axis == 1 ? (size_t)b->size[0] : (size_t)b->size[0] * (size_t)b->size[1];
     const int length = b->size[axis], u = axis == 0 ? 1 : 0, v = axis == 2 ? 1 : 2;
@@ -63,7 +65,7 @@ static void blur_lines(float *value, const box *b, int axis, const float *kernel
         }
 }
 
-/* Into the voxel's list, strongest first. */
+/* Inserts a label into the voxel's list, strongest first. */
 static void enter(label_voxel *v, int label, float strength) {
     const uint16_t weight = (uint16_t)(strength >= 1 ? 65535 : strength * 65535);
     int at = LABEL_LAYERS;
@@ -72,7 +74,7 @@ static void enter(label_voxel *v, int label, float strength) {
     if (at < LABEL_LAYERS) v->weight[at] = weight, v->label[at] = (uint8_t)label;
 }
 
-/* A label's smoothed indicator over its box, into value[]. */
+/* Computes a label's smoothed indicator over its box, into value[]. */
 static void blur_label(const label_field *f, int label, const box *b, const blur *with, float *value, float *line) {
     float *to = value;
     for (int z = 0; z < b->size[2]; z++)
@@ -82,7 +84,7 @@ static void blur_label(const label_field *f, int label, const box *b, const blur
     for (int axis = 0; axis < 3 && with->reach; axis++) blur_lines(value, b, axis, with->kernel, with->reach, line);
 }
 
-/* value[] times `share` (null: 1) onto total[], and, if asked for, into the voxels' lists. */
+/* Adds value[] times `share` (null: 1) to total[], and to the voxels' lists if requested. */
 static void spread(label_field *f, int label, const box *b, const float *value, const float *share, bool listed,
                    float *total) {
     for (int z = 0; z < b->size[2]; z++)
@@ -104,16 +106,16 @@ static void fill_kernel(blur *with, double sigma) {
     for (int k = 0; k <= 2 * with->reach; k++) with->kernel[k] /= sum;
 }
 
-/* A thin label gets a narrower Gaussian: a share of its thickness, 2 volume / area (voxels' faces are about 3/2 of the
- * area that they stand for). */
+/* Returns the Gaussian's standard deviation, smaller for a thin label: a share of its thickness 2 volume / area. Voxel
+ * faces have about 1.5 times the area of the surface. */
 static float sigma_of(const label_field *f, int label, double smooth) {
     const double voxel_m3 = f->spacing_m[0] * f->spacing_m[1] * f->spacing_m[2];
     const double thick = 3 * (double)f->voxels[label] * voxel_m3 / f->face_m2[label] / cbrt(voxel_m3);
     return (float)fmin(smooth, SIGMA_SHARE * thick);
 }
 
-/* Thin labels first; the others share what these leave of a place as they would have shared what the thin ones, as
- * smooth as they, had left: two labels meet where each is a half, whatever their Gaussians. */
+/* Smooths thin labels first. The others share the remainder in the ratio in which they would share it if thin labels
+ * were as smooth as they. Two labels then meet at one half each, for any Gaussians. */
 static void smooth_all(label_field *f, double smooth, blur *with, float *const room[4], float *line) {
     static box boxes[LABEL_MAX + 1];
     float *value = room[0], *total = room[1], *wide = room[2], *share = room[3];
@@ -159,7 +161,7 @@ bool label_field_smooth(label_field *f, double smooth, bool even) {
     return good;
 }
 
-/* The labels at a place and how strong each is; false: one alone, label[0]. */
+/* The labels at a point and their strengths; false: only label[0]. */
 typedef struct mix {
     int label[8 * LABEL_LAYERS], count;
     float strength[8 * LABEL_LAYERS];
@@ -209,7 +211,7 @@ int label_field_at(const void *field, const double p[3]) {
     return m.label[best];
 }
 
-/* By how much `a` is stronger than `b`. */
+/* Returns by how much `a` is stronger than `b`. */
 static double lead(const label_field *f, const double p[3], int a, int b) {
     mix m;
     double sum = 0;
@@ -218,7 +220,7 @@ static double lead(const label_field *f, const double p[3], int a, int b) {
     return sum;
 }
 
-/* Which way `a` gains on `b`; false: nowhere. */
+/* Computes the direction in which `a` gains on `b`; returns false if there is none. */
 static bool slope_of(const label_field *f, const double p[3], int a, int b, double slope[3]) {
     double q[3] = {p[0], p[1], p[2]}, square = 0;
     for (int k = 0; k < 3; k++) {

@@ -1,4 +1,4 @@
-/* tm-mesh: looks at meshes, refuses bad ones, repairs and refines them. */
+/* tm-mesh: examines, checks, repairs and refines meshes. */
 #include <string.h>
 
 #include "command.h"
@@ -23,7 +23,7 @@ static void list(FILE *to) {
     for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
 }
 
-/* Every command has --quiet, wherever it stands before "--". */
+/* Removes --quiet, which every command accepts, anywhere before "--". */
 static int take_quiet(int argc, char **argv) {
     int kept = 0;
     bool options = true;

@@ -1,11 +1,11 @@
-/* A growing mesh, its surface, its measure. */
+/* Adds vertices and tetrahedra to a growing mesh; computes its surface and sizes. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh_builder.h"
 
-/* Null, and the mesh says so: no memory. What `array` held stays. */
+/* Enlarges an array. If memory is exhausted, returns null and sets no_memory; `array` stays valid. */
 static void *grow(growing *m, void *array, size_t bytes) {
     void *grown = m->no_memory ? NULL : realloc(array, bytes);
     if (!grown) m->no_memory = true;
@@ -122,7 +122,7 @@ static bool find_edges(const growing *m, edge *e, size_t n) {
     return true;
 }
 
-/* Turns once around each vertex from its first triangle: the turn must meet all of its triangles. */
+/* Walks once around each vertex from its first triangle; the walk must visit all of its triangles. */
 static bool turns_meet_all(const growing *m, const edge *e, size_t n, int *fan, int *count, int *corner) {
     for (int v = 0; v < m->vertex_count; v++) fan[v] = -1, count[v] = 0;
     for (size_t i = 0; i < n; i++) {
@@ -148,13 +148,13 @@ static bool turns_meet_all(const growing *m, const edge *e, size_t n, int *fan, 
     return true;
 }
 
-/* Every directed edge once, its opposite once, and one fan of triangles around each vertex. */
+/* Returns whether every directed edge and its opposite occur once, with one fan of triangles around each vertex. */
 static bool closed_manifold(growing *m) {
     size_t n = 3 * (size_t)m->face_count;
     edge *e = grow(m, NULL, (n + 1) * sizeof *e);
     int *fan = grow(m, NULL, ((size_t)m->vertex_count + 1) * sizeof *fan);
     int *count = grow(m, NULL, ((size_t)m->vertex_count + 1) * sizeof *count);
-    int *corner = grow(m, NULL, (n + 1) * sizeof *corner); /* of the sorted edge: where in `face` it starts */
+    int *corner = grow(m, NULL, (n + 1) * sizeof *corner); /* start of the sorted edge in `face` */
     bool good = !m->no_memory && find_edges(m, e, n) && turns_meet_all(m, e, n, fan, count, corner);
     free(e);
     free(fan);

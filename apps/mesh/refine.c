@@ -1,4 +1,4 @@
-/* tm-mesh refine: smaller tetrahedra where a scene cuts. */
+/* tm-mesh refine: makes tetrahedra smaller where a scene cuts. */
 #include <getopt.h>
 #include <math.h>
 #include <stdlib.h>
@@ -84,7 +84,7 @@ static int parse(int argc, char **argv, options *o) {
     return command_output(o->out);
 }
 
-/* A tetrahedron's own bounds reach into the box: one larger than the box has no vertex in it. */
+/* Returns whether a tetrahedron's bounds overlap the box. One larger than the box may have no vertex in it. */
 static bool reaches(const double *vertex, const int *tet, const double low_m[3], const double high_m[3]) {
     for (int k = 0; k < 3; k++) {
         double low = INFINITY, high = -INFINITY;
@@ -110,7 +110,7 @@ static bool too_large(const growing *m, int tet, double longest_m, const void *c
     return reaches(m->vertex, m->tet + 4 * (size_t)tet, where->low_m, where->high_m);
 }
 
-/* A box in another unit than the mesh's finds nothing. */
+/* Rejects a box that contains nothing, for example one in another unit than the mesh's. */
 static int check_box(const options *o, const tm_mesh_file *file) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     for (int t = 0; o->boxed && t < file->tet_count; t++)
@@ -132,8 +132,8 @@ static bool is_region_name(const tm_mesh_file *file, const char *name, int32_t *
     return false;
 }
 
-/* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the
- * surface, if it is on it, too. */
+/* Marks the group's vertices. A new vertex is in the group if both ends of its edge are and, for a group on the
+ * surface, if it is on the surface too. */
 static void mark_group(const tm_mesh_file *file, const growing *m, int32_t group, const unsigned char *outer,
                        const int *midpoint, unsigned char *mark) {
     int32_t region;
@@ -147,14 +147,14 @@ static void mark_group(const tm_mesh_file *file, const growing *m, int32_t group
         mark[file->group_vertex[i]] = 1;
         skin = skin && outer[file->group_vertex[i]];
     }
-    for (int v = file->vertex_count; v < m->vertex_count; v++) { /* parents come before their midpoints */
+    for (int v = file->vertex_count; v < m->vertex_count; v++) { /* ends of an edge come before its midpoint */
         const int *ends = midpoint + 2 * (v - file->vertex_count);
         if (mark[ends[0]] && mark[ends[1]] && (outer[v] || !skin)) mark[v] = 1;
     }
 }
 
-/* What a vertex of the surface may do without changing its shape: slide in the plane of its triangles or along the
- * ridge of two planes. */
+/* Limits surface vertices so that the shape stays: they slide in the plane of their triangles or along the ridge of two
+ * planes. */
 static void hold_surface(const growing *m, const unsigned char *outer, growing_hold *h) {
     memset(h->freedom, FREE, (size_t)m->vertex_count);
     for (int v = 0; v < m->vertex_count; v++)
@@ -177,7 +177,7 @@ static void hold_surface(const growing *m, const unsigned char *outer, growing_h
     }
 }
 
-/* Old vertices of the surface stay, and so do those between regions and those of inner groups. */
+/* Fixes old vertices of the surface, between regions and of inner groups. */
 static bool hold_vertices(const tm_mesh_file *file, const growing *m, const unsigned char *outer, const int *midpoint,
                           growing_hold *h) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
@@ -217,7 +217,7 @@ static void copy_in(const tm_mesh_file *file, growing *m) {
     }
 }
 
-/* The tm_mesh_file of what has grown: old numbers kept, new ones above them. */
+/* Makes the tm_mesh_file of the refined mesh: old numbers stay, new ones follow. */
 static bool copy_out(const tm_mesh_file *file, const growing *m, const unsigned char *outer, const int *midpoint,
                      tm_mesh_file *out) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
@@ -265,7 +265,7 @@ static double smallest_size(const growing *m) {
     return smallest;
 }
 
-/* Each piece has the fibre of the tetrahedron it came from. */
+/* Copies to each tetrahedron the fibre of its original. */
 static int carry_fibres(const options *o, const tm_mesh_file *file, const growing *m, const int *parent) {
     tm_error error = {0};
     int exit = APP_DONE;

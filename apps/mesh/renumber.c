@@ -1,4 +1,4 @@
-/* tm-mesh renumber: neighbours get numbers near each other. */
+/* tm-mesh renumber: gives neighbours close numbers, which reduces the bandwidth. */
 #include <getopt.h>
 #include <stdlib.h>
 #include <string.h>
@@ -66,7 +66,7 @@ typedef struct numbers {
     int32_t *vertex, *tet; /* old number of each new one */
 } numbers;
 
-/* `out`, all zero before, is all zero where memory is short. */
+/* Makes the renumbered mesh. If memory is exhausted, `out`, zero before, stays zero. */
 static bool reorder(const tm_mesh_file *file, const numbers *was, tm_mesh_file *out) {
     const int32_t members = file->group_begin[file->group_count];
     uint8_t *mark = calloc((size_t)file->vertex_count, 1);

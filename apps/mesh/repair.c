@@ -116,8 +116,8 @@ bool command_subset(tm_mesh_file *mesh, const uint8_t *keep, int32_t *kept) {
     return true;
 }
 
-/* Vertices within a distance of one before them (in the order of x) become that one. Returns how many, -1: no memory.
- */
+/* Merges vertices within a distance of a previous one (in the order of x). Returns their number, -1 if memory is
+ * exhausted. */
 static const double *sort_points; /* qsort has no context */
 static int by_x(const void *a, const void *b) {
     int32_t v = *(const int32_t *)a, w = *(const int32_t *)b;
@@ -156,8 +156,8 @@ static int32_t merge_vertices(tm_mesh_file *mesh, double distance_m) {
     return merged;
 }
 
-/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be repaired (said), -2: no
- * memory. */
+/* Makes one pass: reverses or removes the tetrahedra of each defect. Returns the number of remaining defects, -1 if it
+ * cannot be repaired (reported), -2 if memory is exhausted. */
 static int64_t repair_pass(tm_mesh_file *mesh, const char *path, int64_t done[TM_DEFECT_KINDS]) {
     int64_t count = tm_mesh_file_defects(mesh, NULL, 0);
     tm_mesh_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
@@ -199,8 +199,8 @@ static int64_t repair_pass(tm_mesh_file *mesh, const char *path, int64_t done[TM
     return left;
 }
 
-/* Drops all but the piece with most tetrahedra (pieces hang together through vertices here). Returns how many went, -1:
- * no memory. */
+/* Keeps only the piece with most tetrahedra; pieces are connected through vertices here. Returns the number of removed
+ * tetrahedra, -1 if memory is exhausted. */
 static int32_t keep_largest(tm_mesh_file *mesh) {
     size_t n = (size_t)mesh->vertex_count;
     int32_t *parent = malloc((n + 1) * sizeof *parent), *size = calloc(n + 1, sizeof *size), best = 0,
@@ -227,7 +227,7 @@ typedef struct outcome {
     int32_t merged, far;
 } outcome;
 
-/* In memory. Returns APP_DONE, or an exit code after a complaint. */
+/* Repairs a mesh in memory. Returns APP_DONE, or an exit code after an error message. */
 static int repair_mesh(tm_mesh_file *mesh, const options *o, outcome *out) {
     int64_t left = 1;
     out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;

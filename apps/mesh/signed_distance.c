@@ -1,5 +1,5 @@
-/* Distance to a closed surface of triangles: a grid finds the nearest triangle, pseudonormals (Baerentzen and Aanaes
- * 2005) the side. */
+/* Computes the signed distance to a closed triangle surface. A grid finds the nearest triangle; pseudonormals
+ * (Baerentzen and Aanaes 2005) give the sign. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,12 +16,12 @@ struct shell {
     double *vertex;        /* [3*vertex_count] m */
     int *triangle;         /* [3*triangle_count] */
     double *face_normal;   /* [3*triangle_count] unit */
-    double *edge_normal;   /* [9*triangle_count] sum of the two faces' at the edge from corner k to k+1 */
-    double *vertex_normal; /* [3*vertex_count] weighted by angle */
+    double *edge_normal;   /* [9*triangle_count] sum of both faces' normals at the edge from corner k to k+1 */
+    double *vertex_normal; /* [3*vertex_count] angle-weighted */
     double low[3], high[3], cell, volume_m3;
     int cells[3], *cell_begin, *cell_triangle;
-    signed char *cell_side; /* [cells] of those that no triangle is in: 1 inside, -1 outside, 0: nobody asked yet */
-    bool turned;            /* its triangles came inside out */
+    signed char *cell_side; /* [cells] sign of cells without triangles: 1 inside, -1 outside, 0 not yet computed */
+    bool turned;            /* its triangles were reversed */
 };
 
 /* ---- joining ---- */
@@ -34,7 +34,7 @@ static int by_place(const void *a, const void *b) {
     return 0;
 }
 
-/* Corners of one place become one vertex. */
+/* Merges corners at equal positions into vertices. */
 static bool join(shell *s) {
     int n = 3 * s->triangle_count, *order = malloc((size_t)n * sizeof *order);
     double *vertex = malloc(3 * (size_t)n * sizeof *vertex);
@@ -89,7 +89,7 @@ static void normals_of_faces(shell *s) {
     }
 }
 
-/* Each directed edge must come once, and its opposite once. */
+/* Computes edge normals. Each directed edge and its opposite must occur once. */
 static tm_status normals_of_edges(shell *s, tm_error *error) {
     int n = 3 * s->triangle_count;
     side *sides = malloc((size_t)n * sizeof *sides);
@@ -122,7 +122,7 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
 /* ---- the grid ---- */
 
 static int cell_at(const shell *s, int axis, double x) {
-    /* Bounded before the cast: a place may be anywhere. */
+    /* bounded before the cast: x may be any number */
     return (int)fmax(0, fmin(s->cells[axis] - 1, floor((x - s->low[axis]) / s->cell)));
 }
 
@@ -175,7 +175,7 @@ static bool make_grid(shell *s) {
     return s->cell_begin && s->cell_side;
 }
 
-/* Normals, and where they point inwards the triangles are turned. */
+/* Computes normals; reverses the triangles if they point inward. */
 static tm_status orient(shell *s, bool closed, tm_error *error) {
     for (int turn = 0;; turn++) {
         free(s->face_normal);
@@ -192,7 +192,7 @@ static tm_status orient(shell *s, bool closed, tm_error *error) {
         tm_status status = normals_of_edges(s, error);
         if (status || s->volume_m3 >= 0 || turn == 1) return status;
         s->turned = true;
-        for (int t = 0; t < s->triangle_count; t++) { /* inside out */
+        for (int t = 0; t < s->triangle_count; t++) { /* inverted */
             int *v = s->triangle + 3 * (size_t)t, spare = v[1];
             v[1] = v[2];
             v[2] = spare;
@@ -200,7 +200,7 @@ static tm_status orient(shell *s, bool closed, tm_error *error) {
     }
 }
 
-/* Every coordinate must be a number, and so must squares of differences of two. */
+/* Checks that every coordinate is finite, and small enough for squares of differences. */
 static tm_status check_corners(const double *corner_m, int triangles, tm_error *error) {
     if (triangles < 1) return tm_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
     for (size_t i = 0; i < 9 * (size_t)triangles; i++)
@@ -273,7 +273,7 @@ int shell_pieces(const shell *s, int *piece) {
 
 typedef struct nearest {
     double square, point[3];
-    const double *normal; /* of the face, edge or vertex that is nearest */
+    const double *normal; /* of the nearest face, edge or vertex */
 } nearest;
 
 static void consider(nearest *best, const double p[3], const double q[3], const double *normal) {
@@ -286,7 +286,7 @@ static void consider(nearest *best, const double p[3], const double q[3], const 
     best->normal = normal;
 }
 
-/* The face if p is above it, else each edge's nearest point or end. */
+/* Compares with triangle t: the face if p is above it, else the nearest point or end of each edge. */
 static void consider_triangle(const shell *s, int t, const double p[3], nearest *best) {
     const int *v = s->triangle + 3 * (size_t)t;
     const double *n = s->face_normal + 3 * (size_t)t;
@@ -316,7 +316,7 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     consider(best, p, q, n);
 }
 
-/* Cells in growing cubes around p until nothing nearer can come, than what is found or `square`. */
+/* Searches cells in growing cubes around p until no cell can be nearer than the result or `square`. */
 static nearest find_nearer(const shell *s, const double p[3], double square) {
     nearest best = {.square = square};
     int middle[3];
@@ -324,7 +324,7 @@ static nearest find_nearer(const shell *s, const double p[3], double square) {
     int most = s->cells[0] > s->cells[1] ? s->cells[0] : s->cells[1];
     if (s->cells[2] > most) most = s->cells[2];
     for (int ring = 0; ring <= most; ring++) {
-        double reach = (ring - 1) * s->cell; /* cells of this ring are at least so far away */
+        double reach = (ring - 1) * s->cell; /* minimum distance of this ring's cells */
         if (ring > 1 && best.square <= reach * reach) break;
         for (int z = middle[2] - ring; z <= middle[2] + ring; z++)
             for (int y = middle[1] - ring; y <= middle[1] + ring; y++)
@@ -332,7 +332,7 @@ static nearest find_nearer(const shell *s, const double p[3], double square) {
                     bool shell_cell =
                         abs(z - middle[2]) == ring || abs(y - middle[1]) == ring || abs(x - middle[0]) == ring;
                     if (!shell_cell) {
-                        x = middle[0] + ring - 1; /* next is the far side */
+                        x = middle[0] + ring - 1; /* continue at the far side */
                         continue;
                     }
                     if (x < 0 || y < 0 || z < 0 || x >= s->cells[0] || y >= s->cells[1] || z >= s->cells[2]) continue;

@@ -1,4 +1,4 @@
-/* Triangles from STL, text or binary. */
+/* Reads triangles from STL, text or binary. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>

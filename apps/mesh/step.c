@@ -1,4 +1,4 @@
-/* Critical steps of a mesh of one material, and what a simulated second costs. */
+/* Computes critical steps of a mesh with one material, and the cost per simulated second. */
 #include "step.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "libtensormass/numeric/order.h"
 #include "tensormass/world.h"
 
-/* A tissue of one material. */
+/* Makes a tissue of one material. */
 static tm_status make_tissue(const tm_mesh *mesh, double young_Pa, double poisson, double density_kg_m3,
                              tm_tissue **tissue, tm_error *error) {
     tm_material material;
@@ -52,7 +52,7 @@ tm_status step_measure(const tm_mesh *mesh, double young_Pa, double poisson, dou
     return TM_OK;
 }
 
-/* The least of some short runs, s a step. */
+/* Returns the minimum time per step of several short runs, s. */
 static double time_step(tm_world *world) {
     double best = HUGE_VAL;
     for (int run = 0; run < 8; run++) {

@@ -1,4 +1,4 @@
-/* Closed surfaces from files: read, examined, taken to pieces, and which piece is inside which. */
+/* Reads closed surfaces from files, checks them, and finds their pieces and nesting. */
 #include "surfaces.h"
 
 #include <math.h>
@@ -38,7 +38,8 @@ static int read_file(const char *path, const image_api *api, image_surface *out)
     return from_module(api->read_surface(path, out, why), path, why);
 }
 
-/* "2 holes, the largest of 12 edges about 1 2 3; 4 pairs of triangles cut each other, about 1 2 3": in mm. */
+/* Describes defects in mm: "2 holes, the largest of 12 edges about 1 2 3; 4 pairs of triangles cut each other, about 1
+ * 2 3". */
 static void describe(const image_defects *d, double scale, char *text, size_t size) {
     const double mm = 1e3 * scale;
     size_t at = 0;
@@ -115,7 +116,8 @@ static int by_volume(const void *a, const void *b) {
     return p != q ? (p < q ? -1 : 1) : x->file - y->file;
 }
 
-/* Most of a spread of its corners are in it: two surfaces of one organ may cut each other a little. */
+/* Returns whether most of a sample of inner's corners are inside outer: two surfaces of one organ may intersect
+ * slightly. */
 static bool holds(const shell *outer, const shell *inner) {
     const int n = shell_triangles(inner), step = 1 + n / 200;
     int in = 0, asked = 0;
@@ -131,9 +133,9 @@ static void stem(const char *path, char name[64]) {
         if (*at == '"' || (unsigned char)*at < ' ') *at = '_';
 }
 
-/* A file's outer pieces are one region, named by the file where there are several; what lies inside a piece of its own
- * file is a cavity where it is turned the other way (as programs that make surfaces of images do), else one more
- * region. */
+/* Names the regions. A file's outer pieces are one region; it has the file's name if there are several files. A piece
+ * inside another of its file is a cavity if its orientation is opposite, as programs that make surfaces of images write
+ * it; else it is another region. */
 static void name_regions(char *const *path, int files, surfaces *s) {
     int of_file[SURFACES_FILES] = {0}, inner = 0;
     for (int f = 0; f < files; f++) {
@@ -178,7 +180,7 @@ int surfaces_label(const void *context, const double p[3]) {
 void surfaces_project(const void *context, double p[3]) {
     const surfaces *s = context;
     double square = INFINITY, place[3] = {p[0], p[1], p[2]};
-    int first = 0; /* likely the nearest, so that the others are soon done with */
+    int first = 0; /* likely the nearest, so that the others end early */
     for (int i = 1; i < s->pieces; i++)
         if (shell_box_m2(s->piece[i].shell, p) < shell_box_m2(s->piece[first].shell, p)) first = i;
     shell_nearer(s->piece[first].shell, p, &square, place);
@@ -187,7 +189,7 @@ void surfaces_project(const void *context, double p[3]) {
     memcpy(p, place, sizeof place);
 }
 
-/* --- the whole --- */
+/* --- all files --- */
 
 static tm_status add_file(image_surface *read, int file, bool alone, surfaces *out, tm_error *error) {
     shell *all = NULL;

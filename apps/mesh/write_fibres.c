@@ -1,4 +1,4 @@
-/* Fibres as CSV. */
+/* Writes fibres as CSV. */
 #include "command.h"
 
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error) {
