@@ -1,5 +1,4 @@
-/* The bulk modulus' part of the force, tetrahedron by tetrahedron or, smoothed, vertex by vertex; and tissue with
- * other shares of bulk modulus and rest. */
+/* Force of the bulk modulus by tetrahedra or, smoothed, by vertices; tissue with the long-term law. */
 #include "material/bulk.h"
 
 bool tm_bulk_init(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field) {

@@ -1,6 +1,6 @@
-/* Cofactors of a 3x3 matrix in V8, whatever that is; a part of every kernel over tetrahedra. */
+/* Cofactors of a 3x3 matrix of V8, real or complex lanes; a part of every kernel over tetrahedra. */
 
-/* F's cofactors. */
+/* Computes the cofactors of F. */
 INSIDE void TM_NAME(cofactors)(const V8 F[9], V8 cof[9]) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {

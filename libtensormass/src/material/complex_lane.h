@@ -1,5 +1,5 @@
-/* One lane of complex numbers, for derivatives by a complex step: f'(x) = Im f(x + i h)/h, exact to rounding, as no
- * difference is taken. Comparisons are of real parts. The operations of simd_vector.h that laws use. */
+/* One lane of complex numbers, for derivatives by the complex step: f'(x) = Im f(x + i h)/h. It takes no difference and
+ * is exact to rounding. Comparisons use real parts. Defines those operations of simd_vector.h that laws use. */
 
 #define V8 double _Complex
 #define M8 int64_t

@@ -1,6 +1,6 @@
-/* What a pack adds, divided among threads; a part of corotated_kernel.h. The corners' pulls of the listed packs, by
- * place in the list, for whoever adds them up (tm_corner_forces_add); a bit says which lanes have any. And their packs'
- * energies. */
+/* Corner forces of the listed batches, for a force pass divided among threads; a part of corotated_kernel.h. They are
+ * stored by index in the list, and added by tm_corner_forces_add. A bit marks each lane that has any. Also computes the
+ * batches' energies. */
 TM_TARGET static void TM_NAME(pulls)(const tm_tet_batches *batches, const int32_t *list, int32_t count,
                                      const double *u_m, double *corner_N, uint8_t *who, double *energy_J) {
     for (int32_t n = 0; n < count; n++) {

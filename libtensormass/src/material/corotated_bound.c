@@ -1,13 +1,13 @@
-/* What the guaranteed step has to allow for when tetrahedra turn: a bound of the curvature of the law of
- * material/corotated_kernel.h over all F, crushed and inside out included.
+/* Bound for the guaranteed step of corotated tissue: of the curvature of the law of material/corotated_kernel.h over
+ * all F, crushed and inverted ones included.
  *
- * Isotropic: W = mu |F|^2 - (2 mu - p) x + ..., with x the trace of the stretch. x is convex but for a little where its
- * roots are kept apart (x'' >= -0.08), so that as long as the tension p of the volume is below 2 mu, W'' <= Q'' of
- * Q(D) = w(sym D) + mu |skew D|^2 (turned): the bound of the linear law with 2 mu in place of the nothing that it has
- * for turns. Added are: where p may be above, what that adds to turns (of tetrahedra whose two smaller stretches add up
- * to a half or more), and what the band in which the correction grows adds, BAND times its end, in which the 0.08 has
- * room. Fibred: turns cost a quarter of the largest stiffness, and fibred_excess is added; found by search over states
- * of all kinds and 17 materials (tests/physics/test_rotation.c has some), not proved. */
+ * Isotropic: W = mu |F|^2 - (2 mu - p) x + ..., with x the trace of the stretch. x is convex, except slightly where its
+ * roots are kept apart (x'' >= -0.08). So as long as the tension p of the volume is below 2 mu, W'' <= Q'' of Q(D) =
+ * w(sym D) + mu |skew D|^2 (corotated): the bound of the linear law with 2 mu for rotations instead of 0. Two terms are
+ * added. One is the addition to rotations where p may be above (for tetrahedra whose two smaller stretches add up to a
+ * half or more). The other is the addition by the band in which the correction grows, BAND times its end, which covers
+ * the 0.08. Fibred: rotations cost a quarter of the largest stiffness, and fibred_excess is added. Both were found by
+ * search over states of all kinds and 17 materials (tests/physics/test_rotation.c has some), not proved. */
 #include <math.h>
 #include <string.h>
 
@@ -15,8 +15,8 @@
 #include "material/material_internal.h"
 
 static const double BAND = 1.7;
-/* Room below 2/omega, where a motion's size for its energy has no bound, and with it what a step makes of energy
- * (world/conserve.c). With 1 energy swings up to twice as much (tests/physics/test_conserve.c). */
+/* Margin below 2/omega: there the amplitude at given energy is unbounded, and so is the energy that a step generates
+ * (world/conserve.c). With 1 the energy oscillates by up to a factor of two (tests/physics/test_conserve.c). */
 static const double CONSERVING = 1.25;
 
 double tm_corotated_skew_Pa(const tm_material *m) {
@@ -27,18 +27,18 @@ double tm_corotated_tension_max_Pa(const tm_material *m) {
     return fmax(tm_corotated_skew_Pa(m), 0.2 * tm_material_bulk_Pa(m));
 }
 
-/* With changes of volume averaged (material/nodal_dilatation.h) the rotations that store the least, of all tetrahedra
- * together, store sum Q_e' + sum V kappa/2 (average of tr(R^T F) - 3)^2, whose second part curves no more than that of
- * each tetrahedron's own change of volume: the bound is that of the whole law. The polar R is not the least where
- * neighbours put more tension on a tetrahedron than its own shear allows, 2/3 mu tr S; as above what that adds holds
- * for two stretches that add up to a half. */
+/* Bound with averaged dilatation (material/nodal_dilatation.h). The rotations of least total energy store sum Q_e' +
+ * sum V kappa/2 (average of tr(R^T F) - 3)^2. The second part curves no more than that of each tetrahedron's own
+ * dilatation: the bound is that of the complete law. The polar R has not the least energy where neighbours put more
+ * tension on a tetrahedron than its own shear allows, 2/3 mu tr S. As above, that addition holds for two stretches that
+ * add up to a half. */
 static double averaged_turn(const tm_material *m) {
     const double most = tm_corotated_tension_max_Pa(m);
     return fmax(4 * most - (tm_material_is_isotropic(m) ? 4.0 / 3 * m->mu_Pa : 0), 0);
 }
 
-/* What a fibre that has turned away from the linear law's axes may ask for beyond that law: its parts one by one, less
- * the largest stiffness. Nothing for fibres that stiffen the tissue along themselves. */
+/* Returns what a fibre rotated away from the axes of the linear law may need beyond that law: its parts one by one,
+ * minus the largest stiffness. 0 for fibres that stiffen the tissue along themselves. */
 static double fibred_excess(const tm_material *m) {
     const double along = m->beta_Pa + 4 * m->dmu_Pa;
     const double parts = 2 * m->mu_Pa + fmax(4 * m->dmu_Pa, -3 * m->dmu_Pa) + fmax(along, -2 * along) +
@@ -46,7 +46,7 @@ static double fibred_excess(const tm_material *m) {
     return tm_material_is_isotropic(m) ? 0 : fmax(parts - 1.1 * tm_material_stiffest_Pa(m), 0);
 }
 
-/* Lower Cholesky factor of Q'' in Mandel form, six strains and three turns. */
+/* Lower Cholesky factor of Q'' in Mandel form, six strains and three rotations. */
 static void factor(const tm_material *m, const double *fibre, double end, bool averaged, double L[81]) {
     double C[36];
     const double stiffest = tm_material_stiffest_Pa(m), more = BAND * end * stiffest + fibred_excess(m);
@@ -66,7 +66,7 @@ static void factor(const tm_material *m, const double *fibre, double end, bool a
     for (int j = 6; j < 9; j++) L[10 * j] = sqrt(turn + more);
 }
 
-/* sum_k scale_k B_k B_k^T, B_k from a vertex displacement to strains and turns in Mandel form. */
+/* sum_k scale_k B_k B_k^T, B_k from a vertex displacement to strains and rotations in Mandel form. */
 static void gram(const double alpha[12], const double scale[4], double G[81]) {
     const double h = sqrt(0.5);
     memset(G, 0, 81 * sizeof(double));
@@ -80,8 +80,8 @@ static void gram(const double alpha[12], const double scale[4], double G[81]) {
     }
 }
 
-/* The largest eigenvalue of a semidefinite A, from above: the root of the trace of a high power; ten squarings, 0.3 %.
- */
+/* Returns an upper bound of the largest eigenvalue of a semidefinite A: the root of the trace of a high power; ten
+ * squarings, 0.3 %. */
 static double largest(double A[81]) {
     double trace[11], P[81];
     int squares = 0;

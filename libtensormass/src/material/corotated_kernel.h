@@ -1,22 +1,21 @@
-/* What a pack of tetrahedra adds to the linear law, WIDTH lanes at a time; included once for each set of instructions,
- * with TM_NAME(x), TM_TARGET and TM_WIDTH set. No product is fused with a sum and every lane is on its own (iterations
- * leave alone who has arrived), so that all forms give the same bits, whoever shares a pack.
+/* Correction of a batch of tetrahedra to the linear law, WIDTH lanes at a time. Included once for each instruction set,
+ * with TM_NAME(x), TM_TARGET and TM_WIDTH set. No product is fused with a sum, and lanes are independent (iterations
+ * skip converged lanes). So all forms are bit-identical, whichever tetrahedra share a batch.
  *
- * The rotation R of F = R S with S symmetric is the proper one, also where F is inside out. With C = F^T F, its
+ * The rotation R of F = R S with S symmetric is the proper one, also where F is inverted. With C = F^T F, its
  * invariants I and II, and J = det F, the trace x of S is the largest root of Horn's quartic
  *     (x^2 - I)^2 - 8 J x - 4 II = d,   d = 0,
- * found by Newton's iteration from above (as Theobald does for superpositions), and R is
- * dx/dF = ((x^2 + I + d_I/2) F - 2 F C + (2 x + d_J/4) cof F) / (x (x^2 - I) - 2 J), Hoger and Carlson's closed form.
+ * found by Newton's iteration from above (as Theobald does for superpositions), and R is dx/dF = ((x^2 + I + d_I/2) F -
+ * 2 F C + (2 x + d_J/4) cof F) / (x (x^2 - I) - 2 J), Hoger and Carlson's closed form.
  *
- * Where the two smaller stretches cancel, inside out, two roots meet and R jumps. There d(I, J) > 0 keeps them apart,
- * so that x is smooth for every F (material_internal.h). All that is asked of S is asked of x and its gradient R: the
- * energy is one smooth function of F, and the force its gradient, inside out too. */
+ * Where the two smaller stretches cancel in an inverted tetrahedron, two roots meet and R jumps. There d(I, J) > 0
+ * keeps them apart, so that x is smooth for every F (material_internal.h). The law uses S only through x and its
+ * gradient R. So the energy is one smooth function of F and the force its gradient, also under inversion. */
 
 #include "material/simd_vector.h"
 #include "material/tet_batch_kernel.h"
 
-/* d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat or inside out, compared with its size.
- */
+/* Computes d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat, for its size, or inverted. */
 INSIDE void TM_NAME(parting)(const V8 *I, const V8 *J, V8 *d, V8 *d_I, V8 *d_J) {
     const V8 size = (*I + TM_CORRECTION_SIZE) * (1.0 / 3), one = size * 0 + 1;
     const M8 usual = (*J > 0) & (*J * *J >= TM_CORRECTION_FROM * TM_CORRECTION_FROM * (size * size * size)),
@@ -38,7 +37,7 @@ INSIDE void TM_NAME(parting)(const V8 *I, const V8 *J, V8 *d, V8 *d_I, V8 *d_J) 
     *d_I = size * ((2.0 / 3) * share - 0.5 * slope * j);
 }
 
-/* The largest root of the quartic. Convergence is quadratic: a move of 1e-8 is the last. */
+/* Finds the largest root of the quartic. Convergence is quadratic: an increment of 1e-8 is the last. */
 enum { TM_NAME(ITERATIONS) = 24 };
 INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, const V8 *d, V8 *trace) {
     V8 x = 3 * *I, far = *d;
@@ -56,7 +55,7 @@ INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, co
         V8 over;
         TM_NAME(choose)(&over, &steep, &slope, &least);
         V8 move = (y * y - 8 * *J * x - 4 * *II - *d) / over;
-        move = (V8)((M8)move & (move > 0) & under_way); /* from the right, ever; rounding alone says otherwise */
+        move = (V8)((M8)move & (move > 0) & under_way); /* from above only; other signs are rounding */
         x -= move;
         under_way = move > 1e-8 * x;
         if (!TM_NAME(any)(&under_way)) break;
@@ -101,7 +100,7 @@ INSIDE void TM_NAME(stress)(const TM_NAME(law) * w, const V8 E[9], V8 T[9]) {
             T[3 * i + j] = 2 * w->mu * E[3 * i + j] + along * a[i] * a[j] + 2 * w->dmu * (a[i] * Ea[j] + Ea[i] * a[j]);
     for (int i = 0; i < 9; i += 4) T[i] += sphere;
 }
-/* t up to `free` either way, level from twice that on, its slope falling straight between. */
+/* h = t up to `free` either way, constant beyond twice that; its slope falls linearly between. */
 INSIDE void TM_NAME(level)(const V8 *t, const V8 *free, V8 *h, V8 *slope) {
     const V8 most = 2 * *free, least = -most, one = *t * 0 + 1, back = -one;
     const M8 above = *t > most, below = *t < least, negative = *t < 0;
@@ -116,8 +115,8 @@ INSIDE void TM_NAME(level)(const V8 *t, const V8 *free, V8 *h, V8 *slope) {
     *slope = 1 - over;
 }
 
-/* How far the fibre is sheared: p = 4 (|C a|^2 - (a.C a)^2) / q^2, q = I + a.C a; below TM_FIBRE_CRUSHED another
- * denominator, which has the same value and slope there and no zero. P += 2 dmu dp/dF. */
+/* Adds the fibre's shear: p = 4 (|C a|^2 - (a.C a)^2) / q^2, q = I + a.C a; P += 2 dmu dp/dF. Below TM_FIBRE_CRUSHED
+ * another denominator is used, with the same value and slope there and no zero. */
 INSIDE void TM_NAME(fibre_shear)(const TM_NAME(law) * w, const V8 F[9], const V8 *I, const V8 g[3], const V8 *z,
                                  V8 P[9], V8 *energy) {
     const V8 *a = w->a;
@@ -138,11 +137,10 @@ INSIDE void TM_NAME(fibre_shear)(const TM_NAME(law) * w, const V8 F[9], const V8
     }
 }
 
-/* What fibres add to the isotropic law, whole: by how much they are longer, e = |F a| - 1, by the change of volume
- * x - 3 and by their shear, so that no other rotation is asked for than R:
- *     dlambda level(x - 3) level(e) + (beta + 4 dmu) (e^2/2, straight on from TM_FIBRE_FREE) + 2 dmu p,
- * and where lambda is negative its pull ends at TM_FIBRE_FREE. Of second order in small strains it is that of eq. (1).
- */
+/* Computes the complete addition of fibres to the isotropic law. It depends on their elongation e = |F a| - 1, the
+ * change of volume x - 3 and their shear, so that R is the only rotation it needs:
+ *     dlambda level(x - 3) level(e) + (beta + 4 dmu) (e^2/2, linear beyond TM_FIBRE_FREE) + 2 dmu p.
+ * Where lambda is negative, its tension ends at TM_FIBRE_FREE. To second order in small strains it equals eq. (1). */
 INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const V8 F[9], const V8 R[9], const V8 *I, const V8 *trace, V8 P[9],
                             V8 *energy) {
     const V8 *a = w->a;
@@ -152,7 +150,7 @@ INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const V8 F[9], const V8 R[9]
     V8 root = z;
     TM_NAME(root)(&root);
     const V8 least = one * TM_FIBRE_SHORT, low = z * (0.5 / TM_FIBRE_SHORT) + 0.5 * TM_FIBRE_SHORT;
-    const M8 shrunk = root < least; /* a length of no direction would have a kink */
+    const M8 shrunk = root < least; /* the length has a kink at 0 */
     TM_NAME(choose)(&length, &shrunk, &low, &root);
     TM_NAME(choose)(&over, &shrunk, &least, &root);
     const V8 grown = *trace - 3, e = length - 1, free = one * TM_FIBRE_FREE, stiff = w->beta + 4 * w->dmu;
@@ -171,9 +169,9 @@ INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const V8 F[9], const V8 R[9]
     TM_NAME(fibre_shear)(w, F, I, g, &z, P, energy);
 }
 
-/* Isotropic: the polar rotation is the one of least energy as long as the volume is not under more tension than twice
- * mu; tension grows no further than that or a fifth of lambda. Stress and energy, less those of the linear law: 2 mu (F
- * - R) + p R - mu (H + H^T) - lambda tr H = mu (H - H^T) + (2 mu - lambda tr H) + (p - 2 mu) R. */
+/* Isotropic law. The polar rotation has the least energy as long as the tension of the volume is below twice mu; the
+ * tension is limited to that or a fifth of lambda. Stress and energy are without those of the linear law: 2 mu (F - R)
+ * + p R - mu (H + H^T) - lambda tr H = mu (H - H^T) + (2 mu - lambda tr H) + (p - 2 mu) R. */
 INSIDE void TM_NAME(isotropic)(const V8 *mu, const V8 *lambda, const V8 H[9], const V8 R[9], const V8 *trace,
                                V8 *pressure, V8 add[9]) {
     const V8 twice = 2 * *mu, fifth = 0.2 * *lambda, diagonal = twice - *lambda * (H[0] + H[4] + H[8]);
@@ -201,7 +199,7 @@ INSIDE void TM_NAME(isotropic_energy)(const V8 *mu, const V8 *lambda, const V8 H
     *energy = *mu * (*I - 2 * *trace + 3) + stored - straight;
 }
 
-/* Stress and energy of the linear law's part by fibres, taken off. */
+/* Subtracts stress and energy of the linear law's fibre terms. */
 INSIDE void TM_NAME(take_linear)(const TM_NAME(law) * w, const V8 H[9], V8 P[9], V8 *energy) {
     TM_NAME(law) fibres = *w;
     V8 sum = {0}, E[9], T[9];
@@ -214,7 +212,7 @@ INSIDE void TM_NAME(take_linear)(const TM_NAME(law) * w, const V8 H[9], V8 P[9],
     *energy -= 0.5 * sum;
 }
 
-/* The pack's law; false: isotropic. */
+/* Reads the batch's law; returns false if it is isotropic. */
 INSIDE bool TM_NAME(law_of)(const tm_tet_batches *batches, int32_t p, int at, TM_NAME(law) * w) {
     memcpy(&w->mu, batches->batch[p].mu_J + at, sizeof(V8));
     memcpy(&w->lambda, batches->batch[p].lambda_J + at, sizeof(V8));
@@ -227,8 +225,8 @@ INSIDE bool TM_NAME(law_of)(const tm_tet_batches *batches, int32_t p, int at, TM
     return true;
 }
 
-/* 0 below the threshold, 1 above the band, between them the polynomial whose first two derivatives vanish at both ends;
- * slope: its derivative by |H|^2. False: all are 0. */
+/* Computes the blend: 0 below the threshold, 1 above the band. Between them it is the polynomial whose first two
+ * derivatives vanish at both ends. slope: its derivative by |H|^2. Returns false if all are 0. */
 INSIDE bool TM_NAME(blend)(const tm_tet_batches *batches, const V8 H[9], V8 *weight, V8 *slope) {
     V8 s = {0};
     for (int i = 0; i < 9; i++) s += H[i] * H[i];
@@ -242,7 +240,7 @@ INSIDE bool TM_NAME(blend)(const tm_tet_batches *batches, const V8 H[9], V8 *wei
     return TM_NAME(any)(&above);
 }
 
-/* What a pack adds: stress and, where asked for or needed, energy; both are whole, the weight is not in them. */
+/* Correction of a batch: stress and, where requested or needed, energy; both before multiplication by the weight. */
 typedef struct TM_NAME(turned) {
     V8 H[9], F[9], R[9], trace, I; /* the polar rotation, and the trace of its stretch */
     V8 stress[9], energy, weight, slope;
@@ -277,7 +275,7 @@ INSIDE bool TM_NAME(turn)(const tm_tet_batches *batches, int32_t p, int at, cons
     return true;
 }
 
-/* The same onto force_N, the marked lanes ascending. */
+/* Adds the corner forces to force_N, the marked lanes ascending. */
 INSIDE void TM_NAME(scatter)(const tm_tet_batches *batches, int32_t p, int at, const M8 *who, const V8 P[9],
                              double *force_N) {
     const tm_tet_batch *batch = batches->batch + p;
@@ -297,7 +295,7 @@ INSIDE void TM_NAME(stress_of)(const TM_NAME(turned) * b, V8 P[9]) {
     for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
 }
 
-/* The sum over lanes, ascending: the same for every width. */
+/* Adds the energies of lanes in ascending order: the same bits for every width. */
 INSIDE void TM_NAME(add_energy)(const TM_NAME(turned) * b, double *sum_J) {
     const V8 weighted = b->weight * b->energy;
     for (int l = 0; l < TM_WIDTH; l++)

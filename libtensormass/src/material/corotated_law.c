@@ -1,6 +1,6 @@
-/* The rows of corotated tissue: tetrahedra beyond the threshold follow the linear law in axes that turn with them
- * (corotated_kernel.h), the others and the blend between stay as the linear row. With averages, changes of volume are
- * those of domains of vertices (nodal_dilatation.c). */
+/* The rows of corotated tissue. Tetrahedra beyond the threshold follow the linear law in axes that rotate with them
+ * (corotated_kernel.h); the others follow the linear row, with a blend between. With averages, dilatations are those of
+ * domains of vertices (nodal_dilatation.c). */
 #include "base/vec.h"
 #include "material/law.h"
 
@@ -22,7 +22,7 @@ static void add_product(const double A[81], const double D[9], double scale, dou
     for (int i = 0; i < 9; i++) P[i] += scale * product(A + 9 * i, D);
 }
 
-/* Stress of one tetrahedron's own law, changed along D. */
+/* Adds the change of stress of one tetrahedron's own law along D. */
 static void add_own(const tm_law_state *s, int32_t tet, const double *u_m, const double D[9], double P[9]) {
     tm_corotated_lane lane;
     double A[81];
@@ -50,8 +50,8 @@ static void turn_of(const tm_nodal_dilatation *a, int32_t tet, double R[9]) {
     for (int i = 0; i < 9; i++) R[i] = a->rotation[(9 * (int64_t)(tet / TM_LANES) + i) * TM_LANES + tet % TM_LANES];
 }
 
-/* Changes of the domains' pressures into `unturned`, of what tetrahedra give into `straight`: work space that the whole
- * law has no use for. */
+/* Computes changes of the domains' pressures into `unturned`, of the tetrahedra's contributions into `straight`: work
+ * space that the complete law does not use. */
 static void change_pressures(const tm_law_state *s, const double *d_m) {
     const tm_nodal_dilatation *a = &s->averages;
     const tm_domains *domains = tm_nodal_dilatation_domains_of(a);

@@ -1,4 +1,4 @@
-/* The tangent of what turns: second derivatives of the energy of one tetrahedron, and the tensors of the whole. */
+/* The tangent of corotated tetrahedra: second derivatives of the energy of one, and the tensors of all. */
 #include <math.h>
 #include <string.h>
 
@@ -23,7 +23,7 @@ static void transposed_times(const double A[9], const double B[9], double C[9]) 
         for (int j = 0; j < 3; j++) C[3 * i + j] = A[i] * B[j] + A[3 + i] * B[3 + j] + A[6 + i] * B[6 + j];
 }
 
-/* What is bilinear in A and B, and of F twice is twice its cofactors. */
+/* The bilinear form of cofactors: for F and F it is twice the cofactors of F. */
 static void cofactors(const double A[9], const double B[9], double C[9]) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
@@ -101,7 +101,7 @@ static void stretch_hessian(const double F[9], const double R[9], double x, doub
     }
 }
 
-/* Of mu |F - R|^2 and the volume's part. */
+/* Second derivatives of mu |F - R|^2 and of the volume's part. */
 static void isotropic_hessian(const tm_corotated_lane *w, const double turn[81], double A[81]) {
     const double most = fmax(2 * w->mu, 0.2 * w->lambda), grown = w->trace - 3;
     const bool slack = w->lambda * grown > most;
@@ -140,7 +140,7 @@ static void add_fibre_shear(const tm_corotated_lane *w, const double F[9], const
         }
 }
 
-/* level of corotated_kernel.h and its derivatives. */
+/* `level` of corotated_kernel.h and its derivatives. */
 static void level(double t, double out[3]) {
     const double c = fmin(fmax(t, -2 * TM_FIBRE_FREE), 2 * TM_FIBRE_FREE), over = fmax(fabs(c) - TM_FIBRE_FREE, 0);
     out[0] = c - copysign(over * over * 0.5 / TM_FIBRE_FREE, c);

@@ -1,12 +1,12 @@
-/* Laws in Green's strain E = (F^T F - 1)/2, a part of hyperelastic_kernel.h: St. Venant-Kirchhoff with the transversely
- * isotropic terms of Picinbono, Delingette and Ayache (Graph. Models 65 (2003) 305), and Fung's exponential of them,
- * which is Guccione's (J. Biomech. Eng. 113 (1991) 42) where the bulk modulus is apart:
+/* Laws in Green's strain E = (F^T F - 1)/2, a part of hyperelastic_kernel.h. St. Venant-Kirchhoff has the transversely
+ * isotropic terms of Picinbono, Delingette and Ayache (Graph. Models 65 (2003) 305). Fung's is their exponential; it is
+ * Guccione's (J. Biomech. Eng. 113 (1991) 42) where the bulk modulus is separate:
  *     w(E) = mu tr E^2 + dlambda I1 I4 + 2 dmu I5 + beta/2 I4^2,   I1 = tr E, I4 = a.E a, I5 = a.E^2 a,
  *     St. Venant-Kirchhoff: W = w + (1 - c) lambda/2 I1^2 + c lambda/2 (J - 1)^2,
  *     Fung:                 W = C/2 (exp(2 w/C) - 1) + lambda/2 (J - 1)^2.
- * E knows nothing of inside and out; the term in J does. */
+ * E is the same for F and its mirror image; the term in J resists inversion. */
 
-/* S = dw/dE, and w. */
+/* Computes S = dw/dE, and w. */
 INSIDE void TM_NAME(green_stress)(const TM_NAME(hyper) * w, const V8 E[9], V8 S[9], V8 *energy) {
     const V8 *a = w->fibre;
     V8 Ea[3], square = E[0] * E[0];
@@ -52,7 +52,7 @@ INSIDE void TM_NAME(st_venant_kirchhoff)(const TM_NAME(hyper) * w, const V8 H[9]
     TM_NAME(pull_forward)(H, S, &pressure, s, P);
 }
 
-/* c: C times the volume, 1/C per that, largest exponent; beyond it the exponential stays. */
+/* c: C times the volume, 1/C per volume, largest exponent; beyond it the exponential is constant. */
 INSIDE void TM_NAME(fung)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9], M8 *outside) {
     V8 E[9], S[9], J1, energy, Q, steep;
     TM_NAME(green_strain)(H, E);

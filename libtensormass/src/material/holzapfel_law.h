@@ -1,7 +1,7 @@
 /* Fibres of Holzapfel, Gasser and Ogden with dispersion (Gasser, Ogden and Holzapfel, J. R. Soc. Interface 3 (2006) 15)
  * in neo-Hookean tissue, a part of hyperelastic_kernel.h:
  *     W = neo-Hooke + k1/(2 k2) (exp(k2 y^2) - 1),   y = kappa (I - 3) + (1 - 3 kappa) (|F a|^2 - 1) where positive,
- * else 0: they pull, and do not push. Beyond y_max their pull grows on along its tangent. */
+ * else 0: fibres resist extension only. Beyond y_max their stress continues along its tangent. */
 
 /* c: k1 times the volume, k2, kappa, y_max. */
 INSIDE void TM_NAME(holzapfel)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],

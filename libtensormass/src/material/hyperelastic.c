@@ -8,7 +8,7 @@
 
 #include "base/intrinsics.h"
 
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
 
 #define TM_NAME(x) tm_plain_##x
 #define TM_TARGET
@@ -65,7 +65,7 @@ tm_hyper_force tm_hyper_force_choose(bool plain) {
     return tm_hyper_force_form(form);
 }
 
-/* --- packs --- */
+/* --- batches --- */
 
 static const double NO_LIMIT = 1e300;
 
@@ -80,7 +80,7 @@ static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *batch
     const double *a = tm_field_fibre(field, tet), s = m->stretch_max;
     batch->law[l] = m->law;
     batch->laws |= 1u << m->law;
-    /* Of a uniaxial stretch s that keeps the volume. */
+    /* For a uniaxial stretch s that keeps the volume. */
     batch->I3_max[l] = s * s + 2 / s - 3;
     const double volume = field->mesh->volume_m3[tet];
     double c[TM_LAW_CONSTANTS];
@@ -197,8 +197,8 @@ static double largest_eigenvalue(double A[81]) {
     return most;
 }
 
-/* A place of the search: |F| by that at the limit, and two angles of the principal stretches, of which the third may be
- * negative; where there are fibres, two angles of theirs among the principal axes. */
+/* A point of the search: |F| relative to that at the limit, and two angles of the principal stretches, of which the
+ * third may be negative. With fibres, two angles of theirs among the principal axes. */
 enum { PLACE = 5 };
 typedef struct search {
     int64_t law;
@@ -215,7 +215,7 @@ static double stiffness_at(search *s, const double x[PLACE]) {
     return largest_eigenvalue(A);
 }
 
-/* Uphill from x, by steps that halve. */
+/* Climbs from x by steps that halve. */
 static double climb(search *s, double x[PLACE], double best) {
     for (double step = 0.1; step > 1e-4; step *= 0.5)
         for (bool moved = true; moved;) {

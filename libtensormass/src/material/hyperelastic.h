@@ -1,22 +1,22 @@
-/* Nonlinear laws of a field: one a material, in packs of eight tetrahedra. */
+/* Nonlinear laws of a field, one per material, in batches of eight tetrahedra. */
 #ifndef TM_HYPERELASTIC_H
 #define TM_HYPERELASTIC_H
 
 #include "material/material_internal.h"
 
-/* The band in which a stretch beyond the limit is scaled back, as a share of |F| there; volume ratios between which
+/* Band in which a stretch beyond the limit is scaled back, as a share of |F| there; volume ratios between which
  * pressure grows. */
 #define TM_STRETCH_BAND 0.15
 #define TM_VOLUME_LEAST 0.5
 #define TM_VOLUME_MOST 1.5
 
 typedef struct tm_law_pack {
-    double constant[TM_LAW_CONSTANTS][TM_LANES]; /* times the volume where the law's is in Pa */
+    double constant[TM_LAW_CONSTANTS][TM_LANES]; /* times the volume where the law's constant is in Pa */
     double dlambda_J[TM_LANES], dmu_J[TM_LANES], beta_J[TM_LANES];
     double fibre[3][TM_LANES];
     double I3_max[TM_LANES]; /* |F|^2 - 3 at the limit of stretch */
     int64_t law[TM_LANES];   /* tm_law_kind */
-    uint32_t laws;           /* a bit each that a lane has */
+    uint32_t laws;           /* a bit for each law of its lanes */
 } tm_law_pack;
 
 typedef struct tm_hyperelastic {
@@ -24,27 +24,28 @@ typedef struct tm_hyperelastic {
     const tm_law_pack *law; /* [packs.count] */
 } tm_hyperelastic;
 
-/* From the pool; false: no memory. */
+/* Initialises from the pool; returns false without memory. */
 bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_field *field);
 
-/* corner_N [12*TM_LANES*packs.count]: what corners of the packs [begin, end) are pulled with. Returns how many
- * tetrahedra are beyond a limit, and go on linearly. Every form has the bits of the plain one. */
+/* Computes corner_N [12*TM_LANES*packs.count], the corner forces of the batches [begin, end). Returns how many
+ * tetrahedra are beyond a limit, where the law is continued linearly. Every form is bit-identical to the plain one. */
 typedef int32_t (*tm_hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
                                   double *corner_N);
-/* 0 plain, 1 AVX2, 2 AVX-512; null: this processor has it not. */
+/* 0 plain, 1 AVX2, 2 AVX-512; null: not supported by this processor. */
 tm_hyper_force tm_hyper_force_form(int form);
 tm_hyper_force tm_hyper_force_choose(bool plain);
 
-/* J, of all living tetrahedra; and of one. */
+/* Returns the energy, J, of all active tetrahedra; of one. */
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m);
 double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const double *u_m);
-/* d2W/dF2 of one tetrahedron, symmetric 9x9, J. */
+/* Computes d2W/dF2 of one tetrahedron, symmetric 9x9, J. */
 void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
 
-/* The largest eigenvalue of d2W/dF2 over all F, Pa: by search over principal stretches, and TM_BOUND_MARGIN more. */
+/* Returns the largest eigenvalue of d2W/dF2 over all F, Pa: by search over principal stretches, times
+ * TM_BOUND_MARGIN. */
 #define TM_BOUND_MARGIN 1.05
 double tm_law_stiffest_Pa(const tm_material *material);
-/* Constants as the law takes them, for a volume: law_constant, and what follows from the limit of stretch. */
+/* Computes the constants of the law for a volume: law_constant, and those that follow from the limit of stretch. */
 void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 
 #endif

@@ -1,23 +1,23 @@
-/* Nonlinear laws, WIDTH lanes at a time: stress of each law (NAME_law.h), and what goes on beyond the largest stretch;
- * included once for each set of instructions and once for complex numbers, with TM_NAME(x) set. Energies and stresses
- * are times the volume. A law is written in H = grad u, not in F, so that small strains lose no digits.
+/* Nonlinear laws, WIDTH lanes at a time: the stress of each law (NAME_law.h), and its continuation beyond the largest
+ * stretch. Included once for each instruction set and once for complex numbers, with TM_NAME(x) set. Energies and
+ * stresses are times the volume. A law is written in H = grad u, not in F, so that small strains lose no digits.
  *
  * Limits of stretch. No law's tangent is bounded for every F, and a step needs a bound. Beyond |F|^2 = 3 + I3_max the
- * law is asked at F scaled back to phi(|F|), which ends at 1 + TM_STRETCH_BAND of the limit, and a spring of stiffness
- * kappa = 4/3 mu holds what is beyond: |F| is the same for every rotated F, so that no energy comes from turning. Force
- * and energy have no jump there, the tangent has one. */
+ * law is evaluated at F scaled back to phi(|F|), which ends at 1 + TM_STRETCH_BAND of the limit. A spring of stiffness
+ * kappa = 4/3 mu resists the excess. |F| is rotation-invariant, so rotation generates no energy. Force and energy have
+ * no jump there, the tangent has one. */
 
-/* Of WIDTH lanes. */
+/* Constants of WIDTH lanes. */
 typedef struct TM_NAME(hyper) {
     V8 mu, lambda, dlambda, dmu, beta; /* times volume */
-    V8 c[TM_LAW_CONSTANTS], fibre[3];  /* what `c` is, the law says */
+    V8 c[TM_LAW_CONSTANTS], fibre[3];  /* the meaning of `c` depends on the law */
     V8 I3_max;
 } TM_NAME(hyper);
 
-/* What every law asks for first. */
+/* Strain measures that every law needs. */
 typedef struct TM_NAME(strain) {
     V8 trace, I3, J1; /* tr H; |F|^2 - 3; det F - 1 */
-    V8 cof[9];        /* cofactors of F, less the unit tensor */
+    V8 cof[9];        /* cofactors of F, minus the unit tensor */
 } TM_NAME(strain);
 
 INSIDE void TM_NAME(clamp)(const V8 *x, double least, double most, V8 *y, M8 *outside) {
@@ -46,7 +46,7 @@ INSIDE void TM_NAME(strain_of)(const V8 H[9], TM_NAME(strain) * s) {
 #include "material/holzapfel_law.h"
 #include "material/mooney_rivlin_law.h"
 
-/* First Piola stress; `outside`: lanes that go on linearly. */
+/* Computes the first Piola stress; `outside`: lanes that continue linearly. */
 INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s,
                                    V8 P[9], M8 *outside) {
     switch (law) {
@@ -60,7 +60,7 @@ INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const 
     }
 }
 
-/* phi(t), its derivative, and t - limit, of lanes beyond. */
+/* phi(t), its derivative, and t - limit, of lanes beyond the limit. */
 typedef struct TM_NAME(beyond) {
     V8 scale, slope, excess, N[9]; /* phi/t; N = F/t */
     M8 who;
@@ -81,7 +81,7 @@ INSIDE void TM_NAME(scale_back)(const TM_NAME(hyper) * w, const V8 *I3, V8 H[9],
     }
 }
 
-/* The stress of what was scaled back, and the spring's. */
+/* Computes the stress of the scaled state, and adds the spring's. */
 INSIDE void TM_NAME(pull_back)(const TM_NAME(hyper) * w, const TM_NAME(beyond) * b, V8 P[9]) {
     V8 along = P[0] * b->N[0];
     for (int i = 1; i < 9; i++) along += P[i] * b->N[i];

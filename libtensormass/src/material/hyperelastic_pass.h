@@ -1,4 +1,4 @@
-/* Passes of nonlinear laws over packs; a part of hyperelastic.c, for real numbers. */
+/* Passes of nonlinear laws over batches; a part of hyperelastic.c, for real numbers. */
 
 #include "material/simd_vector.h"
 
@@ -18,7 +18,7 @@ INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NA
     for (int i = 0; i < 3; i++) memcpy(&w->fibre[i], law->fibre[i] + at, sizeof(V8));
 }
 
-/* A pack of several laws: every one of all lanes, and each lane's own is kept. */
+/* Stress of a batch with several laws: evaluates each for all lanes, and keeps it for its own lanes. */
 INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, const TM_NAME(hyper) * w, const V8 H[9],
                                   V8 P[9], M8 *outside) {
     V8 Q[9];
@@ -34,7 +34,7 @@ INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, c
     }
 }
 
-/* Corner forces of the packs [begin, end). Returns how many tetrahedra are beyond a limit. */
+/* Computes corner forces of the batches [begin, end). Returns how many tetrahedra are beyond a limit. */
 TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
                                               double *corner_N) {
     int32_t count = 0;

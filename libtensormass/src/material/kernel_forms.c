@@ -1,11 +1,11 @@
-/* The forms of corotated_kernel.h, and what tangents and energies take from the plain one. */
+/* The forms of corotated_kernel.h, and functions of the plain one for tangents and energies. */
 #include <math.h>
 #include <string.h>
 
 #include "base/intrinsics.h"
 #include "material/material_internal.h"
 
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
 
 #define TM_NAME(x) tm_plain_##x
 #define TM_TARGET

@@ -13,7 +13,7 @@ const tm_law *tm_law_of(const tm_material_field *field) {
 }
 
 bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
-    static const double NEVER = 1e100; /* |grad u| that no tetrahedron passes */
+    static const double NEVER = 1e100; /* |grad u| that no tetrahedron exceeds */
     *state = (tm_law_state){.law = law, .field = *field};
     if (law->kind != TM_LAW_LINEAR) {
         if (!tm_hyperelastic_take(&state->hyper, pool, field)) return false;

@@ -1,6 +1,6 @@
-/* The seam of constitutive laws. A law is one file and one row of tm_laws (law.c): energy, force, tangent and the bound
- * of the tangent, over all active tetrahedra of a field in batches of eight. tests/physics/test_laws.c checks every
- * row: energy against force, force against tangent, objectivity, the bound, plain against SIMD. */
+/* The interface of constitutive laws. A law is one file and one row of tm_laws (law.c): energy, force, tangent and the
+ * bound of the tangent, over all active tetrahedra of a field in batches of eight. tests/physics/test_laws.c checks
+ * every row: energy against force, force against tangent, objectivity, the bound, plain against SIMD. */
 #ifndef TM_LAW_H
 #define TM_LAW_H
 
@@ -24,46 +24,46 @@ typedef struct tm_law {
     bool has_constant_tangent; /* stiffness tensors are its fast path (tissue/force.c) */
     bool has_fibres;           /* a material with fibres may have it */
     bool is_objective;         /* no energy by rigid rotation */
-    bool averages;             /* changes of volume are averaged around vertices: of a smoothed field */
-    /* J, of all active tetrahedra. */
+    bool averages;             /* dilatation is averaged around vertices: for a smoothed field */
+    /* Returns the energy of all active tetrahedra, J. */
     double (*energy)(const tm_law_state *state, const double *u_m);
-    /* force_N -= its derivative. Every form has the bits of the plain one. */
+    /* force_N -= its derivative. Every form is bit-identical to the plain one. */
     void (*force)(const tm_law_state *state, bool plain, const double *u_m, double *force_N);
-    /* change_N -= its second derivative along d_m: by how much the force changes. */
+    /* change_N -= its second derivative along d_m: the change of the force. */
     void (*tangent)(const tm_law_state *state, const double *u_m, const double *d_m, double *change_N);
-    /* Upper bound of the largest eigenvalue of M_e^-1 K_e in any state, 1/s2, with any masses (or weights) > 0 on the
-     * vertices. No assembled system has a larger one than the largest of its tetrahedra (Irons). */
+    /* Returns an upper bound of the largest eigenvalue of M_e^-1 K_e in any state, 1/s2, with any masses (or weights) >
+     * 0 on the vertices. No assembled system has a larger one than the largest of its tetrahedra (Irons). */
     double (*bound)(const tm_material_field *field, int32_t tet, const double mass_kg[4]);
 } tm_law;
 
 extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged;
 extern const tm_law tm_law_neo_hooke, tm_law_st_venant_kirchhoff, tm_law_mooney_rivlin, tm_law_fung, tm_law_holzapfel;
-/* All rows, null behind the last. */
+/* All rows, null after the last. */
 extern const tm_law *const tm_laws[];
-/* The law that a field names. */
+/* Returns the law of a field. */
 const tm_law *tm_law_of(const tm_material_field *field);
 
-/* From the pool; false: no memory. */
+/* Initialises from the pool; returns false without memory. */
 bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field);
 
-/* --- what rows share (law_batch.c) --- */
+/* --- shared by the rows (law_batch.c) --- */
 
-/* What the corners of all living tetrahedra are pulled with, ascending. */
+/* Adds the corner forces of all active tetrahedra, ascending. */
 void tm_law_gather(const tm_law_state *state, double *force_N);
 
-/* Force by the passes over batches (kernel_forms.c), gathered in ascending order. */
+/* Computes the force by the passes over batches (kernel_forms.c), gathered in ascending order. */
 void tm_law_batch_force(const tm_law_state *state, bool plain, const double *u_m, double *force_N);
-/* grad of a field of vectors in one tetrahedron, row by row; and its corners' forces by a stress P, times the volume:
- * force_N -= P alpha. */
+/* Computes the gradient of a vector field in one tetrahedron, row by row; _add_stress adds the corner forces of a
+ * stress P times the volume: force_N -= P alpha. */
 void tm_law_gradient(const tm_mesh *mesh, int32_t tet, const double *u_m, double H[9]);
 void tm_law_add_stress(const tm_mesh *mesh, int32_t tet, const double P[9], double *force_N);
 
-/* linear_law.c. A = L^T G L with C = L L^T the elasticity of the tetrahedron, or what bounds all that smoothing can
- * make of it; G of strains in Mandel form. */
+/* linear_law.c. A = L^T G L with C = L L^T the elasticity of the tetrahedron, or a bound of it under any smoothing; G
+ * of strains in Mandel form. */
 void tm_linear_gram(const tm_material_field *field, int32_t tet, const double G[36], double A[36]);
-/* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
+/* G += scale B B^T: B maps a displacement to its strain in Mandel form, by the gradient alpha. */
 void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
-/* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */
+/* Returns an upper bound of the largest eigenvalue of G C, C semidefinite in Voigt form: at most 0.2 % too large. */
 double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]);
 
 #endif

@@ -1,4 +1,5 @@
-/* What rows of the table of laws share: force by the passes over batches, gradients and stresses of one tetrahedron. */
+/* Functions shared by the rows of the table of laws: force by the passes over batches, gradients and stresses of one
+ * tetrahedron. */
 #include "base/vec.h"
 #include "material/law.h"
 

@@ -156,7 +156,7 @@ tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const doub
     return status;
 }
 
-/* Writes `out` only when the constants stand. */
+/* Writes `out` only if the constants are valid. */
 static tm_status accept(tm_material m, tm_material *out, tm_error *error) {
     TM_REQUIRE(out, "out is null", TM_ERR_ARGUMENT);
     m.density_kg_m3 = DEFAULT_DENSITY_KG_M3;

@@ -1,4 +1,4 @@
-/* The materials of a mesh: what laws read of a tissue. */
+/* The materials of a mesh: tissue data that laws read. */
 #ifndef TM_MATERIAL_FIELD_H
 #define TM_MATERIAL_FIELD_H
 
@@ -13,7 +13,7 @@ typedef struct tm_material_field {
     const int32_t *region_material;     /* [region_count] */
     const double *fibre;                /* [3*tet_count] or null */
     const struct tm_smoothed *smoothed; /* null: linear tetrahedra (strain_smoothing.h) */
-    double rotation;                    /* |grad u| from which on tetrahedra are corotated; 0: none is */
+    double rotation;                    /* |grad u| above which tetrahedra are corotated; 0: none is */
     const double *stiffest_Pa;          /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
     int32_t material_count;
     bool plain; /* plain form of all loops */
@@ -26,18 +26,17 @@ static inline const double *tm_field_fibre(const tm_material_field *field, int32
     return field->fibre ? field->fibre + 3 * (int64_t)tet : NULL;
 }
 
-/* Largest exponent that a law may have at its limit of stretch. */
+/* Largest exponent of a law at its limit of stretch. */
 #define TM_EXPONENT_MAX 6.0
-/* Of the law "fung": 2 w/C of the uniaxial stretch that is the limit, along the fibre; beyond it the exponential stays.
- */
+/* Law "fung": 2 w/C at the limit of uniaxial stretch along the fibre; beyond it the exponential is constant. */
 double tm_law_exponent_limit(const tm_material *material);
-/* Of the law "holzapfel": y at which fibres' pull goes on along its tangent, that of the largest stretch along them. */
+/* Law "holzapfel": y of the largest stretch along fibres; beyond it their stress continues along its tangent. */
 double tm_law_fibre_limit(const tm_material *material);
 
-/* Bulk modulus whose subtraction leaves the law semidefinite, the largest there is: 1 / (m.C^-1 m), m the unit tensor;
+/* Returns the largest bulk modulus whose subtraction leaves the law semidefinite: 1 / (m.C^-1 m), m the unit tensor;
  * lambda + 2/3 mu of isotropic tissue. */
 double tm_material_bulk_Pa(const tm_material *material);
-/* The long-term law when all has relaxed: shares `shear` and `volume` of its moduli. */
+/* Returns the long-term law, fully relaxed: shares `shear` and `volume` of its moduli. */
 tm_material tm_material_relaxed(const tm_material *material, double shear, double volume);
 
 #endif

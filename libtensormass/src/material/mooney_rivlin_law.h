@@ -14,7 +14,7 @@ INSIDE void TM_NAME(mooney_rivlin)(const TM_NAME(hyper) * w, const V8 H[9], cons
         for (int j = 0; j < 3; j++) {
             const int k = 3 * i + j;
             const V8 HE = H[3 * i] * E[j] + H[3 * i + 1] * E[3 + j] + H[3 * i + 2] * E[6 + j];
-            /* F - cof F, and I F - F C - 2 cof F, at rest both 0. */
+            /* F - cof F, and I F - F C - 2 cof F; both are 0 at rest. */
             const V8 first = H[k] - s->cof[k], second = 2.0 * (H[k] - E[k] - HE - s->cof[k]) + s->I3 * H[k];
             P[k] = a * first + b * second + pressure * s->cof[k];
         }

@@ -2,8 +2,7 @@
  * hyperelastic_kernel.h:
  *     W = m/2 (I - 3) - m/2 log((I + 1)/4) + l/2 (J - 1)^2 - 3/4 m (J - 1),  I = |F|^2, J = det F,
  * m = 4/3 mu and l = lambda + 5/6 mu, so that small strains have lambda and mu. Beyond TM_VOLUME_LEAST and _MOST the
- * pressure stays as it is there: the tangent has a bound, and a tetrahedron that is flat or inside out still comes
- * back. */
+ * pressure is constant: the tangent has a bound, and flat or inverted tetrahedra still recover. */
 
 INSIDE void TM_NAME(neo_hooke)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
                                M8 *outside) {

@@ -1,5 +1,5 @@
-/* Averages of turned tetrahedra's changes of volume, between the two passes of nodal_dilatation_kernel.h. All sums
- * ascend over tetrahedra, of which the dead give nothing, so that a cut tissue has the bits of a fresh build. */
+/* Averages dilatations of corotated tetrahedra, between the two passes of nodal_dilatation_kernel.h. All sums ascend
+ * over tetrahedra, with 0 for removed ones, so that a cut tissue is bit-identical to a fresh build. */
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +13,7 @@ int32_t tm_nodal_dilatation_domains(const tm_nodal_dilatation *s) {
     return tm_nodal_dilatation_is_on(s) ? tm_nodal_dilatation_domains_of(s)->count : 0;
 }
 
-/* --- room --- */
+/* --- memory --- */
 
 bool tm_nodal_dilatation_init_evaluation(tm_nodal_dilatation *look, tm_pool *pool, const tm_nodal_dilatation *s,
                                          int32_t batches) {
@@ -41,10 +41,10 @@ static void name_domains(const tm_nodal_dilatation *s, int32_t tet, int32_t doma
     }
 }
 
-/* Who gives to which domain, of all tetrahedra. */
+/* Lists the tetrahedra that contribute to each domain. */
 static void list_givers(const tm_nodal_dilatation *s) {
     const int32_t *domain = s->domain, count = 4 * s->field.mesh->tet_count;
-    int32_t *at = s->tet_at + 1; /* for now: where the next one goes */
+    int32_t *at = s->tet_at + 1; /* meanwhile: index of the next entry */
     for (int32_t i = 0; i < count; i++) s->tet_at[domain[i] + 1]++;
     for (int32_t d = 0, sum = 0; d < tm_nodal_dilatation_domains(s); d++) {
         const int32_t own = at[d];
@@ -85,15 +85,15 @@ bool tm_nodal_dilatation_init(tm_nodal_dilatation *s, tm_pool *pool, const tm_ma
 
 /* --- averages and pressures --- */
 
-/* Of one domain. */
+/* Averages over one domain. */
 static double average(const tm_nodal_dilatation *s, int32_t i, const double *of) {
     double sum = 0;
     for (int32_t j = s->tet_at[i]; j < s->tet_at[i + 1]; j++) sum += of[s->tet[j]];
     return sum / tm_nodal_dilatation_domains_of(s)->volume_m3[i];
 }
 
-/* The terms' part of a domain's pressure; they know a change of volume as far as tension grows, and as much the other
- * way, level as in viscous_kernel.h. */
+/* Computes the terms' part of a domain's pressure. They see a dilatation only within the range of the tension, and as
+ * much in compression: `level` as in viscous_kernel.h. */
 static void relax(const tm_nodal_dilatation *s, const tm_viscous *v, int32_t i, double bulk, double most) {
     const double tiny = 1e-60, free = 2.0 / 3 * most / bulk, size = fabs(s->averaged_dilatation[i]);
     const double over = size < free ? 0 : size < 2 * free ? size / free - 1 : 1;
@@ -149,7 +149,7 @@ static double sum_energy(const tm_nodal_dilatation *s, double less) {
     for (int32_t i = 0; i < d->count; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
         const double bulk = s->bulk_Pa[d->law[i]], p = s->corotated_Pa[i];
-        /* Beyond the largest tension energy grows straight on. */
+        /* Beyond the largest tension energy grows linearly. */
         sum += d->volume_m3[i] * (p * (s->averaged_dilatation[i] - 0.5 * p / bulk) -
                                   less * bulk * s->averaged_linear_dilatation[i] * s->averaged_linear_dilatation[i]);
     }

@@ -1,8 +1,8 @@
-/* Tissue that turns and whose changes of volume are averaged; a part of corotated_kernel.h. Two passes over all
- * tetrahedra, with the sums over domains between them (nodal_dilatation.c): rotations and changes of volume first, then
- * pressures' forces. */
+/* Corotated tissue with averaged dilatation; a part of corotated_kernel.h. Two passes over all tetrahedra, with the
+ * sums over domains between them (nodal_dilatation.c): first rotations and dilatations, then the forces of
+ * pressures. */
 
-/* The sum of its four domains' pressures. */
+/* Sums the pressures of its four domains. */
 INSIDE void TM_NAME(pressure)(const tm_nodal_dilatation *s, int32_t p, int at, const double *of, V8 *sum) {
     const int32_t *i = s->domain + 4 * (TM_LANES * (int64_t)p + at);
     V8 more;

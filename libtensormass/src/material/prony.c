@@ -1,4 +1,4 @@
-/* The Prony series: what a definition may say, the coefficients of a step, and the terms of batches. */
+/* The Prony series: checks of a definition, the coefficients of a step, and the terms of batches. */
 #include "material/prony.h"
 
 #include <math.h>
@@ -39,10 +39,10 @@ tm_fading tm_fading_of(double dt_s, double time_s) {
     return (tm_fading){exp(-x), gone - now, now};
 }
 
-/* --- of batches --- */
+/* --- batches --- */
 
-/* The long-term law, in batches and, where changes of volume are averaged, by domains. The field with these materials
- * lives no longer than this call: batches keep of it what is the tissue's own. */
+/* Builds the long-term law, in batches and, where dilatation is averaged, by domains. The field with these materials
+ * exists during this call only: batches keep only data of the tissue. */
 static bool take_long_term(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
                            double shear, double volume) {
     const int32_t regions = field->mesh->region_count;

@@ -1,4 +1,4 @@
-/* Viscoelasticity by a Prony series (effect "viscosity"): its coefficients, and its terms of batches of tetrahedra. */
+/* Viscoelasticity by a Prony series (effect "viscosity"): its coefficients, and its terms for batches of tetrahedra. */
 #ifndef TM_PRONY_H
 #define TM_PRONY_H
 
@@ -7,21 +7,21 @@
 
 enum { TM_COOKIE_VISCOSITY = 0x76697363 };
 
-/* The history of a strain that runs straight from one step to the next, exactly: the integral of
- * exp(-(t_end - t)/time) s(t) dt/time is  keep * before + old * s_begin + new * s_end. */
+/* The exact history of a strain that is linear within each step: the integral of exp(-(t_end - t)/time) s(t) dt/time is
+ * keep * before + old * s_begin + new * s_end. */
 typedef struct tm_fading {
     double kept_share, old, now;
 } tm_fading;
 tm_fading tm_fading_of(double dt_s, double time_s);
 
-/* What the series leaves of shear and of volume. */
+/* Computes the long-term shares of shear and of volume. */
 static inline void tm_viscosity_relaxed(const tm_viscosity_def *def, double *shear, double *volume) {
     *shear = *volume = 1;
     for (int32_t t = 0; t < def->count; t++) *shear -= def->term[t].shear, *volume -= def->term[t].bulk;
 }
 
-/* Terms of batches, and `left`, the batches of the long-term law; `kept` of each term is the caller's
- * (6*TM_LANES*batches and the domains that are averaged). False: no memory. */
+/* Initialises the terms of batches, and `left`, the batches of the long-term law. The caller owns `kept` of each term
+ * (6*TM_LANES*batches and the averaged domains). Returns false without memory. */
 bool tm_prony_init(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
                    const tm_viscosity_def *def, int32_t batches, double *const *kept);
 

@@ -1,4 +1,4 @@
-/* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of corotated_kernel.h. */
+/* Vectors of WIDTH lanes, one per tetrahedron, and 3x3 matrices of them; a part of corotated_kernel.h. */
 
 #include "base/asan.h"
 
@@ -6,7 +6,7 @@ typedef double TM_NAME(v8) __attribute__((vector_size(8 * TM_WIDTH)));
 typedef int64_t TM_NAME(m8) __attribute__((vector_size(8 * TM_WIDTH)));
 #define V8 TM_NAME(v8)
 #define M8 TM_NAME(m8)
-/* Everything in one function costs clang 45 s where AddressSanitizer looks at each access; bits are the same. */
+/* Inlining everything costs clang 45 s where AddressSanitizer checks each access; bits are the same. */
 #ifdef TM_ASAN
 #define INSIDE TM_TARGET static inline
 #else
@@ -27,7 +27,7 @@ INSIDE bool TM_NAME(any)(const M8 *mask) {
 #endif
 }
 
-/* Numbers from the places at[0], at[step], ...; not one by one through memory, where a wide load would wait for all the
+/* Gathers the numbers at at[0], at[step], ... Not one by one through memory: a wide load would wait for all the
  * stores. */
 INSIDE void TM_NAME(pick)(const double *from, const int32_t *at, int step, V8 *to) {
 #if TM_WIDTH == 8

@@ -1,4 +1,4 @@
-/* What smoothing averages over: domains of vertices and edges, their members and averaged gradients. */
+/* Smoothing domains of vertices and edges, their members and averaged gradients. */
 #include "material/strain_smoothing.h"
 
 #include <string.h>
@@ -32,14 +32,14 @@ static int32_t most_around(const tm_mesh *mesh) {
     return most;
 }
 
-/* Is the law of the i-th tetrahedron of a star met there for the first time? */
+/* Returns whether the i-th tetrahedron of a star is the first with its law. */
 static bool opens_domain(const tm_material_field *field, star s, int32_t i) {
     for (int32_t j = 0; j < i; j++)
         if (law_of(field, s.tet[j]) == law_of(field, s.tet[i])) return false;
     return true;
 }
 
-/* Vertices of the star's tetrahedra of one law into `list`, ascending. */
+/* Lists the vertices of the star's tetrahedra of one law, ascending. */
 static int32_t collect(const tm_material_field *field, star s, int32_t law, int32_t *list) {
     int32_t count = 0;
     for (int32_t i = 0; i < s.count; i++)
@@ -83,7 +83,7 @@ static void walk_domains(const tm_material_field *field, tm_domains *d, int32_t 
 static void invert_members(const tm_mesh *mesh, tm_domains *d) {
     for (int32_t m = 0; m < d->member_count; m++) d->held_at[d->member[m] + 1]++;
     for (int32_t v = 0; v < mesh->vertex_count; v++) d->held_at[v + 1] += d->held_at[v];
-    for (int32_t i = d->count - 1; i >= 0; i--) /* from the back, so that each list ascends */
+    for (int32_t i = d->count - 1; i >= 0; i--) /* backwards, so that each list ascends */
         for (int32_t m = d->member_at[i + 1] - 1; m >= d->member_at[i]; m--) {
             const int32_t at = --d->held_at[d->member[m] + 1];
             d->held_by[at] = i;
@@ -165,7 +165,7 @@ void tm_smoothed_average_all(const tm_material_field *field, tm_domains *d) {
     for (int32_t o = 0; d->begin && o < owners(field->mesh, d); o++) tm_smoothed_average(field, d, o);
 }
 
-/* --- what lies above it --- */
+/* --- upper bound of the averaged law --- */
 
 const tm_material *tm_smoothed_cover(const tm_material_field *field, int32_t tet, tm_material *cover) {
     const tm_smoothed *s = field->smoothed;

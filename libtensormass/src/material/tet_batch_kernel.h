@@ -1,4 +1,4 @@
-/* Gradients of packs, and forces on their corners; a part of every kernel over tetrahedra (corotated_kernel.h,
+/* Gradients of batches, and forces on their corners; a part of every kernel over tetrahedra (corotated_kernel.h,
  * hyperelastic_kernel.h). */
 
 INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8 *there) {
@@ -13,7 +13,7 @@ INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8
     }
 }
 
-/* grad u of the pack's living tetrahedra, 0 of the others. */
+/* Computes grad u of the batch's active tetrahedra, 0 of the others. */
 INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, const double *u, V8 H[9]) {
     const tm_tet_batch *batch = batches->batch + p;
     M8 there;
@@ -37,7 +37,7 @@ INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, 
     }
 }
 
-/* What a stress times the volume pulls a tetrahedron's corners with: 1, 2, 3, and what is left to corner 0. */
+/* Computes the corner forces of a stress times the volume: corners 1, 2, 3, and corner 0 as minus their sum. */
 INSIDE void TM_NAME(pull)(const tm_tet_batches *batches, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
     const tm_tet_batch *batch = batches->batch + p;
     V8 alpha[9];

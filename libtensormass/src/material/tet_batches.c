@@ -1,4 +1,4 @@
-/* Packs from a tissue; which of them have to be looked at. */
+/* Builds batches from a tissue, and lists those that must be checked. */
 #include <math.h>
 #include <string.h>
 
@@ -69,7 +69,7 @@ bool tm_tet_batches_init(tm_tet_batches *batches, tm_pool *pool, const tm_materi
     return true;
 }
 
-/* Places of the pulls on each vertex, in the order of mesh->vertex_tet. */
+/* Index of the corner forces on each vertex, in the order of mesh->vertex_tet. */
 void tm_packs_corners(const tm_mesh *mesh, int32_t *place) {
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
@@ -80,7 +80,7 @@ void tm_packs_corners(const tm_mesh *mesh, int32_t *place) {
         }
 }
 
-/* --- who has to be looked at --- */
+/* --- which batches to check --- */
 
 double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p) {
     double most = 0;
@@ -95,7 +95,8 @@ double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p) {
     return most;
 }
 
-/* |grad u| of the pack's tetrahedra, the largest; dead ones too, which never come back within a step. */
+/* Returns the largest |grad u| of the batch's tetrahedra, removed ones included; these never come back within a
+ * step. */
 static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
     double most = 0;
     for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
@@ -106,7 +107,7 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
             for (int i = 0; i < 9; i++)
                 H[i] += (u[3 * (int64_t)v[k] + i / 3] - u[3 * (int64_t)v[0] + i / 3]) * alpha[3 * k + i % 3];
         for (int i = 0; i < 9; i++) s += H[i] * H[i];
-        if (!(s <= most)) most = s; /* no number: look at it */
+        if (!(s <= most)) most = s; /* NaN: check it */
     }
     return sqrt(most);
 }
@@ -129,7 +130,7 @@ void tm_tet_batches_seen(tm_rotation *r) {
     r->listed_m = -1;
 }
 
-/* The largest change of a component since `seen_m`; infinite where something is no number. */
+/* Returns the largest change of a component since `seen_m`; infinite where a number is not finite. */
 static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, int32_t n) {
     double most[8] = {0};
     int32_t i = 0;
@@ -148,19 +149,20 @@ double tm_tet_batches_increment(const tm_rotation *r, const double *u, int32_t p
     return way(u + first, r->seen_m + first, tm_tet_batches_before(n, partition + 1, parts) - first);
 }
 
-/* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */
+/* Returns whether batches checked without result have cost as much as a new reference state: at most twice the cost of
+ * the best choice. */
 bool tm_tet_batches_wait(const tm_rotation *r) { return !r->seen || r->idle > r->batches.count; }
 
 void tm_tet_batches_list(tm_rotation *r, double way_m) {
     if (way_m < r->listed_m) return;
-    /* For some steps to come; the list only grows until the next look. */
+    /* For some steps ahead; the list only grows until the next reference state. */
     r->listed_m = 2 * way_m;
     r->list_count = 0;
     for (int32_t p = 0; p < r->batches.count; p++)
         if (r->reach_m[p] <= r->listed_m) r->list[r->list_count++] = p;
 }
 
-/* --- what pulls, on one thread's vertices --- */
+/* --- corner forces on one thread's vertices --- */
 
 void tm_corner_forces_add(const tm_tet_batches *batches, const int32_t *list, int32_t count, const double *corner_N,
                           const uint8_t *who, int32_t begin, int32_t end, double *TM_RESTRICT force_N) {

@@ -1,18 +1,20 @@
-/* Tissue that turns and relaxes; a part of corotated_kernel.h. Each tetrahedron keeps, for each term of the Prony
+/* Corotated tissue that relaxes; a part of corotated_kernel.h. Each tetrahedron stores, for each term of the Prony
  * series, the history h of its strain in its own axes, E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S
- * = sym H,   F = 1 + H = R U with the polar R, where weight is the blend of corotated_kernel.h: far above the threshold
- * Biot's strain, below it Biot's to second order. Of a turn by an angle a the linear S has a^2/2 there and E2 only
- * a^4/8: a history would keep it. The packs' law is what the series leaves, and each term adds the energy of E - h by
- * its share of the moduli: tissue that has come to rest, h = E, bears what elastic tissue of the law that is left
- * bears, whatever bounds the law or the history. At given histories the gradient of that energy needs the one of U =
- * sym R^T F:  with T = sum_i (shear_i D + volume_i W) (E - h_i),  T:dU = (R T + Z) : dF,  Z what R's own change gives
- * (turn_change); without Z a history out of line with the strain would turn the tissue by itself.
+ * = sym H,   F = 1 + H = R U with the polar R and the blend of corotated_kernel.h as weight. Far above the threshold it
+ * is Biot's strain, below it Biot's to second order. For a rotation by an angle a the linear S has a^2/2 there and E2
+ * only a^4/8, and a history would store it.
  *
- * Terms know a change of volume within what the law resists (tension on the volume grows no further than
- * corotated_kernel.h says, and as much the other way): relaxed stress must not outweigh the stress that is there. What
- * is crushed forgets, and comes back by the law that is left. */
+ * The batches hold the long-term law, and each term adds the energy of E - h by its share of the moduli. Tissue at
+ * equilibrium, h = E, therefore carries the load of elastic tissue with the long-term law, whatever bounds the law or
+ * the history. At given histories the gradient of that energy needs the one of U = sym R^T F: T = sum_i (shear_i D +
+ * volume_i W) (E - h_i),  T:dU = (R T + Z) : dF.  Z is the contribution of the change of R (turn_change); without Z a
+ * history that is not aligned with the strain would rotate the tissue.
+ *
+ * Terms see a change of volume only within the range that the law resists: tension on the volume is limited as in
+ * corotated_kernel.h, and compression likewise. Otherwise relaxed stress could exceed the present stress. Crushed
+ * tetrahedra lose their history, and recover by the long-term law. */
 
-/* d's second derivatives by I and J, and what the first need of it. */
+/* First and second derivatives of d by I and J. */
 typedef struct TM_NAME(bend) {
     V8 d_I, d_J, d_II, d_IJ, d_JJ;
 } TM_NAME(bend);
@@ -36,8 +38,8 @@ INSIDE void TM_NAME(parting_bends)(const V8 *I, const V8 *J, TM_NAME(bend) * b) 
     b->d_JJ = s2 * bend * scale * scale;
 }
 
-/* Z = d2x/dF2 : F T, by which the energy of a stress T in R's axes changes with R: of R^T F : T the gradient by F is
- * R T + Z. As in corotated_tangent.c. */
+/* Z = d2x/dF2 : F T, the change with R of the energy of a stress T in R's axes: the gradient of R^T F : T by F is R T +
+ * Z. As in corotated_tangent.c. */
 INSIDE void TM_NAME(turn_change)(const TM_NAME(turned) * b, const V8 cof[9], const V8 T[9], V8 Z[9]) {
     const V8 *F = b->F, *R = b->R, x = b->trace, I = b->I;
     const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
@@ -69,8 +71,8 @@ INSIDE void TM_NAME(turn_change)(const TM_NAME(turned) * b, const V8 cof[9], con
         }
 }
 
-/* The change of volume in E beyond what terms know: by the sudden law, that is by all shares. slope: of what they know.
- */
+/* Computes the change of volume in E beyond the range of the terms. It is that of the instantaneous law, all shares
+ * together. slope: of the part within the range. */
 INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const tm_viscous *v, const V8 *bulk, const V8 E[9], V8 *beyond,
                             V8 *slope) {
     const V8 grown = E[0] + E[4] + E[8], fifth = grown * 0 + 0.2, least = grown * 0 + 1e-300;
@@ -95,7 +97,7 @@ INSIDE void TM_NAME(linear)(const TM_NAME(law) * w, bool fibred, const V8 E[9], 
     for (int i = 0; i < 9; i += 4) T[i] += sphere;
 }
 
-/* T of the pack at the strain E, on which the histories go on. */
+/* Computes T of the batch at the strain E, and advances the histories. */
 INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
                               const V8 E[9], V8 T[9]) {
     static const int row[6] = {0, 4, 8, 5, 2, 1};
@@ -123,8 +125,8 @@ INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_visc
     for (int i = 0; i < 9; i += 4) T[i] -= unknown;
 }
 
-/* 1 down to 0.7 of a tetrahedron's volume, 0 from a fifth on and inside out, smooth between them: the slope pulls too,
- * so that at given histories the terms' force is the gradient of their energy. */
+/* 1 down to 0.7 of a tetrahedron's volume, 0 from a fifth on and when inverted, smooth between. The slope contributes
+ * to the force, so that at given histories the terms' force is the gradient of their energy. */
 INSIDE void TM_NAME(sanity)(const V8 F[9], const V8 cof[9], V8 *share, V8 *slope) {
     const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
     const V8 one = J * 0 + 1;
@@ -136,9 +138,9 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], const V8 cof[9], V8 *share, V8 *slope
     *slope = 12 * x * (1 - x);
 }
 
-/* Far out, at strains of 2 and more, terms fade: 1/(1 + (|E|^2 - 0.01)^2/16), half at 2, 1 below a tenth, so that a
- * lane that does not turn has the same whoever shares its pack. There they would ask for more than the step allows.
- * slope: by |E|^2. */
+/* Fades the terms out at strains of 2 and more, where they would need a shorter step: 1/(1 + (|E|^2 - 0.01)^2/16), half
+ * at 2. Exactly 1 below a tenth, so that a lane that is not corotated is independent of the others in its batch. slope:
+ * by |E|^2. */
 INSIDE void TM_NAME(fade)(const V8 E[9], V8 *share, V8 *slope) {
     V8 size = {0};
     for (int i = 0; i < 9; i++) size += E[i] * E[i];
@@ -148,7 +150,7 @@ INSIDE void TM_NAME(fade)(const V8 E[9], V8 *share, V8 *slope) {
     *slope = -0.125 * size * *share * *share;
 }
 
-/* E2, of the linear strain S. */
+/* Computes E2 from the linear strain S. */
 INSIDE void TM_NAME(second_order)(const V8 H[9], V8 S[9], V8 E[9]) {
     V8 HtH[9], SS[9];
     TM_NAME(transposed_times)(H, H, HtH);
@@ -156,7 +158,7 @@ INSIDE void TM_NAME(second_order)(const V8 H[9], V8 S[9], V8 E[9]) {
     for (int i = 0; i < 9; i++) E[i] = S[i] + 0.5 * (HtH[i] - SS[i]);
 }
 
-/* P of the symmetric T at E2, T:dE2 = P:dH with P = T + H T - sym(S T). */
+/* Computes P of the symmetric T at E2, T:dE2 = P:dH with P = T + H T - sym(S T). */
 INSIDE void TM_NAME(second_order_stress)(const V8 H[9], const V8 S[9], const V8 T[9], V8 P[9]) {
     V8 HT[9], ST[9];
     TM_NAME(times)(H, T, HT);
@@ -168,7 +170,7 @@ INSIDE void TM_NAME(second_order_stress)(const V8 H[9], const V8 S[9], const V8 
         }
 }
 
-/* P += the law's correction and the terms, of a pack that turns, at the linear strain S. */
+/* P += the law's correction and the terms, of a corotated batch, at the linear strain S. */
 INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
                                      const TM_NAME(turned) * b, V8 S[9], V8 P[9]) {
     V8 M[9], E[9], T[9], Z[9], turn[9], cof[9], change[9], low[9], along = {0}, all = {0}, known[9];
@@ -195,8 +197,8 @@ INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const 
         P[i] += b->weight * (b->stress[i] + (turn[i] + Z[i] - low[i])) + steer * b->H[i] + low[i] + crush * cof[i];
 }
 
-/* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
- * changes of volume that are averaged; the polar rotation with it where they are. */
+/* Computes the stress of a slice of a batch: long-term law, corotated or not, and terms (elastic tissue: none), without
+ * averaged dilatation. Where that is averaged, also computes the polar rotation. */
 INSIDE bool TM_NAME(relaxing)(const tm_tet_batches *batches, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
     V8 S[9], E[9], T[9], low[9];
@@ -225,7 +227,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_tet_batches *batches, const tm_viscous *v
     return true;
 }
 
-/* Nothing of those who are dead. */
+/* Stores corner forces, zero for removed tetrahedra. */
 INSIDE void TM_NAME(keep_corners)(const tm_tet_batches *batches, const tm_viscous *v, int32_t p, int at,
                                   const V8 P[9]) {
     V8 f[4][3];
