@@ -10,11 +10,11 @@ typedef struct tms_problem {
     double *value_m, *load_N; /* [3*vertex_count] */
 } tms_problem;
 
-/* Into `solve`: the tissue, its supports, its loads and its weight. */
+/* Sets tissue, supports, loads and weight in `solve`. */
 tm_status tms_problem_build(const tm_model_def *def, const tm_tissue *whole, tms_problem *problem, tm_solve_def *solve,
                             tm_error *error);
 void tms_problem_free(tms_problem *problem);
-/* Fills def->blame, if that is wanted. */
+/* Sets def->invalid_member, if requested. Returns `status`. */
 tm_status tms_invalid_member(const tm_model_def *def, const char *member, tm_status status);
 
 #endif
