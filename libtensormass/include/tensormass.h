@@ -1,6 +1,6 @@
-/* libtensormass: soft tissue that can be felt. Tensor/mass finite elements, explicit dynamics, contact, cutting.
- * SI units everywhere. Depends on the C library and libm, prints nothing, exits nowhere, allocates nothing in a step.
- */
+/* libtensormass: soft-tissue simulation with haptic feedback. Tensor/mass finite elements, explicit dynamics, contact
+ * and cutting. SI units everywhere. Depends on the C library and libm only. Never prints, never exits, never allocates
+ * in a step. */
 #ifndef TENSORMASS_H
 #define TENSORMASS_H
 

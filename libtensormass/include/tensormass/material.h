@@ -1,4 +1,4 @@
-/* Constants of linear, transversely isotropic tissue, the conversions people hold them in, and nonlinear laws. */
+/* Material constants of linear, transversely isotropic tissue, conversions from common forms, and nonlinear laws. */
 #ifndef TENSORMASS_MATERIAL_H
 #define TENSORMASS_MATERIAL_H
 
@@ -8,20 +8,19 @@
 extern "C" {
 #endif
 
-/* Constitutive laws. Small strains follow the material's elastic constants under each of them (docs/nonlinear-laws.md).
- */
+/* Constitutive laws. At small strain each of them follows the material's elastic constants (docs/nonlinear-laws.md). */
 typedef enum tm_law_kind {
     TM_LAW_LINEAR = 0,
     TM_LAW_NEO_HOOKE = 1, /* compressible, stable under inversion (Smith, de Goes and Kim 2018); isotropic */
-    /* The linear law in Green's strain, with fibres (Picinbono, Delingette and Ayache 2003). Constant: the share, 0 to
-     * 1, of lambda that resists J - 1 instead of tr E, without which pressed tissue gives way. */
+    /* The linear law in Green's strain, with fibres (Picinbono, Delingette and Ayache 2003). Constant: the share of
+     * lambda, 0 to 1, that resists J - 1 instead of tr E. Without it compressed tissue collapses. */
     TM_LAW_ST_VENANT_KIRCHHOFF = 2,
-    TM_LAW_MOONEY_RIVLIN = 3, /* isotropic. Constant: the share, 0 to 1, of mu in the second invariant */
-    /* An exponential of the linear law in Green's strain, with fibres; Guccione's with C, bf, bt, bfs is mu_T = C bt/2,
+    TM_LAW_MOONEY_RIVLIN = 3, /* isotropic. Constant: share of mu, 0 to 1, in the second invariant */
+    /* Exponential of the linear law in Green's strain, with fibres. Guccione's law with C, bf, bt, bfs: mu_T = C bt/2,
      * mu_L = C bfs/2, beta = C (bf + bt - 2 bfs), lambda the bulk modulus. Constant: C, Pa. */
     TM_LAW_FUNG = 4,
-    /* Fibres with dispersion that pull alone, in neo-Hookean tissue (Holzapfel, Gasser and Ogden). Constants: k1, Pa;
-     * k2; kappa, 0 (all along the fibre) to 1/3 (any direction). */
+    /* Dispersed fibres that resist tension only, in neo-Hookean tissue (Holzapfel, Gasser and Ogden). Constants: k1,
+     * Pa; k2; kappa, 0 (aligned) to 1/3 (isotropic). */
     TM_LAW_HOLZAPFEL = 5,
     TM_LAW_COUNT
 } tm_law_kind;
@@ -33,53 +32,55 @@ typedef struct tm_material {
     double lambda_Pa, mu_Pa; /* transverse Lame coefficients */
     double dlambda_Pa;       /* lambda_L - lambda_T */
     double dmu_Pa;           /* mu_L - mu_T */
-    double beta_Pa;          /* the paper's law: -(dlambda + 2 dmu) */
+    double beta_Pa;          /* in the paper's law: -(dlambda + 2 dmu) */
     double density_kg_m3;    /* > 0 */
     double damping_1_s;      /* rate d >= 0: gamma_i = d m_i */
     /* Set by tm_material_set_law; all 0: linear. */
-    int64_t law; /* tm_law_kind; no padding, as materials are hashed */
+    int64_t law; /* tm_law_kind; 64 bits to avoid padding, as materials are hashed */
     double law_constant[TM_LAW_CONSTANTS];
     double stretch_max;
 } tm_material;
 
-/* Each refuses (TM_ERR_MATERIAL) constants that are not positive definite, naming constants and inequality.
- * Density 1000 kg/m3 and damping 0 are filled in; set them afterwards. */
+/* Build a material. TM_ERR_MATERIAL: constants that are not positive definite; the message names constants and
+ * inequality. Density is set to 1000 kg/m3 and damping to 0; change them afterwards. */
 TM_API tm_status tm_material_lame(double lambda_Pa, double mu_Pa, tm_material *out, tm_error *error);
 TM_API tm_status tm_material_young(double young_Pa, double poisson, tm_material *out, tm_error *error);
-/* The paper's four constants, beta = -(dlambda + 2 dmu). */
+/* Takes the paper's four constants; beta = -(dlambda + 2 dmu). */
 TM_API tm_status tm_material_paper(double lambda_T_Pa, double mu_T_Pa, double lambda_L_Pa, double mu_L_Pa,
                                    tm_material *out, tm_error *error);
-/* Five constants: beta free. */
+/* Takes five constants: beta is free. */
 TM_API tm_status tm_material_five(double lambda_T_Pa, double mu_T_Pa, double lambda_L_Pa, double mu_L_Pa,
                                   double beta_Pa, tm_material *out, tm_error *error);
-/* Five engineering constants: nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane. */
+/* Takes five engineering constants: nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane. */
 TM_API tm_status tm_material_engineering(double E_L_Pa, double E_T_Pa, double nu_LT, double nu_TT, double G_L_Pa,
                                          tm_material *out, tm_error *error);
 
-/* Uniaxial stretch, at constant volume, up to which a nonlinear law is followed; beyond it force grows linearly. */
+/* Limit of a nonlinear law, as uniaxial stretch at constant volume; beyond it force grows linearly. */
 #define TM_STRETCH_DEFAULT 1.6
 #define TM_STRETCH_LEAST 1.2
 #define TM_STRETCH_MOST 4
-/* Gives a material with its elastic constants set a nonlinear law. `constant` [TM_LAW_CONSTANTS] or null:
- * what the law needs beside the elastic constants. stretch_max 0: the default. TM_ERR_MATERIAL, and the material is as
- * it was: constants that are not stable, naming the inequality that fails. */
+/* Sets a nonlinear law on a material whose elastic constants are set. `constant` [TM_LAW_CONSTANTS] or null: the law's
+ * further constants. stretch_max 0: the default. TM_ERR_MATERIAL: constants that are not stable; the message names the
+ * inequality, and the material is unchanged. */
 TM_API tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,
                                      tm_error *error);
-/* "linear", "neo-hooke", "st-venant-kirchhoff", "mooney-rivlin", "fung", "holzapfel"; null: no such law. */
+/* Returns "linear", "neo-hooke", "st-venant-kirchhoff", "mooney-rivlin", "fung" or "holzapfel"; null: no such law. */
 TM_API const char *tm_law_name(tm_law_kind law);
 
-/* Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0, damping >= 0. */
+/* Checks the constants. Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0,
+ * damping >= 0. */
 TM_API tm_status tm_material_check(const tm_material *material, tm_error *error);
 TM_API bool tm_material_is_isotropic(const tm_material *material);
 
-/* Largest stiffness (eigenvalue bound of the 6x6 elasticity matrix in Mandel form), Pa. */
+/* Returns the largest stiffness: an eigenvalue bound of the 6x6 elasticity matrix in Mandel form, Pa. */
 TM_API double tm_material_stiffest_Pa(const tm_material *material);
 
-/* The 6x6 elasticity matrix (Voigt, engineering shears xx yy zz yz xz xy) for the unit fibre a (null if isotropic). */
+/* Computes the 6x6 elasticity matrix (Voigt, engineering shears xx yy zz yz xz xy) for the unit fibre a (null if
+ * isotropic). */
 TM_API void tm_material_voigt(const tm_material *material, const double fibre[3], double C[36]);
 
-/* The block K_kl (row-major 3x3, N/m) of one tetrahedron: design eq., exact gradient of V*w. `fibre` null if isotropic.
- */
+/* Computes the block K_kl (row-major 3x3, N/m) of one tetrahedron: the exact gradient of V*w. `fibre` null if
+ * isotropic. */
 TM_API void tm_stiffness_block(const tm_material *material, const double fibre[3], double volume_m3,
                                const double alpha_k[3], const double alpha_l[3], double K[9]);
 
