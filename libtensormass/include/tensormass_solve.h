@@ -1,13 +1,14 @@
-/* libtensormass_solve: static solutions, the precomputed and the hybrid model. A library of its own, since it brings
- * SuiteSparse and Eigen with it (CHOLMOD's supernodal module is GPL). The manner is the core's: SI units, flat arrays,
- * a status and a message, nothing printed.
- *
- * Threads: everything that makes or solves may be called from several threads at once, one model from one thread at a
- * time; no bit of a result depends on it. Of what belongs to the whole process, these are changed while a call that
- * factorises or solves (_create, _write, tm_solve_static, tm_hybrid_recover) runs, and put back before it returns:
- * OpenBLAS's number of threads (1 meanwhile), SuiteSparse's malloc, calloc and realloc (memory aligned to pages, freed
- * by free(); left alone where a program has set an allocator of its own, and then last bits may differ from run to
- * run), and the state of rand() (a thread of yours that draws from it during an ordering changes last bits). */
+/* libtensormass_solve: static solutions, the precomputed and the hybrid model. A separate library, since it requires
+ * SuiteSparse and Eigen (CHOLMOD's supernodal module is GPL). Conventions are those of the core: SI units, flat arrays,
+ * a status and a message, nothing printed. Threads: all functions that create or solve may be called from several
+ * threads, one model from one thread at a time; no bit of a result depends on it. Calls that factorise or solve
+ * (_create, _write, tm_solve_static, tm_hybrid_recover) change three process-wide settings and restore them before they
+ * return:
+ *   - OpenBLAS's number of threads (1 meanwhile);
+ *   - SuiteSparse's malloc, calloc and realloc (page-aligned memory, released by free()). They are left alone if a
+ *   program
+ *     has set its own allocator; last bits may then differ from run to run;
+ *   - the state of rand(). A thread of the program that calls it during an ordering changes last bits. */
 #ifndef TENSORMASS_SOLVE_H
 #define TENSORMASS_SOLVE_H
 
@@ -24,21 +25,23 @@ extern "C" {
 
 typedef enum tm_solver {
     TM_SOLVER_CHOLESKY = 0, /* CHOLMOD, nested dissection, supernodal */
-    TM_SOLVER_CG = 1 /* Eigen's conjugate gradients, Jacobi preconditioner, as the paper did: slower, needs no factor */
+    /* Eigen's conjugate gradients with Jacobi preconditioner, as in the paper: slower, needs no factor. */
+    TM_SOLVER_CG = 1
 } tm_solver;
 
 typedef struct tm_solve_def {
     uint32_t cookie, size;
-    const tm_tissue *tissue; /* its living tetrahedra; const while the call runs, its mesh must outlive what is made */
-    const uint8_t *fixed;    /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask) */
+    const tm_tissue
+        *tissue;          /* its active tetrahedra; constant during the call; its mesh must outlive what is created */
+    const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask) */
     const double *fixed_value_m; /* [3*vertex_count] read where fixed; null: all 0 */
     const double *load_N;        /* [3*vertex_count] constant forces, gravity included; null: none */
     tm_solver solver;
     double cg_tolerance;        /* relative residual, 1e-11 */
     int32_t cg_max_iterations;  /* per column; 20000 */
-    int32_t threads;            /* 0: one for each core. Never changes a bit of the result */
-    int64_t memory_limit_bytes; /* 0: what the machine has available now */
-    /* May be null. `what` is "factor", "responses" ...; seconds_left < 0: not known yet. Returning false stops
+    int32_t threads;            /* 0: one per core. Results do not depend on it */
+    int64_t memory_limit_bytes; /* 0: the memory that is available now */
+    /* May be null. `what` is "factor", "responses" ...; seconds_left < 0: unknown. Return false to stop
      * (TM_ERR_CONVERGENCE). */
     bool (*progress)(void *user, const char *what, double fraction, double seconds_left);
     void *user;
@@ -46,10 +49,10 @@ typedef struct tm_solve_def {
 
 typedef struct tm_solve_report {
     int32_t free_dofs, columns, interface_dofs;
-    int32_t columns_found;   /* of them, done by an earlier run that did not come to its end */
+    int32_t columns_found;   /* of `columns`, those found from an earlier, interrupted run */
     int64_t factor_bytes;    /* 0 with CG */
-    int64_t responses_bytes; /* stored, and mapped on line */
-    int64_t work_bytes;      /* asked for beside them while computing */
+    int64_t responses_bytes; /* stored, and mapped online */
+    int64_t work_bytes;      /* maximum of other memory allocated during the computation */
     double order_s, factor_s, columns_s, seconds;
     bool from_file;
     char why[160]; /* why a file was not used: "no file", "another mesh, material or support", "checksum differs" ... */
@@ -57,37 +60,37 @@ typedef struct tm_solve_report {
 
 TM_API tm_solve_def tm_solve_def_default(void);
 
-/* u_m [3*vertex_count]; reaction_N [3*vertex_count], force of the supports ON THE TISSUE, 0 elsewhere; either may be
- * null. TM_ERR_SUPPORT: a part that nothing holds, `entity` a vertex of it. TM_ERR_MEMORY: says how much, and what
- * would be smaller. */
+/* Solves for static equilibrium. u_m [3*vertex_count]; reaction_N [3*vertex_count], force of the supports ON THE
+ * TISSUE, 0 elsewhere; either may be null. TM_ERR_SUPPORT: an unconstrained component, `entity` one of its vertices.
+ * TM_ERR_MEMORY: the message gives the amount and a smaller alternative. */
 TM_API tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction_N, tm_solve_report *report,
                                  tm_error *error);
 
-/* --- ranks: columns over several processes, without this library knowing of any transport --- */
+/* --- ranks: columns over several processes; the transport is the caller's --- */
 
-/* One factor in pieces over the ranks, so that it may be larger than what one of them has. Every rank makes each call
- * at the same time as the others. Last bits may depend on how many ranks there are. */
+/* Factor distributed over the ranks, so that it may exceed the memory of one. All ranks make each call at the same
+ * time. Last bits may depend on the number of ranks. */
 typedef struct tm_solve_distributed {
-    /* Factorises a symmetric positive definite matrix [n][n] in N/m, given whole to every rank: its lower triangle,
-     * column j in row[begin[j]] to row[begin[j + 1]], ascending. `bytes`: of this rank's piece. The matrix need not
-     * outlive the call. TM_ERR_MEMORY, TM_ERR_SUPPORT (not definite). */
+    /* Factorises a symmetric positive definite matrix [n][n] in N/m, given completely to every rank: its lower
+     * triangle, column j in row[begin[j]] to row[begin[j + 1]], ascending. `bytes`: size of this rank's share. The
+     * matrix need not outlive the call. TM_ERR_MEMORY, TM_ERR_SUPPORT (not definite). */
     tm_status (*factor)(void *user, int32_t n, const int32_t *begin, const int32_t *row, const double *value,
                         int64_t *bytes, tm_error *error);
-    /* Of rank 0: x [n], the right-hand side, becomes the solution; null on the others. */
+    /* Solves on rank 0: x [n], the right-hand side, becomes the solution; null on the others. */
     bool (*solve_one)(void *user, double *x);
-    /* Answers to unit right-hand sides: rank r's j-th has its 1 at unit[r * width + j], or is not asked for (-1). x
-     * [width][row_count]: of this rank's, at the rows listed (ascending). */
+    /* Solves unit right-hand sides: the j-th of rank r has its 1 at unit[r * width + j], or is unused (-1). x
+     * [width][row_count]: this rank's solutions at the listed rows (ascending). */
     bool (*solve)(void *user, const int32_t *unit, int32_t width, const int32_t *row, int32_t row_count, double *x);
 } tm_solve_distributed;
 
-/* Each rank writes what it solved into the file of rank 0, which all of them must be able to open. Blocks have a fixed
- * width and number, whatever the ranks and threads. */
+/* Ranks of a computation. Each writes its solutions into the file of rank 0, which all must be able to open. Width and
+ * number of blocks do not depend on ranks and threads. */
 typedef struct tm_solve_ranks {
     int32_t rank, count;
-    bool (*barrier)(void *user); /* returns when all ranks have called it; false: one never will */
+    bool (*barrier)(void *user); /* returns when all ranks have called it; false: one cannot */
     void *user;
-    const tm_solve_distributed
-        *distributed; /* null: every rank makes a factor of its own, and the file's bits are those of one */
+    /* Null: every rank has its own factor, and the file's bits are those of a single rank. */
+    const tm_solve_distributed *distributed;
 } tm_solve_ranks;
 
 /* --- precomputed model: quasi-static, no cutting --- */
@@ -96,85 +99,87 @@ typedef struct tm_precomputed_def {
     uint32_t cookie, size;
     tm_solve_def problem;
     tm_precision precision; /* of the stored responses */
-    const char *file;       /* cache; null: none. Atomically replaced when it is rebuilt */
-    bool resume; /* what a run that failed or was killed had done stays in `file`.part (8 bytes a block more), and the
-                    next one with the same problem goes on from it; else it is removed. Always with a team */
-    const tm_solve_ranks *ranks;   /* null: this process alone */
-    const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. contact_compliance_m_N > 0 */
-    const tm_grasp_def *grasp; /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold);
-                                  null: they do not */
-    const tm_friction_def *friction; /* of the instruments, as in the dynamic model; null: they slide freely */
-    double update_s; /* time between updates, 0.002: what is let go fades with it, and what sticks rests with it */
-    int32_t
-        max_contact_vertices; /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
+    const char *file;       /* cache; null: none. Replaced atomically when rebuilt */
+    /* Keep the results of a failed or killed run in `file`.part (8 more bytes per block); the next run with the same
+     * problem continues from it. false: it is removed. Always on with ranks. */
+    bool resume;
+    const tm_solve_ranks *ranks;   /* null: this process only */
+    const tm_contact_def *contact; /* instruments, contact compliance, cap; null: none. contact_compliance_m_N > 0 */
+    /* Instruments in grasper mode grasp tissue as in the dynamic model (spring forces have no cap); null: none does. */
+    const tm_grasp_def *grasp;
+    const tm_friction_def *friction; /* as in the dynamic model; null: frictionless */
+    double update_s; /* time between updates, 0.002; sets the release of grasps and the recovery of stick friction */
+    /* Capacity of the online solver: vertices near the tools and imposed vertices together; 256. */
+    int32_t max_contact_vertices;
 } tm_precomputed_def;
 
 typedef struct tm_precomputed tm_precomputed;
 
 TM_API tm_precomputed_def tm_precomputed_def_default(void);
 
-/* Opens def.file if it holds this very problem, whole; else computes, and writes it. A foreign or damaged file is never
- * half-read: it is rebuilt and `report->why` says why. The tissue must outlive it. */
+/* Opens def.file if it has exactly this problem, complete; else computes, and writes it. A foreign or damaged file is
+ * never read in part: it is rebuilt, and `report->why` gives the reason. The tissue must outlive the model. */
 TM_API tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report,
                                        tm_error *error);
-/* Computes and writes def.file, whatever is there. With a team every rank calls it. */
+/* Computes and writes def.file in any case. With ranks, every rank calls it. */
 TM_API tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *report, tm_error *error);
 TM_API void tm_precomputed_destroy(tm_precomputed *model);
 TM_API int64_t tm_precomputed_bytes(const tm_precomputed *model);
 
-/* One on-line update: every instrument moves from where it is to `pose[instrument]`, the path cut into pieces no longer
- * than an eighth of its radius, contact solved anew at each to convergence (256 solves at most). No allocation. Returns
- * the Newton steps of the last piece; negative: the residual is still above 1e-9 of the displacement after the last
- * allowed step. */
+/* Updates the online solution: every instrument moves from its pose to `pose[instrument]`. The path is divided into
+ * increments of at most an eighth of its radius, and contact is solved to convergence at each (256 solves at most). No
+ * allocation. Returns the Newton iterations of the last increment; negative: its residual is still above 1e-9 of the
+ * displacement. */
 TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *pose);
-/* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
+/* Sets the pose of an instrument at once: no swept path. The next update solves contact. */
 TM_API void tm_precomputed_set_pose(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_precomputed_pose(const tm_precomputed *model, int32_t instrument);
-/* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. Returns its
- * tm_reaction_flag. */
+/* Returns the tm_reaction_flag of the last update, and the equivalent tip force on the tool, N. For callers that need
+ * no stiffness. */
 TM_API uint32_t tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
-/* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here
- * (as expensive as a few updates). time_s is 0. */
+/* Returns the reaction of the last update. stiffness_kind 2: derivative of the converged force, with rotating normals,
+ * computed here (as expensive as a few updates). time_s is 0. */
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
 
-/* Vertices in the instrument's jaws; as tm_grasp_vertices. */
+/* Returns the vertices in the instrument's jaws, as tm_grasp_vertices. */
 TM_API int32_t tm_precomputed_grasped(const tm_precomputed *model, int32_t instrument, const int32_t **vertex,
                                       tm_grasp_state *state);
 
-/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_compute gives it from the dynamic
- * model: what other instruments and imposed vertices hold is in it, and what the instrument itself holds
- * (TM_GRASP_VERTICES at most, as tm_patch_fill_grasped). velocity_m_s: of the tip, looked ahead along by horizon_s.
- * False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
+/* Computes the surface patch near the instrument with its exact compliance (kind 2), as tm_patch_compute does for the
+ * dynamic model. It includes the effect of other instruments and imposed vertices, and the instrument's own grasp (at
+ * most TM_GRASP_VERTICES, as tm_patch_fill_grasped). velocity_m_s: of the tip, for the look-ahead by horizon_s. Returns
+ * false if nothing is near, or the load exceeds the capacity of a patch. No allocation. */
 TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3],
                                  double horizon_s, int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
 
-/* [3*vertex_count] superposed over the surface; inner vertices read 0. Computed when asked for, at most once per
- * update. */
+/* Returns the displacements [3*vertex_count], superposed over the surface; inner vertices read 0. Computed on request,
+ * at most once per update. */
 TM_API const double *tm_precomputed_displacement(tm_precomputed *model);
-/* The surface vertices that have responses (not wholly fixed), ascending. */
+/* Returns the surface vertices with responses (not completely fixed), ascending. */
 TM_API int32_t tm_precomputed_surface(const tm_precomputed *model, const int32_t **vertex);
 
-/* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on.
- * Replaces the list before; count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than
- * max_contact_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
+/* Imposes displacements on surface vertices (all free components), as in the paper, from the next update on. Replaces
+ * the previous list; count 0 releases all. compliance_m_N 0: exact. TM_ERR_LIMIT: more than max_contact_vertices;
+ * TM_ERR_ARGUMENT: not a surface vertex. */
 TM_API tm_status tm_precomputed_impose(tm_precomputed *model, int32_t count, const int32_t *vertex, const double *u_m,
                                        double compliance_m_N, tm_error *error);
-/* Force that the i-th imposed vertex exerts on the tissue, N. */
+/* Returns the force of the i-th imposed vertex on the tissue, N. */
 TM_API void tm_precomputed_imposed_force(const tm_precomputed *model, int32_t i, double force_N[3]);
 
-/* --- hybrid model: part tensor/mass and cuttable, the rest condensed onto their interface --- */
+/* --- hybrid model: a tensor/mass part that can be cut; the rest is condensed onto the interface --- */
 
 typedef struct tm_hybrid_def {
     uint32_t cookie, size;
-    tm_solve_def problem;   /* of the whole organ: tissue with all tetrahedra alive, supports, loads */
+    tm_solve_def problem;   /* of the complete organ: tissue with all tetrahedra active, supports, loads */
     const uint8_t *dynamic; /* [tet_count] 1: tensor/mass */
     tm_precision precision;
     const char *file;              /* cache, as above */
     const tm_contact_def *contact; /* null: no contact on the condensed part */
     int32_t max_contact_vertices;  /* 256 */
-    bool as_marked; /* false: tetrahedra between the teeth of a jagged border become tensor/mass too, where a fifth of
-                       its vertices goes by that: what a border costs grows with its square */
+    /* false: tetrahedra between the teeth of a jagged interface become tensor/mass too, if that removes a fifth of its
+     * vertices: the cost of an interface grows with its square. */
+    bool as_marked;
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;
@@ -185,67 +190,68 @@ TM_API tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, 
 TM_API void tm_hybrid_destroy(tm_hybrid *hybrid);
 TM_API int64_t tm_hybrid_bytes(const tm_hybrid *hybrid);
 
-/* Sets alive, elsewhere and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`,
- * which must outlive it. */
+/* Sets active tetrahedra, condensed tetrahedra and the interface's extra mass in the definition of the world's tissue.
+ * The pointers are into `hybrid`, which must outlive the tissue. */
 TM_API void tm_hybrid_tissue(const tm_hybrid *hybrid, tm_tissue_def *def);
-/* Guaranteed step of the whole: dynamic tetrahedra, and condensed ones at the interface. The world's step must not
- * exceed it. */
+/* Returns the guaranteed step of the hybrid: dynamic tetrahedra, and condensed ones at the interface. Upper limit of
+ * the world's step. */
 TM_API double tm_hybrid_critical_step(const tm_hybrid *hybrid, int32_t *tet);
-/* Adds the stage "hybrid". `contact` (may be null) is the world's own contact stage: its instruments are the condensed
- * part's too. World's loads and supports act on the dynamic part and the interface; those of the condensed inside come
- * from def.problem. The hybrid must outlive the stage; once that is removed, or could not be added, it may join another
- * world. */
+/* Adds the stage "hybrid". `contact` (may be null) is the world's own contact stage; its instruments also touch the
+ * condensed part. The world's loads and supports act on the dynamic part and the interface; those of condensed inner
+ * vertices come from def.problem. The hybrid must outlive the stage. After removal of the stage, or failure here, it
+ * may join another world. */
 TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact *contact, tm_error *error);
-/* Once per frame: displacement of the condensed inside, written into the world's state. No allocation. Where conjugate
- * gradients do not converge the inside stays as it was, and the reactions say TM_REACTION_UNCONVERGED. */
+/* Computes the displacement of condensed inner vertices into the world's state. Call once per frame. No allocation. If
+ * conjugate gradients do not converge, these vertices stay unchanged and reactions have TM_REACTION_UNCONVERGED. */
 TM_API void tm_hybrid_recover(tm_hybrid *hybrid, tm_world *world);
-/* Both parts' reaction on an instrument, averages as of tm_contact_reaction. */
+/* Returns the reaction of both parts on an instrument, averaged as by tm_contact_reaction. */
 TM_API tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *hybrid, int32_t instrument);
-/* Surface of the whole organ: dynamic and condensed, without the interface while it is inside. */
+/* Returns the surface of the complete organ, dynamic and condensed, without the interface while it is inside. */
 TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 
-/* --- exact compliance for the patches of the dynamic model, cut or whole --- */
+/* --- exact compliance for the patches of the dynamic model, cut or not --- */
 
 typedef struct tm_compliance_factor_def {
     uint32_t cookie, size;
-    const tm_tissue
-        *tissue;          /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
+    /* The world's, with mesh, materials, fibres; must outlive the factor. Its active tetrahedra are read between
+     * frames. */
+    const tm_tissue *tissue;
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
-    const uint8_t *condensed; /* [tet_count] 1: alive too, whatever the tissue says (the condensed part of a hybrid);
-                                 copied; null: none */
-    bool corotated;           /* the world has the stage "rotation" */
+    /* [tet_count] 1: always active, also if not in the tissue (the condensed part of a hybrid); copied; null: none. */
+    const uint8_t *condensed;
+    bool corotated; /* the world has the stage "rotation" */
 } tm_compliance_factor_def;
 
-/* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was
- * cut since the factor as an update of low rank (Woodbury), so that a patch is exact again one block of columns after a
- * cut; past TMS_TOUCHED_VERTICES touched vertices the factor is made anew. Made when first asked for. */
+/* Factor (CHOLMOD) of the tissue's stiffness, with columns of its inverse for the vertices that patches need. Cuts
+ * since the factorisation are low-rank updates (Woodbury), so a patch is exact again one block of columns after a cut.
+ * Beyond TMS_TOUCHED_VERTICES touched vertices it is factorised again. Computed on first use. */
 typedef struct tm_compliance_factor tm_compliance_factor;
 TM_API tm_compliance_factor_def tm_compliance_factor_def_default(void);
 TM_API tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_compliance_factor **factor,
                                              tm_error *error);
-TM_API void
-tm_compliance_factor_destroy(tm_compliance_factor *factor); /* after the world whose patch stage has its source */
+/* Call it after destroying the world whose patch stage has its source. */
+TM_API void tm_compliance_factor_destroy(tm_compliance_factor *factor);
 TM_API int64_t tm_compliance_factor_bytes(const tm_compliance_factor *factor);
-/* For tm_patch_def.source. Until tm_compliance_factor_start a wish is served whole within its exchange, in the caller's
- * thread: the same calls give the same bits. */
+/* Returns the source for tm_patch_def.source. Before tm_compliance_factor_start, a request is computed completely
+ * within its exchange, in the caller's thread: equal calls give equal bits. */
 TM_API tm_compliance_source tm_compliance_factor_source(tm_compliance_factor *factor);
-/* The same, for a stage that destroys `factored` with itself. */
+/* Returns the same for a stage that destroys `factor` with itself. */
 TM_API tm_compliance_source tm_compliance_factor_owned_source(tm_compliance_factor *factor);
-/* From now on a thread of its own, nicer than the caller's, does the work, and exchanges never wait. */
+/* Moves the work to its own thread, with lower priority than the caller's. From then on exchanges never wait. */
 TM_API tm_status tm_compliance_factor_start(tm_compliance_factor *factor, tm_error *error);
 
 /* --- as models (tensormass/model.h) --- */
 
-/* `how` says how it is computed: solver, tolerances, threads, memory and progress of its problem, precision, file,
- * max_contact_vertices. What it is comes from `def`: the rest of `how` is not read. `report` may be null. def->cut:
+/* Creates a precomputed model. `how` gives solver, tolerances, threads, memory and progress of its problem, precision,
+ * file, max_contact_vertices; its other members are not read, as `def` gives the organ. `report` may be null. def->cut:
  * TM_ERR_EXCLUDED. */
 TM_API tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def *how, tm_model **model,
                                       tm_solve_report *report, tm_error *error);
-/* Only computes and writes how->file, whatever is there, as tm_precomputed_write. */
+/* Only computes and writes how->file in any case, as tm_precomputed_write. */
 TM_API tm_status tm_model_precompute(const tm_model_def *def, const tm_precomputed_def *how, tm_solve_report *report,
                                      tm_error *error);
-/* As tm_model_precomputed; of `how` also `dynamic`, the part that is tensor/mass and may be cut. Its patches are those
- * of the dynamic model, of the whole organ's surface and compliance, cut or not. */
+/* Creates a hybrid model. `how` as for tm_model_precomputed, and its `dynamic`: the tensor/mass part, which may be cut.
+ * Patches are as in the dynamic model, with surface and compliance of the complete organ, cut or not. */
 TM_API tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_model **model,
                                  tm_solve_report *report, tm_error *error);
 

@@ -1,8 +1,7 @@
-/* Viscosity: tissue that relaxes, by a Prony series (docs/viscosity.md). The materials' constants are those
- * of a sudden load; with time the shear modulus falls to 1 - (sum of `shear`) of its own, the bulk modulus to
- * 1 - (sum of `volume`):
- *     G(t) = G_0 (1 - sum_i shear_i (1 - exp(-t/time_i))),   kappa(t) alike.
- * A stage of its own: a world without it pays nothing. */
+/* Viscosity: tissue that relaxes, by a Prony series (docs/viscosity.md).
+ *     G(t) = G_0 (1 - sum_i shear_i (1 - exp(-t/time_i))),   kappa(t) with bulk_i.
+ * The materials' constants are the instantaneous moduli. In the long term the shear modulus falls to 1 - (sum of
+ * `shear`) of its value, the bulk modulus to 1 - (sum of `bulk`). A separate stage: a world without it has no cost. */
 #ifndef TENSORMASS_VISCOSITY_H
 #define TENSORMASS_VISCOSITY_H
 
@@ -15,11 +14,11 @@ extern "C" {
 #define TM_VISCOSITY_TERMS 3
 #define TM_VISCOSITY_TIME_MIN_S 1e-6
 #define TM_VISCOSITY_TIME_MAX_S 1e6
-#define TM_VISCOSITY_SHARES_MAX 0.9999 /* of each sum of shares: something must be left to rest on */
+#define TM_VISCOSITY_SHARES_MAX 0.9999 /* upper limit of each sum of shares: a long-term stiffness must remain */
 
 typedef struct tm_viscosity_term {
     double time_s;      /* of relaxation at constant strain */
-    double shear, bulk; /* shares of the sudden moduli that relax with it, 0 to 1 */
+    double shear, bulk; /* shares of the instantaneous moduli that relax with it, 0 to 1 */
 } tm_viscosity_term;
 
 typedef struct tm_viscosity_def {
@@ -28,12 +27,12 @@ typedef struct tm_viscosity_def {
     tm_viscosity_term term[TM_VISCOSITY_TERMS];
 } tm_viscosity_def;
 TM_API tm_viscosity_def tm_viscosity_def_default(void); /* no term */
-/* TM_ERR_ARGUMENT: count, times or shares out of range; the entity is the term. */
+/* Checks the terms. TM_ERR_ARGUMENT: count, times or shares out of range; the entity is the term. */
 TM_API tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error);
 
-/* Adds the stage "viscosity" and its parts. The guaranteed step stays what it is without it, with any terms. The tissue
- * starts relaxed at the displacement that it has. tm_world_settle finds the rest after infinite time; tangents and
- * patches know the sudden stiffness. */
+/* Adds the stage "viscosity" and its substages. No term changes the guaranteed step. The tissue starts relaxed at its
+ * present displacement. tm_world_settle finds the long-term equilibrium; tangents and patches use the instantaneous
+ * stiffness. */
 TM_API tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_error *error);
 
 #ifdef __cplusplus
