@@ -1,9 +1,9 @@
-/* The unilateral problem of one set of rows, 0 <= gap + W lambda + depth(lambda) _|_ lambda >= 0, by branches of the
- * skin. Sweeps over rows would need hundreds: the tissue gives way far more than the skin, and neighbouring rows all
- * feel the same tissue. By branches it is a small symmetric positive definite system, and those of the last tick nearly
- * always hold.
+/* Solves the unilateral problem of a set of rows, 0 <= gap + W lambda + depth(lambda) _|_ lambda >= 0, by an active set
+ * of contact statuses. Gauss-Seidel would need hundreds of sweeps: tissue is far more compliant than the contact
+ * compliance, and neighbouring rows are strongly coupled. With known statuses it is a small symmetric positive definite
+ * system, and the statuses of the last tick are nearly always still valid.
  *
- * Who includes it sets LAW_ROWS, and defines law_couple. */
+ * The including file sets LAW_ROWS and defines law_couple. */
 #ifndef LAW_ACTIVE_SET_H
 #define LAW_ACTIVE_SET_H
 
@@ -14,21 +14,22 @@ typedef enum law_status { LAW_OFF, LAW_SOFT, LAW_HARD, LAW_CAPPED } law_status;
 
 typedef struct law_problem {
     int32_t rows;
-    law_real soft_m, cap_N; /* as far as the skin is soft; most that a row bears */
+    law_real soft_m, cap_N; /* depth up to which the contact compliance is soft; maximum row force */
     law_real gap_m[LAW_ROWS], row_compliance_m_N[LAW_ROWS], lambda_N[LAW_ROWS];
-    law_real w[LAW_ROWS][LAW_ROWS]; /* [i]: what a newton in row i does along all rows, m/N */
+    /* [i]: column of the Delassus matrix: gap changes of all rows per force in row i, m/N */
+    law_real w[LAW_ROWS][LAW_ROWS];
     int32_t loaded_count;
-    uint8_t loaded[LAW_ROWS]; /* rows whose lambda may not be 0: their lines of w are there */
+    uint8_t loaded[LAW_ROWS]; /* rows whose lambda may be nonzero: their columns of w are computed */
 } law_problem;
 
-#define LAW_DEEP LAW(0.7) /* of the deepest gap */
+#define LAW_DEEP LAW(0.7) /* relative to the deepest gap */
 
-/* Makes p->w[i], if it is not there yet. */
+/* Computes p->w[i] if it is missing. */
 static void law_couple(law_problem *p, int32_t i);
 
 static inline bool law_stands(law_status b) { return b == LAW_SOFT || b == LAW_HARD; }
 
-/* gap + W lambda + depth(lambda) of row i. */
+/* Returns gap + W lambda + depth(lambda) of row i. */
 static LAW_CALL law_real law_row_error(const law_problem *p, int32_t i) {
     law_real error = p->gap_m[i] + law_compliance_depth(p->row_compliance_m_N[i], p->soft_m, p->lambda_N[i]);
     for (int32_t k = 0; k < p->loaded_count; k++) error += p->w[p->loaded[k]][i] * p->lambda_N[p->loaded[k]];
@@ -41,7 +42,7 @@ static LAW_CALL void law_load(law_problem *p, int32_t i, law_real lambda_N) {
     law_couple(p, i);
 }
 
-/* The multipliers of the rows whose skin is in its soft or hard branch, all at once; those of the others are given. */
+/* Solves for the forces of all soft and hard rows at once; the forces of the others are prescribed. */
 static void law_solve_statuses(law_problem *p, const law_status state[LAW_ROWS]) {
     law_real a[LAW_ROWS][LAW_ROWS + 1];
     p->loaded_count = 0;
@@ -73,9 +74,9 @@ static law_status law_next_status(const law_problem *p, int32_t i, law_status no
     return p->row_compliance_m_N[i] * lambda > p->soft_m ? LAW_HARD : LAW_SOFT;
 }
 
-/* The first guess, from the multipliers that are in lambda_N. Of rows that bore nothing yet those nearly as deep as the
- * deepest: what these push away is clear of most of the others, and a row that is never taken for bearing is never
- * coupled. One that is missing is taken in by the first solve. */
+/* Sets the first guess from the forces in lambda_N. Of the unloaded rows, only those nearly as deep as the deepest
+ * start as soft. Their forces clear most of the others, and a row that is never loaded need not be coupled. The first
+ * solve adds rows that are missing. */
 static void law_first_statuses(const law_problem *p, law_status state[LAW_ROWS]) {
     law_real deepest_m = LAW(0);
     for (int32_t i = 0; i < p->rows; i++) deepest_m = law_min(deepest_m, p->gap_m[i]);
@@ -88,7 +89,7 @@ static void law_first_statuses(const law_problem *p, law_status state[LAW_ROWS])
     }
 }
 
-/* True: the branches have settled, within so many solves. */
+/* Solves for the statuses and forces. Returns false if the statuses still change after `solves` iterations. */
 static bool law_solve(law_problem *p, int32_t solves) {
     law_status state[LAW_ROWS];
     bool changed = true;

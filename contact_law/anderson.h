@@ -1,19 +1,18 @@
-/* Rounds: the rows' normals turn with the shape that their forces make. The next forces come from those that the shape
- * was made with and those that the rows made of it, by Anderson's mixing over the last rounds; taking the rows' forces
- * as they are swings or creeps.
+/* Fixed-point iteration of row forces and row geometry, with Anderson mixing. The normals of the rows rotate with the
+ * shape that their forces produce. The next forces combine those of the last iterations and those that the rows
+ * returned. Plain fixed-point iteration oscillates or converges slowly.
  *
- * Who includes it sets LAW_DOFS, ANDERSON_DEPTH (rounds looked back), ANDERSON_FLOOR (a share of the trace, added to
- * the diagonal), ANDERSON_NOISE (square of the share of the forces below which a change is rounding), and LAW_ANDERSON,
- * a struct with the members next (slot), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], zero where nothing is
- * remembered. */
+ * The including file sets LAW_DOFS, ANDERSON_DEPTH (previous iterations used), ANDERSON_FLOOR (share of the trace that
+ * is added to the diagonal), ANDERSON_NOISE (square of the relative force below which a change is rounding), and
+ * LAW_ANDERSON: a struct with next (index), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], initially zero. */
 #ifndef LAW_ANDERSON_H
 #define LAW_ANDERSON_H
 
 #include "libtensormass/numeric/linear.h"
 
 typedef struct law_anderson_iterate {
-    law_real residual_N[LAW_DOFS];                                /* what the rows make of the shape, less its forces */
-    law_real previous_N[LAW_DOFS], previous_residual_N[LAW_DOFS]; /* forces and residual of the round before */
+    law_real residual_N[LAW_DOFS]; /* forces that the rows return for the shape, minus those that produced it */
+    law_real previous_N[LAW_DOFS], previous_residual_N[LAW_DOFS]; /* forces and residual of the previous iteration */
 } law_anderson_iterate;
 
 static LAW_CALL law_real law_inner(const law_real *a, const law_real *b, int32_t n) {
@@ -22,8 +21,9 @@ static LAW_CALL law_real law_inner(const law_real *a, const law_real *b, int32_t
     return sum;
 }
 
-/* What the last two rounds say of how the residual follows the forces. Where it grows with them, the rows themselves
- * have changed: a step to where it would vanish leads the wrong way, and far. So it does where both are rounding. */
+/* Stores how the residual changed with the forces in the last iteration. If both grew together, the rows themselves
+ * have changed: extrapolation to zero residual would go far in the wrong direction. Then, and if both are rounding, it
+ * stores zeros. */
 static void law_anderson_remember(LAW_ANDERSON *m, const law_anderson_iterate *r, const law_real *force_N, int32_t n) {
     law_real along = ANDERSON_NOISE > LAW(0) ? ANDERSON_NOISE * law_inner(force_N, force_N, n) : LAW(0),
              *change = m->residual_change_N[m->next], *step = m->step_N[m->next];
@@ -37,7 +37,7 @@ static void law_anderson_remember(LAW_ANDERSON *m, const law_anderson_iterate *r
     m->next = (uint8_t)((m->next + 1) % ANDERSON_DEPTH);
 }
 
-/* mix[i][ANDERSON_DEPTH] := the combination of the remembered changes of the residual that is nearest to it. */
+/* Computes mix[i][ANDERSON_DEPTH]: the least-squares combination of the stored residual changes. */
 static void law_anderson_nearest(const LAW_ANDERSON *m, const law_real *residual_N, int32_t n,
                                  law_real mix[ANDERSON_DEPTH][ANDERSON_DEPTH + 1]) {
     law_real trace = LAW(1e-30);
@@ -54,7 +54,8 @@ static void law_anderson_nearest(const LAW_ANDERSON *m, const law_real *residual
     law_eliminate(mix[0], ANDERSON_DEPTH + 1, ANDERSON_DEPTH);
 }
 
-/* r->residual_N is of this round; force_N becomes the next. Returns how much of it changed: a ratio of squares. */
+/* Replaces force_N by the forces of the next iteration; r->residual_N is that of this one. Returns the squared relative
+ * change. */
 static law_real law_anderson_step(LAW_ANDERSON *m, law_anderson_iterate *r, law_real *force_N, int32_t n, bool first) {
     law_real mix[ANDERSON_DEPTH][ANDERSON_DEPTH + 1], moved = LAW(0), size = LAW(1e-30);
     if (!first) law_anderson_remember(m, r, force_N, n);

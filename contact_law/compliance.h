@@ -1,7 +1,6 @@
-/* The skin of one row of compliance c (skin compliance / share, m/N): it gives c lambda up to LAW_COMPLIANCE_TRAVEL
- * radii
- * (`soft_m`) and a twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface.
- * And the film between tool and tissue. */
+/* Contact compliance of one row, c = contact compliance / share, m/N, and viscous contact drag.
+ *   depth = c lambda up to `soft_m` (LAW_COMPLIANCE_TRAVEL radii); slope c/20 beyond.
+ * So no force of a hand pushes the tool's axis through the surface. */
 #ifndef LAW_COMPLIANCE_H
 #define LAW_COMPLIANCE_H
 
@@ -9,7 +8,7 @@
 
 #define LAW_COMPLIANCE_TRAVEL LAW(0.3) /* radii */
 #define LAW_COMPLIANCE_HARDENING LAW(20)
-/* s/m: drag of the film, of the reaction and the speed of sliding. */
+/* Viscous contact drag: force per reaction and sliding speed, s/m. */
 #define LAW_DRAG_S_M LAW(0.3)
 
 static inline law_real law_compliance_depth(law_real compliance_m_N, law_real soft_m, law_real lambda_N) {
@@ -21,8 +20,8 @@ static inline law_real law_compliance_slope(law_real compliance_m_N, law_real so
     return compliance_m_N * lambda_N <= soft_m ? compliance_m_N : compliance_m_N / LAW_COMPLIANCE_HARDENING;
 }
 
-/* The lambda in [0, cap] that solves gap + diagonal lambda + depth(lambda) = 0. Written so that what is no number bears
- * nothing. Pivot 0: held by supports and no skin, nothing gives way. */
+/* Returns the lambda in [0, cap] that solves gap + diagonal lambda + depth(lambda) = 0. NaN gives 0, by the form of the
+ * comparisons. Pivot 0: fixed by supports and without compliance, so nothing deforms. */
 static inline law_real law_compliance_reaction(law_real compliance_m_N, law_real soft_m, law_real gap_m,
                                                law_real diagonal_m_N, law_real cap_N) {
     const law_real pivot = diagonal_m_N + compliance_m_N;
@@ -34,13 +33,13 @@ static inline law_real law_compliance_reaction(law_real compliance_m_N, law_real
     return law_min(lambda, cap_N);
 }
 
-/* Stored under lambda, J. */
+/* Returns the energy stored at lambda, J. */
 static inline law_real law_compliance_energy(law_real compliance_m_N, law_real soft_m, law_real lambda_N) {
     const law_real soft = law_min(lambda_N, soft_m / compliance_m_N);
     return LAW(0.5) * compliance_m_N * (soft * soft + (lambda_N * lambda_N - soft * soft) / LAW_COMPLIANCE_HARDENING);
 }
 
-/* Beyond soft_m it is a line too, LAW_COMPLIANCE_HARDENING times as steep, through this depth at no force. */
+/* Returns the intercept of the hard line beyond soft_m: its depth extrapolated to zero force, m. */
 static inline law_real law_compliance_offset(law_real soft_m) { return soft_m - soft_m / LAW_COMPLIANCE_HARDENING; }
 
 #endif

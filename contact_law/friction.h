@@ -1,9 +1,10 @@
-/* Coulomb friction of one station of a tool on the tissue under it. The station's skin gives way along the surface as
- * it does across it: while it sticks its force is the stretch of that skin over its compliance, so that it stays where
- * it is and does not creep; what would be beyond `coefficient * N` slips. The coefficient is the static one of what has
- * rested, the sliding one of what has slid: it falls evenly over LAW_FRICTION_SLIP_M of slip and comes back evenly over
- * LAW_FRICTION_STICK_S of sticking (slip weakening: Ida 1972; healing at rest: Dieterich 1972). One bristle a contact
- * and its bound: Dahl 1968; Haessig and Friedland 1991. */
+/* Coulomb friction of one station of a tool on tissue. The station's contact compliance also acts tangentially. While
+ * the station sticks, its force is the tangential stretch over the compliance, so it does not creep. Force beyond
+ * `coefficient * N` slips.
+ *
+ * The coefficient is static after sticking and kinetic after slip. It falls linearly over LAW_FRICTION_SLIP_M of slip
+ * and recovers linearly over LAW_FRICTION_STICK_S of sticking (slip weakening: Ida 1972; healing at rest: Dieterich
+ * 1972). One bristle per contact and its bound: Dahl 1968; Haessig and Friedland 1991. */
 #ifndef LAW_FRICTION_H
 #define LAW_FRICTION_H
 
@@ -12,16 +13,16 @@
 #define LAW_FRICTION_SLIP_M LAW(0.2e-3)
 #define LAW_FRICTION_STICK_S LAW(0.1)
 
-/* rest: 1 has rested, 0 has slid. */
+/* Returns the coefficient for the stick state `rest`: 1 stuck, 0 slid. */
 static inline law_real law_friction_coefficient(law_real at_rest, law_real sliding, law_real rest) {
     return sliding + (at_rest - sliding) * rest;
 }
 
-/* What is left of v in the plane across the unit vector `normal`. */
+/* Projects v onto the plane perpendicular to the unit vector `normal`. */
 static LAW_CALL void law_across(const law_real normal[3], law_real v[3]) { vmadd(v, -vdot(v, normal), normal, v); }
 
-/* Shortens a force to what friction bears. False: it was within, the station sticks. Written so that what is no number
- * bears nothing. */
+/* Limits a force to the friction bound. Returns false if it was within: the station sticks. A NaN gives zero force, by
+ * the form of the comparisons. */
 static LAW_CALL bool law_friction_slips(law_real bound_N, law_real force_N[3]) {
     const law_real size = vnorm(force_N);
     if (size <= bound_N) return false;
@@ -29,7 +30,7 @@ static LAW_CALL bool law_friction_slips(law_real bound_N, law_real force_N[3]) {
     return true;
 }
 
-/* `rest` after it slipped so far, or, where that is 0, stuck so long. */
+/* Returns the stick state after `slip_m` of slip or, if that is 0, after `passed_s` of sticking. */
 static inline law_real law_stick_state(law_real rest, law_real slip_m, law_real passed_s) {
     return law_clamp(slip_m > LAW(0) ? rest - slip_m / LAW_FRICTION_SLIP_M : rest + passed_s / LAW_FRICTION_STICK_S,
                      LAW(0), LAW(1));

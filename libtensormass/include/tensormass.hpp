@@ -1,12 +1,11 @@
-/* libtensormass from C++17: what is owned is given back, failures of set-up throw, arrays are spans. Headers alone,
- * over the same C library.
+/* C++17 interface of libtensormass: owning handles, exceptions for set-up, spans for arrays. Header-only, on the same C
+ * library.
  *
- * Thin: a `_ref` is the C pointer and nothing else, is passed in a register, and its functions are the C calls; an
- * owner is a `_ref` that destroys. Units, shapes and errors are those of the C functions, by the same names: this
- * header says what differs. Set-up throws tensormass::error; steps throw nothing and return tm_status (without
- * saying `noexcept`, which would put handlers into whoever calls them). Order of
- * destruction is yours, as in C: declare mesh, tissue, world, and they go in reverse.
- * (`namespace tm` is not to be had: the C library has a struct of that name.) */
+ * A `_ref` is the C pointer only, passed in a register; its functions are the C calls. An owner is a `_ref` that
+ * destroys. Units, shapes and errors are those of the C functions of the same names: this header documents differences
+ * only. Set-up throws tensormass::error. Steps throw nothing and return tm_status (without `noexcept`, which would add
+ * handlers to the caller's code). The order of destruction is the caller's, as in C: declare mesh, tissue, world, and
+ * they are destroyed in reverse. (`namespace tm` is impossible: the C library has a struct of that name.) */
 #ifndef TENSORMASS_HPP
 #define TENSORMASS_HPP
 
@@ -22,7 +21,7 @@
 
 namespace tensormass {
 
-/* A pointer and a count; C++17 has no std::span, and this becomes one where there is. */
+/* Pointer and count. C++17 lacks std::span; where it exists, this converts to it. */
 template <class T> class span {
   public:
     using element_type = T;
@@ -30,7 +29,7 @@ template <class T> class span {
     constexpr span() noexcept = default;
     constexpr span(T *data, std::size_t size) noexcept : data_(data), size_(size) {}
     template <std::size_t N> constexpr span(T (&array)[N]) noexcept : data_(array), size_(N) {}
-    /* Of anything that has data() and size() of this type: vector, array, another span. */
+    /* From anything with data() and size() of this type: vector, array, another span. */
     template <class C, class = std::enable_if_t<std::is_convertible_v<
                            std::remove_pointer_t<decltype(std::declval<C &>().data())> (*)[], T (*)[]>>>
     constexpr span(C &&from) noexcept : data_(from.data()), size_(from.size()) {}
@@ -47,7 +46,7 @@ template <class T> class span {
     std::size_t size_ = 0;
 };
 
-/* A set-up that failed, in the library's own words. */
+/* A failed set-up, with the library's message. */
 class error : public std::runtime_error {
   public:
     explicit error(const tm_error &from)
@@ -60,7 +59,7 @@ class error : public std::runtime_error {
     std::int64_t entity_;
 };
 
-/* check([&](tm_error *e) { return tm_stage_gravity(world.get(), g, e); }): for whatever has no wrapper here. */
+/* check([&](tm_error *e) { return tm_stage_gravity(world.get(), g, e); }): for functions without a wrapper here. */
 template <class F> void check(F &&call) {
     tm_error why{};
     why.entity = -1;
@@ -76,7 +75,7 @@ template <class F> void check(F &&call) {
     throw error(why);
 }
 
-/* The C pointer, owned: moved, never copied. `Ref` has a protected `p_` of type T *. */
+/* Owner of a C pointer: moved, never copied. `Ref` has a protected `p_` of type T *. */
 template <class Ref, class T, void (*Destroy)(T *)> class owner : public Ref {
   public:
     owner() noexcept = default;
@@ -116,7 +115,7 @@ class mesh_ref : public reference<const tm_mesh> {
     span<const std::int32_t> tet() const noexcept { return {p_->tet, 4 * std::size_t(p_->tet_count)}; }
     span<const std::int32_t> region() const noexcept { return {p_->region, std::size_t(p_->tet_count)}; }
     span<const std::int32_t> surface() const noexcept { return {p_->surface, 3 * std::size_t(p_->surface_count)}; }
-    /* The number that each vertex was given; empty: as given, nothing was renumbered. */
+    /* Original number of each vertex; empty: not renumbered. */
     span<const std::int32_t> original_vertex() const noexcept {
         return {p_->original_vertex, p_->original_vertex ? std::size_t(p_->vertex_count) : 0};
     }
@@ -195,7 +194,7 @@ class tissue : public owner<tissue_ref, tm_tissue, tm_tissue_destroy> {
         def.mesh = of.get(), def.material_count = std::int32_t(material.size()), def.material = material.data();
         check([&](tm_error *e) { return tm_tissue_create(&def, &p_, e); });
     }
-    /* All of it of one material. */
+    /* One material for all regions. */
     tissue(mesh_ref of, const tm_material &material) {
         const std::vector<std::int32_t> first(std::size_t(of->region_count));
         tm_tissue_def def = tm_tissue_def_default();
@@ -224,9 +223,9 @@ class contact_ref : public reference<tm_contact> {
 class world_ref : public reference<tm_world> {
   public:
     using reference::reference;
-    /* All or nothing; no exception, no allocation. */
+    /* Succeeds completely or changes nothing; no exception, no allocation. */
     [[nodiscard]] tm_status step(std::int32_t count = 1) const { return tm_world_step(p_, count); }
-    /* The integrator turns the three arrays over: take them anew after a step. */
+    /* The integrator rotates the three arrays: get them again after a step. */
     span<double> u_m() const { return array(tm_world_state(p_)->u_m); }
     span<double> u_prev_m() const { return array(tm_world_state(p_)->u_prev_m); }
     span<double> u_next_m() const { return array(tm_world_state(p_)->u_next_m); }
@@ -289,15 +288,15 @@ class world_ref : public reference<tm_world> {
         check([&](tm_error *e) { return tm_world_settle(p_, &def, &result, e); });
         return result;
     }
-    /* Of doubles, for their alignment. */
+    /* Doubles, for alignment. */
     std::vector<double> snapshot() const {
         std::vector<double> kept((std::size_t(tm_snapshot_bytes(p_)) + 7) / 8);
         check([&](tm_error *e) { return tm_snapshot_save(p_, kept.data(), tm_snapshot_bytes(p_), e); });
         return kept;
     }
-    /* No later snapshot of the world's present stages has more bytes. */
+    /* Upper bound of any later snapshot of the world's present stages. */
     std::int64_t snapshot_bytes_max() const { return tm_snapshot_bytes_max(p_); }
-    /* Of the size that the snapshot has, not of the one that the world would need now. */
+    /* Uses the size of the snapshot, not the world's present size. */
     void restore(span<const double> snapshot) const {
         const std::int64_t bytes = std::int64_t(8 * snapshot.size());
         check([&](tm_error *e) { return tm_snapshot_restore(p_, snapshot.data(), bytes, e); });
@@ -336,7 +335,7 @@ class model_ref : public reference<tm_model> {
         return {tm_model_displacement(p_), 3 * std::size_t(tm_tissue_mesh(p_->tissue)->vertex_count)};
     }
     double time_s() const { return tm_model_time_s(p_); }
-    world_ref world() const noexcept { return p_->world; } /* false: there is nothing to step */
+    world_ref world() const noexcept { return p_->world; } /* false: quasi-static, no steps */
 };
 
 /* model(tm_model_dynamic, def), and with tensormass_solve.h

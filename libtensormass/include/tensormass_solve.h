@@ -1,13 +1,13 @@
 /* libtensormass_solve: static solutions, the precomputed and the hybrid model. A separate library, since it requires
  * SuiteSparse and Eigen (CHOLMOD's supernodal module is GPL). Conventions are those of the core: SI units, flat arrays,
- * a status and a message, nothing printed. Threads: all functions that create or solve may be called from several
- * threads, one model from one thread at a time; no bit of a result depends on it. Calls that factorise or solve
- * (_create, _write, tm_solve_static, tm_hybrid_recover) change three process-wide settings and restore them before they
- * return:
+ * a status and a message, nothing printed.
+ *
+ * Threads: all functions that create or solve may be called from several threads, one model from one thread at a time;
+ * no bit of a result depends on it. Calls that factorise or solve (_create, _write, tm_solve_static, tm_hybrid_recover)
+ * change three process-wide settings and restore them before they return:
  *   - OpenBLAS's number of threads (1 meanwhile);
- *   - SuiteSparse's malloc, calloc and realloc (page-aligned memory, released by free()). They are left alone if a
- *   program
- *     has set its own allocator; last bits may then differ from run to run;
+ *   - SuiteSparse's malloc, calloc and realloc: page-aligned memory, released by free(). If a program has
+ *     set its own allocator they stay, and last bits may then differ from run to run;
  *   - the state of rand(). A thread of the program that calls it during an ordering changes last bits. */
 #ifndef TENSORMASS_SOLVE_H
 #define TENSORMASS_SOLVE_H

@@ -171,13 +171,17 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
 /* Continues the computation of compliance, then computes the instrument's patch and stiffness from the contact of the
  * last substep. Call it between frames. From then on tm_contact_reaction of the instrument has the stiffness. It is
  * kind 2 if the source has the present tissue. It is kind 1 from conjugate gradients, with corotated tissue, or while
- * the source still has the tissue before a cut. Returns false, with kind 0: a needed column is missing, nothing is
- * near, or the patch at rest has another force than the model, as an incomplete patch is not sent. If a source lacks
- * columns at the border, the patch is smaller, but complete around the load. With a grasp (at most TM_GRASP_VERTICES;
- * with conjugate gradients 24 minus the patch's vertices) the patch includes it. If that takes more vertices than
- * max_vertices, there is only the stiffness of the grasp: false, with its kind. The stiffness excludes friction;
- * without a patch, its force is held between samples. There is neither patch nor stiffness while the jaws release, or
- * while the force of removed tetrahedra fades (tm_cut_def.fade_s). No allocation, bounded work. */
+ * the source still has the tissue before a cut.
+ *
+ * Returns false, with kind 0: a needed column is missing, nothing is near, or the patch at rest has another force than
+ * the model, as an incomplete patch is not sent. If a source lacks columns at the border, the patch is smaller, but
+ * complete around the load.
+ *
+ * With a grasp (at most TM_GRASP_VERTICES; with conjugate gradients 24 minus the patch's vertices) the patch includes
+ * it. If that takes more vertices than max_vertices, there is only the stiffness of the grasp: false, with its kind.
+ * The stiffness excludes friction; without a patch, its force is held between samples. There is neither patch nor
+ * stiffness while the jaws release, or while the force of removed tetrahedra fades (tm_cut_def.fade_s). No allocation,
+ * bounded work. */
 TM_API bool tm_patch_compute(tm_patch_builder *builder, int32_t instrument, tm_patch *patch);
 /* For real time: the source continues in its own thread from now on, if it can. */
 TM_API tm_status tm_patch_start(tm_patch_builder *builder, tm_error *error);

@@ -136,11 +136,13 @@ TM_API bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deform
 
 /* Returns a guaranteed stable step, s: 2/sqrt of an upper bound of the largest eigenvalue of M^-1 K, from single
  * tetrahedra. `*tet` is the one that sets it. Valid with any supports and any damping >= 0 of central differences,
- * which does not lower it. Cuttable tissue, or extra masses (to which something else is attached): the minimum of
- * tm_critical_step_element over the active tetrahedra, which holds after any cut. With mass scaling it is also at least
- * the requested step. Otherwise each vertex shares its mass among its tetrahedra by demand. That step is never shorter,
- * and much longer on meshes with slivers (docs/time-stepping.md). It allocates; without memory the result is the
- * former. Some microseconds per tetrahedron. */
+ * which does not lower it.
+ *
+ * Cuttable tissue, or extra masses (to which something else is attached): the minimum of tm_critical_step_element over
+ * the active tetrahedra, which holds after any cut. With mass scaling it is also at least the requested step. Otherwise
+ * each vertex shares its mass among its tetrahedra by demand. That step is never shorter, and much longer on meshes
+ * with slivers (docs/time-stepping.md). It allocates; without memory the result is the former. Some microseconds per
+ * tetrahedron. */
 TM_API double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet);
 /* Returns 2/sqrt(largest eigenvalue of M_e^-1 K_e) of one tetrahedron (Irons), s: its critical step in isolation. */
 TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);

@@ -124,8 +124,8 @@ typedef struct tm_world_def {
     tm_tissue *tissue; /* must outlive the world */
     double dt_s; /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
     double step_fraction; /* 0.9 */
-    bool damped; /* true; false: the undamped integrator (fewer instructions), which requires materials without damping
-                  */
+    /* true; false: the undamped integrator (fewer instructions), which requires materials without damping. */
+    bool damped;
     /* Threads of a step, including the caller's, up to TM_MAX_THREADS; 1. Small tissue uses fewer. Results are
      * bit-identical for any number. The library's threads sleep, except during calls of tm_world_step of four or more
      * substeps: there they wait actively, so set no more threads than cores. */
@@ -242,10 +242,11 @@ TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_s
 /* Snapshot: all data with which a world continues bit-identically (state, active tetrahedra, contact, grasps). Valid
  * for the same build of the library, the same kind of machine, and a world of the same scene. It is checksummed: a
  * foreign, damaged or truncated snapshot is refused (TM_ERR_FILE) and changes nothing. So is one of another mesh or
- * other stages (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes. The size changes with contact, grasps and cuts. Call
- * tm_snapshot_bytes before each save, or allocate tm_snapshot_bytes_max once after the last stage was added: no later
- * snapshot of these stages is larger. Restore a snapshot with its own size, that of the save, not with the world's
- * present size. */
+ * other stages (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes.
+ *
+ * The size changes with contact, grasps and cuts. Call tm_snapshot_bytes before each save, or allocate
+ * tm_snapshot_bytes_max once after the last stage was added: no later snapshot of these stages is larger. Restore a
+ * snapshot with its own size, that of the save, not with the world's present size. */
 TM_API int64_t tm_snapshot_bytes(const tm_world *world);
 TM_API int64_t tm_snapshot_bytes_max(const tm_world *world);
 TM_API tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error);

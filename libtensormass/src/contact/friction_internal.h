@@ -1,4 +1,4 @@
-/* Insides of the stage "friction", shared by friction.c, the account of energy and patches. */
+/* Internals of the stage "friction", shared by friction.c, the energy account and patches. */
 #ifndef TM_FRICTION_INTERNAL_H
 #define TM_FRICTION_INTERNAL_H
 
@@ -7,13 +7,13 @@
 
 enum { TM_COOKIE_FRICTION = 0x66726963 };
 
-/* What lasts between steps, of one station. */
+/* Lasting state of one station. */
 typedef struct tm_friction_state {
     double force_N[3];  /* on the tissue */
-    double stick_state; /* 1 has rested .. 0 has slid (contact_law/friction.h) */
+    double stick_state; /* 1 stuck .. 0 slid (contact_law/friction.h) */
 } tm_friction_state;
 
-/* A station with rows in this substep: rows first .. first + count - 1 of contact. */
+/* Station with rows in this substep: rows first .. first + count - 1 of contact. */
 typedef struct tm_touch {
     int32_t instrument, station, first, count;
     bool slips;
@@ -26,24 +26,24 @@ struct tm_friction {
     tm_contact *contact;
     tm_friction_def def;
     int32_t placings[TM_MAX_INSTRUMENTS];
-    tm_friction_state *state[TM_MAX_INSTRUMENTS],
-        *saved[TM_MAX_INSTRUMENTS]; /* [TM_MAX_STATIONS]; null: has no friction */
-    tm_touch *touch;                /* [max_rows] by instrument, then station */
+    tm_friction_state *state[TM_MAX_INSTRUMENTS], *saved[TM_MAX_INSTRUMENTS]; /* [TM_MAX_STATIONS]; null: no friction */
+    tm_touch *touch; /* [max_rows] by instrument, then station */
     int32_t touch_count;
-    double (*applied_N)[3]; /* [max_rows] each row's part of its station's force */
-    bool joined;            /* in this substep the rows' drag has them */
-    double lost_J;          /* to slip, in the last substep */
+    double (*applied_N)[3]; /* [max_rows] share of its station's force in each row */
+    bool joined;            /* in this substep, the rows' drag includes them */
+    double lost_J;          /* dissipated by slip at the last substep */
 };
 
-/* The stage's hooks. */
+/* Hooks of the stage. */
 int64_t tm_friction_snapshot(void *self, void *buffer);
 bool tm_friction_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
 void tm_friction_checkpoint(void *self);
 void tm_friction_rollback(void *self, tm_world *world);
 
-/* What the skins hold, stretched along the surface. */
+/* Returns the energy stored in tangential contact compliance. */
 double tm_friction_stretched_J(const tm_friction *friction);
-/* After the sweeps, before this substep ends, of one instrument: what they hold, J; shortens all forces. */
+/* Returns this energy of one instrument, J, and shortens all forces. After the sweeps, before the end of the
+ * substep. */
 double tm_friction_stretch_J(const tm_friction *friction, int32_t instrument);
 void tm_friction_scale(tm_friction *friction, int32_t instrument, double share);
 

@@ -1,5 +1,5 @@
-/* A row of contact as snapshots have it: without padding, so that the bytes of equal rows are equal and no stack shows
- * through. Shared with libtensormass_solve. */
+/* Snapshot form of a contact row, without padding: equal rows have equal bytes, and no stack contents leak. Shared with
+ * libtensormass_solve. */
 #ifndef TM_ROW_SNAPSHOT_H
 #define TM_ROW_SNAPSHOT_H
 

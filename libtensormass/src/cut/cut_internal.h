@@ -12,41 +12,41 @@ typedef struct tm_cut_stage {
     tm_contact *contact;
     double rate_1_s;
     tm_cut_loose loose;
-    double credit[TM_MAX_INSTRUMENTS]; /* tetrahedra it may still take */
+    double credit[TM_MAX_INSTRUMENTS]; /* tetrahedra that it may still remove */
     double removal_distance_m;
-    /* what was removed, for tm_cut_fetch_removed */
+    /* removed tetrahedra, for tm_cut_fetch_removed */
     int32_t log_begin, log_count;
     int32_t *log_tet; /* [tet_count] */
     int8_t *log_instrument;
-    tm_fading_rows fading; /* rows on what was removed; fade_s 0: they go at once */
+    tm_fading_rows fading; /* rows on removed tetrahedra; fade_s 0: they vanish at once */
     /* the search for detached fragments */
     search state;
-    bool waits;       /* for "cut search" to go on, in this substep */
-    int32_t revision; /* of the surface when it began */
+    bool waits;       /* "cut search" has work in this substep */
+    int32_t revision; /* revision of the surface at its start */
     int32_t pause;
     bool falling; /* the last search left detached fragments */
     int32_t queue_begin, queue_end, seed_at, sweep_at;
     uint8_t *reached; /* [tet_count] */
-    int32_t *queue;   /* [tet_count] reached; seeds are not among them */
-    /* tetrahedra that supports hold: where it begins */
-    int32_t supports_set; /* of the world when they were listed */
+    int32_t *queue;   /* [tet_count] reached, without the seeds */
+    /* seeds of the search: tetrahedra held by supports */
+    int32_t supports_set; /* count of the world's support changes when they were listed */
     bool any_support;
     int32_t seed_count, *seed;  /* [tet_count] */
     uint8_t *is_seed;           /* [tet_count] */
     uint8_t *fixed;             /* [3*vertex_count] */
-    int32_t visits, max_visits; /* looks at a tetrahedron in this substep; the most in one */
-    /* when the step began */
+    int32_t visits, max_visits; /* tetrahedra visited in this substep; maximum per substep */
+    /* state at the start of the step */
     void *saved;
     int64_t saved_bytes;
     int32_t saved_log_begin, saved_log_count;
 } tm_cut_stage;
 
-/* cut_search.c. Lists the tetrahedra that supports hold, if supports were set since; O(mesh) then, else O(1). */
+/* cut_search.c. Lists the tetrahedra held by supports if supports have changed: then O(mesh), else O(1). */
 void tm_cut_update_seeds(tm_cut_stage *stage, tm_world *world);
-/* Begins a search, and goes on with it: each visits a bounded number of tetrahedra, whatever the size of the mesh. */
+/* Begin and continue a search. Each call visits a bounded number of tetrahedra, for any mesh size. */
 void tm_cut_begin_search(tm_cut_stage *stage, tm_world *world);
 void tm_cut_flood(tm_cut_stage *stage, const tm_tissue *tissue);
-/* The most tetrahedra that the search has looked at in one substep. */
+/* Returns the maximum number of tetrahedra visited in one substep. */
 int32_t tm_cut_max_visits(const tm_world *world);
 
 #endif

@@ -1,4 +1,4 @@
-/* The room on top: models of an organ, made of what the rooms below give. */
+/* Internals of the models of an organ, the top component. */
 #ifndef TM_MODEL_INTERNAL_H
 #define TM_MODEL_INTERNAL_H
 

@@ -1,4 +1,4 @@
-/* Shared by patch*.c. */
+/* Internals shared by patch*.c. */
 #ifndef TM_PATCH_INTERNAL_H
 #define TM_PATCH_INTERNAL_H
 
@@ -10,34 +10,34 @@ enum { TM_COOKIE_PATCH = 0x70617463 };
 /* patch_solver.c: position_m += sign C force_N. */
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
 
-/* patch_solver.c: where a vertex of the mesh stands in the patch, -1: it does not. */
+/* patch_solver.c: returns the index of a mesh vertex in the patch, -1: it is not there. */
 int32_t tm_patch_place(const tm_patch *patch, int32_t vertex);
 
-/* patch_solver.c: tm_patch_stiffness from the model's own rows. False: the patch has another rest there than the model,
- * and its stiffness is that rest's. */
+/* patch_solver.c: computes tm_patch_stiffness from the model's own rows. Returns false if the patch is in another
+ * equilibrium than the model; the stiffness is then that of the patch. */
 bool tm_patch_find_stiffness(tm_patch_solver *solver, const tm_patch *patch, const tm_contact_row *row,
                              int32_t row_count, const double tip_m[3], double stiffness_N_m[9]);
 
-/* Where a hold is eliminated: too large for a stack, so it lies in the solver. */
+/* Work space for the elimination of a grasp: too large for a stack, so the solver holds it. */
 enum { TM_GRASP_DOFS = 3 * TM_GRASP_VERTICES };
 typedef struct tm_grasp_work {
     double M[TM_GRASP_DOFS][TM_GRASP_DOFS];     /* compliance of the held vertices and their springs; lower triangle */
-    double Y[TM_GRASP_DOFS][TM_PATCH_DOFS + 3]; /* what the tip, and forces on the patch, do to them */
+    double Y[TM_GRASP_DOFS][TM_PATCH_DOFS + 3]; /* their motion per tip motion and per force on the patch */
 } tm_grasp_work;
 tm_grasp_work *tm_patch_solver_work(tm_patch_solver *solver);
 
-/* tm_patch_choose among triangles whose vertices are all usable (null: all are). `by_load`: those that bear most
- * come first, whatever their distance. `*fans`: all triangles around the vertices that bear the load are in the patch.
- */
+/* Chooses a patch as tm_patch_choose, among triangles whose vertices are all usable (null: all are). `by_load`: the
+ * most loaded come first, at any distance. `*fans`: whether all triangles around the loaded vertices are in the
+ * patch. */
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                       bool by_load, bool (*usable)(void *self, int32_t vertex), void *self, bool *fans,
                       tm_patch *patch);
 
-/* Vertices of the surface nearest to the tip's way, nearest first, those of pressed triangles before all others; at
- * most TM_COMPLIANCE_REQUEST_MAX, none farther than 40 mm. `inner` (may be null): [vertex_count] masses: all that have
- * one count as surface, as the next cut may make them. Returns how many. */
+/* Finds the surface vertices nearest to the tip's path, nearest first, those of loaded triangles before all others. At
+ * most TM_COMPLIANCE_REQUEST_MAX, none farther than 40 mm. `inner` (may be null): masses [vertex_count]. With it, all
+ * vertices with mass count as surface, as the next cut may expose them. Returns the count. */
 int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                          const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                          const tm_contact_row *row, int32_t row_count, const double *inner, int32_t vertex_count,
@@ -52,35 +52,36 @@ struct tm_patch_builder {
     tm_columns *columns; /* null with a source */
     tm_compliance_source source;
     tm_patch_surface surface;           /* view null: the tissue's */
-    const tm_compliance *columns_known; /* what the source gave last */
+    const tm_compliance *columns_known; /* last result of the source */
     bool corotated;                     /* the law of the world is nonlinear */
     tm_patch_solver *solver;
     int32_t revision;
-    int32_t missing[TM_MAX_INSTRUMENTS]; /* with a source: wanted vertices without a column, or with an old one */
+    int32_t missing[TM_MAX_INSTRUMENTS]; /* with a source: requested vertices without a column, or with an old one */
     double tip_m[TM_MAX_INSTRUMENTS][3], velocity_m_s[TM_MAX_INSTRUMENTS][3], time_s[TM_MAX_INSTRUMENTS];
 };
 
-/* --- patch_known.c: which surface an instrument gets, and what is known of its compliance --- */
+/* --- patch_known.c: surface and known compliance of an instrument --- */
 
 tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder);
-/* Chooses the instrument's patch, whatever is known of it, and asks for its columns, the held vertices' first. */
+/* Chooses the instrument's patch regardless of known columns, and requests its columns, those of held vertices
+ * first. */
 void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch);
-/* Leaves the patch as it was chosen, or makes it a smaller one. False: neither is known wholly. */
+/* Keeps the chosen patch, or reduces it. Returns false if neither is completely known. */
 bool tm_patch_find_known(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch);
 bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex);
-/* tm_patch_block of what is known; self: the maker. */
+/* tm_patch_block for the known compliance; self: the builder. */
 bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]);
-/* tm_patch.kind by where the compliance is from. */
+/* Returns tm_patch.kind by the source of the compliance. */
 int32_t tm_patch_known_kind(const tm_patch_builder *builder);
 
-/* compliance_cg.c: columns of the quasi-static compliance, computed little by little and remembered. */
+/* compliance_cg.c: columns of the quasi-static compliance, computed incrementally and stored. */
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);
-/* These vertices' columns are needed from now on, most urgent first; others may be forgotten for them. Owner: one of
- * few. */
+/* Requests the columns of these vertices, most urgent first; others may be discarded for them. `owner` is an
+ * instrument. */
 void tm_columns_want(tm_columns *columns, int32_t owner, const int32_t *vertex, int32_t count);
-/* At most so many iterations. */
+/* Runs at most so many iterations. */
 void tm_columns_work(tm_columns *columns, int32_t iterations);
-/* The tissue was cut: what is there is a first guess from now on. */
+/* Handles a cut: present columns become first guesses. */
 void tm_columns_cut(tm_columns *columns);
 bool tm_columns_good(const tm_columns *columns, int32_t vertex);
 int32_t tm_columns_pending(const tm_columns *columns);
