@@ -1,4 +1,4 @@
-/* tm-accuracy: what each choice costs in error and in time. A knob is a row in the table of main.c. */
+/* tm-accuracy: error and time of each setting. A knob (studied parameter) is a row in the table of main.c. */
 #ifndef TM_ACCURACY_H
 #define TM_ACCURACY_H
 
@@ -13,7 +13,7 @@
 
 typedef struct problem {
     int cells;
-    double depth; /* of the press, as a share of BLOCK_M */
+    double depth; /* depth of the press, as a share of BLOCK_M */
     tm_mesh *mesh;
     tm_tissue *tissue;
     tm_world *world;
@@ -26,62 +26,63 @@ typedef struct problem_def {
     tm_material material;
     const double *fibre; /* one direction for all, or null */
     tm_precision precision;
-    bool volume; /* the effect of that name */
+    bool volume; /* strain smoothing is on */
     double smoothed_shear_share;
-    bool pressed;    /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
-    double rotation; /* threshold of the effect; 0: linear */
-    const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
-    bool fixed;                        /* [true] false: nothing is */
+    bool pressed;    /* false: only the bottom is clamped and the symmetry planes hold; the block vibrates freely */
+    double rotation; /* |grad u| above which tetrahedra are corotated; 0: linear */
+    const tm_viscosity_def *viscosity; /* viscosity of the effect of that name; null: none */
+    bool fixed;                        /* [true] false: no component is fixed */
     double dt_s;                       /* 0: the guaranteed step times step_fraction */
     double step_fraction;
 } problem_def;
 
-/* Isotropic liver, undamped, pressed by 5 %. */
+/* Returns the default: isotropic liver, undamped, pressed by 5 %. */
 problem_def problem_default(int cells);
 tm_status problem_create(const problem_def *def, problem *p, tm_error *error);
 void problem_destroy(problem *p);
-/* Holds `count` components at `value_m`; frees both arrays. */
+/* Fixes `count` components at `value_m`; frees both arrays. */
 tm_status problem_hold(tm_world *world, int32_t count, int32_t *dof, double *value_m, tm_error *error);
 
-/* What is compared, at rest. */
+/* Quantities compared at static equilibrium. */
 typedef struct measured {
     double probe_u_m[3 * PROBES]; /* at 1/3, 2/3 and 1 of the edge (cells must be a multiple of 3) */
-    double force_z_N;             /* on the indenter's patch */
+    double force_z_N;             /* force on the indenter's patch */
     double energy_J;
 } measured;
 tm_status problem_settle(problem *p, double tolerance, measured *m, tm_error *error);
 
-/* Largest probe difference over the largest probe displacement; relative differences of force and energy. */
+/* Largest difference of a probe over the largest probe displacement; relative differences of force and energy. */
 typedef struct differences {
     double displacement, reaction, energy;
 } differences;
 differences compare(const measured *m, const measured *truth);
 
-/* Materials of the reference. */
+/* Returns the material of the reference. */
 tm_material material_liver(void);
 tm_material material_fibre(void);
 
-/* Median seconds of one step of each of `count` worlds, runs interleaved so that a slow spell of the machine hits all
- * alike. */
+/* Measures the median seconds per step of each of `count` worlds. Runs are interleaved, so a slow spell of the machine
+ * affects all alike. */
 void time_steps(tm_world **world, int count, int rounds, double *seconds_per_step);
 
-/* The references of CalculiX, from reference.json. `name`: "iso", "fibre" or "neo"; `index`-th case. */
+/* Returns the number of CalculiX references in reference.json; the second function reads the `index`-th. `name`: "iso",
+ * "fibre" or "neo". */
 int reference_cases(const cJSON *truth, const char *name);
 bool reference_case(const cJSON *truth, const char *name, int index, double *depth, measured *m);
 
-/* Settings shared by all knobs. */
+/* Settings common to all knobs. */
 typedef struct run {
     bool quick;         /* the short form: fewer and smaller meshes */
-    int rounds;         /* of interleaved timing */
+    int rounds;         /* rounds of interleaved timing */
     const cJSON *truth; /* the references */
     void (*progress)(const char *knob, double fraction);
 } run;
 
-/* The case, or an error that says that the file has none. */
+/* Reads the case of the reference. Returns an error if the file lacks it. */
 tm_status reference_take(const run *r, const char *name, int index, double *depth, measured *m, tm_error *error);
 
-/* A block of the run matrix: pressed as its definition says, at rest, held against the truth, and timed beside the
- * others. */
+/* A block of the run matrix: pressed as defined, at static equilibrium, compared with the reference solution, and timed
+ * together with the others. */
 typedef struct solved {
     problem p;
     measured m;
@@ -89,18 +90,18 @@ typedef struct solved {
     double seconds_per_step;
 } solved;
 enum { MATRIX = 16 };
-/* All `count` of them; `truth` null: the first. Free with matrix_free whatever is returned. */
+/* Solves all `count` of them; `truth` null: the first is the reference. Free with matrix_free in every case. */
 tm_status matrix_solve(const run *r, const char *knob, const problem_def *def, int count, double tolerance,
                        const measured *truth, solved *out, tm_error *error);
 void matrix_free(solved *s, int count);
-/* Adds displacement, reaction and energy. */
+/* Adds the differences of displacement, reaction and energy. */
 cJSON *differences_add(cJSON *to, const differences *d);
-/* Adds what a step costs. */
+/* Adds the cost of a step. */
 cJSON *price_add(cJSON *to, const solved *s);
-/* Linear tissue scales. */
+/* Scales the solution of linear tissue. */
 measured measured_scaled(const measured *m, double scale);
 
-/* One knob: measures into `out` and its "rows". */
+/* Measures one knob into `out` and its "rows". */
 typedef tm_status knob_measure(const run *r, cJSON *out, cJSON *rows, tm_error *error);
 knob_measure knob_mesh, knob_volume, knob_step, knob_mass, knob_precision, knob_model, knob_rotation, knob_viscosity,
     knob_friction, knob_fibre;
