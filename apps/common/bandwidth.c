@@ -40,7 +40,7 @@ double app_bandwidth_B_s(size_t bytes, int rounds) {
         return 0;
     }
     for (size_t i = 0; i < 3 * n; i++) memory[i] = 1.0;
-    /* Small arrays are passed over often enough for the clock to resolve. */
+    /* Repeats small arrays until the clock resolves the time. */
     size_t passes = 1 + (size_t)20e6 / bytes;
     volatile double sink = 0;
     (void)sink;
@@ -48,7 +48,7 @@ double app_bandwidth_B_s(size_t bytes, int rounds) {
         double start = app_seconds();
         for (size_t p = 0; p < passes; p++) {
             triad(memory, memory + n, memory + 2 * n, n, 1.0 + (double)p);
-            sink += memory[2 * n + p % n]; /* so that no pass is folded away */
+            sink += memory[2 * n + p % n]; /* keeps the compiler from removing a pass */
         }
         if (r >= 0) rate[r] = (double)(3 * n * sizeof *memory * passes) / (app_seconds() - start);
     }

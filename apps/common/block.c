@@ -7,7 +7,7 @@ int32_t app_block_vertex(const app_block *b, int32_t i, int32_t j, int32_t k) {
     return i + (b->cells[0] + 1) * (j + (b->cells[1] + 1) * k);
 }
 
-/* One cube: along each of the six orders of the axes, from corner to opposite corner. */
+/* Fills one cube with a tetrahedron per order of the axes, from corner to opposite corner. */
 static void fill_cube(app_block *b, const int32_t corner[3], int32_t *tet) {
     static const int8_t order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     static const bool odd[6] = {false, true, true, false, false, true};
@@ -18,7 +18,7 @@ static void fill_cube(app_block *b, const int32_t corner[3], int32_t *tet) {
             at[order[p][s]]++;
             tet[s + 1] = app_block_vertex(b, at[0], at[1], at[2]);
         }
-        if (odd[p]) { /* an odd order of the axes turns the tetrahedron inside out */
+        if (odd[p]) { /* an odd permutation inverts the tetrahedron */
             int32_t swap = tet[1];
             tet[1] = tet[2], tet[2] = swap;
         }

@@ -35,7 +35,7 @@ static bool is_interrupted(void *user) {
     return app_interrupted() != 0;
 }
 
-/* The module solve has threads of its own, and uses one of OpenBLAS in each. */
+/* Opens a module. The module solve has its own threads, and uses one thread of OpenBLAS in each. */
 static void *open_module(const char *name, tm_error *error) {
     setenv("OPENBLAS_NUM_THREADS", "1", 0);
     return app_module(name, error);

@@ -21,10 +21,10 @@ static bool axes_of(const view_instrument *t, hrt_axes *axes) {
     return t->device && hrt_axes_along(axes, t->device, axis, up);
 }
 
-/* Null: the device has no such joint. */
+/* Returns the joint, or null if the device has none of this role. */
 static double *joint_of(play_hand *hand, int32_t role) { return role < 0 ? NULL : &hand->joint[role]; }
 
-/* The hand begins where the instrument is, so that nothing jumps; anew where another device holds it. */
+/* Initialises the hand at the instrument's pose, so that nothing jumps; again if the device changes. */
 static void meet(play_hand *hand, const view_instrument *t) {
     hrt_axes axes;
     float tip[3], joint[3];
@@ -41,7 +41,7 @@ static void meet(play_hand *hand, const view_instrument *t) {
     hand->known = true;
 }
 
-/* The command that goes out with the next picture; keys pressed since the last one share it. */
+/* Returns the command that is sent with the next picture; all keys since the last picture share it. */
 static view_command *command_for(play_controls *c) {
     if (!c->has_command || c->command.instrument != c->selected)
         c->command = (view_command){.instrument = c->selected, .extrapolator = "", .passivity = -1};
@@ -103,7 +103,7 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
         else
             c->wheel += e->dy;
         break;
-    case PLAY_FOCUS_LOST: /* a key let go elsewhere is never heard of */
+    case PLAY_FOCUS_LOST: /* the release of a key in another window is not reported */
         memset(c->held, 0, sizeof c->held);
         memset(c->button, 0, sizeof c->button);
         break;
@@ -111,14 +111,14 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
     update_acting(c);
 }
 
-/* The eye's right and up in the world. */
+/* Computes the eye's right and up directions in the world. */
 static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3]) {
     float view[16], projection[16];
     view_camera_matrices(camera, height_px, height_px, view, projection);
     for (int k = 0; k < 3; k++) right[k] = view[4 * k], up[k] = view[4 * k + 1];
 }
 
-/* Metres of a pixel at the depth of a point. */
+/* Returns the metres per pixel at the depth of a point. */
 static double metres_a_pixel(const view_camera *camera, int height_px, const double point_m[3]) {
     double to[3], at[3], depth = 0, length = 0;
     for (int k = 0; k < 3; k++) {
@@ -130,7 +130,7 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
-/* Puts the tip there, as far as the device can; a shaft's insertion stays as it is where `keep` says so. */
+/* Moves the tip to a position as far as the device can; `keep` leaves a shaft's insertion unchanged. */
 static void put_tip(play_hand *hand, const hrt_axes *axes, const float tip_m[3], bool keep) {
     const int32_t insertion = axes->device->insertion;
     float joint[3];
@@ -139,8 +139,8 @@ static void put_tip(play_hand *hand, const hrt_axes *axes, const float tip_m[3],
         if (!keep || j != insertion) hand->joint[j] = (double)joint[j];
 }
 
-/* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion
- * in the plane across the shaft that looks like it, damped where the eye sees that plane edge-on. */
+/* Rotates the instrument about its trocar so that the tip moves by `across` and `upward` (m) in the picture. The motion
+ * is perpendicular to the shaft, and damped where the eye sees that plane edge-on. */
 static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across,
                   float upward) {
     static const float DAMPING = 0.06f;
@@ -159,7 +159,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     put_tip(hand, &axes, to, true);
 }
 
-/* Pushes the shaft in by so many metres. */
+/* Inserts the shaft by this many metres. */
 static void push_in(play_hand *hand, const view_instrument *t, double by_m) {
     hrt_axes axes;
     float joint[HRT_JOINTS], tip[3];

@@ -1,5 +1,5 @@
-/* tm-play: a window in which mouse and keys are the hands of the virtual devices. `make play` starts the rest of the
- * session. */
+/* tm-play: a window in which mouse and keys act as the hands of the virtual devices. `make play` starts the other
+ * programs of the session. */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
@@ -46,7 +46,7 @@ typedef struct play {
     bool watch, no_key, display_only;
     view_studio studio;
     view_picture picture;
-    view_dress dress; /* by the scene */
+    view_dress dress; /* decoration from the scene */
     view_feed *feed;
     const play_window_api *window_api;
     play_window *window;
@@ -163,7 +163,7 @@ static int take(play *p, int code, const char *text) {
     }
 }
 
-/* -1: go on; else the exit code. */
+/* Parses the options. Returns -1 to continue, else the exit code. */
 static int parse(play *p, int argc, char **argv) {
     p->studio_def = view_studio_default(960, 600);
     p->studio_def.render.edges = false;
@@ -187,8 +187,8 @@ static int parse(play *p, int argc, char **argv) {
     return wrong ? wrong : -1;
 }
 
-/* Tried in a child: a driver that ends the process ends that one, and this one never has two kinds of OpenGL in it,
- * whose functions have the same names. */
+/* Tests the display's driver in a child process: a driver may end its process. It also keeps two OpenGL libraries,
+ * whose functions have the same names, out of this process. */
 static bool display_draws(const play *p, char *why, size_t size) {
     int ends[2];
     snprintf(why, size, "its OpenGL ended the program that tried it");
@@ -256,7 +256,7 @@ static void draw_help(const play *p) {
         view_text(canvas, x, y + step * (float)i, cap, (view_colour){215, 222, 228, 1}, line[i]);
 }
 
-/* Which instrument the mouse moves, where it stands in the list of them. */
+/* Marks the instrument that the mouse moves. */
 static void draw_selected(const play *p) {
     const view_canvas *canvas = &p->studio.canvas;
     const view_instrument *t = &p->picture.instrument[p->controls.selected];
@@ -355,7 +355,7 @@ int main(int argc, char **argv) {
     int wrong = parse(&p, argc, argv);
     if (wrong >= 0) return wrong;
     app_catch_signals();
-    setpriority(PRIO_PROCESS, 0, 5); /* drawing takes what simulation and controllers leave */
+    setpriority(PRIO_PROCESS, 0, 5); /* simulation and controllers have priority over drawing */
     play_controls_begin(&p.controls);
     wrong = view_dress_load(&p.dress, &p.picture);
     if (!wrong) wrong = open_all(&p);

@@ -21,7 +21,7 @@ static void window_close(play_window *w) {
     free(w);
 }
 
-/* Without a display SDL falls back to drivers that draw for nobody. */
+/* Returns whether SDL's driver shows windows. Without a display SDL falls back to invisible drivers. */
 static bool seen_by_people(void) {
     const char *driver = SDL_GetCurrentVideoDriver();
     if (driver && (!strcmp(driver, "x11") || !strcmp(driver, "wayland"))) return true;
@@ -34,7 +34,7 @@ static tm_status window_open(int width, int height, const char *title, play_wind
     error->status = w ? TM_ERR_LIMIT : TM_ERR_MEMORY;
     if (!w) return error->status;
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
-    /* The picture is drawn elsewhere, perhaps by OSMesa; a second OpenGL in one process does not go well with it. */
+    /* The picture is rendered elsewhere, perhaps by OSMesa, which conflicts with a second OpenGL in one process. */
     SDL_SetHint(SDL_HINT_FRAMEBUFFER_ACCELERATION, "0");
     SDL_SetHint(SDL_HINT_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR, "0");
     if (!getenv("SDL_VIDEODRIVER"))
@@ -73,7 +73,7 @@ static int key_code(SDL_Keycode key) {
     }
 }
 
-/* Picture pixels for a window's. */
+/* Converts motion in window pixels to picture pixels. */
 static void picture_motion(const play_window *w, int dx, int dy, play_event *event) {
     int wide = w->width, high = w->height;
     SDL_GetWindowSize(w->window, &wide, &high);

@@ -1,6 +1,6 @@
-/* MUMPS: LDL^T of a symmetric positive definite matrix over the ranks of MPI_COMM_WORLD. Each rank hands in a share of
- * the entries; right-hand sides are units, so that MUMPS prunes its trees; the solution stays where the factor is, and
- * each rank sends the others what they asked for. */
+/* MUMPS: LDL^T of a symmetric positive definite matrix, distributed over the ranks of MPI_COMM_WORLD. Each rank passes
+ * a share of the entries. Right-hand sides are unit vectors, so MUMPS prunes its trees. The solution stays distributed
+ * like the factor; each rank sends the others the rows that they requested. */
 #include <dmumps_c.h>
 #include <mpi.h>
 #include <stdlib.h>
@@ -18,7 +18,7 @@ static struct {
     DMUMPS_STRUC_C m;
     int rank, ranks;
     bool begun;
-    int32_t n, *slot; /* [n] place of a row in what is asked for, or -1 */
+    int32_t n, *slot; /* [n] index of a row among the requested rows, or -1 */
 } s;
 
 static int64_t job(int what) {
@@ -29,7 +29,7 @@ static int64_t job(int what) {
 
 /* --- factor --- */
 
-/* Columns of the lower triangle, dealt out like cards. */
+/* Passes this rank's columns of the lower triangle, distributed cyclically. */
 static bool hand_in(const int32_t *begin, const int32_t *row, const double *value) {
     int64_t count = 0, at = 0;
     for (int32_t j = s.rank; j < s.n; j += s.ranks) count += begin[j + 1] - begin[j];
@@ -73,7 +73,7 @@ static tm_status fail(tm_error *error, int64_t code) {
                    (long long)code, s.m.INFOG(2));
 }
 
-/* Every rank comes to the same end: INFOG is the same on all. */
+/* Computes the factor. All ranks return the same status: INFOG is equal on all. */
 static tm_status factor(void *user, int32_t n, const int32_t *begin, const int32_t *row, const double *value,
                         int64_t *bytes, tm_error *error) {
     (void)user;
@@ -84,7 +84,7 @@ static tm_status factor(void *user, int32_t n, const int32_t *begin, const int32
     if (any) return fail(error, -13);
     s.m.n = n;
     int64_t code = job(ANALYSE);
-    for (int room = 0; code >= 0 && room < 4; room++) { /* its estimate of the room that it needs may fall short */
+    for (int room = 0; code >= 0 && room < 4; room++) { /* MUMPS may underestimate the memory that it needs */
         s.m.ICNTL(14) = MORE_ROOM_PERCENT << room;
         code = job(FACTORISE);
         if (code != -9 && code != -8) break;
@@ -109,7 +109,8 @@ static bool solve_one(void *user, double *x) {
     return job(SOLVE) >= 0;
 }
 
-/* Unit right-hand sides, on rank 0; what is not asked for is a unit all the same, and its answer goes nowhere. */
+/* States unit right-hand sides on rank 0. Columns that were not requested get a unit vector too; their solution is
+ * discarded. */
 static bool state_units(const int32_t *unit, int32_t count) {
     s.m.nrhs = count;
     s.m.nz_rhs = count;
@@ -123,12 +124,12 @@ static bool state_units(const int32_t *unit, int32_t count) {
     return true;
 }
 
-/* Rows of the pieces: every rank tells the others which of the asked-for ones it has. */
+/* Rows of the distributed solution: each rank sends the others which requested rows it has. */
 typedef struct rows {
-    int32_t *slot, *at; /* mine: place in what is asked for, and in my piece */
+    int32_t *slot, *at; /* mine: index among the requested rows, and in this rank's part */
     int mine, all;
     int *count, *from; /* [ranks] */
-    int32_t *of;       /* [all] slots, rank after rank */
+    int32_t *of;       /* [all] indices of requested rows, rank by rank */
 } rows;
 
 static bool find_rows(const int32_t *row, int32_t row_count, rows *r) {
@@ -159,7 +160,7 @@ static void free_rows(rows *r) {
     free(r->of);
 }
 
-/* Column by column: each rank's rows of it to the rank that asked. */
+/* Sends, column by column, each rank's rows to the rank that requested the column. */
 static bool exchange(const rows *r, int32_t width, double *x) {
     double *out = malloc(8 * ((size_t)s.ranks * (size_t)r->mine + 1)), *in = malloc(8 * ((size_t)r->all + 1));
     int *send = malloc(sizeof *send * (size_t)s.ranks), *to = malloc(sizeof *to * (size_t)s.ranks);
@@ -184,8 +185,8 @@ static bool exchange(const rows *r, int32_t width, double *x) {
 static bool solve(void *user, const int32_t *unit, int32_t width, const int32_t *row, int32_t row_count, double *x) {
     (void)user;
     rows r = {0};
-    s.m.ICNTL(20) = 3; /* sparse right-hand sides, and use of it */
-    s.m.ICNTL(21) = 1; /* the solution stays in pieces */
+    s.m.ICNTL(20) = 3; /* sparse right-hand sides, with their sparsity used */
+    s.m.ICNTL(21) = 1; /* the solution stays distributed */
     s.m.lsol_loc = s.m.INFO(23) > 0 ? s.m.INFO(23) : 1;
     s.m.sol_loc = malloc(8 * (size_t)s.m.lsol_loc * (size_t)width * (size_t)s.ranks);
     s.m.isol_loc = malloc(sizeof *s.m.isol_loc * (size_t)s.m.lsol_loc);
@@ -215,9 +216,9 @@ const tm_solve_distributed *shared_begin(int32_t threads, void **user) {
     s.m.comm_fortran = (MUMPS_INT)MPI_Comm_c2f(MPI_COMM_WORLD);
     if (job(BEGIN) < 0) return NULL;
     s.begun = true;
-    for (int i = 1; i <= 4; i++) s.m.ICNTL(i) = i < 4 ? -1 : 0; /* it says nothing */
+    for (int i = 1; i <= 4; i++) s.m.ICNTL(i) = i < 4 ? -1 : 0; /* no output */
     s.m.ICNTL(16) = threads > 0 ? threads : 1;
-    s.m.ICNTL(18) = 3; /* each rank hands in its share */
+    s.m.ICNTL(18) = 3; /* each rank passes its share */
     *user = NULL;
     return &shared;
 }

@@ -1,5 +1,4 @@
-/* tm-precompute: the responses of a scene's tissue, computed ahead of time, by as many threads and ranks as there are.
- */
+/* tm-precompute: computes the responses of a scene's tissue in advance, with all threads and ranks. */
 #include <cjson/cJSON.h>
 #include <getopt.h>
 #include <stdio.h>
@@ -143,7 +142,7 @@ static int parse(choice *o, int count, char **all) {
     return 0;
 }
 
-/* What each rank had at most, and its factor. */
+/* Prints the maximum memory of each rank, and its factor's. */
 static void tell_ranks(const tm_solve_ranks *team, int64_t factor_bytes, cJSON *json) {
     const int32_t count = team ? team->count : 1;
     struct rusage used;
@@ -194,7 +193,7 @@ static int report(const choice *o, const tm_solve_ranks *team, const tm_solve_re
     return app_file_end_json(json, j);
 }
 
-/* The options of `precomputed`, whether the scene's model asks for them or not. */
+/* Returns the options of `precomputed`, even if the scene has another model. */
 static const sim_solve_options *options_of(const sim *s) {
     return s->scene->effect[sim_effect_find(s->scene, "precomputed")];
 }
@@ -209,7 +208,7 @@ static int compute(sim *s, const choice *o, const tm_solve_ranks *team, app_file
         return app_exit_code(sim_report(s->scene, s->scene->model.line, &error));
     int rc = 0;
     tm_precomputed_def def = api.tm_precomputed_def_default_();
-    s->def.model.cut = NULL; /* responses of the tissue as it is */
+    s->def.model.cut = NULL; /* responses of uncut tissue */
     sim_solve_set(s, options, "precomputed", path,
                   &(sim_solve_members){&def.problem, &def.precision, &def.max_contact_vertices, &def.file});
     if (o->out) def.file = o->out;
@@ -253,7 +252,7 @@ int main(int count, char **all) {
     app_check_stdout();
     app_catch_signals();
     int rc = parse(&o, count, all);
-    /* Checked as any scene, whatever model it names. */
+    /* Checks the scene like any other, whatever its model. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");
     if (!rc && o.shared && !team_share_factor(o.threads))
         rc = usage("--factor distributed%s: this program was built without MUMPS or without ranks; make MPI=1 MUMPS=1 "

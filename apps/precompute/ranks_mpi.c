@@ -1,4 +1,4 @@
-/* Ranks of Open MPI. A rank that dies takes the others with it; what they had done stays in the part file. */
+/* Ranks of Open MPI. If a rank fails, all end; their finished columns stay in the partial file. */
 #include <mpi.h>
 #include <time.h>
 
@@ -9,7 +9,7 @@ const char team_name[] = "tm-precompute-mpi";
 
 static tm_solve_ranks team;
 
-/* Every rank asks now and then rather than spinning: those who are done early leave their core to the others. */
+/* Waits at a barrier by polling with pauses, not by spinning: early ranks leave their core to the others. */
 static bool meet(void *user) {
     (void)user;
     MPI_Request all;

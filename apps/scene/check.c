@@ -1,4 +1,4 @@
-/* Looks at a scene as somebody would who has seen many: sizes, constants, supports, instruments, what a frame costs. */
+/* Reviews a scene's sizes, constants, supports, instruments and cost per frame, as an experienced user would. */
 #include "check.h"
 
 #include <math.h>
@@ -14,11 +14,11 @@
 
 typedef struct review {
     sim *s;
-    bool *held; /* [region_count] every vertex of it is */
+    bool *held; /* [region_count] all its vertices are fixed */
     int odd;
 } review;
 
-/* A remark with its line; 0: it is about what is not there. */
+/* Prints a remark with its line; line 0: about something missing. */
 static void __attribute__((format(printf, 3, 4))) odd(review *r, int line, const char *format, ...) {
     char where[600] = "", what[900];
     va_list list;
@@ -57,7 +57,7 @@ static void check_size(review *r) {
         odd(r, line, "an organ of %.3g mm; look at tissue.scale (metres per unit of the mesh)", 1e3 * size);
 }
 
-/* The entry of the scene that a region takes its constants from. */
+/* Returns the scene's entry with the constants of a region. */
 static const app_material *entry_of(const app_scene *scene, const char *region) {
     const app_material *all = scene->material.item, *rest = NULL;
     for (int i = 0; i < scene->material.count; i++) {
@@ -67,7 +67,7 @@ static const app_material *entry_of(const app_scene *scene, const char *region) 
     return rest;
 }
 
-/* Is every vertex of the region held? Then what it is made of plays no part. */
+/* Returns whether every vertex of the region is fixed. Its constants then have no effect. */
 static bool is_held(const sim *s, int32_t region) {
     for (int32_t t = 0; t < s->mesh->tet_count; t++)
         for (int k = 0; k < 4 && s->mesh->region[t] == region; k++)
@@ -106,7 +106,7 @@ static void check_region(review *r, int32_t region) {
             m->density_kg_m3);
 }
 
-/* Pieces of the mesh of which nothing is held. */
+/* Finds connected components of the mesh without a fixed vertex. */
 static void check_supports(review *r) {
     const sim *s = r->s;
     const tm_mesh *m = s->mesh;
@@ -143,7 +143,7 @@ static void check_supports(review *r) {
     free(moves);
 }
 
-/* Does the script lead the tip into the surface at rest? Distances are to the tip's centre. */
+/* Returns the smallest distance of the scripted tip from the surface at rest, measured from the tip's centre. */
 static double nearest_way_m(const sim *s, int i) {
     enum { TIMES = 200 };
     const hrt_hand_script *hand = &s->hand[i];
@@ -158,8 +158,8 @@ static double nearest_way_m(const sim *s, int i) {
     return fmax(best, 0);
 }
 
-/* How deep a waypoint leads the tip into the tissue at rest, along the shaft, and how thick that is there. False: not
- * at all. */
+/* Computes how deep a waypoint leads the tip into the tissue at rest along the shaft, and the thickness there. Returns
+ * false if the tip stays outside. */
 static bool depth_m(const sim *s, int i, double time_s, double *depth, double *thickness) {
     const tm_instrument_def *tool = &s->instrument_def[i];
     const tm_tool_pose pose = sim_hand_pose(s, i, time_s);
@@ -177,7 +177,8 @@ static bool depth_m(const sim *s, int i, double time_s, double *depth, double *t
 }
 
 static void check_depth(review *r, int i) {
-    const double deep = 0.4; /* of the thickness: what is left bears half as much again as a linear law knows */
+    const double deep =
+        0.4; /* share of the thickness: the remaining tissue bears 1.5 times the force of a linear law */
     const sim *s = r->s;
     double worst = 0, depth, thickness, worst_m = 0, of_m = 0;
     if (sim_has(s, "rotation") || sim_law_line(s->scene)) return;
@@ -223,7 +224,7 @@ static void check_hands(review *r) {
         odd(r, 0, "no 'damping:': what was touched swings for long; add 'damping: {rate: 40 /s}'");
 }
 
-/* Whose tetrahedra ask for the most substeps, and whether it is one of them or all. */
+/* Reports the region that requires the most substeps, and whether one tetrahedron or all of them cause it. */
 static void check_timing(review *r) {
     const sim *s = r->s;
     const int32_t n = s->mesh->tet_count, regions = s->file.region_count;
@@ -258,7 +259,7 @@ static void check_timing(review *r) {
     free(least);
 }
 
-/* One frame at rest, best of three: more than there is time for? */
+/* Returns the time to compute one frame at rest, best of three, over the frame's duration. */
 static double frame_share(sim *s) {
     double best = INFINITY;
     for (int i = 0; i < 4; i++) {

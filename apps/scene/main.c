@@ -1,4 +1,4 @@
-/* tm-scene: a first scene of a mesh, and what is missing or odd in one. */
+/* tm-scene: writes a first scene for a mesh, and checks scenes for missing or unusual settings. */
 #include <getopt.h>
 #include <limits.h>
 #include <math.h>
@@ -92,7 +92,7 @@ static int parse(int argc, char **argv, options *o) {
     return 0;
 }
 
-/* The mesh as the scene names it: from the scene's folder where it lies in there, else from /. */
+/* Computes the mesh's path for the scene: relative if the mesh is inside the scene's folder, else absolute. */
 static void name_mesh(const char *mesh, const char *scene, char *name, size_t size) {
     char whole[PATH_MAX], folder[PATH_MAX], home[PATH_MAX];
     snprintf(folder, sizeof folder, "%s", scene);

@@ -1,4 +1,4 @@
-/* Reading the mesh: regions, box, pace. */
+/* Reads the mesh: regions, box, step. */
 #include "organ.h"
 
 #include <math.h>
@@ -19,7 +19,7 @@ static int check_size(const char *path, double scale, const organ *o) {
     return 0;
 }
 
-/* A region by its own name, else by the whole's (the parenchyma of a liver). */
+/* Finds each region's constants by its name, else by the title (the parenchyma of a liver). */
 static void find_tissues(const char *title, organ *o) {
     for (int32_t r = 0; r < o->file.region_count; r++) {
         const tissue_constants *found = tissue_find(o->file.region_name[r]);

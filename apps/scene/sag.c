@@ -1,5 +1,4 @@
-/* Does what holds an organ hold it? How far it sags under its own weight, linear, and more supports where that is too
- * far. */
+/* Tests supports: computes the linear sag of an organ under its own weight, and adds supports if it is too large. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,16 +9,16 @@
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
 
-/* Of the organ's size: it sags no farther; and half the side of a box that holds it where it does. */
-enum { ENOUGH = 8 }; /* vertices to hold a piece by */
+/* Largest admissible sag as a share of the organ's size; half the side of a box that is added as a support. */
+enum { ENOUGH = 8 }; /* vertices that suffice to hold a connected component */
 static const double sag_share = 0.2, box_share = 1.0 / 12;
 
 typedef struct hanging {
     const organ *o;
     tm_world *world;
     uint8_t *held;    /* [vertex_count] */
-    double sag_m;     /* the farthest that any vertex has gone */
-    int32_t farthest; /* the lowest vertex of those that go nearly as far */
+    double sag_m;     /* largest displacement of any vertex */
+    int32_t farthest; /* the lowest vertex among those displaced nearly as far */
 } hanging;
 
 static void look(hanging *h) {
@@ -35,7 +34,7 @@ static void look(hanging *h) {
     }
 }
 
-/* The search for rest only ever goes farther (conjugate gradients from no displacement): enough is enough. */
+/* Stops once the sag is too large: conjugate gradients from zero only increase the displacement. */
 static bool still_holds(void *user, int64_t step, double residual) {
     (void)step, (void)residual;
     hanging *h = user;
@@ -60,7 +59,7 @@ static tm_status hold(hanging *h, tm_error *error) {
     return status;
 }
 
-/* One try with the supports as they are: h->sag_m and h->farthest. */
+/* Computes h->sag_m and h->farthest with the present supports. */
 static tm_status hang(hanging *h, tm_tissue *tissue, tm_error *error) {
     const double g = 9.81, *up = h->o->up, weight[3] = {-g * up[0], -g * up[1], -g * up[2]};
     tm_world_def def = tm_world_def_default();
@@ -72,7 +71,7 @@ static tm_status hang(hanging *h, tm_tissue *tissue, tm_error *error) {
     if (!status) status = hold(h, error);
     if (!status) status = tm_world_settle(h->world, &settle, NULL, error);
     if (!status) look(h);
-    if (status == TM_ERR_SUPPORT && error->entity >= 0) /* a piece that nothing holds */
+    if (status == TM_ERR_SUPPORT && error->entity >= 0) /* a connected component without support */
         status = TM_OK, h->sag_m = INFINITY, h->farthest = (int32_t)error->entity;
     if (status == TM_ERR_CONVERGENCE) status = TM_OK;
     tm_world_destroy(h->world);

@@ -1,4 +1,4 @@
-/* What holds an organ, proposed from its labels and its shape. */
+/* Proposes supports of an organ from its labels and its shape. */
 #include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
@@ -22,7 +22,7 @@ static int32_t group_size(const organ *o, const char *name) {
     return 0;
 }
 
-/* The vertices of a region that lie on the organ's outer surface: where a vessel comes in. */
+/* Fixes the vertices of a region on the organ's outer surface: where a vessel enters. */
 static bool hold_at_surface(organ *o, int32_t region) {
     const tm_mesh *m = o->mesh;
     uint8_t *mark = calloc((size_t)m->vertex_count, 1);
@@ -47,7 +47,7 @@ static bool is_region(const organ *o, const char *name) {
     return false;
 }
 
-/* Groups of the surface that are called like something that holds. */
+/* Returns whether a surface group has the name of a support. */
 static bool names_a_hold(const char *name) {
     static const char *const words[] = {"cava", "ligament", "fixed", "support", "held", "attach", "hilum", "hilus"};
     char lower[64] = "";
@@ -57,7 +57,7 @@ static bool names_a_hold(const char *name) {
     return false;
 }
 
-/* Area of the surface in the plane of one of its triangles; its normal and the area of all by the way. */
+/* Returns the surface area in the plane of one of its triangles; also computes that normal and the total area. */
 static double area_in_plane(const tm_mesh *m, const double point[3], const double normal[3], double within_m) {
     double area = 0;
     for (int32_t f = 0; f < m->surface_count; f++) {
@@ -71,7 +71,7 @@ static double area_in_plane(const tm_mesh *m, const double point[3], const doubl
     return area;
 }
 
-/* The largest flat piece that does not look up; a part of the surface, or it is none. */
+/* Finds the largest flat area that does not face up and is a sufficient share of the surface. */
 static void find_plane(organ *o) {
     enum { TRIED = 300 };
     const tm_mesh *m = o->mesh;
@@ -99,7 +99,7 @@ static void find_plane(organ *o) {
     if (s) *s = best;
 }
 
-/* What lies lowest: a slice of the box, from a twelfth of the height up until it holds enough to hold by. */
+/* Finds the lowest part: a slice of the box, from 1/12 of the height upwards, until enough vertices are in it. */
 static void find_bottom(organ *o) {
     const tm_mesh *m = o->mesh;
     const int a = o->up_axis;

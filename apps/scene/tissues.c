@@ -1,4 +1,4 @@
-/* Young's moduli as their papers give them; where a paper gives the shear stiffness mu, E = 3 mu (incompressible). */
+/* Young's moduli from the cited papers; where a paper gives the shear stiffness mu, E = 3 mu (incompressible). */
 #include "tissues.h"
 
 #include <ctype.h>
@@ -6,8 +6,8 @@
 
 const char tissue_density_source[] = "IT'IS Foundation, tissue properties database, version 4";
 
-/* Poisson's ratio: tissue hardly changes its volume (0.49 and above), which linear tetrahedra take badly and pay for in
- * substeps; 0.45 is the habit. */
+/* Poisson's ratio: tissue is nearly incompressible (0.49 and above). Linear tetrahedra lock there and need more
+ * substeps; 0.45 is the usual choice. */
 static const tissue_constants rows[] = {
     {"tumour", "tumo cancer carcinoma lesion metasta hcc. neoplasm mass.", TISSUE_TUMOUR, 30e3, 0.45, 1079,
      "malignant liver tumours, MR elastography, mu 10.1 kPa: Venkatesh 2008, AJR 190:1534"},
@@ -45,7 +45,7 @@ const tissue_constants tissue_unknown = {
 
 const tissue_constants *tissue_row(int index) { return index >= 0 && index < ROWS ? rows + index : NULL; }
 
-/* Does a word of `name` begin with (whole: is it) the `length` letters of `word`? */
+/* Returns whether a word of `name` begins with the `length` letters of `word` (`whole`: equals them). */
 static bool has_word(const char *name, const char *word, size_t length, bool whole) {
     for (const char *at = name; *at; at++)
         if ((at == name || !isalpha((unsigned char)at[-1])) && strncmp(at, word, length) == 0 &&

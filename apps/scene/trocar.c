@@ -1,4 +1,4 @@
-/* Where the first instrument comes in, and what it presses. */
+/* Chooses the first instrument's trocar and its target. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,7 +11,7 @@
 
 static const double radius_m = 2.5e-3, shaft_m = 0.12, tilt_rad = 0.5;
 
-/* The middle of the tumour, else of the box; whether there was a tumour. */
+/* Finds the middle of the tumour, else of the box. Returns whether there is a tumour. */
 static bool find_aim(organ *o, double aim[3]) {
     double weight = 0;
     memset(aim, 0, 3 * sizeof *aim);
@@ -26,7 +26,7 @@ static bool find_aim(organ *o, double aim[3]) {
     return weight > 0;
 }
 
-/* From far along `towards`, back against it: the surface's first point, and false where there is none. */
+/* Finds the first surface point on a ray from far along `towards`, backwards. Returns false if there is none. */
 /* `out` may be `through`. */
 static bool first_point(const organ *o, const double towards[3], const double through[3], double out[3]) {
     double from[3], back[3];
@@ -39,7 +39,7 @@ static bool first_point(const organ *o, const double towards[3], const double th
     return way >= 0;
 }
 
-/* Distance to the nearest vertex that is held. */
+/* Returns the distance to the nearest fixed vertex. */
 static double held_away_m(const organ *o, const uint8_t *held, const double point[3]) {
     double least = INFINITY;
     for (int32_t v = 0; v < o->mesh->vertex_count; v++) {
@@ -50,7 +50,7 @@ static double held_away_m(const organ *o, const uint8_t *held, const double poin
     return sqrt(least);
 }
 
-/* The upper surface above the aim, or as near to it as there is some, rather high than low. */
+/* Finds a point of the upper surface above the aim, or near it, preferring higher points. */
 static void find_target(organ *o, const uint8_t *held) {
     enum { COLUMNS = 9 };
     const int u = o->up_axis, p = (u + 1) % 3, q = (u + 2) % 3;
@@ -60,7 +60,7 @@ static void find_target(organ *o, const uint8_t *held) {
         double through[3], point[3], away[3], bottom[3];
         const double down[3] = {-o->up[0], -o->up[1], -o->up[2]};
         memcpy(through, aim, sizeof aim);
-        const double near = tumour ? 0.25 : 0.8; /* part of the box that is looked over */
+        const double near = tumour ? 0.25 : 0.8; /* share of the box that is searched */
         through[p] += near * (o->high_m[p] - o->low_m[p]) * (i % COLUMNS - COLUMNS / 2) / COLUMNS;
         through[q] += near * (o->high_m[q] - o->low_m[q]) * (i / COLUMNS - COLUMNS / 2) / COLUMNS;
         if (!first_point(o, o->up, through, point) || !first_point(o, down, through, bottom)) continue;
@@ -74,12 +74,12 @@ static void find_target(organ *o, const uint8_t *held) {
         o->depth_m = fmin(fmin(fmax(0.04 * o->size_m, 2e-3), 10e-3), 0.25 * thickness_m);
     }
     if (isfinite(best)) return;
-    memcpy(o->target_m, aim, sizeof aim); /* nothing below the grid: the middle, from above */
+    memcpy(o->target_m, aim, sizeof aim); /* no surface below the grid: the middle, from above */
     o->depth_m = 2e-3;
 }
 
-/* From which side an instrument comes that points at `target`: over what is not in its way, and, where `other` is
- * given, not beside that trocar. */
+/* Chooses the side from which an instrument points at `target`: free of obstacles and, if `other` is given, away from
+ * that trocar. */
 static void find_side(const organ *o, const double target[3], const double *other, double trocar[3], double axis[3],
                       double tool_up[3]) {
     enum { AROUND = 8 };
@@ -119,8 +119,8 @@ bool organ_find_trocar(organ *o) {
     return true;
 }
 
-/* A line on the upper surface that leads away from what the first instrument presses: rather high than low, not beside
- * what is held. */
+/* Finds a line on the upper surface that leads away from the first instrument's target, preferring high points away
+ * from supports. */
 static void find_line(organ *o, const uint8_t *held) {
     enum { AROUND = 16 };
     const int p = (o->up_axis + 1) % 3, q = (o->up_axis + 2) % 3;

@@ -1,4 +1,4 @@
-/* A scene's text, every line explained to somebody who reads their first. */
+/* Writes a scene's text with a comment on every line, for a first-time reader. */
 #include <ctype.h>
 #include <math.h>
 #include <string.h>
@@ -11,7 +11,7 @@ static double mm(double m) {
     return v == 0 ? 0 : v; /* no -0 */
 }
 
-/* In double quotes, as YAML has them. */
+/* Writes text in double quotes, as in YAML. */
 static void put_quoted(FILE *out, const char *text) {
     fputc('"', out);
     for (; *text; text++) {
@@ -153,7 +153,7 @@ static void put_hand(const organ *o, FILE *out) {
     put_waypoint(6.0, o->cut_to_m, 0, "", out);
 }
 
-/* Every effect that this scene does not have, as a comment. */
+/* Writes every effect that this scene does not have, as a comment. */
 static void put_other_effects(const organ *o, FILE *out) {
     static const char here[] = " contact damping haptics rendering cut ";
     fputs("\n# More, when you want it (docs/scene-reference.md):\n", out);

@@ -8,7 +8,7 @@
 
 enum { SESSION = 1, STATUS_EVERY_US = 100000, MAX_COUNT = 1024 };
 
-/* A force that is older than the controller goes on with is let go of: said before the hand wonders. */
+/* Warns if samples are older than the controller's limit, beyond which it ramps the force down. */
 static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_params *params, double tick_s) {
     const double stale_s = 1e-6 * (double)params->stale_us, late_s = haptics->jitter.si + tick_s;
     const double age_s = (haptics->latency.si + 1) * s->sample_s + late_s, most = (stale_s - late_s) / s->sample_s - 1;
@@ -28,13 +28,13 @@ static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_pa
                           haptics->latency.si, 1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
 }
 
-/* Of this instrument: its own, else the one for all; null: neither. */
+/* Returns the instrument's own profile, else the common one, else null. */
 static const app_text *profile_of(const sim_haptics *haptics, const app_instrument *scene) {
     if (scene->profile.line) return &scene->profile;
     return haptics->profile.line ? &haptics->profile : NULL;
 }
 
-/* Whether this instrument's device can be on the bus, with the profile that it would get. */
+/* Checks that this instrument's device can be on the bus with its profile. */
 static tm_status check_device(const sim *s, int i, const sim_haptics *haptics, const app_instrument *scene) {
     char why[200];
     const int line = scene->device.line ? scene->device.line : scene->here.line;

@@ -1,5 +1,5 @@
-/* tm-sim --explain: what one step of this scene is made of, who asked for it, what it holds and costs, and what is not
- * there. */
+/* tm-sim --explain: the stages of one step of this scene, the effects that require them, their memory and cost, and
+ * what is absent. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -20,18 +20,18 @@ enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
 typedef struct row {
     char name[32], asked[300];
     const char *phase;
-    const char *threads;  /* whether the step's threads share it */
-    const char *provider; /* of "force": the stage whose law it computes, or null */
+    const char *threads;  /* whether the step's threads share the stage */
+    const char *provider; /* of "force": stage whose law it computes, or null */
     int line;
     int64_t bytes;
     double us_per_step;
-    int effect;          /* that it is booked on; -1: none */
-    bool timed, in_step; /* timed and not in the step: works between frames, its time shared out over the steps */
+    int effect;          /* effect that its time is counted for; -1: none */
+    bool timed, in_step; /* timed, but not in the step: runs between frames, its time divided by the steps */
 } row;
 
 static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "between"};
 
-/* Bytes of the scene's tissue with less asked for. -1 when it cannot be built. */
+/* Returns the bytes of the scene's tissue without some features; -1 if it cannot be built. */
 static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume) {
     tm_tissue_def def = s->def.model.tissue;
     tm_tissue *plain;
@@ -56,7 +56,7 @@ static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume)
     return bytes;
 }
 
-/* Bytes of the tissue that are an effect's. */
+/* Attributes the tissue's bytes to effects. */
 static void share_tissue(const sim *s, int64_t part[SIM_PART_COUNT]) {
     const bool cutting = s->def.model.tissue.cuttable, volume = s->def.model.tissue.strain_smoothing;
     const int64_t all = s->fibre || cutting || volume ? tissue_with(s, true, true, false) : -1;
@@ -73,11 +73,12 @@ static int line_of_stage(const sim *s, int owner) {
     return owner >= 0 ? sim_effect_line(s->scene, owner) : s->scene->tissue.line;
 }
 
-/* Steps until about 0.3 s are spent, timers on. */
+/* Runs steps for about 0.3 s with timers on. */
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
-    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the costliest that may be asked for */
-    tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm */
+    for (int i = 0; i < s->instrument_count; i++)
+        s->wants[i] = s->can_send;                         /* the costliest contents that a controller may request */
+    tm_status status = sim_frame(s, s->pose, s->substeps); /* warm-up */
     tm_model_set_timing(s->model, true);
     tm_model_stages(s->model, before);
     int64_t begin = app_monotonic_us();
@@ -106,7 +107,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
                              part[SIM_PART_SMOOTHING]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
-    /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
+    /* Memory of an effect outside its stages: counted by the library, or within the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
     for (int e = 0; e < sim_effect_count; e++) beside[e] = s->cost[e].bytes + part[sim_effects[e]->part];
     for (int i = 0; i < count; i++) {
@@ -154,7 +155,7 @@ static double expected_of(const sim *s, const sim_expected *x, const row *r) {
     return sim_expected_felt(x, hrt_extrapolator_name((hrt_extrapolator)o->extrapolator.index), 1 / s->sample_s);
 }
 
-/* The column of a study, where there is one. */
+/* Formats the study's column, if there is a study. */
 static void expected_text(const sim *s, const sim_expected *x, const row *r, cJSON *json, char text[16]) {
     text[0] = 0;
     if (!x->study) return;
@@ -236,7 +237,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
     puts(left_count ? "" : " nothing");
 }
 
-/* What the column of a study means. */
+/* Prints the meaning of the study's column. */
 static void print_expected(const sim_expected *x, cJSON *json) {
     if (!x->study) return;
     cJSON *out = cJSON_AddObjectToObject(json, "expected_error");

@@ -5,11 +5,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const double SLIVER = 0.3; /* least step of a tetrahedron, of the median's, that is not worth a line */
+static const double SLIVER = 0.3; /* critical step of a tetrahedron over the median's, above which it is not reported */
 
-/* --- where it is --- */
+/* --- distribution --- */
 
-/* Share of a region's own mass that was added to its vertices; each vertex counts where its tetrahedra are. */
+/* Reports the added mass per region as a share of its own. A vertex counts for the regions of its tetrahedra. */
 static void by_region(const sim *s, cJSON *json) {
     const tm_mesh *mesh = s->mesh;
     const double *own = tm_tissue_physical_mass_kg(s->model->tissue), *all = tm_tissue_mass_kg(s->model->tissue);
@@ -35,7 +35,7 @@ static void by_region(const sim *s, cJSON *json) {
     free(sum);
 }
 
-/* --- what it does --- */
+/* --- effect --- */
 
 static void frequencies(const sim *s, cJSON *json) {
     double own[3], scaled[3];
@@ -54,9 +54,9 @@ static void frequencies(const sim *s, cJSON *json) {
     free(fixed);
 }
 
-/* --- what slivers cost where tissue is cut --- */
+/* --- cost of slivers in tissue that is cut --- */
 
-/* Names the tetrahedron that sets the step if it is far below the median's. */
+/* Reports the tetrahedron that determines the step if its step is far below the median's. */
 static void slivers(const sim *s, cJSON *json) {
     const tm_tissue *tissue = s->model->tissue;
     const uint8_t *alive = tm_tissue_alive(tissue);

@@ -1,6 +1,5 @@
-/* tm-sim --hands: what the other programs of a session need to know of the scene. The scripted hands as CSV, which
- * tm-device plays, and the instruments' modes and the controller's settings as JSON, for scripts that start the
- * session. */
+/* tm-sim --hands: exports scene data for the other programs of a session. Scripted hands as CSV, which tm-device plays;
+ * instrument modes and controller settings as JSON, for scripts that start the session. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
 

@@ -1,4 +1,4 @@
-/* tm-sim --list: what there is to name. */
+/* tm-sim --list: lists scenes, models and effects. */
 #include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,7 +31,7 @@ static void list_scenes(void) {
     free(all);
 }
 
-/* Up to the end of the first sentence. */
+/* Prints each effect's description up to the end of the first sentence. */
 static void list_effects(void) {
     printf("models\n  dynamic precomputed hybrid\neffects\n");
     for (int i = 0; i < sim_effect_count; i++) {

@@ -1,5 +1,5 @@
-/* tm-sim --lockstep: simulation, controllers and virtual devices on one virtual clock, in one thread. The same code as
- * in real time, the same bits every time. */
+/* tm-sim --lockstep: simulation, controllers and virtual devices on one virtual clock in one thread. Runs the code of
+ * real time and gives the same bits every time. */
 #include <cjson/cJSON.h>
 #include <inttypes.h>
 #include <math.h>
@@ -24,22 +24,22 @@ enum { START_US = 1000000, SESSION = 1, MAX_COUNT = 1024 };
 typedef struct lockstep {
     sim *s;
     const run_options *o;
-    const sim_haptics *haptics; /* null: instruments follow the hand */
-    app_queue *queue;           /* with haptics: what simulation and controllers say to each other */
+    const sim_haptics *haptics; /* null: the hand prescribes the instruments */
+    app_queue *queue;           /* with haptics: messages between simulation and controllers */
     sim_control_loops loops;
     sim_tools tools;
     sim_publisher publisher;
     app_file csv, samples, report;
     run_series series;
     sim_stream stream;
-    int64_t tick_us, ticks, frame, first_frame;                  /* first: not 0 after --restore */
-    int64_t sample;                                              /* base samples done, from time 0 */
-    double compute_s, processor_s, frame_s, second_s, busiest_s; /* of the processor: frame_s of this frame, second_s in
-                                                                    this simulated second */
-    int64_t second_frame;                                        /* with which it began */
+    int64_t tick_us, ticks, frame, first_frame; /* first_frame: not 0 after --restore */
+    int64_t sample;                             /* base samples since time 0 */
+    double compute_s, processor_s, frame_s, second_s,
+        busiest_s;        /* processor time: frame_s of this frame, second_s in this simulated second */
+    int64_t second_frame; /* first frame of this second */
     hrt_histogram frame_processor;
     sim_magnitude force;
-    int joint_columns; /* of the trace: of the one device that all have, else as many as any may have */
+    int joint_columns; /* of the trace: those of the device that all have, else the maximum of all devices */
 } lockstep;
 
 static int64_t sample_us(const lockstep *l, int64_t sample) {
@@ -54,10 +54,10 @@ static void hear_tool(void *user, int instrument, const tensormass_tool_state_t 
 }
 
 static void hear_controller(void *user, int instrument, const tensormass_controller_status_t *status) {
-    (void)user, (void)instrument, (void)status; /* for the log */
+    (void)user, (void)instrument, (void)status; /* called for the log */
 }
 
-/* Joints by name where all instruments have them, else by number. */
+/* Writes the header: joints by name if all instruments have the same ones, else by number. */
 static void trace_header(lockstep *l, FILE *out) {
     const hrt_device_type *device = sim_same_devices(l->s) ? l->s->axes[0].device : NULL;
     l->joint_columns = device ? device->joints : SIM_JOINTS;
@@ -121,10 +121,10 @@ static void trace_sample(lockstep *l, const tensormass_force_sample_t *m, int64_
     }
 }
 
-/* Processor time of this program: what frames cost whatever else the machine does. */
+/* Returns this process's processor time, which other load on the machine does not change. */
 static double processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 
-/* Accounts a whole frame, and in which simulated second most was spent. */
+/* Adds a complete frame to the account and updates the busiest simulated second. */
 static void note_frame(lockstep *l) {
     if ((double)(l->frame - l->second_frame) * l->s->frame_s >= 1) l->second_s = 0, l->second_frame = l->frame;
     l->processor_s += l->frame_s;
@@ -163,7 +163,7 @@ static tm_status sample(lockstep *l, int64_t now_us) {
     return status;
 }
 
-/* After the last sample of a frame, or the one that failed. */
+/* Ends a frame after its last sample, or after the one that failed. */
 static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
     sim *s = l->s;
     const int64_t before = app_monotonic_us();
@@ -175,7 +175,7 @@ static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
     l->frame++;
     sim_reach_note(s);
     if (l->frame % 10 == 9) sim_shape_note(s);
-    /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
+    /* The clock of this run is virtual, and so is the reported cost: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0, sim_stream_rate_Hz(&l->stream));
     if (!status) run_series_add(&l->series, s);
 }
@@ -188,7 +188,7 @@ static int64_t frame_total(const lockstep *l) {
     return llround(duration / l->s->frame_s);
 }
 
-/* Ticks of the controllers go on for so long after a frame that failed: the hand is still there. */
+/* Time for which controllers run on after a frame that failed: the hand is still connected. */
 enum { AFTERWARDS_US = 500000 };
 
 static int loop(lockstep *l) {
@@ -196,7 +196,7 @@ static int loop(lockstep *l) {
     int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
     tm_status status = TM_OK;
     for (; l->frame < total && !status && !l->series.failed && !app_interrupted();) {
-        /* A sample between two ticks comes before the later one; at the same time the tick comes first. */
+        /* A sample between two ticks precedes the later one; at equal times the tick is first. */
         const int64_t end_us = sample_us(l, l->sample + 1);
         if (l->haptics && now_us <= end_us) {
             tick(l, now_us);
@@ -253,7 +253,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     hrt_report_quantiles(json, "frame_processor_us", &l->frame_processor);
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", l->compute_s > 0 ? simulated_s / l->compute_s : 0);
     cJSON_AddNumberToObject(json, "ticks", (double)l->ticks);
-    cJSON_AddNumberToObject(json, "missed_ticks", 0); /* a virtual clock misses none */
+    cJSON_AddNumberToObject(json, "missed_ticks", 0); /* a virtual clock misses no tick */
     static const hrt_histogram none;
     hrt_report_quantiles(json, "lateness_us", &none);
     sim_report_magnitude(json, "force_N", &l->force);
@@ -302,7 +302,7 @@ static int begin(lockstep *l, const char *log) {
 }
 
 int run_lockstep(sim *s, const run_options *o) {
-    static lockstep state; /* with its loopback bus too large for a stack */
+    static lockstep state; /* too large for a stack, with its loopback bus */
     lockstep *l = &state;
     *l = (lockstep){.s = s, .o = o};
     tm_error error = {0};

@@ -1,4 +1,4 @@
-/* tm-sim: reads the command line, builds the scene, hands it to one of the modes. */
+/* tm-sim: parses the command line, builds the scene and runs one of the modes. */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
@@ -138,7 +138,7 @@ static int add_set(run_options *o, const char *prefix, const char *text, bool wa
     return 0;
 }
 
-/* Quoted: a file's name may be anything, "-" too. */
+/* Appends a file to record. Quotes it: a file may have any name, even "-". */
 static int add_record(run_options *o, const char *file) {
     char quoted[2 * 1024];
     if (!app_scene_quote(file, quoted, sizeof quoted))
@@ -251,7 +251,7 @@ static int parse(run_options *o, int count, char **all) {
 
 enum { DESCRIPTION = 2000 };
 
-/* Writes what the reference says of an effect before its keys: what it is, what it goes with, how it is asked for. */
+/* Writes the reference's text on an effect before its keys: purpose, dependencies, how to request it. */
 static void describe_effect(const sim_effect *e, char text[DESCRIPTION]) {
     size_t used = (size_t)snprintf(text, DESCRIPTION, "%s", e->doc);
     for (int i = 0; i < 4 && e->needs[i] && used < DESCRIPTION; i++)
@@ -287,7 +287,7 @@ static int run(run_options *o) {
     scene->strict = o->strict;
     scene->pace = o->mode == RUN_LOCKSTEP ? SIM_LOCKSTEP
                   : o->mode == RUN_SETTLE ? SIM_FRAMES
-                                          : SIM_REALTIME; /* also to explain and check what a session would do */
+                                          : SIM_REALTIME; /* also to explain and check a session */
     rc = app_exit_code(sim_create(scene, &s));
     if (rc) return rc;
     switch (o->mode) {

@@ -5,7 +5,7 @@
 
 #include "scene/surface_distance.h"
 
-/* --- how near it came --- */
+/* --- distance of the tools --- */
 
 void sim_reach_note(sim *s) {
     for (int i = 0; i < s->instrument_count; i++) {
@@ -35,10 +35,9 @@ void sim_reach_report(const sim *s, double seconds) {
     }
 }
 
-/* --- how far it was deformed --- */
+/* --- deformation of the tissue --- */
 
-/* Of two shapes the one to be told: inside out before not, then what the linear law leaves out of most of the volume.
- */
+/* Returns which of two shapes is reported: inverted ones first, then those with more volume beyond the linear law. */
 static bool is_worse(const tm_deformation *a, const tm_deformation *b) {
     if (a->inverted != b->inverted) return a->inverted > b->inverted;
     return a->nonlinear_share > b->nonlinear_share;
@@ -53,7 +52,7 @@ void sim_shape_note(sim *s) {
     s->worst = now, s->worst_s = sim_time_s(s), s->shape_noted = true;
 }
 
-/* With the line of the effect or material to look at. */
+/* Warns with the line of the effect or material concerned. */
 void sim_shape_warn(const sim *s, const tm_deformation *shape, const char *when) {
     char sentence[TM_ERROR_MESSAGE_MAX], where[600];
     if (!tm_tissue_check_deformation(s->model->tissue, shape, sentence)) return;
@@ -87,7 +86,7 @@ void sim_shape_report(const sim *s, cJSON *report) {
     char when[40];
     if (!s->shape_noted) return;
     snprintf(when, sizeof when, "at %.3g s ", s->worst_s);
-    /* Tissue that turns gets over being crushed, as between jaws: of that a run tells in its report alone. */
+    /* Corotational tissue recovers from crushing, as between jaws: only the report mentions that. */
     if (!sim_has(s, "rotation") && !sim_law_line(s->scene)) sim_shape_warn(s, &s->worst, when);
     if (report) sim_shape_json(&s->worst, report);
     snprintf(when, sizeof when, "at %.3g s ", s->limited_s);

@@ -11,7 +11,7 @@
 
 enum { HIDDEN_CELL = 32 };
 
-/* In the file's numbering. */
+/* Cells in the file's numbering. */
 typedef struct cells {
     uint8_t *alive, *ghost;
     double *u_m;
@@ -44,7 +44,7 @@ static void write_numbers(FILE *out, const char *name, int components, int tuple
     fputs("</DataArray>\n", out);
 }
 
-/* What belongs to the whole moment: its time, and the instruments. */
+/* Writes data of the complete frame: time and instruments. */
 static void write_field(FILE *out, const sim *s) {
     double time_s = sim_time_s(s), tip[3 * TM_MAX_INSTRUMENTS], force[3 * TM_MAX_INSTRUMENTS];
     for (int i = 0; i < s->instrument_count; i++) {

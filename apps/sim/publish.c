@@ -8,7 +8,7 @@
 #include "io/network.h"
 #include "scene/picture.h"
 
-/* --- cuts: one message for each who cut, in the frame's order --- */
+/* --- cuts: one message per cutting instrument, in the frame's order --- */
 
 static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
     for (int who = -1; who < s->instrument_count && s->cuts.count; who++) {
@@ -139,7 +139,7 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
     if (cuts_now(s, instrument)) out->flags |= SIM_FLAG_CUTTING;
 }
 
-/* Row by row; with a hold each has three more entries, and there are three more of them. */
+/* Stores the compliance row by row. With a grasp each row has three more entries, and there are three more rows. */
 static void put_compliance(const tm_patch *t, float *to) {
     const int n = 3 * t->vertex_count;
     const double *from = t->compliance_m_N;

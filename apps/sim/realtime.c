@@ -13,7 +13,7 @@
 #include "realtime.h"
 #include "scene/snapshot.h"
 
-/* A lost or overtaken message is no news; that nothing has been taken for so long is. */
+/* A single lost or late message is not reported; a longer time without accepted messages is. */
 static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
 
 static void report_refusals(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
@@ -59,7 +59,7 @@ static void report_gone(realtime *r) {
     }
 }
 
-/* What never reached take_tool, once a second at most. */
+/* Reports, at most once a second, messages that never reached take_tool. */
 static void report_dropped(realtime *r) {
     const sim_refused now = sim_publisher_refused(&r->publisher), *old = &r->thrown_away;
     int64_t now_us = app_monotonic_us();
@@ -81,7 +81,7 @@ static void take_status(void *user, int instrument, const tensormass_controller_
     memcpy(c->lateness_us, message->lateness_us, sizeof c->lateness_us);
 }
 
-/* More of it is left for the next frame. */
+/* Further messages wait for the next frame. */
 enum { FLOOD = 1024 };
 
 static void wait_until(realtime *r, int64_t deadline_us) {
@@ -98,7 +98,8 @@ static void wait_until(realtime *r, int64_t deadline_us) {
     if (r->haptics) app_link_receive(r->publisher.link, 0, FLOOD);
 }
 
-/* As many substeps as `bases` have time for, by the cost of the last ones: simulated time is dropped, never owed. */
+/* Returns the number of substeps that fit into the time of `bases`, by recent costs. Excess simulated time is dropped,
+ * never caught up. */
 static int32_t affordable(const realtime *r, int32_t bases) {
     const int32_t substeps = bases * (r->s->substeps / r->s->samples);
     if (r->cost_s <= 0) return substeps;
@@ -126,7 +127,7 @@ static void publish_sample(realtime *r, int32_t substeps, bool dropped) {
     }
 }
 
-/* Simulates `bases` base samples up to the newest poses, and sends what the instruments feel. */
+/* Simulates `bases` base samples up to the newest poses and sends the instruments' forces. */
 static tm_status one_sample(realtime *r, int32_t bases) {
     sim *s = r->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
@@ -157,7 +158,8 @@ static tm_status one_sample(realtime *r, int32_t bases) {
     return status;
 }
 
-/* Base samples that are due: a batch, or more where the wall clock has gone on, at most to the frame's end. */
+/* Returns the base samples that are due: a batch, or more if the wall clock has advanced, at most to the frame's
+ * end. */
 static int32_t due(const realtime *r, int32_t done, int64_t now_us) {
     const int32_t left = r->s->samples - done;
     const int64_t begin_us = r->next_us - r->frame_us;
@@ -166,7 +168,7 @@ static int32_t due(const realtime *r, int32_t done, int64_t now_us) {
     return bases < left ? bases : left;
 }
 
-/* What comes once a frame, after its last sample: status, picture, the next frame's time. */
+/* Does the work once per frame, after its last sample: status, picture, time of the next frame. */
 static void end_frame(realtime *r, tm_status status) {
     sim *s = r->s;
     const int64_t begin = app_monotonic_us();
@@ -182,11 +184,11 @@ static void end_frame(realtime *r, tm_status status) {
         sim_reach_note(s);
         sim_shape_note(s);
     }
-    if (!status) run_series_add(&r->series, s); /* a failure is told; the session goes on */
+    if (!status) run_series_add(&r->series, s); /* an error was reported; the session continues */
     r->spent.frame_s = seconds_since(begin);
     r->next_us += r->frame_us;
     const int64_t now = app_monotonic_us();
-    if (now > r->next_us) { /* never catches up by more than a frame: the schedule begins anew from here */
+    if (now > r->next_us) { /* never catches up by more than one frame: the schedule restarts here */
         r->publisher.dropped_us += now - r->next_us;
         r->next_us = now;
         r->spent.dropped = true;
@@ -215,7 +217,7 @@ static tm_status one_frame(realtime *r) {
     return status;
 }
 
-/* What a substep costs, before the first frame must know it: three frames of one substep each. */
+/* Measures the cost of a substep before the first frame: three frames of one substep each. */
 static tm_status calibrate(realtime *r) {
     tm_status status = TM_OK;
     for (int i = 0; i < 3 && !status; i++) {
@@ -234,7 +236,7 @@ static int64_t frame_total(const realtime *r) {
 }
 
 static int loop(realtime *r) {
-    double duration = r->o->duration_s; /* without one, until Ctrl-C */
+    double duration = r->o->duration_s; /* no duration: until Ctrl-C */
     int64_t total = frame_total(r);
     tm_status status = calibrate(r);
     sim_stream_begin(&r->stream, r->s, r->cost_s * (r->s->substeps / r->s->samples));

@@ -1,4 +1,4 @@
-/* What tm-sim --realtime says of a session at its end. */
+/* Report of tm-sim --realtime at the end of a session. */
 #include "realtime.h"
 
 #include <inttypes.h>
@@ -42,7 +42,7 @@ static void report_controllers(const realtime *r, cJSON *json) {
     }
     cJSON_AddNumberToObject(json, "ticks", (double)ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);
-    cJSON *row = cJSON_AddObjectToObject(json, "lateness_us"); /* the controllers' own figures */
+    cJSON *row = cJSON_AddObjectToObject(json, "lateness_us"); /* the controllers' own statistics */
     cJSON_AddNumberToObject(row, "p50", late[0]);
     cJSON_AddNumberToObject(row, "p99", late[1]);
     cJSON_AddNumberToObject(row, "max", late[3]);
@@ -57,7 +57,7 @@ void realtime_report(realtime *r, cJSON *json) {
     cJSON_AddNumberToObject(json, "sim_s", r->simulated_s);
     cJSON_AddNumberToObject(json, "wall_s", wall_s);
     cJSON_AddNumberToObject(json, "compute_s", r->compute_s);
-    /* Against the clock while running: below 1 only when time was dropped. What the machine could do is compute_s's. */
+    /* Relative to the clock while running: below 1 only if time was dropped. compute_s gives the machine's capacity. */
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", wall_s > 0 ? r->simulated_s / wall_s : 0);
     cJSON_AddNumberToObject(json, "sim_seconds_per_compute_second",
                             r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);

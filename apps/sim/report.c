@@ -1,4 +1,4 @@
-/* Output files and the JSON that every mode reports. */
+/* Output files and the JSON part common to all modes. */
 #include <cjson/cJSON.h>
 #include <errno.h>
 #include <inttypes.h>
@@ -23,7 +23,7 @@ int run_unstable(int64_t frame) {
 
 int run_say_interrupted(int64_t frame, int64_t total) {
     if (!app_interrupted() || frame >= total) return APP_DONE;
-    if (total == INT64_MAX) return APP_DONE; /* that is how it ends */
+    if (total == INT64_MAX) return APP_DONE; /* the usual end */
     fprintf(stderr, "tm-sim: interrupted after frame %" PRId64 " of %" PRId64 "; the files hold what was done\n", frame,
             total);
     return app_interrupted_exit();
@@ -85,7 +85,7 @@ void run_report_energy(const sim *s, cJSON *report) {
 }
 
 void run_report_coverage(const sim *s, cJSON *report) {
-    static const char *const what[] = {"force", "stiffness", "patch"}; /* as sim_sends */
+    static const char *const what[] = {"force", "stiffness", "patch"}; /* in the order of sim_sends */
     if (s->can_send == SIM_SENDS_FORCE) return;
     cJSON *list = cJSON_AddArrayToObject(report, "coverage");
     for (int i = 0; i < s->instrument_count; i++) {

@@ -1,4 +1,4 @@
-/* tm-sim --settle: the shape at rest, and what holds it. */
+/* tm-sim --settle: static equilibrium and the reactions of the supports. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -25,7 +25,7 @@ static bool on_progress(void *user, int64_t step, double residual) {
     return !w->stopped;
 }
 
-/* u and reaction, here and below, in the file's numbering. */
+/* Writes u and reaction, in the file's numbering here and below. */
 static void write_csv(FILE *out, const tm_mesh_file *mesh, const double *u, const double *reaction) {
     fputs("vertex,x_m,y_m,z_m,ux_m,uy_m,uz_m,rx_N,ry_N,rz_N\n", out);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
@@ -63,7 +63,7 @@ static void write_vtk(FILE *out, const sim *s, const double *u, const double *re
     if (s->fibre) write_vectors(out, "fibre", s->fibre, mesh->tet_count);
 }
 
-/* One row a support: the force that it exerts on the tissue. */
+/* Reports one row per support: the force that it exerts on the tissue. */
 static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "supports");
     for (int i = 0; i < s->scene->support.count; i++) {
@@ -90,8 +90,8 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     }
 }
 
-/* Brings every instrument to its start along its own shaft, from the trocar: put there at once, it could be inside the
- * tissue without ever having touched it. */
+/* Moves every instrument to its start along its shaft, from the trocar. Placed there at once, it could be inside the
+ * tissue without having touched it. */
 static tm_status insert_tools(sim *s) {
     enum { STEPS = 400 };
     if (!s->model->instrument_count) return TM_OK;
@@ -103,10 +103,11 @@ static tm_status insert_tools(sim *s) {
     return tm_model_step(s->model, STEPS);
 }
 
-/* Instruments are in the rest of a model that is relaxed, not in one that is solved for. */
+/* Returns whether the model is relaxed. Then instruments take part in its equilibrium; they do not if it is solved
+ * directly. */
 static bool is_relaxed(const sim *s) { return !sim_models[s->scene->model.index].solves_rest; }
 
-/* u and reaction [3*vertex_count]. */
+/* Computes the equilibrium: u and reaction [3*vertex_count]. */
 static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_settle_result *result) {
     tm_error error = {0};
     watch w = {.tolerance = o->tolerance};
@@ -127,7 +128,7 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
     return status ? app_report(s->scene->file, 0, &error) : 0;
 }
 
-/* The static reaction of the tissue on each instrument, as a controller would be told. */
+/* Reports the tissue's static reaction on each instrument, as sent to a controller. */
 static void report_tools(const sim *s, cJSON *json) {
     if (!is_relaxed(s) || !s->model->instrument_count) return;
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
@@ -145,7 +146,7 @@ static void report_tools(const sim *s, cJSON *json) {
     }
 }
 
-/* u and reaction in the mesh's numbering. */
+/* Writes u and reaction in the mesh's numbering. */
 static int write_rest(app_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
     const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
     double *given = malloc(2 * count * sizeof *given);

@@ -4,8 +4,8 @@
 
 #include "scene/effects.h"
 
-/* Shares of a processor: above the first the rate falls, below the second at the next higher rate it rises. What is
- * left is for controllers and the system. */
+/* Shares of a processor: above the first the rate falls; it rises if the next higher rate stays below the second. The
+ * rest is left to controllers and the system. */
 static const double load_max = 0.8, load_raise = 0.65;
 static const double calm_before_raise_s = 1;
 enum { STRAIN_MAX = 3 };
@@ -29,7 +29,7 @@ static int32_t neighbour(const sim_stream *stream, int32_t batch, bool coarser) 
     return batch;
 }
 
-/* Returns the highest rate within the load, or that of the least load where none is. */
+/* Returns the highest rate within the load, or the rate of the lowest load if none is. */
 static int32_t choose(const sim_stream *stream) {
     int32_t best = 1;
     for (int32_t batch = 1;; batch = neighbour(stream, batch, true)) {
@@ -50,8 +50,8 @@ void sim_stream_begin(sim_stream *stream, const sim *s, double base_cost_s) {
     if (stream->adapts) stream->batch = choose(stream);
 }
 
-/* Returns the neighbour of the present batch that costs less by a twentieth at least, or the batch itself. Where
- * patches cost more than the samples that they replace it is the finer one. */
+/* Returns a neighbour of the present batch that costs at least 5 % less, or the batch itself. If patches cost more than
+ * the samples that they replace, that is the finer one. */
 static int32_t cheaper(const sim_stream *stream) {
     const int32_t coarser = neighbour(stream, stream->batch, true), finer = neighbour(stream, stream->batch, false);
     const double least = 0.95 * sim_stream_load(stream, stream->batch);

@@ -1,4 +1,4 @@
-/* The study of a scene, as far as tm-sim --explain shows it. */
+/* Reads the study of a scene for tm-sim --explain. */
 #include "study_summary.h"
 #include "json_file.h"
 
@@ -30,7 +30,8 @@ static double number(const cJSON *from, const char *name) {
     return cJSON_IsNumber(item) ? item->valuedouble : NAN;
 }
 
-/* Of this text, whole, and with nothing set beside it but what no study runs with. */
+/* Returns whether the study is complete and of exactly this text. Its settings may only leave out effects that no study
+ * runs. */
 static bool is_of(const cJSON *study, const sim *s) {
     char hash[17];
     const cJSON *set;
@@ -63,7 +64,7 @@ void sim_expected_close(sim_expected *x) {
     x->study = NULL;
 }
 
-/* A figure of the run of that knob and name. */
+/* Returns a figure of the run with that knob and name. */
 static double of_run(const sim_expected *x, const char *knob, const char *name, const char *figure) {
     const cJSON *run;
     cJSON_ArrayForEach(run, cJSON_GetObjectItem(x->study, "runs")) {

@@ -19,7 +19,7 @@ static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m)
         if (!isfinite(m->joint[j]) || m->joint[j] < low || m->joint[j] > high) return false;
     }
     tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
-    for (int a = 0; a < 3; a++) /* farther apart, controller and scene disagree on the trocar */
+    for (int a = 0; a < 3; a++) /* larger: controller and scene disagree on the trocar */
         if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > (double)device->rounding_m) return false;
     return m->mode >= 0 && m->mode < HRT_MODE_COUNT && m->state >= 0 && m->state < HRT_STATE_COUNT &&
            (m->active == 0 || m->active == 1);
@@ -56,7 +56,7 @@ tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
     if (!tool->seen) return t->s->pose[instrument];
     bool always = t->s->instrument_def[instrument].mode != TM_TOOL_CAUTERY;
     tm_tool_pose pose = sim_pose(t->s, instrument, tool->now.joint, always || tool->now.active);
-    /* The controller's own tip is the one that it gets back; the two agree to its rounding. */
+    /* Uses the controller's own tip, so that it gets the same value back; the two agree up to rounding. */
     memcpy(pose.tip_m, tool->now.tip_m, sizeof pose.tip_m);
     pose.grip = fmin(fmax(pose.grip, 0), 1);
     return pose;
@@ -78,8 +78,7 @@ int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int
     tool->used_seen = true;
     tool->used_utime = end;
     tool->used_session = tool->now.session;
-    /* The way from where the last controller left the tool is nobody's motion: no place on it has a time of this
-     * controller. */
+    /* The motion from a previous controller's last pose belongs to no hand: this controller has no time for it. */
     if (!known && jump_m > 1e-3) return 0;
     return end - (int64_t)((double)(end - begin) * (average - 1) / (2.0 * substeps));
 }
