@@ -25,7 +25,7 @@ view_camera_def view_camera_default(void) {
     return (view_camera_def){.azimuth_rad = -110 * PI / 180, .elevation_rad = 40 * PI / 180, .zoom = 1, .up = 'z'};
 }
 
-/* Unit vectors of the eye's frame: right, up, back (towards the eye). */
+/* Computes unit vectors of the eye's frame: right, up, back (towards the eye). */
 static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3]) {
     for (int k = 0; k < 3; k++) back[k] = camera->eye_m[k] - camera->at_m[k];
     normalise(back);

@@ -36,7 +36,7 @@ view_context *view_context_open(int width, int height, uint8_t *pixels, tm_error
 }
 
 void view_context_close(view_context *c) {
-    if (c && c->own) OSMesaDestroyContext(c->own); /* takes every OpenGL object with it */
+    if (c && c->own) OSMesaDestroyContext(c->own); /* frees all OpenGL objects of the context */
     free(c);
 }
 

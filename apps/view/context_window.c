@@ -1,5 +1,5 @@
-/* The display's OpenGL, through a window of SDL that nobody sees: pictures are drawn into a framebuffer of their own
- * and read back. */
+/* The display's OpenGL, through a hidden window of SDL: pictures are drawn into a separate framebuffer and read
+ * back. */
 #include <SDL.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,7 +17,8 @@ const bool view_context_in_memory = false;
 view_context *view_context_open(int width, int height, uint8_t *pixels, tm_error *error) {
     (void)width, (void)height, (void)pixels;
     view_context *c = calloc(1, sizeof *c);
-    if (c && !SDL_InitSubSystem(SDL_INIT_VIDEO)) { /* counted: where a window is open, no second one */
+    if (c &&
+        !SDL_InitSubSystem(SDL_INIT_VIDEO)) { /* counted by SDL: with an open window it does not initialise again */
         c->begun = true;
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MAJOR_VERSION, 3);
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MINOR_VERSION, 3);
@@ -34,7 +35,7 @@ view_context *view_context_open(int width, int height, uint8_t *pixels, tm_error
 
 void view_context_close(view_context *c) {
     if (!c) return;
-    if (c->own) SDL_GL_DeleteContext(c->own); /* takes every OpenGL object with it */
+    if (c->own) SDL_GL_DeleteContext(c->own); /* frees all OpenGL objects of the context */
     if (c->window) SDL_DestroyWindow(c->window);
     if (c->begun) SDL_QuitSubSystem(SDL_INIT_VIDEO);
     free(c);

@@ -24,7 +24,8 @@ view_side *view_sides_sorted(const uint32_t *index, int32_t triangle_count) {
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"
 
-static const float BULGE = 0.2f; /* of a piece's length: its middle goes no farther from the straight line */
+static const float BULGE =
+    0.2f; /* maximum distance of a segment's middle from the straight line, as a share of its length */
 
 void view_rim_free(view_rim *rim) {
     free(rim->vertex);
@@ -38,7 +39,7 @@ void view_rim_free(view_rim *rim) {
     memset(rim, 0, sizeof *rim);
 }
 
-/* --- pieces --- */
+/* --- segments --- */
 
 static bool is_opened(const view_surface *s, int32_t triangle) { return s->kind[triangle] & 1; }
 
@@ -50,7 +51,7 @@ static int32_t point_of(view_rim *rim, int32_t vertex) {
     return rim->point[vertex];
 }
 
-/* Edges that one triangle of the wall and one of the outer surface share. */
+/* Finds edges that one triangle of the wall and one of the outer surface share. */
 static void find_pieces(view_rim *rim, const view_surface *s, const view_side *sides, int32_t side_count) {
     for (int32_t i = 0, end; i < side_count; i = end) {
         end = view_sides_end(sides, side_count, i);
@@ -62,7 +63,7 @@ static void find_pieces(view_rim *rim, const view_surface *s, const view_side *s
     }
 }
 
-/* The other end of the other piece at a point, or the point where there is none, or more. */
+/* Returns the far end of the other segment at a point, or the point itself if there is none or more than one. */
 static int32_t beyond(const int32_t (*met)[3], int32_t point, int32_t from) {
     return met[point][0] != 2 ? point : met[point][1] == from ? met[point][2] : met[point][1];
 }
@@ -70,7 +71,8 @@ static int32_t beyond(const int32_t (*met)[3], int32_t point, int32_t from) {
 /* Fills `before`, `after` and the lists of a level. */
 static bool link(view_rim *rim, int level) {
     const int32_t points = rim->point_count[level], pieces = rim->piece_count[level];
-    int32_t(*met)[3] = calloc((size_t)points + 1, sizeof *met); /* pieces at a point, and where the first two lead */
+    int32_t(*met)[3] =
+        calloc((size_t)points + 1, sizeof *met); /* number of segments at a point, and the far ends of the first two */
     rim->first[level] = malloc(((size_t)points + 1) * sizeof(int32_t));
     rim->next[level] = malloc(((size_t)pieces + 1) * sizeof(int32_t));
     const bool good = met && rim->first[level] && rim->next[level];
@@ -95,7 +97,7 @@ static bool link(view_rim *rim, int level) {
     return good;
 }
 
-/* Two pieces for one. */
+/* Splits every segment in two. */
 static bool split(view_rim *rim, int level) {
     const int32_t pieces = rim->piece_count[level];
     rim->piece[level + 1] = malloc((2 * (size_t)pieces + 1) * sizeof *rim->piece[0]);
@@ -142,10 +144,10 @@ int32_t view_rim_middle(const view_rim *rim, int level, int32_t a, int32_t b) {
     return -1;
 }
 
-/* --- where it is --- */
+/* --- positions --- */
 
-/* On the cubic through four points in a row (Dyn, Levin and Gregory, "A 4-point interpolatory subdivision scheme for
- * curve design", 1987). */
+/* Computes the middle on the cubic through four successive points (Dyn, Levin and Gregory, "A 4-point interpolatory
+ * subdivision scheme for curve design", 1987). */
 static void lay_middle(const view_rim_piece *p, const float *at, float out[3]) {
     float bulge[3], along[3];
     vsub(at + 3 * p->to, at + 3 * p->from, along);

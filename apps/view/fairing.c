@@ -8,12 +8,11 @@
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"
 
-/* Taubin, "A signal processing approach to fair surface design", 1995: a round draws every vertex towards its
- * neighbours' mean and pushes it back a little farther, so that waves of some edges' length stay and shorter ones go.
- */
+/* Taubin, "A signal processing approach to fair surface design", 1995: each round moves every vertex towards its
+ * neighbours' mean, then back by a little more. Waves of several edge lengths remain; shorter ones vanish. */
 enum { ROUNDS = 12 };
 static const float DRAW = 0.5f, PUSH = -0.53f;
-static const float SLIDE = 0.33f; /* of a triangle's height */
+static const float SLIDE = 0.33f; /* maximum slide as a share of a triangle's height */
 
 void view_fairing_free(view_fairing *f) {
     free(f->vertex);
@@ -28,13 +27,14 @@ void view_fairing_free(view_fairing *f) {
     memset(f, 0, sizeof *f);
 }
 
-/* --- what is moved --- */
+/* --- selection of vertices --- */
 
 enum { OPENED = 1, OUTER = 2 };
 
 static bool is_opened(const view_surface *s, int32_t triangle) { return s->kind[triangle] & 1; }
 
-/* Edges that a vertex is drawn along: over the wall all of it, at the rim those between wall and outer surface. */
+/* Returns whether smoothing acts along an edge: every edge within the wall, at the rim only edges between wall and
+ * outer surface. */
 static bool is_drawn_along(const view_surface *s, const uint8_t *touches, const view_side *side, int32_t sides,
                            int32_t from) {
     int faces = 0;
@@ -42,7 +42,7 @@ static bool is_drawn_along(const view_surface *s, const uint8_t *touches, const 
     return touches[from] == OPENED ? faces & OPENED : faces == (OPENED | OUTER) && sides == 2;
 }
 
-/* Neighbours from fill[slot] on, which grows with them; without `near` they are counted alone. */
+/* Stores neighbours from fill[slot] on and increments it; only counts them if `near` is null. */
 static void find_near(view_fairing *f, const view_surface *s, const uint8_t *touches, const view_side *sides,
                       int32_t side_count, int32_t *fill) {
     for (int32_t i = 0, end; i < side_count; i = end) {
@@ -67,7 +67,7 @@ static void number(view_fairing *f, int32_t vertex_count, const uint8_t *touches
     }
 }
 
-/* A rim that forks or ends stays where it does. */
+/* Fixes rim vertices where the rim forks or ends. */
 static void hold_forks(view_fairing *f, int32_t *near_count) {
     int32_t kept = f->inner_count;
     for (int32_t i = f->inner_count; i < f->count; i++) {
@@ -137,9 +137,9 @@ bool view_fairing_take(view_fairing *f, const view_surface *s) {
     return good;
 }
 
-/* --- where it goes --- */
+/* --- positions --- */
 
-/* Normals of the outer surface at the rim, and how far a corner may slide towards the side across from it. */
+/* Computes the outer surface's normals at the rim, and how far a corner may slide towards the opposite side. */
 static void measure_rim(view_fairing *f, const view_surface *s, const float *at) {
     for (int32_t i = 0; i < f->beside_count; i++) {
         const int32_t *v = s->triangle + 3 * (int64_t)f->beside[i];
@@ -158,7 +158,7 @@ static void measure_rim(view_fairing *f, const view_surface *s, const float *at)
     for (int32_t i = f->inner_count; i < f->count; i++) vunit(f->normal + 3 * i, f->normal + 3 * i);
 }
 
-/* No triangle beside the rim turns over, though all of its corners slide. */
+/* Limits the displacements so that no triangle at the rim inverts, even if all its corners slide. */
 static void hold_back(view_fairing *f, const view_surface *s, const float *from) {
     for (int32_t i = 0; i < 3 * f->beside_count; i++) {
         const int32_t v = s->triangle[3 * (int64_t)f->beside[i / 3] + i % 3], slot = f->slot[v];
@@ -184,7 +184,7 @@ static void measure(view_fairing *f, const view_surface *s, const float *at) {
     measure_rim(f, s, at);
 }
 
-/* All step at once, from where they are towards (or from) the mean of their neighbours. */
+/* Moves all vertices simultaneously towards (or away from) the mean of their neighbours. */
 static void step(view_fairing *f, const view_surface *s, float share, const float *from, float *at) {
     for (int32_t i = 0; i < f->count; i++) {
         float mean[3] = {0}, *out = f->step_m + 3 * i;

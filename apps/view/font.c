@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Strokes on a grid: capitals are 9 high, small letters 6, 'a' 'b' 'c' are -1 -2 -3. Pairs of characters are points, a
- * blank lifts the pen. */
+/* Strokes on a grid: capitals are 9 high, small letters 6; 'a' 'b' 'c' are -1 -2 -3. Each pair of characters is a
+ * point; a blank lifts the pen. */
 // clang-format off
 static const char *const glyph['~' - ' ' + 1] = {
     [' ' - ' '] = "", ['!' - ' '] = "1913 1010", ['"' - ' '] = "0907 2927", ['#' - ' '] = "2029 4049 0363 0666",
@@ -39,7 +39,7 @@ static const char *strokes_of(char c) { return glyph[(c >= ' ' && c <= '~' ? c :
 
 static float coordinate(char c) { return c >= 'a' ? (float)('a' - c - 1) : (float)(c - '0'); }
 
-/* In grid units. Digits share one width, so that a changing number does not shake. */
+/* Returns the advance in grid units. Digits have equal width, so that a changing number stays in place. */
 static float advance(char c) {
     if (c == ' ') return 4.5f;
     if (c >= '0' && c <= '9') return 8.2f;
@@ -104,7 +104,8 @@ void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1,
 
 enum { SEGMENTS_MAX = 32 };
 
-/* One glyph's segments in pixels; their coverage is the nearest one's, so that a joint is not drawn twice. */
+/* Computes one glyph's segments in pixels. A pixel's coverage is that of the nearest segment, so that joints are not
+ * drawn twice. */
 static int segments_of(char c, float x, float y, float scale, float segment[SEGMENTS_MAX][4]) {
     int count = 0;
     const char *s = strokes_of(c);

@@ -26,7 +26,7 @@ static void drop(view_inbox *in, int at) {
     memmove(in->letter + at, in->letter + at + 1, (size_t)(in->count - at) * sizeof *in->letter);
 }
 
-/* Makes room for one more on this channel. */
+/* Frees space for one more message on this channel. */
 static void reserve(view_inbox *in, const char *channel) {
     int tissues = 0, oldest = -1;
     for (int i = in->count - 1; i >= 0; i--)

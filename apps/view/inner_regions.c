@@ -20,7 +20,7 @@ void view_inside_free(view_inside *in) {
 
 /* --- from the mesh --- */
 
-/* Of the two sides of a face, the one whose region is smaller draws it. */
+/* Returns whether this side of a face draws it: the side with the smaller region does. */
 static bool draws(const tm_mesh *m, const double *volume_m3, int32_t face) {
     const int32_t tet = face / 4, other = m->tet_neighbour[face];
     if (other < 0 || m->region[other] == m->region[tet]) return false;
@@ -80,7 +80,8 @@ static void seed(view_inside *in, int32_t tet, const int32_t corner[3], int32_t 
     if (!in->alive[tet]) in->alive[tet] = 1, in->flood[(*waiting)++] = tet;
 }
 
-/* Tetrahedra within the message's triangles: from those at them on, through every face that is none of them. */
+/* Finds the tetrahedra within the message's triangles: a flood fill from adjacent tetrahedra through all faces that are
+ * not such triangles. */
 static void find_alive(view_inside *in, const view_surface *s, const view_marks *marks) {
     int32_t waiting = 0;
     memset(in->alive, 0, (size_t)in->tet_count);
@@ -101,12 +102,13 @@ static void find_alive(view_inside *in, const view_surface *s, const view_marks 
     }
 }
 
-/* Where only one side is left the message has the face, where none is it is gone. */
+/* Returns whether both sides of a face are active. With one active side the message has the face; with none it is
+ * gone. */
 static bool is_between(const view_inside *in, int32_t face) {
     return in->alive[in->side_of[2 * face]] && in->alive[in->side_of[2 * face + 1]];
 }
 
-/* Numbers of vertices: the message's, then those inside that it has not. How many in all. */
+/* Numbers the vertices: the message's first, then inner ones that it lacks. Returns their count. */
 static int32_t number(view_inside *in, const view_surface *s) {
     for (int32_t v = 0; v < in->vertex_count; v++) in->index[v] = -1;
     for (int32_t i = 0; i < s->vertex_count; i++)

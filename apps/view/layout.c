@@ -14,8 +14,8 @@ bool view_layout_taken(const view_layout *l, const float b[4]) {
     return false;
 }
 
-/* The best place is free along one axis at an edge of a box, along the other as near as it can be: at its own place or
- * at an edge too. */
+/* The best place touches the edge of a box along one axis. Along the other it is as near as possible: unchanged, or at
+ * an edge too. */
 void view_layout_find_space(const view_layout *l, float width, float height, float gap, float b[4]) {
     if (!view_layout_taken(l, b)) return;
     float w = b[2] - b[0], h = b[3] - b[1], best = 1e9f, x[2 * VIEW_LAYOUT_MAX + 1], y[2 * VIEW_LAYOUT_MAX + 1],

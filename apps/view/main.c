@@ -1,4 +1,5 @@
-/* tm-view: pictures and film of tissue, instruments and forces, from a running simulation, a log, a scene or a mesh. */
+/* tm-view: renders pictures and video of tissue, instruments and forces, from a running simulation, a log, a scene or a
+ * mesh. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -13,12 +14,12 @@
 #include "output.h"
 #include "scene_decoration.h"
 
-/* What is under way, and what --json reports. */
+/* State of the current job, and the figures for --json. */
 typedef struct job {
     view_options options;
     view_studio studio;
     view_picture picture;
-    view_dress dress; /* by the scene */
+    view_dress dress; /* decoration from the scene */
     view_feed *feed;
     view_video video;
     bool filming;
@@ -49,7 +50,7 @@ static int write_png(job *j, const char *path) {
     return view_png_write(path, c->width, c->height, c->rgb, &error) ? complain(&error) : 0;
 }
 
-/* One picture of a sequence: drawn, then to whatever was asked for. */
+/* Draws one picture of a sequence and writes it to the requested outputs. */
 static int sequence_picture(job *j) {
     tm_error error = {0};
     int wrong = draw(j);
@@ -157,7 +158,7 @@ static int show_log(job *j) {
     return wrong;
 }
 
-/* Waits for the first tissue, saying so once. */
+/* Waits for the first tissue; reports it once. */
 static int wait_for_tissue(job *j) {
     double began = now_s();
     bool said = false;
@@ -191,13 +192,13 @@ static int live_sequence(job *j) {
 
 static int show_live(job *j) {
     tm_error error = {0};
-    const view_live_key key = {.path = j->options.key, .none = true}; /* who only looks needs none */
+    const view_live_key key = {.path = j->options.key, .none = true}; /* a viewer that only reads needs no key */
     if (view_feed_open_live(j->options.url, &key, &j->feed, &error)) return complain(&error);
     int wrong = wait_for_tissue(j);
     if (!wrong && (j->options.frames || j->options.video))
         wrong = live_sequence(j);
     else if (!wrong) {
-        view_feed_listen(j->feed, 150, &j->picture); /* SIM_STATUS and the controllers follow the tissue */
+        view_feed_listen(j->feed, 150, &j->picture); /* messages SIM_STATUS and the controllers' follow the tissue */
         wrong = draw(j);
     }
     if (!wrong && j->options.png) wrong = write_png(j, j->options.png);

@@ -1,4 +1,4 @@
-/* Supports and fibres as triangles on the tissue as it is now. */
+/* Supports and fibres as triangles on the deformed tissue. */
 #include <math.h>
 #include <string.h>
 
@@ -8,7 +8,7 @@
 #include "libtensormass/numeric/vec.h"
 static const int32_t XYZ = 3;
 
-/* A die with eight sides. */
+/* Appends an octahedron. */
 static void ball(view_shape *s, const float at_m[3], float radius_m) {
     for (int side = 0; side < 8; side++) {
         float corner[3][3] = {{0}}, normal[3];
@@ -33,7 +33,8 @@ void view_shape_supports(view_shape *s, const view_marks *m, const view_surface 
             ball(s, surface->vertex_m + XYZ * i, radius_m);
 }
 
-/* The fibre at rest as share of two edges of the triangle, what is along its normal left out; false: flat triangle. */
+/* Computes the fibre at rest as shares of two edges of the triangle, without its normal component. Returns false for a
+ * degenerate triangle. */
 static bool along_edges(const float e1[3], const float e2[3], const float fibre[3], float share[2]) {
     float a = vdot(e1, e1), b = vdot(e1, e2), c = vdot(e2, e2), f1 = vdot(fibre, e1), f2 = vdot(fibre, e2),
           det = a * c - b * b;
@@ -42,8 +43,8 @@ static bool along_edges(const float e1[3], const float e2[3], const float fibre[
     return true;
 }
 
-/* A flat ribbon through the triangle's middle, as long as the fibre is in the surface; a little above it, since the
- * skin is drawn rounder than the triangle. */
+/* Appends a flat ribbon through the triangle's middle, as long as the fibre's tangential part. It is a little above the
+ * triangle, because the smoothed surface is drawn rounder. */
 static void ribbon(view_shape *s, const float corner[3][3], const float share[2]) {
     float e1[3], e2[3], middle[3], run[3], normal[3], across[3];
     for (int k = 0; k < 3; k++) {

@@ -12,7 +12,7 @@ int32_t view_marks_tet(const view_marks *m, const int32_t corner[3]) {
                 int32_t swap = key[j];
                 key[j] = key[j + 1], key[j + 1] = swap, ++swaps;
             }
-    while (low < high) { /* the first that is not below */
+    while (low < high) { /* first entry that is not smaller */
         int32_t middle = low + (high - low) / 2;
         if (order_of(m->face + 4 * (int64_t)middle, key) < 0)
             low = middle + 1;

@@ -17,16 +17,16 @@ struct view_feed {
     view_intake intake;
     app_link *link;
     view_inbox *inbox;        /* null: a log */
-    int trims, small_tissues; /* how often memory is given back yet; tissues since the last large one */
-    int64_t begin_us;         /* of the first tissue (log), or of opening (live) */
-    /* What is taken now goes there, at that time of the picture. */
+    int trims, small_tissues; /* remaining calls that return memory to the system; tissues since the last large one */
+    int64_t begin_us;         /* time of the first tissue (log), or of opening (live) */
+    /* Destination of messages that are read now, with the picture's time. */
     view_picture *picture;
     double time_s;
-    int64_t session; /* ours, for hand commands */
+    int64_t session; /* session of this program, for hand commands */
     int32_t hand_seq;
     struct commanded {
-        int64_t session;     /* of the controller, as it said last */
-        int32_t command_seq; /* the newest that it took, or that was sent to it */
+        int64_t session;     /* last session that the controller reported */
+        int32_t command_seq; /* the newest command that it accepted or that was sent to it */
     } commanded[VIEW_INSTRUMENTS];
 };
 
@@ -37,7 +37,7 @@ void view_feed_close(view_feed *feed) {
     free(feed);
 }
 
-/* --- what is taken --- */
+/* --- handlers of messages --- */
 
 static app_verdict read_tissue(void *user, int instrument, int64_t utime, const void *message) {
     (void)instrument, (void)utime;
@@ -53,7 +53,7 @@ static app_verdict read_status(void *user, int instrument, int64_t utime, const 
     return APP_TAKEN;
 }
 
-/* Also whom a command is for, and what it must come after. */
+/* Also records the receiver of a command and the sequence number that it must exceed. */
 static app_verdict read_controller(void *user, int instrument, int64_t utime, const void *message) {
     (void)utime;
     view_feed *feed = user;
@@ -65,9 +65,8 @@ static app_verdict read_controller(void *user, int instrument, int64_t utime, co
     return APP_TAKEN;
 }
 
-/* A large tissue leaves a heap of small free pieces behind (lcm decodes row by row), and so does what was made of it
- * for drawing. While tissues are small again their pages go back to the system: several times, for pictures come later.
- */
+/* Returns memory to the system. A large tissue leaves a heap of small free blocks (lcm decodes row by row), and so do
+ * its derived pictures. This is repeated while tissues are small again, because pictures are derived later. */
 static void give_memory_back(view_feed *feed, int size) {
     enum { LARGE = 1 << 20, EVERY = 20, TIMES = 16 };
     if (size > LARGE) feed->trims = TIMES, feed->small_tissues = 0;
@@ -76,7 +75,7 @@ static void give_memory_back(view_feed *feed, int size) {
     malloc_trim(0);
 }
 
-/* Bytes as they came, or as they were logged. */
+/* Reads a message as received or as logged. */
 static void read_bytes(view_feed *feed, const char *channel, int64_t utime, const void *bytes, int size) {
     app_message_kind kind;
     int instrument;
@@ -101,7 +100,7 @@ static view_feed *feed_new(app_topic topic[2 + VIEW_INSTRUMENTS]) {
 
 /* --- a log --- */
 
-/* LCM's reader hunts through any file for something like an event; a log begins with one. */
+/* Returns whether a file begins with an event. LCM's reader would search any file for something similar. */
 static bool begins_like_log(const char *path) {
     uint8_t head[4] = {0};
     FILE *file = fopen(path, "rb");
@@ -111,7 +110,7 @@ static bool begins_like_log(const char *path) {
     return good;
 }
 
-/* The log once through. */
+/* Facts from one pass through the log. */
 typedef struct survey {
     view_feed *feed;
     view_log_facts *facts;
@@ -133,7 +132,7 @@ static void survey_event(void *user, const char *channel, int64_t utime, const v
                 fmax(v->facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
 }
 
-/* False: it cannot be opened (there is no memory: the file was seen to be a log before). */
+/* Returns false if it cannot be opened: memory is exhausted, since the file was recognised as a log before. */
 static bool read_facts(view_feed *feed, const char *path, app_link_def *def, view_log_facts *facts) {
     static view_picture scratch;
     survey v = {.feed = feed, .facts = facts};
@@ -250,7 +249,7 @@ void view_feed_listen(view_feed *feed, int timeout_ms, view_picture *picture) {
         feed->time_s = live_s(feed);
         read_bytes(feed, letter->channel, 0, letter->data, letter->size);
         free(letter);
-        if (left_us <= -100000) break; /* a flood must not keep the picture from being drawn */
+        if (left_us <= -100000) break; /* a flood of messages must not delay the picture */
     }
     view_intake_age(&feed->intake, picture, live_s(feed));
 }

@@ -29,14 +29,14 @@ static bool all_within(const double *value, int count, double limit) {
     return true;
 }
 
-/* Copies bytes that people may read: anything that is not printable ASCII becomes '?'. */
+/* Copies text for display: bytes that are not printable ASCII become '?'. */
 static void copy_text(char *to, size_t room, const char *from) {
     size_t n = 0;
     for (; from[n] && n + 1 < room; n++) to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
     to[n] = 0;
 }
 
-/* Null if every index and number can be drawn, else what is wrong. */
+/* Returns null if every index and number can be drawn, else what is wrong. */
 static const char *tissue_fault(const tensormass_tissue_t *m) {
     if (m->vertex_count > VIEW_VERTICES_MAX || m->triangle_count > VIEW_TRIANGLES_MAX)
         return "more vertices or triangles than can be drawn";

@@ -118,7 +118,7 @@ static const char *name_of(int code) {
     return "?";
 }
 
-/* 0 and *value, or a complaint. */
+/* Reads a number. Returns 0 and sets *value, or returns an exit code after an error message. */
 static int number(int code, const char *text, double low, double high, double *value) {
     char *end;
     double v = strtod(text, &end);
@@ -174,7 +174,7 @@ static int up(const char *text, char *out) {
     return 0;
 }
 
-/* One option that is a number of the camera or the studio. */
+/* Reads one numeric option of the camera or the renderer. */
 static int read_figure(int code, const char *text, view_studio_def *s) {
     static const double DEG = 3.14159265358979 / 180;
     double v = 0;
@@ -259,7 +259,7 @@ static int check(const view_options *o) {
         return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
     const bool still = o->source && view_is_still(o->source);
     view_dress dress = view_options_dress(o);
-    if (still) dress.through = 0; /* its own mesh tells the inside */
+    if (still) dress.through = 0; /* the mesh itself gives the inner regions */
     if (still && view_is_scene(o->source)) dress.scene = o->source;
     if ((wrong = view_dress_check(&dress, "tm-view"))) return wrong;
     if (o->cut.clipped && !still)

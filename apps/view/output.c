@@ -36,12 +36,12 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
     return app_output_commit(&output, error) ? TM_OK : error->status;
 }
 
-/* ffmpeg with its pictures from `in`. 0 or what errno would be. */
+/* Starts ffmpeg with pictures from `in`. Returns 0 or an errno value. */
 static int start_ffmpeg(view_video *film, int in, int fps) {
     char size[32], rate[16];
     snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%d", fps);
-    /* bitexact and one thread: the same pictures give the same film. */
+    /* bitexact and one thread: equal pictures give equal videos. */
     char *argv[] = {"ffmpeg",
                     "-nostdin",
                     "-loglevel",

@@ -15,7 +15,7 @@ static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 
 
 static const view_colour HELD = {72, 205, 165, 1}, FIBRE = {226, 214, 178, 1};
 
-/* Where the next line goes. */
+/* Position of the next line. */
 typedef struct pen {
     const view_canvas *canvas;
     float x, y, cap, line;
@@ -42,14 +42,14 @@ static void thousands(char *out, size_t room, int32_t n) {
         snprintf(out, room, "%d", n);
 }
 
-/* A line of what the marks mean; its y advances. */
+/* Writes a line of the marks' legend and advances y. */
 static void legend(pen *p, view_colour colour, const char *text) {
     p->y += p->line;
     view_box(p->canvas, p->x, p->y - 0.85f * p->cap, p->x + 0.85f * p->cap, p->y, 0.25f * p->cap, colour);
     write_at(p, p->x + 1.6f * p->cap, GREY, "%s", text);
 }
 
-/* As the lit region looks, about; the untinted one is tissue. */
+/* Returns approximately the colour of the lit region; an uncoloured one has the tissue's. */
 static view_colour colour_of(const view_region *region) {
     static const float tissue[3] = {0.20f, 0.035f, 0.025f};
     uint8_t shown[3];
@@ -58,7 +58,7 @@ static view_colour colour_of(const view_region *region) {
     return (view_colour){shown[0], shown[1], shown[2], 1};
 }
 
-/* Regions whose names are told: none of one, and none where words would cover the tissue. */
+/* Returns how many region names are shown: none of a single region, none where text would cover the tissue. */
 static int named_regions(const pen *p, const view_picture *s, int lines) {
     bool fits = p->line * (float)(lines + s->regions) < 0.4f * (float)p->canvas->height;
     return s->regions > 1 && fits ? s->regions : 0;
@@ -69,7 +69,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     const char *title = m && m->title[0] ? m->title : s->title;
     char held[160] = "";
     if (m && m->support_of) snprintf(held, sizeof held, "held%s%s", m->held_by[0] ? ": " : "", m->held_by);
-    const int streams = s->sample_hz > 1.5 * s->frame_hz ? 9 : 0; /* capitals that its rate is wide */
+    const int streams = s->sample_hz > 1.5 * s->frame_hz ? 9 : 0; /* width of the sample rate, in capitals */
     float right = p.x + (float)(streams + (drawn_hz > 0 ? 31 : 25)) * p.cap, top = p.y - 1.9f * p.cap;
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
@@ -95,7 +95,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
             x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
             x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
         } else
-            x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
+            x = write_at(&p, x, GREY, "lockstep"); /* a virtual clock has no speed to report */
         if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
     }
     if (held[0]) legend(&p, HELD, held);
@@ -133,7 +133,7 @@ static void instrument_panel(pen p, view_layout *l, const view_instrument *t, in
     if (t->lateness_p99_us > 0) write_at(&p, x, GREY, "   p99 %.0f us", t->lateness_p99_us);
 }
 
-/* Round number of newtons at or below `peak`, for an axis. */
+/* Returns a round number of newtons at or below `peak`, for an axis. */
 static double round_down(double peak) {
     double unit = pow(10, floor(log10(fmax(peak, 1e-6))));
     return peak >= 5 * unit ? 5 * unit : peak >= 2 * unit ? 2 * unit : unit;
@@ -141,12 +141,12 @@ static double round_down(double peak) {
 
 enum { STRIP_SECONDS = 6 };
 
-/* A plot's frame in pixels: x0 left, y0 the line of zero. */
+/* A plot's frame in pixels: x0 left edge, y0 zero line. */
 typedef struct frame {
     float x0, y0, x1, y1;
 } frame;
 
-/* Whole seconds since the source began, as many as there is room for. */
+/* Draws whole seconds since the start of the source, as many as fit. */
 static void time_axis(pen p, const frame *f, double now_s) {
     float second = (f->x1 - f->x0) / STRIP_SECONDS;
     int every = second > 6 * p.cap ? 1 : second > 3 * p.cap ? 2 : 3;
@@ -177,7 +177,7 @@ static void force_line(pen p, const frame *f, const view_picture *s, int instrum
     }
 }
 
-/* The forces of the last seconds along the lower edge. */
+/* Draws the forces of the last seconds along the lower edge. */
 static void force_strip(pen p, view_layout *l, const view_picture *s) {
     float w = (float)p.canvas->width, h = (float)p.canvas->height, left = p.x - p.cap, right = w - left,
           bottom = h - left, top = bottom - 8.6f * p.cap;

@@ -6,7 +6,7 @@
 bool view_surface_reserve(view_surface *s, int32_t vertices, int32_t triangles) {
     const bool spare = s->vertex_capacity / 8 > vertices + 10000 && s->triangle_capacity / 8 > triangles + 10000;
     if (!spare && vertices <= s->vertex_capacity && triangles <= s->triangle_capacity) return true;
-    if (spare) s->vertex_capacity = s->triangle_capacity = 0; /* a large one is over */
+    if (spare) s->vertex_capacity = s->triangle_capacity = 0; /* frees the arrays after a large surface */
     int32_t nv = vertices > s->vertex_capacity ? vertices + vertices / 4 : s->vertex_capacity;
     int32_t nt = triangles > s->triangle_capacity ? triangles + triangles / 4 : s->triangle_capacity;
     uint32_t version = s->version, topology = s->topology;

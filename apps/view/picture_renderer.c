@@ -44,8 +44,8 @@ void view_studio_turn(view_studio *studio) {
             view_camera_fit(&studio->def.camera, &studio->first, studio->def.render.width, studio->def.render.height);
 }
 
-/* Keeps the points the camera was fitted to, so that orbiting goes round where the tissue was, not where it is pushed.
- */
+/* Keeps the points that the camera was fitted to, so that it orbits the tissue's original position, not the deformed
+ * one. */
 static bool keep_first(view_studio *studio, const view_surface *surface) {
     if (!view_surface_reserve(&studio->first, surface->vertex_count, 0)) return false;
     studio->first.vertex_count = surface->vertex_count;
@@ -64,7 +64,7 @@ static void aim(view_studio *studio, const view_picture *picture) {
     studio->fitted = true;
 }
 
-/* Arrows keep one scale; it shrinks when a force would leave the picture. */
+/* Returns the scale of all arrows; it shrinks if a force would exceed the picture. */
 static double arrow_scale(view_studio *studio, const view_picture *picture) {
     if (studio->def.newton_m > 0) return studio->def.newton_m;
     for (int i = 0; i < VIEW_INSTRUMENTS; i++) {

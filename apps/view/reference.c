@@ -19,7 +19,7 @@ static int by_id(const void *a, const void *b) {
     return p->id < q->id ? -1 : p->id > q->id;
 }
 
-/* Those remembered; `known` tells which. How many are not. */
+/* Copies known reference positions and marks them in `known`. Returns how many vertices are unknown. */
 static int32_t recall(const view_references *r, const view_surface *s, float *at_m, uint8_t *known) {
     int32_t unknown = 0;
     for (int32_t v = 0; v < s->vertex_count; v++) {
@@ -34,7 +34,7 @@ static int32_t recall(const view_references *r, const view_surface *s, float *at
     return unknown;
 }
 
-/* New vertices beside known ones, a layer at a time: sum[4*vertex_count] displacements and their number. */
+/* Assigns unknown vertices next to known ones, layer by layer. sum[4*vertex_count]: displacements and their number. */
 static void follow(const view_surface *s, float *at_m, uint8_t *known, float *sum) {
     for (bool more = true; more;) {
         more = false;
@@ -80,7 +80,7 @@ bool view_references_update(view_references *r, const view_surface *s, float *at
     return good;
 }
 
-/* 0..1 at a lattice point. */
+/* Returns noise of 0 to 1 at a lattice point. */
 static float lattice(int32_t x, int32_t y, int32_t z) {
     uint32_t h = (uint32_t)x * 0x8da6b343u ^ (uint32_t)y * 0xd8163841u ^ (uint32_t)z * 0xcb1ab31fu;
     h = (h ^ h >> 13) * 0x5bd1e995u;

@@ -10,7 +10,7 @@
 
 /* --- names and colours --- */
 
-/* Linear light. What anatomical atlases have: veins blue, arteries red, bone ivory, bile green. */
+/* Colours in linear light, as in anatomical atlases: veins blue, arteries red, bone ivory, bile green. */
 static const struct {
     const char *words;
     float rgb[3];
@@ -61,12 +61,12 @@ void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, view_pictu
 
 /* --- the surface --- */
 
-/* Triangles as they come; corners are mesh vertices, or vertex_count + e where the plane crosses edge e. */
+/* Unordered triangles. Corners are mesh vertices, or vertex_count + e where the plane crosses edge e. */
 typedef struct soup {
     const tm_mesh *mesh;
-    const view_picture *picture; /* whose regions they are */
+    const view_picture *picture; /* picture that has the regions */
     const view_cutaway *cut;
-    const double *side; /* [vertex_count] distance beyond the plane; null: nothing is cut */
+    const double *side; /* [vertex_count] distance beyond the plane; null: no plane */
     int32_t *corner;    /* [3*count] */
     uint8_t *kind;
     int32_t count, capacity;
@@ -87,12 +87,12 @@ static void add(soup *s, const int32_t corner[3], uint8_t kind) {
     s->kind[s->count++] = kind;
 }
 
-/* A polygon of three or four corners. */
+/* Appends a polygon of three or four corners. */
 static void add_polygon(soup *s, const int32_t *corner, int n, uint8_t kind) {
     for (int i = 2; i < n; i++) add(s, (const int32_t[3]){corner[0], corner[i - 1], corner[i]}, kind);
 }
 
-/* The edge between two vertices, which is there. */
+/* Returns the edge between two vertices, which must exist. */
 static int32_t edge_of(const tm_mesh *m, int32_t a, int32_t b) {
     for (int32_t i = m->vertex_edge_begin[a]; i < m->vertex_edge_begin[a + 1]; i++) {
         const int32_t e = m->vertex_edge[i];
@@ -113,7 +113,7 @@ static void add_clipped(soup *s, const int32_t v[3], uint8_t kind) {
     if (n >= 3) add_polygon(s, out, n, kind);
 }
 
-/* Where the plane goes through a tetrahedron: three or four of its edges, in the order that faces the one who looks. */
+/* Appends the intersection of the plane and a tetrahedron: three or four edges, in the order that faces the viewer. */
 static void add_cap(soup *s, int32_t tet) {
     const tm_mesh *m = s->mesh;
     const int32_t *v = m->tet + 4 * (int64_t)tet;
@@ -153,7 +153,7 @@ static void add_cap(soup *s, int32_t tet) {
     add_polygon(s, out, n, (uint8_t)(view_kind_of(m->region[tet]) | 1));
 }
 
-/* Between two regions, seen from the smaller one's outside. */
+/* Appends the faces between two regions, seen from outside the smaller one. */
 static void add_inside(soup *s, const double *volume_m3) {
     const tm_mesh *m = s->mesh;
     for (int32_t f = 0; f < 4 * m->tet_count; f++) {
@@ -168,7 +168,7 @@ static void add_inside(soup *s, const double *volume_m3) {
     }
 }
 
-/* What has a colour of its own is seen whole; the largest region lets light through. */
+/* Returns whether a region is drawn opaque: coloured regions are, the largest one is translucent. */
 static bool is_solid(const soup *s, int32_t region) {
     return region < s->picture->regions && s->picture->region[region].tinted;
 }
@@ -206,7 +206,7 @@ static double *sides(const tm_mesh *m, const view_cutaway *cut) {
         double d[3];
         vsub(m->rest_m + 3 * v, middle, d);
         side[v] = vdot(d, cut->normal) / vnorm(cut->normal) - cut->offset_m;
-        if (side[v] == 0) side[v] = -1e-12; /* a vertex on the plane stays */
+        if (side[v] == 0) side[v] = -1e-12; /* a vertex on the plane is kept */
     }
     return side;
 }
@@ -224,7 +224,7 @@ static void place(const soup *s, int32_t corner, float at_m[3]) {
             (float)(m->rest_m[3 * ends[0] + a] + share * (m->rest_m[3 * ends[1] + a] - m->rest_m[3 * ends[0] + a]));
 }
 
-/* The corners that the triangles use, renumbered in their order. */
+/* Copies the corners that triangles use, renumbered in their order. */
 static bool fill(const soup *s, int32_t inside, int32_t between, view_surface *out) {
     const int32_t all = s->mesh->vertex_count + s->mesh->edge_count;
     int32_t *number = calloc((size_t)all, sizeof *number), count = 0;

@@ -1,4 +1,4 @@
-/* A picture, pass by pass: shadows, background, tissue, tools and marks. */
+/* Draws a picture pass by pass: shadows, background, tissue, tools and marks. */
 #include "render_parts.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ static void multiply(const float a[16], const float b[16], float c[16]) {
         }
 }
 
-/* Parallel projection along `towards` (a unit vector to the lamp) of a ball, to the cube -1..1. */
+/* Computes the parallel projection of a ball along `towards` (a unit vector to the lamp) to the cube -1..1. */
 static void parallel(const float towards[3], const float middle[3], float radius, float m[16]) {
     float u[3], v[3];
     view_frame(towards, u, v);
@@ -28,7 +28,7 @@ static void parallel(const float towards[3], const float middle[3], float radius
     m[15] = 1;
 }
 
-/* Flattens everything along `towards` onto the floor, in the floor's own coordinates. */
+/* Computes the projection along `towards` onto the floor, in the floor's coordinates. */
 static void view_light_flatten(const view_light *s, const float towards[3], float m[16]) {
     float height = towards[0] * s->up[0] + towards[1] * s->up[1] + towards[2] * s->up[2];
     memset(m, 0, 16 * sizeof *m);
@@ -48,7 +48,7 @@ static void view_light_normalise(float a[3]) {
     for (int k = 0; k < 3; k++) a[k] /= length > 0 ? length : 1;
 }
 
-/* Where the camera of this picture puts lamps and floor. */
+/* Places lamps and floor relative to this picture's camera. */
 static void view_light_set(const view_renderer *r, const view_camera *c, view_light *s) {
     float view[16], projection[16], back[3], flat_back[3];
     view_camera_matrices(c, r->width, r->height, view, projection);
@@ -121,7 +121,7 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
                              i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0, camera);
     }
     r->shadow_count =
-        r->tool_shape.count; /* ports hang in a wall that is not drawn: their shadows would come from nowhere */
+        r->tool_shape.count; /* ports hang in a wall that is not drawn: their shadows would have no visible cause */
     for (int i = 0; i < VIEW_INSTRUMENTS; i++)
         if (p->instrument[i].shown) view_shape_port(&r->tool_shape, &p->instrument[i]);
     r->mark_shape.count = 0;
@@ -142,7 +142,7 @@ static void draw_tissue(const view_renderer *r, bool coarse) {
     glDrawElements(GL_TRIANGLES, coarse ? r->tissue.coarse_count : r->tissue.count, GL_UNSIGNED_INT, NULL);
 }
 
-/* Colours of regions for the tissue's shader. */
+/* Sets the regions' colours in the tissue's shader. */
 static void set_tints(GLuint id, const view_picture *p) {
     float tint[4 * VIEW_REGIONS] = {0};
     for (int i = 0; i < p->regions; i++) {
@@ -152,7 +152,7 @@ static void set_tints(GLuint id, const view_picture *p) {
     glUniform4fv(glGetUniformLocation(id, "tint"), VIEW_REGIONS, tint);
 }
 
-/* What lies inside, then the nearest layer of the outside over it, letting some of it through. */
+/* Draws the inner regions, then the nearest layer of the outer surface over them, translucent. */
 static void draw_tissue_through(const view_renderer *r, float through) {
     const size_t inside = (size_t)r->tissue.inside_count;
     const GLsizei outside = r->tissue.count - r->tissue.inside_count;
@@ -177,7 +177,7 @@ static void draw_batch(const view_batch *b) {
     glDrawArrays(GL_TRIANGLES, 0, b->count);
 }
 
-/* Fibres and supports; supports behind the tissue shine through it. */
+/* Draws fibres and supports; supports behind the tissue are visible through it. */
 static void draw_marks(const view_renderer *r) {
     draw_batch(&r->marks);
     if (!r->support_count) return;
@@ -200,7 +200,7 @@ static void uniform_matrix(GLuint program_id, const char *name, const float m[16
     glUniformMatrix4fv(glGetUniformLocation(program_id, name), 1, GL_FALSE, m);
 }
 
-/* Everything that throws a shadow, as seen through `m`. */
+/* Draws everything that casts a shadow, seen through `m`. */
 static void draw_depth(const view_renderer *r, const float m[16], bool coarse) {
     glUseProgram(r->depth_program);
     uniform_matrix(r->depth_program, "to_clip", m);
@@ -219,7 +219,7 @@ static void pass_shadow(const view_renderer *r, const view_light *s) {
     glDisable(GL_DEPTH_CLAMP);
 }
 
-/* The soft spot on the floor from one direction, into spot texture `into`; texture 2 is scratch. */
+/* Draws the soft shadow on the floor from one direction into spot texture `into`; texture 2 is scratch. */
 static void pass_spot(const view_renderer *r, const view_light *s, const float towards[3], int into, float softness) {
     float m[16];
     view_light_flatten(s, towards, m);
@@ -286,7 +286,7 @@ static void use_lit(const view_renderer *r, const view_light *s, GLuint id) {
     glUniform1i(glGetUniformLocation(id, "shadow"), 0);
 }
 
-/* Averages samples*samples drawn pixels into one, and turns the picture the right way up. */
+/* Averages samples*samples drawn pixels into one and flips the picture vertically. */
 static void gather(const view_renderer *r, uint8_t *rgb) {
     int n = r->def.samples, w = r->def.width, h = r->def.height, area = n * n;
     for (int y = 0; y < h; y++)
@@ -323,7 +323,7 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     else
         draw_tissue(r, false);
     use_lit(r, &s, r->metal_program);
-    draw_marks(r); /* before the tools, which hide what shines through the tissue */
+    draw_marks(r); /* before the tools, which occlude marks behind the tissue */
     draw_batch(&r->tools);
     glClear(
         GL_DEPTH_BUFFER_BIT); /* arrows are seen through everything: a force often points back along its instrument */

@@ -1,4 +1,4 @@
-/* The renderer made and unmade: its context, programs, and what it draws into. */
+/* Creates and destroys the renderer: context, programs and targets. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -99,7 +99,7 @@ static void targets_create(view_renderer *r) {
     glGenVertexArrays(1, &r->empty);
 }
 
-/* Four coverage samples a pixel smooth the edges; shading still runs once a pixel. */
+/* Four coverage samples per pixel smooth the edges; shading still runs once per pixel. */
 static bool picture_target_create(view_renderer *r) {
     static const GLenum format[2] = {GL_RGBA8, GL_DEPTH_COMPONENT24},
                         attachment[2] = {GL_COLOR_ATTACHMENT0, GL_DEPTH_ATTACHMENT};

@@ -10,13 +10,14 @@
 #include "scene/sim.h"
 #include "tensormass_io.h"
 
-/* Marks and regions are found by the file's numbers, which messages have; nothing is stepped here. */
+/* Creates the scene's simulation with the file's numbering, which messages and so marks and regions use. It is never
+ * stepped. */
 static int create_as_in_file(app_scene *scene, sim **s) {
     scene->renumber.on = false;
     return app_exit_code(sim_create(scene, s));
 }
 
-/* The mesh as it is to be seen; 0 or an exit code, having complained. */
+/* Fills the visible mesh surface. Returns 0, or an exit code after an error message. */
 static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const view_cutaway *cut,
                 view_picture *picture) {
     view_regions_name(file, mesh, picture);
@@ -46,13 +47,13 @@ static int read_marks(const sim *s, const char *path, const view_mark_choice *ch
     return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
 }
 
-/* The marks and the regions' names and colours alone, for a source that tells none; `inside`, where it is wanted, too.
- */
+/* Reads only marks and the regions' names and colours, for a source without them; also `inside` if requested. */
 static int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks,
                             view_inside *inside) {
     app_scene *scene;
     sim *s;
-    char dynamic[] = "model=dynamic"; /* mesh, supports and fibres are any model's; no responses to compute */
+    char dynamic[] =
+        "model=dynamic"; /* mesh, supports and fibres do not depend on the model; this one computes no responses */
     char *set[] = {dynamic};
     int wrong = app_exit_code(sim_scene_load(path, set, 1, app_program_host(), &scene));
     if (!wrong) wrong = create_as_in_file(scene, &s);
@@ -65,7 +66,7 @@ static int view_scene_marks(const char *path, const view_mark_choice *choice, vi
     return wrong;
 }
 
-/* The scene as it stands before its first frame. */
+/* Loads the scene in its state before the first frame. */
 static int load_scene(const char *path, const view_mark_choice *choice, const view_cutaway *cut, view_picture *picture,
                       view_marks *marks) {
     app_scene *scene;
@@ -126,7 +127,8 @@ int view_dress_show(view_dress *d, view_picture *picture, view_picture *shown) {
     const view_surface *s = &picture->surface;
     picture->marks = &d->marks;
     if (d->tinted != s->topology) view_marks_tint(&d->marks, &picture->surface);
-    const bool same = d->tinted == s->topology && d->followed == s->version; /* windows draw it more often than told */
+    const bool same =
+        d->tinted == s->topology && d->followed == s->version; /* windows draw more often than surfaces arrive */
     d->tinted = s->topology, d->followed = s->version;
     *shown = *picture;
     if (!d->inside.face_count || !s->vertex_count) return 0;

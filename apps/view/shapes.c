@@ -9,7 +9,7 @@
 enum { AROUND = 24, JAW_STEPS = 24 };
 static const float PI = 3.14159265f;
 
-/* A place and three directions; w is the axis. */
+/* A position and three directions; w is the axis. */
 typedef struct frame {
     float o[3], u[3], v[3], w[3];
 } frame;
@@ -51,7 +51,8 @@ static void quad(view_shape *s, const frame *f, const float at[4][3], const floa
     for (int i = 0; i < 6; i++) add(s, f, at[corner[i]], normal[corner[i]], paint);
 }
 
-/* A body of revolution; every stretch between two rings is shaded as a cone of its own, so that steps stay sharp. */
+/* Appends a body of revolution; each section between two rings is shaded as a separate cone, so that steps stay
+ * sharp. */
 static void lathe(view_shape *s, const frame *f, const ring *r, int count, int paint) {
     for (int i = 0; i + 1 < count; i++) {
         float dr = r[i + 1].radius_m - r[i].radius_m, dz = r[i + 1].along_m - r[i].along_m,
@@ -72,7 +73,7 @@ static void lathe(view_shape *s, const frame *f, const ring *r, int count, int p
     }
 }
 
-/* A round end at `along`, as rings of a quarter circle with normals of the sphere. */
+/* Appends a round end at `along`: rings of a quarter circle with the sphere's normals. */
 static void dome(view_shape *s, const frame *f, float along, float radius, int paint) {
     enum { STEPS = 5 };
     for (int i = 0; i < STEPS; i++) {
@@ -91,7 +92,7 @@ static void dome(view_shape *s, const frame *f, float along, float radius, int p
     }
 }
 
-/* Half a tapering rod with a toothed flat inside, opened by `angle` about its root. */
+/* Appends half a tapering rod with a toothed flat inner side, opened by `angle` about its root. */
 static void jaw(view_shape *s, const frame *tip, float side, float angle, float length, float radius) {
     enum { ACROSS = 10 };
     frame f = *tip;
@@ -193,7 +194,7 @@ void view_shape_port(view_shape *s, const view_instrument *t) {
     lathe(s, &f, port, 7, VIEW_PAINT_PORT);
 }
 
-/* A flat ring facing w, with a dot or a cross in it. */
+/* Appends a flat ring perpendicular to w, with a dot or a cross in it. */
 static void end_on(view_shape *s, const frame *f, float thickness_m, bool away, int paint) {
     const float n[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, r = 1.9f * thickness_m, w = 0.4f * thickness_m;
     for (int j = 0; j < AROUND; j++) {

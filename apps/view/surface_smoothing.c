@@ -15,12 +15,13 @@
 enum { LEVELS_MAX = VIEW_RIM_LEVELS };
 static const float COS_TORN = -0.25f;
 
-/* One split: every edge of the level above gets a vertex in its middle, every triangle becomes four. */
+/* One split: every edge of the previous level gets a vertex in its middle, every triangle becomes four. */
 typedef struct level {
     int32_t edge_count, triangle_count;
-    int32_t *edge;   /* [2*edge_count] ends, in vertices of the level above */
-    uint8_t *curved; /* [edge_count] 0 at creases and borders: the middle stays on the straight line, so no gap opens */
-    int32_t *rim;    /* [edge_count] the point of the cut's rim that its middle is, -1: none */
+    int32_t *edge; /* [2*edge_count] ends, vertices of the previous level */
+    uint8_t
+        *curved;  /* [edge_count] 0 at creases and boundaries: the middle stays on the straight line, so no gap opens */
+    int32_t *rim; /* [edge_count] point of the cut's rim that is its middle; -1: none */
     uint32_t *index; /* [3*triangle_count] */
 } level;
 
@@ -31,11 +32,11 @@ struct view_skin {
     uint32_t version, topology;
     view_fairing fairing;
     view_rim rim;
-    float *place;           /* [3*vertex_count of the surface] where its vertices are drawn */
-    int32_t sector_count;   /* vertices of the surface, split where creases part their triangles */
+    float *place;           /* [3*vertex_count of the surface] drawn positions of its vertices */
+    int32_t sector_count;   /* vertices of the surface, split where creases separate their triangles */
     int32_t *sector_vertex; /* [sector_count] */
-    int32_t *normal_of;     /* [sector_count] the sector whose normal it has: a cut's wall is one through all regions */
-    uint32_t *index;        /* [3*triangle_count] in sectors */
+    int32_t *normal_of;     /* [sector_count] sector that gives its normal: a cut's wall has one across all regions */
+    uint32_t *index;        /* [3*triangle_count] sectors */
     int32_t triangle_count, inside_count;
     level level[LEVELS_MAX];
     int32_t vertex_count;
@@ -91,7 +92,7 @@ static void normalise(float n[3]) {
         n[0] = 0, n[1] = 0, n[2] = 1;
 }
 
-/* Do these two sides of one edge belong to one smooth patch, but for their regions? */
+/* Returns whether two sides of one edge belong to one smooth patch, regions aside. */
 static bool smooth(const view_skin *skin, const view_surface *s, const view_side *p, const view_side *q) {
     const int32_t *a = s->triangle + 3 * p->triangle, *b = s->triangle + 3 * q->triangle;
     const bool opened = s->kind[p->triangle] & 1;
@@ -99,13 +100,13 @@ static bool smooth(const view_skin *skin, const view_surface *s, const view_side
     float m[3], n[3];
     face_normal(skin->place + 3 * a[0], skin->place + 3 * a[1], skin->place + 3 * a[2], m);
     face_normal(skin->place + 3 * b[0], skin->place + 3 * b[1], skin->place + 3 * b[2], n);
-    /* Torn tetrahedra are jagged; flesh is not. What a cut laid open is smoothed past right angles. */
+    /* Removed tetrahedra leave jagged surfaces. Exposed surfaces are smoothed even across angles beyond 90 degrees. */
     float limit = opened ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
     return vdot(m, n) >= limit * sqrtf(vdot(m, m) * vdot(n, n));
 }
 
-/* Corners that meet across smooth edges share a sector: one position, one normal, one region. Where a cut's wall goes
- * from one region to another, their sectors share the normal alone (`blend`). */
+/* Joins corners that meet across smooth edges into one sector: one position, one normal, one region. Where a cut's wall
+ * crosses regions, their sectors share only the normal (`blend`). */
 static void join_corners(const view_skin *skin, const view_surface *s, const view_side *sides, int32_t *parent,
                          int32_t *blend) {
     const int32_t corners = 3 * s->triangle_count;
@@ -179,7 +180,7 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     return true;
 }
 
-/* Which edges' middles lie on the cut's rim: those of its pieces, whatever triangles they bound. */
+/* Finds edges whose middles are on the cut's rim: those of its segments, whatever triangles they bound. */
 static bool find_rim(view_skin *skin, const view_surface *s) {
     int32_t count = skin->sector_count, *point = NULL;
     if (!view_rim_take(&skin->rim, s, skin->levels)) return false;
@@ -204,7 +205,7 @@ static void middle_reference(view_vertex *m, const view_vertex *a, const view_ve
     m->kind = a->kind;
 }
 
-/* Where every sector's bit of tissue was when first seen, as it is drawn: a cut's wall faired there, too. */
+/* Computes each sector's position and reference position as drawn: a cut's wall is faired in both. */
 static bool lay_out(view_skin *skin, const view_surface *s) {
     const size_t room = 3 * (size_t)s->vertex_count + 1;
     float *seen = malloc(room * sizeof *seen), *drawn = malloc(room * sizeof *drawn);
@@ -245,7 +246,7 @@ static bool build(view_skin *skin, const view_surface *s) {
     return true;
 }
 
-/* Normals weighted by the corner's angle do not depend on how a flat patch is cut into triangles. */
+/* Normals weighted by the corner angle do not depend on the triangulation of a flat patch. */
 static void sector_normals(view_skin *skin) {
     for (int32_t i = 0; i < skin->sector_count; i++) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
     for (int32_t t = 0; t < skin->triangle_count; t++) {
@@ -274,7 +275,7 @@ static void sector_normals(view_skin *skin) {
         vset(skin->vertex[skin->normal_of[i]].normal, skin->vertex[i].normal);
 }
 
-/* Hollows are darker: how far the neighbours stand above the tangent plane, on average. */
+/* Darkens hollows: by the neighbours' mean height above the tangent plane. */
 static void sector_shade(view_skin *skin) {
     for (int32_t i = 0; i < skin->sector_count; i++) skin->vertex[i].shade = 0;
     int32_t corners = 3 * skin->triangle_count;
@@ -283,13 +284,13 @@ static void sector_shade(view_skin *skin) {
         const view_vertex *w = &skin->vertex[skin->index[c % 3 == 2 ? c - 2 : c + 1]];
         float d[3] = {w->at_m[0] - v->at_m[0], w->at_m[1] - v->at_m[1], w->at_m[2] - v->at_m[2]};
         normalise(d);
-        v->shade += vdot(v->normal, d) / 6; /* six neighbours are usual */
+        v->shade += vdot(v->normal, d) / 6; /* usual number of neighbours */
     }
     for (int32_t i = 0; i < skin->sector_count; i++)
         skin->vertex[i].shade = fminf(fmaxf(1 - 1.6f * skin->vertex[i].shade, 0.35f), 1.0f);
 }
 
-/* The middle of the cubic that leaves both ends at right angles to their normals (Vlachos and others, "Curved PN
+/* Computes the middle of the cubic that is perpendicular to the normals at both ends (Vlachos and others, "Curved PN
  * triangles", 2001). */
 static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b, bool curved) {
     float d[3], h[3];
