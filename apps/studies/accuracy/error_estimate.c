@@ -1,4 +1,5 @@
-/* The truth that a study has: Richardson's estimate from its own meshes, and every run's distance from it. */
+/* Reference solution of a study: Richardson's estimate from its own meshes, and the error of every run relative to
+ * it. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -17,10 +18,10 @@ double study_distance(const double *a, const double *b, size_t count) {
 
 static size_t forces(const study_run *r) { return (size_t)r->frames * (size_t)r->instruments * 3; }
 static bool usable(const study_run *r) { return r->done && !r->failed; }
-/* The tetrahedra's size, to a factor that is the organ's. */
+/* Returns the size of the tetrahedra, up to a factor of the organ. */
 static double size_of(const study_run *r) { return cbrt(1.0 / r->tets); }
 
-/* One form's runs, coarse to fine; foreign meshes have another surface and so another limit. */
+/* Collects one form's runs, coarse to fine. Foreign meshes have another surface and so another limit. */
 static int family(const study *t, study_form form, int *run) {
     int n = 0;
     for (int i = 0; i < t->run_count; i++) {
@@ -34,10 +35,11 @@ static int family(const study *t, study_form form, int *run) {
     return n;
 }
 
-/* How much further than from coarse to fine it is to go from fine to the limit, by order p. */
+/* Returns the change from fine to the limit over the change from coarse to fine, for order p. */
 static double weight(double coarse, double fine, double p) { return 1 / (pow(coarse / fine, p) - 1); }
 
-/* p with (F1 - F0) : (F2 - F1) = (h0^p - h1^p) : (h1^p - h2^p), within what linear tetrahedra can have. */
+/* Solves (F1 - F0) : (F2 - F1) = (h0^p - h1^p) : (h1^p - h2^p) for p, within the orders possible for linear
+ * tetrahedra. */
 static bool observe(const study *t, const int *run, double *p) {
     const study_run *r[3] = {&t->run[run[0]], &t->run[run[1]], &t->run[run[2]]};
     const double h0 = size_of(r[0]), h1 = size_of(r[1]), h2 = size_of(r[2]);
@@ -56,7 +58,7 @@ static bool observe(const study *t, const int *run, double *p) {
     return plausible;
 }
 
-/* Force and shape of `f`, and as many times what they differ by from those of `c` more. */
+/* Extrapolates force and shape: f + times (f - c). */
 static void go_beyond(study_truth *h, const study_run *c, const study_run *f, double times) {
     const size_t shape = STUDY_MOMENTS * STUDY_POINTS * 3;
     double sum = 0;
@@ -71,13 +73,13 @@ static void go_beyond(study_truth *h, const study_run *c, const study_run *f, do
     h->frames = f->frames, h->instruments = f->instruments, h->rms_N = sqrt(sum / f->frames);
 }
 
-/* Limit of one form: a study_truth, without the other form's doubt. */
+/* Computes the limit of one form, with an uncertainty that disregards the other form. */
 static bool limit(const study *t, study_form form, study_truth *out) {
     int run[STUDY_RUNS];
     const int n = family(t, form, run);
     *out = (study_truth){0};
     if (n < 2) return false;
-    /* From two that are nearly alike, what they differ by would be multiplied. */
+    /* Two nearly equal sizes would amplify the difference of their results. */
     int partner = n - 2;
     while (partner > 0 && size_of(&t->run[run[partner]]) < 1.3 * size_of(&t->run[run[n - 1]])) partner--;
     out->coarse = run[partner], out->fine = run[n - 1], out->order = 1.5;
@@ -96,7 +98,7 @@ static void free_truth(study_truth *h) {
     free(h->u_m);
 }
 
-/* Without two meshes: the smaller step, and nothing is known of the mesh's error. */
+/* Without two meshes, uses the smaller step; the mesh's error is then unknown. */
 static void fall_back(study *t) {
     int best = 0;
     for (int i = 0; i < t->run_count; i++)
@@ -105,10 +107,10 @@ static void fall_back(study *t) {
     go_beyond(&t->truth, &t->run[best], &t->run[best], 0);
 }
 
-/* Above this doubt an estimate says less than the finest run by itself. */
+/* Above this uncertainty the finest run alone is more reliable than an estimate. */
 static const double DOUBT = 0.5;
 
-/* The finest run in place of the limit; the doubt is how far the limit may be at order 1. */
+/* Replaces the limit by the finest run; the uncertainty is the distance of the limit at order 1. */
 static void read_finest(study *t) {
     study_truth *h = &t->truth;
     const study_run *c = &t->run[h->coarse], *f = &t->run[h->fine];
@@ -125,10 +127,10 @@ static void find_truth(study *t) {
         fall_back(t);
         return;
     }
-    /* The form that moved less on its way here has less left to go. */
+    /* The form that changed less so far has less left to change. */
     const int best = !have[0] || (have[1] && form[1].uncertainty < form[0].uncertainty) ? 1 : 0;
     t->truth = form[best];
-    if (have[1 - best]) { /* both go to the same limit: where they do not meet, that is the doubt */
+    if (have[1 - best]) { /* both have the same limit: the distance of their estimates is an uncertainty */
         const double apart = study_distance(form[1 - best].force_N, form[best].force_N,
                                             (size_t)t->truth.frames * (size_t)t->truth.instruments * 3);
         t->truth.uncertainty = fmax(t->truth.uncertainty, 0.5 * apart);
@@ -144,7 +146,7 @@ static double peak(const double *force, size_t count) {
     return most;
 }
 
-/* Runs with frames of their own: against the one with the most, where both have a frame. */
+/* Compares runs with their own frames against the run with the most, at common frames. */
 static void judge_rate(const study *t, study_run *r) {
     const study_run *most = r;
     for (int i = 0; i < t->run_count; i++)
@@ -171,7 +173,7 @@ void study_judge(study *t) {
     for (int i = 0; i < t->run_count; i++) {
         study_run *r = &t->run[i];
         if (!usable(r)) continue;
-        if (r->felt_known) { /* as late as a simulation that takes its whole frame */
+        if (r->felt_known) { /* as late as with a simulation that needs its complete frame */
             r->force_error = r->felt[1];
             continue;
         }
@@ -182,7 +184,7 @@ void study_judge(study *t) {
         if (forces(r) != forces(own)) continue;
         const bool physics = !strcmp(r->knob, "drop") || !strcmp(r->knob, "add") || !strcmp(r->knob, "constant");
         if (!physics) r->force_error = study_distance(r->force_N, t->truth.force_N, forces(r));
-        if (!physics && r->points) /* another tissue has another truth */
+        if (!physics && r->points) /* other tissue has another reference solution */
             r->shape_error = study_distance(r->u_m, t->truth.u_m, STUDY_MOMENTS * STUDY_POINTS * 3);
         r->change = study_distance(r->force_N, own->force_N, forces(r));
         r->peak_change = peak(r->force_N, forces(r)) / peak(own->force_N, forces(own)) - 1;

@@ -1,5 +1,5 @@
-/* What a scene names by numbers of its mesh's vertices, carried to other meshes of the same organ: each such support
- * becomes a group of vertices, which tm-mesh refine keeps, and which a mesh made anew takes from what lies nearest. */
+/* Transfers supports by vertex number to other meshes of the same organ. Each becomes a group of vertices, which
+ * tm-mesh refine keeps; on a new mesh it consists of the nearest vertices. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -32,8 +32,8 @@ void study_set_carried(study_run *r, const sim *own) {
     }
 }
 
-/* Groups of the scene's file and of its supports, as marks [group][vertex]; names of regions are no groups here, they
- * are written as regions. Null: no memory. */
+/* Groups of the scene's file and of its supports, as marks [group][vertex]. Names of regions are not groups here; they
+ * are written as regions. Null: memory exhausted. */
 typedef struct groups {
     int count;
     char (*name)[64];
@@ -73,8 +73,8 @@ static void free_groups(groups *g) {
     free(g->mark);
 }
 
-/* `out` has vertices and tetrahedra of its own; `from` [vertex_count] says whose groups each vertex takes, -1: none.
- * False: a group has nobody left. */
+/* Assigns groups to `out`, which has its own vertices and tetrahedra; `from` [vertex_count] is the vertex whose groups
+ * each one takes, -1: none. Returns false if a group is empty. */
 static bool put_groups(const sim *own, const groups *g, const int32_t *from, tm_mesh_file *out) {
     const size_t vertices = (size_t)own->file.vertex_count;
     int32_t n = 0;
@@ -119,9 +119,9 @@ bool study_write_carried(const sim *own, const char *path) {
     return good;
 }
 
-/* --- a mesh made anew --- */
+/* --- a new mesh --- */
 
-/* The nearest of `count` points, by every point: organs have ten thousand. `among` null: all. */
+/* Returns the nearest of `count` points by linear search: organs have ten thousand. `among` null: all. */
 static int32_t nearest(const double *point, int32_t count, const unsigned char *among, const double p[3]) {
     int32_t best = -1;
     double least = INFINITY;
@@ -146,8 +146,8 @@ static unsigned char *outer(const tm_mesh *mesh) {
     return out;
 }
 
-/* Of each vertex of `mesh` the one of the scene's file that it takes groups from. Those of the surface go to vertices
- * of the surface. */
+/* Finds, for each vertex of `mesh`, the vertex of the scene's file whose groups it takes. Surface vertices take groups
+ * of surface vertices. */
 static int32_t *partners(const sim *own, const tm_mesh *mesh) {
     int32_t *from = app_zeroed((size_t)mesh->vertex_count, sizeof *from);
     unsigned char *old_outer = outer(own->mesh), *new_outer = outer(mesh);

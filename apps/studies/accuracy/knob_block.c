@@ -1,10 +1,10 @@
-/* Knobs that one matrix of pressed blocks answers, against CalculiX's ten-node tetrahedra (reference.json):
- *   mesh       error against the number of tetrahedra, and its two prices: more of them a step, and more steps a second
- *   precision  the same press with single and with double stored tensors, the mesh's own error beside it
- *   model      linear elasticity against large displacements (neo-Hookean, "neo"), pressed from 1 % to 40 % of the
- *              edge; all three of our models are linear and agree at rest, so that one solution, scaled, serves them
- *   fibre      fibred tissue taken for isotropic, with Young's moduli from E_T to E_L, against what the fibre costs:
- * set-up alone; in the step it should be nothing, and the figure says whether it is */
+/* Knobs that share one matrix of pressed blocks, compared with CalculiX's ten-node tetrahedra (reference.json):
+ *   mesh       error against the number of tetrahedra, and its two costs: more of them per step, more steps per second
+ *   precision  the same press with single and with double stored tensors, with the mesh's own error
+ *   model      linear elasticity against large displacements (neo-Hookean, "neo"), pressed by 1 % to 40 % of the edge;
+ *              our three models are linear and agree at rest, so one scaled solution serves all
+ *   fibre      fibred tissue treated as isotropic, with Young's moduli from E_T to E_L, against the cost of fibres:
+ *              set-up only; the measured step shows whether it costs nothing there */
 #include <math.h>
 #include <string.h>
 
@@ -13,7 +13,7 @@
 #include "common/program_host.h"
 #include "scene/sim.h"
 
-/* --- what a frame of each model costs, through the scenes of tm-evaluate, and that they agree at rest --- */
+/* --- cost of a frame of each model in the scenes of tm-evaluate, and their agreement at rest --- */
 
 enum { FRAMES = 40, REST = 120 };
 
@@ -50,8 +50,8 @@ static bool measure(const char *scene_file, price *out) {
     return good;
 }
 
-/* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left
- * out, having complained. */
+/* Measures seconds per frame, set-up, bytes and force at rest of the three models. A model that this build lacks is
+ * left out after a message. */
 static void model_prices(cJSON *rows, void (*progress)(const char *, double)) {
     static const struct {
         const char *name, *scene, *cuttable;

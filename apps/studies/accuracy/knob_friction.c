@@ -1,6 +1,6 @@
-/* The effect "friction": a tool pressed into the block slides there and back. What a step costs beside the same slide
- * without friction, what leaving it out does to the force at the hand, and how far a sliding station is from Coulomb's
- * law. */
+/* The effect "friction": a tool pressed into the block slides there and back. Measures the cost of a step relative to
+ * the same slide without friction, the change of the force at the hand without it, and the deviation of a sliding
+ * station from Coulomb's law. */
 #include <math.h>
 #include <string.h>
 
@@ -17,7 +17,7 @@ typedef struct rubbing {
     tm_contact *contact;
     tm_friction *friction; /* null: none */
     double force_N[FRAMES][3], per_step_s[FRAMES];
-    double off_law; /* the worst of a station that slips, of what presses */
+    double off_law; /* maximum deviation of a slipping station, over its normal force */
     int32_t slipped;
 } rubbing;
 
@@ -73,7 +73,7 @@ static tm_status frame(rubbing *r, int at, tm_error *error) {
     return TM_OK;
 }
 
-/* What differs of the components from `first` to `last` in the slide, root mean square, of that of `r`'s own. */
+/* Returns the RMS difference of the components from `first` to `last` during the slide, over the RMS of `r`. */
 static double left_out(const rubbing *r, const rubbing *without, int first, int last) {
     double off = 0, all = 0;
     for (int f = PRESS + REST; f < FRAMES; f++)
@@ -101,12 +101,13 @@ tm_status knob_friction(const run *r, cJSON *out, cJSON *rows, tm_error *error) 
     tm_status status = TM_OK;
     memset(world, 0, sizeof world);
     for (int i = 0; i < ROWS && status == TM_OK; i++) status = rubbing_make(cells, COEFFICIENT[i], world + i, error);
-    for (int f = 0; f < FRAMES && status == TM_OK; f++) { /* side by side: a slow spell of the machine hits all alike */
+    for (int f = 0; f < FRAMES && status == TM_OK;
+         f++) { /* interleaved: a slow spell of the machine affects all alike */
         for (int i = 0; i < ROWS && status == TM_OK; i++) status = frame(world + i, f, error);
         r->progress("friction", (f + 1.0) / FRAMES);
     }
     double plain[2 * SLIDE];
-    memcpy(plain, world->per_step_s + PRESS + REST, sizeof plain); /* the median sorts */
+    memcpy(plain, world->per_step_s + PRESS + REST, sizeof plain); /* app_median sorts */
     const double plain_s = app_median(plain, 2 * SLIDE);
     for (int i = 0; i < ROWS && status == TM_OK; i++) row_of(rows, world + i, world, plain_s);
     app_json_add(out, "tets %g speed_m_s %g", 6.0 * cells * cells * cells, WAY_M / SLIDE / FRAME_S);

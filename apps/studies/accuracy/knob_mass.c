@@ -1,6 +1,6 @@
-/* Selective mass scaling: a cuttable block whose inner vertices are out of place, so that some tetrahedra are flat, is
- * pressed within a tenth of a second and held. The force on the indenter (what a hand feels) against that with the
- * tissue's own mass at its own step, and what a simulated second costs, as the step grows. */
+/* Selective mass scaling. A cuttable block with displaced inner vertices, so that some tetrahedra are flat, is pressed
+ * within 0.1 s and held. Compares the force on the indenter (felt by a hand) with that of the physical mass at its own
+ * step, and the cost per simulated second, as the step grows. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -14,11 +14,11 @@ static const double PRESS_S = 0.1, ALL_S = 0.3, DEPTH_M = 0.0015, JITTER = 0.28;
 
 typedef struct press {
     app_bench b;
-    int32_t dof[MAX_HELD], held, pressed_from; /* components from there on follow the indenter */
+    int32_t dof[MAX_HELD], held, pressed_from; /* components from here on follow the indenter */
     double force_N[FRAMES], per_step_s;
 } press;
 
-/* The same every time; the surface stays in place. */
+/* Displaces inner vertices, equally in every run; the surface stays in place. */
 static void jitter(double *vertex_m, int32_t count, double by_m) {
     uint32_t state = 41;
     for (int32_t v = 0; v < count; v++) {
@@ -56,7 +56,7 @@ static tm_status press_make(press *p, double step_s, bool scaled, tm_error *erro
     return tm_stage_support(p->b.world, &support, error);
 }
 
-/* Forces are means over equal times, so that all steps are compared at the same moments. */
+/* Runs a press. Forces are means over equal times, so that all steps are compared at the same moments. */
 static tm_status press_run(press *p) {
     const double dt = tm_world_step_s(p->b.world);
     const int32_t n = 3 * p->b.mesh->vertex_count, steps = (int32_t)(ALL_S / dt);

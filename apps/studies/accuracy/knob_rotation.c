@@ -1,6 +1,6 @@
-/* The effect "rotation", without the effect "strain_smoothing" and with it: the pressed block against CalculiX with
- * large displacements, neo-Hookean ("neo") and of St. Venant and Kirchhoff ("svk", as deep as that has a rest), with
- * the linear model and the mesh's own error beside it; and what it costs where every tetrahedron turns. */
+/* The effect "rotation", with and without the effect "strain_smoothing". Compares the pressed block with CalculiX at
+ * large displacements, neo-Hookean ("neo") and St. Venant-Kirchhoff ("svk", as deep as it has an equilibrium). The
+ * linear model and the mesh's own error are given too, and the cost if every tetrahedron is corotated. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,7 +9,7 @@
 
 static const double MIN_DEPTH = 0.045;
 
-/* At rest, pressed as `def` says. */
+/* Computes the equilibrium, pressed as `def` says. */
 static tm_status rest(const problem_def *def, double tolerance, measured *m, tm_error *error) {
     problem p;
     tm_status status = problem_create(def, &p, error);
@@ -26,12 +26,12 @@ static void tell(cJSON *rows, const char *law, bool volume, double depth, const 
         law, volume, depth, turned->displacement, turned->reaction, turned->energy, flat->displacement, flat->reaction);
 }
 
-/* Linear tissue is solved once and scaled. */
+/* Solves linear tissue once and scales it. */
 static tm_status press(const run *r, const char *law, bool volume, int cells, cJSON *rows, tm_error *error) {
     measured m, truth, linear;
     double depth;
     problem_def straight = problem_default(cells);
-    straight.volume = volume, straight.smoothed_shear_share = 0; /* as `rotation` asks for */
+    straight.volume = volume, straight.smoothed_shear_share = 0; /* as `rotation` requires */
     tm_status status = rest(&straight, 1e-9, &linear, error);
     for (int i = 0; i < reference_cases(r->truth, law) && status == TM_OK; i++) {
         problem_def def = straight;
@@ -47,7 +47,7 @@ static tm_status press(const run *r, const char *law, bool volume, int cells, cJ
     return status;
 }
 
-/* Linear tissue against linear CalculiX. */
+/* Compares linear tissue with linear CalculiX. */
 static tm_status mesh_alone(const run *r, bool volume, int cells, const char *name, cJSON *out, tm_error *error) {
     measured m, truth;
     double depth;
@@ -59,7 +59,7 @@ static tm_status mesh_alone(const run *r, bool volume, int cells, const char *na
     return status;
 }
 
-/* Nanoseconds a tetrahedron and step of the block turned by half a radian, with the effect and without. */
+/* Measures nanoseconds per tetrahedron and step of the block rotated by 0.5 rad, with and without the effect. */
 static tm_status price(int cells, cJSON *out, tm_error *error) {
     problem p[2] = {{0}, {0}};
     tm_world *world[2];

@@ -1,7 +1,7 @@
-/* Time step: a block let go from a sagged shape swings freely; its corner's trajectory, phase and energy against the
- * step, up to the critical one and past it. Truth: the same with a step 200 times below the largest, its own error
- * (second order) 100 times below that of the finest row. Settling: the damped block's time to rest, which a larger step
- * must not change. */
+/* Time step. A block released from a sagged shape swings freely; its corner's trajectory, phase and energy are compared
+ * for steps up to the critical one and beyond. Reference: a step 200 times below the largest, whose error (second
+ * order) is 1/100 of that of the finest row. Settling: time until the damped block is at rest, which must not depend on
+ * the step. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,7 +19,7 @@ typedef struct swing {
     bool finite;
 } swing;
 
-/* Rest under gravity, then gravity is gone: mostly the lowest mode. */
+/* Computes the equilibrium under gravity; without gravity it then swings mostly in the lowest mode. */
 static tm_status sagged(double *u, double *period_s, tm_error *error) {
     problem p;
     problem_def def = problem_default(CELLS);
@@ -40,7 +40,7 @@ static tm_status sagged(double *u, double *period_s, tm_error *error) {
     return status;
 }
 
-/* At rest in time: u_prev such that the central velocity at the start is zero. */
+/* Sets u_prev such that the central velocity at the start is zero. */
 static void start_from(problem *p, const double *u) {
     tm_state *s = tm_world_state(p->world);
     double dt = tm_world_step_s(p->world);
@@ -50,7 +50,7 @@ static void start_from(problem *p, const double *u) {
     for (int32_t i = 0; i < 3 * p->mesh->vertex_count; i++)
         s->u_prev_m[i] = u[i] + 0.5 * dt * dt * s->force_N[i] / mass[i / 3];
     int n = p->cells;
-    for (int32_t v = 0; v < p->mesh->vertex_count; v++) { /* supports: clamp and symmetry planes stay */
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++) { /* the clamp and the symmetry planes remain */
         int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
         for (int axis = 0; axis < 3; axis++)
             if (k == 0 || (axis == 0 && i == 0) || (axis == 1 && j == 0)) s->u_prev_m[3 * v + axis] = u[3 * v + axis];
@@ -67,7 +67,8 @@ static double total_energy(problem *p, const double *u_before, const double *u) 
     return kinetic + tm_tissue_energy(p->tissue, u);
 }
 
-/* Integer numbers of steps between samples, so that all trajectories are sampled at the same times. */
+/* Runs a swing with integer numbers of steps between samples, so that all trajectories are sampled at the same
+ * times. */
 static tm_status swing_run(double dt, int stride, int samples, const double *u, swing *out, tm_error *error) {
     problem p;
     problem_def def = problem_default(CELLS);
@@ -100,7 +101,7 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
     return status;
 }
 
-/* Time by which the last quarter's swing is shifted against the truth, over the elapsed time: least squares in the
+/* Returns the time shift of the last quarter relative to the reference over the elapsed time, by least squares in the
  * derivative. */
 static double phase_error(const swing *s, const swing *truth, int samples, double sample_s) {
     double dot = 0, norm = 0;
@@ -111,7 +112,7 @@ static double phase_error(const swing *s, const swing *truth, int samples, doubl
     return fabs(dot / norm) / (sample_s * samples * 7 / 8);
 }
 
-/* Simulated seconds until the corner of the damped, sagging block stays within 1 % of its rest. */
+/* Measures the simulated time until the corner of the damped, sagging block stays within 1 % of its equilibrium. */
 static tm_status settling(double fraction, double *settle_s, tm_error *error) {
     problem p;
     problem_def def = problem_default(CELLS);
@@ -157,7 +158,7 @@ tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
         free(mask);
     }
     problem_destroy(&p);
-    /* Samples lie STRIDE of the largest steps apart, so that every smaller step meets the same times. */
+    /* Samples are STRIDE of the largest steps apart, so every smaller step reaches the same times. */
     double largest = 0.98 * guaranteed, sample_s = STRIDE * largest;
     int samples = (int)fmin(PERIODS * period / sample_s, MAX_SAMPLES);
     if (status == TM_OK) status = swing_run(largest / FINE, STRIDE * FINE, samples, u, &truth, error);

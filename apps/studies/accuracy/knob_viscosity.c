@@ -1,6 +1,6 @@
-/* The effect "viscosity": what it costs beside the same tissue without it, how far the complex modulus of a harmonic
- * strain is from the closed form, by steps a cycle (histories run straight from one step to the next), and a liver's
- * ramp and hold. */
+/* The effect "viscosity": its cost relative to the same tissue without it; the error of the complex modulus of a
+ * harmonic strain against the closed form, by steps per cycle (histories are linear between steps); a ramp and hold of
+ * liver. */
 #include <complex.h>
 #include <math.h>
 #include <stdlib.h>
@@ -11,16 +11,16 @@
 
 /* --- a ramp and a hold --- */
 
-/* A ramp of strain, then a hold, of tissue with the constants of a liver, against the closed form. It is pulled along
- * and shrinks by half of it across, so that its volume stays; every vertex is led, for what is asked is how the
- * histories integrate, not how fast a specimen's sides follow.
+/* A ramp of strain, then a hold, of tissue with the constants of a liver, against the closed form. The block is
+ * stretched along one axis and contracts by half of it across, so its volume stays. Every vertex is prescribed: the
+ * test concerns the integration of the histories, not the lateral dynamics.
  *
  * The constants are those of a perfused liver under fast compression: Sato, Yamamoto, Ito, Antona-Makoshi, Ejima,
  * Kamiji and Yasuki, IRCOBI Conference 2013, "Hyper-viscoelastic response of perfused liver under dynamic compression
- * and estimation of tissue strain thresholds with a liver finite element model". Read not there but in the open human
+ * and estimation of tissue strain thresholds with a liver finite element model". They were read from the open human
  * body model VIVA+ of February 2021, material 505001 "TX-Abdominal-Cavity-Liver-Sato-et-al-2013"
- * (model/common/vivaplus-materials.k, commit 105ebe27; units mm, ms, kg, GPa). Its shear modulus when all has relaxed
- * is half the sum of its Ogden terms' products: small strains. */
+ * (model/common/vivaplus-materials.k, commit 105ebe27; units mm, ms, kg, GPa), not from the paper. The relaxed shear
+ * modulus is half the sum of the products of its Ogden terms, at small strains. */
 
 enum { TERMS = 3, SAMPLES = 60, CELLS = 3 };
 static const double RELAXED_PA = 867, POISSON = 0.499, SHARE_PA[TERMS] = {6970, 58327, 35291},
@@ -33,8 +33,8 @@ static double sudden_Pa(void) {
     return sum;
 }
 
-/* Three times the shear modulus is Young's where no volume changes; after a strain that rises evenly to STRAIN in
- * RAMP_S and stays. */
+/* Returns the stress after a strain that rises linearly to STRAIN within RAMP_S and stays. At constant volume Young's
+ * modulus is three times the shear modulus. */
 static double closed_Pa(double t) {
     const double ramp = fmin(t, RAMP_S);
     double sum = RELAXED_PA * ramp;
@@ -43,7 +43,7 @@ static double closed_Pa(double t) {
     return 3 * STRAIN / RAMP_S * sum;
 }
 
-/* Every vertex is led. */
+/* Prescribes every vertex. */
 static tm_status lead_all(const problem *p, tm_error *error) {
     const int32_t n = 3 * p->mesh->vertex_count;
     int32_t *dof = app_zeroed((size_t)n, sizeof *dof);
@@ -52,7 +52,7 @@ static tm_status lead_all(const problem *p, tm_error *error) {
     return problem_hold(p->world, n, dof, zero, error);
 }
 
-/* As long a step as divides the ramp. */
+/* Chooses the longest step that divides the ramp. */
 static tm_status create(problem *p, tm_error *error) {
     problem_def def = problem_default(CELLS);
     def.fixed = false;
@@ -69,7 +69,7 @@ static tm_status create(problem *p, tm_error *error) {
     return status == TM_OK ? tm_stage_viscosity(p->world, &viscosity, error) : status;
 }
 
-/* Along less across, from the forces on two faces: no pressure is in it. */
+/* Returns the axial minus the lateral stress, from the forces on two faces: free of pressure. */
 static double pulled_Pa(const problem *p) {
     const double *f = tm_world_state(p->world)->force_N;
     double sum = 0;
@@ -81,7 +81,7 @@ static double pulled_Pa(const problem *p) {
     return sum / (BLOCK_M * BLOCK_M);
 }
 
-/* Rows at times that grow evenly by a factor; `worst`, as a share of the peak, is of every step. */
+/* Appends rows at geometrically spaced times; `worst`, as a share of the peak, covers every step. */
 static tm_status pull(double end_s, cJSON *rows, double *worst, tm_error *error) {
     problem p = {0};
     int sample = 0;
@@ -93,7 +93,7 @@ static tm_status pull(double end_s, cJSON *rows, double *worst, tm_error *error)
         for (int32_t i = 0; i < n; i++)
             tm_support_move(p.world, i, share * ((i % 3 == 2 ? 1 : -0.5) * p.mesh->rest_m[i]));
         status = tm_world_step(p.world, 1);
-        const double found = pulled_Pa(&p), truly = closed_Pa(t); /* forces are of the step's beginning */
+        const double found = pulled_Pa(&p), truly = closed_Pa(t); /* forces are those at the step's beginning */
         *worst = fmax(*worst, fabs(found - truly) / peak);
         if (t < FIRST_S * pow(LAST_S / FIRST_S, (double)sample / (SAMPLES - 1))) continue;
         sample++;
@@ -117,8 +117,8 @@ static tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error) {
 
 /* --- error --- */
 
-/* The modulus of a cycle of `steps`, as a share of the sudden one, from the force on one vertex: x sin(wt) is pulled
- * along x. The third cycle is looked at; what the start left of it is exp(-12) then. */
+/* Computes the modulus in a cycle of `steps`, as a share of the instantaneous one, from the force on one vertex; x
+ * sin(wt) is prescribed along x. Uses the third cycle, in which the start's transient is below exp(-12). */
 static tm_status swing(int steps, double complex *modulus, tm_error *error) {
     problem_def def = problem_default(3);
     problem p;
@@ -140,7 +140,7 @@ static tm_status swing(int steps, double complex *modulus, tm_error *error) {
     for (int step = 0; step < 3 * steps && status == TM_OK; step++) {
         for (int32_t i = 0; i < n; i++) tm_support_move(p.world, i, u[i] * sin(angular * (step + 1) * s->dt_s));
         status = tm_world_step(p.world, 1);
-        /* force_N is of the step's beginning. */
+        /* force_N is that at the step's beginning. */
         if (step >= 2 * steps) sum += s->force_N[at] * cexp(-I * (2 * M_PI * step / steps));
     }
     if (status == TM_OK) *modulus = I * 2 * sum / steps / elastic[at]; /* sin wt = Re(-i exp(iwt)) */
@@ -164,7 +164,7 @@ static tm_status errors(const run *r, cJSON *rows, tm_error *error) {
     return TM_OK;
 }
 
-/* --- price --- */
+/* --- cost --- */
 
 enum { FORMS = 5 };
 static tm_status prices(const run *r, int cells, cJSON *out, tm_error *error) {

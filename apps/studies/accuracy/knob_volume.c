@@ -1,6 +1,6 @@
-/* The effect "strain_smoothing": error against price on the pressed block, linear tetrahedra beside three shares of the
- * shear; and how far the tip of a cantilever goes, against Timoshenko's beam, from nu = 0.3 towards 0.5. Truth of the
- * block: CalculiX ("iso"). */
+/* The effect "strain_smoothing": error against cost on the pressed block, for linear tetrahedra and three shares of the
+ * shear; deflection of a cantilever against Timoshenko's beam, from nu = 0.3 towards 0.5. Reference for the block:
+ * CalculiX ("iso"). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@ enum { FORMS = 4, NUS = 5 };
 /* Below 0: linear tetrahedra. */
 static const double shears[FORMS] = {-1, 0.4, 0.75, 1};
 
-/* All forms on one mesh, timed side by side. */
+/* Solves all forms on one mesh, timed in turns. */
 static tm_status one_mesh(const run *r, int cells, const measured *truth, double depth, cJSON *rows, tm_error *error) {
     solved s[FORMS];
     problem_def def[FORMS];
@@ -42,11 +42,11 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
 
 static const double SIDE_M = 0.1, LENGTH_M = 0.6, YOUNG_PA = 1e4, PULL_N = 1e-3;
 
-/* The pull along x spread over the triangles of the end that is not held. */
+/* Distributes the load along x over the triangles of the free end. */
 static void pull_end(const tm_mesh *mesh, double *load) {
     double area = 0;
     for (int pass = 0; pass < 2; pass++)
-        for (int32_t s = 0; s < mesh->surface_count; s++) { /* the end's triangles are all alike */
+        for (int32_t s = 0; s < mesh->surface_count; s++) { /* the end's triangles have equal areas */
             const int32_t *v = mesh->surface + 3 * s;
             double z = 0;
             for (int k = 0; k < 3; k++) z += mesh->rest_m[3 * v[k] + 2];
@@ -56,7 +56,7 @@ static void pull_end(const tm_mesh *mesh, double *load) {
         }
 }
 
-/* Way of the pull over Timoshenko's. */
+/* Computes the deflection at the load over Timoshenko's. */
 static tm_status tip(double nu, double shear, double *ratio, tm_error *error) {
     app_bench_def def = app_bench_default(4, SIDE_M);
     app_bench b = {0};

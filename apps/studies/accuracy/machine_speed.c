@@ -1,5 +1,5 @@
-/* A slower machine told from a costlier setting: a fixed piece of work is timed beside the frames, when the price is
- * promised and when it is held to. What takes longer by as much as that work does is the machine. */
+/* Distinguishes a slower machine from a costlier setting: a fixed piece of work is timed next to the frames, at the
+ * prediction and at the verification. Extra time in proportion to that work is the machine's. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,14 +8,15 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* As a step's pass over its tetrahedra: each gathers four vertices, multiplies them with ten blocks of 3 x 3 and adds
- * what comes out to four vertices. 0.7 MB of blocks, some hundred microseconds; the best of three passes, since the
- * first one pays for caches that others have used while this program slept. */
+/* Imitates a step's pass over its tetrahedra: each gathers four vertices, multiplies them with ten blocks of 3 x 3 and
+ * adds the result to four vertices. 0.7 MB of blocks take some hundred microseconds. Takes the best of three passes,
+ * since the first finds caches that other programs used meanwhile. */
 enum { WORK_TETS = 1000, WORK_VERTICES = 300, WORK_PASSES = 3 };
 
 static double thread_s(void) {
     struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now); /* threads that wait for the next step are not part of it */
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID,
+                  &now); /* this thread only: threads that wait for the next step do not count */
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 
@@ -54,11 +55,11 @@ double study_work_s(void) {
         pass();
         best = fmin(best, thread_s() - began);
     }
-    for (int i = 0; i < 3 * WORK_VERTICES; i++) f[i] = fmod(f[i], 1); /* neither folded away nor growing */
+    for (int i = 0; i < 3 * WORK_VERTICES; i++) f[i] = fmod(f[i], 1); /* neither removed by the compiler nor growing */
     return best;
 }
 
-/* Frames to each side whose work says how fast the machine was in one: a single one is at the mercy of interrupts. */
+/* Frames to each side that are averaged to find the machine's speed in one: a single one depends on interrupts. */
 enum { BESIDE = 12 };
 
 static double work_about(const double *work_s, int frames, int k) {
@@ -74,7 +75,7 @@ study_speed study_judge_pace(const double *cost_s, const double *work_s, int fra
     study_speed out = {.slower = 1, .over = frames ? 0 : 1, .costlier = frames ? 0 : 1};
     double *slower = app_zeroed((size_t)frames, sizeof *slower);
     for (int k = 0; k < frames; k++) {
-        /* A machine that became faster makes nothing costlier. */
+        /* A faster machine does not make the setting costlier. */
         slower[k] = work_then_s > 0 ? fmax(1, work_about(work_s, frames, k) / work_then_s) : 1;
         out.over += cost_s[k] > allowed_s ? 1.0 / frames : 0;
         out.costlier += cost_s[k] / slower[k] > allowed_s ? 1.0 / frames : 0;
@@ -84,7 +85,7 @@ study_speed study_judge_pace(const double *cost_s, const double *work_s, int fra
     return out;
 }
 
-/* From here on it is said. */
+/* Reported from this factor on. */
 static const double SLOWER = 1.1;
 
 void study_verdict(const study_choice *c, char *text, size_t size) {

@@ -1,5 +1,5 @@
-/* tm-accuracy: measures every knob for its error and its price, as JSON, on a block whose truth is known (page.py draws
- * it) or, with --scene, on a scene of one's own (study.c; scene_page.py draws it). */
+/* tm-accuracy: measures error and cost of every knob, as JSON, on a block with a known solution (page.py draws it) or,
+ * with --scene, on a user's scene (study.c; scene_page.py draws it). */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
@@ -84,7 +84,8 @@ static int measure(const char *json, const char *reference_path, bool quick, con
             exit = app_report(knobs[k].name, 0, &error);
         app_progress(knobs[k].name, 1, true);
     }
-    /* Measured beside what it is held against: arrays as large as the tensors of 10,000 tetrahedra. */
+    /* Measured together with the figures that are compared with it: arrays as large as the tensors of 10,000
+     * tetrahedra. */
     app_json_add(root, "bandwidth_B_s %g", app_bandwidth_B_s(4 << 20, 15));
     if (exit == APP_DONE) exit = app_json_save(json, root);
     cJSON_Delete(root);
@@ -99,7 +100,7 @@ typedef struct options {
 } options;
 
 static int add_set(study *t, const char *text) {
-    if (t->set_count >= STUDY_SETS / 2 - 4) /* the study sets some itself */
+    if (t->set_count >= STUDY_SETS / 2 - 4) /* the study adds its own settings */
         return app_bad_input("tm-accuracy", 0, "more than %d --set and --unset; write them into the scene",
                              STUDY_SETS / 2 - 4);
     t->set[t->set_count++] = (char *)(uintptr_t)text;
@@ -113,7 +114,7 @@ static int read_quantity(const char *option, const char *text, const char *dimen
                          strcmp(dimension, "none") ? dimension : "number");
 }
 
-/* "0.5", "0.5 core", "2 cores". */
+/* Reads "0.5", "0.5 core", "2 cores". */
 static int read_budget(study *t, const char *text) {
     char number[60];
     size_t length = strcspn(text, " c");
@@ -152,7 +153,7 @@ enum {
     OPT_SCENE
 };
 
-/* Options of a scene's study. */
+/* Reads an option of a scene's study. */
 static int read_scene_option(study *t, int option) {
     switch (option) {
     case OPT_SCENE: t->file = optarg; return 0;
@@ -189,7 +190,7 @@ static int parse(options *o, int argc, char **argv) {
                                           {"hold", required_argument, NULL, OPT_HOLD},
                                           {"page", required_argument, NULL, OPT_PAGE},
                                           {0}};
-    opterr = 0; /* the message is ours */
+    opterr = 0; /* the program prints its own message */
     for (int c, rc; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
         rc = 0;
         switch (c) {
@@ -215,7 +216,7 @@ static int parse(options *o, int argc, char **argv) {
     return app_output_check(o->json) ? APP_BAD_INPUT : 0;
 }
 
-/* What belongs to the other kind of study is not passed over in silence. */
+/* Refuses options of the other kind of study. */
 static int check_kind(const options *o) {
     const study *t = &o->study;
     if (t->file && o->some)
@@ -230,7 +231,7 @@ static int check_kind(const options *o) {
 
 int main(int argc, char **argv) {
     char found[2048];
-    static options o; /* the study is too large for a stack */
+    static options o; /* too large for a stack */
     o.reference = found;
     o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 600, .finest = INFINITY, .hold_s = 10, .slower = 1};
     app_check_stdout();

@@ -1,4 +1,4 @@
-/* The pressed quarter block: mesh, supports, rest, what is measured on it, and what CalculiX answered. */
+/* The pressed quarter block: mesh, supports, equilibrium, measured quantities, and CalculiX's results. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -152,7 +152,7 @@ differences compare(const measured *m, const measured *truth) {
 
 tm_material material_liver(void) {
     tm_material m;
-    if (tm_material_young(5e3, 0.45, &m, NULL) != TM_OK) abort(); /* constants of ours */
+    if (tm_material_young(5e3, 0.45, &m, NULL) != TM_OK) abort(); /* constants from this file, always valid */
     m.density_kg_m3 = 1060;
     return m;
 }

@@ -1,6 +1,6 @@
-/* What is felt between force samples: the scene's samples at each rate, as a controller gets them, through each of its
- * extrapolators at 500 Hz, against the same scene run at 500 frames a second. The tool's place is known without
- * encoders' steps. Frames stay as they are: their rate is that of pictures. */
+/* Force between samples at the hand. The scene's samples at each rate, as a controller receives them, pass through each
+ * of its extrapolators at 500 Hz and are compared with the same scene run at 500 frames a second. The tool's pose is
+ * known without encoder steps. Frames remain as they are: their rate is that of pictures. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,10 +12,10 @@
 #include "studies/replay/replay.h"
 #include "study.h"
 
-/* --- what is run --- */
+/* --- planned runs --- */
 
-/* Samples of a frame, ascending: one, the scene's own, and rates up to that of the controller's ticks. Returns how
- * many. */
+/* Fills the samples per frame, ascending: one, the scene's own, and rates up to that of the controller's ticks. Returns
+ * their number. */
 enum { RATES = 8 };
 static int list_rates(const study *t, const sim *own, int times[RATES]) {
     static const double rate_Hz[] = {50, 500, 100, 250};
@@ -32,8 +32,8 @@ static int list_rates(const study *t, const sim *own, int times[RATES]) {
     return count;
 }
 
-/* Without stiffness and patch `tangent` and `local_model` have nothing of their own; the paper's unsigned law is
- * compared once. What the scene has is run whatever it is. */
+/* Returns whether a combination is worth a run. Without stiffness and patch `tangent` and `local_model` equal simpler
+ * laws; the paper's unsigned law is compared once. The scene's own combination always runs. */
 static bool makes_sense(const study *t, int law, int times, sim_sends most) {
     if (law == t->own_law && times == t->own_times) return true;
     if (law == HRT_PAPER_POSITION) return times == 1;
@@ -54,8 +54,9 @@ static void plan_one(study *t, const sim *own, int law, int times) {
     if (t->sends >= 0 && t->sends != (int)r->sends) study_set(r, "haptics.sends=%s", words[r->sends]);
 }
 
-/* Samples with stiffness or patch are recorded by themselves: others do not pay for them. One a frame serves all, as
- * the scene as it is says what it costs without. */
+/* Returns whether one recording serves both runs. Samples with stiffness or patch are recorded separately, so that
+ * others do not include their cost. With one sample per frame one recording serves all: the scene as it is gives the
+ * cost without them. */
 static bool is_served(const study_run *r, const study_run *by) {
     return study_is_felt(r) && r->times == by->times &&
            (r->times == 1 || (r->sends == SIM_SENDS_FORCE) == (by->sends == SIM_SENDS_FORCE));
@@ -76,9 +77,9 @@ void study_plan_felt(study *t, const sim *own) {
     }
 }
 
-/* --- the truth --- */
+/* --- the reference --- */
 
-/* Settings of every run, with haptics where `more` says how. */
+/* Builds with the settings common to all runs; `more`: settings of haptics. */
 static sim *build_with(const study *t, const study_run *r, const char *const *more, char *why, size_t size) {
     char *set[STUDY_SETS];
     int count = 0;
@@ -107,7 +108,7 @@ static bool goes_on(void *user, const sim *s, int k) {
     return study_part_goes_on(now->t, now->r, now->began_s, k + 1, now->ticks) && !app_interrupted();
 }
 
-/* At 500 frames a second, each the last substep's force alone. */
+/* Records 500 frames a second, each with the force of its last substep only. */
 static bool record_truth(study *t, study_run *r, recording *rec, char *why, size_t size) {
     const char *const more[] = {"time.frame_rate=500",       "time.average=0",      "haptics.rate=500 Hz",
                                 "haptics.extrapolator=hold", "haptics.sends=force", NULL};
@@ -139,7 +140,8 @@ static void read_sample(void *user, const sim *s, int sample) {
     }
 }
 
-/* Frames along the path, as a controller gets their samples; what each costs. False: went unstable, or left out. */
+/* Runs frames along the path with samples as a controller receives them, and measures each frame's cost. Returns false
+ * if the tissue became unstable or the run was left out. */
 static bool drive(study *t, study_run *r, sim *s, taking *now, double *cost_s, int frames) {
     const study_each each = {NULL, read_sample, now};
     char label[120];
@@ -154,7 +156,7 @@ static bool drive(study *t, study_run *r, sim *s, taking *now, double *cost_s, i
     return true;
 }
 
-/* What the rate changes in the force at the frames' ends, which the exactness of a mesh is measured by. */
+/* Returns the change of the force at the frames' ends by the rate: the same measure as for a mesh's error. */
 static double change_of(const study *t, const sim *s, const double *samples_N, int frames) {
     const study_run *own = &t->run[0];
     const size_t width = 3 * (size_t)s->instrument_count;
@@ -166,7 +168,7 @@ static double change_of(const study *t, const sim *s, const double *samples_N, i
     return change;
 }
 
-/* The scene's frames with so many samples each; what they cost goes into `r`. */
+/* Runs the scene with this many samples per frame; stores the cost in `r`. */
 static bool sample_scene(study *t, study_run *r, recording *rec, char *why, size_t size) {
     static taking now;
     char rate[60];
@@ -198,12 +200,12 @@ static bool sample_scene(study *t, study_run *r, recording *rec, char *why, size
 
 /* --- replays --- */
 
-/* RMS of the error over that of the truth, all instruments together. */
+/* Returns the RMS error over the RMS of the reference, over all instruments. */
 static double felt(const recording *rec, int count, hrt_extrapolator which, int late) {
     const conditions line = {.latency_frames = late, .seed = 1};
     double error2 = 0, truth2 = 0;
     for (int i = 0; i < count; i++) {
-        if (!(rec[i].peak_N > 0)) continue; /* touches nothing */
+        if (!(rec[i].peak_N > 0)) continue; /* never touches */
         const errors e = replay(&rec[i], which, &line, NULL);
         error2 += e.rms * e.rms * rec[i].peak_N * rec[i].peak_N * e.judged;
         for (int k = 0; k < 3 * rec[i].ticks; k++) truth2 += (double)rec[i].truth_N[k] * (double)rec[i].truth_N[k];
@@ -234,7 +236,7 @@ static void finish(study *t, const study_run *first, const recording *rec) {
     }
 }
 
-/* `all`: runs of all rates, for there is no truth. */
+/* Marks runs as failed; `all`: runs of all rates, because there is no reference. */
 static void give_up(study *t, bool all, const study_run *first, const char *why) {
     const bool left_out = first->left_out;
     char words[sizeof first->why];
@@ -253,14 +255,14 @@ static bool is_done(const study *t, const study_run *first) {
     return all;
 }
 
-/* The runs that r's samples serve. Returns false where nothing can be judged: there is no truth. */
+/* Measures the runs that r's samples serve. Returns false if none can be judged, because there is no reference. */
 static bool measure_group(study *t, study_run *r, recording *rec, bool *truth) {
     char why[sizeof r->why] = "";
     if (is_done(t, r)) return true;
     const bool good = study_may_start(t, r, study_expected_group_s(t, r)) && sample_scene(t, r, rec, why, sizeof why) &&
                       (*truth || app_interrupted() || (*truth = record_truth(t, r, rec, why, sizeof why)));
     if (app_interrupted()) return false;
-    const study_run first = *r; /* rewritten with its own */
+    const study_run first = *r; /* rewritten with its own settings */
     if (good)
         finish(t, &first, rec);
     else
@@ -268,7 +270,7 @@ static bool measure_group(study *t, study_run *r, recording *rec, bool *truth) {
     return *truth;
 }
 
-/* A frame's samples first, then from the highest rate down. */
+/* Measures one sample per frame first, then from the highest rate down. */
 int study_measure_felt(study *t) {
     recording *rec = app_zeroed(TM_MAX_INSTRUMENTS, sizeof *rec);
     bool truth = false, goes_on = true;

@@ -1,4 +1,4 @@
-/* What is run: the scene as it is, and one change of it at a time. */
+/* Plans the runs: the scene as it is, and one change of it at a time. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,7 +10,7 @@
 #include "sim/stream.h"
 #include "study.h"
 
-/* Files that a setting names count by what is in them. */
+/* Hashes files that a setting names by their contents. */
 void study_make_key(const study *t, study_run *r) {
     uint64_t hash = sim_hash_bytes(t->files, tm_version(), strlen(tm_version()));
     /* As written: 41 frames of 40 ms are 1.6400000000000001 s, of which a study's file keeps 1.64. */
@@ -30,7 +30,7 @@ static uint64_t files_hash(const study *t, const sim *own) {
     return own->fibre ? sim_hash_bytes(hash, own->fibre, 3 * sizeof *own->fibre * (size_t)own->mesh->tet_count) : hash;
 }
 
-/* --- meshes, each with and without the effect `volume` --- */
+/* --- meshes, each with and without strain smoothing --- */
 
 static void toggle_volume(study_run *r, bool named) {
     r->form = STUDY_OTHER_VOLUME;
@@ -48,7 +48,7 @@ static void plan_meshes(study *t, const sim *own) {
             r->mesh = m;
             if (m) study_set(r, "tissue.mesh=%s", t->mesh[m].path);
             r->foreign = t->mesh[m].foreign;
-            if (own->scene->step.line && t->mesh[m].step > 0) /* the scene's is too long for it */
+            if (own->scene->step.line && t->mesh[m].step > 0) /* the scene's step is too long for it */
                 study_set(r, "time.step=%.9g", own->dt_s * fmin(1, t->mesh[m].step));
             if (t->mesh[m].made) study_set(r, "tissue.scale=1"), study_set_carried(r, own);
             if (m && *t->mesh[m].fibres) {
@@ -77,7 +77,8 @@ static void plan_numbers(study *t, const sim *own) {
     for (int m = 0; m < 3; m++) {
         const int section = sim_effect_find(scene, "hybrid");
         if (m == scene->model.index || (t->quick && m == APP_PRECOMPUTED)) continue;
-        if (m == APP_HYBRID && !((const app_section *)scene->effect[section])->line) continue; /* it has no part */
+        if (m == APP_HYBRID && !((const app_section *)scene->effect[section])->line)
+            continue; /* the effect is absent */
         study_set(study_add(t, "model", model[m]), "model=%s", model[m]);
     }
     for (int k = 0; k < 3; k++) {
@@ -89,8 +90,8 @@ static void plan_numbers(study *t, const sim *own) {
     }
 }
 
-/* Longer steps by tissue that is made heavier. The scene's own bound on that (`time.mass_scaling_max`) stays: beyond it
- * the run says that it cannot be. */
+/* Plans longer steps by mass scaling. The scene's bound `time.mass_scaling_max` stays; a run beyond it fails with that
+ * message. */
 static void plan_mass(study *t, const sim *own) {
     static const double factor[] = {1.2, 1.5, 2};
     if (own->scene->model.index != APP_DYNAMIC || sim_has(own, "strain_smoothing")) return;
@@ -110,7 +111,7 @@ static void plan_mass(study *t, const sim *own) {
     }
 }
 
-/* Among how many threads the scene's step is divided where so many are asked for. */
+/* Returns among how many threads the scene's step is divided if this many are requested. */
 static int parts_of(const study *t, const char *asked) {
     char why[400], *set[STUDY_SETS];
     memcpy(set, t->set, sizeof *set * (size_t)t->set_count);
@@ -121,8 +122,8 @@ static int parts_of(const study *t, const char *asked) {
     return parts;
 }
 
-/* Of this machine's processors as many as the tissue is worth; a scene that has several by itself is run with one,
- * which waits for no other. The forces are the same to the bit. */
+/* Plans as many of this machine's processors as the tissue is worth. A scene with several threads is also run with one,
+ * which waits for no other. The forces are bit-identical. */
 static void plan_threads(study *t, const sim *own) {
     const long cores = sysconf(_SC_NPROCESSORS_ONLN);
     char name[40], asked[40];
@@ -138,7 +139,7 @@ static void plan_threads(study *t, const sim *own) {
 
 /* --- effects --- */
 
-/* Fibred tissue as if it were all like across its fibres. */
+/* Makes fibred tissue isotropic with its transverse constants. */
 static void without_fibres(study_run *r, const app_scene *scene) {
     for (int i = 0; i < scene->material.count && r->set_count + 2 < STUDY_SETS; i++) {
         const app_material *m = (const app_material *)scene->material.item + i;
@@ -166,7 +167,7 @@ static void plan_effects(study *t, const sim *own) {
             study_set(study_add(t, "add", sim_effects[e]->name), "%s=", sim_effects[e]->name);
 }
 
-/* --- constants that nobody knows well --- */
+/* --- uncertain constants --- */
 
 #define STIFF(name)                                                                                                    \
     { #name, offsetof(app_material, name) }
@@ -207,7 +208,7 @@ static void plan_constants(study *t, const sim *own) {
                     study_set(poisson, "tissue.materials.%s.%s=%.9g", m->region.s, ratio[c].name, value);
             }
         }
-        /* A fifth of the right angle that fibres can be off at most. */
+        /* A fifth of the maximum possible fibre error, 90 degrees. */
         if (own->fibre && study_turn_fibres(t, own, way * 18 * 3.14159265358979 / 180, path)) {
             snprintf(name, sizeof name, "fibres turned by %+d deg", 18 * way);
             study_run *r = study_add(t, "constant", name);
@@ -238,7 +239,7 @@ int study_plan_own(study *t) {
     char why[400] = "";
     app_scene *scene = NULL;
     int rc = app_exit_code(
-        sim_scene_load(t->file, t->set, t->set_count, app_program_host(), &scene)); /* complains as tm-sim does */
+        sim_scene_load(t->file, t->set, t->set_count, app_program_host(), &scene)); /* prints tm-sim's messages */
     if (rc) return rc;
     if (!scene->instrument.count || !scene->hand.count)
         rc = app_bad_input(t->file, 0, "the hand's path is the load of the study, and the scene has no %s; add it",

@@ -1,6 +1,5 @@
-/* tm-accuracy --scene, from first to last, and in which order its runs are made, so that its limit holds what says
- * most: the scene as it is, the finest mesh, which the truth is of, extrapolators, then the quicker before the longer.
- */
+/* tm-accuracy --scene from start to end. Orders the runs so that the time limit covers the most informative ones: the
+ * scene as it is, the finest mesh (needed for the reference), extrapolators, then shorter before longer runs. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +11,7 @@
 
 /* --- the scene as it is --- */
 
-/* The path ends at frame t->time.cut_at: all runs, and the promise, are of what is before. */
+/* Ends the path at frame t->time.cut_at: all runs and the prediction concern the part before. */
 static void cut_path(study *t) {
     study_run *own = &t->run[0];
     char limit[24], words[120];
@@ -26,14 +25,15 @@ static void cut_path(study *t) {
                study_span(t->limit_s, limit));
 }
 
-/* The scene as it is, along as much of its path as the limit holds. */
+/* Measures the scene as it is, along as much of its path as the limit allows. */
 static int study_measure_own(study *t) {
     study_run *own = &t->run[0];
     t->time.run_began_s = app_seconds();
     int rc = study_measure(t, own);
     if (rc || !t->time.cut_at) return rc;
     cut_path(t);
-    /* Once more as far as that, however slow the machine is now: its moments of shape are of a path's length. */
+    /* Measures it again over the same length, even if the machine is slower now: its moments of shape belong to that
+     * length. */
     const double limit_s = t->limit_s;
     t->limit_s = INFINITY;
     t->time.run_began_s = app_seconds();
@@ -78,7 +78,7 @@ static void say_what_comes(const study *t) {
                study_span(sum, all), study_span(t->limit_s, limit));
 }
 
-/* All other runs: the finest mesh, extrapolators, then the quicker before the longer. */
+/* Measures all other runs: the finest mesh, extrapolators, then shorter before longer ones. */
 static int study_measure_all(study *t) {
     int order[STUDY_RUNS], count = 0, finest = 0, rc = 0;
     for (int i = 1; i < t->run_count; i++) {
@@ -144,7 +144,7 @@ static void print_truth(const study *t) {
                left_out, study_span(t->limit_s, limit));
 }
 
-/* Python draws; the study stands without it. */
+/* Draws the page by Python; the study is valid without it. */
 static int draw(const study *t) {
     char script[2048], python[1200];
     const char *asked = getenv("TM_PYTHON");
@@ -161,7 +161,7 @@ static int draw(const study *t) {
                          script);
 }
 
-/* Errors of a force that is not there would all be 0. */
+/* Warns if the tool never touches: all errors would be 0. */
 static void remark_untouched(const study *t) {
     const study_run *own = &t->run[0];
     for (int i = 0; i < own->frames * own->instruments * 3; i++)

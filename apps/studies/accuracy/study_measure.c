@@ -1,5 +1,5 @@
-/* One setting of the scene, along its hand's path: force a frame, shape at some moments, price. A frame goes by its
- * force samples: `haptics.rate` divides it, and forces are compared at frames' ends. */
+/* Measures one setting of the scene along its hand's path: force per frame, shape at some moments, cost. A frame is run
+ * sample by sample, as `haptics.rate` divides it; forces are compared at frames' ends. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -13,7 +13,7 @@
 #include "sim/stream.h"
 #include "study.h"
 
-/* --- a run before it is made --- */
+/* --- preparation of a run --- */
 
 void study_set(study_run *r, const char *format, ...) {
     va_list list;
@@ -52,7 +52,8 @@ bool study_frame(sim *s, int k, const study_each *each, double *cost_s) {
     return true;
 }
 
-/* A force is the mean of its last substeps: of a sample those of its end, of a frame with one sample more of them. */
+/* A force is the mean of the last substeps: of a sample, or, with one sample per frame, of the frame, which has more of
+ * them. */
 double study_back(const sim *s) {
     const double frame_s = 0.5 * fmax(s->scene->average.si * s->frame_s - s->dt_s, 0),
                  sample_s = 0.5 * (s->average - 1) * s->dt_s;
@@ -73,7 +74,7 @@ void study_at_frames(const double *samples_N, int frames, int samples, size_t wi
 
 /* --- a run --- */
 
-/* The first line of what was said, without its "scene.yaml:12: " where it stays readable. */
+/* Keeps the first line of the message, without its "scene.yaml:12: " if it stays readable. */
 static void keep_words(FILE *said, char *why, size_t size) {
     char line[1000];
     rewind(said);
@@ -109,7 +110,8 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
     return good ? s : NULL;
 }
 
-/* The same vertices of the file in every run, as finer meshes keep their numbers: the mesh's numbers of them. */
+/* Chooses the same vertices of the file in every run, since finer meshes keep their numbers, and converts them to the
+ * mesh's numbers. */
 static void choose_points(const sim *s, int own_vertices, int32_t point[STUDY_POINTS]) {
     int32_t *vertex = app_zeroed((size_t)s->mesh->vertex_count, sizeof *vertex);
     sim_vertices_of_file(s, vertex);
@@ -133,14 +135,14 @@ static void read_memory(study_run *r, const sim *s, double duration_s) {
     r->instruments = s->instrument_count;
     r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps, r->tets = s->mesh->tet_count;
     r->threads = study_threads(s);
-    /* The precomputed model moves the surface alone. */
+    /* The precomputed model moves only the surface. */
     r->points = r->foreign || s->scene->model.index == APP_PRECOMPUTED ? 0 : STUDY_POINTS;
     r->force_N = app_zeroed((size_t)r->frames * (size_t)r->instruments * 3, sizeof(double));
     r->u_m = app_zeroed((size_t)STUDY_MOMENTS * STUDY_POINTS * 3, sizeof(double));
 }
 
-/* The frames. What a frame costs is processor time, which other programs on the machine stretch least; how long several
- * threads take over it is not to be had from that. */
+/* Runs the frames. The cost is processor time, which other programs affect least; with several threads it does not give
+ * the duration. */
 static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
     int32_t point[STUDY_POINTS];
     char label[120];

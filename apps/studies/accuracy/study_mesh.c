@@ -1,6 +1,6 @@
-/* Other meshes of the study: its own made coarser (its surface filled anew by tm-mesh fill, with regions, groups and
- * fibres of what lies nearest; surface and inner boundaries are then rounder) and finer by tm-mesh refine, those of
- * --mesh; and files of fibres. */
+/* Other meshes of the study: coarser ones (tm-mesh fill fills the scene's surface again, which rounds boundaries;
+ * regions, groups and fibres come from the nearest elements), finer ones by tm-mesh refine, and those of --mesh. Also
+ * files of fibres. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>
@@ -18,7 +18,7 @@
 
 /* --- tm-mesh, and files of fibres --- */
 
-/* Waits for it as long as a run may take. */
+/* Waits for a child at most as long as a run may take. */
 static int wait_for(const study *t, pid_t child) {
     const double began_s = app_seconds(), allowed_s = fmin(study_run_limit_s(t), study_left_s(t));
     int status = -1;
@@ -34,7 +34,7 @@ static int wait_for(const study *t, pid_t child) {
     return status;
 }
 
-/* tm-mesh beside this program, its words into the void: what it cannot do shows in the file that is not there. */
+/* Runs the tm-mesh next to this program, with its output discarded. A failure shows in the missing file. */
 static bool study_run_mesh(const study *t, char *const *argument) {
     char path[1100];
     const ssize_t length = readlink("/proc/self/exe", path, 1000);
@@ -86,7 +86,7 @@ static bool write_surface(const tm_mesh *mesh, const char *path) {
     return app_output_end(&output, file, &error);
 }
 
-/* The lattice has twelve tetrahedra in the cube of its longest edge. */
+/* Returns the lattice's edge: it has twelve tetrahedra in the cube of its longest edge. */
 static double edge_m(const tm_mesh *mesh, double tets) {
     double volume_m3 = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) volume_m3 += mesh->volume_m3[t];
@@ -102,7 +102,7 @@ static bool fill(const study *t, const sim *own, double factor, const char *surf
     return write_surface(own->mesh, surface) && study_run_mesh(t, copy);
 }
 
-/* Regions, groups and fibres into the mesh of `path`; how many tetrahedra it has, 0: cannot be. */
+/* Transfers regions, groups and fibres to the mesh of `path`. Returns its number of tetrahedra; 0: impossible. */
 static int dress(const sim *own, study_mesh *m) {
     tm_mesh_file file = {0};
     tm_mesh *mesh = NULL;
@@ -120,7 +120,7 @@ static int dress(const sim *own, study_mesh *m) {
     return tets;
 }
 
-/* About `factor` times fewer tetrahedra, inside the scene's surface. */
+/* Makes a mesh with about `factor` times fewer tetrahedra inside the scene's surface. */
 static bool study_coarsen(study *t, const sim *own, double factor, const char *name) {
     study_mesh *m = &t->mesh[t->mesh_count];
     char surface[1024];
@@ -158,14 +158,14 @@ static double longest_edge_m(const tm_mesh *mesh) {
     return sum / mesh->tet_count;
 }
 
-/* The smallest height of a tetrahedron, which sets the step; `vertex` and `tet` as in tm_mesh. */
+/* Returns the smallest height of a tetrahedron, which determines the step; `vertex` and `tet` as in tm_mesh. */
 static double smallest_height_m(const double *vertex, const int32_t *tet, int32_t tet_count) {
     double smallest = INFINITY;
     for (int32_t t = 0; t < tet_count; t++) {
         const double *p[4];
         double six_volumes = 0, largest = 0;
         for (int a = 0; a < 4; a++) p[a] = vertex + 3 * (size_t)tet[4 * (size_t)t + (size_t)a];
-        for (int a = 0; a < 4; a++) { /* the face across from a */
+        for (int a = 0; a < 4; a++) { /* the face opposite a */
             const double *o = p[(a + 1) % 4], *q = p[(a + 2) % 4], *r = p[(a + 3) % 4];
             double cross[3], volume = 0;
             for (int k = 0; k < 3; k++) {
@@ -190,7 +190,7 @@ static int count_tets(const char *path, double *height_m) {
     return count;
 }
 
-/* What is refined: the scene's mesh, or, where supports name vertices, a copy that has them as groups. */
+/* Finds the mesh to refine: the scene's, or, if supports name vertices, a copy that has them as groups. */
 static bool source_of(const study *t, const sim *own, uint64_t hash, char path[1024], double *scale) {
     const bool carries = study_carried(own) > 0;
     *scale = carries ? 1 : own->scene->scale.si;
@@ -200,7 +200,7 @@ static bool source_of(const study *t, const sim *own, uint64_t hash, char path[1
     return !access(path, R_OK) || study_write_carried(own, path);
 }
 
-/* Supports by vertex number go into what a mesh is made of. */
+/* Adds supports by vertex number to the hash of a mesh's sources. */
 static uint64_t hash_supports(const sim *own, uint64_t hash) {
     for (int i = 0; i < own->scene->support.count; i++) {
         const app_integers *v = &((const app_support *)own->scene->support.item + i)->select.vertex;
@@ -209,8 +209,8 @@ static uint64_t hash_supports(const sim *own, uint64_t hash) {
     return hash;
 }
 
-/* One mesh whose longest edges are `factor` of the scene's mean one, where its runs keep the limits. The file is kept,
- * by what it was made of. */
+/* Makes a mesh with longest edges of `factor` times the scene's mean one, if its runs keep the limits. The file is
+ * named by the hash of its sources. */
 static bool refine(study *t, const sim *own, double factor, const char *name) {
     study_mesh *m = &t->mesh[t->mesh_count];
     char size[40], scale[40], source[1024], from[1024], *argument[20], in[] = "--fibres", out[] = "--write-fibres";
@@ -244,11 +244,11 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
         app_remark("tm-accuracy: tm-mesh refine --size %s made no finer mesh of %s", size, own->scene->mesh.s);
         return false;
     }
-    for (int i = 0; i < t->mesh_count; i++) /* bisection may end at the same one, which says nothing of an order */
+    for (int i = 0; i < t->mesh_count; i++) /* bisection may give the same mesh again, which determines no order */
         if (t->mesh[i].tets >= m->tets && t->mesh[i].tets < 1.2 * m->tets) return false;
     if (m->tets > t->finest) return false;
     m->step = height_m / smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count);
-    /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
+    /* Cost: tetrahedra, steps, and half as much again for cache misses. */
     const double price_s = 1.5 * t->run[0].wall_s * t->run[0].frames * m->tets / own->mesh->tet_count / m->step;
     if (price_s > study_run_limit_s(t)) {
         char would[24], may[24];
@@ -261,7 +261,7 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
     return true;
 }
 
-/* What would not be the same problem on other vertices: held or loaded one by one. */
+/* Returns the setting that prevents other meshes: vertices fixed or loaded one by one. */
 static const char *bound_to_vertices(const app_scene *scene) {
     int by_number = 0;
     for (int i = 0; i < scene->support.count; i++)
@@ -286,7 +286,7 @@ int study_make_meshes(study *t, const sim *own) {
     for (int i = 0; i < (t->quick ? 1 : 2) && !bound; i++) study_coarsen(t, own, i ? 4 : 2, i ? "coarsest" : "coarser");
     for (int i = 0; i < 3 && !bound; i++) {
         static const double factor[] = {0.5, 0.63, 0.8};
-        const double tets = own->mesh->tet_count * pow(factor[i], -3); /* at the least; 1/f times the steps */
+        const double tets = own->mesh->tet_count * pow(factor[i], -3); /* a lower bound; 1/f times the steps */
         if (!(run_s * pow(factor[i], -4) <= study_run_limit_s(t)) || tets > t->finest) continue;
         if (!refine(t, own, factor[i], "finest")) continue;
         if (factor[i] < 0.7 && !t->quick) refine(t, own, factor[i] < 0.6 ? 0.71 : 0.8, "finer");
@@ -313,7 +313,7 @@ bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[102
     const double *hand = ((const app_instrument *)own->scene->instrument.item)->axis.v;
     for (int a = 0; a < 3; a++) axis[a] = mean[(a + 1) % 3] * hand[(a + 2) % 3] - mean[(a + 2) % 3] * hand[(a + 1) % 3];
     double norm = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
-    if (!(norm > 1e-6 * count)) { /* fibres along the hand: any axis across it */
+    if (!(norm > 1e-6 * count)) { /* fibres along the hand: any perpendicular axis */
         const int least = fabs(hand[0]) < fabs(hand[1]) ? (fabs(hand[0]) < fabs(hand[2]) ? 0 : 2)
                                                         : (fabs(hand[1]) < fabs(hand[2]) ? 1 : 2);
         double e[3] = {0};

@@ -1,11 +1,11 @@
-/* Which rate of force samples, and which extrapolator with it: chosen, shown, and said why. */
+/* Chooses, prints and explains the rate of force samples and its extrapolator. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "study.h"
 
-/* A hand tells forces apart that differ by some 7 %; a seventieth of that decides nothing. */
+/* A hand distinguishes forces that differ by some 7 %; 1/70 of that is negligible. */
 static const double FELT = 1e-3;
 
 double study_alike(double error) { return fmax(FELT, 0.05 * error); }
@@ -19,7 +19,7 @@ double study_times_dearer(const study *t, const study_run *r) {
 
 bool study_is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }
 
-/* The paper's unsigned law is there to be compared with. */
+/* Returns whether a law may be recommended: the paper's unsigned law serves only for comparison. */
 static bool is_judged(const study_run *r) {
     return study_is_felt(r) && r->felt_known && r->done && !r->failed && r->law != HRT_PAPER_POSITION;
 }
@@ -29,7 +29,8 @@ static bool is_open(const study *t, int i, double dearer_max, const bool *exclud
     return is_judged(r) && !(excluded && excluded[i]) && study_times_dearer(t, r) <= fmax(dearer_max, 1);
 }
 
-/* Of two alike in error and price: the scene's own extrapolator, else the truer one. */
+/* Returns which of two runs with equal error and cost is preferred: the scene's own extrapolator, else the smaller
+ * error. */
 static bool is_preferred(const study *t, const study_run *a, const study_run *b) {
     if ((a->law == t->own_law) != (b->law == t->own_law)) return a->law == t->own_law;
     return a->force_error < b->force_error;

@@ -1,10 +1,11 @@
-/* The exactest setting within a budget, written as a scene, run, and held to what was promised of it.
+/* Recommends the most accurate setting within a budget, writes it as a scene, runs it, and compares it with the
+ * prediction.
  *
- * A setting is one mesh and form that was run, with another step, mass, precision, threads or another model beside it.
- * What these do together: their differences of force are added to that of the mesh, and their ratios of price
- * multiplied. The exactest by that is run once (verification.c), and what came out is promised: an error that is worse
- * than the sum goes back among the others as what it is, a price above the budget is passed over. That it comes out so
- * in real time is what the run at the end is for. */
+ * A setting is a mesh and form that was run, with another step, mass, precision, number of threads or model. The
+ * combined effect is predicted: force differences are added to the mesh's, cost ratios are multiplied. The most
+ * accurate prediction is run once (verification.c), and the measured result becomes the promise. An error above the sum
+ * returns to the candidates with its measured value; a cost above the budget is rejected. A final run in real time
+ * verifies the promise. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +14,7 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* Of the budget, and of the frame; the rest is for what the hand does that its path did not. */
+/* Usable share of the budget and of the frame; the rest is for motion that the path does not contain. */
 static const double ROOM = 0.9;
 
 static bool usable(const study *t, const study_run *r) {
@@ -32,9 +33,9 @@ static bool sets_step(const study_run *r) {
     return false;
 }
 
-/* What a setting may have beside its mesh, one of each knob. What is heavier for a step is so on its own mesh alone, in
- * place of another step, and of a mesh that has a step of its own no other is; another model's price on another mesh is
- * not this one's ratio, so that it goes with the mesh alone on which it was run. */
+/* Returns whether a run may be added to a choice, one of each knob. Mass scaling is valid only on its own mesh, instead
+ * of another step, and not on a mesh with its own step. Another model's cost ratio is valid only on the mesh on which
+ * it was run. */
 static bool is_extra(const study *t, const study_run *r, const study_choice *with, int knob) {
     static const char *const name[EXTRAS] = {"step", "mass", "precision", "threads", "model"};
     const bool alone = with->mesh_run == 0 && with->extra_count == 0;
@@ -59,11 +60,12 @@ static void predict(const study *t, study_choice *c, double *force_N) {
     c->predicted = c->error = study_distance(force_N, t->truth.force_N, count);
 }
 
-/* Within the budget, and done before the next frame is due; whatever the budget, one thread is one processor. */
+/* Returns whether a choice fits the budget and ends before the next frame. Whatever the budget, one thread is one
+ * processor. */
 static bool within(const study *t, const study_choice *c) { return c->share <= ROOM * t->budget && c->busy <= ROOM; }
 
-/* Within the budget the exactest; errors that differ by less than a twentieth are alike, and then the cheaper. Nothing
- * within it: the cheapest of all. */
+/* Returns whether a is better: smaller error within the budget; of errors within 5 % the cheaper. If none fits, the
+ * cheapest is best. */
 static bool better(const study *t, const study_choice *a, const study_choice *b) {
     const bool fits_a = within(t, a);
     if (fits_a != within(t, b)) return fits_a;
@@ -71,13 +73,13 @@ static bool better(const study *t, const study_choice *a, const study_choice *b)
     return a->error < b->error;
 }
 
-/* What was run: it cannot be, as effects may exclude one another, or was too expensive; or was worse than predicted. */
+/* Rejected choices: impossible, because effects may exclude one another; too expensive; or worse than predicted. */
 enum { TRIED = 64 };
 typedef struct tried {
     struct {
         study_choice of;
         bool cannot;
-        double error; /* measured, where it can be */
+        double error; /* measured, if possible */
     } item[TRIED];
     int count;
 } tried;
@@ -92,7 +94,7 @@ static int find_tried(const tried *b, const study_choice *c) {
     return -1;
 }
 
-/* False: no room for more. */
+/* Stores a rejected choice. Returns false if the table is full. */
 static bool remember(tried *b, const study_choice *c, bool cannot, double error) {
     int at = find_tried(b, c);
     if (at < 0 && b->count == TRIED) return false;
@@ -138,15 +140,15 @@ static bool choose(study *t, const tried *known) {
     return any;
 }
 
-/* What a rate changes in the force at frames' ends is nothing that a mesh has to answer for. */
+/* Returns the change of the force at frames' ends by the rate, which no mesh is responsible for. */
 static double rate_change(const study_run *felt) {
     return felt->felt_known && felt->times > 1 && isfinite(felt->change) ? felt->change : 0;
 }
 
-/* On another mesh patches cost another share: what this predicts is tried as long as it is not far off. */
+/* Patches cost a different share on every mesh: predictions up to this factor above the budget are still tried. */
 static const double PREDICTED_ROOM = 1.5;
 
-/* None where the scene has no haptics. */
+/* Chooses extrapolator and rate; none if the scene has no haptics. */
 static void choose_felt(study *t, const bool *excluded) {
     study_choice *c = &t->choice;
     c->felt_run = 0, c->sends = SIM_SENDS_FORCE;
@@ -158,16 +160,15 @@ static void choose_felt(study *t, const bool *excluded) {
     c->predicted = c->error + rate_change(felt);
 }
 
-/* The choice is run along the path before it is promised: what its changes do together is not their sum where they
- * touch the same thing, what patches cost is another figure on every mesh, and the machine may be slower than it was
- * when its runs were made. */
+/* Result of trying a choice along the path before it is promised. Interacting changes do not add up, patches cost
+ * differently on every mesh, and the machine may be slower than during the runs. */
 typedef enum outcome { GOOD, EXPENSIVE, WORSE } outcome;
 
-/* Ends the simulation. */
+/* Destroys the simulation. */
 static outcome try_out(study *t, sim *s) {
     study_choice *c = &t->choice, priced = *c;
     const bool good = study_price(t, s, &priced), fits = good && within(t, &priced);
-    if (good && !c->fits) { /* by what was predicted nothing does, and this is the cheapest */
+    if (good && !c->fits) { /* no prediction fits the budget, and this is the cheapest */
         *c = priced, c->fits = fits;
         return GOOD;
     }
@@ -177,12 +178,13 @@ static outcome try_out(study *t, sim *s) {
         return WORSE;
     }
     const bool plain = c->sends == SIM_SENDS_FORCE && t->run[c->felt_run].times <= 1;
-    if (!fits && plain) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
+    if (!fits && plain) t->slower *= fmax(1.05, priced.share / c->share); /* probably all predictions are too low */
     if (fits) *c = priced;
     return fits ? GOOD : EXPENSIVE;
 }
 
-/* The choice with the truest extrapolator and sample rate that it has room for; null: `end` says why. */
+/* Builds the choice with the most accurate extrapolator and sample rate that fit. Returns null with the reason in
+ * `end`. */
 static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) {
     study_choice *c = &t->choice;
     const study_choice plain = *c;
@@ -204,7 +206,7 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
     return NULL;
 }
 
-/* The scene as it is was measured along the same path: it is promised where the limit lets nothing be tried. */
+/* Builds the scene as it is, which was measured along the same path, if the limit allows no trial. */
 static sim *build_untried(study *t, char *why, size_t size, int *rc) {
     study_choice *c = &t->choice;
     const study_run *own = &t->run[0];
@@ -216,7 +218,7 @@ static sim *build_untried(study *t, char *why, size_t size, int *rc) {
     return study_build_choice(t, why, size, rc);
 }
 
-/* The best that can be built. Null, and an exit code, having complained. */
+/* Builds the best possible choice. Returns null and an exit code after an error message. */
 static sim *build_best(study *t, int *rc) {
     char why[400] = "";
     const int stem =

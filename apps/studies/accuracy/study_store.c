@@ -1,4 +1,5 @@
-/* The file of a study: written after every run, so that Ctrl-C loses one run at most, and read again by the next. */
+/* The results file of a study: written after every run, so that Ctrl-C loses at most one run, and read by the next
+ * call. */
 #include <math.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -10,7 +11,7 @@
 
 void study_open(study *t) { t->old = app_json_read(t->json); }
 
-/* What a run's file has of every run but of those that cannot be. */
+/* Fields of a run in the file, except of failed runs. */
 static const struct {
     const char *name;
     size_t at;
@@ -167,7 +168,7 @@ int study_save(const study *t, bool whole) {
     cJSON *runs = cJSON_AddArrayToObject(root, "runs");
     for (int i = 0; i < t->run_count; i++)
         if (t->run[i].done) cJSON_AddItemToArray(runs, run_json(t, &t->run[i]));
-    /* Runs of before that this call has not come to yet, or does not ask for, stay. */
+    /* Earlier runs that this call has not reached, or does not need, are kept. */
     const cJSON *one;
     cJSON_ArrayForEach(one, cJSON_GetObjectItem(t->old, "runs")) {
         const char *key = cJSON_GetStringValue(cJSON_GetObjectItem(one, "key"));

@@ -1,5 +1,5 @@
-/* What a study may take: its limit, what a run is expected to take before it starts, its measured beginning, and a
- * line every ten seconds that says what is done and when the end is due. */
+/* Time of a study: its limit, the expected time of a run from before its start and from its beginning, and a status
+ * line every ten seconds with the activity and the expected end. */
 #include <math.h>
 #include <pthread.h>
 #include <signal.h>
@@ -12,10 +12,9 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* Shares of the limit: the scene as it is, along its path; the same where it has touched nothing until then; any run.
- */
+/* Shares of the limit: the scene as it is, along its path; the same if it has touched nothing by then; any run. */
 static const double OWN = 1.0 / 40, UNTOUCHED = 1.0 / 10, RUN = 1.0 / 4;
-/* A beginning that tells a run's pace: frames, seconds, and share of what it may take. */
+/* Beginning of a run that determines its speed: frames, seconds, and share of its time. */
 enum { BEGINNING = 3 };
 static const double BEGINNING_S = 0.3, BEGINNING_SHARE = 0.02;
 
@@ -46,9 +45,9 @@ static struct {
     pthread_cond_t wake;
     pthread_t thread;
     bool runs, stops;
-    int to; /* stderr itself: it is turned elsewhere while a scene is built */
+    int to; /* stderr itself, which is redirected while a scene is built */
     char what[200];
-    double began_s, limit_s, left_s; /* left_s: NAN as long as it is not known */
+    double began_s, limit_s, left_s; /* left_s: NAN while unknown */
 } line = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
 
 enum { EVERY_S = 10 };
@@ -75,14 +74,14 @@ static void *speak(void *nothing) {
     return nothing;
 }
 
-/* Where stderr is a terminal the line of app_progress is there. */
+/* Starts the status line, unless stderr is a terminal, where app_progress prints one. */
 static void begin_line(const study *t) {
     sigset_t all, before;
     line.began_s = t->time.began_s, line.limit_s = t->limit_s, line.left_s = NAN;
     snprintf(line.what, sizeof line.what, "reading the scene");
     if (app_is_quiet() || isatty(STDERR_FILENO)) return;
     line.to = dup(STDERR_FILENO);
-    sigfillset(&all); /* Ctrl-C is the main thread's */
+    sigfillset(&all); /* the main thread handles Ctrl-C */
     pthread_sigmask(SIG_SETMASK, &all, &before);
     line.runs = line.to >= 0 && !pthread_create(&line.thread, NULL, speak, NULL);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
@@ -106,14 +105,14 @@ void study_time_end(study *t) {
     line.runs = false;
 }
 
-/* --- what is expected --- */
+/* --- expected times --- */
 
 static double own_s(const study *t) {
     const study_run *own = &t->run[0];
     return own->setup_s + own->wall_s * own->frames;
 }
 
-/* What runs took over what was expected of them. */
+/* Returns the measured over the expected time of finished runs. */
 static double learned(const study *t) {
     return t->time.made < 3 ? 1 : fmin(fmax(t->time.took_s / t->time.expected_s, 0.5), 3);
 }
@@ -122,14 +121,14 @@ double study_expected_s(const study *t, const study_run *r) {
     const study_mesh *m = &t->mesh[r->mesh];
     const double more = r->mesh ? (double)m->tets / t->mesh[0].tets : 1;
     double factor = more / (r->mesh && m->step > 0 ? fmin(1, m->step) : fmin(1, pow(more, -1.0 / 3)));
-    if (more > 1) factor *= 1.5; /* what the cache no longer holds */
+    if (more > 1) factor *= 1.5; /* cache misses */
     if (r->form == STUDY_OTHER_VOLUME) factor *= 2;
     if (!strcmp(r->name, "half the step") || !strcmp(r->knob, "model")) factor *= 2;
     return learned(t) * factor * own_s(t);
 }
 
-/* A frame's samples with patches and the truth at 500 Hz; of other rates as many more substeps as whole ones of a
- * sample are more than those of a frame, and patches. */
+/* Returns the time of a group: a frame's samples with patches, the reference at 500 Hz, and at other rates the
+ * additional substeps of rounded samples, and patches. */
 double study_expected_group_s(const study *t, const study_run *first) {
     const study_run *own = &t->run[0];
     if (first->times == 1) return 5 * own_s(t);
@@ -166,7 +165,7 @@ double study_left_s(const study *t) {
     return t->time.began_s + t->limit_s - app_seconds() - 2 * study_try_s(t) - study_verify_s(t);
 }
 
-/* All that is not done yet. */
+/* Returns the expected time of all unfinished runs. */
 static double expected_left_s(const study *t) {
     double sum = 2 * study_try_s(t) + study_verify_s(t) + study_expected_felt_s(t);
     for (int i = 1; i < t->run_count; i++) {
@@ -177,7 +176,7 @@ static double expected_left_s(const study *t) {
     return sum;
 }
 
-/* What is done, of how much, for how long to come; under the lock. */
+/* Sets activity, progress and remaining time; call with the lock held. */
 static void set_line(const study *t, const char *what, double share) {
     int done = 0, left_out = 0;
     char of[60] = "", out[40] = "", percent[20] = "";
@@ -203,7 +202,7 @@ void study_doing(const study *t, const char *what, double share) {
     app_progress(*text ? text : what, fmax(share, 0), share >= 1);
 }
 
-/* --- what is started, and gone on with --- */
+/* --- runs that start, and continue --- */
 
 void study_leave_out(study_run *r, const char *whose, double needs_s, double has_s) {
     char needs[24], has[24];
@@ -238,7 +237,7 @@ static bool own_goes_on(study *t, const study_run *r, int k, double spent_s) {
     return false;
 }
 
-/* Share of a run's time that its first `share` frames take: tools that touch are costlier. */
+/* Returns the share of a run's time for its first `share` of frames: frames with contact are costlier. */
 static double share_of_time(const study *t, double share) {
     const study_run *own = &t->run[0];
     const double *path = t->time.path;

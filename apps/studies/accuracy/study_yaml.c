@@ -1,5 +1,5 @@
-/* A scene with some keys changed: its own lines stay, comments and all. The parser says where in the text a value
- * begins and ends; the text is read anew after each change. Changes are as --set takes them ("tissue.mesh=a.msh",
+/* Changes keys of a scene and keeps its other lines and comments. The parser gives the bounds of a value in the text;
+ * the text is parsed again after each change. Changes have the syntax of --set ("tissue.mesh=a.msh",
  * "supports[0].vertex"). */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +13,7 @@ typedef struct text {
     yaml_document_t document;
 } text;
 
-/* Marks count characters, the text is of bytes. */
+/* Converts a mark to bytes: marks count characters. */
 static size_t byte_at(const text *t, size_t character) {
     size_t at = 0;
     for (; t->whole[at]; at++)
@@ -40,7 +40,7 @@ static bool read_text(text *t, const char *path) {
     return good;
 }
 
-/* Puts words in place of the bytes from `from` to before `to`. */
+/* Replaces the bytes from `from` to before `to`. */
 static bool replace(text *t, size_t from, size_t to, const char *words) {
     char *whole = NULL;
     if (asprintf(&whole, "%.*s%s%s", (int)from, t->whole, words, t->whole + to) < 0) return false;
@@ -54,7 +54,7 @@ static yaml_node_t *node(text *t, int id) { return yaml_document_get_node(&t->do
 
 static bool is_flow(const yaml_node_t *n) { return n->data.mapping.style == YAML_FLOW_MAPPING_STYLE; }
 
-/* Where a value's text ends; the parser ends a block where the next thing begins. */
+/* Returns the end of a value's text; the parser ends a block only at the next token. */
 static size_t end_of(text *t, const yaml_node_t *n) {
     if (n->type == YAML_MAPPING_NODE && !is_flow(n) && n->data.mapping.pairs.top > n->data.mapping.pairs.start)
         return end_of(t, node(t, n->data.mapping.pairs.top[-1].value));
@@ -73,7 +73,7 @@ static yaml_node_pair_t *find(text *t, const yaml_node_t *in, const char *key) {
     return NULL;
 }
 
-/* Goes down from the top as far as the path exists: `in` is then what has, or would have, its rest. */
+/* Descends from the root as far as the path exists; `in` is then the node that has, or would have, the rest. */
 static yaml_node_pair_t *walk(text *t, char **path, yaml_node_t **in) {
     *in = yaml_document_get_root_node(&t->document);
     for (;;) {
@@ -90,12 +90,12 @@ static yaml_node_pair_t *walk(text *t, char **path, yaml_node_t **in) {
             if (!value || value->type != YAML_MAPPING_NODE) return NULL;
             rest += *rest == ']';
         }
-        if (value->type != YAML_MAPPING_NODE) return pair; /* "volume:" and nothing */
+        if (value->type != YAML_MAPPING_NODE) return pair; /* "volume:" without a value */
         *in = value, *path = rest + (*rest == '.');
     }
 }
 
-/* "a.b.c", 1: as one key's value, "{b: {c: 1}}". */
+/* Nests a path as one key's value: "a.b.c", 1 gives "{b: {c: 1}}". */
 static void wrap(const char *path, const char *value, char *out, size_t size) {
     const char *dot = strchr(path, '.');
     char inner[4096];
@@ -137,7 +137,7 @@ static bool set(text *t, char *path, const char *value) {
     return replace(t, at, at, line);
 }
 
-/* A section becomes a comment. */
+/* Turns a section into a comment. */
 static bool leave_out(text *t, size_t from, size_t to) {
     bool good = true;
     for (size_t at = to; good && at-- > from;)
@@ -152,7 +152,7 @@ static bool leave_out(text *t, size_t from, size_t to) {
 static bool unset(text *t, char *path) {
     yaml_node_t *in;
     const yaml_node_pair_t *pair = walk(t, &path, &in);
-    if (!pair || strchr(path, '.')) return in && in->type == YAML_MAPPING_NODE; /* it is not there */
+    if (!pair || strchr(path, '.')) return in && in->type == YAML_MAPPING_NODE; /* it is absent */
     const yaml_node_pair_t *begin = in->data.mapping.pairs.start, *end = in->data.mapping.pairs.top;
     const size_t from = start_of(t, pair->key), to = end_of(t, node(t, pair->value));
     if (in == yaml_document_get_root_node(&t->document) && !is_flow(in)) return leave_out(t, from, to);
@@ -168,11 +168,11 @@ static bool change(text *t, const char *edit) {
     return value ? set(t, path, value + 1) : unset(t, path);
 }
 
-/* `file`, absolute, from the folder `from`, absolute and without a slash at its end. */
+/* Writes `file` relative to the folder `from`. Both are absolute; `from` has no slash at its end. */
 static void write_relative(const char *file, const char *from, char *out, size_t size) {
     size_t shared = 0, used = 0;
     for (size_t i = 0; file[i] == from[i] || (file[i] == '/' && !from[i]); i++) {
-        if (file[i] == '/') shared = i + 1; /* what both begin with, as far as a slash */
+        if (file[i] == '/') shared = i + 1; /* common prefix, up to a slash */
         if (!from[i]) break;
     }
     out[0] = 0;
@@ -181,7 +181,7 @@ static void write_relative(const char *file, const char *from, char *out, size_t
     snprintf(out + used, used < size ? size - used : 0, "%s", file + shared);
 }
 
-/* The folder of `path`, absolute. */
+/* Computes the absolute folder of `path`. */
 static bool find_folder(const char *path, char folder[4096]) {
     char name[2048];
     snprintf(name, sizeof name, "%.2000s", path);
@@ -190,7 +190,7 @@ static bool find_folder(const char *path, char folder[4096]) {
     return realpath(slash ? name : ".", folder) != NULL;
 }
 
-/* A change whose value is a file's absolute name, from the written scene's folder. */
+/* Applies a change whose value is a file's absolute name, relative to the written scene's folder. */
 static bool change_moved(text *t, const char *edit, const char *to) {
     char folder[4096], file[4096], moved[4300];
     const char *value = strchr(edit, '=');
@@ -200,7 +200,7 @@ static bool change_moved(text *t, const char *edit, const char *to) {
     return change(t, moved);
 }
 
-/* Paths are relative to the scene's folder, and this one may be written to another. */
+/* Adapts a path: paths are relative to the scene's folder, and the written scene may be in another. */
 static void move_path(text *t, const char *scene, const char *to, const char *key) {
     char path[40], *rest = path, file[4096], found[4096], edit[4200];
     yaml_node_t *in;

@@ -1,5 +1,5 @@
-/* The choice as a scene: its name, its file, what is said of it; and run, once for what is promised of it, once in real
- * time to hold it to that. */
+/* Writes the choice as a scene with its name and evidence, and runs it: once for the promise, once in real time to
+ * verify it. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -91,12 +91,12 @@ void study_say(const study *t) {
         c->real_time ? "" : " (too many)", verdict);
 }
 
-/* The choice of now, as it was written; null: it cannot be. */
+/* Builds the present choice as written. Returns null if that is impossible. */
 static sim *build_written(const study *t, char *why, size_t size) {
     char *set[STUDY_SETS];
     int count = 0;
     const study_choice *c = &t->choice;
-    for (int i = 0; i < t->set_count; i++) /* what no study runs with */
+    for (int i = 0; i < t->set_count; i++) /* effects that no study runs */
         if (sim_effect_left_out(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"))) set[count++] = t->set[i];
     sim *s = study_build(c->file, set, count, why, size);
     for (int i = 0; s && i < s->instrument_count && c->felt_run; i++)
@@ -104,7 +104,7 @@ static sim *build_written(const study *t, char *why, size_t size) {
     return s;
 }
 
-/* Written, and built; null: that, or `rc`. */
+/* Writes and builds the choice. Returns null with the reason in `why` or an exit code in `rc`. */
 sim *study_build_choice(study *t, char *why, size_t size, int *rc) {
     *rc = write_scene(t);
     return *rc || app_interrupted() ? NULL : build_written(t, why, size);
@@ -112,14 +112,14 @@ sim *study_build_choice(study *t, char *why, size_t size, int *rc) {
 
 /* --- its runs --- */
 
-/* Frames along the hand's path, over and over. */
+/* Frames along the hand's path, repeatedly. */
 typedef struct walk {
-    bool paced; /* in real time, the scene anew for each time round: the path's end is not its beginning */
+    bool paced; /* in real time, with a new scene for each pass: the path's end differs from its beginning */
     int frames, late;
-    int samples; /* of a frame */
+    int samples; /* per frame */
     double back; /* study_back */
     double frame_s, sample_s, start_s;
-    int frame;                         /* the one that is run */
+    int frame;                         /* current frame */
     double *cost_s, *work_s, *force_N; /* [frames], [frames], [frames*samples][instruments][3] */
     double wall_s;
 } walk;
@@ -132,7 +132,7 @@ static void wait_until(double when_s) {
     }
 }
 
-/* Along the path once, and as often as `seconds` hold. */
+/* Begins one pass along the path, and as many more as fit into `seconds`. */
 static walk begin_walk(const study_run *own, const sim *s, double seconds) {
     walk w = {.frames = (int)fmax(own->frames, ceil(seconds / s->frame_s)),
               .samples = s->samples,
@@ -151,7 +151,7 @@ static void end_walk(walk *w) {
     free(w->force_N);
 }
 
-/* In real time a sample begins when its period does, as in a session. */
+/* Waits for the beginning of a sample's period, as in a real-time session. */
 static void wait_for_sample(void *user, int sample) {
     const walk *w = user;
     wait_until(w->start_s + w->frame * w->frame_s + sample * w->sample_s);
@@ -164,14 +164,14 @@ static void read_forces(void *user, const sim *s, int sample) {
         memcpy(w->force_N + 3 * (at + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
 }
 
-/* Samples at their times where the walk is paced, else once round as fast as they come. False: went unstable, or
- * was broken off. Ends the simulation. */
+/* Runs the walk: samples at their times if it is paced, else one pass at full speed. Returns false if the tissue became
+ * unstable or the run was stopped. Destroys the simulation. */
 static bool go(study *t, sim *s, walk *w) {
     const bool paced = w->paced;
     char why[400];
     const study_each each = {paced ? wait_for_sample : NULL, read_forces, w};
     const char *label = paced ? "the recommendation, in real time" : "the recommendation, priced";
-    const int every = (int)ceil(0.01 / s->frame_s); /* the work is no burden to short frames */
+    const int every = (int)ceil(0.01 / s->frame_s); /* bounds the extra work per short frame */
     const int path = t->run[0].frames;
     bool good = true;
     int k = 0;
@@ -201,7 +201,7 @@ static bool go(study *t, sim *s, walk *w) {
     return good;
 }
 
-/* Of the worst time round. */
+/* Returns the error of the worst pass. */
 static double error_of(const study *t, const walk *w) {
     const study_run *own = &t->run[0];
     const size_t width = (size_t)own->instruments * 3, path = (size_t)own->frames * width;
@@ -236,7 +236,7 @@ bool study_price(study *t, sim *s, study_choice *out) {
 void study_verify(study *t, sim *s) {
     study_choice *c = &t->choice;
     const double frame_s = s->frame_s;
-    /* At least once along the path, else there is no error to hold against. */
+    /* At least one pass, or there is no error to compare. */
     walk w = begin_walk(&t->run[0], s, fmin(t->hold_s, t->limit_s / 4));
     w.paced = true;
     const bool good = go(t, s, &w);

@@ -1,6 +1,6 @@
-/* Exact compliance in a thread of its own, by the wall clock: when the first patch is whole, how many frames after a
- * cut patches are exact again, and what the simulation's own frame pays for the neighbour. Frames of 25 Hz. Figures of
- * this machine under this load, asserted nowhere. */
+/* Latency of exact compliance in its own thread, by the wall clock: when the first patch is complete, how many frames
+ * after a cut patches are exact again, and how much the simulation's frame slows down meanwhile. Frames of 25 Hz. The
+ * figures are of this machine under this load; no test asserts them. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,8 +24,8 @@ typedef struct bed {
     tm_patch_builder *maker;
     double top_m, middle_m, begin_s;
     int frames;
-    bool exact, whole;           /* the last frame's patch; nothing that it wants is outstanding */
-    double step_s[4 * PATIENCE]; /* of each frame, without the patch */
+    bool exact, whole;           /* exact: the last frame's patch; whole: no request is outstanding */
+    double step_s[4 * PATIENCE]; /* time of each frame, without the patch */
 } bed;
 
 static tm_status make_bed(bed *b, const int32_t cells[3], tm_error *error) {
@@ -67,7 +67,7 @@ static void sleep_until(double at_s) {
     if (left > 0) nanosleep(&(struct timespec){.tv_nsec = (long)(1e9 * fmin(left, 0.9))}, NULL);
 }
 
-/* One frame of 40 ms, no sooner than it is due: the tool circles slowly, pressed in, so that new vertices come near. */
+/* Runs one frame of 40 ms, not before it is due. The pressed tool circles slowly, so that new vertices come near. */
 static bool frame(bed *b) {
     static tm_patch patch;
     const int32_t n = (int32_t)ceil(FRAME_S / tm_world_step_s(b->b.world));
@@ -87,7 +87,7 @@ static bool frame(bed *b) {
     return good;
 }
 
-/* Tetrahedra at the surface in a ball that lies the tool's circle and 9 mm away from the middle. */
+/* Cuts tetrahedra at the surface in a ball beyond the tool's circle, 9 mm further from the middle. */
 static int32_t cut(bed *b, double angle, double radius_m) {
     int32_t gone = 0;
     const double centre[3] = {b->middle_m + 0.017 * cos(angle), b->middle_m + 0.017 * sin(angle), b->top_m};
@@ -100,7 +100,7 @@ static int32_t cut(bed *b, double angle, double radius_m) {
     return gone;
 }
 
-/* Processor time of all threads but this one. */
+/* Returns the processor time of all other threads. */
 static double others_s(void) {
     struct timespec all, own;
     clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &all);
@@ -108,8 +108,8 @@ static double others_s(void) {
     return (double)(all.tv_sec - own.tv_sec) + 1e-9 * (double)(all.tv_nsec - own.tv_nsec);
 }
 
-/* Frames until patches are exact, or whole; without a maker as many as that took, so that both runs are of the same
- * tissue. */
+/* Runs frames until patches are exact, or complete. Without a builder runs the given number, so that both runs have the
+ * same tissue. */
 static int until(bed *b, bool whole, int frames) {
     int waited = 0;
     if (!b->maker) {
@@ -154,7 +154,7 @@ static void report(cJSON *rows, const bed *alone, bed *beside, const ready *r) {
     const int count = beside->frames < most ? beside->frames : most;
     memcpy(step_s, alone->step_s, sizeof step_s);
     const double own_s = app_median(step_s, count), with_s = app_median(beside->step_s, count);
-    const double small_frames = app_median(small, SMALL_CUTS); /* sorts */
+    const double small_frames = app_median(small, SMALL_CUTS); /* app_median sorts */
     double load[1] = {0};
     app_json_add(
         rows,

@@ -1,4 +1,4 @@
-/* Sessions as plain LCM logs: what a run of tm-sim records, or what --generate writes. */
+/* Sessions as plain LCM logs, recorded by tm-sim or written by --generate. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -95,10 +95,10 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]) {
 
 /* --- read --- */
 
-/* Sample times t_n are the controller's clock, arrival is the log's. TOOL carries both: the least difference is the one
- * with the least delay. Kept over the last second or two, so that clocks may drift and be set. */
+/* Relates the controller's clock, of sample times t_n, to the log's, of arrivals. TOOL has both: the minimum difference
+ * has the minimum delay. It is taken over the last one to two seconds, so that clocks may drift and be set. */
 typedef struct clocks {
-    int64_t least_us[2]; /* of the block that fills, and of the one before */
+    int64_t least_us[2]; /* of the current block, and of the previous one */
     int count;
 } clocks;
 
@@ -119,13 +119,13 @@ static int64_t clocks_difference(const clocks *c) {
 
 typedef struct reading {
     recording *r;
-    int64_t session; /* of the controller: the one with the most ticks */
+    int64_t session; /* session of the controller with the most ticks */
     clocks clocks;
     int ticks_capacity, samples_capacity, truths_capacity, truths;
     int64_t first_us;
     bool grasper, started;
     bool origin_known;
-    double origin[3]; /* the trocar */
+    double origin[3]; /* position of the trocar */
     hrt_patch *pending;
     float *truth;
 } reading;
@@ -149,9 +149,9 @@ static app_verdict read_tool(void *user, int instrument, int64_t logged_us, cons
     if (!g->started) {
         g->started = true, g->first_us = r->first_us = m->utime;
         if (!g->origin_known)
-            memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
+            memcpy(g->origin, m->tip_m, sizeof g->origin); /* without patches any nearby point is sufficient */
     }
-    /* Ticks lie on a grid of TICK_US, or a little beside; a gap is filled with the last position. */
+    /* Ticks are approximately on a grid of TICK_US; a gap is filled with the last position. */
     int64_t tick = (m->utime - g->first_us + TICK_US / 2) / TICK_US;
     if (tick < 0 || tick > 100000000) return APP_LEFT;
     r->tip_m = reserve(r->tip_m, &g->ticks_capacity, (int)tick + 1, 3 * sizeof *r->tip_m);
@@ -167,7 +167,8 @@ static app_verdict read_force(void *user, int instrument, int64_t logged_us, con
     reading *g = user;
     const tensormass_force_sample_t *m = message;
     recording *r = g->r;
-    if (!g->started || !m->tool_utime || m->tool_session != g->session) return APP_LEFT; /* before a controller spoke */
+    if (!g->started || !m->tool_utime || m->tool_session != g->session)
+        return APP_LEFT; /* before the first controller message */
     r->sample = reserve(r->sample, &g->samples_capacity, r->samples + 1, sizeof *r->sample);
     sampled *x = &r->sample[r->samples];
     *x = (sampled){.ready_us = logged_us - clocks_difference(&g->clocks) - g->first_us};
@@ -176,7 +177,7 @@ static app_verdict read_force(void *user, int instrument, int64_t logged_us, con
     s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us;
     if (s->t_us < 0) s->t_us = 0;
     if (r->samples && s->t_us <= r->sample[r->samples - 1].sample.t_us)
-        return APP_LEFT; /* the controller takes no older one */
+        return APP_LEFT; /* the controller accepts no older sample */
     if (g->pending && g->pending->seq == s->seq) s->patch = x->patch = g->pending, g->pending = NULL;
     r->samples++;
     return APP_TAKEN;
@@ -208,7 +209,7 @@ static app_verdict read_patch(void *user, int instrument, int64_t logged_us, con
     return APP_LEFT;
 }
 
-/* The truth of the log, or the paper's. */
+/* Copies the truth of the log, or computes the paper's. */
 static void finish(reading *g) {
     recording *r = g->r;
     r->truth_N = app_zeroed(3 * (size_t)r->ticks, sizeof *r->truth_N);
@@ -226,7 +227,7 @@ static void finish(reading *g) {
     }
 }
 
-/* --- what there is, before it is read --- */
+/* --- survey before reading --- */
 
 enum { INSTRUMENTS = LOG_INSTRUMENTS, SESSIONS = 64 };
 
@@ -237,7 +238,7 @@ typedef struct survey {
         int64_t id;
         int ticks, device;
     } session[INSTRUMENTS][SESSIONS];
-    int sessions[INSTRUMENTS]; /* further ones are not looked at */
+    int sessions[INSTRUMENTS]; /* further sessions are ignored */
 } survey;
 
 static app_verdict survey_tool(void *user, int i, int64_t logged_us, const void *message) {
@@ -253,7 +254,7 @@ static app_verdict survey_tool(void *user, int i, int64_t logged_us, const void 
     return APP_TAKEN;
 }
 
-/* The trocar stands in the first patch, or in the simulation's status. */
+/* Takes the trocar from the first patch, or from the simulation's status. */
 static void survey_origin(survey *v, int i, const double trocar_m[3]) {
     if (v->origin_known[i]) return;
     memcpy(v->origin[i], trocar_m, sizeof v->origin[i]);
@@ -273,7 +274,7 @@ static app_verdict survey_patch(void *user, int i, int64_t logged_us, const void
     return APP_TAKEN;
 }
 
-/* The whole log to these listeners. */
+/* Passes the complete log to these listeners. */
 static bool read_through(const char *file, const app_topic *topic, int topics) {
     app_link *log = app_link_read_log(file, &(app_link_def){.topic = topic, .topics = topics});
     if (!log) return false;

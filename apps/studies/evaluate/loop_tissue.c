@@ -1,6 +1,6 @@
-/* Tissue under the closed loop: a model of the study on a coarse mesh, simulated between two samples. It is made
- * stiffer by a factor on forces, which is the same tissue as many times as stiff and as dense (its skin too): linear,
- * it moves as before. */
+/* Tissue in the closed loop: a model of the study on a coarse mesh, simulated between two samples. A factor on forces
+ * makes it that many times as stiff and as dense, contact compliance included; its motion, being linear, is
+ * unchanged. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

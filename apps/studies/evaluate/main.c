@@ -1,4 +1,4 @@
-/* tm-evaluate: errors of extrapolated forces, from logs or from sessions of its own. */
+/* tm-evaluate: errors of extrapolated forces, from logs or from its own sessions. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,7 +39,7 @@ static void list(void) {
     printf("\n");
 }
 
-/* What the log must hold for an extrapolator to be itself: without it the controller runs another in its place. */
+/* Returns what an extrapolator needs that the log lacks; the controller would then run another one. */
 static const char *lacks(const recording *r, hrt_extrapolator which) {
     bool stiffness = false, patch = false;
     for (int i = 0; i < r->samples; i++) {
@@ -58,7 +58,7 @@ static void print_row(const char *name, const char *missing, const errors *e) {
                57.29578 * e->direction_rad);
 }
 
-/* Says in `why` what hinders, if it cannot be judged. */
+/* Evaluates an instrument, or writes the reason in `why` why it cannot be judged. */
 static bool evaluate_instrument(const char *file, const recording *r, int instrument, const conditions *c, cJSON *logs,
                                 char why[160]) {
     if (r->ticks < 2 || r->samples < 2) {
@@ -96,7 +96,7 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
     return true;
 }
 
-/* What each extrapolator would have rendered, tick by tick, on the controller's clock; `to` null: nobody asked. */
+/* Writes each extrapolator's force, tick by tick, on the controller's clock; `to` null: not requested. */
 static void write_forces(FILE *to, const recording *r, int instrument, const conditions *c) {
     float *force[HRT_EXTRAPOLATOR_COUNT];
     for (int x = 0; to && x < HRT_EXTRAPOLATOR_COUNT; x++) {
@@ -213,7 +213,7 @@ typedef struct job {
     bool all, whole, every_path, studying, part[PART_COUNT];
 } job;
 
-/* Of the names that an option takes; -1 after a complaint. */
+/* Returns the index among an option's names; -1 after an error message. */
 static int find(const char *what, const char *const *name, int count) {
     for (int i = 0; i < count; i++)
         if (strcmp(name[i], optarg) == 0) return i;
@@ -221,7 +221,7 @@ static int find(const char *what, const char *const *name, int count) {
     return -1;
 }
 
-/* APP_DONE or an exit code after a complaint. What only tells ends here. */
+/* Parses the options. Returns APP_DONE, or an exit code after an error message. Options that only print end here. */
 static int parse(int argc, char **argv, job *j) {
     static const struct option options[] = {{"study", no_argument, NULL, 's'},
                                             {"generate", required_argument, NULL, 'g'},
@@ -239,7 +239,7 @@ static int parse(int argc, char **argv, job *j) {
                                             {"version", no_argument, NULL, 'v'},
                                             {0}};
     char *rest;
-    opterr = 0; /* the message is ours */
+    opterr = 0; /* the program prints its own message */
     for (int o; (o = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int m = 0;
         switch (o) {

@@ -1,4 +1,4 @@
-/* Tool paths as a surgeon's hand makes them: minimum-jerk strokes between way points, with tremor. */
+/* Tool paths like a surgeon's: minimum-jerk strokes between way points, with tremor. */
 #include <math.h>
 #include <string.h>
 
@@ -8,8 +8,8 @@
 const char *const path_name[PATH_COUNT] = {"tour",           "reversals",          "other-hand-cuts",
                                            "same-hand-cuts", "grasped-and-pulled", "two-cauteries"};
 
-/* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); the grip
- * there; whether the pedal is down from there on. A stroke of zero length is a pause. */
+/* Fields, in millimetres from the touching point: x, y along the surface; z into the tissue (negative: in the air); the
+ * grip there; whether the pedal is down from there on. A stroke of zero length is a pause. */
 enum { FIELDS = PATH_FIELDS, GRIP = 3, PEDAL = 4 };
 static const double tour[][FIELDS] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
                                       {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
@@ -60,8 +60,8 @@ path path_make(path_kind kind, double speed_m_s, double tremor_m) {
 
 static double between(uint64_t *seed, double least, double most) { return least + (most - least) * app_uniform(seed); }
 
-/* A point in four is in the air, every hand begins and ends there; from three in eight on the pedal is down. Hands keep
- * to their sides, 12 mm apart, and reach 8 mm across. */
+/* Makes a random path. A quarter of the points is in the air, as are the first and the last; from three eighths of them
+ * the pedal is down. Hands stay 12 mm apart and reach 8 mm across. */
 static void make_random(path *p, int hand, uint64_t *seed) {
     const double middle_mm = hand ? 6 : -6;
     for (int i = 0; i < p->random_points; i++) {
@@ -80,12 +80,12 @@ path path_make_random(uint64_t seed, int points, double speed_m_s, double tremor
     path p = path_make(PATH_RANDOM, speed_m_s, tremor_m);
     uint64_t state = 2 * seed + 1;
     p.random_points = points;
-    for (int i = 0; i < 8; i++) app_uniform(&state); /* neighbouring seeds begin alike */
+    for (int i = 0; i < 8; i++) app_uniform(&state); /* successive seeds begin with similar values */
     for (int hand = 0; hand < PATH_HANDS; hand++) make_random(&p, hand, &state);
     return p;
 }
 
-/* The leg at a time, and how much of its way is done. */
+/* Finds the leg at a time and the completed share of it. */
 static const double *leg_at(const path *p, stroke s, double time_s, double *ease) {
     int i = 0;
     double at = 0, leg = leg_s(p, s.point[0], s.point[1]);

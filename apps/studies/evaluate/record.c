@@ -1,4 +1,4 @@
-/* Recordings: a model driven along a path, open loop, at some frame rate; the truth is the same model at 500 frames a
+/* Recordings of a model driven along a path, open loop, at some frame rate; the truth is the same model at 500 frames a
  * second. */
 #include <math.h>
 #include <stdio.h>
@@ -10,7 +10,7 @@
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
 
-/* A slit 4 mm wide and 10 mm deep, 6 mm beside the tool's entry. */
+/* Cuts a slit 4 mm wide and 10 mm deep, 6 mm from the tool's entry. */
 static void cut_slit(sim *s) {
     const double *trocar = s->instrument_def[0].trocar_m;
     double top = -HUGE_VAL;
@@ -42,7 +42,7 @@ sim *model_open(model m, double rate_Hz, const char *const *settings) {
     return s;
 }
 
-/* Paths with another instrument, or two, have scenes of their own: of isotropic tissue, whichever model computes it. */
+/* Opens a path's scene. Paths with another instrument, or two, have scenes with isotropic tissue for every model. */
 static sim *path_open(model m, const path *p, double rate_Hz, const char *const *settings) {
     static const char *const computed[MODEL_COUNT][2] = {
         [MODEL_PRECOMPUTED] = {"model=precomputed"},
@@ -66,7 +66,8 @@ typedef struct follower {
     int hands;
 } follower;
 
-/* Of every instrument; the one that is recorded as its encoders see it, and both of two that move at random. */
+/* Computes the poses of all instruments. The recorded one is measured by its encoders, as are both of two that move at
+ * random. */
 static void poses_at(void *user, const sim *s, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
     const follower *f = user;
     const recording *r = f->r;
@@ -84,24 +85,24 @@ static void poses_at(void *user, const sim *s, double time_s, tm_tool_pose to[TM
     }
 }
 
-/* Returns whether the recorded hand holds the pedal of a cautery down, which does not cut where cuts are replayed. */
+/* Returns whether the recorded hand's cautery pedal is down; it does not cut if cuts are replayed. */
 static bool is_cutting(const sim *s, const recording *r, const path *p, double time_s) {
     return s->instrument_def[r->instrument].mode == TM_TOOL_CAUTERY && path_pose(p, r->instrument, time_s).active;
 }
 
-/* Below the trocar, on the block's upper face; the tip's sphere touches it with its centre one radius above. */
+/* Places the path below the trocar on the block's upper face; the tip's centre touches one radius above. */
 static path placed(const path *p, const sim *s) {
     path q = *p;
     const double *trocar = s->instrument_def[0].trocar_m;
     double top = -HUGE_VAL;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++) top = fmax(top, s->mesh->rest_m[3 * v + 2]);
-    q.entry_m[0] = trocar[0] + 0.0013, q.entry_m[1] = trocar[1] - 0.0007; /* on no lattice line */
+    q.entry_m[0] = trocar[0] + 0.0013, q.entry_m[1] = trocar[1] - 0.0007; /* not on a lattice line */
     q.entry_m[2] = top + s->instrument_def[0].radius_m;
     return q;
 }
 
-/* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
- * before contact: frames of before have made the first patch. */
+/* Starts with the tool out of contact, so that nothing swings when the path begins. Contact is at least 0.1 s later, so
+ * that earlier frames have made the first patch. */
 static void start(sim *s, follower *f) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     hrt_params_of_device(&f->r->params, s->axes[f->r->instrument].device);

@@ -1,15 +1,16 @@
-/* The closed loop: device, hand, controller and a delayed simulation of a soft surface. For each extrapolator and rate,
- * the stiffest contact whose oscillation dies out: after a step of 1 mm in the hand's wish the insertion stays within
- * one encoder count.
+/* The closed loop: device, hand, controller and a delayed simulation of a soft surface. For each extrapolator and rate
+ * it finds the stiffest contact whose oscillation decays: after a step of 1 mm in the hand's demand the insertion stays
+ * within one encoder count.
  *
  * The surface is a patch with an exponential compliance kernel, solved at the samples as `local_model` solves it at the
- * ticks. Stated conditions: no Coulomb friction, coupling off, force, slew and stiffness limits out of the way (a case
- * with a limit active is not counted as stable), the same device and hand for all. Theory, for a hold: b > K (T/2 +
- * delay) + B, b the damping of device and hand together, B of the surface, delay the samples' and a tick (Colgate and
- * Schenkel 1997; Diolaiti et al. 2006). It is enough for any hand that is passive; this hand may bear more.
+ * ticks. Conditions: no Coulomb friction; coupling off; force, slew and stiffness limits inactive (a case with an
+ * active limit does not count as stable); the same device and hand for all. Theory, for zero-order hold: b > K (T/2 +
+ * delay) + B, with b the damping of device and hand together, B that of the surface, delay that of the samples plus a
+ * tick (Colgate and Schenkel 1997; Diolaiti et al. 2006). The condition suffices for any passive hand; this hand may be
+ * stable beyond it.
  *
- * On tissue (loop_tissue.c) the same loop, from above it; there a count's step of the tool is felt in the next frame by
- * tissue with mass, and what is left may be a few counts of it. */
+ * On tissue (loop_tissue.c) the same loop is searched from above. There tissue with mass responds in the next frame to
+ * an encoder step of the tool, and a few counts of motion may remain. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,12 +23,12 @@
 
 enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
 static const double TISSUE_COUNTS = 4;
-static const double TISSUE_M_N = 1.0 / 50; /* of the study's tissue under the tip, roughly */
+static const double TISSUE_M_N = 1.0 / 50; /* approximate compliance of the study's tissue under the tip */
 static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002,
                     SECONDS = 6, STEP_AT_S = 3;
 
-/* A flat patch, prepared as a received one, below the tool: surface at insertion SURFACE_M, outward normal towards the
- * trocar. */
+/* Makes a flat patch below the tool, prepared like a received one: surface at insertion SURFACE_M, outward normal
+ * towards the trocar. */
 static void make_patch(hrt_patch *p, double compliance_m_N) {
     *p = (hrt_patch){.vertex_count = VERTICES,
                      .radius_m = (float)RADIUS_M,
@@ -53,10 +54,11 @@ static void make_patch(hrt_patch *p, double compliance_m_N) {
             p->compliance_m_N[at] = i % 3 == j % 3 ? (float)(compliance_m_N * exp(-d / KERNEL_M)) : 0;
         }
     static float scratch[HRT_PATCH_COMPLIANCE];
-    if (hrt_patch_prepare(p, scratch) != HRT_ACCEPT) abort(); /* a patch of ours */
+    if (hrt_patch_prepare(p, scratch) != HRT_ACCEPT) abort(); /* a patch from this file, always valid */
 }
 
-/* The surface's converged reaction on a tip (relative to the trocar), and its stiffness by central differences. */
+/* Computes the surface's converged reaction on a tip (relative to the trocar), and its stiffness by central
+ * differences. */
 static void surface_force(const hrt_patch *patch, const hrt_params *params, const float tip[3], float force[3]) {
     static hrt_extrapolation x;
     hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
@@ -81,8 +83,8 @@ typedef struct loop_case {
     int delay_frames;
     bool passivity;
     int model;         /* of the tissue; -1: the exponential surface */
-    int tick_us;       /* of controller and device */
-    double wall_N_s_m; /* damping of the exponential surface along the shaft, from one sample to the next */
+    int tick_us;       /* period of controller and device */
+    double wall_N_s_m; /* damping of the exponential surface along the shaft, constant between samples */
 } loop_case;
 
 /* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/queries.c). */
@@ -93,7 +95,7 @@ static bool takes_patch(hrt_extrapolator which) { return which == HRT_LOCAL_MODE
 
 typedef struct loop_result {
     bool settled, limited, engaged;
-    double stiffness_N_m; /* of the surface along the shaft where the tool rests */
+    double stiffness_N_m; /* stiffness of the surface along the shaft where the tool rests */
     double last_swing_m;
 } loop_result;
 
@@ -110,14 +112,14 @@ typedef struct loop {
     hrt_patch patch;
     loop_tissue *tissue; /* null: the exponential surface */
     double touch_m;      /* insertion at which the tip touches */
-    double along_N_m;    /* its stiffness along the shaft, of the last sample */
-    double deep_m;       /* where the tip was at the last sample, along the shaft; 0: there was none */
+    double along_N_m;    /* stiffness along the shaft at the last sample */
+    double deep_m;       /* depth of the tip along the shaft at the last sample; 0: none yet */
     waiting line[MAX_LINE];
     int waiting_count;
     uint32_t seq;
 } loop;
 
-/* False: no such tissue. */
+/* Sets up the loop. Returns false if the tissue is not available. */
 static bool set_up(loop *l, const loop_case *c, double compliance) {
     memset(l, 0, sizeof *l);
     if (c->model >= 0 && !(l->tissue = loop_tissue_open((model)c->model, c->rate_Hz, TISSUE_M_N / compliance)))
@@ -129,13 +131,13 @@ static bool set_up(loop *l, const loop_case *c, double compliance) {
     hrt_device_config device = hrt_device_config_default(0);
     for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
     device.period_us = c->tick_us;
-    device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* tissue is not begun in */
+    device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* on tissue the tool starts outside */
     hrt_node_config node = hrt_node_config_default(0);
     if (l->tissue) node.pose = loop_tissue_pose(l->tissue);
     node.pose_known = true, node.extrapolator = c->which, node.passivity = c->passivity;
     node.params.slew_max_N_s = node.params.axis_slew_max_N_s = 20000, node.params.stiffness_max_N_m = 1e6f;
     node.params.power_max_W = node.params.axis_power_max_W = 100;
-    node.params.patch_stale_us = node.params.stale_us = 900000; /* slow rates are studied, not stale links */
+    node.params.patch_stale_us = node.params.stale_us = 900000; /* slow rates are studied, not stale samples */
     node.params.horizon_us = 900000;
     hrt_device_init(&l->device, &device, &l->device_bus);
     hrt_node_init(&l->node, &node, &l->node_bus);
@@ -159,7 +161,7 @@ static void post(loop *l, const waiting *w) {
     hrt_node_post_sample(&l->node, &w->sample);
 }
 
-/* Tissue's samples come without delay. */
+/* Samples of tissue have no delay. */
 static void simulate_tissue(loop *l, int64_t now_us, const tensormass_tool_state_t *tool) {
     static tensormass_contact_patch_t patch;
     tensormass_force_sample_t sample;
@@ -169,14 +171,14 @@ static void simulate_tissue(loop *l, int64_t now_us, const tensormass_tool_state
     hrt_node_post_sample(&l->node, &sample);
 }
 
-/* Samples the tool now; the line holds it back. */
+/* Samples the tool now; the line delays the message. */
 static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us,
                      const tensormass_tool_state_t *tool) {
     if (l->tissue) {
         simulate_tissue(l, now_us, tool);
         return;
     }
-    /* in time it is heard in the next tick; late by a frame, a frame after that one */
+    /* without delay it is received in the next tick; delayed by frames, one frame later */
     waiting w = {.due_us = now_us + (c->delay_frames ? c->delay_frames * frame_us + 1 : 0)};
     w.sample = (tensormass_force_sample_t){.utime = now_us,
                                            .session = 1,
@@ -188,7 +190,7 @@ static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_
     for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
     surface_force(&l->patch, &l->node.config.params, tip, force);
     for (int i = 0; i < 3; i++) w.sample.force_N[i] = (double)force[i];
-    if (l->deep_m > 0 && force[2] < 0) /* a wall brakes and never pulls */
+    if (l->deep_m > 0 && force[2] < 0) /* the surface damps and never attracts */
         w.sample.force_N[2] = fmin(w.sample.force_N[2] - c->wall_N_s_m * ((double)tip[2] - l->deep_m) * c->rate_Hz, 0);
     l->deep_m = (double)tip[2];
     if (is_informed(c) && (c->which == HRT_TANGENT || takes_patch(c->which)))
@@ -244,7 +246,7 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     return r;
 }
 
-/* Largest stable stiffness, by doubling and then halving the gap; `beyond` when nothing tried was unstable. */
+/* Finds the largest stable stiffness, by doubling and then bisection; `beyond` if nothing tried was unstable. */
 static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
     loop_result best = {0};
     double good = 0, bad = 0;
@@ -272,7 +274,7 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
     return best;
 }
 
-/* Largest stable stiffness of a case, as a row. */
+/* Adds the largest stable stiffness of a case as a row. */
 static void add_largest(cJSON *rows, const loop_case *c, bool quick, double damping_N_s_m) {
     bool beyond;
     const loop_result r = largest(c, quick, &beyond);
@@ -281,17 +283,17 @@ static void add_largest(cJSON *rows, const loop_case *c, bool quick, double damp
         "extrapolator %s rate_Hz %g tick_Hz %g delay_frames %d passivity %hhd stiffness_N_m %g beyond %hhd wall_N_s_m %g",
         hrt_extrapolator_name(c->which), c->rate_Hz, 1e6 / c->tick_us, c->delay_frames, c->passivity, r.stiffness_N_m,
         beyond, c->wall_N_s_m);
-    /* a sample is heard in the tick after it was taken */
+    /* a sample is received in the tick after it was taken */
     const double late_s = (0.5 + c->delay_frames) / c->rate_Hz + 1e-6 * c->tick_us;
     app_json_add(row, "theory_N_m %g", (damping_N_s_m - c->wall_N_s_m) / late_s);
 }
 
-/* At streaming rates laws go by forces alone, so that fewer of them differ. */
+/* Returns whether a law is tested. At streaming rates only forces are sent, so fewer laws differ. */
 static bool is_asked(double rate_Hz, int law) {
     return rate_Hz <= informed_rate_max_Hz || law == HRT_HOLD || law == HRT_POSITION || law == HRT_ADAPTIVE;
 }
 
-/* Z-width: what `hold` carries by rate of samples and of ticks, their latency, and the surface's own damping. */
+/* Adds the Z-width of zero-order hold by rates of samples and ticks, latency, and the surface's damping. */
 static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
     static const struct {
         double rate_Hz;

@@ -1,8 +1,8 @@
-/* Operating scenes: what every law errs where tissue is pressed, held, lifted and cut, phase by phase, at every rate of
- * force samples, with what that rate costs.
+/* Operating scenes: errors of every law on tissue that is pressed, held, lifted and cut, by phase, at every rate of
+ * force samples, with the rate's cost.
  *
- * Scenes run as they are, and with cuts that fade: cauteries cut for themselves at every rate. Truth is the same scene
- * at the tick rate. */
+ * Scenes run as they are, and with cuts whose force ramps down; cauteries cut by themselves at every rate. Truth is the
+ * same scene at the tick rate. */
 #include <stdio.h>
 
 #include "evaluate.h"
@@ -10,8 +10,8 @@
 
 static const struct {
     const char *file, *name;
-    bool quick;      /* in the short form too */
-    const char *set; /* null: as the scene is */
+    bool quick;      /* also in the short form */
+    const char *set; /* null: unchanged scene */
 } scenes[] = {{"liver-press", "liver-press", true, NULL},
               {"liver-lift", "liver-lift", false, NULL},
               {"liver-cut", "liver-cut", false, NULL},
@@ -22,8 +22,7 @@ static const struct {
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
 static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 100, 500};
-/* Above this rate a simulation sends no patch (libtensormass/scene/queries.c), and laws that want one go without.
- */
+/* Above this rate a simulation sends no patch (libtensormass/scene/queries.c), and laws that need one run without. */
 static const double patch_rate_max_Hz = 50;
 
 static void add_phases(cJSON *row, const errors *e) {

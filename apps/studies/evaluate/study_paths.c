@@ -1,5 +1,5 @@
-/* Studies of the tool's paths: rates and what comes with them, tissue that is cut or held, the force's own roughness,
- * two cauteries at random. */
+/* Studies along tool paths: rates and what they depend on, tissue that is cut or grasped, roughness of the force, two
+ * cauteries at random. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 /* --- rows --- */
 
-/* Of a row: how it was made. */
+/* Conditions of a row. */
 typedef struct setting {
     const char *model, *path;
     double rate, speed, tremor;
@@ -40,7 +40,7 @@ static void add_error(cJSON *rows, const recording *r, const setting *s, const c
         s->encoders, r->peak_N);
 }
 
-/* One row, and one for each extrapolator. */
+/* Adds one row, and one for each extrapolator. */
 static void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth) {
     for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++)
         add_error(rows, r, s, c, truth, (hrt_extrapolator)x, hrt_extrapolator_name((hrt_extrapolator)x));
@@ -52,7 +52,7 @@ static const double TREMOR_M = 40e-6, SPEED_M_S = 0.01, RATE_HZ = 20;
 static const double rates[] = {10, 15, 20, 25, 30, 50, 100}, speeds[] = {0.005, 0.01, 0.02, 0.03, 0.05, 0.1};
 enum { RATES = sizeof rates / sizeof *rates, SPEEDS = sizeof speeds / sizeof *speeds };
 
-/* Samples of the model at a rate, with the truth of the same path copied from `truth`. */
+/* Records samples of the model at a rate, with the truth of the same path copied from `truth`. */
 static int sampled_at(model m, const path *p, double rate, bool encoders, const recording *truth, recording *out) {
     memset(out, 0, sizeof *out);
     snprintf(out->name, sizeof out->name, "%s %g Hz", model_name[m], rate);
@@ -63,7 +63,7 @@ static int sampled_at(model m, const path *p, double rate, bool encoders, const 
 
 static const conditions ideal = {.seed = 1};
 
-/* One path at one speed: every rate in turn, then at 20 Hz every condition. */
+/* Studies one path at one speed: every rate in turn, then every condition at 20 Hz. */
 static int one_speed(const study_run *run, model m, double speed, double tremor, path_kind kind, cJSON *rows) {
     path p = path_make(kind, speed, tremor);
     recording truth = {0}, r = {0};
@@ -97,7 +97,7 @@ static int one_speed(const study_run *run, model m, double speed, double tremor,
     return rc;
 }
 
-/* The same without the encoders' steps. */
+/* Studies the same without encoder steps. */
 static int without_encoders(model m, cJSON *rows) {
     path p = path_make(PATH_TOUR, 0.01, TREMOR_M);
     recording truth = {0}, r = {0};
@@ -111,7 +111,7 @@ static int without_encoders(model m, cJSON *rows) {
     return rc;
 }
 
-/* The paper's figure 5: impulses, line and error at 20 Hz, in the plane of the slide. */
+/* Reproduces the paper's figure 5: impulses, line and error at 20 Hz, in the plane of the slide. */
 static int figure5(model m, cJSON *out) {
     path p = path_make(PATH_TOUR, 0.01, 0);
     recording truth = {0}, r = {0};
@@ -161,11 +161,11 @@ int study_rates(const study_run *run, cJSON *out) {
     return rc ? rc : study_hands(run, rows);
 }
 
-/* --- cut or held while it is felt --- */
+/* --- tissue that is cut or grasped --- */
 
-/* Cuts are the truth's: the simulation of 20 Hz removes the same tetrahedra at the same simulated times, so that what
- * differs is the extrapolation. A cautery that cuts for itself at 20 Hz cuts a little otherwise, and its row says how
- * many it shares with the truth. */
+/* Adds rows with the truth's cuts: the simulation of 20 Hz removes the same tetrahedra at the same simulated times, so
+ * that only extrapolation differs. A cautery that cuts by itself at 20 Hz removes slightly different tetrahedra; its
+ * row gives the number in common. */
 
 static int sampled_rows(model m, const path *p, const recording *truth, bool own_cuts, cJSON *rows) {
     recording r = {.replay = own_cuts || !truth->cuts.count ? NULL : &truth->cuts};
@@ -184,7 +184,7 @@ static int sampled_rows(model m, const path *p, const recording *truth, bool own
         const conditions c = {.latency_frames = late, .seed = 1};
         add_errors(rows, &r, &s, &c, "model");
         const float blend_us = r.params.blend_us;
-        r.params.blend_us = 0; /* what the bridge from one cut state to the next costs */
+        r.params.blend_us = 0; /* the cost of blending from one cut state to the next */
         if (truth->cuts.count) add_error(rows, &r, &s, &c, "model", HRT_LOCAL_MODEL, "local_model-unbridged");
         r.params.blend_us = blend_us;
         for (int i = before; i < cJSON_GetArraySize(rows); i++) {
@@ -207,7 +207,7 @@ static int one(model m, path_kind kind, cJSON *rows) {
     return rc;
 }
 
-/* Of isotropic tissue; cutting where it can be cut. */
+/* Returns whether a model is of isotropic tissue, and cuttable if the path cuts. */
 static bool can(int m, path_kind kind) {
     return m == MODEL_ISOTROPIC || m == MODEL_HYBRID || (m == MODEL_PRECOMPUTED && kind == PATH_GRASPED);
 }
@@ -223,9 +223,9 @@ int study_hands(const study_run *run, cJSON *rows) {
     return rc;
 }
 
-/* --- the force itself --- */
+/* --- roughness of the force --- */
 
-/* Before any extrapolation: its second difference from tick to tick at 500 frames a second, from shallow to deep. */
+/* Measures the true force's second difference from tick to tick at 500 frames a second, from shallow to deep. */
 
 static int one_depth(model m, double depth_m, cJSON *rows) {
     path p = path_make(PATH_TOUR, 0.01, 0);
@@ -241,7 +241,7 @@ static int one_depth(model m, double depth_m, cJSON *rows) {
             double d = (double)c[i] - 2 * (double)b[i] + (double)a[i];
             d2 += d * d, na += fabs((double)a[i]), nb += fabs((double)b[i]), nc += fabs((double)c[i]);
         }
-        if (na == 0 || nb == 0 || nc == 0) continue; /* contact made or lost */
+        if (na == 0 || nb == 0 || nc == 0) continue; /* contact begins or ends */
         second[count++] = sqrt(d2) / r.peak_N;
         most = fmax(most, second[count - 1]);
     }
@@ -267,11 +267,11 @@ int study_roughness(const study_run *run, cJSON *rows) {
 
 /* --- two cauteries at random --- */
 
-/* For ten minutes they press, slide, cut and lift off, felt with `local_model` by either hand: how far above everything
- * that the tissue really does a hand is ever pushed. */
+/* They press, slide, cut and lift off for ten minutes, rendered with `local_model` at both hands. Measures the maximum
+ * rendered force over the maximum of the truth. */
 
 static const double SOAK_S = 600;
-/* of a quick run: one session, a few strokes of either hand */
+/* of a quick run: one session, a few strokes per hand */
 enum { QUICK_POINTS = 9 };
 
 static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_extrapolator which) {
@@ -283,7 +283,7 @@ static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_ex
                  r->replay ? r->replay->count : 0, r->peak_N);
 }
 
-/* The hands of one session, from one run of the tissue. */
+/* Adds the rows of both hands of one session, from one run of the tissue. */
 static int felt(const path *p, uint64_t seed, cJSON *rows) {
     recording truth[PATH_HANDS] = {{.instrument = 0}, {.instrument = 1}},
               r[PATH_HANDS] = {{.instrument = 0}, {.instrument = 1}};

@@ -1,36 +1,35 @@
-/* SOFA's way to render force at the haptic rate, for comparison (LCPForceFeedback of its haptics plugin): the last
- * frame's constraint problem is kept, its directions and compliance frozen. The tool's motion since then changes the
- * gaps along these directions, the problem is solved again by at most a hundred sweeps from the last forces, and the
- * reactions act on the tool along the same directions. Nothing is found anew: a tool that slides on meets no other
- * face.
+/* SOFA's method to render force at the haptic rate, for comparison (LCPForceFeedback of its haptics plugin). The last
+ * frame's constraint problem is kept with fixed directions and compliance. The tool's motion since then changes the
+ * gaps along these directions. At most a hundred sweeps from the last forces solve the problem again, and the reactions
+ * act on the tool along the same directions. No contact is detected anew: a sliding tool meets no other face.
  *
- * The problem is made of the sample's patch. SOFA's compliance is that of one implicit step, this one that of tissue at
- * rest; our skin is kept in the branch that each row is in, and a hold is bilateral. What the problem does not give of
- * the sample's own force (friction, waves) is added as it is. A sample without a patch is held. */
+ * The problem is built from the sample's patch. SOFA's compliance is that of one implicit step; this one is that of
+ * tissue at rest. Contact compliance stays in each row's branch, and a grasp is bilateral. The part of the sample's
+ * force that the problem does not explain (friction, waves) is added unchanged. A sample without a patch is held. */
 #include <math.h>
 #include <string.h>
 
 #include "studies/replay/frozen.h"
 
 enum { SETTLING = 16, SWEEPS = 100 };
-static const double tolerance = 1e-6; /* of the largest force, a sweep */
-/* The branches of contact_law/compliance.h: radii, and how many times as stiff beyond. */
+static const double tolerance = 1e-6; /* of the largest force, per sweep */
+/* The branches of contact_law/compliance.h: radii, and stiffness ratio beyond. */
 static const double skin_travel = 0.3, skin_hardening = 20;
 
-/* Entry (i, j) of a patch's compliance, stored as the upper triangle row by row. */
+/* Returns entry (i, j) of a patch's compliance, which is stored as the upper triangle row by row. */
 static double compliance(const hrt_patch *p, int i, int j) {
     const int n = 3 * hrt_patch_nodes(p), a = i < j ? i : j, b = i < j ? j : i;
     return (double)p->compliance_m_N[a * n - a * (a - 1) / 2 + b - a];
 }
 
-/* Fills weight[] with what one newton of the row does to each degree of freedom, N. */
+/* Fills weight[] with the force on each degree of freedom per newton of the row. */
 static void spread(const hrt_patch *p, const hrt_contact_row *row, double weight[HRT_PATCH_DOFS]) {
     memset(weight, 0, HRT_PATCH_DOFS * sizeof *weight);
     for (int k = 0; k < 9; k++)
         weight[3 * p->triangle[3 * row->triangle + k / 3] + k % 3] += (double)(row->weight[k / 3] * row->normal[k % 3]);
 }
 
-/* Fills `moved` with what forces on the vertices, N, do to degree of freedom i. */
+/* Returns the displacement of degree of freedom i under forces on the vertices, N. */
 static double respond(const hrt_patch *p, int i, const double force_N[HRT_PATCH_DOFS]) {
     double sum = 0;
     for (int j = 0; j < 3 * p->vertex_count; j++)
@@ -38,7 +37,7 @@ static double respond(const hrt_patch *p, int i, const double force_N[HRT_PATCH_
     return sum;
 }
 
-/* Compliance between the rows, how each follows the tip of a hold, and how each pulls on it. */
+/* Computes the compliance between the rows and the coupling of each row with the tip of a grasp. */
 static void couple(frozen *z, const hrt_patch *p) {
     double weight[HRT_CONTACT_ROWS][HRT_PATCH_DOFS];
     const int tip = 3 * p->vertex_count;
@@ -55,13 +54,13 @@ static void couple(frozen *z, const hrt_patch *p) {
     for (int c = 0; c < 9 && z->holds; c++) z->stiffness[c] = compliance(p, tip + c / 3, tip + c % 3);
 }
 
-/* Depth of the row's skin at a force, a line in the branch that it was in at the sample. */
+/* Returns the row's compliance depth at a force, linear in the branch of the sample. */
 static double depth_at(const frozen *z, int i, double lambda_N) {
     return z->hard[i] ? z->soft_m * (1 - 1 / skin_hardening) + z->skin[i] / skin_hardening * lambda_N
                       : z->skin[i] * lambda_N;
 }
 
-/* Gauss-Seidel sweeps from the last forces. */
+/* Runs Gauss-Seidel sweeps from the last forces. */
 static void sweep(frozen *z, const double gap_m[HRT_CONTACT_ROWS]) {
     for (int k = 0; k < SWEEPS; k++) {
         double change = 0, largest = 1e-9;
@@ -78,14 +77,14 @@ static void sweep(frozen *z, const double gap_m[HRT_CONTACT_ROWS]) {
     }
 }
 
-/* Where a station of the tool's axis is, of a tool that pivots about the origin. */
+/* Computes the position of a station on the axis of a tool that pivots about the origin. */
 static void station_at(const float tip_m[3], double back_m, double at_m[3]) {
     const double reach = sqrt((double)tip_m[0] * (double)tip_m[0] + (double)tip_m[1] * (double)tip_m[1] +
                               (double)tip_m[2] * (double)tip_m[2]);
     for (int c = 0; c < 3; c++) at_m[c] = (double)tip_m[c] * (1 - back_m / reach);
 }
 
-/* Adds what the rows push with, as equivalent forces at the tip, and pull on the hold. */
+/* Adds the rows' reactions as equivalent forces at the tip, and their forces on the grasp. */
 static void add_reactions(const frozen *z, double force[3]) {
     const float *tip = z->now.tip_m;
     double reach = 0, along_N = 0;
@@ -102,7 +101,7 @@ static void add_reactions(const frozen *z, double force[3]) {
     for (int c = 0; c < 3; c++) force[c] += along_N * (double)tip[c] / reach;
 }
 
-/* The problem's force at the tip. */
+/* Computes the problem's force at the tip. */
 static void solve_at(frozen *z, const float tip_m[3], double force[3]) {
     double gap_m[HRT_CONTACT_ROWS], moved[3];
     for (int c = 0; c < 3; c++) moved[c] = (double)tip_m[c] - (double)z->now.tip_m[c];

@@ -1,6 +1,6 @@
-/* Recordings: what was cut, and the same cut again in a run of another frame rate; what a hand does; the tool as its
- * device sees it, samples as the controller takes them, and the truth at every tick; of a path, and of a scene's own
- * hands. */
+/* Recordings of a path or of a scene's own hands: removed tetrahedra and their replay in a run of another frame rate,
+ * the hand's activity, the tool measured by its device, samples as the controller receives them, and the truth at every
+ * tick. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,7 +29,7 @@ static void cut_list_take(cut_list *list, const sim *s, double time_s) {
     list->count = count;
 }
 
-/* What the simulation's last frame cut, all at one time. */
+/* Appends the tetrahedra that the last frame removed, all at one time. */
 static void cut_list_free(cut_list *list) {
     free(list->tet);
     free(list->time_s);
@@ -53,7 +53,7 @@ int cut_list_shared(const cut_list *a, const cut_list *b) {
     return shared;
 }
 
-/* What is due goes; how long until the next does. */
+/* Removes the tetrahedra that are due. Returns the number of steps until the next. */
 static int32_t between(void *user, sim *s) {
     cut_replay *r = user;
     const cut_list *list = r->list;
@@ -73,14 +73,14 @@ void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s) {
 
 /* --- phases --- */
 
-/* Seconds after an event that still belong to it. */
+/* Time for which an event determines the phase, s. */
 static const double touch_s = 0.1, grasp_s = 0.2, let_go_s = 0.3, cut_s = 0.1, slide_m_s = 3e-3;
 
 static void phase_watch_begin(phase_watch *w) {
     *w = (phase_watch){.touched_s = -1, .closed_s = -1, .opened_s = -1, .cut_s = -1};
 }
 
-/* Returns the phase of the tick that ended at time_s, and moves the watch on. */
+/* Returns the phase of the tick that ended at time_s and updates the watch. */
 static phase phase_at(phase_watch *w, const sim *s, int instrument, double time_s, const float tip_m[3]) {
     const tm_tool_pose *pose = &s->pose[instrument];
     const double *f = s->reaction[instrument].force_N;
@@ -143,7 +143,8 @@ void recording_begin(recording *r, const sim *s, int samples, int ticks) {
     r->frame_s = s->sample_s, r->samples = samples, r->sample = app_zeroed((size_t)samples, sizeof *r->sample);
 }
 
-/* The force is the mean of the last substeps: the tool was where it is told of half as long before the sample's end. */
+/* The force is the mean of the last substeps, so the reported tool pose is that at half their duration before the
+ * sample's end. */
 void recording_sample(recording *r, sim_publisher *p, const sim *s, int k) {
     static float scratch[HRT_PATCH_COMPLIANCE];
     const tm_instrument_def *def = &s->instrument_def[r->instrument];
@@ -217,8 +218,8 @@ void recording_free(recording *r) {
 
 enum { SETTINGS = 16 };
 
-/* Returns an exit code after a complaint: the scene has no tool whose force could be replayed. Read without settings
- * of haptics, which want instruments themselves. */
+/* Checks for a tool whose force can be replayed. Returns an exit code after an error message if there is none. Reads
+ * the scene without settings of haptics, which require instruments themselves. */
 static int check_instruments(const scene_record *of) {
     app_scene *scene = NULL;
     int rc = sim_scene_load(of->scene, NULL, 0, app_program_host(), &scene);
@@ -228,7 +229,7 @@ static int check_instruments(const scene_record *of) {
     return rc;
 }
 
-/* Returns 0, or an exit code after a complaint. */
+/* Opens the scene. Returns 0, or an exit code after an error message. */
 static int open_at(const scene_record *of, double rate_Hz, const char *const *more, sim **out) {
     char rate[64], *set[SETTINGS] = {rate};
     int count = 1, rc = check_instruments(of);
@@ -240,8 +241,8 @@ static int open_at(const scene_record *of, double rate_Hz, const char *const *mo
     return rc ? rc : sim_create(scene, out);
 }
 
-/* The hands' poses, and what their devices see of them. By whole microseconds, so that hands are at the same places to
- * the bit whatever the rate: a cautery that is elsewhere by a rounding takes other tetrahedra after a while. */
+/* Computes the hands' poses as their devices measure them. Times are whole microseconds, so poses are bit-identical at
+ * all rates: a rounding difference would make a cautery remove other tetrahedra after a while. */
 static void poses_at(void *user, const sim *s, double time_s, tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
     const recording *r = user;
     const double whole_s = 1e-6 * (double)llround(1e6 * time_s);

@@ -1,4 +1,4 @@
-/* A recording through an extrapolator, tick by tick, and its errors. */
+/* Replays a recording through an extrapolator, tick by tick, and measures its errors. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "studies/replay/frozen.h"
 #include "studies/replay/replay.h"
 
-/* Ticks for which a sample's arrival is still felt: `local_model` begins its bridge to other tissue in the second. */
+/* Ticks affected by a sample's arrival: `local_model` begins to blend to other tissue in the second. */
 enum { SETTLING = 3 };
 
 typedef struct arrival {
@@ -16,7 +16,7 @@ typedef struct arrival {
     const sampled *sample;
 } arrival;
 
-/* What the line delivers and when: lost ones are left out, and no sample overtakes an earlier one. */
+/* Computes which samples arrive and when: lost ones are left out, and no sample overtakes an earlier one. */
 static int arrivals(const recording *r, const conditions *c, arrival *out) {
     uint64_t seed = c->seed * 7919 + 1;
     int count = 0;
@@ -45,7 +45,7 @@ static double length3(const float v[3]) {
     return sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]);
 }
 
-/* `since_us`: when the tissue was that the force is made from. */
+/* Adds the error of a tick. `since_us`: time of the tissue state that the force is computed from. */
 static void judge(sums *s, const recording *r, int tick, int64_t since_us, const float force[3], uint32_t limits) {
     const float *truth = r->truth_N + 3 * tick;
     float d[3] = {force[0] - truth[0], force[1] - truth[1], force[2] - truth[2]};
@@ -71,7 +71,7 @@ static void judge(sums *s, const recording *r, int tick, int64_t since_us, const
     }
 }
 
-/* What turns samples into forces. */
+/* Computes forces from samples. */
 typedef struct player {
     bool is_frozen;
     hrt_extrapolation law;
@@ -142,7 +142,7 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     s.e.cut_since_error2 = s.error2 > 0 ? s.cut_error2 / s.error2 : 0;
     s.e.cut_since_ticks = s.e.judged ? (double)s.cut / s.e.judged : 0;
     s.e.ns_per_tick = 1e9 * spent / r->ticks;
-    s.e.jump_p99 = app_percentile(jump, jumps, 0.99) / r->peak_N; /* sorts */
+    s.e.jump_p99 = app_percentile(jump, jumps, 0.99) / r->peak_N; /* app_percentile sorts */
     s.e.jump_peak = jumps ? jump[jumps - 1] / r->peak_N : 0;
     app_percentile(s.of_tick, s.e.judged, 1);
     for (int i = s.e.judged - s.e.judged / 50; i < s.e.judged && s.error2 > 0; i++)

@@ -1,4 +1,4 @@
-/* What the cases share: a block on a clamp, its energy, and the words of an outcome. */
+/* Shared by the cases: a clamped block, its energy, and the text of an outcome. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>

@@ -1,5 +1,5 @@
-/* Hard cutting: thousands of random removals while a tool presses; everything removed; held pieces cut free. After each
- * the tissue must equal a fresh build of what is left, bit for bit. */
+/* Cutting: thousands of random removals while a tool presses; everything removed; held fragments cut free. After each,
+ * the tissue must be bit-identical to tissue newly built from the remaining tetrahedra. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +7,7 @@
 #include "bandwidth.h"
 #include "stability.h"
 
-/* Differing bytes of forces and masses between the cut tissue and a fresh one with the same living tetrahedra. */
+/* Counts differing bytes of forces and masses between the cut tissue and new tissue with the same active tetrahedra. */
 static int64_t differing_bytes(app_bench *b, const app_bench_def *def) {
     tm_tissue_def fresh_def = tm_tissue_def_default();
     tm_tissue *fresh = NULL;
@@ -42,7 +42,7 @@ static bool open_block(int cells, bool volume, const char *y_name, rig_def *def,
     return rig_open(def, r, y_name, o);
 }
 
-/* Random living tetrahedra, one to ten a frame, until `goal` are gone; the tool presses and slides all the while. */
+/* Removes random active tetrahedra, one to ten per frame, until `goal` are gone, while the tool presses and slides. */
 static void random_cuts_of(bool quick, double whole_goal, bool volume, outcome *o) {
     rig_def def;
     rig r;
@@ -79,8 +79,8 @@ static void random_cuts_volume(bool quick, double whole_goal, outcome *o) {
     random_cuts_of(quick, whole_goal, true, o);
 }
 
-/* Everything goes, layer by layer from the top, the tool following; what is left is an empty, valid model that goes on
- * stepping. */
+/* Removes everything, layer by layer from the top, with the tool following. The empty model must be valid and continue
+ * to step. */
 static void cut_all(bool quick, double argument, outcome *o) {
     (void)argument;
     rig_def def;

@@ -1,4 +1,4 @@
-/* The account of energy: closed to rounding wherever no tool rubs, and what contact, jaws and cuts may add bounded. */
+/* Energy balance: closed to rounding without frictional tools, and bounded additions by contact, jaws and cuts. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -67,7 +67,7 @@ static const double TOP_M = 0.04;
 typedef struct hands {
     rig r;
     tm_energy now, before;
-    double through_J, surplus_J, residual; /* through the hands; tissue's and springs' beyond it at most */
+    double through_J, surplus_J, residual; /* work of the hands; maximum excess of tissue and springs over it */
 } hands;
 
 static bool hands_open(hands *h, tm_tool_mode other, outcome *o) {
@@ -83,7 +83,7 @@ static bool hands_open(hands *h, tm_tool_mode other, outcome *o) {
     return rig_open(&def, &h->r, "surplus J", o);
 }
 
-/* Both go where they are told, in frames of 10 ms. */
+/* Moves both tools to their targets in frames of 10 ms. */
 static void go(hands *h, tm_tool_pose first, tm_tool_pose second, int frames) {
     rig *r = &h->r;
     const tm_tool_pose from[2] = {r->at[0], r->at[1]}, to[2] = {first, second};
@@ -149,7 +149,7 @@ static void actions(bool quick, double argument, outcome *o) {
     if (which == CUT_HELD) go(&h, h.r.at[0], at(0.014, TOP_M - 0.002, 0), 30);
     tm_tool_pose open = h.r.at[0];
     open.grip = 0;
-    go(&h, open, h.r.at[1], 30); /* the release */
+    go(&h, open, h.r.at[1], 30); /* release */
     go(&h, at(0.022, TOP_M + 0.02, 0), h.r.at[1], 20);
     go(&h, h.r.at[0], at(-0.02, TOP_M + 0.02, 0), 40);
     hands_close(&h, words[which]);

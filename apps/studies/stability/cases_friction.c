@@ -1,5 +1,5 @@
-/* Hard friction: coefficients without bounds of sense, a step without skin, a hand that shakes faster than a frame, two
- * tools that drag the tissue between them, a pause of minutes inside the cone. */
+/* Friction: coefficients beyond any real value, a step without contact compliance, a hand that shakes faster than
+ * frames, two tools that drag the tissue between them, a pause of minutes inside the cone. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -26,7 +26,7 @@ static bool open_rubbing(rubbing *x, double at_rest, double sliding, double row_
     return rig_open(&def, &x->r, "force along the surface over what presses", o);
 }
 
-/* Tools to x[t] aside of where they began, `deep` into the surface. */
+/* Moves tools by x[t] sideways from their start, `deep` into the surface. */
 static void frame(rubbing *x, const double x_m[TOOLS], double deep_m) {
     rig *r = &x->r;
     tm_energy e;
@@ -52,7 +52,7 @@ static void press_in(rubbing *r, double deep_m) {
     for (int i = 1; i <= 40; i++) frame(r, (double[TOOLS]){0, 0}, deep_m * i / 40);
 }
 
-/* To and fro at 20 Hz, the tools against each other: the tissue between them is dragged both ways. */
+/* Moves the tools to and fro at 20 Hz in opposite directions; the tissue between them is dragged both ways. */
 static void drags(rubbing *r, bool quick) {
     press_in(r, 0.003);
     for (int i = 0; i < (quick ? 120 : 1200); i++) {
@@ -61,8 +61,8 @@ static void drags(rubbing *r, bool quick) {
     }
 }
 
-/* No force outside its cone, and contact makes no more out of nothing than without friction (facets of four tool radii
- * and the film's drag at 0.5 m/s make some): a share of what the hands gave. */
+/* Judges: no force is outside its cone, and contact generates no more energy than without friction, as a share of the
+ * hands' work. (Facets of four tool radii and viscous contact drag at 0.5 m/s generate some.) */
 static void judge(double at_rest, double sliding, double row_compliance_m_N, bool quick, outcome *o) {
     rubbing r, plain;
     outcome ignored = {0};
@@ -91,7 +91,7 @@ static void coefficient(bool quick, double at_rest, outcome *o) {
 
 static void skin(bool quick, double row_compliance_m_N, outcome *o) { judge(0.4, 0.3, row_compliance_m_N, quick, o); }
 
-/* What it bears when it is held still inside its cone, and minutes later. */
+/* Compares the force of a tool held still inside its cone with that minutes later. */
 static void pause_for(bool quick, double minutes, outcome *o) {
     rubbing r;
     if (!open_rubbing(&r, 0.5, 0.4, 0.5e-3, o)) return;

@@ -1,7 +1,6 @@
-/* Hard links: what a network, a clock, a simulation or a device may do to the controller. A hand presses a spring wall
- * through the real node, codec and virtual device on a virtual clock; a line between wall and node loses, delays,
- * doubles and reorders. Whatever arrives, the force at the motors stays within the device's limit, finite, and ends
- * where it should. */
+/* Links: faults of network, clock, simulation or device. A hand presses a spring wall through the real node, codec and
+ * virtual device on a virtual clock; a line between wall and node loses, delays, duplicates and reorders messages. In
+ * all cases the force at the motors stays finite and within the device's limit, and ends at the right value. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -14,17 +13,17 @@ enum { TICK_US = 2000, FRAME_US = 34000, LINE_MAX = 64, SENT_MAX = 64 };
 
 typedef struct line_def {
     double loss; /* share of samples lost */
-    int burst;   /* samples lost in a row, each time one is */
+    int burst;   /* successive samples lost, each time one is */
     int64_t delay_us, jitter_us;
     bool doubled, reordered;
     uint32_t first_seq;
-    double kill_s, restart_s; /* simulation gone between; 0: never */
+    double kill_s, restart_s; /* simulation absent between; 0: never */
     bool two_sims;
     double wall_N_m;
-    void (*spoil)(tensormass_force_sample_t *sample, int64_t n); /* null: honest samples */
-    double silent_s, babble_s; /* device unplugged from; a babbler on the bus from; 0: never */
+    void (*spoil)(tensormass_force_sample_t *sample, int64_t n); /* null: correct samples */
+    double silent_s, babble_s; /* times: device unplugged; a babbling node on the bus; 0: never */
     double clock_back_s;       /* the caller's clock steps back by 50 ms at this time */
-    const hrt_keyframe *hand;  /* null: the press of below */
+    const hrt_keyframe *hand;  /* null: the default press */
     int hand_count;
     double noise_counts;
     hrt_extrapolator extrapolator;
@@ -59,7 +58,7 @@ typedef struct link_run {
     uint32_t seq;
     uint64_t random;
     int losing;
-    /* judged */
+    /* measured */
     double peak_N, peak_true_N, sum_sq, last_N, quiet_s;
     int64_t compared;
     double limit_N;
@@ -69,7 +68,7 @@ typedef struct link_run {
 
 static const double WALL_M = 0.105;
 
-/* The wall: pushes back along -z, with a little sideways give so that all axes are used. */
+/* Computes the wall's force along -z, with slight lateral compliance so that all axes are used. */
 static void wall(const line_def *def, const double tip[3], double force[3], double stiffness[9]) {
     double depth = tip[2] - WALL_M;
     memset(force, 0, 3 * sizeof *force);
@@ -87,7 +86,7 @@ static bool lost(link_run *r) {
     return true;
 }
 
-/* One frame of the simulation: samples the tool, sends what the line lets through. */
+/* Runs one frame of the simulation: samples the tool, sends the samples that the line passes. */
 static void simulate(link_run *r, int64_t now_us, const tensormass_tool_state_t *tool, int64_t session,
                      double stiffer) {
     tensormass_force_sample_t s = {.utime = now_us,
@@ -157,7 +156,7 @@ static bool set_up(link_run *r, const line_def *def) {
 }
 
 static void babble(link_run *r) {
-    /* Random identifiers and bytes: foreign frames, and forged ones of our own with bad checksums. */
+    /* Random identifiers and bytes: foreign frames, and forged own ones with wrong checksums. */
     for (int i = 0; i < 20; i++) {
         hrt_can_frame unread, frame = {.id = (uint32_t)(0x7ff * 0.5 * (1 + random_unit(&r->random))), .length = 8};
         for (int b = 0; b < 8; b++) frame.data[b] = (uint8_t)(255 * 0.5 * (1 + random_unit(&r->random)));
@@ -190,7 +189,7 @@ static void run_line(const line_def *def, link_run *r, outcome *o) {
     }
 }
 
-/* The largest force over the device's limit is the figure; what it cost in accuracy is said. */
+/* Sets the figure to the maximum force over the device's limit and reports the loss of accuracy. */
 static void verdict_of(const link_run *r, outcome *o) {
     double rms = r->compared ? sqrt(r->sum_sq / (double)r->compared) / r->peak_true_N : 0;
     char end[160];
@@ -229,7 +228,7 @@ static void not_a_number(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) s->force_N[n % 3] = NAN, s->stiffness_N_m[n % 9] = INFINITY;
 }
 static void anything(tensormass_force_sample_t *s, int64_t n) {
-    /* Every byte of the message may be anything. */
+    /* Every byte of the message may take any value. */
     uint64_t seed = (uint64_t)n * 2654435761u + 17;
     if (n < 40 || n % 2) return;
     unsigned char *byte = (unsigned char *)s;
@@ -289,7 +288,7 @@ static const line_def lines[] = {[HAND_STILL] = {.hand = still, .hand_count = 3}
                                  [DEVICE_SILENT] = {.silent_s = 2.5, .seconds = 4},
                                  [DEVICE_BABBLES] = {.babble_s = 1.5}};
 
-/* 300 N/m, for six seconds, unless the line says otherwise. */
+/* Returns the default line: 300 N/m for six seconds. */
 static line_def line_of(double which, hrt_extrapolator extrapolator) {
     line_def def = lines[(int)which];
     if (!(def.wall_N_m > 0)) def.wall_N_m = 300;
@@ -298,7 +297,7 @@ static line_def line_of(double which, hrt_extrapolator extrapolator) {
     return def;
 }
 
-/* Every extrapolator in turn; the worst force is the figure. */
+/* Runs every extrapolator in turn; the figure is the worst force. */
 static void every_extrapolator(bool quick, double which, outcome *o) {
     static link_run r;
     outcome kept = {0};
@@ -322,7 +321,7 @@ static void every_extrapolator(bool quick, double which, outcome *o) {
     *o = kept;
 }
 
-/* The force must be gone 150 ms after the last valid sample, and the controller must not fault for it. */
+/* The force must vanish within 150 ms after the last valid sample, without a fault of the controller. */
 static void judge_kill(const link_run *r, outcome *o) {
     const double late_ms = 1e3 * (r->quiet_s - r->def->kill_s);
     if (r->def->restart_s > 0) {
@@ -335,7 +334,7 @@ static void judge_kill(const link_run *r, outcome *o) {
                  ", zero force %.0f ms after the last frame", late_ms);
 }
 
-/* By `tangent` alone. */
+/* Runs `tangent` only. */
 static void once(bool quick, double which, outcome *o) {
     static link_run r;
     static line_def def;
@@ -343,7 +342,7 @@ static void once(bool quick, double which, outcome *o) {
     (void)quick;
     def = line_of(which, HRT_TANGENT);
     run_line(&def, &r, o);
-    /* So late a sample is stale before it comes: no force at all is the right answer. */
+    /* A sample this late is stale on arrival: zero force is the correct result. */
     if (def.delay_us > 200000 && r.finite && !r.engaged) {
         stable(o, r.peak_N / r.limit_N,
                "every sample is older than the stale limit: the controller never engages, peak force %.2g N", r.peak_N);

@@ -1,6 +1,6 @@
-/* Tissue that relaxes in the instruments' hold: a grasper pulls it up, a probe beside it is pressed in and pushed aside
- * within its cone of friction, and both are held while the moduli fall to a fifth. Where forces come to lie is where
- * those on tissue of the relaxed moduli do that went the same way. */
+/* Tissue that relaxes under load: a grasper pulls it up and a probe nearby is pressed in and pushed sideways within its
+ * friction cone. Both are held while the moduli fall to a fifth. The forces must reach those on tissue of the relaxed
+ * moduli after the same motion. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -42,7 +42,7 @@ static void frame(hold *h) {
     for (int c = 0; c < 3 * TOOLS; c++) h->finite = h->finite && fabs(h->r.force_N[c / 3][c % 3]) < 100;
 }
 
-/* Both down; the jaws close; up and aside within a second. The probe goes in further as it goes aside. */
+/* Both tools descend; the jaws close; up and sideways within a second. The probe goes deeper as it moves sideways. */
 static void read_hold(hold *h) {
     for (int i = 1; i <= 40; i++) {
         h->r.at[GRASPER].tip_m[2] = TOP_M + RADIUS_M - 0.0005 * i / 40;
@@ -88,7 +88,7 @@ static void relax(bool quick, double rotation, outcome *o) {
     double last = first, rise = 0;
     for (int i = 0; i < frames && h.finite; i++) {
         frame(&h);
-        if (i >= 20) rise = fmax(rise, pull_N(&h) - last); /* the pull's own swing is over */
+        if (i >= 20) rise = fmax(rise, pull_N(&h) - last); /* the oscillation of the pull has decayed */
         last = pull_N(&h);
         if (i % (frames / 200) == 0) series_add(o, tm_world_state(h.r.b.world)->time_s, last);
     }

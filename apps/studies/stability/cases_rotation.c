@@ -1,5 +1,5 @@
-/* Hard tissue with the effect "rotation": crushed flat, turned inside out, spun fast. Each is left alone and has to
- * come back, or to go on, with no step but the guaranteed one. */
+/* Tissue with the effect "rotation": crushed flat, inverted, spun fast. Each is left free and must recover, or
+ * continue, with the guaranteed step. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 
 static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
 
-enum { PLAIN, FIBRED, NEAR_INCOMPRESSIBLE }; /* the last with the effect "strain_smoothing" */
+enum { PLAIN, FIBRED, NEAR_INCOMPRESSIBLE }; /* the last one with the effect "strain_smoothing" */
 
 static bool open_turning(int tissue, double damping, app_bench *b, outcome *o) {
     app_bench_def def = bench_default();
@@ -62,7 +62,7 @@ static void inside_out(bool quick, double tissue, outcome *o) {
     app_bench_close(&b);
 }
 
-/* To a fiftieth of its height (argument 0.02), or through the floor (negative). */
+/* Crushes to 1/50 of the height (argument 0.02), or through the floor (negative). */
 static void crushed(bool quick, double height, outcome *o) {
     app_bench b;
     (void)quick;
@@ -76,7 +76,7 @@ static void crushed(bool quick, double height, outcome *o) {
     app_bench_close(&b);
 }
 
-/* Free and undamped, turning `rate` radians a second: the scheme's energy must stay. Below 0: near incompressible. */
+/* Spins free and undamped at `rate`, rad/s: the scheme's energy must be conserved. Below 0: nearly incompressible. */
 static void spun(bool quick, double rate, outcome *o) {
     app_bench b;
     tm_error error = {0};

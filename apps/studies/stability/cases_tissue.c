@@ -1,4 +1,4 @@
-/* Hard tissue: nearly incompressible, stiff beside soft, fibres at the edge of definiteness, slivers, broken meshes,
+/* Tissue: nearly incompressible, stiff next to soft, fibres at the limit of definiteness, slivers, broken meshes,
  * supports, long runs. */
 #include <fenv.h>
 #include <float.h>
@@ -15,7 +15,7 @@
 
 static int64_t steps(bool quick) { return quick ? 20000 : 200000; }
 
-/* Runs undamped from random velocities at 0.95 of the guaranteed step and judges the scheme's own energy. */
+/* Runs undamped from random velocities at 0.95 times the guaranteed step and judges the scheme's energy. */
 static void swing(app_bench *b, bool quick, outcome *o, const char *loss) {
     double dt = tm_world_step_s(b->world), drift = energy_drift(b, steps(quick), o);
     if (drift < 0)
@@ -80,7 +80,7 @@ static void fibre_margin(bool quick, double margin, outcome *o) {
     app_bench_close(&b);
 }
 
-/* One inner vertex is moved towards the opposite face of one of its tetrahedra: aspect ratios up to 1e6. */
+/* Moves one inner vertex towards the opposite face of one of its tetrahedra: aspect ratios up to 1e6. */
 static void squash(double *v, int32_t count, double aspect) {
     (void)count;
     double *inner = v + 3 * (2 + 5 * (2 + 5 * 2)), *base = v + 3 * (1 + 5 * (2 + 5 * 2));
@@ -133,8 +133,7 @@ static void damaged(bool quick, double which, outcome *o) {
     app_block_free(&block);
 }
 
-/* What tm-mesh beside this program makes of a file in which everything is wrong that it can repair: taken, it must then
- * swing as any other. */
+/* Writes a file with every defect that tm-mesh can repair. The repaired mesh must swing like any other. */
 static void write_damaged(FILE *file, const app_block *block) {
     const int32_t n = block->vertex_count;
     fprintf(file, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n%d\n", (int)n + 1);
@@ -196,14 +195,14 @@ static void repaired(bool quick, double argument, outcome *o) {
     rmdir(folder);
 }
 
-/* Two blocks that share nothing: the upper one floats. It must move as a free body does, and settling must refuse it.
- */
+/* Two blocks without common vertices; the upper one floats. It must move as a free body, and settling must refuse
+ * it. */
 static void disconnected(bool quick, double settle, outcome *o) {
     app_block block;
     tm_error error = {0};
     app_bench b = {0};
     if (!app_block_build(&block, (int32_t[3]){2, 2, 3}, (double[3]){0.02, 0.02, 0.03})) return;
-    /* The middle layer is left out; each layer has four cubes of six. */
+    /* Omits the middle layer; each layer has four cubes of six. */
     memmove(block.tet + 4 * 24, block.tet + 4 * 48, sizeof(int32_t) * 4 * 24);
     block.tet_count = 48;
     app_bench_def def = bench_default();
@@ -230,8 +229,8 @@ static void disconnected(bool quick, double settle, outcome *o) {
     app_bench_close(&b);
 }
 
-/* Held nowhere, at one vertex, everywhere: the motion stays bounded, and the clamp's rigid motions are the right ones.
- */
+/* Supports nowhere, at one vertex, everywhere: the motion stays bounded, and the rigid-body modes of the clamp are
+ * correct. */
 static void supports(bool quick, double held, outcome *o) {
     app_bench_def def = bench_default();
     app_bench b;
@@ -251,8 +250,8 @@ static void supports(bool quick, double held, outcome *o) {
     app_bench_close(&b);
 }
 
-/* A damped block comes to rest and stays there: no drift. What is left may be subnormal: the curve shows whether that
- * is slower. */
+/* A damped block comes to rest and stays: no drift. Remaining values may be subnormal; the curve shows whether that is
+ * slower. */
 static void ten_million(bool quick, double argument, outcome *o) {
     (void)argument;
     app_bench_def def = bench_default();
@@ -303,7 +302,7 @@ static void step_above(bool quick, double factor, outcome *o) {
     }
 }
 
-/* The step changes at random within the guaranteed one while the block swings. */
+/* Changes the step at random within the guaranteed one while the block swings. */
 static void changing_step(bool quick, double argument, outcome *o) {
     (void)argument;
     app_bench_def def = bench_default();
@@ -319,7 +318,7 @@ static void changing_step(bool quick, double argument, outcome *o) {
     o->x_name = "simulated s", o->y_name = "energy / energy at the start";
     for (int i = 0; i < (quick ? 500 : 5000) && status == TM_OK; i++) {
         status = tm_world_set_step(b.world, guaranteed * (0.55 + 0.4 * random_unit(&seed)), NULL);
-        if (status == TM_OK) status = tm_world_step(b.world, 30); /* a frame's worth */
+        if (status == TM_OK) status = tm_world_step(b.world, 30); /* one frame's duration */
         double now = scheme_energy(&b, scratch) / start;
         most = fmax(most, now);
         if (i % 10 == 0) series_add(o, tm_world_state(b.world)->time_s, now);

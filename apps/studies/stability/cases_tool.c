@@ -1,5 +1,5 @@
-/* Hard tools: teleporting, spinning, fast, deep, from inside, two in one tetrahedron, frames of any length. Each ends
- * with the tool withdrawn and the tissue left alone: what the abuse did must die out, or the case is broken. */
+/* Tools: teleporting, spinning, fast, deep, from inside, two in one tetrahedron, frames of any length. Each case ends
+ * with the tool withdrawn and the tissue free: the excited motion must decay, or the case is broken. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -28,7 +28,7 @@ static bool arena_open(arena *a, int tools, outcome *o) {
     return rig_open(&def, &a->r, "force N", o);
 }
 
-/* One frame; `to` [tools], null: all stay. */
+/* Runs one frame; `to` [tools], null: all stay. */
 static void frame(arena *a, double frame_s, const tm_tool_pose *to, bool jump) {
     rig *r = &a->r;
     double total = 0;
@@ -45,7 +45,7 @@ static void frame(arena *a, double frame_s, const tm_tool_pose *to, bool jump) {
     series_add(r->o, s->time_s, total);
 }
 
-/* Withdraws, lets the tissue ring out, and judges what is left. */
+/* Withdraws the tools, lets the tissue settle, and judges the remaining motion. */
 static void arena_close(arena *a, const char *words) {
     frame(a, 0.005, away, true);
     for (int i = 0; i < 60; i++) frame(a, 0.05, NULL, false);
@@ -111,7 +111,7 @@ static void from_inside(bool quick, double argument, outcome *o) {
         p = at(0.02, 0.02, 0.02 + 0.002 * i);
         frame(&a, 0.033, &p, false);
     }
-    for (int i = 1; i <= 14; i++) { /* and again from outside, which must be felt */
+    for (int i = 1; i <= 14; i++) { /* and again from outside, which must give a force */
         p = at(0.02, 0.02, 0.06 - 0.002 * i);
         frame(&a, 0.033, &p, false);
     }
@@ -175,7 +175,7 @@ static void frame_length(bool quick, double frame_s, outcome *o) {
     arena_close(&a, "pressed and let go");
 }
 
-/* A tool held still on damped tissue: the force comes to rest and stays. */
+/* Holds a tool still on damped tissue: the force becomes constant and stays. */
 static void standing(bool quick, double argument, outcome *o) {
     (void)argument;
     arena a;

@@ -1,6 +1,6 @@
-/* What a hand notices first: a spike at first contact, a jerk when tissue tears away, one instrument's force in the
- * other, a stiff lump that rattles, a session that does not replay. Frames of 2 ms, as a controller of 500 Hz would
- * feel them. */
+/* Artefacts that a hand notices first: a spike at first contact, a jerk when tissue tears, one instrument's force in
+ * the other, a stiff lump that rattles, a session that does not replay. Frames of 2 ms, as for a controller of 500
+ * Hz. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,11 +16,11 @@ static const double FRAME_S = 0.002, TOP_M = 0.024, RADIUS_M = 0.0035, HERE_M[2]
 
 typedef struct torture {
     rig r;
-    double peak_N[TOOLS], jump_N; /* largest; largest change of a force from one frame to the next */
+    double peak_N[TOOLS], jump_N; /* maximum force; maximum change of a force between frames */
     bool felt;
 } torture;
 
-/* A tip whose sphere is `deep_m` below the surface. */
+/* Returns the pose of a tip whose sphere is `deep_m` below the surface. */
 static tm_tool_pose tip(double x, double y, double deep_m) {
     return (tm_tool_pose){.tip_m = {x, y, TOP_M + RADIUS_M - deep_m}, .active = true};
 }
@@ -30,13 +30,14 @@ static app_bench_def block(void) {
     def.cells[0] = def.cells[1] = 10, def.cells[2] = 6;
     def.size_m[2] = TOP_M;
     for (int i = 0; i < 2; i++) {
-        if (tm_material_young(5e3, 0.4, &def.material[i], NULL) != TM_OK) abort(); /* constants of ours */
+        if (tm_material_young(5e3, 0.4, &def.material[i], NULL) != TM_OK)
+            abort(); /* constants from this file, always valid */
         def.material[i].damping_1_s = 60;
     }
     return def;
 }
 
-/* Tools (mode and start [tools]) stand upright over their starts. */
+/* Opens a block with tools (mode and start [tools]) upright over their starts. */
 static bool torture_open(torture *x, app_bench_def block, int tools, const tm_tool_mode *mode,
                          const tm_tool_pose *start, outcome *o) {
     rig_def def = rig_default(tools, start);
@@ -64,7 +65,7 @@ static void frame(torture *x) {
     series_add(r->o, tm_world_state(r->b.world)->time_s, vnorm(r->force_N[0]));
 }
 
-/* All tools go straight to `to` [tools] within `time_s`. */
+/* Moves all tools straight to `to` [tools] within `time_s`. */
 static void go(torture *x, const tm_tool_pose *to, double time_s) {
     const int frames = (int)ceil(time_s / FRAME_S - 1e-9);
     tm_tool_pose from[TOOLS];
@@ -77,7 +78,7 @@ static void go(torture *x, const tm_tool_pose *to, double time_s) {
 
 static void unstable(torture *x) { broken(x->r.o, "a force or displacement stopped being finite"); }
 
-/* Comes down at a steady speed, stops dead 2 mm deep, stays. */
+/* Descends at constant speed, stops abruptly 2 mm deep, stays. */
 static void spike(bool quick, double speed_m_s, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_PROBE};
     const tm_tool_pose above = tip(HERE_M[0], HERE_M[1], -0.0005), deep = tip(HERE_M[0], HERE_M[1], 0.002);
@@ -95,7 +96,7 @@ static void spike(bool quick, double speed_m_s, outcome *o) {
     app_bench_close(&x.r.b);
 }
 
-/* A lip between two slits, under the tool, goes all at once. */
+/* Removes a lip between two slits, under the tool, at once. */
 static void tears(bool quick, double argument, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_PROBE};
     const tm_tool_pose above = tip(HERE_M[0], HERE_M[1], -0.001), deep = tip(HERE_M[0], HERE_M[1], 0.003);
@@ -128,7 +129,7 @@ static void tears(bool quick, double argument, outcome *o) {
     app_bench_close(&x.r.b);
 }
 
-/* Two probes 9 mm apart, one deeper; then the same with the instruments' numbers exchanged. */
+/* Presses two probes 9 mm apart, one deeper; then again with the instruments' numbers exchanged. */
 static void each_its_own(bool quick, double argument, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_PROBE, TM_TOOL_PROBE};
     double force[2][TOOLS][3], off = 0;
@@ -188,7 +189,7 @@ static void lump(bool quick, double ratio, outcome *o) {
     app_bench_close(&x.r.b);
 }
 
-/* Grasped, lifted, cut beside; twice. */
+/* Grasps, lifts and cuts nearby, twice. */
 static void replays(bool quick, double argument, outcome *o) {
     static const tm_tool_mode mode[TOOLS] = {TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
     uint64_t hash[2];

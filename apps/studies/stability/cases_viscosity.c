@@ -1,5 +1,5 @@
-/* Hard tissue with the effect "viscosity": times far below a step and far above any session, shares that leave almost
- * nothing, and tetrahedra that go while it relaxes. The step is that of the tissue without it. */
+/* Tissue with the effect "viscosity": relaxation times far below a step and far above any session, shares that leave
+ * almost no stiffness, and tetrahedra removed during relaxation. The step is that of the tissue without it. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +7,7 @@
 #include "bandwidth.h"
 #include "stability.h"
 
-/* The mean square speed at the end of the run over that at its beginning: undamped, from random velocities. */
+/* Computes the mean square speed at the end of the run over that at its beginning: undamped, from random velocities. */
 static void swing(app_bench *b, int64_t steps, outcome *o) {
     const tm_state *s = tm_world_state(b->world);
     const int32_t n = 3 * b->mesh->vertex_count;
@@ -55,8 +55,8 @@ static void three(bool quick, double unused, outcome *o) {
     relaxing(quick, term, 3, true, o);
 }
 
-/* Perfused liver under fast compression (apps/studies/accuracy/knob_viscosity.c says whose): 99 % of the shear goes
- * within a tenth of a second, the volume stays, and it hardly changes. */
+/* Perfused liver under fast compression (source: apps/studies/accuracy/knob_viscosity.c): 99 % of the shear relaxes
+ * within 0.1 s; the bulk does not and is nearly incompressible. */
 static void liver(bool quick, double poisson, outcome *o) {
     app_bench b;
     app_bench_def def = bench_default();
@@ -72,8 +72,8 @@ static void liver(bool quick, double poisson, outcome *o) {
     app_bench_close(&b);
 }
 
-/* With `rotation`: every vertex anywhere in a box of half the size, left alone. What is left of the energy after 8 s.
- */
+/* With `rotation`: places every vertex at random in a box of half the size and leaves it free. Reports the remaining
+ * energy after 8 s. */
 static void inside_out(bool quick, double fibred, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
     app_bench b;
@@ -99,8 +99,8 @@ static double difference(const app_bench *b, const double *truth) {
     return off / most;
 }
 
-/* Under its own weight, a fifth of its tetrahedra removed one by one while it relaxes; where it comes to lie is where
- * it settles. */
+/* Removes a fifth of the tetrahedra one by one while the block relaxes under its own weight. Its final shape must be
+ * the settled one. */
 static void cut(bool quick, double unused, outcome *o) {
     app_bench b;
     app_bench_def def = bench_default();

@@ -1,13 +1,13 @@
-/* Hard tissue with the effect "strain_smoothing": nearly incompressible, stiff beside soft, a sliver, turned fibres.
- * The step is the guaranteed one, bounded over what is averaged. */
+/* Tissue with the effect "strain_smoothing": nearly incompressible, stiff next to soft, a sliver, rotated fibres. The
+ * step is the guaranteed one, whose bound covers the averaged strains. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "stability.h"
 
-/* Undamped from random velocities at 0.95 of the guaranteed step; the scheme's own energy, and the step beside that of
- * linear tetrahedra. */
+/* Runs undamped from random velocities at 0.95 times the guaranteed step. Reports the scheme's energy, and the step
+ * relative to linear tetrahedra. */
 static void swing(app_bench_def *def, bool quick, outcome *o) {
     app_bench b, linear;
     outcome ignored = {0};

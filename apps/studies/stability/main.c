@@ -1,4 +1,4 @@
-/* tm-stability: runs hard cases and writes their verdicts as JSON; apps/studies/stability/page.py draws them. */
+/* tm-stability: runs the hard cases and writes their verdicts as JSON; apps/studies/stability/page.py draws them. */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
@@ -119,7 +119,7 @@ int main(int argc, char **argv) {
     int count = 0;
     bool quick = false;
     app_check_stdout();
-    opterr = 0; /* the message is ours */
+    opterr = 0; /* the program prints its own message */
     for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) switch (c) {
         case 'c':
             if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
