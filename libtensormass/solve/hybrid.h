@@ -86,8 +86,8 @@ bool tms_contact_reuse_advance(struct tm_hybrid *hybrid);
 bool tms_contact_reuse_is_over(const struct tm_hybrid *hybrid);
 /* Computes the derived data of frozen rows except offsets, from the solver's compliances. */
 void tms_contact_reuse_build(struct tm_hybrid *hybrid);
-/* Computes the present position of the row's station; returns its coordinate along the row's normal. */
-double tms_contact_reuse_station(const tms_contact_solver *solver, const tm_contact_row *row, double point_m[3]);
+/* Computes the position of the row's station on the tool; returns its coordinate along the row's normal. */
+double tms_contact_reuse_station(const tm_capsule *capsule, const tm_contact_row *row, double point_m[3]);
 /* Applies the forces of a reuse substep to the coming positions. */
 void tms_contact_reuse_move(struct tm_hybrid *hybrid);
 /* Begins an interval after a full solve; `swept`: solved by sweeps, with rows of an older shape. */
@@ -124,6 +124,18 @@ typedef struct tms_hybrid_energy {
     double *steady_N, *went_m; /* [interface_count] scratch */
     double *way_m;             /* [3*most] scratch */
 } tms_hybrid_energy;
+
+enum { TMS_LEDGER = 17 }; /* parts that a window is watched in, and one */
+
+/* hybrid_passivity.c: what contact made of energy. All of it lasts from step to step. */
+typedef struct tms_hybrid_passivity {
+    int32_t seen, placed[TM_MAX_INSTRUMENTS]; /* put there, and not moved since */
+    int32_t unused;
+    double was_m[2][TM_MAX_INSTRUMENTS][6]; /* tip and tail of each tool after the last substep and the one before */
+    double strained_J[2];                   /* inside and in contact compliance, by rows, then */
+    double generated_J, min_generated_J[TMS_LEDGER],
+        window_s; /* in all; the least in each part of a window; of the newest */
+} tms_hybrid_passivity;
 
 struct tm_hybrid {
     const tm_mesh *mesh;
@@ -167,6 +179,7 @@ struct tm_hybrid {
     int32_t known_revision;          /* revision of the tissue's surface then */
     int32_t *moving, moving_count;   /* vertices with mass */
     tms_hybrid_energy energy;
+    tms_hybrid_passivity passivity;
     void *saved; /* checkpoint of a step */
     int64_t saved_bytes;
     /* approximate surface for the search around a tool: see hybrid_compliance.c */
@@ -204,6 +217,10 @@ const double *tms_hybrid_constraint_mode(tm_hybrid *hybrid, int32_t vertex);
 double tms_hybrid_mobility(const tm_hybrid *hybrid, int32_t dof);
 /* Implements tms_contact_solver.compliance. */
 void tms_hybrid_compliance(void *hybrid, int32_t a, int32_t b, double C[9]);
+
+/* hybrid_passivity.c. Reduces all contact forces of a solution if they generate more energy than allowed; push_N: its
+ * forces on the interface. */
+void tms_hybrid_limit_energy(tm_hybrid *hybrid, const double *push_N, int32_t row_count);
 
 /* hybrid_energy.c. Returns false if memory is exhausted. */
 bool tms_hybrid_make_energy(tm_hybrid *hybrid);

@@ -154,6 +154,10 @@ static void move(tm_hybrid *h) {
         inside = true;
     }
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->interface_mobility_m_N[k] * h->push_N[k];
+    for (int32_t i = 0; i < 3 * l->used_count; i++) { /* for the account: all that is on the interface */
+        const int32_t s = l->used[i / 3], d = 3 * l->vertex[s] + i % 3;
+        if (h->vertex_kind[d / 3] == TMS_INTERFACE) h->push_N[h->interface_index[d]] += l->f[3 * s + i % 3];
+    }
 }
 
 /* A tool on what has mass, which following has just solved for: within a substep it knows of the others through the
@@ -191,7 +195,8 @@ static void solve_for_use(tms_contact_solver *l, bool rough) {
         l->previous_count = 0; /* no row is left that a span could keep */
 }
 
-static void solve_in_full(tm_hybrid *h, bool followed) {
+/* Returns the forces on the interface. */
+static const double *solve_in_full(tm_hybrid *h, bool followed) {
     tms_contact_solver *l = &h->solver_contact;
     const tms_reuse_past past = tms_reuse_past_of(h);
     const bool may_give = followed && !h->reuse->passed;
@@ -212,6 +217,7 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
         tms_contact_reuse_begin(h, swept);
     }
     if (followed) tms_contact_reuse_judge(h, &past);
+    return settled ? h->reuse->push_N : h->push_N;
 }
 
 /* How far what has mass may have moved since the tools' surroundings were looked for: by its largest speed. Condensed
@@ -246,15 +252,18 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         l->previous_count = 0;
         tms_contact_solver_regather(l);
         tms_contact_reuse_forget(h);
+        tms_hybrid_limit_energy(h, NULL, 0);
         return 0;
     }
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
     count_wandering(h);
     const bool over = tms_contact_reuse_is_over(h), followed = tms_contact_reuse_advance(h);
+    const double *push_N = h->reuse->push_N;
     if (followed && !over)
         tms_contact_reuse_move(h);
     else
-        solve_in_full(h, followed);
+        push_N = solve_in_full(h, followed);
+    tms_hybrid_limit_energy(h, push_N, l->now.count);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);
     for (int32_t t = 0; t < l->tool_count; t++) flags[t] = tms_contact_solver_flags(l, t);

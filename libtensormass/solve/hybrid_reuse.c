@@ -50,8 +50,7 @@ void tms_contact_reuse_forget(tm_hybrid *h) {
 
 /* --- rows --- */
 
-double tms_contact_reuse_station(const tms_contact_solver *l, const tm_contact_row *row, double point_m[3]) {
-    const tm_capsule *c = &l->tool[row->instrument].capsule;
+double tms_contact_reuse_station(const tm_capsule *c, const tm_contact_row *row, double point_m[3]) {
     double axis[3], size = 0, along = 0;
     for (int k = 0; k < 3; k++) axis[k] = c->tail_m[k] - c->tip_m[k], size += axis[k] * axis[k];
     for (int k = 0; k < 3; k++) {
@@ -234,7 +233,7 @@ static bool keep_rows(tm_hybrid *h, int32_t first, int32_t last) {
         tm_contact_row *row = &look->row[at];
         *row = l->previous[i];
         if (l->passes(l->self, row)) return false;
-        const double along = tms_contact_reuse_station(l, row, row->point_m);
+        const double along = tms_contact_reuse_station(&l->tool[row->instrument].capsule, row, row->point_m);
         s->frozen_now[at] = s->frozen[i];
         s->offset_now_m[at] = s->offset_m[i];
         s->system.gap_m[at] =

@@ -72,7 +72,8 @@ static bool classify(tm_hybrid *h, int32_t t) {
 }
 
 static double offset_of(const tm_hybrid *h, const tm_contact_row *row) {
-    double point[3], sum = row->gap_m + tms_contact_reuse_station(&h->solver_contact, row, point);
+    double point[3],
+        sum = row->gap_m + tms_contact_reuse_station(&h->solver_contact.tool[row->instrument].capsule, row, point);
     for (int a = 0; a < 9; a++) {
         const int32_t d = 3 * row->vertex[a / 3] + a % 3;
         const double base = h->vertex_kind[d / 3] == TMS_INTERFACE ? 0

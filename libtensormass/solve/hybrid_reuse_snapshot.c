@@ -10,6 +10,7 @@ typedef struct saved_reuse {
     int32_t kind[TM_MAX_INSTRUMENTS];
     double at_m[TM_MAX_INSTRUMENTS][6], margin_m[TM_MAX_INSTRUMENTS], predicted_growth[TM_MAX_INSTRUMENTS],
         last_growth[TM_MAX_INSTRUMENTS], wandered_m;
+    tms_hybrid_passivity passivity;
 } saved_reuse;
 
 typedef struct saved_row {
@@ -27,6 +28,7 @@ static saved_reuse pack(const tm_hybrid *h, bool forgotten) {
     memset(&k, 0, sizeof k);
     k.age = -1;
     k.limit = k.length = 1;
+    k.passivity = h->passivity;
     if (!forgotten) k.wandered_m = h->solver_contact.wandered_m;
     if (forgotten || s->age < 0) return k;
     k.age = s->age;
@@ -66,7 +68,9 @@ static bool fits(const tm_hybrid *h, const saved_reuse *k) {
     bool good = k->age >= -1 && k->age < TMS_REUSE_MAX && k->limit >= 1 && k->limit <= TMS_REUSE_MAX &&
                 k->length >= 1 && k->length <= TMS_REUSE_MAX && k->row_count >= 0 && k->row_count <= TMS_REUSE_ROWS &&
                 k->used_count >= 0 && k->used_count <= h->solver_contact.capacity &&
-                (k->passed == 0 || k->passed == 1) && isfinite(k->wandered_m);
+                (k->passed == 0 || k->passed == 1) && isfinite(k->wandered_m) &&
+                tms_are_below(k->passivity.was_m, sizeof k->passivity.was_m / 8, 1e6) &&
+                tms_are_below(k->passivity.strained_J, 4 + TMS_LEDGER, 1e12);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
         good = good && k->kind[t] >= TMS_TOOL_FROZEN && k->kind[t] <= TMS_TOOL_NONE && isfinite(k->margin_m[t]) &&
                isfinite(k->predicted_growth[t]) && isfinite(k->last_growth[t]);
@@ -116,6 +120,7 @@ void tms_contact_reuse_restore(tm_hybrid *h, const void *buffer) {
     memcpy(&k, buffer, sizeof k);
     tms_contact_reuse_forget(h);
     l->wandered_m = k.wandered_m;
+    h->passivity = k.passivity;
     if (k.age < 0 || k.row_count != l->previous_count || k.used_count != l->used_count) return;
     const char *from = (const char *)buffer + sizeof k;
     for (int32_t i = 0; i < k.row_count; i++, from += sizeof(saved_row)) {

@@ -1,13 +1,11 @@
 /* The account of energy of a hybrid: it closes with the condensed part and contact on it; and what contact makes in
- * windows of 1 to 200 ms of random sessions. Its rows are not held back as the dynamic model's are
- * (contact_passivity.c).
- */
+ * windows of 1 to 200 ms of random sessions, which hybrid_passivity.c limits. */
 #include "hybrid_set.h"
 
 enum { MAX_ACTIONS = 8, EFFECTS = 2, GRASP = 1, CUT = 2, MAX_SAMPLES = 200, SAMPLES_A_FRAME = 5 };
-/* What a window gains in nine of ten sessions at most, of what was stored most meanwhile; what the account may be off
+/* What a window gains at most, of what was stored most meanwhile; what the account may be off
  * by, of that and what hands gave (forces of a solution that did not converge are not those of its rows). */
-static const double SHARE = 0.35, OFF = 1e-2, ROUNDING_J = 1e-7;
+static const double SHARE = 0.3, OFF = 1e-2, ROUNDING_J = 1e-7;
 
 typedef enum kind { PRESS, PULL, CLOSE, OPEN, LEAVE, STAND, KINDS } kind;
 static const char *const KIND[KINDS] = {"press", "pull", "close", "open", "leave", "stand"};
@@ -198,6 +196,11 @@ static void watch(stage *g, int i) {
         tell(i < 0 ? "" : "  ", &e);
         print_message("   gain %.2e in %d ms, grasp %+.2e %+.2e\n", gain, length, e.grasp_J[0], e.grasp_J[1]);
     }
+    if (g->v.good && worst > 1) {
+        g->v.good = false, g->v.action = i;
+        snprintf(g->v.why, sizeof g->v.why, "gained %.1e J in %d ms, %.2f of what was stored", gain, length,
+                 SHARE * worst);
+    }
     const double off = fabs(e.residual_J) + fabs(e.state_change_J), all = g->v.hands_J + most;
     if (!g->v.good || off <= OFF * all + ROUNDING_J) return;
     g->v.good = false, g->v.action = i;
@@ -237,29 +240,29 @@ static verdict run_session(const session *s, bool tell_all) {
     return g.v;
 }
 
+/* Seeds that gained most before forces were limited: at the interface, where two tools meet, with jaws that hold. */
+static const uint64_t ONCE_BROKE[] = {85, 167, 231, 239};
+
 typedef struct tally {
     double worst, hands_J;
-    int beyond;
 } tally;
 
 static void take(void *to, uint64_t seed, const verdict *v) {
     tally *sum = to;
     (void)seed;
-    sum->beyond += v->worst > 1;
     sum->worst = fmax(sum->worst, v->worst), sum->hands_J += v->hands_J;
 }
 
 static void test_random_sessions(void **unused) {
     (void)unused;
-    session_range range = sessions_to_run(test_is_sanitized() ? 3 : 30, NULL, 0);
+    const bool few = test_is_sanitized();
+    session_range range = sessions_to_run(few ? 3 : 30, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
     if (range.count == 10000) range.count = 1000;
     tally sum = {0};
     const int failed = run_sessions(&range, take, &sum);
-    print_message(
-        "%llu sessions: %.2f J through the hands, gain at most %.2f of what was stored, in %d more than %.2f\n",
-        (unsigned long long)range.count, sum.hands_J, SHARE * sum.worst, sum.beyond, SHARE);
+    print_message("%llu sessions: %.2f J through the hands, gain at most %.2f of what was stored\n",
+                  (unsigned long long)(range.count + range.again), sum.hands_J, SHARE * sum.worst);
     assert_int_equal(failed, 0);
-    assert_true(sum.beyond <= (int)(range.count / 10) || range.count < 10);
 }
 
 int main(void) {
