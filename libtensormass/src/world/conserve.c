@@ -1,22 +1,25 @@
-/* Tissue that turns keeps its energy. Central differences do not keep that of a law that is not linear: over a step
- * from u to u' they make e = W' - W + (f + f').(u' - u)/2, by which the force's work by the trapezoidal rule misses its
- * potential W (0 where f is linear in u). What adds up, hot or on slivers whose own step is the guaranteed one, grows
- * without bound, and keeps slivers moving against damping. So what was made is taken back in the next step, and what
- * was lost given back, by a little of what damps in proportion to stiffness: share g with g the change of the tissue's
- * force over the last step, which is near -K (u' - u). Its work over the step to come is known, share p + share^2 q,
- * and share solves share p + share^2 q + e = 0, within SHARE_MAX. It adds up to no force, and is 0 where a body turns
- * as a whole. All of it follows from u and u_prev, so that a cut tissue goes on as a fresh build in the same state
- * does; only what could not be taken back at once lasts, and fades within some hundred steps. Since the work is known,
- * no share adds more than the step lost: it needs no bound to be stable, as a constant share would. */
+/* Energy conservation of corotated tissue. Central differences do not conserve the energy of a nonlinear law. Over a
+ * step from u to u' they generate e = W' - W + (f + f').(u' - u)/2, the error of the trapezoidal rule for the force's
+ * work against its potential W (0 where f is linear in u). At large vibrations, or on slivers whose own step is the
+ * guaranteed one, the sum grows without bound, and keeps slivers moving against damping.
+ *
+ * So generated energy is removed in the next step, and lost energy restored, by stiffness-proportional damping: share
+ * g, with g the change of the tissue's force over the last step, which is near -K (u' - u). Its work over the next step
+ * is known, share p + share^2 q, and share solves share p + share^2 q + e = 0, within SHARE_MAX. Its resultant is zero,
+ * and it is 0 where a body rotates rigidly.
+ *
+ * All of it follows from u and u_prev, so that a cut tissue continues as a fresh build in the same state does. Only
+ * energy that cannot be removed at once is stored, and fades within some hundred steps. Since the work is known, no
+ * share adds more than the step lost: it is stable without a bound, unlike a constant share. */
 #include "world/conserve.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Reached by slivers that turn inside out within a step: with 0.12 a body was off by a tenth of its energy for hundreds
- * of steps; more than 1 gains nothing, and where contact takes part the work is not quite what is expected. */
+/* Reached by slivers that invert within a step. With 0.12 a body was off by a tenth of its energy for hundreds of
+ * steps; more than 1 gains nothing. With contact the work differs slightly from the predicted one. */
 static const double SHARE_MAX = 1;
-/* Of averaged changes of volume W takes passes of its own, so there only where little is damped. */
+/* With averaged dilatation W takes extra passes, so conservation is on only below this damping. */
 static const double FULL_MAX_1_S = 10;
 
 static double min_damping(const tm_world *world) {
@@ -45,8 +48,8 @@ typedef struct sums {
     double generated_J, p_J, q_J;
 } sums;
 
-/* What the last step made but for W, and the work that all of push_N, which becomes the change of the force, will do.
- */
+/* Computes the energy that the last step generated, without W. Sets push_N to the change of the force, and computes its
+ * work in the next step at share 1. */
 static sums go_over(tm_conserving *c, const tm_world *world) {
     const tm_state *s = &world->state;
     sums sum = {0};
@@ -65,13 +68,13 @@ static sums go_over(tm_conserving *c, const tm_world *world) {
     return sum;
 }
 
-/* Of what there is in generated_J; leaves there what is left, which fades as the motion does that it was made of. */
+/* Chooses the share that removes generated_J; the rest stays there and fades as fast as motion is damped. */
 static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
     double share = 0;
     bool all = false;
     if (sum->p_J < 0) {
         const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->generated_J;
-        /* where less can be taken than there is, as much as can be */
+        /* if less can be removed than there is, the largest possible amount */
         const double wish = root > 0 ? 2 * c->generated_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
         share = fmin(fmax(wish, -SHARE_MAX), SHARE_MAX);
         all = share == wish && root > 0;
@@ -81,13 +84,13 @@ static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
     return share;
 }
 
-/* With all that belongs to u there; of u_prev it is there or `find_before` finds it. */
+/* Adds the removing force. Needs all values at u; those at u_prev are stored, or `find_before` computes them. */
 static void take_back(tm_conserving *c, tm_world *world, double energy_J,
                       void (*find_before)(tm_conserving *, tm_world *)) {
     tm_state *s = &world->state;
     const size_t n = numbers(c);
     c->share = 0;
-    if (s->time_s == c->last_s) return; /* no step, but what settles */
+    if (s->time_s == c->last_s) return; /* no step: tissue settles */
     if (!c->valid || memcmp(c->seen_m, s->u_prev_m, n * sizeof *c->seen_m)) find_before(c, world);
     const sums sum = go_over(c, world);
     c->generated_J += energy_J - c->energy_J + sum.generated_J;
@@ -99,7 +102,7 @@ static void take_back(tm_conserving *c, tm_world *world, double energy_J,
     memcpy(c->seen_m, s->u_m, n * sizeof *c->seen_m);
 }
 
-/* --- the correction beside the tensors --- */
+/* --- correction in addition to the tensors --- */
 
 static double sum_of(const double *partition, int32_t count) {
     double sum = 0;
@@ -117,7 +120,7 @@ static void find_correction(tm_conserving *c, tm_world *world) {
     for (size_t i = 0; i < numbers(c); i++) c->all_before_N[i] += c->now_before_N[i];
 }
 
-/* Whether force_N is the tensors' alone when the stage begins. */
+/* Returns whether force_N is the tensors' alone when the stage begins. */
 static bool follows_force(const tm_conserving *c, const tm_world *world) {
     int32_t own = 0;
     while (own < world->stage_count && world->entry[own].stage.self != (void *)c->rotation) own++;
@@ -141,16 +144,16 @@ void tm_conserve(tm_conserving *c, tm_world *world) {
     take_back(c, world, energy_J, find_correction);
 }
 
-/* --- the whole law --- */
+/* --- complete law --- */
 
-/* Without tensors, whose sums differ by the form. */
+/* Energy without tensors, whose sums differ between forms. */
 static double whole_energy(const tm_conserving *c, const double *u) {
     const tm_rotation *r = c->rotation;
     return tm_tet_batches_linear_energy(&r->batches, u) + tm_rotation_sum_energy(&r->batches, u) +
            tm_nodal_dilatation_total_energy(&r->nodal_dilatation, &r->batches, u);
 }
 
-/* As a step computes it at u, which is not the place that the state has. */
+/* Computes the force at u_prev, as a step does. */
 static void find_whole(tm_conserving *c, tm_world *world) {
     tm_state *s = &world->state, own = *s;
     s->u_m = own.u_prev_m, s->force_N = c->now_before_N;
@@ -177,7 +180,7 @@ void tm_conserve_whole(tm_conserving *c, tm_world *world) {
     take_back(c, world, whole_energy(c, world->state.u_m), find_whole);
 }
 
-/* --- what lasts --- */
+/* --- snapshot, checkpoint, rollback --- */
 
 int64_t tm_conserve_snapshot(const tm_conserving *c, void *buffer) {
     if (buffer) memcpy(buffer, &c->generated_J, sizeof c->generated_J);

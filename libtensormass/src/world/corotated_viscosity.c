@@ -1,19 +1,19 @@
-/* The whole law of tissue that turns, so that the tensors of what is linear are not run beside it: of tissue whose
- * changes of volume are averaged, and of tissue that relaxes, what the series leaves and its terms, with histories of
- * tetrahedra. Four passes, each divided among the step's threads: strains of packs; where changes of volume are
- * averaged, pressures of domains, then their stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums
- * all of it in ascending order, so that the bits are those of one thread. */
+/* The complete law of corotated tissue, for which the pass over linear tensors is not needed. It serves tissue with
+ * averaged dilatation, and relaxing tissue: long-term law and terms, with histories of tetrahedra. Four passes, each
+ * divided among the step's threads: strains of batches; with averaged dilatation, pressures of domains, then their
+ * stresses on batches; corner forces gathered by vertices. Every sum is complete and ascending, so results are
+ * bit-identical to those of one thread. */
 #include "world/viscosity.h"
 
 #include <string.h>
 
-/* --- room --- */
+/* --- memory --- */
 
 int64_t tm_relaxing_kept(const tm_rotation *rotation) {
     return 6 * TM_LANES * (int64_t)rotation->batches.count + tm_nodal_dilatation_domains(&rotation->nodal_dilatation);
 }
 
-/* Of one look; what the elastic tissue has already is shared, for only one of both runs. */
+/* Allocates one evaluation. It shares memory of the elastic tissue, because only one of both runs. */
 static bool take_room(tm_relaxing *r, tm_pool *pool) {
     const tm_mesh *mesh = r->world->tissue->mesh;
     const tm_relaxing *lender = r->rotation->whole;
@@ -55,7 +55,7 @@ static const tm_nodal_dilatation *dilatation_of(const tm_relaxing *r) {
     return tm_nodal_dilatation_is_on(&r->rotation->nodal_dilatation) ? &r->rotation->nodal_dilatation : NULL;
 }
 
-/* Packs before the part. */
+/* Returns the number of batches before the partition. */
 static int32_t batches_before(const tm_relaxing *r, int32_t partition) {
     return tm_tet_batches_before(r->batches->count, partition, r->world->partition_count);
 }
@@ -97,9 +97,9 @@ static void gather(void *context, int32_t partition) {
 
 /* --- timers --- */
 
-/* Timed calls from one comparison to the next: what it takes itself is booked on no stage. */
+/* Timed calls between comparisons; the comparison's own time is attributed to no stage. */
 enum { COMPARE_EVERY = 64 };
-/* Seconds compared are the least, forgotten by so much a comparison: other programs make single ones longer. */
+/* Factor of growth, per comparison, of the stored minimum times: other programs lengthen single measurements. */
 static const double FORGET = 1.02;
 
 static void linear_part(void *context, int32_t number) {
@@ -109,8 +109,8 @@ static void linear_part(void *context, int32_t number) {
     tissue->force(&tissue->graph, &own, own.begin, own.end, world->state.u_m, world->state.force_N);
 }
 
-/* What the force would take now if nothing relaxed: the linear pass and the stage "rotation", into scratch. The second
- * time counts, for the first one looks at all packs. Changes nothing that a step depends on. */
+/* Measures the time of the force without relaxation: the linear pass and the stage "rotation", into scratch. The second
+ * run counts, because the first checks all batches. Changes nothing that a step depends on. */
 static double time_elastic(tm_relaxing *r) {
     tm_world *world = r->world;
     const tm_stage *stage = &world->entry[tm_world_stage_index(world, r->rotation)].stage;
@@ -141,7 +141,7 @@ static void pull(tm_relaxing *r) {
     tm_partitions_run(r->world, gather, r);
 }
 
-/* Moves what the elastic tissue would take from the running stage, "viscosity", to "rotation". */
+/* Attributes the time of elastic tissue to "rotation" instead of the running stage, "viscosity". */
 static void corner_forces_timed(tm_relaxing *r) {
     tm_world *world = r->world;
     const int32_t mine = world->profiled;

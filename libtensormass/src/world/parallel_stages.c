@@ -1,11 +1,11 @@
-/* A step's work in parts: stages that compute vertices one by one run together, a few hundred vertices at a time while
- * they are in the cache, each part by a thread of its own. A part computes its vertices whole (tm_force_partition), so
- * that the bits are the same for any number of parts. */
+/* Parallel stages: those that compute vertices one by one run together, a few hundred vertices at a time while they are
+ * in the cache, each partition on a thread of its own. A partition computes its vertices completely
+ * (tm_force_partition), so results are bit-identical for any number of partitions. */
 #include "world/world_internal.h"
 
 #include <string.h>
 
-/* A part is worth a thread from this many tetrahedra on: below it, waiting for each other costs more. */
+/* Minimum tetrahedra per thread; fewer do not repay synchronisation. */
 enum { MIN_TETS = 2000, BLOCK = 512 };
 
 bool tm_partitions_init(tm_world *world, tm_pool *pool, const tm_world_def *def) {
@@ -28,9 +28,9 @@ bool tm_partitions_init(tm_world *world, tm_pool *pool, const tm_world_def *def)
 
 /* --- running --- */
 
-/* No displacement is beyond `largest_m`, infinite or no number. Magnitudes of doubles are ordered as their bits are, so
- * that adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at
- * after every substep: whole words are an instruction less than comparisons. */
+/* Returns whether no displacement exceeds `largest_m`, is infinite or NaN. Magnitudes of doubles are ordered like their
+ * bits: adding the distance from the largest allowed one to the topmost bit sets that bit for all larger ones. Runs
+ * after every substep; integers take one instruction less than comparisons. */
 static inline __attribute__((always_inline)) bool are_bounded(const double *u, int32_t n, double largest_m) {
     uint64_t largest, word, beyond = 0;
     memcpy(&largest, &largest_m, sizeof largest);
@@ -41,7 +41,7 @@ static inline __attribute__((always_inline)) bool are_bounded(const double *u, i
     return !(beyond >> 63);
 }
 
-/* The compiler looks at four at a time. */
+/* The compiler checks four at a time. */
 TM_AVX2 static bool are_bounded_wide(const double *u, int32_t n, double largest_m) {
     return are_bounded(u, n, largest_m);
 }
@@ -53,10 +53,10 @@ static void check_range(const tm_world *world, tm_partition *partition, int32_t 
         partition->unstable = true;
 }
 
-/* At the new displacements. What is dead moves by nobody's doing but a caller's, before or behind all substeps: looked
- * at in the first and the last. */
+/* Checks the new displacements. Removed vertices are moved only by the caller, between calls: they are checked in the
+ * first and the last substep. */
 static void check_all(const tm_world *world, tm_partition *partition, int32_t begin, int32_t end) {
-    enum { GAP = 64 }; /* vertices: fewer dead ones are not worth leaving out */
+    enum { GAP = 64 }; /* vertices: skipping fewer removed ones does not pay */
     const uint64_t *active = world->tissue->graph.active;
     if (world->check_removed) {
         check_range(world, partition, begin, end);
@@ -83,12 +83,12 @@ double tm_max_increment_m(const tm_world *world) {
 
 typedef struct stages {
     tm_world *world;
-    int32_t begin, end;                            /* slots */
-    bool look, timed;                              /* timed: by the clock, for the borders */
-    int32_t overlap_count, overlap[TM_MAX_STAGES]; /* slots whose work overlaps */
+    int32_t begin, end;                            /* indices */
+    bool look, timed;                              /* timed: by the clock, for load balancing */
+    int32_t overlap_count, overlap[TM_MAX_STAGES]; /* indices of stages with overlapped tasks */
 } stages;
 
-/* Time is booked by the first part for all of them. */
+/* The first partition attributes time for all of them. */
 static void run_part(void *context, int32_t number) {
     const stages *s = context;
     tm_world *world = s->world;
@@ -96,7 +96,7 @@ static void run_part(void *context, int32_t number) {
     const bool timed = world->timing && number == 0;
     const double since_s = s->timed ? tm_clock_s() : 0;
     if (partition->unstable)
-        partition->unstable = false; /* a line that nobody writes need not come from another core */
+        partition->unstable = false; /* writes only on change: a store invalidates the line in other cores */
     for (int32_t i = 0; i < s->overlap_count; i++) {
         const tm_stage *stage = &world->entry[s->overlap[i]].stage;
         if (timed) tm_profile_enter(world, s->overlap[i]);
@@ -117,8 +117,8 @@ static void run_part(void *context, int32_t number) {
     if (s->timed) tm_partition_record_time(partition, tm_clock_s() - since_s);
 }
 
-/* Books the wait for other threads on the stages that these were still computing, in the ratio of the caller's own
- * times: not on the stage that happens to be the last. */
+/* Attributes the wait for other threads to all stages that ran, in the ratio of the caller's own times: not to the last
+ * stage alone. */
 static void profile_wait(tm_world *world, const double *before_s) {
     const double wait_s = tm_clock_s() - world->profiled_since_s;
     double own_s[TM_MAX_STAGES] = {0}, sum_s = 0;
@@ -147,13 +147,14 @@ void tm_partitions_run(tm_world *world, void (*work)(void *context, int32_t part
         for (int32_t p = 0; p < world->partition_count; p++) work(context, p);
 }
 
-/* Of work that looks; other work leaves alone what the last look found, be it of a step that failed. */
+/* Runs work that checks displacements, and collects the results. Other work keeps the result of the last check, even of
+ * a failed step. */
 static void check_partitions(tm_world *world, void (*work)(void *context, int32_t part), void *context) {
     tm_partitions_run(world, work, context);
     for (int32_t p = 0; p < world->partition_count; p++) world->unstable |= world->partition[p].unstable;
 }
 
-/* Do the stages [begin, end) lead from the force to the new displacements? */
+/* Returns whether the stages [begin, end) go from the force to the new displacements. */
 static bool is_force_job(const tm_world *world, int32_t begin, int32_t end) {
     return world->entry[begin].stage.phase <= TM_PHASE_FORCE && world->entry[end - 1].stage.phase >= TM_PHASE_INTEGRATE;
 }
@@ -182,7 +183,7 @@ void tm_partitions_run_stages(tm_world *world, int32_t begin, int32_t end, bool 
 
 void tm_partitions_check_bounded(tm_world *world) { check_partitions(world, check_partition, world); }
 
-/* Threads are woken for calls that are worth it. */
+/* Wakes the threads if the call has enough substeps to repay it. */
 void tm_partitions_begin(tm_world *world, int32_t substeps) {
     enum { MIN_SUBSTEPS = 4 };
     world->has_thread_pool = world->thread_pool && substeps >= MIN_SUBSTEPS;

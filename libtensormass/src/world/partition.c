@@ -1,13 +1,13 @@
-/* Where one thread's part of the tissue ends and the next one's begins: at first so that all are alike expensive by
- * count, and then after the time that each thread takes, what it does beside the force included. A part's vertices are
- * computed whole (tm_force_partition), so that the bits are the same wherever the borders are. */
+/* Partitions of the vertices, one per thread, and their load balancing. The initial ends balance the estimated cost;
+ * later ones the time measured for each thread, overlapped tasks included. Each partition computes the complete force
+ * on its vertices (tm_force_partition), so results are bit-identical for any ends. */
 #include "world/world_internal.h"
 
-enum { ALIGNED = 8 /* vertices: whole cache lines of every array */ };
+enum { ALIGNED = 8 /* vertices: complete cache lines of every array */ };
 
-/* --- the division --- */
+/* --- initial ends --- */
 
-/* What parts cost, in edges: a vertex counts as two, and an edge that crosses a border in both. */
+/* Cost of partitions, in edges: a vertex counts as two, an edge across an end in both partitions. */
 typedef struct costs {
     tm_pool pool;
     int32_t count;        /* vertices */
@@ -24,7 +24,7 @@ static bool alloc_costs(const tm_tissue *tissue, costs *c) {
     if (c->pool.failed) return false;
     for (int32_t p = 0; p < pairs; p++) c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 2]++;
     for (int32_t v = 0; v < n; v++) c->lower_begin[v + 2] += c->lower_begin[v + 1];
-    for (int32_t p = 0; p < pairs; p++) /* begins slide to their ends, and so to their places */
+    for (int32_t p = 0; p < pairs; p++) /* each begin moves to its end, which is the next begin */
         c->lower[c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 1]++] = tissue->pair[2 * (int64_t)p];
     return true;
 }
@@ -35,7 +35,7 @@ static int64_t cost_of(const costs *c, int32_t k, int32_t begin) {
     return cost;
 }
 
-/* Parts of at most this cost, one after the other; false: the last has to cost more. */
+/* Fills partitions one after the other up to this cost; returns false if the last exceeds it. */
 static bool set_partition_ends(const costs *c, int64_t most, tm_partition *partition, int32_t count) {
     int32_t k = 0;
     for (int32_t p = 0; p < count; p++) {
@@ -51,7 +51,7 @@ static bool set_partition_ends(const costs *c, int64_t most, tm_partition *parti
     return k == c->count;
 }
 
-/* The least cost of the costliest part, to a thousandth. */
+/* Finds the ends with the smallest maximum cost, to a thousandth, by bisection on that cost. */
 static bool divide(const tm_tissue *tissue, tm_partition *partition, int32_t count) {
     partition[0].force = tm_force_whole(&tissue->graph);
     if (count == 1) return true;
@@ -73,9 +73,10 @@ static bool divide(const tm_tissue *tissue, tm_partition *partition, int32_t cou
     return taken;
 }
 
-/* --- what lies below a part --- */
+/* --- halo --- */
 
-/* Has j, which is before the part, an upper edge into it? Of all that ever live. */
+/* Returns whether vertex j, before the partition, has an edge into it. Removed edges count, so a cut never changes the
+ * halo. */
 static bool reaches(const tm_tissue *tissue, int32_t j, const tm_force_partition *partition) {
     const int32_t first = tissue->graph.upper_begin[j];
     for (int32_t p = tissue->graph.upper_begin[j + 1] - 1; p >= first; p--) {
@@ -103,7 +104,7 @@ bool tm_partition_init(tm_world *world, tm_pool *pool, const tm_tissue *tissue) 
     return true;
 }
 
-/* --- moving --- */
+/* --- load balancing --- */
 
 void tm_partition_set_ends(tm_world *world, const int32_t *end) {
     for (int32_t p = 0; p < world->partition_count; p++) {
@@ -115,10 +116,10 @@ void tm_partition_set_ends(tm_world *world, const int32_t *end) {
     }
 }
 
-/* In edges, of the vertices before k: those across borders are left to the clock. */
+/* Returns the cost of the vertices before k, in edges. Edges across ends are left to the measured time. */
 static int64_t cost_before(const tm_force_graph *g, int32_t k) { return g->upper_begin[k] + 2 * (int64_t)k; }
 
-/* The last aligned vertex before which there is no more than this, from `low` on. */
+/* Returns the last aligned vertex, from `low` on, with at most this cost before it. */
 static int32_t place_of(const tm_force_graph *g, double cost, int32_t low) {
     int32_t a = low / ALIGNED, b = g->vertex_count / ALIGNED;
     while (a < b) {
@@ -131,7 +132,7 @@ static int32_t place_of(const tm_force_graph *g, double cost, int32_t low) {
     return a * ALIGNED;
 }
 
-/* Half of what a part's thread takes more than the mean goes to the others. */
+/* Moves half of each thread's time above the mean to the other partitions. */
 static void move(tm_world *world, double mean_s) {
     static const double GAIN = 0.5;
     const tm_force_graph *g = &world->tissue->graph;
@@ -149,8 +150,7 @@ static void move(tm_world *world, double mean_s) {
     tm_partition_set_ends(world, end);
 }
 
-/* Of a job that took one thread far longer than it usually does, for others had its core, no more than twice that
- * counts. */
+/* Adds the time of one job, capped at twice the usual time, so that a preempted thread hardly moves the ends. */
 void tm_partition_record_time(tm_partition *partition, double took_s) {
     const double most = 2 * partition->usual_s;
     partition->sum_s += most > 0 && took_s > most ? most : took_s;

@@ -1,4 +1,4 @@
-/* Pieces that the supports leave free to move or turn. */
+/* Checks for connected components that the supports leave free to move or rotate. */
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -8,12 +8,12 @@
 typedef struct components {
     tm_pool pool;
     const tm_mesh *mesh;
-    int32_t *parent; /* [vertex_count] towards the root of its piece */
+    int32_t *parent; /* [vertex_count] towards the root of its component */
     uint8_t *fixed;  /* [3*vertex_count] */
-    uint8_t *seen;   /* [vertex_count] roots looked at */
+    uint8_t *seen;   /* [vertex_count] roots already checked */
 } components;
 
-/* The rank of the supports over the six rigid motions of one piece, whose vertices have root `piece`. */
+/* Returns whether the supports constrain all six rigid motions of the component with root `piece`. */
 static bool component_is_constrained(const components *x, int32_t piece) {
     const tm_mesh *mesh = x->mesh;
     double centre[3] = {0, 0, 0}, size = 0, G[36] = {0};

@@ -1,10 +1,9 @@
-/* Rest: dynamic relaxation of K u = f_ext.
+/* Finds static equilibrium, by dynamic relaxation of K u = f_ext.
  *
- * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
- * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
- * gradient method. With a nonlinear law it is Newton's (settle_newton.c). With any further
- * constraint (contact) the stages themselves run, under fictitious masses and a
- * damping taken from the motion. */
+ * With forces, loads and supports alone equilibrium is a linear system. The relaxation's mass (the 3x3 vertex tensors),
+ * damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate gradient
+ * method. A nonlinear law takes Newton's method (settle_newton.c). With any further constraint (contact) the stages
+ * themselves run, under fictitious masses and a damping taken from the motion. */
 #include "world/settle_newton.h"
 #include "world/viscosity.h"
 #include "world/world_internal.h"
@@ -48,7 +47,7 @@ static bool known(const tm_world *world, const tm_stage *stage) {
            (world->nonlinear && stage->self == world->nonlinear->self) || tm_stage_is_viscosity(stage);
 }
 
-/* Or would be, were the law linear. */
+/* Returns whether the problem is linear, apart from the tissue's law. */
 static bool is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!known(world, &world->entry[i].stage)) return false;
@@ -75,7 +74,7 @@ static tm_status not_converged(const relaxation *x, tm_error *error) {
 
 /* --- linear --- */
 
-/* Inverse of the vertex tensor's free part; held components get none. */
+/* Inverts the vertex tensor's free part; fixed components get 0. */
 static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *fixed, double inverse[9]) {
     double K[9];
     tm_tissue_vertex_tensor(tissue, v, K);
@@ -113,7 +112,7 @@ static void true_residual(relaxation *x) {
     x->relative = most > 0 ? most / reference : 0;
 }
 
-/* One restart of the recurrence: until the recurred residual promises the tolerance, or it stops falling. */
+/* One restart of the recurrence: until the recurred residual reaches the tolerance or stops falling. */
 static tm_status relax_linear_once(relaxation *x, double reference, tm_error *error) {
     double *u = x->world->state.u_m;
     precondition(x, x->residual, x->step);
@@ -159,7 +158,8 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
 
 /* --- nonlinear tissue --- */
 
-/* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
+/* Runs Newton's method from the previous state of the tissue to the supports' values, which prepare() has put into
+ * u. */
 static tm_status relax_corotated(relaxation *x, const tm_settle_def *def, bool turns_only, tm_error *error) {
     double *u = x->world->state.u_m, *target = x->scaled;
     const size_t bytes = sizeof(double) * (size_t)x->n;
@@ -174,8 +174,8 @@ static tm_status relax_corotated(relaxation *x, const tm_settle_def *def, bool t
     return status;
 }
 
-/* Before stages run: supports that turn are led to their places without contact. What does not come to rest on the way
- * is left to the stages. */
+/* Before stages run, moves rotating supports to their targets without contact. If that does not converge, the stages do
+ * the rest. */
 static void lead(relaxation *x) {
     const size_t bytes = sizeof(double) * (size_t)x->n;
     double *u = x->world->state.u_m;
@@ -203,7 +203,7 @@ static double stiffening(const tm_tissue *tissue) {
 static void fictitious_masses(relaxation *x) {
     const tm_tissue *tissue = x->world->tissue;
     const tm_mesh *mesh = tissue->mesh;
-    /* What turns stiffens by less than twice; a nonlinear law by what its bound has more than small strains. */
+    /* Corotated tissue stiffens by less than twice; a nonlinear law by the ratio of its bound to small strains. */
     const double margin = tissue->rotation > 0 ? 2.2 : tissue->stiffest_Pa ? 1.1 * stiffening(tissue) : 1.1;
     double K[9], *sum = x->scaled;
     memset(sum, 0, sizeof(double) * (size_t)x->n);
@@ -223,8 +223,8 @@ static void fictitious_masses(relaxation *x) {
         x->mass[v] = margin / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
 }
 
-/* One pass over all stages but the integrator, whose place the relaxation takes. residual := the whole force,
- * constraints included. */
+/* Runs all stages but the integrator, which the relaxation replaces. residual := the complete force, constraints
+ * included. */
 static void relaxed_pass(relaxation *x, double damping) {
     tm_world *world = x->world;
     tm_state *s = &world->state;
@@ -245,8 +245,8 @@ static void relaxed_pass(relaxation *x, double damping) {
     }
 }
 
-/* Critical damping of the mode that moves: its frequency by Rayleigh's quotient of the last move. image = residual
- * before. */
+/* Returns critical damping of the moving mode: its frequency by Rayleigh's quotient of the last increment. image = the
+ * previous residual. */
 static double damping_from_motion(const relaxation *x) {
     const tm_state *s = &x->world->state;
     double stiff = 0, heavy = 0;
@@ -318,7 +318,7 @@ static void prepare(relaxation *x) {
     memcpy(s->u_prev_m, s->u_m, bytes);
 }
 
-/* Leaves forces, reactions and contact as the first step from here would find them. */
+/* Updates forces, reactions and contact to those of the first step from here. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
     for (tm_phase phase = TM_PHASE_BEGIN; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);

@@ -1,8 +1,9 @@
-/* Rest of nonlinear tissue: Newton's method on the whole nonlinear problem, with conjugate gradients inside.
+/* Equilibrium of nonlinear tissue: Newton's method on the complete nonlinear problem, with conjugate gradients inside.
  *
- * Supports and loads come on in load steps: supports along their path (settle_newton.h), loads as f(s) = f - (1 - s)
- * r0, r0 what the state at the start lacks, so that the start is at rest for s = 0. A load step that does not converge
- * is taken back and halved; so is one that turns tetrahedra inside out, or stores more than its forces worked. */
+ * Supports and loads are applied in load steps: supports along their path (settle_newton.h), loads as f(s) = f - (1 -
+ * s) r0. r0 is the residual of the initial state, which is thus at equilibrium for s = 0. A load step that does not
+ * converge is rolled back and halved. So is one that inverts tetrahedra, or stores more energy than the work of its
+ * forces. */
 #include <math.h>
 #include <string.h>
 
@@ -10,15 +11,15 @@
 #include "libtensormass/numeric/random.h"
 #include "world/settle_newton.h"
 
-/* Bounds of the work: Newton steps of a load step, of them without progress, halvings of one of them, load steps tried,
- * doubtful ones taken back, conjugate gradients of a Newton step for each component. */
+/* Limits: Newton steps of a load step, steps without progress, halvings of a step, attempted load steps, doubtful ones
+ * rolled back, conjugate gradients of a Newton step per component. */
 enum { NEWTON_STEPS = 100, IDLE_STEPS = 12, HALVINGS = 30, TRIES = 120, DOUBTS = 24, GRADIENTS = 4 };
-static const double TURN_MAX = 0.55;        /* rad that supports turn in the first load step; twice that later */
-static const double FALLS = 1e-4;           /* of what is stored: by much */
-static const double MIN_INCREMENT = 1e-3;   /* of the way */
-static const double SHORT_INCREMENT = 0.01; /* of the way: a doubtful one is taken */
-static const double WORK_ERROR = 0.25;      /* of the trapezoidal rule, as a share of what a load step stores */
-static const double ROUNDING = 1e-6;        /* residuals below that stop falling are as small as rounding lets them */
+static const double TURN_MAX = 0.55;        /* rad, rotation of supports in the first load step; twice that later */
+static const double FALLS = 1e-4;           /* of the stored energy: a large decrease */
+static const double MIN_INCREMENT = 1e-3;   /* of the path */
+static const double SHORT_INCREMENT = 0.01; /* of the path: a doubtful step this short is accepted */
+static const double WORK_ERROR = 0.25; /* of the trapezoidal rule, as a share of the stored energy of a load step */
+static const double ROUNDING = 1e-6;   /* residuals below this that stop falling are rounding */
 
 typedef struct newton {
     tm_pool pool;
@@ -36,7 +37,7 @@ typedef struct newton {
     int64_t steps;
     int32_t load_steps;
     bool indefinite; /* the last tangent was not positive where it was solved */
-    bool fell;       /* so did the energy in the last Newton step, by much */
+    bool fell;       /* the energy fell by a large amount in the last Newton step */
     double relative;
 } newton;
 
@@ -52,7 +53,7 @@ static double product(const double *a, const double *b, int32_t n) {
     return sum;
 }
 
-/* Residual at u, and how large it is beside what pulls and pushes. Returns its norm. */
+/* Computes the residual at u, and its size relative to the forces. Returns its norm. */
 static double look(newton *w, const double *u) {
     tm_tissue_force(w->tissue, u, w->force);
     w->law->force(w->law->self, u, w->corotated);
@@ -97,8 +98,8 @@ static void precondition(const newton *w, const double *r, double *z) {
         for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(w->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
 }
 
-/* move := about K^-1 residual on the free components; where K is not positive, as far as it is, and on along the
- * direction in which it is not. The residual is used up. */
+/* move := approximately K^-1 residual on the free components. Where K is not positive, the solution so far, continued
+ * along the direction of negative curvature. Overwrites the residual. */
 static tm_status solve(newton *w, double accuracy, tm_error *error) {
     const int32_t n = w->n;
     invert(w);
@@ -142,7 +143,7 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
 
 /* --- one load step --- */
 
-/* By how much energies at u may differ by rounding: what is stored is a difference of terms of this size. */
+/* Returns the rounding error of energies at u: stored energy is a difference of terms of this size. */
 static double rounding_J(const newton *w, const double *u) {
     const double most_m = largest(u, w->n);
     return 1e-12 * (w->scale.stiffness_N_m * most_m * most_m + fabs(product(w->load, u, w->n)));
@@ -152,8 +153,8 @@ static void step_to(const newton *w, double *u, double length) {
     for (int32_t i = 0; i < w->n; i++) u[i] = w->scaled[i] + (w->rest_args->fixed[i] ? 0 : length * w->move[i]);
 }
 
-/* u += the move, halved until the energy falls, or the residual while the energy does not rise; doubled while the
- * energy falls where the tangent gave no length. False: neither falls. */
+/* u += the increment, halved until the energy falls, or the residual falls while the energy does not rise. If the
+ * tangent gave no length, it is doubled while the energy falls. Returns false if neither falls. */
 static bool descend(newton *w, double *u) {
     const double before = potential(w, u), lack = look(w, u), slope = product(w->residual, w->move, w->n);
     const double noise = rounding_J(w, u) + 1e-9 * fabs(before);
@@ -180,7 +181,7 @@ static bool descend(newton *w, double *u) {
     return falls;
 }
 
-/* Newton's steps at one s; converged: *rests. */
+/* Runs Newton steps at one s; sets *rests if they converge. */
 static tm_status settle_here(newton *w, double *u, double tolerance, bool *rests, tm_error *error) {
     double best = HUGE_VAL;
     *rests = w->fell = false;
@@ -198,7 +199,7 @@ static tm_status settle_here(newton *w, double *u, double tolerance, bool *rests
     return TM_OK;
 }
 
-/* First guess of the next s: the tangent's answer to what supports and loads do. */
+/* Predicts u at the next s: the tangent's response to the increments of supports and loads. */
 static tm_status predict(newton *w, double *u, double to, tm_error *error) {
     const tm_newton_rest *rest = w->rest_args;
     for (int32_t i = 0; i < w->n; i++) w->load[i] = rest->external_N[i] - (1 - to) * w->lack[i];
@@ -215,10 +216,10 @@ static tm_status predict(newton *w, double *u, double to, tm_error *error) {
     return status;
 }
 
-/* --- the way --- */
+/* --- path --- */
 
-/* Does u, at rest, store no more than the way from the last rest worked, by the trapezoidal rule along a straight line?
- * Another branch of rests, to which no small steps lead, stores more. */
+/* Returns whether u, at equilibrium, stores no more energy than the work along a straight line from the last
+ * equilibrium, by the trapezoidal rule. Another branch of equilibria, which small steps do not reach, stores more. */
 static bool is_on_the_way(const newton *w, const double *u, double before, double now) {
     double work = 0;
     for (int32_t i = 0; i < w->n; i++) work -= 0.5 * (w->last_force[i] + w->force[i]) * (u[i] - w->last[i]);
@@ -240,11 +241,11 @@ static tm_status give_up(const newton *w, double at, double tolerance, tm_error 
 
 typedef struct place {
     double s, stored_J;
-    bool upright; /* no tetrahedron is inside out */
+    bool upright; /* no tetrahedron is inverted */
     int32_t doubts;
 } place;
 
-/* One load step to `next`; *taken: it is the new place. */
+/* Attempts one load step to `next`; *taken: it is accepted. */
 static tm_status load_step(newton *w, double *u, double next, place *at, bool *taken, tm_error *error) {
     const size_t bytes = sizeof(double) * (size_t)w->n;
     memcpy(w->last, u, bytes);
@@ -290,9 +291,9 @@ static tm_status march(newton *w, double *u, tm_error *error) {
     return status;
 }
 
-/* --- rests that are no minimum --- */
+/* --- equilibria that are no minimum --- */
 
-/* A direction of no symmetry. */
+/* A direction without symmetry. */
 static void stir(newton *w) {
     uint32_t random = 1;
     for (int32_t i = 0; i < w->n; i++) {
@@ -301,8 +302,8 @@ static void stir(newton *w) {
     }
 }
 
-/* Where the tangent at u, at rest, is not positive, goes on along the direction in which it is not, down to another
- * rest. What is no deeper in the end is not taken. */
+/* Leaves saddle points. Where the tangent at equilibrium is not positive, continues along the direction of negative
+ * curvature to another equilibrium. Accepts it only if its energy is lower. */
 static tm_status leave_saddle(newton *w, double *u, tm_error *error) {
     const size_t bytes = sizeof(double) * (size_t)w->n;
     for (int k = 0; k < 3; k++) {

@@ -8,11 +8,11 @@
 #include "base/vec.h"
 #include "libtensormass/numeric/union_find.h"
 
-static const double STRAIGHT = 0.05;     /* rad: turns below this are as good as straight */
-static const double WORTH_TURNING = 0.9; /* of the way that is left when the piece has been turned as a body */
-enum { CANDIDATES = 64 };                /* parts of a piece whose motion is tried for the whole of it, at most */
+static const double STRAIGHT = 0.05;     /* rad: smaller rotations are treated as straight */
+static const double WORTH_TURNING = 0.9; /* largest share of the travel left after rotating the component as a body */
+enum { CANDIDATES = 64 };                /* maximum of groups of a component whose motion is tried for all of it */
 
-/* What Horn's fit sums of a set of vertices. */
+/* Sums of Horn's fit over a set of vertices. */
 typedef struct fit {
     int32_t count;
     double from[3], to[3]; /* centres */
@@ -34,8 +34,8 @@ static void diagonalise4(double N[16], double V[16]) {
             }
 }
 
-/* The best rotation as a quaternion; of several that are as good (points in one line) the smallest. Half a turn has two
- * senses: the one about the axis whose largest component is positive. */
+/* Computes the best rotation as a quaternion; of equally good ones (points on a line) the smallest. Half a turn has two
+ * senses: takes the one about the axis whose largest component is positive. */
 static void best_turn(const double S[9], double q[4]) {
     double N[16] = {S[0] + S[4] + S[8], S[5] - S[7],        S[6] - S[2],         S[1] - S[3],
                     S[5] - S[7],        S[0] - S[4] - S[8], S[1] + S[3],         S[6] + S[2],
@@ -79,7 +79,7 @@ static tm_screw screw_of(const fit *f) {
     return w;
 }
 
-/* x after the share s of the motion, in place. */
+/* Moves x by the share s of the motion. */
 static void move(const tm_screw *w, double s, double x[3]) {
     if (w->angle == 0) {
         for (int i = 0; i < 3; i++) x[i] += s * w->shift_m[i];
@@ -94,14 +94,14 @@ static void move(const tm_screw *w, double s, double x[3]) {
         x[i] = w->centre_m[i] + c * d[i] + sine * out[i] + ((1 - c) * along + s * w->slide_m) * w->axis[i];
 }
 
-/* --- parts and pieces --- */
+/* --- groups of supports and connected components --- */
 
 typedef struct plan {
     tm_settle_path *path;
-    int32_t *component_of; /* [vertex_count] -1: not held along two axes */
+    int32_t *component_of; /* [vertex_count] -1: not fixed along two axes */
     int32_t component_count;
-    fit *fit;        /* [parts and pieces] */
-    tm_screw *screw; /* [pieces] */
+    fit *fit;        /* [groups and components] */
+    tm_screw *screw; /* [components] */
     double *u_m;
 } plan;
 
@@ -134,12 +134,12 @@ static void fit_all(const plan *p, const int32_t *set_of, int32_t count, tm_scre
     for (int32_t k = 0; k < count; k++) screw[k] = screw_of(p->fit + k);
 }
 
-/* Numbers the sets that `in` has vertices of. Returns how many. */
+/* Numbers the sets with vertices in `in`. Returns how many. */
 static int32_t number(int32_t *parent, const uint8_t *in, int32_t vertices, int32_t *set_of) {
     int32_t count = 0;
     for (int32_t v = 0; v < vertices; v++) set_of[v] = -1;
     for (int32_t v = 0; v < vertices; v++) {
-        const int32_t root = law_root(parent, v); /* the lowest of its set, and perhaps not in */
+        const int32_t root = law_root(parent, v); /* the lowest of its set, which may not be in */
         if (!in[v]) continue;
         if (set_of[root] < 0) set_of[root] = count++;
         set_of[v] = set_of[root];
@@ -149,7 +149,7 @@ static int32_t number(int32_t *parent, const uint8_t *in, int32_t vertices, int3
     return count;
 }
 
-/* Joins corners of living tetrahedra: all, or those that `in` has. */
+/* Joins corners of active tetrahedra: all, or those in `in`. */
 static void join(const tm_tissue *tissue, const uint8_t *in, int32_t *parent) {
     for (int32_t v = 0; v < tissue->mesh->vertex_count; v++) parent[v] = v;
     for (int32_t t = 0; t < tissue->mesh->tet_count; t++)
@@ -160,7 +160,7 @@ static void join(const tm_tissue *tissue, const uint8_t *in, int32_t *parent) {
             }
 }
 
-/* Sum of the ways that are left for held vertices of a piece after a motion; null: none. */
+/* Sums the remaining travel of a component's fixed vertices after a motion; null: none. */
 static double left_m(const plan *p, int32_t piece, const tm_screw *motion) {
     double sum = 0, x[3], y[3];
     for (int32_t v = 0; v < p->path->mesh->vertex_count; v++) {
@@ -173,8 +173,8 @@ static double left_m(const plan *p, int32_t piece, const tm_screw *motion) {
     return sum;
 }
 
-/* The motion after which the least is left: of all that holds a piece, or of one of its parts. Angle 0: none is worth
- * it. */
+/* Returns the motion with the least remaining travel: of all supports of a component, or of one group. Angle 0: none
+ * pays. */
 static tm_screw best_motion(const plan *p, int32_t piece, const tm_screw *whole) {
     tm_screw best = {0};
     double least = WORTH_TURNING * left_m(p, piece, NULL);
@@ -192,7 +192,7 @@ static tm_screw best_motion(const plan *p, int32_t piece, const tm_screw *whole)
     return best;
 }
 
-/* Turns pieces as bodies. Returns whether any was. */
+/* Rotates components as bodies. Returns whether any was. */
 static bool turn_pieces(plan *p, const tm_tissue *tissue, int32_t *parent, const uint8_t *in, int32_t *root_piece) {
     const int32_t vertices = p->path->mesh->vertex_count;
     bool turned = false;
@@ -246,7 +246,7 @@ bool tm_settle_path_build(tm_settle_path *path, tm_pool *pool, const tm_tissue *
     return good;
 }
 
-/* Where a part that turns has a vertex at s: both ends' shapes are brought there, and go over into one another. */
+/* Places a vertex of a rotating group at s: carries the shapes of both ends there, and blends between them. */
 static void turned_at(const tm_screw *part, const double *rest, const uint8_t *fixed, const double *first,
                       const double *target, double s, double *u) {
     double x[3], y[3];

@@ -1,5 +1,5 @@
-/* Snapshot: a header with a checksum, then state, living tetrahedra, the surface's slots and what stages keep.
- * Everything is checked before anything is taken. */
+/* Snapshot: a header with a checksum, then state, active tetrahedra, the surface's slots and data of stages. Everything
+ * is checked before anything is restored. */
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -11,8 +11,8 @@ static const char MAGIC[8] = {'T', 'M', 'S', 'N', 'A', 'P', '\r', '\n'};
 typedef struct header {
     char magic[8];
     uint32_t version, order; /* byte order and sizes of this machine */
-    int64_t bytes;           /* of the whole */
-    uint64_t checksum;       /* of the whole, this field zero */
+    int64_t bytes;           /* of the snapshot */
+    uint64_t checksum;       /* of the snapshot, with this field zero */
     uint64_t scene;          /* hash of mesh, materials, fibres, precision */
     int32_t vertex_count, tet_count, surface_count, stage_count;
     int64_t step;
@@ -158,7 +158,7 @@ static tm_status check_header(const tm_world *world, const void *buffer, int64_t
     return TM_OK;
 }
 
-/* Walks the stages' parts; with `apply` they take them. */
+/* Checks the data of the stages; with `apply`, restores them. */
 static tm_status stages(tm_world *world, const header *h, const char *at, const char *end, bool apply,
                         tm_error *error) {
     int32_t found = 0;

@@ -1,9 +1,9 @@
-/* Stage "force": the internal force, by the law that the world names (tm_force_provider). */
+/* Stage "force": the internal force, by the law set in the world (tm_force_provider). */
 #include "world/world_internal.h"
 
 #include <string.h>
 
-/* The tissue's tensors; for the account of energy a copy. */
+/* Computes the force of the tissue's tensors, with a copy for energy accounting. */
 static void elastic(tm_world *world, const tm_range *range) {
     const tm_tissue *tissue = world->tissue;
     const int64_t begin = 3 * (int64_t)range->begin;
@@ -14,7 +14,7 @@ static void elastic(tm_world *world, const tm_range *range) {
     if (world->internal_N) memcpy(world->internal_N + begin, force_N + begin, bytes);
 }
 
-/* Another stage adds the whole law: nothing, and the tensors' force for the account of energy alone. */
+/* Sets the force to zero: another stage adds the complete law. Energy accounting still gets the tensors' force. */
 static void none(tm_world *world, const tm_range *range) {
     const tm_tissue *tissue = world->tissue;
     const int64_t begin = 3 * (int64_t)range->begin;

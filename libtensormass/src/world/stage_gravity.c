@@ -11,7 +11,7 @@ typedef struct gravity {
 } gravity;
 
 #ifdef TM_HAS_AVX2
-/* Four vertices at a time, to the bits of one; the first that is left for the plain loop. */
+/* Processes four vertices at a time, bit-identical to one; returns the first left to the plain loop. */
 TM_AVX2 static int32_t fours(const double *mass, const double g[3], double *f, int32_t v, int32_t end) {
     const __m256d a = _mm256_set_pd(g[0], g[2], g[1], g[0]), b = _mm256_set_pd(g[1], g[0], g[2], g[1]),
                   c = _mm256_set_pd(g[2], g[1], g[0], g[2]);

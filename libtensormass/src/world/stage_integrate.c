@@ -8,9 +8,9 @@
 #include "base/intrinsics.h"
 #include "base/vec.h"
 
-/* --- the way that has been come --- */
+/* --- travel --- */
 
-/* The farthest that vertices came along each axis: no vertex came farther than its norm. */
+/* Largest increment of any vertex along each axis; its norm bounds the travel of all vertices. */
 typedef struct way {
     double max_m[3];
 } way;
@@ -21,7 +21,7 @@ static void add_ways(way *w, const double *u, const double *u_prev, int64_t n) {
 }
 
 #ifdef TM_HAS_AVX2
-/* Twelve components in three vectors: which axis a lane is of goes round. */
+/* Twelve components in three vectors: the axis of a lane cycles. */
 TM_AVX2 static inline void add_lanes(way *w, __m256d first, __m256d second, __m256d third) {
     double lane[12];
     _mm256_storeu_pd(lane, first);
@@ -51,7 +51,7 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     const tm_force_graph *g = &world->tissue->graph;
     way come = {{0, 0, 0}};
     for (int32_t begin, end = range->begin; tm_next_run(g->active, range->end, &begin, &end);) {
-        for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* written out: a loop of three is slower */
+        for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* unrolled: a loop of three is slower */
             const double x = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
             const double y = u[i + 1] + (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
             const double z = u[i + 2] + (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
@@ -63,8 +63,8 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
 }
 
 #ifdef TM_HAS_AVX2
-/* Four vertices at a time, to the bits of one: twelve components in three vectors, the factors of a vertex beside each
- * of its three. */
+/* Four vertices at a time, bit-identical to one: twelve components in three vectors, with a vertex's factors repeated
+ * for its three components. */
 #define COMPONENTS(k, factors)                                                                                         \
     const int64_t i##k = 3 * v + 4 * k;                                                                                \
     const __m256d u##k = _mm256_loadu_pd(u + i##k), way##k = _mm256_sub_pd(u##k, _mm256_loadu_pd(u_prev + i##k));      \
@@ -73,7 +73,7 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     _mm256_storeu_pd(u_next + i##k, _mm256_add_pd(on##k, pushed##k));                                                  \
     if (come) most##k = larger_way(way##k, most##k)
 
-/* The first vertex that is left for the plain loop. With how far the others came, unless that is null. */
+/* Returns the first vertex left to the plain loop. Adds the others' travel to `come`, unless null. */
 TM_AVX2 static inline __attribute__((always_inline)) int64_t fours(const tm_world *world, int64_t v, int64_t end,
                                                                    way *come) {
     __m256d most0 = _mm256_setzero_pd(), most1 = most0, most2 = most0;

@@ -1,6 +1,6 @@
-/* Stage "law": nonlinear laws of materials, in every world whose tissue has one. Stresses of packs come first, a share
- * of them by each thread; the stage "force" then gathers what pulls on its vertices, ascending, so that the bits are
- * those of one thread. */
+/* Stage "law": nonlinear laws of materials, in every world whose tissue has one. Each thread first computes the
+ * stresses of a share of the batches. Then the stage "force" gathers the corner forces on its vertices, ascending, so
+ * that results are bit-identical to those of one thread. */
 #include <string.h>
 
 #include "material/hyperelastic.h"
@@ -12,10 +12,10 @@ typedef struct law_stage {
     tm_world *world;
     tm_hyperelastic hyper;
     tm_hyper_force force;
-    double *corner_N; /* [12*TM_LANES*packs] */
+    double *corner_N; /* [12*TM_LANES*batches] */
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
-    int32_t *beyond;  /* [partition_count] tetrahedra that go on linearly */
-    tm_nonlinear law; /* what others ask */
+    int32_t *beyond;  /* [partition_count] tetrahedra that continue linearly */
+    tm_nonlinear law; /* the interface to other components */
 } law_stage;
 
 /* --- the step --- */
@@ -41,7 +41,7 @@ static void gather(const law_stage *l, const double *corner_N, int32_t begin, in
     }
 }
 
-/* The law of the stage "force"; the account of energy reads the tensors' part apart. */
+/* The law of the stage "force"; energy accounting reads the tensors' part separately. */
 static void force_range(void *self, tm_world *world, const tm_range *range) {
     const law_stage *l = self;
     const tm_tissue *tissue = world->tissue;
@@ -51,14 +51,14 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
     gather(l, l->corner_N, range->begin, range->end, world->state.force_N);
 }
 
-/* --- what others ask: what the law has beyond the tensors, which are its own for small strains --- */
+/* --- interface to other components: the law minus the tensors, which are its own for small strains --- */
 
 static double energy(const void *self, const double *u_m) {
     const law_stage *l = self;
     return tm_hyperelastic_energy(&l->hyper, u_m) - tm_tissue_energy(l->world->tissue, u_m);
 }
 
-/* Leaves the step's corner forces as they are no more, which every pass computes anew. */
+/* Overwrites the corner forces of the step; every pass recomputes them. */
 static void force(const void *self, const double *u_m, double *force_N) {
     const law_stage *l = self;
     double *tensors_N = l->law.scratch_N + 3 * (int64_t)l->hyper.packs.mesh->vertex_count;
@@ -86,7 +86,7 @@ static void add_tangent(const void *self, const double *u_m, int32_t begin, int3
     }
 }
 
-/* --- how it is made --- */
+/* --- creation --- */
 
 static void destroy(void *self) {
     law_stage *l = self;

@@ -1,4 +1,4 @@
-/* Stage "load": constant forces on vertices; and the lumping of tractions into such forces. */
+/* Stage "load": constant forces on vertices; lumps tractions into such forces. */
 #include "world/world_internal.h"
 
 #include <math.h>

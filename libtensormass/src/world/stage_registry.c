@@ -1,4 +1,4 @@
-/* The list of stages: who is in it, in which order, who depends on whom, and what all are told. */
+/* The list of stages: their order and dependencies, and their notification of changes. */
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -31,7 +31,7 @@ tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *erro
 
 /* --- stages --- */
 
-/* The integrator is told first, by both callers. */
+/* Notifies all stages but the integrator, which both callers notify first. */
 static void notify_stages(tm_world *world) {
     world->revision = world->tissue->surface.revision;
     for (int32_t i = 0; i < world->stage_count; i++) {
@@ -58,13 +58,13 @@ static int32_t find_stage(const tm_world *world, const char *name) {
     return -1;
 }
 
-/* The same of a whole stage, not of a part. */
+/* The same for a stage, not a substage. */
 static int32_t find_whole(const tm_world *world, const char *name) {
     const int32_t at = find_stage(world, name);
     return at >= 0 && world->entry[at].stage.substage_of ? -1 : at;
 }
 
-/* The stage that depends on `name`; -1: none. */
+/* Returns the stage that depends on `name`; -1: none. */
 static int32_t find_leaning(const tm_world *world, const char *name) {
     for (int32_t i = 0; i < world->stage_count; i++)
         for (int k = 0; k < TM_MAX_NEEDS && world->entry[i].stage.needs[k]; k++)
@@ -95,7 +95,7 @@ static tm_status check_needs(const tm_world *world, const tm_stage *stage, tm_er
     return TM_OK;
 }
 
-/* Behind all of its phase, or before the one it names. */
+/* Returns the index for a stage: after all of its phase, or before the stage that it names. */
 static int32_t place_for(const tm_world *world, const tm_stage *stage) {
     if (stage->runs_before) return find_stage(world, stage->runs_before);
     int32_t at = world->stage_count;
@@ -180,7 +180,7 @@ static tm_stage take_out(tm_world *world, int32_t at) {
     return stage;
 }
 
-/* Takes a stage out with its parts, and returns it: they have no memory of their own. */
+/* Removes a stage with its substages, and returns it; substages have no memory of their own. */
 static tm_stage take_whole(tm_world *world, int32_t at) {
     const tm_stage stage = take_out(world, at);
     for (int32_t i = world->stage_count - 1; i >= 0; i--)
@@ -234,7 +234,7 @@ int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STA
 }
 
 void tm_world_remove_all_stages(tm_world *world) {
-    while (world->stage_count > 0) { /* what depends on others first, else the last */
+    while (world->stage_count > 0) { /* stages that depend on others first, else the last */
         int32_t at = world->stage_count - 1;
         while (at > 0 && find_leaning(world, world->entry[at].stage.name) >= 0) at--;
         const tm_stage stage = take_out(world, at);

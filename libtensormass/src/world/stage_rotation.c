@@ -1,39 +1,38 @@
-/* Stage "rotation": the difference between the corotational law and the linear one, of tetrahedra that have turned or
- * strained beyond the threshold. Which packs it looks at is a matter of time alone, for a tetrahedron below the
- * threshold adds nothing, not even a zero. What lasts from step to step is what the step made of energy (conserve.c).
- */
+/* Stage "rotation": the difference between the corotational law and the linear one, for tetrahedra that have rotated or
+ * strained beyond the threshold. The choice of batches to check affects time only: a tetrahedron below the threshold
+ * adds nothing, not even a zero. The energy that steps generate is kept from step to step (conserve.c). */
 #include <string.h>
 
 #include "tissue/tangent.h"
 #include "world/conserve.h"
 #include "world/viscosity.h"
 
-/* A few packs of one part's, and what they pull with. */
+/* A few batches of one partition, and their corner forces. */
 enum { FEW = 16 };
 typedef struct few {
     double corner_N[12 * TM_LANES * FEW];
     double energy_J[FEW];
-    int32_t batch[FEW], at[FEW], count; /* at: place in the list */
+    int32_t batch[FEW], at[FEW], count; /* at: index in the list */
     uint8_t who[FEW];
-    int32_t active; /* of those whose first vertex is the part's */
+    int32_t active; /* of those whose first vertex is in the partition */
 } few;
 
 typedef struct turner {
     tm_rotation rotation; /* the stage's self */
     tm_world *world;
-    tm_relaxing whole;   /* where changes of volume are averaged */
+    tm_relaxing whole;   /* with averaged dilatation */
     double *increment_m; /* [partition_count] */
     /* divided among threads */
     tm_corner_force_kernel corner_force;
     few *few;              /* [partition_count] */
-    int32_t *begin, *load; /* [partition_count] where parts began when they were counted, and their packs then */
+    int32_t *begin, *load; /* [partition_count] begins of partitions at the last count, and their batches then */
     int32_t counted;       /* length of the list then */
-    tm_nonlinear law;      /* what others ask */
+    tm_nonlinear law;      /* the interface to other components */
 } turner;
 
-/* --- divided among threads: who is to be looked at, and what that adds up to. A pack that reaches over a border is
- * computed by all whose vertices it reaches, each of whom adds to its own: each vertex so sums in the list's order, and
- * nobody waits for what another has found. --- */
+/* --- divided among threads: checks of batches and their sums. A batch across a partition end is computed by all
+ * partitions that it reaches, and each adds to its own vertices. So each vertex sums in the list's order, and no thread
+ * waits for another's result. --- */
 
 static void see(void *context, int32_t partition) {
     turner *t = context;
@@ -56,7 +55,7 @@ static void add_few(turner *t, few *of, const tm_force_partition *own) {
     tm_corner_forces_add(&r->batches, of->batch, of->count, of->corner_N, of->who, own->begin, own->end,
                          r->conserving.now_N);
     for (int32_t n = 0; n < of->count; n++) {
-        if (r->reached[2 * of->batch[n]] < own->begin) continue; /* another part's */
+        if (r->reached[2 * of->batch[n]] < own->begin) continue; /* another partition's */
         of->active += of->who[n] != 0;
         r->conserving.batch_J[of->at[n]] = of->energy_J[n];
     }
@@ -92,8 +91,8 @@ static void count_loads(turner *t) {
     }
 }
 
-/* Not where few packs are to be looked at: waiting for each other costs more. Nor where they are nearly all one
- * part's, or so numbered that most reach over borders. */
+/* Returns whether dividing pays. It does not for few batches: synchronisation costs more. Nor where one partition has
+ * nearly all, or where most batches reach across partition ends. */
 static bool is_worth_dividing(turner *t) {
     enum { WORTH = 64 };
     const int32_t listed = t->rotation.list_count;
@@ -181,7 +180,7 @@ tm_rotation *tm_world_rotation(const tm_world *world) {
     return NULL;
 }
 
-/* --- what others ask --- */
+/* --- interface to other components --- */
 
 static double law_energy(const void *self, const double *u_m) { return tm_rotation_energy(self, u_m); }
 
@@ -210,7 +209,7 @@ static tm_nonlinear law_of(tm_rotation *r) {
                           .scratch_N = r->scratch_N};
 }
 
-/* --- how it is made --- */
+/* --- creation --- */
 
 static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
     reached[0] = mesh->vertex_count, reached[1] = -1;
@@ -220,7 +219,7 @@ static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
     }
 }
 
-/* What threads, or the whole law in passes, need beside. */
+/* Allocates memory for threads, or for the complete law in passes. */
 static bool init_passes(turner *t, tm_pool *pool, tm_world *world) {
     tm_rotation *r = &t->rotation;
     const int64_t count = r->batches.count;

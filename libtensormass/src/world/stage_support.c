@@ -1,4 +1,4 @@
-/* Stage "support": prescribed displacements, and the force that holds them. */
+/* Stage "support": prescribed displacements, and their reaction forces. */
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@ typedef struct support {
     double *value_m;
     double *reaction_N; /* of the last step, on the tissue */
     double *saved;      /* [2*count] both when the step began */
-    int32_t *place;     /* [given] where the caller's component went */
+    int32_t *place;     /* [prescribed] index of the caller's component */
     int32_t prescribed;
 } support;
 
@@ -19,7 +19,7 @@ tm_support_def tm_support_def_default(void) {
     return (tm_support_def){.cookie = TM_COOKIE_SUPPORT, .size = sizeof(tm_support_def)};
 }
 
-/* The first prescribed component from `dof` on. */
+/* Returns the index of the first prescribed component from `dof` on. */
 static int32_t first_from(const support *stage, int32_t dof) {
     int32_t low = 0, high = stage->count;
     while (low < high) {
@@ -88,8 +88,8 @@ static tm_status check(const tm_world *world, const tm_support_def *def, tm_erro
     return TM_OK;
 }
 
-/* Fills the stage from the caller's list: ascending, doubles merged. `seen` [3*vertex_count] is work space, first zero.
- */
+/* Fills the stage from the caller's list: ascending, duplicates merged. `seen` [3*vertex_count] is work space, first
+ * zero. */
 static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *mesh, int32_t *seen, tm_error *error) {
     const int32_t dofs = 3 * mesh->vertex_count;
     for (int32_t i = 0; i < def->count; i++) {
@@ -113,7 +113,7 @@ static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *
     return TM_OK;
 }
 
-/* The prescribed values: tm_support_move changes them. */
+/* Saves the prescribed values, which tm_support_move changes. */
 static int64_t snapshot(void *self, void *buffer) {
     const support *stage = self;
     if (buffer) memcpy(buffer, stage->value_m, sizeof(double) * (size_t)stage->count);

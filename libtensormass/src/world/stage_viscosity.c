@@ -1,8 +1,8 @@
-/* Stage "viscosity": a Prony series. Each term keeps one displacement a vertex, q_i, that follows u with the term's
+/* Stage "viscosity": a Prony series. Each term stores one displacement per vertex, q_i, that follows u with the term's
  * time, and the force is
  *     -K u + sum_i (shear_i D + volume_i W) q_i  =  -K (u - sum_i shear_i q_i) + W sum_i (volume_i - shear_i) q_i,
- * K = D + W, W the bulk modulus' part: the law is linear, so that a history of displacements is one of stresses. Shares
- * that are alike cost no second pass. q follows at the end of a step, along the straight line from u to u_next. */
+ * K = D + W, W the bulk modulus' part. The law is linear, so a history of displacements is one of stresses. Equal
+ * shares need no second pass. q is updated at the end of a step, along the straight line from u to u_next. */
 #include "material/bulk.h"
 #include "world/viscosity.h"
 
@@ -13,14 +13,14 @@ typedef struct viscosity {
     tm_pool pool;
     tm_world *world;
     int32_t n;     /* components */
-    int64_t saved; /* numbers a term keeps */
+    int64_t saved; /* numbers that a term stores */
     tm_viscosity_def def;
     tm_fading fading[TM_VISCOSITY_TERMS];
     double *q_m[TM_VISCOSITY_TERMS], *saved_m[TM_VISCOSITY_TERMS]; /* [kept]; saved_m: when the step began */
     double *strained_m;                                            /* [n] u - sum shear_i q_i */
     double *nodal_dilatation_m;                                    /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
     tm_bulk bulk;
-    tm_rotation *rotation; /* tissue that turns: histories of tetrahedra instead, and its stage's work; else null */
+    tm_rotation *rotation; /* corotated tissue: histories per tetrahedron instead, and that stage's work; else null */
     tm_relaxing relaxing;
 } viscosity;
 
@@ -37,13 +37,13 @@ static void strain_part(void *context, int32_t part) {
         for (int32_t i = begin; i < end; i++) strained[i] = from[i] - shear * q[i];
         for (int32_t i = begin; dilatation && i < end; i++) dilatation[i] = (t ? dilatation[i] : 0) + more * q[i];
     }
-    /* Two passes over a part do not run side by side: this one's place in it is its own. */
+    /* Two passes over a partition may not run concurrently: this one uses a copy of it. */
     tm_force_partition own = v->world->partition[part].force;
     const tm_tissue *tissue = v->world->tissue;
     if (v->world->internal_N) tissue->force(&tissue->graph, &own, own.begin, own.end, u, v->world->internal_N);
 }
 
-/* Whole before "force" begins, which reads it of every vertex. */
+/* Complete before "force" begins, which reads all vertices. */
 static void run_strained(void *self, tm_world *world) { tm_partitions_run(world, strain_part, self); }
 
 /* The law of the stage "force" while there is viscosity. */
@@ -54,7 +54,7 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
                   world->state.force_N);
 }
 
-/* Where shares differ: the bulk modulus' part, which goes over tetrahedra, a whole part at a time. */
+/* Adds the bulk modulus' part where shares differ; it is computed by tetrahedra, a complete partition at a time. */
 static void bulk_part(void *context, int32_t number) {
     const viscosity *v = context;
     const tm_force_partition *part = &v->world->partition[number].force;
@@ -65,7 +65,7 @@ static void run_bulk(void *self, tm_world *world) { tm_partitions_run(world, bul
 
 static void follow_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
-    const double tiny = 1e-60; /* as the world's own: what has died away is nothing */
+    const double tiny = 1e-60; /* flushes tiny values to zero, as the world does */
     const int32_t begin = 3 * range->begin, end = 3 * range->end;
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT next = world->state.u_next_m;
     for (int32_t t = 0; t < v->def.count; t++) {
@@ -76,15 +76,15 @@ static void follow_range(void *self, tm_world *world, const tm_range *range) {
     }
 }
 
-/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (corotated_viscosity.c). */
+/* Corotated tissue: strains in axes of each tetrahedron (corotated_viscosity.c). */
 static void run_corotated(void *self, tm_world *world) {
     (void)world;
     tm_relaxing_force(&((viscosity *)self)->relaxing);
 }
 
-/* --- what every stage has --- */
+/* --- callbacks --- */
 
-/* Whose force it is: the series', or (false) the elastic tissue's. */
+/* Sets the law of the stage "force": the series, or (false) elastic tissue. */
 static void set_force(viscosity *v, bool relaxes) {
     const bool turned = v->rotation;
     if (turned) v->rotation->done_by_viscosity = relaxes;
@@ -109,7 +109,7 @@ static void step_changed(void *self, tm_world *world) {
         change[t] = (tm_fading){.kept_share = 1, .old = -f.now, .now = was};
     }
     if (v->rotation && changed)
-        tm_relaxing_evaluate(&v->relaxing, change); /* the strain now is in the history by its share of a step */
+        tm_relaxing_evaluate(&v->relaxing, change); /* the present strain is in the history by its share of a step */
 }
 
 static int64_t snapshot(void *self, void *buffer) {
@@ -200,7 +200,7 @@ static bool init(viscosity *v, tm_pool *pool) {
     return tm_bulk_init(&v->bulk, pool, &field) && !pool->failed;
 }
 
-/* u is the rest from here on. On failure what it held is given back. */
+/* Adds the stage; u is the equilibrium from here on. Frees its memory on failure. */
 static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     const bool turned = v->rotation;
     const tm_stage whole = {.size = sizeof whole,
@@ -277,7 +277,7 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
     return add(v, pool.bytes, error);
 }
 
-/* --- rest --- */
+/* --- settling --- */
 
 static void swap_tensors(tm_tissue *a, tm_tissue *b) {
     const tm_force_graph graph = a->graph;

@@ -1,4 +1,4 @@
-/* The step: every stage in its turn, and all or nothing. */
+/* The step: runs every stage in turn; a failed call changes nothing. */
 #include "world/world_internal.h"
 
 #include <string.h>
@@ -14,11 +14,10 @@ static void rotate(tm_state *s) {
     s->time_s += s->dt_s;
 }
 
-/* Every stage in its turn; tm_phase is the table of contents. Divided stages that follow each other run together, and
- * look at what they made of the displacements while it is in the cache; then the few that others change are looked at.
- */
+/* Runs every stage in turn, in the order of tm_phase. Consecutive parallel stages run together, and check their
+ * displacements while these are in the cache; then the few that other stages change are checked. */
 static void substep(tm_world *world) {
-    int32_t looked = TM_NO_STAGE; /* behind the stages whose displacements have been looked at, up to the last ones */
+    int32_t looked = TM_NO_STAGE; /* index after the stages whose displacements have been checked */
     for (int32_t i = 0, end; i < world->step_count; i = end) {
         for (end = i; end < world->step_count && world->entry[end].stage.divided; end++) {
         }
@@ -38,18 +37,19 @@ static void substep(tm_world *world) {
         tm_partitions_check_bounded(world);
 }
 
-/* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
- * which many processors are ten times slower, and never leave them. Tied to the step's number, so that bits do not
- * depend on how steps are grouped into calls. */
+/* Flushes tiny values to zero to avoid denormals. Tissue at rest in its own shape would reach them and stay; on many
+ * processors they are ten times slower. Tied to the step's number, so that results do not depend on how steps are
+ * grouped into calls. */
 enum { FLUSH_EVERY = 256 };
 static void flush_denormals(const tm_state *s, int32_t n) {
     const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
-    double *const array[3] = {s->u_m, s->u_prev_m, s->u_next_m}; /* the last: of the dead, which nobody writes again */
+    double *const array[3] = {s->u_m, s->u_prev_m,
+                              s->u_next_m}; /* the last: of removed vertices, which are not written again */
     for (int a = 0; a < 3; a++)
         for (int32_t i = 0; i < n; i++) array[a][i] = (array[a][i] + tiny) - tiny;
 }
 
-/* --- all or nothing --- */
+/* --- checkpoint and rollback --- */
 
 static void checkpoint(tm_world *world) {
     const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
@@ -72,7 +72,8 @@ static void rollback(tm_world *world) {
     world->state.step = world->saved_step;
     world->state.time_s = world->saved_time_s;
     if (cut) tm_world_cut(world);
-    memcpy(world->state.u_prev_m, world->saved_u_prev_m, bytes); /* after the masses, which stop what weighs nothing */
+    memcpy(world->state.u_prev_m, world->saved_u_prev_m,
+           bytes); /* after the masses, which stop vertices without mass */
     for (int32_t i = 0; i < world->stage_count; i++)
         if (world->entry[i].stage.rollback) world->entry[i].stage.rollback(world->entry[i].stage.self, world);
 }
@@ -81,7 +82,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     TM_REQUIRE(world && count >= 0, "world is null or count is negative", TM_ERR_ARGUMENT);
     tm_state *s = &world->state;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    tm_partitions_begin(world, count); /* first: the others wake while this one keeps what was */
+    tm_partitions_begin(world, count); /* first: the workers wake during the checkpoint */
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     checkpoint(world);
     tm_stage_integrate_freeze_removed(world);

@@ -1,4 +1,4 @@
-/* World: what it is made from, and what is asked of it between steps. */
+/* World: creation, and the functions between steps. */
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -145,7 +145,7 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     if (status) return status;
     tm_state *s = &world->state;
     world->evaluating = true;
-    run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, which the kick below needs */
+    run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, for the kick below */
     world->evaluating = false;
     uint8_t *fixed = world->fixed_scratch;
     memset(fixed, 0, 3 * (size_t)world->tissue->mesh->vertex_count);
