@@ -1,10 +1,11 @@
-/* Blocks of the living tetrahedra summed on vertices and edges, masses, the surface: in the order of a fresh build. */
+/* Assembles blocks of the active tetrahedra on vertices and edges, masses and the surface, in the order of a fresh
+ * build. */
 #include "tissue/strain_smoothing_pairs.h"
 
 #include <math.h>
 #include <string.h>
 
-/* --- of one tetrahedron --- */
+/* --- one tetrahedron --- */
 
 static void stiffness(const tm_tissue *tissue, int32_t tet, int local_k, int local_l, double K[9]) {
     const double *alpha = tissue->mesh->shape_1_m + 12 * (int64_t)tet;
@@ -28,7 +29,7 @@ static void edge_stiffness(const tm_tissue *tissue, int32_t tet, int32_t edge, d
     stiffness(tissue, tet, k, l, K);
 }
 
-/* Mass, and damping, that a tetrahedron gives to each of its vertices. */
+/* Computes the mass and damping of a tetrahedron for each of its vertices. */
 static void tet_share(const tm_tissue *tissue, int32_t tet, double share[2]) {
     const tm_material *m = tm_tissue_tet_material(tissue, tet);
     share[0] = m->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
@@ -57,7 +58,7 @@ bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge) {
     return false;
 }
 
-/* Gives every living edge its slot. */
+/* Assigns a slot to every active edge. */
 static void tm_tissue_place_edges(tm_tissue *tissue) {
     tm_force_graph *g = &tissue->graph;
     for (int32_t k = 0; k < g->vertex_count; k++) {
@@ -101,8 +102,8 @@ static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
     for (int i = 0; i < 9; i++) sum[i] += K[i];
 }
 
-/* Single edge tensors do not add up to the vertex tensor by rounding, and the rest would resist a translation: a
- * slender beam of them is off by a thousandth. So in single the vertex tensor is minus the sum of its edges as stored,
+/* In single precision, rounded edge tensors do not add up to the vertex tensor, and the rest would resist a
+ * translation: a slender beam is off by a thousandth. So the vertex tensor is minus the sum of its edges as stored,
  * made symmetric, and kept in double. */
 static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
     const tm_mesh *mesh = tissue->mesh;
@@ -134,7 +135,7 @@ static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
     }
 }
 
-/* What mass scaling wants it to weigh. */
+/* Returns the mass that mass scaling requires at a vertex. */
 static double demand_of(const tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double sum = 0;
@@ -143,7 +144,7 @@ static double demand_of(const tm_tissue *tissue, int32_t vertex) {
     return sum;
 }
 
-/* after its edges */
+/* Assembles a vertex, after its edges. */
 static void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double *sum = tissue->graph.vertex_tensor + 9 * (int64_t)vertex;

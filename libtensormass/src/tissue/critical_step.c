@@ -1,5 +1,5 @@
-/* Critical time steps: the guaranteed bound of elements (Irons; shared anew in critical_step_weighted.c) and the sharp
- * figure of the assembled system. */
+/* Critical time steps: the guaranteed bound by elements (Irons; with weights in critical_step_weighted.c), and the
+ * estimated step of the assembled system. */
 #include "libtensormass/numeric/random.h"
 
 #include <float.h>
@@ -10,7 +10,7 @@
 #include "tissue/strain_smoothing_pairs.h"
 #include "tissue/tissue_internal.h"
 
-/* Of the assembled tensors, single ones above all. */
+/* Covers rounding of the assembled tensors, single ones above all. */
 double tm_critical_margin(const tm_tissue *tissue) { return tissue->precision == TM_SINGLE ? 1e-5 : 1e-12; }
 
 static double step_of(const tm_tissue *tissue, double eigenvalue) {
@@ -34,7 +34,7 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
             worst = t;
         }
     }
-    /* What hangs on the tissue lives on the extra masses. */
+    /* Stability of the condensed part depends on the extra masses. */
     const bool even = tissue->cuttable || tissue->extra_mass_kg || tissue->required_mass_kg || worst < 0;
     const bool done =
         even || (tissue->smoothed && !(tissue->rotation > 0) ? tm_smoothed_eigenvalue(tissue, &most, &worst)
@@ -53,10 +53,10 @@ double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet) {
     return step_s;
 }
 
-/* --- sharp figure --- */
+/* --- estimated step --- */
 
-/* Power iteration for A = M^-1/2 K M^-1/2, made fast by Rayleigh-Ritz over {x, residual, last direction} at each step.
- */
+/* Power iteration for A = M^-1/2 K M^-1/2, accelerated by Rayleigh-Ritz over {x, residual, last direction} at each
+ * step. */
 typedef struct iteration {
     tm_pool pool;
     const tm_tissue *tissue;
@@ -78,8 +78,8 @@ static double product(const iteration *it, const double *a, const double *b) {
     return sum;
 }
 
-/* Makes basis[k] orthogonal to the earlier ones and of unit length, twice over against rounding; false if nothing is
- * left. `image` follows when `follow`. */
+/* Makes basis[k] orthogonal to the earlier ones and of unit length, twice against rounding; returns false if nothing is
+ * left. With `follow`, transforms `image` too. */
 static bool orthonormalise(iteration *it, int k, bool follow) {
     const double before = sqrt(product(it, it->basis[k], it->basis[k]));
     if (!(before > DBL_MIN)) return false;
@@ -120,7 +120,7 @@ static void top_vector(double A[9], int m, double v[3]) {
     for (int i = 0; i < 3; i++) v[i] = i < m ? V[3 * i + best] : 0;
 }
 
-/* Replaces x by the best combination of the first m basis vectors and leaves its move in the direction slot. */
+/* Replaces x by the best combination of the first m basis vectors, and stores its increment as direction. */
 static void combine(iteration *it, int m) {
     double A[9] = {0}, v[3];
     for (int i = 0; i < m; i++)

@@ -1,10 +1,10 @@
-/* Irons' bound with the mass of a vertex shared among its tetrahedra by what they ask for, not evenly.
+/* Irons' bound with the mass of a vertex divided among its tetrahedra by demand, not evenly.
  *
- * Every K_e lies under a diagonal: K_e <= diag(ask_e), ask_e = lambda_max(diag(w)^-1 K_e) w for any four weights w > 0.
- * The sum over tetrahedra gives K <= diag(sum of ask) <= most M with most = max over vertices of (sum of ask) / m: that
- * bounds omega^2. With w = rho V/4 throughout it never exceeds max lambda_e, the even bound; and weights are free. They
- * are made smaller at vertices that much is asked of, larger at the others, a few times over, in the tetrahedra about
- * the worst vertices. The least of all bounds met is taken. */
+ * Every K_e is bounded by a diagonal: K_e <= diag(demand_e), demand_e = lambda_max(diag(w)^-1 K_e) w for any four
+ * weights w > 0. The sum over tetrahedra gives K <= diag(sum of demand) <= most M with most = max over vertices of (sum
+ * of demand) / m: that bounds omega^2. With w = rho V/4 throughout it never exceeds max lambda_e, the even bound; other
+ * weights are allowed. A few sweeps reduce them at vertices of high demand and increase them at the others, in the
+ * tetrahedra around the worst vertices. The lowest bound found is used. */
 #include "tissue/tissue_internal.h"
 
 #include <math.h>
@@ -12,7 +12,7 @@
 
 #include "material/law.h"
 
-/* --- largest eigenvalues of single tetrahedra, on which critical steps stand (Irons) --- */
+/* --- largest eigenvalues of single tetrahedra, the basis of critical steps (Irons) --- */
 
 /* K_e = V B^T C B and M_e = rho V/4: the eigenvalues are 4/rho times those of L^T (B B^T) L, C = L L^T. */
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor) {
@@ -48,12 +48,12 @@ typedef struct sharing {
     tm_pool pool;
     const tm_tissue *tissue;
     double *demand; /* [4*tet_count] kg/s2 */
-    double *load;   /* [vertex_count] sum of ask over mass, 1/s2 */
+    double *load;   /* [vertex_count] sum of demand over mass, 1/s2 */
     int64_t evaluations;
 } sharing;
 
-/* Five sweeps bring most of the gain. Uniform meshes have none to bring, and there every tetrahedron is about a worst
- * vertex: idle sweeps end it, and evaluations are bounded, in all to a few microseconds a tetrahedron. */
+/* Five sweeps bring most of the gain. Uniform meshes gain nothing, and there every tetrahedron is near a worst vertex:
+ * so idle sweeps end the search, and evaluations are limited to a few microseconds per tetrahedron. */
 enum { SWEEPS = 12, IDLE = 3, EVALUATIONS_PER_TET = 4 };
 static const double HOT = 0.9, MIN_LOAD = 0.05;
 
@@ -67,7 +67,8 @@ static double even_share(const tm_tissue *tissue, int32_t tet) {
     return tm_tissue_tet_material(tissue, tet)->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
 }
 
-/* Loads from what is asked for; returns the largest, and the tetrahedron that asks the most there over its own mass. */
+/* Computes loads from demands. Returns the largest, and the tetrahedron there with the largest demand relative to its
+ * own mass. */
 static double balance(sharing *s, int32_t *tet) {
     const tm_mesh *mesh = s->tissue->mesh;
     double most = 0, worst = 0;
@@ -92,7 +93,7 @@ static double balance(sharing *s, int32_t *tet) {
     return most;
 }
 
-/* New weights about the vertices whose load is near `most`: what was asked, over the load. */
+/* Sets new weights near the vertices whose load is close to `most`: demand over load. */
 static void sweep(sharing *s, double most) {
     const tm_mesh *mesh = s->tissue->mesh;
     for (int32_t t = 0; t < mesh->tet_count; t++) {

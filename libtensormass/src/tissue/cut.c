@@ -1,5 +1,5 @@
-/* Removal of tetrahedra: surface, repairing, then every touched vertex and edge summed again from its living
- * tetrahedra, in the order of a fresh build. Subtracting would be quicker to write and would drift. */
+/* Removal of tetrahedra: surface, repair, then every touched vertex and edge is summed again from its active
+ * tetrahedra, in the order of a fresh build. Subtraction would be simpler, and would drift. */
 #include "tissue/cut_work.h"
 
 #include <string.h>
@@ -68,7 +68,7 @@ int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
     return tissue->cut->vertex.count;
 }
 
-/* --- a tissue as a snapshot has it: living tetrahedra, and the slots of its surface --- */
+/* --- snapshots: active tetrahedra, and the slots of the surface --- */
 
 bool tm_tissue_surface_fits(const tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
     const tm_mesh *mesh = tissue->mesh;
@@ -97,7 +97,7 @@ void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *f
     memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
     tissue->alive_count = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
-    tm_tissue_assemble(tissue); /* which needs no memory where a tissue is cuttable */
+    tm_tissue_assemble(tissue); /* needs no memory where a tissue is cuttable */
     tm_cut_count(tissue);
     memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
     for (int32_t i = 0; i < count; i++) {
@@ -111,8 +111,8 @@ void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *f
     tissue->surface.revision++;
 }
 
-/* Gives removed tetrahedra back: a step that fails has cut nothing. Backwards through the list of what went, so that
- * every triangle finds the slot it had; then what was touched is summed again, in the order of a fresh build. */
+/* Rolls removed tetrahedra back: a failed step has cut nothing. Goes backwards through the list of removed ones, so
+ * that every triangle gets its former slot. Then touched entities are summed again, in the order of a fresh build. */
 
 static void put_face(tm_tissue *tissue, int32_t face, int32_t slot) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
@@ -121,7 +121,7 @@ static void put_face(tm_tissue *tissue, int32_t face, int32_t slot) {
     tissue->face_slot[face] = slot;
 }
 
-/* Undoes what became of the four faces when the tetrahedron went: the last first. */
+/* Restores the four faces of a removed tetrahedron, the last first. */
 static void take_back_surface(tm_tissue *tissue, int32_t tet, const int32_t slot[4]) {
     for (int i = 3; i >= 0; i--) {
         const int32_t face = 4 * tet + i;
@@ -129,7 +129,7 @@ static void take_back_surface(tm_tissue *tissue, int32_t tet, const int32_t slot
             const int32_t last = tissue->surface.count++;
             if (slot[i] != last) put_face(tissue, tissue->surface_face[slot[i]], last);
             put_face(tissue, face, slot[i]);
-        } else { /* its neighbour's side came out, as the last */
+        } else { /* its neighbour's face appeared, as the last */
             tissue->face_slot[tissue->surface_face[--tissue->surface.count]] = -1;
         }
     }

@@ -1,19 +1,20 @@
-/* Repairing: what cutting leaves hanging by an edge or a vertex goes too, so that the surface stays a manifold.
+/* Manifold repair: tetrahedra that a cut leaves hanging by an edge or a vertex are removed too, so that the surface
+ * stays a manifold.
  *
- * Around an edge the living tetrahedra must form one fan. Around a vertex they must be joined by faces, and their
- * outline (on a small sphere about the vertex) must be one closed line or none: a ring, two outlines, is two surfaces
- * that touch in a point, and is cut open along its shortest way across. Every repair removes something, so this ends.
- * Ties go to the fan that holds the lowest tetrahedron.
+ * Around an edge the active tetrahedra must form one fan. Around a vertex they must be joined by faces, and their
+ * outline (on a small sphere about the vertex) must be one closed line or none. A closed fan with two outlines is two
+ * surfaces that touch in a point; it is cut open along its shortest path. Every repair removes tetrahedra, so it ends.
+ * Ties go to the fan with the lowest tetrahedron.
  *
- * What is there but elsewhere (a hybrid's condensed part) is seen and stays: a fan of it is kept before any other, and
- * a ring is cut open beside it. Where two such fans meet in a vertex or an edge, nothing of ours between them any more,
- * the surface stays pinched. */
+ * Condensed tetrahedra of a hybrid model are counted and stay: a fan of them is kept before any other, and a closed fan
+ * is cut open next to it. Where two such fans meet in a vertex or an edge, with no removable tetrahedra left, the
+ * surface stays pinched. */
 #include "tissue/cut_work.h"
 
-/* Labels star[0..n) by fan, over neighbours that `joined` allows; returns how many fans. Work: stack. */
+/* Labels star[0..n) by fan, over neighbours that `joined` allows; returns the number of fans. Work space: stack. */
 typedef bool (*joined)(const tm_mesh *mesh, int32_t tet, int face, int32_t hinge);
 
-/* A face holds the vertex unless it lies opposite. */
+/* A face has the vertex unless it is opposite. */
 static bool face_has_vertex(const tm_mesh *mesh, int32_t tet, int face, int32_t vertex) {
     return mesh->tet[4 * (int64_t)tet + face] != vertex;
 }
@@ -70,7 +71,7 @@ static bool is_bound(const tm_tissue *tissue, int32_t n, int32_t fan) {
 static void keep_largest_fan(tm_tissue *tissue, int32_t n, int32_t fans) {
     const tm_cut_work *w = tissue->cut;
     int32_t best = 0, most = 0;
-    bool bound = false; /* fans that cannot go, and then all of those stay */
+    bool bound = false; /* if some fans cannot be removed, all of those stay */
     for (int32_t fan = 0; fan < fans; fan++) {
         int32_t size = 0;
         for (int32_t i = 0; i < n; i++) size += w->fan[i] == fan;
@@ -87,7 +88,7 @@ static void keep_largest_fan(tm_tissue *tissue, int32_t n, int32_t fans) {
     }
 }
 
-/* Fans of an edge are counted from their seams first: nearly always there is one. */
+/* Counts fans of an edge by their seams first: nearly always there is one. */
 static void check_edge(tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
     if (tissue->cut->edge_alive[edge] < 2) return;
@@ -104,7 +105,7 @@ static void check_edge(tm_tissue *tissue, int32_t edge) {
     if (fans > 1) keep_largest_fan(tissue, n, fans);
 }
 
-/* --- rings about a vertex --- */
+/* --- closed fans around a vertex --- */
 
 static int32_t collect_rim(tm_tissue *tissue, int32_t n, int32_t vertex) {
     tm_cut_work *w = tissue->cut;
@@ -134,7 +135,7 @@ static bool share_edge_at(const tm_tissue *tissue, int32_t a, int32_t b, int32_t
     return false;
 }
 
-/* Outer faces that follow each other around the vertex get the lowest number of their outline. */
+/* Gives connected outer faces around the vertex the lowest number of their outline. */
 static void label_loops(tm_tissue *tissue, int32_t rim, int32_t vertex) {
     int32_t *loop = tissue->cut->rim_loop;
     for (bool changed = true; changed;) {
@@ -160,7 +161,7 @@ static void open_fan(tm_tissue *tissue, int32_t n, int32_t vertex) {
     const int32_t rim = collect_rim(tissue, n, vertex);
     label_loops(tissue, rim, vertex);
     int32_t begin = 0, end = 0, last = -1;
-    int32_t *from = w->fan; /* place the search came from, -2: not yet seen */
+    int32_t *from = w->fan; /* index that the search came from, -2: not yet seen */
     for (int32_t i = 0; i < n; i++) from[i] = tissue->alive[w->star[i]] && on_loop(w, rim, i, true) ? -1 : -2;
     for (int32_t i = 0; i < n; i++)
         if (from[i] == -1) w->stack[end++] = i;
@@ -179,7 +180,8 @@ static void open_fan(tm_tissue *tissue, int32_t n, int32_t vertex) {
     for (; last >= 0; last = from[last]) tm_cut_kill(tissue, w->star[last]);
 }
 
-/* One closed outline: Euler's V - E + F of the star's section is 1. `seams` are inner faces at the vertex. */
+/* Returns whether there is one closed outline: Euler's V - E + F of the star's section is 1. `seams` are inner faces at
+ * the vertex. */
 static bool is_disc(const tm_tissue *tissue, int32_t n, int32_t seams, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     int32_t edges = 0;
@@ -201,22 +203,22 @@ static void check_vertex(tm_tissue *tissue, int32_t vertex) {
                 other >= 0 && tm_cut_is_there(tissue, other) && face_has_vertex(mesh, tissue->cut->star[i], f, vertex);
         }
     seams /= 2;
-    if (2 * seams == 3 * n) return; /* all around */
+    if (2 * seams == 3 * n) return; /* closed all around */
     const int32_t fans = label_fans(tissue, n, face_has_vertex, vertex), before = tissue->alive_count;
     if (fans == 1 && is_disc(tissue, n, seams, vertex)) return;
     if (fans > 1)
         keep_largest_fan(tissue, n, fans);
     else
         open_fan(tissue, n, vertex);
-    if (tissue->alive_count == before) return;             /* pinched elsewhere */
-    tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* what is left may be a ring, or have one more hole */
+    if (tissue->alive_count == before) return;             /* pinched by condensed tetrahedra */
+    tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* the rest may be a closed fan, or have one more hole */
 }
 
-/* --- what can stay after all --- */
+/* --- tetrahedra that can stay after all --- */
 
-/* With what is there it must share faces alone, or the edge or vertex that it touches besides would be a hinge. All
- * that a face has is shared with it; so only the vertex opposite a single face, and the edge opposite the one between
- * two faces, can touch. */
+/* Returns whether a tetrahedron touches present ones in shared faces only; any other shared edge or vertex would be a
+ * hinge. Vertices and edges of a shared face are shared with it. So only the vertex opposite a single face, and the
+ * edge opposite the one between two faces, can touch. */
 static bool can_stay(const tm_tissue *tissue, int32_t tet) {
     const tm_mesh *mesh = tissue->mesh;
     int sides = 0, side[4] = {0};
@@ -238,8 +240,9 @@ static void put_back(tm_tissue *tissue, int32_t tet) {
     for (int i = 0; i < 4; i++) w->vertex_alive[tissue->mesh->tet[4 * (int64_t)tet + i]]++;
 }
 
-/* Repairing looks at one edge or vertex at a time, and removes for it what another removal makes needless. The last
- * goes first, as it hung on those before; what comes back may hold the next. */
+/* Restores tetrahedra whose removal has become unnecessary: repair handles one edge or vertex at a time, and later
+ * removals may replace earlier ones. Tries the last first, because it hung on earlier ones; a restored one may support
+ * the next. */
 enum { PASSES = 16 };
 static void spare(tm_tissue *tissue, int32_t asked) {
     tm_cut_list *gone = &tissue->cut->tet;
@@ -261,7 +264,7 @@ static void spare(tm_tissue *tissue, int32_t asked) {
 static void repair(tm_tissue *tissue) {
     tm_cut_work *w = tissue->cut;
     for (;;) {
-        /* Edges first: the outlines about a vertex presume whole edges. */
+        /* Edges first: the outlines around a vertex presume repaired edges. */
         if (w->edge_check.count > 0)
             check_edge(tissue, tm_cut_queue_pop(&w->edge_check));
         else if (w->vertex_check.count > 0)

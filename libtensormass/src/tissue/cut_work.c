@@ -1,5 +1,5 @@
-/* The work space of cutting: who is around an edge or a vertex, whose fans wait for a look, and one tetrahedron taken
- * away. */
+/* The work space of cutting: counts around edges and vertices, queues of fans to check, and removal of one
+ * tetrahedron. */
 #include "tissue/cut_work.h"
 
 const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
@@ -47,7 +47,7 @@ tm_cut_work *tm_cut_init_work(tm_pool *pool, const tm_mesh *mesh) {
 void tm_cut_count(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     tm_cut_work *w = tissue->cut;
-    tissue->undo_count = 0; /* each tetrahedron goes once: the list is long enough */
+    tissue->undo_count = 0; /* each tetrahedron is removed once: the list is long enough */
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         w->edge_alive[e] = 0;
         w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
@@ -85,12 +85,13 @@ int32_t tm_cut_queue_pop(tm_cut_queue *queue) {
     return item;
 }
 
-/* Whose fans may fall apart when this tetrahedron goes? Only they are looked at afterwards.
+/* Queues the edges and vertices whose fans may split when this tetrahedron is removed. Only they are checked
+ * afterwards.
  *
- * About an edge the fan splits only if both neighbours live and the fan was not closed. About a vertex, where the
- * tetrahedron is a triangle of the star's section: with no free side it opens a new outline (but the first in a closed
- * star); with one free side it may split the star when the corner opposite lies on the outline too; with two or three
- * it is an ear. A split edge means a look at its ends as well. */
+ * Around an edge the fan splits only if both neighbours are active and the fan was not closed. Around a vertex the
+ * tetrahedron is a triangle of the star's section. With no free side it opens a new outline (except the first in a
+ * closed star). With one free side it may split the star if the opposite corner is on the outline too. With two or
+ * three it is an ear. For a split edge the ends are queued as well. */
 static void find_doubts(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *edge = tissue->mesh->tet_edge + 6 * (int64_t)tet;

@@ -1,4 +1,4 @@
-/* How far tetrahedra are deformed. */
+/* Measures of the tissue's deformation, and a check of its linear range. */
 #include <math.h>
 #include <stdio.h>
 
@@ -22,7 +22,7 @@ static double determinant(const double H[9]) {
     return vdot(F, minor);
 }
 
-/* |H^T H| / 2, Frobenius. */
+/* The neglected part of Green's strain: |H^T H| / 2, Frobenius. */
 static double left_out(const double H[9]) {
     double sum = 0;
     for (int i = 0; i < 9; i++) {
@@ -52,7 +52,7 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
     return d;
 }
 
-/* Where more of a linear tissue than this is outside its range, a warning says so: less is a tool's tip. */
+/* Share of linear tissue outside its range above which a warning is given; a tool's tip alone is below it. */
 static const double DOUBTFUL_SHARE = 0.01;
 
 bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *deformation,

@@ -1,5 +1,5 @@
-/* The force loops: the plain reference in both precisions, the AVX2 or NEON forms where they can be, and the choice
- * between them. */
+/* The force loops: the plain reference in both precisions, the AVX2 or NEON forms where available, and their
+ * selection. */
 #include "tissue/force_graph.h"
 
 #include <stddef.h>
@@ -95,7 +95,7 @@ void tm_edge_move(const tm_force_graph *graph, int32_t to, int32_t from, int32_t
     if (graph->edge_last) memmove(graph->edge_last + to, graph->edge_last + from, sizeof(double) * (size_t)count);
 }
 
-/* --- the choice --- */
+/* --- selection --- */
 
 tm_force_kernel tm_force_choose(bool plain, bool single) {
 #ifdef TM_HAS_AVX2

@@ -1,11 +1,10 @@
-/* Selective mass scaling: mass is added where a chosen step needs it, and only there.
+/* Selective mass scaling: adds mass only where a chosen step needs it.
  *
- * As in critical_step_weighted.c every K_e lies under a diagonal, K_e <= diag(ask_e), for any four weights. A step dt
- * is stable where omega^2 <= 4/dt^2, and so where every vertex weighs at least dt^2/4 times the sum of what its living
- * tetrahedra ask for: it is given what it lacks of that. What a tetrahedron asks for never changes, and so the step
- * holds for every subset of them: after any cut, down to the last tetrahedron, with the bits of a fresh build. Weights
- * move what is asked for from vertices that lack mass to those that have some to spare, a few times over; the least
- * addition of all is taken. */
+ * As in critical_step_weighted.c every K_e is bounded by a diagonal, K_e <= diag(demand_e), for any four weights. A
+ * step dt is stable where omega^2 <= 4/dt^2, and so where every vertex has at least dt^2/4 times the sum of demands of
+ * its active tetrahedra. The missing mass is added. Demands never change, so the step holds for every subset of
+ * tetrahedra, after any cut, with the bits of a fresh build. A few sweeps of the weights move demand from vertices that
+ * lack mass to those with a surplus; the smallest total addition is used. */
 #include "tissue/tissue_internal.h"
 
 #include <math.h>
@@ -17,10 +16,10 @@ static const double HOT = 0.9, MIN_LOAD = 0.05;
 typedef struct scaling {
     tm_pool pool;
     const tm_tissue *tissue;
-    double per_demand_s2;     /* dt^2/4, with what rounding may add */
-    double *physical_kg;      /* [vertex_count] of the whole mesh */
-    double *load;             /* [vertex_count] what is asked over what is there */
-    double *now_kg, *best_kg; /* [4*tet_count] asked, in the order of mesh->tet */
+    double per_demand_s2;     /* dt^2/4, with a margin for rounding */
+    double *physical_kg;      /* [vertex_count] of the complete mesh */
+    double *load;             /* [vertex_count] demand over mass */
+    double *now_kg, *best_kg; /* [4*tet_count] demand, in the order of mesh->tet */
     int64_t evaluations;
 } scaling;
 
@@ -40,7 +39,7 @@ static void demand_evenly(scaling *s) {
     }
 }
 
-/* Loads; returns what would have to be added. */
+/* Computes loads; returns the mass that would have to be added. */
 static double balance(scaling *s) {
     const tm_mesh *mesh = s->tissue->mesh;
     double added = 0;
@@ -53,7 +52,7 @@ static double balance(scaling *s) {
     return added;
 }
 
-/* False: nothing lacks mass. */
+/* Returns false if no vertex lacks mass. */
 static bool sweep(scaling *s) {
     const tm_mesh *mesh = s->tissue->mesh;
     bool any = false;
@@ -109,7 +108,7 @@ bool tm_scaled_demand(tm_tissue *tissue) {
     return room;
 }
 
-/* --- what was added --- */
+/* --- added mass --- */
 
 bool tm_tissue_mass_scaling(const tm_tissue *tissue, tm_mass_scaling *out) {
     TM_REQUIRE(tissue && out, "tissue or out is null", false);
@@ -138,17 +137,17 @@ tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *
         m.step_s, m.added_kg / m.physical_kg, most, m.max_factor, most_share);
 }
 
-/* What mass scaling does to the lowest frequencies: Rayleigh's quotients of the shapes in which tissue gives way to its
- * own weight (one inverse iteration from a translation), by conjugate gradients. */
+/* Effect of mass scaling on the lowest frequencies: Rayleigh quotients of the shapes of tissue under its own weight
+ * (one inverse iteration from a translation), by conjugate gradients. */
 
 enum { MAX_ITERATIONS = 5000 };
-static const double RESIDUAL = 1e-3; /* the quotient is good to its square */
+static const double RESIDUAL = 1e-3; /* the quotient's error is its square */
 
 typedef struct gradients {
     tm_pool pool;
     const tm_tissue *tissue;
     int32_t n;
-    double *diagonal; /* of K; 0: held, or without mass */
+    double *diagonal; /* of K; 0: fixed, or without mass */
     double *x, *r, *z, *p, *Kp;
 } gradients;
 
@@ -173,13 +172,13 @@ static void precondition(gradients *g) {
     for (int32_t i = 0; i < g->n; i++) g->z[i] = g->diagonal[i] > 0 ? g->r[i] / g->diagonal[i] : 0;
 }
 
-/* Kp, held components left out. */
+/* Computes Kp on the free components. */
 static void apply(gradients *g) {
     tm_tissue_force(g->tissue, g->p, g->Kp);
     for (int32_t i = 0; i < g->n; i++) g->Kp[i] = g->diagonal[i] > 0 ? -g->Kp[i] : 0;
 }
 
-/* K x = own mass along `axis`. */
+/* Solves K x = physical mass along `axis`. */
 static bool sag(gradients *g, int axis) {
     memset(g->x, 0, sizeof(double) * (size_t)g->n);
     for (int32_t i = 0; i < g->n; i++)

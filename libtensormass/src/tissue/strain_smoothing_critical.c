@@ -1,15 +1,15 @@
 /* Irons' bound over smoothing domains. The stiffness is a sum over them, K = sum of K_d, and over single tetrahedra for
- * what is not smoothed; each K_d lies under a diagonal, K_d <= diag(ask_d), ask_d = lambda_max(diag(w)^-1 K_d) w for
- * any weights w > 0 of its members, and so K <= diag(sum of ask) <= most M bounds omega^2 as in
- * critical_step_weighted.c. What is averaged over a vertex has rank one: there lambda_max is a sum. Weights begin in
- * proportion to the gradients' lengths (for rank one, the row sums of |K_d|) and follow what is asked for. */
+ * the part that is not smoothed. Each K_d is bounded by a diagonal, K_d <= diag(demand_d), demand_d =
+ * lambda_max(diag(w)^-1 K_d) w for any weights w > 0 of its members. So K <= diag(sum of demand) <= most M bounds
+ * omega^2 as in critical_step_weighted.c. The average over a vertex has rank one: there lambda_max is a sum. Weights
+ * begin in proportion to the gradients' lengths (for rank one, the row sums of |K_d|) and then follow demand. */
 #include "material/law.h"
 #include "tissue/strain_smoothing_pairs.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Members of one kind of domain with what they ask for. */
+/* Members of one kind of domain with their demands. */
 typedef struct kind {
     const tm_domains *domains; /* null: single tetrahedra */
     double *weight, *demand;   /* [members], kg/s2 */
@@ -21,10 +21,10 @@ typedef struct bound {
     tm_domains vertex, edge;
     kind kinds[3];
     int kind_count;
-    double *load; /* [vertex_count] sum of ask over mass, 1/s2 */
+    double *load; /* [vertex_count] sum of demand over mass, 1/s2 */
 } bound;
 
-/* Four sweeps bring nine tenths of what twelve do. */
+/* Four sweeps bring nine tenths of the gain of twelve. */
 enum { SWEEPS = 5 };
 static const double MIN_LOAD = 0.05;
 
@@ -38,7 +38,7 @@ static int32_t groups(const bound *b, const kind *k) {
     return k->domains ? k->domains->count : b->tissue->mesh->tet_count;
 }
 
-/* Empty where nothing lives. `at` is the first member's place. */
+/* Returns the members of a domain; none where all are removed. `at` is the first member's index. */
 static members group(const bound *b, const kind *k, int32_t i, int64_t *at) {
     const tm_domains *d = k->domains;
     const tm_mesh *mesh = b->tissue->mesh;
@@ -72,7 +72,8 @@ static double eigenvalue(const bound *b, const kind *k, int32_t i, members m, co
            tm_law_eigenvalue_over(law_Pa, G);
 }
 
-/* A member whose gradient is nothing asks for nothing. One with a little gets a little, lest the others bear it all. */
+/* Sets the first weights: 0 for a member without gradient. A small gradient gets a minimum weight, so that the others
+ * do not take all of the demand. */
 static void first_weights(const bound *b, const kind *k) {
     for (int32_t i = 0; i < groups(b, k); i++) {
         int64_t at;
@@ -86,7 +87,7 @@ static void first_weights(const bound *b, const kind *k) {
     }
 }
 
-/* What all ask for with their weights; returns the largest load and its vertex. */
+/* Computes all demands with their weights; returns the largest load and its vertex. */
 static double demand_all(bound *b, int32_t *worst) {
     const tm_mesh *mesh = b->tissue->mesh;
     memset(b->load, 0, sizeof(double) * (size_t)mesh->vertex_count);
@@ -138,7 +139,7 @@ static bool take_bound(bound *b) {
     return !b->pool.failed;
 }
 
-/* Of the tetrahedra around a vertex, the one with the shortest step of its own. */
+/* Returns the tetrahedron around a vertex with the shortest step of its own. */
 static int32_t stiffest_around(const tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double most = 0;
@@ -158,7 +159,7 @@ bool tm_smoothed_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet)
     for (int sweep = 0; room && sweep < SWEEPS; sweep++) {
         int32_t vertex = 0;
         const double now = demand_all(&b, &vertex);
-        if (now * (1 + 1e-9) < *most) { /* the law's root is good to rounding's root */
+        if (now * (1 + 1e-9) < *most) { /* the law's root is accurate to the root of rounding */
             *most = now * (1 + 1e-9);
             *tet = stiffest_around(tissue, vertex);
         }

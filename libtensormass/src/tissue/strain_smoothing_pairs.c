@@ -1,6 +1,6 @@
-/* Smoothed tissue's blocks. A row, the blocks of one vertex and of its pairs with higher ones, is summed over the
- * domains that have the vertex, ascending: vertices', edges', then tetrahedra. What a cut touches is summed anew in the
- * same order, so that all bits are those of a fresh build. */
+/* Assembles the blocks of smoothed tissue. A row, the blocks of one vertex and of its pairs with higher ones, is summed
+ * over the vertex's domains, ascending: those of vertices, of edges, then tetrahedra. After a cut, touched rows are
+ * summed again in the same order, so that all bits are those of a fresh build. */
 #include "tissue/strain_smoothing_pairs.h"
 
 #include <stdlib.h>
@@ -27,7 +27,7 @@ static void split_laws(tm_smoothed *s, const tm_tissue_def *def) {
     for (int32_t r = 0; r < def->mesh->region_count; r++) s->remainder[r].lambda_Pa -= s->bulk_Pa[r];
 }
 
-/* Higher vertices that share a domain with k, ascending, into `list`; `seen` by vertex. */
+/* Lists the higher vertices that share a domain with k, ascending; `seen` by vertex. */
 static int32_t higher_partners(const tm_domains *d, int32_t k, int32_t *seen, int32_t *list) {
     int32_t count = 0;
     for (int32_t i = d->held_at[k]; i < d->held_at[k + 1]; i++)
@@ -42,7 +42,7 @@ static int32_t higher_partners(const tm_domains *d, int32_t k, int32_t *seen, in
     return count;
 }
 
-/* Pairs, and room for the longest row. False: no memory. */
+/* Builds pairs, and allocates the longest row. Returns false without memory. */
 static bool make_pairs(tm_smoothed_rows *r, const tm_domains *d, const tm_mesh *mesh, tm_pool *pool) {
     tm_pool scratch = {0};
     int32_t *seen = TM_ALLOC(&scratch, int32_t, mesh->vertex_count), most = 0;
@@ -96,7 +96,7 @@ static void add_outer(double *K, double factor, const double *a, const double *b
         for (int j = 0; j < 3; j++) K[3 * i + j] += factor * a[i] * b[j];
 }
 
-/* Where the block of (k,l) is summed, k <= l: the vertex's own first, then its pairs. */
+/* Returns the block of (k,l) in the row, k <= l: the vertex's own first, then its pairs. */
 static double *block_of(tm_smoothed_rows *r, int32_t k, int32_t l) {
     const int32_t at = l == k ? 0 : r->edge_index[l];
     r->filled[at] = 1;
@@ -109,7 +109,7 @@ static void add_volume(const tm_tissue *tissue, const tm_domains *d, int32_t k, 
         if (d->lives[m]) add_outer(block_of(tissue->rows, k, d->member[m]), stiffness, g, d->gradient + 3 * (int64_t)m);
 }
 
-/* g's B^T C, so that the block with another gradient is its product with that one's B. */
+/* Computes B^T C of the gradient g; times another gradient's B it is the block of the two. */
 static void stress_of(const double C[36], const double g[3], double P[18]) {
     const double x = g[0], y = g[1], z = g[2];
     for (int J = 0; J < 6; J++) {
@@ -155,7 +155,7 @@ static void add_tetrahedron(const tm_tissue *tissue, int32_t k, int32_t tet) {
     }
 }
 
-/* Puts the row into the graph: living pairs to the front of the vertex's room. */
+/* Writes the row into the graph: active pairs at the front of the vertex's range. */
 static void store_row(tm_tissue *tissue, int32_t k) {
     const tm_smoothed_rows *r = tissue->rows;
     tm_force_graph *g = &tissue->graph;

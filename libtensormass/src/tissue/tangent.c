@@ -1,4 +1,4 @@
-/* Tangents on the tissue's graph; those of corotated tissue: of the whole, and of a tissue by itself. */
+/* Tangents on the tissue's graph, and those of corotated tissue. */
 #include "base/vec.h"
 
 #include <math.h>
@@ -6,9 +6,9 @@
 
 #include "tissue/tangent.h"
 
-/* --- the tangent of averaged changes of volume: of every pair of vertices that shares a domain --- */
+/* --- tangent of averaged dilatation: all pairs of vertices that share a domain --- */
 
-/* The block of vertices k <= l. */
+/* Adds to the block of vertices k <= l. */
 static void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]) {
     double sum[9];
     if (k == l) {
@@ -21,7 +21,7 @@ static void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32
     tm_edge_write(graph, slot, sum);
 }
 
-/* Averaged gradients of one domain's members, turned, into `gradient`. */
+/* Computes averaged, rotated gradients of one domain's members. */
 static void corotated_gradient(const tm_nodal_dilatation *s, int32_t owner, int32_t i, double *gradient) {
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     const tm_mesh *mesh = s->field.mesh;
@@ -60,7 +60,7 @@ static void add_domain(const tm_tissue *tissue, const tm_nodal_dilatation *s, in
         }
 }
 
-/* Of the domains of vertices begin to end, at the last look. */
+/* Adds the tangent of the domains of vertices begin to end, at the last evaluation. */
 static void tm_nodal_dilatation_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent) {
     const tm_nodal_dilatation *s = &tangent->nodal_dilatation;
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
@@ -100,7 +100,7 @@ bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rota
     return tm_tangent_take_tensors(tangent, pool, rotation->tissue);
 }
 
-/* K_kl of one tetrahedron from its 9x9: rows the components of k. */
+/* Computes K_kl of one tetrahedron from its 9x9: rows are the components of k. */
 static void block(const double A[81], const double *k, const double *l, double K[9]) {
     for (int i = 0; i < 3; i++)
         for (int a = 0; a < 3; a++) {
@@ -123,7 +123,7 @@ void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81]
         }
 }
 
-/* weight (R K R^T - K) of each of a tetrahedron's blocks. */
+/* Adds weight (R K R^T - K) for each block of a tetrahedron. */
 static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_corotated_lane *w, tm_force_graph *graph) {
     const tm_mesh *mesh = tissue->mesh;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
@@ -146,7 +146,7 @@ static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_corotated_
         }
 }
 
-/* What a turn changes of one tetrahedron's change of volume, under the pressures around it. */
+/* Adds the change of one tetrahedron's dilatation with its rotation, under the pressures around it. */
 static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m, tm_tangent *tangent) {
     const tm_mesh *mesh = tissue->mesh;
     const tm_nodal_dilatation *s = &tangent->nodal_dilatation;
@@ -206,7 +206,7 @@ void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tang
     tm_rotation_tangent_add(rotation, u_m, 0, rotation->tissue->mesh->tet_count, tangent);
 }
 
-/* --- a tissue by itself --- */
+/* --- tissue without a world --- */
 
 double tm_tissue_rotation(const tm_tissue *tissue) {
     TM_REQUIRE(tissue, "tissue is null", 0);

@@ -1,4 +1,4 @@
-/* Tissue: what it is made from, checked and copied. */
+/* Creates tissue: checks its definition and copies it. */
 #include "material/hyperelastic.h"
 
 #include <math.h>
@@ -85,7 +85,7 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
-/* What a nonlinear law is not known with yet. */
+/* Rejects settings that nonlinear laws do not support yet. */
 static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
     int32_t linear = -1, other = -1;
     for (int32_t i = 0; i < def->material_count; i++) {
@@ -294,7 +294,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     return TM_OK;
 }
 
-/* --- tissue with the long-term law: other shares of bulk modulus and rest --- */
+/* --- tissue with the long-term law: other shares of bulk modulus and shear --- */
 
 tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error) {
     tm_pool pool = {0};

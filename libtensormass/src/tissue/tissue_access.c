@@ -1,4 +1,4 @@
-/* What a tissue shows: its parts, its tensors, its force and energy. */
+/* Read access to a tissue: its mesh and materials, tensors, force and energy. */
 #include "tissue/strain_smoothing_pairs.h"
 
 #include <string.h>
