@@ -50,8 +50,8 @@ static void turn_of(const tm_nodal_dilatation *a, int32_t tet, double R[9]) {
     for (int i = 0; i < 9; i++) R[i] = a->rotation[(9 * (int64_t)(tet / TM_LANES) + i) * TM_LANES + tet % TM_LANES];
 }
 
-/* Computes changes of the domains' pressures into `unturned`, of the tetrahedra's contributions into `straight`: work
- * space that the complete law does not use. */
+/* Computes changes of the domains' pressures into `linear_Pa`, of the tetrahedra's contributions into
+ * `linear_dilatation`: work space that the complete law does not use. */
 static void change_pressures(const tm_law_state *s, const double *d_m) {
     const tm_nodal_dilatation *a = &s->averages;
     const tm_domains *domains = tm_nodal_dilatation_domains_of(a);

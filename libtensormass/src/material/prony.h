@@ -8,7 +8,7 @@
 enum { TM_COOKIE_VISCOSITY = 0x76697363 };
 
 /* The exact history of a strain that is linear within each step: the integral of exp(-(t_end - t)/time) s(t) dt/time is
- * keep * before + old * s_begin + new * s_end. */
+ * kept_share * before + old * s_begin + now * s_end. */
 typedef struct tm_fading {
     double kept_share, old, now;
 } tm_fading;

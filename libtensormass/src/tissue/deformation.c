@@ -52,7 +52,7 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
     return d;
 }
 
-/* Share of linear tissue outside its range above which a warning is given; a tool's tip alone is below it. */
+/* Share of linear tissue outside its range above which a warning follows; a tool's tip alone is below it. */
 static const double DOUBTFUL_SHARE = 0.01;
 
 bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *deformation,

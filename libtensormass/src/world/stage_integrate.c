@@ -1,6 +1,6 @@
 /* Stage "integrate": central differences. Solved for the new position they read
- *   u+ = u + carry (u - u-) + mobility f,  mobility = 1/(m/dt2 + gamma/2dt),  carry = (m/dt2 - gamma/2dt) mobility,
- * where carry is 1 without damping. */
+ *   u+ = u + inertia (u - u-) + mobility f, mobility = 1/(m/dt2 + gamma/2dt), inertia = (m/dt2 - gamma/2dt) mobility,
+ * where inertia is 1 without damping. */
 #include "world/world_internal.h"
 
 #include <math.h>
