@@ -1,4 +1,4 @@
-"""make play: simulation, controllers and virtual devices in a network of their own, and the window whose mouse and keys are the hands."""
+"""make play: starts simulation, controllers and virtual devices in a separate network, and the window whose mouse and keys act as the hands."""
 import argparse
 import os
 import pathlib
@@ -49,7 +49,7 @@ def inside(a):
         if a.record:
             session.start_logger(a.record.resolve())
         session.start_ring()
-        # What --set changes may be another mesh, of which the scene's marks are not.
+        # --set may change the mesh, for which the scene's marks are not valid.
         scene = [] if a.set else ["--scene", str(a.scene)]
         code = subprocess.run([str(a.build / "bin" / "tm-play"), *scene, *a.window]).returncode
         dead = [p.name for p in session.running if p.poll() not in (None, 0)]

@@ -17,12 +17,12 @@ MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy
 
 
 def order(rows, key):
-    """Observed order p of error ~ h^p, between each mesh and the next finer one."""
+    """Computes the observed order p of error ~ h^p, between each mesh and the next finer one."""
     return [math.log(a[key] / b[key]) / math.log(a["h_m"] / b["h_m"]) for a, b in zip(rows, rows[1:])]
 
 
 def mesh_words(own):
-    """What the figure says about isotropic meshes: which keeps real time, and what halving the edge cost and brought."""
+    """Describes the figure of isotropic meshes: which run in real time, and cost and gain of halving the edge."""
     fast = [r for r in own if r["wall_per_simulated"] <= 1]
     if fast:
         best = max(fast, key=lambda r: r["tets"])
@@ -39,7 +39,7 @@ def mesh_words(own):
 
 
 def step_words(rows, meshes):
-    """The largest step's error in free vibration beside the meshes' own, its order, and whether rest depends on it."""
+    """Describes the largest step's error in free vibration relative to the meshes', its order, and whether equilibrium depends on the step."""
     largest = max(rows, key=lambda r: r["dt_s"])
     errors = [r["displacement"] for r in meshes if r["law"] == "isotropic"]
     off = f"At the largest step here, {largest['of_guaranteed']:.2f} of the guaranteed one, ten periods of free vibration are off by {100 * largest['trajectory']:.1f} % in trajectory"
@@ -87,7 +87,7 @@ def fibre_words(rows):
 
 
 def rates_words(rows):
-    """What the best extrapolator at about 20 Hz is worth in frames a second of `hold`."""
+    """States the frame rate at which `hold` equals the best extrapolator at about 20 Hz."""
     rate = min({r["rate_Hz"] for r in rows}, key=lambda x: abs(x - 20))
     best = min((r for r in rows if r["rate_Hz"] == rate), key=lambda r: r["rms"])
     hold = sorted((r for r in rows if r["extrapolator"] == "hold"), key=lambda r: r["rate_Hz"])
@@ -249,7 +249,7 @@ def fibre(page, data):
         axis.plot([r["seconds_per_step"] * 1e6 for r in own], [r[key] for r in own], **{**series(j), "linestyle": ""}, fillstyle="none")
         axis.plot(rows[0]["seconds_per_step"] * 1e6, rows[0][key], **{**series(j), "linestyle": ""})
         label_line(axis, rows[0]["seconds_per_step"] * 1e6, rows[0][key], f"{name}, fibred", series(j))
-    for r in rows[1:]:  # at the reaction, which tells them apart; displacements are the same for every E
+    for r in rows[1:]:  # at the reaction, which distinguishes them; displacements are equal for every E
         label_line(axis, r["seconds_per_step"] * 1e6, r["reaction"], f"E = {r['young_Pa'] / 1e3:.0f} kPa", series(1), dx=8)
     label_line(axis, rows[1]["seconds_per_step"] * 1e6, rows[1]["displacement"], "open: isotropic stand-ins", series(0), dx=14)
     axis.set(yscale="log", xlabel="µs a step", ylabel="relative error")
@@ -261,7 +261,7 @@ def fibre(page, data):
 
 
 def rates(page, evaluation):
-    """Frame rate and extrapolator against the force error at the hand: the rows come from tm-evaluate."""
+    """Plots the force error at the hand against frame rate and extrapolator, from rows of tm-evaluate."""
     rows = evaluation["rows"]
     page.section("Rates", "Frame rate and extrapolator against the force's error at the hand, from <code>make evaluate</code>.")
     figure, axis = plt.subplots()

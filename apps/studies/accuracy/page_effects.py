@@ -1,4 +1,4 @@
-"""The sections of the four effects in the page of page.py, which has put the shared Page on the path: what each costs and brings."""
+"""Sections of the four effects in the page of page.py, which has put the shared Page on the path: cost and gain of each."""
 import math
 
 import matplotlib.pyplot as plt
@@ -7,7 +7,7 @@ from page import draw_frontier, label_line, label_upright, loglog, series, times
 
 
 def volume_words(rows, beams):
-    """What tissue that does not lock costs and brings on the finest mesh, and what equal accuracy costs by refining."""
+    """Describes cost and gain of tissue without locking on the finest mesh, and the cost of equal accuracy by refinement."""
     tets = max(r["tets"] for r in rows)
     own = {r["shear"] if r["form"] == "volume" else None: r for r in rows if r["tets"] == tets}
     linear, best = own[None], min((r for s, r in own.items() if s is not None), key=lambda r: r["displacement"])

@@ -22,7 +22,7 @@ def done(study, *knobs):
 
 
 def read(path):
-    """The study, or an exit with what is wrong with it."""
+    """Reads the study, or exits with the error."""
     try:
         study = json.loads(pathlib.Path(path).read_text())
         if study.get("study") != "tensormass accuracy of a scene":
@@ -35,7 +35,7 @@ def read(path):
 
 
 def improvements(study):
-    """One change each, of those that lower the error by a twentieth or more; cheapest first."""
+    """Returns single changes that reduce the error by at least 5 %, cheapest first."""
     own = study["runs"][0]
     better = [r for r in done(study, *MESHES, *NUMBERS) if r is not own and r.get("force_error", 9e9) < 0.95 * own["force_error"]]
     return sorted(better, key=lambda r: r["cpu_s"])[:3]
@@ -116,7 +116,7 @@ def samples_figure(page, rows):
 
 
 def samples(page, study):
-    """Rates of force samples (haptics.rate) and extrapolators: error at the hand and price of each."""
+    """Draws error at the hand and cost for rates of force samples (haptics.rate) and extrapolators."""
     rows = [r for r in done(study, "extrapolator", "rate") if "force_error" in r and "law" in r]
     if not rows:
         return

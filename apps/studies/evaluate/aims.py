@@ -1,8 +1,8 @@
-"""What was aimed at beside what came out: one row an aim, met or missed."""
+"""Compares the aims with the results: one row per aim, met or missed."""
 
 
 def _contact(rows, pick, model, limits):
-    """RMS of `contact` in % of peak, by frames late."""
+    """Yields the RMS error of `local_model` in % of peak, by frames late."""
     for late, most in enumerate(limits):
         for r in pick(rows, model=model, latency_frames=late, extrapolator="local_model"):
             yield f"contact on {model} tissue, {late} late", "RMS % of peak, at most", most, 100 * r["rms"]

@@ -25,7 +25,7 @@ def pick(rows, **wanted):
 
 
 def by_name(rows, key):
-    """{extrapolator: [(x, rms %)]} sorted by x."""
+    """Returns {extrapolator: [(x, rms %)]} sorted by x."""
     out = {}
     for name in NAMES:
         points = sorted((r[key], 100 * r["rms"]) for r in rows if r["extrapolator"] == name)
@@ -64,7 +64,7 @@ def roughness(page, rows):
 
 
 def operating(page, rows):
-    """The first table: what every law errs on operating scenes, by rate of force samples and latency, and what the rate costs."""
+    """Draws the first table: errors of every law on operating scenes by rate of force samples and latency, with the cost of the rate."""
     page.section("Operating scenes", "The demo's scenes as they are: pressed, held, lifted, cut and let go. RMS of the vector error over the peak force, against the same scene at the tick rate; encoders and tremor on. "
                  "Up to 50 samples a second carry a patch; above that laws go by the force alone. The price is one processor's share for the simulation.")
     hands = list(dict.fromkeys((r["scene"], r["mode"]) for r in rows))
@@ -157,7 +157,7 @@ def rates(page, rows, models):
 
 
 def hands(page, rows):
-    """Paths in which tissue is cut or held while it is felt."""
+    """Draws paths on which tissue is cut or grasped."""
     own = [r for r in rows if "cut_true" in r]
     if not own:
         return
@@ -176,7 +176,7 @@ def hands(page, rows):
 
 
 def worse_words(rows, model, key):
-    """What the worst circumstance does to the best extrapolator and to `hold`."""
+    """Describes the effect of the worst condition on the best extrapolator and on `hold`."""
     found = by_name(pick(rows, model=model, **{key: ...}), key)
     best = min(found, key=lambda n: found[n][0][1])
     change = [f"<code>{n}</code> goes from {found[n][0][1]:.2f} to {found[n][-1][1]:.2f} %" for n in dict.fromkeys((best, "hold"))]
@@ -205,7 +205,7 @@ def conditions(page, rows, models):
 
 
 def z_width(page, rows):
-    """What streaming buys a hand: the stiffness and damping that `hold` carries, by rate of force samples and of ticks, and by latency."""
+    """Draws the benefit of streaming: stiffness and damping that `hold` renders stably, by rates of force samples and ticks, and by latency."""
     cell = lambda r: f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"])
     rates = sorted({(r["rate_Hz"], r["tick_Hz"]) for r in rows})
     of = lambda rate, tick, wall, late, passivity: next((r for r in rows if (r["rate_Hz"], r["tick_Hz"], r["wall_N_s_m"], r["delay_frames"], r["passivity"]) == (rate, tick, wall, late, passivity)), None)
@@ -278,7 +278,7 @@ def ready(page, rows):
 
 
 def cutting(page, rows):
-    """The worst session of each extrapolator and latency; all sessions in evaluate.json."""
+    """Draws the worst session of each extrapolator and latency; evaluate.json has all sessions."""
     hands = pick_equal(rows, latency_frames=0, extrapolator="local_model")
     page.section("Two cauteries at random", "Both hands press, slide, cut and lift off at random on one block, each with its own force; cuts are the truth's. "
                  + (f"{len({r['seed'] for r in hands})} sessions, {sum(r['seconds'] for r in hands) / 60:.1f} minutes felt by a hand, {max(r['cut'] for r in hands)} tetrahedra cut at most in one."
@@ -299,7 +299,7 @@ def pick_equal(rows, **wanted):
 
 
 def torture(page, path):
-    """Rows of `make stability` that a hand notices first."""
+    """Draws the rows of `make stability` that a hand notices first."""
     cases = json.loads(path.read_text())["cases"] if path else []
     page.section("Torture tests", "What hands notice first, of <code>make stability</code>; there are the others. " + ("" if cases else "<b>Not run here.</b>"))
     if cases:
@@ -310,7 +310,7 @@ def torture(page, path):
 
 
 def claims(rows, models, loop_facts):
-    """What issue and paper ask, as numbers and plain truth values."""
+    """Returns the claims of issue and paper as numbers and truth values."""
     out = {"closed_loop": {**loop_facts, "ten_times_hold": loop_facts["ratio"] >= 10}}
     for model in models:
         steady = {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, tremor_m=0)}

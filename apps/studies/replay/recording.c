@@ -53,7 +53,7 @@ int cut_list_shared(const cut_list *a, const cut_list *b) {
     return shared;
 }
 
-/* Removes the tetrahedra that are due. Returns the number of steps until the next. */
+/* Removes the tetrahedra that are due. Returns the steps until the next is due, at most INT32_MAX. */
 static int32_t between(void *user, sim *s) {
     cut_replay *r = user;
     const cut_list *list = r->list;

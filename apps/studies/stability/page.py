@@ -25,7 +25,7 @@ CLASS = {"stays accurate": "good", "stays stable": "fair", "refused": "good", "b
 
 
 def draw(page, cases, group):
-    """All curves of one group as small multiples."""
+    """Draws all curves of one group as small multiples."""
     drawn = [c for c in cases if "x" in c]
     if not drawn:
         return
@@ -55,7 +55,7 @@ def draw(page, cases, group):
 
 
 def fuzzing(page, path):
-    """What `make fuzz` did last, one row a target; says so if it never ran."""
+    """Draws the last results of `make fuzz`, one row per target; reports if it never ran."""
     targets = json.loads(path.read_text())["targets"] if path and path.exists() else {}
     page.section("Fuzzing", "Inputs tried on every parser and decoder, under AddressSanitizer and UndefinedBehaviorSanitizer; what each target "
                  "promises is in docs/fuzzing.md. " + ("" if targets else "<b>Not run in this build: make fuzz FUZZ_SECONDS=600.</b>"))
@@ -68,7 +68,7 @@ def fuzzing(page, path):
 
 
 def sanitizers(page, path):
-    """What `make sanitize` did last, one row a build; says so if it never ran."""
+    """Draws the last results of `make sanitize`, one row per build; reports if it never ran."""
     builds = json.loads(path.read_text()) if path and path.exists() else {}
     page.section("Sanitizers", "The suite in builds of clang's sanitizers; any report fails it, also one of a program whose test did not mind. "
                  + ("" if builds else "<b>Not run in this build: make sanitize.</b>"))

@@ -1,4 +1,4 @@
-"""Writes the CalculiX inputs of the accuracy study and gathers what CalculiX answered into reference.json.
+"""Writes the CalculiX inputs of the accuracy study and gathers CalculiX's results into reference.json.
 
     python make_inp.py                write neo.inp, iso.inp and fibre.inp (64,000 lines, not committed)
     python make_inp.py --gather       read neo.dat, iso.dat, fibre.dat after `ccx neo`, ... into reference.json (committed)
@@ -6,7 +6,7 @@
 The problem, a quarter of a block of tissue pressed by a smooth round indenter (docs/accuracy.md):
 edge L = 30 mm, bottom clamped, symmetry on x = 0 and y = 0, top displaced by u_z = -d L (1 - (r/R)^2)^2 inside
 r < R = 20 mm, free to slide; the other faces are free. Ten-node tetrahedra (C3D10), Kuhn's six in each cube.
-  neo    neo-Hookean, large displacements, d from 1 % to 40 %: what linear elasticity leaves out
+  neo    neo-Hookean, large displacements, d from 1 % to 40 %: the error of linear elasticity
   iso    linear isotropic, d = 5 %: the limit of mesh refinement, by other elements and another code
   fibre  linear transversely isotropic, fibre along x, d = 5 %
 """
@@ -28,7 +28,7 @@ CELLS = {"neo": 9, "iso": 12, "fibre": 12}
 
 
 def kuhn(cells, node):
-    """Nodes of the C3D10 of a lattice of `cells` boxes an axis, six in each; node(i, j, k): the number at a half cell."""
+    """Yields the nodes of the C3D10 of a lattice with `cells` boxes per axis, six in each; node(i, j, k): number at a half cell."""
     for corner in itertools.product(*(range(0, 2 * c, 2) for c in cells)):
         for order in itertools.permutations(range(3)):
             v = [corner]
@@ -47,7 +47,7 @@ def node_set(name, nodes):
 
 
 class Grid:
-    """Nodes on a lattice of half cells, so that midside nodes have numbers of their own."""
+    """Nodes on a lattice of half cells, so that midside nodes are numbered too."""
 
     def __init__(self, cells):
         self.cells, self.side = cells, 2 * cells + 1
@@ -61,7 +61,7 @@ class Grid:
         return ((self.node(i, j, k), i * self.half_m, j * self.half_m, k * self.half_m) for k in r for j in r for i in r)
 
     def pressed(self):
-        """(node, profile in 0..1) under the indenter."""
+        """Yields (node, profile in 0..1) under the indenter."""
         for j in range(self.side):
             for i in range(self.side):
                 s = (i * i + j * j) * self.half_m ** 2 / R_m ** 2
@@ -70,7 +70,7 @@ class Grid:
 
 
 def fibre_stiffness():
-    """6x6 stiffness, fibre along x, rows xx yy zz xy xz yz (CalculiX's order), Pa."""
+    """Returns the 6x6 stiffness, fibre along x, rows xx yy zz xy xz yz (CalculiX's order), Pa."""
     f = FIBRE
     S = np.zeros((6, 6))
     S[0, 0] = 1 / f["E_L"]
@@ -128,7 +128,7 @@ def write(name):
 
 
 def probe(top):
-    """Lattice indices at 1/3, 2/3 and 1 of the edge, on corner nodes when the cells are a multiple of 3, else the nearest even."""
+    """Returns lattice indices at 1/3, 2/3 and 1 of the edge: corner nodes if the cells are a multiple of 3, else the nearest even index."""
     return [2 * round(top * t / 6) for t in (1, 2, 3)]
 
 
@@ -156,7 +156,7 @@ def gather(name):
 
 
 def dump(facts):
-    """Writes reference.json, a vector on a line."""
+    """Writes reference.json with one vector per line."""
     text = re.sub(r"\[[^][{}]*\]", lambda row: " ".join(row[0].split()), json.dumps(facts, indent=1))
     (HERE / "reference.json").write_text(text + "\n")
 

@@ -1,11 +1,11 @@
-"""Writes the CalculiX inputs of what the effect `rotation` is held against, and gathers the answers into reference.json.
+"""Writes the CalculiX inputs for the effect `rotation` and gathers CalculiX's results into reference.json.
 
     python turn_inp.py                write twist_neo.inp, twist_svk.inp and press_svk.inp
     python turn_inp.py --gather       read the .dat files after `ccx twist_neo`, ... into reference.json (after make_inp.py --gather)
 
-  twist   a bar of 20 x 20 x 60 mm, clamped at one end, the other end's cross-section turned by 90 degrees about the axis
+  twist   a bar of 20 x 20 x 60 mm, clamped at one end, the other end's cross-section rotated by 90 degrees about the axis
           and free to move along it; 3 x 3 x 9 boxes of six C3D10 each. Compared: torque, shortening.
-  press   the block of make_inp.py with St. Venant and Kirchhoff's law, as deep as CalculiX gets.
+  press   the block of make_inp.py with the St. Venant-Kirchhoff law, up to the depth at which CalculiX converges.
 neo: neo-Hookean; svk: St. Venant and Kirchhoff (*ELASTIC with NLGEOM). Young's modulus 5 kPa, Poisson's ratio 0.45.
 """
 import json
@@ -43,7 +43,7 @@ def write_twist(law):
     out += make_inp.node_set("BOTTOM", [node(i, j, 0) for j in r[1] for i in r[0]])
     out += make_inp.node_set("END", [node(*q) for q in end])
     out += ["*MATERIAL, NAME=LIVER", *material(law), "*SOLID SECTION, ELSET=TISSUE, MATERIAL=LIVER"]
-    # The turn is made of chords, each a step of its own.
+    # The rotation consists of chords, each in a separate step.
     steps = 20
     for s in range(1, steps + 1):
         c, q = math.cos(TURN * s / steps), math.sin(TURN * s / steps)
