@@ -12,19 +12,21 @@
  * `bytes` like the working set in question. */
 double app_bandwidth_B_s(size_t bytes, int rounds);
 
-/* Memory for `count` things, zeroed; room for one more. A program that gets none says so and exits with 1. */
+/* Allocates `count` zeroed elements, and one more. If memory is exhausted, the program ends with a message and exit
+ * code 1. */
 void *app_zeroed(size_t count, size_t size);
 
-/* Median of `count` values, which are sorted in place. */
+/* Returns the median of `count` values, which it sorts in place. */
 double app_median(double *value, int count);
 
-/* The value that a share of `count` values does not exceed; sorted in place. 0: there are none. */
+/* Returns the value that a share of `count` values does not exceed; sorts them in place. Returns 0 if there are
+ * none. */
 double app_percentile(double *value, int count, double share);
 
-/* 0 to 1, evenly; moves the state on. */
+/* Returns a uniform random number in 0 to 1 and advances the state. */
 double app_uniform(uint64_t *state);
 
-/* Processor time of all threads of this process. */
+/* Returns the processor time of all threads of this process, s. */
 double app_processor_s(void);
 
 #endif

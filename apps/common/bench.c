@@ -13,8 +13,7 @@ app_bench_def app_bench_default(int32_t cells, double size_m) {
                          .scaled_share = tissue.scaled_share,
                          .smoothed_shear_share = tissue.smoothed_shear_share,
                          .held = APP_HELD_BOTTOM};
-    if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK)
-        abort(); /* constants from this file, always valid */
+    if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of this file */
     def.material[1] = def.material[0];
     return def;
 }

@@ -177,8 +177,7 @@ static bool depth_m(const sim *s, int i, double time_s, double *depth, double *t
 }
 
 static void check_depth(review *r, int i) {
-    const double deep =
-        0.4; /* share of the thickness: the remaining tissue bears 1.5 times the force of a linear law */
+    const double deep = 0.4; /* of the thickness: the rest bears 1.5 times a linear law's force */
     const sim *s = r->s;
     double worst = 0, depth, thickness, worst_m = 0, of_m = 0;
     if (sim_has(s, "rotation") || sim_law_line(s->scene)) return;

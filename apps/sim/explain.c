@@ -21,7 +21,7 @@ typedef struct row {
     char name[32], asked[300];
     const char *phase;
     const char *threads;  /* whether the step's threads share the stage */
-    const char *provider; /* of "force": stage whose law it computes, or null */
+    const char *provider; /* of "force": stage that provides its law, or null */
     int line;
     int64_t bytes;
     double us_per_step;
@@ -76,9 +76,8 @@ static int line_of_stage(const sim *s, int owner) {
 /* Runs steps for about 0.3 s with timers on. */
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
-    for (int i = 0; i < s->instrument_count; i++)
-        s->wants[i] = s->can_send;                         /* the costliest contents that a controller may request */
-    tm_status status = sim_frame(s, s->pose, s->substeps); /* warm-up */
+    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the costliest possible contents */
+    tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm-up */
     tm_model_set_timing(s->model, true);
     tm_model_stages(s->model, before);
     int64_t begin = app_monotonic_us();

@@ -107,7 +107,7 @@ static bool all_finite(const double *x, int n) {
     return good;
 }
 
-/* Returns whether the instrument is a cautery whose pedal is down. */
+/* Returns whether the instrument is a cautery with its pedal down. */
 static bool cuts_now(const sim *s, int instrument) {
     return s->pose[instrument].active && s->instrument_def[instrument].mode == TM_TOOL_CAUTERY;
 }

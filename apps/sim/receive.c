@@ -4,8 +4,7 @@ static app_verdict take_tool(void *user, int instrument, int64_t utime, const vo
     (void)utime;
     sim_ears *ears = user;
     const tensormass_tool_state_t *m = message;
-    if (ears->sealed && m->sim_session == 0)
-        return APP_LEFT; /* the controller has not received this session's number yet */
+    if (ears->sealed && m->sim_session == 0) return APP_LEFT; /* it has not received ours yet */
     if (ears->sealed &&
         (m->sim_session != ears->session || !app_replay_fresh(&ears->tools[instrument], m->session, (uint32_t)m->seq)))
         return APP_FORGED;

@@ -17,8 +17,7 @@ const bool view_context_in_memory = false;
 view_context *view_context_open(int width, int height, uint8_t *pixels, tm_error *error) {
     (void)width, (void)height, (void)pixels;
     view_context *c = calloc(1, sizeof *c);
-    if (c &&
-        !SDL_InitSubSystem(SDL_INIT_VIDEO)) { /* counted by SDL: with an open window it does not initialise again */
+    if (c && !SDL_InitSubSystem(SDL_INIT_VIDEO)) { /* SDL counts: not initialised twice */
         c->begun = true;
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MAJOR_VERSION, 3);
         SDL_GL_SetAttribute(SDL_GL_CONTEXT_MINOR_VERSION, 3);

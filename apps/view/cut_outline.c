@@ -24,8 +24,7 @@ view_side *view_sides_sorted(const uint32_t *index, int32_t triangle_count) {
 #define LAW_REAL float
 #include "libtensormass/numeric/vec.h"
 
-static const float BULGE =
-    0.2f; /* maximum distance of a segment's middle from the straight line, as a share of its length */
+static const float BULGE = 0.2f; /* maximum offset of a segment's middle, as a share of its length */
 
 void view_rim_free(view_rim *rim) {
     free(rim->vertex);
@@ -72,7 +71,7 @@ static int32_t beyond(const int32_t (*met)[3], int32_t point, int32_t from) {
 static bool link(view_rim *rim, int level) {
     const int32_t points = rim->point_count[level], pieces = rim->piece_count[level];
     int32_t(*met)[3] =
-        calloc((size_t)points + 1, sizeof *met); /* number of segments at a point, and the far ends of the first two */
+        calloc((size_t)points + 1, sizeof *met); /* number of segments at a point, and the first two's far ends */
     rim->first[level] = malloc(((size_t)points + 1) * sizeof(int32_t));
     rim->next[level] = malloc(((size_t)pieces + 1) * sizeof(int32_t));
     const bool good = met && rim->first[level] && rim->next[level];

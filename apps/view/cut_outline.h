@@ -34,10 +34,9 @@ typedef struct view_rim_piece {
 /* Points of a cut's rim. All zero: no cut. The surface's rim vertices come first, then the middles of the segments,
  * level by level. */
 typedef struct view_rim {
-    int32_t point_count[VIEW_RIM_LEVELS +
-                        1]; /* number of vertices; with the middles of the first split; with those of the second */
-    int32_t *vertex;        /* [point_count[0]] vertices of the surface */
-    int32_t *point;         /* [vertex_count of the surface] point on the rim; -1: none */
+    int32_t point_count[VIEW_RIM_LEVELS + 1]; /* vertices; with the first split's middles; with the second's */
+    int32_t *vertex;                          /* [point_count[0]] vertices of the surface */
+    int32_t *point;                           /* [vertex_count of the surface] point on the rim; -1: none */
     int32_t piece_count[VIEW_RIM_LEVELS];
     view_rim_piece *piece[VIEW_RIM_LEVELS];
     int32_t *first[VIEW_RIM_LEVELS], *next[VIEW_RIM_LEVELS]; /* linked list of the segments that begin at a point */

@@ -11,8 +11,7 @@
 typedef struct view_fairing {
     int32_t count, inner_count; /* moved vertices: those inside the cut first, then those of its rim */
     int32_t *vertex;            /* [count] vertices of the surface */
-    int32_t *near_begin,
-        *near; /* [count+1] indices into the neighbours; for rim vertices only neighbours along the rim */
+    int32_t *near_begin, *near; /* [count+1] begins; neighbours (for rim vertices: along the rim) */
     int32_t beside_count;
     int32_t *beside; /* [beside_count] triangles of the outer surface that touch the rim */
     float *across;   /* [4*3*beside_count] vector from each corner to the opposite side, and its maximum displacement */

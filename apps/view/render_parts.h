@@ -25,8 +25,7 @@ struct view_renderer {
     uint8_t *buffer;   /* [4*width*height] bottom row first */
     GLuint depth_program, blur_program, sky_program, floor_program, tissue_program, metal_program;
     GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], picture_target, picture_buffer[2], empty;
-    GLuint whole_target,
-        whole_buffer; /* the picture with its samples averaged; 0: the context writes to memory itself */
+    GLuint whole_target, whole_buffer; /* samples averaged; 0: the context writes to memory */
     view_batch tissue, tools, arrows, marks;
     view_skin *skin;
     view_shape tool_shape, arrow_shape, mark_shape;

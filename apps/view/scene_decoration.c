@@ -52,8 +52,7 @@ static int view_scene_marks(const char *path, const view_mark_choice *choice, vi
                             view_inside *inside) {
     app_scene *scene;
     sim *s;
-    char dynamic[] =
-        "model=dynamic"; /* mesh, supports and fibres do not depend on the model; this one computes no responses */
+    char dynamic[] = "model=dynamic"; /* any model has the same mesh, supports, fibres */
     char *set[] = {dynamic};
     int wrong = app_exit_code(sim_scene_load(path, set, 1, app_program_host(), &scene));
     if (!wrong) wrong = create_as_in_file(scene, &s);
@@ -127,8 +126,7 @@ int view_dress_show(view_dress *d, view_picture *picture, view_picture *shown) {
     const view_surface *s = &picture->surface;
     picture->marks = &d->marks;
     if (d->tinted != s->topology) view_marks_tint(&d->marks, &picture->surface);
-    const bool same =
-        d->tinted == s->topology && d->followed == s->version; /* windows draw more often than surfaces arrive */
+    const bool same = d->tinted == s->topology && d->followed == s->version; /* windows draw more often */
     d->tinted = s->topology, d->followed = s->version;
     *shown = *picture;
     if (!d->inside.face_count || !s->vertex_count) return 0;

@@ -52,8 +52,7 @@ typedef struct view_dress {
     double through; /* share of light through the largest region, 0..0.95; above 0 inner regions are drawn */
     view_marks marks;
     view_inside inside;
-    uint32_t tinted,
-        followed; /* topology whose regions are set; version of the positions that the inner regions have */
+    uint32_t tinted, followed; /* topology with regions set; version that the inner regions follow */
 } view_dress;
 
 /* Prints an error in the program's name if fibres or inner regions are requested without a scene. Returns 0 or an exit

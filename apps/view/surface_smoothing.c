@@ -18,10 +18,9 @@ static const float COS_TORN = -0.25f;
 /* One split: every edge of the previous level gets a vertex in its middle, every triangle becomes four. */
 typedef struct level {
     int32_t edge_count, triangle_count;
-    int32_t *edge; /* [2*edge_count] ends, vertices of the previous level */
-    uint8_t
-        *curved;  /* [edge_count] 0 at creases and boundaries: the middle stays on the straight line, so no gap opens */
-    int32_t *rim; /* [edge_count] point of the cut's rim that is its middle; -1: none */
+    int32_t *edge;   /* [2*edge_count] ends, vertices of the previous level */
+    uint8_t *curved; /* [edge_count] 0 at creases and boundaries: straight, so no gap opens */
+    int32_t *rim;    /* [edge_count] point of the cut's rim that is its middle; -1: none */
     uint32_t *index; /* [3*triangle_count] */
 } level;
 

@@ -1,6 +1,6 @@
 /* The effect "friction": a tool pressed into the block slides there and back. Measures the cost of a step relative to
- * the same slide without friction, the change of the force at the hand without it, and the deviation of a sliding
- * station from Coulomb's law. */
+ * the same slide without friction, and the resulting change of the force at the hand. Also measures the deviation of a
+ * sliding station from Coulomb's law. */
 #include <math.h>
 #include <string.h>
 
@@ -101,8 +101,7 @@ tm_status knob_friction(const run *r, cJSON *out, cJSON *rows, tm_error *error) 
     tm_status status = TM_OK;
     memset(world, 0, sizeof world);
     for (int i = 0; i < ROWS && status == TM_OK; i++) status = rubbing_make(cells, COEFFICIENT[i], world + i, error);
-    for (int f = 0; f < FRAMES && status == TM_OK;
-         f++) { /* interleaved: a slow spell of the machine affects all alike */
+    for (int f = 0; f < FRAMES && status == TM_OK; f++) { /* in turns: a slow spell of the machine affects all */
         for (int i = 0; i < ROWS && status == TM_OK; i++) status = frame(world + i, f, error);
         r->progress("friction", (f + 1.0) / FRAMES);
     }

@@ -1,6 +1,6 @@
 /* Selective mass scaling. A cuttable block with displaced inner vertices, so that some tetrahedra are flat, is pressed
  * within 0.1 s and held. Compares the force on the indenter (felt by a hand) with that of the physical mass at its own
- * step, and the cost per simulated second, as the step grows. */
+ * step. Measures the cost per simulated second as the step grows. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -9,7 +9,7 @@
 
 static const double MIN_DEPTH = 0.045;
 
-/* Computes the equilibrium, pressed as `def` says. */
+/* Computes the equilibrium of the block pressed by `def`. */
 static tm_status rest(const problem_def *def, double tolerance, measured *m, tm_error *error) {
     problem p;
     tm_status status = problem_create(def, &p, error);

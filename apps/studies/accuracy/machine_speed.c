@@ -15,8 +15,7 @@ enum { WORK_TETS = 1000, WORK_VERTICES = 300, WORK_PASSES = 3 };
 
 static double thread_s(void) {
     struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID,
-                  &now); /* this thread only: threads that wait for the next step do not count */
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now); /* without threads that wait for the next step */
     return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
 }
 

@@ -1,5 +1,5 @@
-/* tm-accuracy: measures error and cost of every knob, as JSON, on a block with a known solution (page.py draws it) or,
- * with --scene, on a user's scene (study.c; scene_page.py draws it). */
+/* tm-accuracy: measures error and cost of every knob and writes JSON. Without --scene it measures a block with a known
+ * solution (page.py draws it), with --scene a user's scene (study.c; scene_page.py draws it). */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>

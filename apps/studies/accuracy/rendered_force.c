@@ -1,6 +1,6 @@
 /* Force between samples at the hand. The scene's samples at each rate, as a controller receives them, pass through each
- * of its extrapolators at 500 Hz and are compared with the same scene run at 500 frames a second. The tool's pose is
- * known without encoder steps. Frames remain as they are: their rate is that of pictures. */
+ * of its extrapolators at 500 Hz. The result is compared with the same scene run at 500 frames a second. The tool's
+ * pose is known without encoder steps. Frames remain as they are: their rate is that of pictures. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -77,8 +77,7 @@ static void plan_numbers(study *t, const sim *own) {
     for (int m = 0; m < 3; m++) {
         const int section = sim_effect_find(scene, "hybrid");
         if (m == scene->model.index || (t->quick && m == APP_PRECOMPUTED)) continue;
-        if (m == APP_HYBRID && !((const app_section *)scene->effect[section])->line)
-            continue; /* the effect is absent */
+        if (m == APP_HYBRID && !((const app_section *)scene->effect[section])->line) continue; /* it is absent */
         study_set(study_add(t, "model", model[m]), "model=%s", model[m]);
     }
     for (int k = 0; k < 3; k++) {

@@ -128,7 +128,7 @@ typedef struct study {
     double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not requested; limit_s: of the complete study */
     double asked_s;             /* asked_s: length of the path; duration_s: the part that is studied */
     double finest;              /* maximum tetrahedra of a finer mesh */
-    bool quick, feels;          /* feels: the scene has haptics */
+    bool quick, feels;          /* feels: haptics is in the scene */
     int sends;                  /* sim_sends that the scene sets; -1: none */
     int own_law, own_times;     /* extrapolator and samples per frame of the scene; -1: no haptics */
     uint64_t scene_hash, files; /* files: hash of the scene, its mesh and fibres */
@@ -230,8 +230,7 @@ typedef struct study_each {
 /* Runs frame k along the hand's path, sample by sample. cost_s: processor time of its samples and of `after`. Returns
  * false if the tissue became unstable or the run was stopped. */
 bool study_frame(sim *s, int k, const study_each *each, double *cost_s);
-/* Returns how many samples before the end of a frame lies the mean time of the force that one sample per frame would
- * average. */
+/* Returns how many samples before a frame's end the single-sample force has its mean time. */
 double study_back(const sim *s);
 /* Computes out_N [frames][width], the force of samples_N [frames*samples][width] this far before each frame's end. */
 void study_at_frames(const double *samples_N, int frames, int samples, size_t width, double back, double *out_N);
@@ -295,7 +294,7 @@ double study_work_s(void);
  * it; work_then_s: that of the prediction, 0: unknown; allowed_s: budget of a frame. */
 study_speed study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
                              double allowed_s);
-/* Writes whether the prediction held, and the influence of the machine. */
+/* Writes whether the prediction was right, and the influence of the machine. */
 void study_verdict(const study_choice *c, char *text, size_t size);
 
 /* --- study_yaml.c --- */

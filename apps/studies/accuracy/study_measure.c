@@ -97,7 +97,7 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
     const int saved = said ? dup(STDERR_FILENO) : -1;
     if (saved >= 0) dup2(fileno(said), STDERR_FILENO);
     bool good = sim_scene_load(file, set, set_count, app_program_host(), &scene) == 0;
-    if (good) scene->pace = SIM_LOCKSTEP; /* with haptics a frame has as many samples as haptics.rate says */
+    if (good) scene->pace = SIM_LOCKSTEP; /* with haptics, haptics.rate sets the samples per frame */
     good = good && sim_create(scene, &s) == 0;
     fflush(stderr);
     if (saved >= 0) {

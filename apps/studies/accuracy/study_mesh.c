@@ -1,6 +1,6 @@
-/* Other meshes of the study: coarser ones (tm-mesh fill fills the scene's surface again, which rounds boundaries;
- * regions, groups and fibres come from the nearest elements), finer ones by tm-mesh refine, and those of --mesh. Also
- * files of fibres. */
+/* Other meshes of the study. Coarser ones: tm-mesh fill fills the scene's surface again, which rounds boundaries;
+ * regions, groups and fibres come from the nearest elements. Finer ones are made by tm-mesh refine, and --mesh adds
+ * others. Also writes files of fibres. */
 #include <errno.h>
 #include <fcntl.h>
 #include <math.h>

@@ -1,5 +1,5 @@
-/* Time of a study: its limit, the expected time of a run from before its start and from its beginning, and a status
- * line every ten seconds with the activity and the expected end. */
+/* Time of a study: its limit and the expected time of each run, from before its start and from its beginning. A status
+ * line every ten seconds shows the activity and the expected end. */
 #include <math.h>
 #include <pthread.h>
 #include <signal.h>
@@ -176,7 +176,7 @@ static double expected_left_s(const study *t) {
     return sum;
 }
 
-/* Sets activity, progress and remaining time; call with the lock held. */
+/* Sets activity, progress and remaining time. The caller must hold the lock. */
 static void set_line(const study *t, const char *what, double share) {
     int done = 0, left_out = 0;
     char of[60] = "", out[40] = "", percent[20] = "";

@@ -1,6 +1,6 @@
-/* Latency of exact compliance in its own thread, by the wall clock: when the first patch is complete, how many frames
- * after a cut patches are exact again, and how much the simulation's frame slows down meanwhile. Frames of 25 Hz. The
- * figures are of this machine under this load; no test asserts them. */
+/* Latency of exact compliance in its own thread, by the wall clock. Measures when the first patch is complete and how
+ * many frames after a cut patches are exact again. Also measures how much the simulation's frame slows down meanwhile.
+ * Frames of 25 Hz. The figures are of this machine under this load; no test asserts them. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -9,9 +9,9 @@
 
 /* --- the hand's path --- */
 
-/* The surgeon's tour; short strokes to and fro; two hands at tissue that is cut or grasped: the tour while a cautery in
- * the other hand cuts a slit nearby, a cautery's own path, a grasper's path; two cauteries that press, slide, cut and
- * lift off at random. */
+/* Paths: the surgeon's tour; short strokes to and fro; two hands at tissue that is cut or grasped. The latter are the
+ * tour while a cautery in the other hand cuts a slit nearby, a cautery's own path, and a grasper's. Last, two cauteries
+ * press, slide, cut and lift off at random. */
 typedef enum path_kind {
     PATH_TOUR,
     PATH_REVERSALS,

@@ -167,8 +167,7 @@ static app_verdict read_force(void *user, int instrument, int64_t logged_us, con
     reading *g = user;
     const tensormass_force_sample_t *m = message;
     recording *r = g->r;
-    if (!g->started || !m->tool_utime || m->tool_session != g->session)
-        return APP_LEFT; /* before the first controller message */
+    if (!g->started || !m->tool_utime || m->tool_session != g->session) return APP_LEFT; /* no controller yet */
     r->sample = reserve(r->sample, &g->samples_capacity, r->samples + 1, sizeof *r->sample);
     sampled *x = &r->sample[r->samples];
     *x = (sampled){.ready_us = logged_us - clocks_difference(&g->clocks) - g->first_us};

@@ -1,6 +1,6 @@
-/* Recordings of a path or of a scene's own hands: removed tetrahedra and their replay in a run of another frame rate,
- * the hand's activity, the tool measured by its device, samples as the controller receives them, and the truth at every
- * tick. */
+/* Recordings of a path or of a scene's own hands. They contain removed tetrahedra, for replay at another frame rate,
+ * and the hand's activity. They also contain the tool measured by its device, samples as the controller receives them,
+ * and the truth at every tick. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

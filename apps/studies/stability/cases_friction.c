@@ -1,5 +1,5 @@
 /* Friction: coefficients beyond any real value, a step without contact compliance, a hand that shakes faster than
- * frames, two tools that drag the tissue between them, a pause of minutes inside the cone. */
+ * frames. Two tools drag the tissue between them; a tool rests inside the cone for minutes. */
 #include <math.h>
 #include <stdlib.h>
 

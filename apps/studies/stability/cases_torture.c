@@ -30,8 +30,7 @@ static app_bench_def block(void) {
     def.cells[0] = def.cells[1] = 10, def.cells[2] = 6;
     def.size_m[2] = TOP_M;
     for (int i = 0; i < 2; i++) {
-        if (tm_material_young(5e3, 0.4, &def.material[i], NULL) != TM_OK)
-            abort(); /* constants from this file, always valid */
+        if (tm_material_young(5e3, 0.4, &def.material[i], NULL) != TM_OK) abort(); /* constants of this file */
         def.material[i].damping_1_s = 60;
     }
     return def;

@@ -10,7 +10,7 @@
 /* Outcome of a case. Any other than the expected one is a defect of the project. */
 typedef enum verdict {
     ACCURATE = 0, /* remains accurate: the figure is an error within the row's bound */
-    STABLE = 1,   /* remains stable with a loss: the figure says how large */
+    STABLE = 1,   /* remains stable with a loss, which the figure gives */
     REFUSED = 2,  /* refused, with the message quoted */
     BROKEN = 3    /* NaN, blow-up, silent reset, or a figure above its bound */
 } verdict;
