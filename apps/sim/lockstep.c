@@ -35,7 +35,7 @@ typedef struct lockstep {
     int64_t tick_us, ticks, frame, first_frame; /* first_frame: not 0 after --restore */
     int64_t sample;                             /* base samples since time 0 */
     double compute_s, processor_s, frame_s, second_s,
-        busiest_s;        /* frame_s: processor time of this frame; second_s: of this second */
+        busiest_s;        /* processor time; frame_s: of this frame; second_s: of this second */
     int64_t second_frame; /* first frame of this second */
     hrt_histogram frame_processor;
     sim_magnitude force;

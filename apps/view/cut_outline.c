@@ -70,8 +70,7 @@ static int32_t beyond(const int32_t (*met)[3], int32_t point, int32_t from) {
 /* Fills `before`, `after` and the lists of a level. */
 static bool link(view_rim *rim, int level) {
     const int32_t points = rim->point_count[level], pieces = rim->piece_count[level];
-    int32_t(*met)[3] =
-        calloc((size_t)points + 1, sizeof *met); /* number of segments at a point, and the first two's far ends */
+    int32_t(*met)[3] = calloc((size_t)points + 1, sizeof *met); /* segments at a point, and the first two's far ends */
     rim->first[level] = malloc(((size_t)points + 1) * sizeof(int32_t));
     rim->next[level] = malloc(((size_t)pieces + 1) * sizeof(int32_t));
     const bool good = met && rim->first[level] && rim->next[level];
