@@ -1,16 +1,16 @@
-/* The extrapolators: one row of the table each. All are defined and bounded at standstill, on reversal and under
- * one-count jitter; order and loss of samples are settled before (controller.c). */
+/* The extrapolators, one row of the table each. All are defined and bounded at standstill, on reversal and with jitter
+ * of one count. controller.c has handled order and loss of samples before. */
 #include "internal.h"
 
 #if HRT_WITH_EVIDENCE
-/* Differences over less time are of noise. */
+/* Minimum interval of a difference; over less time, noise dominates. */
 static const float DIFFERENCE_US = 15000.0f;
 #endif
 typedef struct moment {
     const hrt_params *params;
-    float age_s;       /* t - t_n, capped by the horizon */
-    float moved_m[3];  /* P - P_n, capped by the horizon */
-    float interval_s;  /* t_n - t_m, m the sample that differences are taken from */
+    float age_s;       /* t - t_n, clamped to the horizon */
+    float moved_m[3];  /* P - P_n, clamped to the horizon */
+    float interval_s;  /* t_n - t_m; m is the reference sample for differences */
     float step_m[3];   /* P_n - P_m */
     float change_N[3]; /* F_n - F_m */
 } moment;
@@ -19,14 +19,14 @@ static float capped_ratio(const moment *m, float ratio) {
     return hrt_clamp(ratio, -m->params->ratio_max, m->params->ratio_max);
 }
 
-/* A square of a displacement that does not vanish when the tool stands still: below a count or two it says nothing. */
+/* Returns the squared displacement, regularised at standstill: one or two counts carry no information. */
 static float guarded_square(const hrt_params *params, const float step_m[3]) {
     return vdot(step_m, step_m) + params->standstill_m * params->standstill_m;
 }
 
-/* A probe is pushed, never pulled: what points against the touch is taken out. A grasper may be pulled, but an estimate
- * does not lead it through zero: while jaws open the force falls without any motion, and what an estimate makes of that
- * points the other way, and grows. */
+/* Removes the force component against the contact force of a probe: tissue pushes but never pulls. A grasper may be
+ * pulled, but an estimate must not reverse its force. While jaws open, the force falls without motion; an estimate
+ * would extrapolate that past zero. */
 static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]) {
     const float *touch = vnorm(x->now.force_N) > 0.0f ? x->now.force_N : x->previous.force_N;
     const float size2 = vdot(touch, touch);
@@ -48,7 +48,7 @@ static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) 
     only_push(x, true, force);
 }
 
-/* As printed: a ratio of lengths, so the force goes on growing when the tool turns back. For comparison. */
+/* As published: a ratio of lengths, so the force keeps growing after a reversal. For comparison only. */
 static void law_paper_position(hrt_extrapolation *x, const moment *m, float force[3]) {
     const float square = vdot(m->step_m, m->step_m);
     if (x->have < 2 || !(square > 1.0e-12f)) return;
@@ -67,7 +67,7 @@ static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
     only_push(x, true, force);
 }
 
-/* Without a stiffness in the sample the estimate serves. */
+/* Uses the sample's stiffness, else Broyden's estimate. */
 static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->now.stiffness_kind == 0) {
         law_broyden(x, m, force);
@@ -78,9 +78,9 @@ static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
     only_push(x, false, force);
 }
 
-/* `local_model` off its patch: the sample's stiffness, or without one what motion alone did to the force last. */
+/* `local_model` off its patch: uses the sample's stiffness, else the last force change by motion alone. */
 static void law_off_patch(hrt_extrapolation *x, const moment *m, float force[3]) {
-    if (HRT_WITH_EVIDENCE && x->cut) return; /* the next cut is not foretold by any stiffness */
+    if (HRT_WITH_EVIDENCE && x->cut) return; /* no stiffness predicts the next cut */
     if (!HRT_WITH_EVIDENCE || x->now.stiffness_kind != 0)
         law_tangent(x, m, force);
     else
@@ -132,8 +132,8 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
 #endif
 }
 
-/* What a cut does to the force says nothing of how it follows the tool; what still bears is stiff as far as it bears.
- */
+/* Updates Broyden's estimate from the last force difference. Not called after a cut: its force change is not caused by
+ * motion. */
 static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     float step[3], miss[3], predicted[3];
     vsub(x->now.tip_m, x->previous.tip_m, step);
@@ -143,7 +143,7 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     const float square = guarded_square(params, step);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
-    /* Out of touch nothing is stiff. */
+    /* Without contact the stiffness is zero. */
     const float now = vnorm(x->now.force_N), before = vnorm(x->previous.force_N);
     const bool untouched = !(now > 0.0f) && !(before > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
@@ -152,7 +152,8 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }
 
-/* A patch of another cut state than its sample's is none, nor is one that pulls a probe. */
+/* Returns the sample's patch, or null if unusable: of another topology revision, with a grasp for a probe, or with
+ * unsupported friction. */
 static const hrt_patch *usable(const hrt_sample *sample) {
     const hrt_patch *patch = HRT_WITH_PATCHES ? sample->patch : NULL;
     const bool unusable = patch && (patch->topology_revision != sample->topology_revision ||
@@ -163,10 +164,10 @@ static const hrt_patch *usable(const hrt_sample *sample) {
 
 static void take_patch(hrt_extrapolation *x) {
     const hrt_patch *fresh = usable(&x->now);
-    /* Cut tissue, and jaws that have closed or opened, are another tissue, whose rest the first tick does not find
-     * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a delay
-     * in the hand's loop. What jaws let go comes at once too. `adaptive` has no bridge: where a cut is not foretold it
-     * is `hold`, and a bridge made it worse than that by 5 to 8 % under a cautery. */
+    /* A cut, or closed or opened jaws, make it another tissue. Its equilibrium is found only in the second tick, so
+     * blend from that tick's force on. For the same tissue a sample applies at once: a blend delays the hand's loop.
+     * Released tissue applies at once too. `adaptive` does not blend: at an unpredicted cut it equals `hold`, and a
+     * blend made it 5 to 8 % worse under a cautery. */
     bool other = x->cut || (x->patch && fresh && hrt_patch_grasps(x->patch) != hrt_patch_grasps(fresh));
 #if HRT_WITH_EVIDENCE
     const bool cutting = (x->now.flags & HRT_FLAG_CUTTING) != 0;
@@ -199,7 +200,8 @@ static __attribute__((noinline)) void remember(const hrt_sample *sample, hrt_pas
 }
 
 #if HRT_WITH_EVIDENCE
-/* Samples may come in every tick: what is told by differences is told by those that are far enough apart. */
+/* Returns whether the difference spans enough time. Samples may come in every tick, so the reference is an older one.
+ */
 static bool is_far_apart(hrt_extrapolation *x) {
     if (hrt_older(x->now.t_us - x->candidate.t_us, DIFFERENCE_US)) {
         x->previous = x->candidate;
@@ -208,12 +210,12 @@ static bool is_far_apart(hrt_extrapolation *x) {
     return hrt_older(x->now.t_us - x->previous.t_us, DIFFERENCE_US);
 }
 #else
-/* A small part gets samples a frame apart. */
+/* Firmware receives samples one frame apart. */
 static bool is_far_apart(const hrt_extrapolation *x) { return (void)x, true; }
 #endif
 
-/* What a cut or opening jaws do to the force says nothing of how it follows the tool; and what is let go is not stiff
- * any more. */
+/* Takes over a sample. Restarts differences after a cut or a release: that force change is not caused by motion. Scales
+ * Broyden's stiffness with the force that remains after a cut; released tissue has none. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
     const bool anew = x->have == 0 || ((sample->flags | x->now.flags) & HRT_FLAG_RELEASING) != 0;
     const float was_N = vnorm(x->now.force_N);
@@ -268,7 +270,7 @@ static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now
     vsub(x->now.force_N, x->previous.force_N, m->change_N);
 }
 
-/* The patch's force; false: there is none, or the tool is off it. */
+/* Computes the patch's force. Returns false if there is none, or the tool has left it. */
 static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
                          float force[3]) {
     const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
@@ -293,8 +295,8 @@ static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t
 }
 
 #if HRT_WITH_ADAPTIVE
-/* What differences and stiffness make of an old sample is bounded by what was felt: a hand goes far while a simulation
- * lags, and the tissue that they are of does not. */
+/* Bounds the force change predicted from an old sample to half of the recent peak force. A hand moves far while a
+ * simulation lags, beyond the tissue that the prediction holds for. */
 static void bound_change(const hrt_extrapolation *x, float said_N[3]) {
     const float most = 0.5f * fmaxf(x->adaptive.recent_peak_N, vnorm(x->now.force_N));
     float change[3];
@@ -303,7 +305,7 @@ static void bound_change(const hrt_extrapolation *x, float said_N[3]) {
     if (size > most) vadd(said_N, most / size - 1.0f, change);
 }
 
-/* `force` is the patch's on entry, if with_patch. */
+/* Blends the laws; `force` is the patch's on entry if with_patch. */
 static void law_adaptive(hrt_extrapolation *x, const moment *m, int64_t now_us, bool with_patch, float force[3]) {
     static void (*const blended[HRT_ADAPTIVE_PATCH])(hrt_extrapolation *, const moment *,
                                                      float[3]) = {law_hold, law_position, law_tangent};
@@ -318,7 +320,7 @@ static void law_adaptive(hrt_extrapolation *x, const moment *m, int64_t now_us, 
 }
 #endif
 
-/* The law's own force; says whether it came from the patch. */
+/* Computes the law's force, without blending. Returns whether it is the patch's. */
 static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
                      float force[3]) {
     moment m;
@@ -332,26 +334,26 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
 #endif
     if (on_patch) return true;
     vset(x->now.force_N, force);
-    /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not
-     * from its moving. */
+    /* A grasper without force has no contact: the last force change came from its opening jaws, not from motion. */
     if (!x->now.unilateral && !(vnorm(force) > 0.0f)) return false;
     laws[x->which].force(x, &m, force);
     return false;
 }
 
-static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
+static const float FORGOTTEN = 5.0e-4f; /* decay of the peak force per tick */
 #if HRT_WITH_EVIDENCE
-static const float SLIGHT_N = 0.1f; /* steps of forces below this need no more smoothing than those of it */
+static const float SLIGHT_N = 0.1f; /* minimum peak force for the rate of a blend */
 #endif
 
-/* Two laws, or two tissues of `local_model`, meet without a jump: the force goes over at the pace at which the largest
- * force of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes
- * at that pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the
- * same tissue on top of the law's own, as what is late there makes a stiff contact swing. */
+/* Blends the force to another law or another tissue of `local_model` without a jump. The rate takes the recent peak
+ * force to zero in blend_us, so small steps apply at once.
+ *
+ * To another tissue the force moves at that rate, or at the law's own if that is faster. To another law of the same
+ * tissue the rate adds to the law's own: a delay would make a stiff contact oscillate. */
 static void blend_transfer(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     float ahead[3], moved[3];
 #if HRT_WITH_EVIDENCE
-    const float over_us = fminf(params->blend_us, 1.4e6f * x->interval_s); /* done before much more is known */
+    const float over_us = fminf(params->blend_us, 1.4e6f * x->interval_s); /* ends before many newer samples */
     const float whole_N = fmaxf(x->recent_peak_N, SLIGHT_N);
 #else
     const float over_us = params->blend_us, whole_N = x->recent_peak_N;
@@ -363,7 +365,7 @@ static void blend_transfer(hrt_extrapolation *x, const hrt_params *params, int64
     x->blend_us_left = now_us;
     if (!x->changed) {
         own_N = vnorm(moved);
-    } else if (x->last_valid) { /* samples may come in every tick: what is under way goes on */
+    } else if (x->last_valid) { /* samples may come in every tick: a blend in progress goes on */
         if (!x->blending) pace_N = 0.0f;
         if (x->changed > x->blending) x->blending = x->changed;
     }

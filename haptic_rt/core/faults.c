@@ -1,4 +1,4 @@
-/* Names and sentences of states and faults, and the latch that keeps the first. */
+/* Names and texts of states and faults; latches the first fault. */
 #include "internal.h"
 
 static const char *const state_name[HRT_STATE_COUNT] = {"boot", "self_test", "idle", "engaged", "stale", "fault"};

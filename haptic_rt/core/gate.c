@@ -21,7 +21,7 @@ static hrt_gate_verdict judge(const hrt_gate *gate, int64_t now_us, bool pinned,
     if (!pinned && now_us - gate->heard_us >= HRT_GATE_SILENCE_US)
         return same ? HRT_GATE_ACCEPTED : HRT_GATE_NEW_SESSION;
     if (!same) return HRT_GATE_FOREIGN;
-    const uint32_t step = mark->seq - gate->last.seq; /* half a turn or more: back */
+    const uint32_t step = mark->seq - gate->last.seq; /* at least half the range: backwards */
     if (step == 0u) return HRT_GATE_REPEATED;
     if (step > UINT32_MAX / 2u) return HRT_GATE_LATE;
     return mark->utime < gate->last.utime ? HRT_GATE_CLOCK_BACK : HRT_GATE_ACCEPTED;

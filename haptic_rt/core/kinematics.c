@@ -1,8 +1,8 @@
 /* The devices for the tick: device_types.h in `float`. */
 #include "internal.h"
 
-/* Our own, so that every machine makes the same bits of it. Error below 1.5e-7 for |angle| < 1000; quarter turns are
- * taken off in three pieces, then Taylor's series economised on +-pi/4. */
+/* Computes sine and cosine with identical bits on every machine. The error is below 1.5e-7 for |angle| < 1000.
+ * Subtracts quarter turns in three parts, then uses Taylor series economised on +-pi/4. */
 static void sine_cosine(float angle, float *sine, float *cosine) {
     const float x = hrt_clamp(angle, -1000.0f, 1000.0f);
     const int32_t quarter = (int32_t)(0.636619772f * x + (x < 0.0f ? -0.5f : 0.5f));
@@ -28,9 +28,9 @@ static void sine_cosine(float angle, float *sine, float *cosine) {
 #define HRT_SIZE_MAX 1.0e6f
 #include "device_types.h"
 
-#include "device_axes.h" /* uses device_types.h */
+#include "device_axes.h" /* requires device_types.h */
 
-/* One device alone is called without a look at the table. */
+/* With one device, call it directly instead of through the table. */
 #ifdef HRT_ONE_DEVICE
 #define CALL(axes, what) impulse_engine_##what
 #else
@@ -78,7 +78,7 @@ void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINT
         joint[j] = ((float)count[j] - params->count_zero[j]) / params->counts_per_unit[j];
 }
 
-/* Not rounded: an encoder may add its noise first. */
+/* Not rounded: the virtual device adds noise before rounding. */
 float hrt_count_of_joint(const hrt_params *params, int j, float value) {
     return value * params->counts_per_unit[j] + params->count_zero[j];
 }

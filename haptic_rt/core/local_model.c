@@ -1,6 +1,6 @@
-/* `local_model`: a small model of the tissue at the hand. A patch of the surface with its compliance; in every tick the
- * tool's rows are found anew against the patch as the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda
- * >= 0 is solved by branches from those reactions, and both once more. */
+/* `local_model`: solves contact on a patch of the surface with its compliance, in each tick. Detects the tool's rows
+ * against the patch deformed by the last reactions. Solves 0 <= gap + contact compliance _|_ lambda >= 0 by active
+ * sets, starting from these reactions. Does both twice. */
 #include "internal.h"
 
 enum { ROUNDS = 2, BRANCHES = 4 };
@@ -13,20 +13,20 @@ enum { LAW_ROWS = HRT_CONTACT_ROWS, LAW_DOFS = HRT_PATCH_DOFS, ANDERSON_DEPTH = 
 
 _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
-static const float MAINLY = 0.65f; /* less than two of three corners */
-static const float LITTLE = 0.1f;  /* change of the forces, squared */
+static const float MAINLY = 0.65f; /* boundary weight of a row, less than two of three corners */
+static const float LITTLE = 0.1f;  /* squared change of the forces */
 
 typedef struct solve {
-    law_problem p; /* first: law_couple finds the others by it */
+    law_problem p; /* first member: law_couple casts it to solve */
     const hrt_patch *patch;
     hrt_contact_row *row,
-        other[HRT_CONTACT_ROWS];   /* of this round; its rows, or, from round to round in turn, the extrapolation's */
-    float *force_N;                /* f: what the shape is made with */
-    float shift_m[HRT_PATCH_DOFS]; /* C f; then what one row does; at the tip's place the hold */
-    uint32_t coupled, under[HRT_CONTACT_ROWS]; /* bit i: line i of p.w is there; bit v: the row is upon vertex v */
+        other[HRT_CONTACT_ROWS];   /* rows of this iteration, in `other` or the extrapolation's `row` in turn */
+    float *force_N;                /* f: forces that deform the patch */
+    float shift_m[HRT_PATCH_DOFS]; /* C f, then the response to one row; for the tip: the grasp's force */
+    uint32_t coupled, under[HRT_CONTACT_ROWS]; /* bit i: row i of p.w is computed; bit v: the row acts on vertex v */
     law_anderson_iterate iterate;
 #if HRT_WITH_FRICTION
-    hrt_friction *friction; /* null: the patch says no friction */
+    hrt_friction *friction; /* null: no friction */
 #endif
 } solve;
 
@@ -38,7 +38,7 @@ static const uint8_t *corners(const solve *s, const hrt_contact_row *row) {
     return &s->patch->triangle[HRT_XYZ * row->triangle];
 }
 
-/* A bit a vertex. */
+/* Returns the vertices under a row, one bit each. */
 static uint32_t vertices_under(const solve *s, const hrt_contact_row *row) {
     uint32_t under = 0;
     for (int k = 0; k < 3; k++)
@@ -48,7 +48,7 @@ static uint32_t vertices_under(const solve *s, const hrt_contact_row *row) {
 
 static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
 
-/* To the vertices that bear rows which are not coupled yet. */
+/* Computes the response of the vertices under rows that are not coupled yet. */
 static void respond_under_rows(solve *s, const uint8_t *from, const law_v3 *x, int32_t count) {
     uint32_t under = 0;
     for (int32_t j = 0; j < s->p.rows; j++)
@@ -57,9 +57,9 @@ static void respond_under_rows(solve *s, const uint8_t *from, const law_v3 *x, i
         if ((under >> v & 1u) != 0) hrt_patch_respond(s->patch, (uint32_t)v, from, x, count, s->shift_m);
 }
 
-/* What the forces do to the vertices and, with the tip, what its motion since the sample does to those of a hold; there
- * the tip's own place gets what the hold pulls with more than at the sample. Without the tip forces alone, under the
- * rows. */
+/* Computes the vertices' displacements from the forces and, with `tip_m`, from the tip's motion since the sample
+ * (grasp). The tip's entry is then the change of the grasp's force. Without `tip_m`: response to forces only, under the
+ * rows only. */
 static void shift_by_forces(solve *s, const float *tip_m) {
     law_v3 force[HRT_PATCH_MAX_VERTICES];
     uint8_t from[HRT_PATCH_MAX_VERTICES];
@@ -90,8 +90,7 @@ static float along_row(const solve *s, const hrt_contact_row *row) {
     return vinner(vget(row->normal), shift);
 }
 
-/* What one newton in row i does along all rows; along those that have been coupled before it is what theirs does along
- * it. */
+/* Computes the gap change of all rows per newton in row i. For rows coupled before, symmetry gives the entry. */
 static void law_couple(law_problem *p, int32_t i) {
     solve *s = (solve *)p;
     const hrt_contact_row *row = &s->row[i];
@@ -110,8 +109,7 @@ static void law_couple(law_problem *p, int32_t i) {
 }
 
 #if HRT_WITH_FRICTION
-/* What presses is looked for on the shape without the reactions, but with friction's forces, as the rows before handed
- * them on. */
+/* Computes the shape without contact reactions but with friction forces, distributed by the previous rows. */
 static void shift_without_friction(solve *s, const hrt_contact_row *before, int32_t count) {
     float pressing_N[HRT_PATCH_DOFS], *all_N = s->force_N;
     for (int32_t i = 0; i < 3 * s->patch->vertex_count; i++) pressing_N[i] = all_N[i];
@@ -149,7 +147,7 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     }
 }
 
-/* The rows' forces, less those that the shape was made with. */
+/* Computes the residual: the rows' forces less those that deformed the patch. */
 static void find_residual(solve *s) {
     float *residual_N = s->iterate.residual_N;
     for (int32_t i = 0; i < 3 * s->patch->vertex_count; i++) residual_N[i] = -s->force_N[i];
@@ -166,7 +164,7 @@ static void find_residual(solve *s) {
 #endif
 }
 
-/* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
+/* Returns whether a row acts mainly on the patch's boundary: the compliance beyond it is unknown. */
 static bool on_edge(const solve *s, const hrt_contact_row *row) {
     float weight = 0.0f;
     for (int k = 0; k < 3; k++)
@@ -174,7 +172,7 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
     return weight > MAINLY;
 }
 
-/* Of the tip since the last tick, m/s. What its mean of the last while leaves of it is `swing`. */
+/* Returns the tip's velocity since the last tick, m/s; `swing` is the velocity less its mean over radiation_s. */
 static law_v3 tip_speed(const hrt_patch *patch, hrt_touch *touch, int64_t now_us, const float tip_m[3], law_v3 *swing) {
     const float passed_s = law_max(1.0e-6f * (float)(uint32_t)(now_us - touch->drag_us), 1.0e-6f);
     const law_v3 speed = vtimes(1.0f / passed_s, vminus(vget(tip_m), vget(touch->drag_tip_m)));
@@ -185,9 +183,9 @@ static law_v3 tip_speed(const hrt_patch *patch, hrt_touch *touch, int64_t now_us
     return speed;
 }
 
-/* What waves carry off into tissue that has mass, where a patch is at rest at every instant: a dashpot on the swing
- * along the force, of a hold on all of it. The mean speed is no swing: what it does is in the sample's shape. Never
- * more than half of the force, so that a probe is never pulled. */
+/* Adds radiation damping: waves carry energy into tissue with mass, but a patch is quasi-static. The damper acts on the
+ * swing along the force, of a grasp on all of it. The sample's shape includes the mean velocity already. Limited to
+ * half of the force, so that a probe is never pulled. */
 static void radiate(const hrt_patch *patch, hrt_touch *touch, law_v3 swing, float force_N[3]) {
     const law_v3 force = vget(force_N);
     const float size2 = vinner(force, force);
@@ -200,14 +198,14 @@ static void radiate(const hrt_patch *patch, hrt_touch *touch, law_v3 swing, floa
     vput(vminus(force, vtimes(patch->radiation_N_s_m * (size > most ? most / size : 1.0f), swing)), force_N);
 }
 
-/* Reactions, the film's drag along the surface and the hold to the equivalent force at the tip of a tool that pivots
- * about the origin; false when most of it is on the edge. */
+/* Sums reactions, drag along the surface and the grasp's force to the equivalent tip force of a tool that pivots about
+ * the origin. Returns false if most of it is on the boundary. */
 static bool gather(const solve *s, const float tip_m[3], law_v3 drag, float force_N[3]) {
     const law_v3 tip = vget(tip_m);
     const float reach = vsize(tip);
     const law_v3 axis = vtimes(1.0f / reach, tip);
     law_v3 force = {0.0f, 0.0f, 0.0f};
-    float along_N = 0.0f, on_edge_N = 0.0f; /* what is on the edge less what is not */
+    float along_N = 0.0f, on_edge_N = 0.0f; /* load on the boundary less load elsewhere */
     if (hrt_patch_grasps(s->patch)) {
         force = vplus(at(s->patch->rest_m, s->patch->vertex_count), at(s->shift_m, s->patch->vertex_count));
         on_edge_N = -vsize(force);
@@ -253,7 +251,7 @@ bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us,
         find_rows(&s, tip_m, &hits, s.row == touch->row ? s.other : touch->row);
         law_solve(&s.p, BRANCHES);
         find_residual(&s);
-        /* On much the same shape the tool is near the same features. */
+        /* On nearly the same shape the tool is near the same features. */
         if (law_anderson_step(&touch->anderson, &s.iterate, s.force_N, 3 * s.patch->vertex_count, k == 0) >= LITTLE)
             hits.count = -1;
     }
@@ -278,7 +276,7 @@ void hrt_local_model_clear(hrt_touch *touch) {
     for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) touch->patch_force_N[i] = 0.0f;
 }
 
-/* The vertex of `fresh` that is vertex v of `old`: the undeformed surface does not move. -1: not in it. */
+/* Returns the vertex of `fresh` with the undeformed position of vertex v of `old`, -1 if there is none. */
 static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fresh) {
     const law_v3 place = at(old->rest_m, v);
     for (int32_t u = 0; u < fresh->vertex_count; u++) {
@@ -288,7 +286,7 @@ static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fre
     return -1;
 }
 
-/* Numbers by the old patch's vertices to numbers by the fresh one's; what has no place there is dropped. */
+/* Renumbers values per vertex from the old patch to the new one; drops vertices that are not in it. */
 static void renumber(float *by_vertex, const int8_t to[HRT_PATCH_MAX_VERTICES], int32_t old_count) {
     float moved[HRT_PATCH_DOFS] = {0};
     for (int32_t v = 0; v < old_count; v++)
@@ -317,7 +315,7 @@ void hrt_local_model_warm(hrt_touch *touch, const hrt_patch *old, const hrt_patc
 #if HRT_WITH_FRICTION
     if (old->friction_static > 0.0f) renumber_friction(&touch->friction, to, old->vertex_count, fresh);
 #endif
-    /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
+    /* The Anderson history stays valid for the same tissue. One call, so that it is in flash once. */
     for (int k = -1; k < 2 * HRT_ANDERSON_DEPTH; k++)
         renumber(k < 0        ? touch->patch_force_N
                  : k % 2 == 0 ? touch->anderson.residual_change_N[k / 2]

@@ -1,5 +1,5 @@
-/* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are made of it: what a
- * microcontroller does not ask for, the words, is not linked there. */
+/* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are built from it;
+ * firmware does not link the texts. */
 #include "internal.h"
 
 #define PARAMETERS(ROW, ROWS)                                                                                          \

@@ -1,12 +1,12 @@
-/* Coulomb friction on the patch, from tick to tick: the law of the simulation (contact_law/friction.h;
- * docs/friction.md) at the stations of the tool. How far the tissue under one has gone is read from the displacements
- * of the patch's vertices now and in the last tick, so what a new sample corrects is in it too. */
+/* Coulomb friction on the patch at the tool's stations, between ticks. Same law as the simulation
+ * (contact_law/friction.h; docs/friction.md). Tissue motion under a station comes from the vertices' displacements now
+ * and in the last tick, so a new sample's correction is included. */
 #include "internal.h"
 
 #if HRT_WITH_FRICTION
 #include "contact_law/friction.h"
 
-static const float HARDEST_SKIN_m_N = 1.0e-6f; /* none has no stretch to tell a force by */
+static const float HARDEST_SKIN_m_N = 1.0e-6f; /* minimum compliance: without stretch there is no force */
 
 static const uint8_t *corners(const hrt_friction *friction, const hrt_contact_row *row) {
     return &friction->patch->triangle[HRT_XYZ * row->triangle];
@@ -16,7 +16,7 @@ static law_v3 on_axis(uint8_t station, float radius_m, law_v3 tip) {
     return vtimes(1.0f - (float)station * radius_m / vsize(tip), tip);
 }
 
-/* Its rows: what they bear, their normal, what presses along it. False: none bears. */
+/* Sums the rows of a station: load, normal, normal force. Returns false if no row is loaded. */
 static bool press(hrt_friction_station *g, const hrt_contact_row *row, int32_t count) {
     law_v3 sum = {0.0f, 0.0f, 0.0f};
     g->load_N = 0.0f;
@@ -77,7 +77,7 @@ void hrt_friction_load(hrt_friction *friction, const hrt_contact_row *row, int32
     }
 }
 
-/* How far the tissue under it goes where the vertices go by u_m. */
+/* Returns the tissue motion under a station for vertex displacements u_m. */
 static law_v3 under(const hrt_friction *friction, const hrt_friction_station *g, const hrt_contact_row *row,
                     int32_t count, const float *u_m) {
     law_v3 sum = {0.0f, 0.0f, 0.0f};
@@ -91,7 +91,7 @@ static law_v3 under(const hrt_friction *friction, const hrt_friction_station *g,
     return sum;
 }
 
-/* What a newton along `e` at every station does along it under each. */
+/* Adds the compliance along `e` under each station for one newton at every station. */
 static void add_compliance(hrt_friction *friction, const hrt_contact_row *row, int32_t count, law_v3 e) {
     float load[HRT_PATCH_DOFS] = {0}, shift_m[HRT_PATCH_DOFS] = {0};
     uint8_t from[HRT_PATCH_MAX_VERTICES];
@@ -114,8 +114,8 @@ static void add_compliance(hrt_friction *friction, const hrt_contact_row *row, i
                     vinner(e, under(friction, &friction->station[k], row, count, shift_m)));
 }
 
-/* Twice, so that tissue that is softer one way than another is not asked for too much: the larger is what next_force
- * divides by. */
+/* Computes the tangential compliance in two directions and keeps the larger, which next_force divides by. In
+ * anisotropic tissue the smaller would overestimate the force. */
 static void add_cross_compliance(hrt_friction *friction, const hrt_contact_row *row, int32_t count) {
     if (friction->count == 0) return;
     const law_v3 normal = vget(friction->station[0].normal);
@@ -127,9 +127,9 @@ static void add_cross_compliance(hrt_friction *friction, const hrt_contact_row *
     add_compliance(friction, row, count, vouter(normal, e));
 }
 
-/* The force that holds with this shape, c (t - stretch) = way of the tool - way of the tissue, where the tissue has
- * gone by the force before: t' = P((c stretch + way + B t) / (c + B)), P into the cone, B what the tissue gives. What
- * has not come true of a force that sticks is not lost: its skin's stretch is kept apart. */
+/* Computes the friction force that is consistent with this shape. c (t - stretch) = tool travel - tissue travel, where
+ * the previous force moved the tissue. t' = P((c stretch + travel + B t) / (c + B)); P projects into the cone, B is the
+ * tissue's compliance. The stretch is stored apart, so the unconverged part of a sticking force is not lost. */
 static void next_force(const hrt_friction *friction, hrt_friction_station *g, law_v3 went) {
     const hrt_patch *p = friction->patch;
     const hrt_friction_history *was = friction->history;

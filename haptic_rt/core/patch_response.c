@@ -1,4 +1,4 @@
-/* What forces on a patch do to one of its places: the innermost loop of `local_model` and of its friction. */
+/* Response of a patch's node to forces: the innermost loop of `local_model` and its friction. */
 #include "internal.h"
 
 void hrt_patch_respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const law_v3 *x, int32_t count,

@@ -1,19 +1,17 @@
-/* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis
- * against faces, edges and vertices, with weights that run smoothly from one feature to the next, and normals blended
- * over the smooth surface. The simulation's own finder (libtensormass/src/contact/narrow_phase_rows.c) is the reference
- * that tests hold this one to.
+/* Contact rows (docs/contact.md) in single precision, for the few triangles of a patch. Stations of the tool's axis
+ * against faces, edges and vertices, with weights that vary smoothly between features. Normals are blended over the
+ * smooth surface. Tests compare it with the simulation's detection (libtensormass/src/contact/narrow_phase_rows.c).
  *
- * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is
- * computed once, and most of them are done with it by a comparison. Of a station p over a face with unit normal n, n .
- * (p-a) x (p-b) is twice the area that p makes with the edge ab: over the edge's length the distance from the edge,
- * over the face's area a barycentric weight.
+ * For each station, distances from the vertices and heights over the faces are computed once; a comparison then rejects
+ * most features. For a station p over a face with unit normal n, n . (p-a) x (p-b) is twice the area of p and edge ab.
+ * Divided by the edge's length it is the distance from the edge; by twice the face's area, a barycentric weight.
  *
  * Over 400 lines: one search, whose small parts are inlined into each other. */
 #include "internal.h"
 
 #include "contact_law/feature.h"
 
-enum { HITS = 24, STATIONS = 256 }; /* hits of one station */
+enum { HITS = 24, STATIONS = 256 }; /* HITS: maximum per station */
 
 enum { FACE, EDGE, VERTEX };
 
@@ -23,9 +21,9 @@ typedef struct hit {
 } hit;
 
 typedef struct face {
-    law_v3 normal;        /* outward; zero: crushed to a line */
+    law_v3 normal;        /* outward; zero: degenerate face */
     float size;           /* twice the area */
-    float base_m, rise_m; /* height of the tip over it, and what each station adds */
+    float base_m, rise_m; /* height of the tip over it, and increment per station */
 } face;
 
 typedef struct edge {
@@ -38,21 +36,21 @@ typedef struct search {
     const hrt_patch_topology *t;
     const hrt_contact_row *before;
     int32_t before_count;
-    law_v3 axis; /* towards the trocar, a radius long */
+    law_v3 axis; /* towards the trocar, one radius long */
     float radius_m, reach_m, sunk_m;
     face face[HRT_PATCH_MAX_TRIANGLES];
     edge edge[HRT_PATCH_EDGES];
     int32_t ridges;
-    uint8_t ridge[HRT_PATCH_EDGES];         /* edges that stick out */
-    float close_m2[HRT_PATCH_MAX_VERTICES]; /* a station not so near to any corner has nothing to do with a face or an
-                                               edge there */
-    /* of the station at hand */
-    int32_t station, from_station;       /* the second: that `from` is of */
-    uint32_t close;                      /* a bit a vertex */
-    law_v3 from[HRT_PATCH_MAX_VERTICES]; /* from the vertex to it */
+    uint8_t ridge[HRT_PATCH_EDGES];         /* convex edges */
+    float close_m2[HRT_PATCH_MAX_VERTICES]; /* squared distance beyond which a station is not near faces or edges at
+                                               this vertex */
+    /* of the current station */
+    int32_t station, from_station;       /* from_station: station that `from` holds */
+    uint32_t close;                      /* bit v: vertex v is close */
+    law_v3 from[HRT_PATCH_MAX_VERTICES]; /* vector from the vertex to the station */
     int32_t hits;
     hit hit[HITS];
-    uint32_t blended; /* bit v: the normal at vertex v is there */
+    uint32_t blended; /* bit v: the normal at vertex v is computed */
     law_v3 corner[HRT_PATCH_MAX_VERTICES];
 } search;
 
@@ -62,7 +60,7 @@ static inline __attribute__((always_inline)) float height(const face *f, int32_t
     return f->base_m + (float)station * f->rise_m;
 }
 
-/* From vertex a to vertex b. */
+/* Returns the vector from vertex a to vertex b. */
 static inline __attribute__((always_inline)) law_v3 way(const search *q, int32_t a, int32_t b) {
     return vminus(q->from[a], q->from[b]);
 }
@@ -78,15 +76,15 @@ static void place_faces(search *q) {
     }
 }
 
-/* How far the second face's third corner is below the first face: above zero, the edge between them sticks out. */
+/* Returns the depth of the second face's third corner below the first face; positive if the edge is convex. */
 static inline __attribute__((always_inline)) float fold(const search *q, const uint8_t end[2], const uint8_t side[2]) {
     const uint8_t *corner = corners(q, side[1]);
     return vinner(q->face[side[0]].normal, way(q, corner[0] + corner[1] + corner[2] - end[0] - end[1], end[0]));
 }
 
-/* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a
- * triangle over its edge is twice its area by the edge's length. Over a face, transition included, the nearest corner
- * is not farther than three quarters of the longest edge there. */
+/* Computes lengths and transitions of the edges. Both faces use the same transition, so that their weights add up to
+ * one. A triangle's height over an edge is twice its area over the edge's length. Over a face and its transition, the
+ * nearest corner is within three quarters of its longest edge. */
 static void place_edges(search *q) {
     const uint8_t *end = q->t->edge_vertex[0], *side = q->t->edge_face[0];
     for (int32_t v = 0; v < q->patch->vertex_count; v++) q->close_m2[v] = 0.0f;
@@ -103,8 +101,8 @@ static void place_edges(search *q) {
     }
 }
 
-/* Twice the area, in the plane of face f, between the station and the edge from corner j; positive on the face's side.
- */
+/* Returns twice the area, in the plane of face f, of the station and the edge from corner j; positive on the face's
+ * side. */
 static inline __attribute__((always_inline)) float part(const search *q, int32_t f, int j) {
     const uint8_t *corner = corners(q, f);
     return vinner(q->face[f].normal, vouter(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
@@ -114,7 +112,7 @@ static void add_hit(search *q, uint8_t kind, int32_t index, float raw, float dis
     if (q->hits < HITS) q->hit[q->hits++] = (hit){kind, (uint8_t)index, raw, distance_m};
 }
 
-/* Touched a corner of this face in the shape before. */
+/* Returns whether the station touched a corner of this face in the previous shape. */
 static bool known(const search *q, int32_t f) {
     for (int32_t i = 0; i < q->before_count; i++) {
         if (q->before[i].station != q->station || !(q->before[i].lambda_N > 0.0f)) continue;
@@ -139,7 +137,7 @@ static void face_hit(search *q, int32_t f) {
     if (raw > 0.0f) add_hit(q, FACE, f, raw, high > 0.0f ? sqrtf(high * high + outside * outside) : high);
 }
 
-/* 0 flat, 1 a fold that sticks out. */
+/* Returns 0 for a flat edge, 1 for a sharp convex one. */
 static float edge_sharpness(const search *q, int32_t e) {
     const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
     if (side[1] == HRT_NO_FACE || vinner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
@@ -159,8 +157,7 @@ static void edge_hit(search *q, int32_t e) {
     const law_v3 a = q->from[end[0]], b = q->from[end[1]];
     const float y = vinner(a, vminus(a, b)) / q->edge[e].length_m, distance2 = vinner(a, a) - y * y;
     if (distance2 > q->reach_m * q->reach_m) return;
-    const law_v3 across =
-        vtimes(1.0f / q->edge[e].span_m2, vouter(b, a)); /* out of the first face and into the second */
+    const law_v3 across = vtimes(1.0f / q->edge[e].span_m2, vouter(b, a)); /* from the first face into the second */
     const float ends = end_blend(q, e);
     float raw = law_ramp(vinner(q->face[side[0]].normal, across)) * law_ramp(y / ends) *
                 law_ramp((q->edge[e].length_m - y) / ends);
@@ -192,14 +189,14 @@ static void vertex_hit(search *q, int32_t v) {
 
 /* ---------------------------------------------------------------------------------------------- hits to rows */
 
-/* 0..255: how far the undeformed surface is smooth from face f to face g. */
+/* Returns how smooth the undeformed surface is from face f to face g, 0..255. */
 static int32_t smooth(const search *q, int32_t f, int32_t g) {
     if (f == g) return 255;
     return f > g ? q->t->smooth[f * (f - 1) / 2 + g] : q->t->smooth[g * (g - 1) / 2 + f];
 }
 
-/* At corner v of face f: of the faces around it, by area, as far as they belong to the same smooth surface. Where all
- * do, it is the same for each. */
+/* Returns the normal at corner v of face f: the area-weighted mean over faces of the same smooth surface. Without a
+ * crease it is the same for each face. */
 static law_v3 corner_normal(search *q, int32_t f, int32_t v) {
     law_v3 sum = {0.0f, 0.0f, 0.0f};
     if ((q->blended >> v & 1u) != 0) return q->corner[v];
@@ -216,7 +213,7 @@ static law_v3 corner_normal(search *q, int32_t f, int32_t v) {
 static law_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     law_v3 normal = {0.0f, 0.0f, 0.0f};
     float sum = 0.0f;
-    for (int j = 0; j < 3; j++) { /* areas of the parts, not below zero: a row never pulls on a vertex */
+    for (int j = 0; j < 3; j++) { /* areas of the parts, not negative: a row never pulls on a vertex */
         float *weight = &row->weight[j == 0 ? 2 : j - 1];
         *weight = law_max(part(q, f, j), 0.0f);
         sum += *weight;
@@ -227,13 +224,13 @@ static law_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     }
     row->gap_m = height(&q->face[f], q->station);
     row->triangle = (uint8_t)f;
-    /* On the face's own side. */
+    /* Keep the blended normal only on the face's own side. */
     const float size = vsize(normal);
     normal = vtimes(1.0f / law_max(size, 1.0e-9f), normal);
     return law_normal_stands(size, vinner(normal, q->face[f].normal)) ? normal : q->face[f].normal;
 }
 
-/* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the
+/* Returns the negative row normal: from the nearest point, at share s of the edge from corner j to the next, to the
  * station. */
 static law_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_row *row) {
     const int k = j == 2 ? 0 : j + 1;
@@ -263,7 +260,7 @@ static law_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
     return line_row(q, f, j, 0.0f, row);
 }
 
-/* What bears it lies between the jaws. */
+/* Returns whether all of a row's vertices are grasped. */
 static bool is_held(const search *q, const hrt_contact_row *row) {
     bool held = true;
     for (int j = 0; j < 3; j++)
@@ -271,7 +268,7 @@ static bool is_held(const search *q, const hrt_contact_row *row) {
     return held;
 }
 
-/* Keeps the deepest. */
+/* Adds a row; at capacity, replaces the shallowest if the new one is deeper. */
 static int32_t push_row(hrt_contact_row *row, int32_t count, const hrt_contact_row *candidate) {
     int32_t shallow = count;
     if (count == HRT_CONTACT_ROWS) {
@@ -312,7 +309,7 @@ static bool sinks(const search *q, const hrt_contact_row *row) {
     return law_sinks(row->gap_m, row->lambda_N, q->radius_m);
 }
 
-/* Goes there; false: no face is near enough, and then no edge or vertex is. */
+/* Moves the search to a station. Returns false if no face is near enough; then no edge or vertex is. */
 static bool stand(search *q, int32_t station) {
     bool near = false;
     q->station = station;
@@ -339,7 +336,7 @@ static bool stand(search *q, int32_t station) {
     return q->close != 0;
 }
 
-/* From the first station that may be near the patch to the last. */
+/* Computes the range of stations that may be near the patch. */
 static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
     const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
     const float stations = law_min(q->patch->contact_length_m, vnorm(tip_m)) / q->radius_m + 1.0e-4f,

@@ -1,4 +1,4 @@
-/* What comes from outside is checked here, outside the tick: finite, bounded, indices in range, compliance positive
+/* Checks samples and patches from outside, before the tick: finite, bounded, indices in range, compliance positive
  * semidefinite. */
 #include "internal.h"
 
@@ -46,7 +46,7 @@ hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
     return HRT_ACCEPT;
 }
 
-/* Within rounding; no entry is larger than the largest on the diagonal. */
+/* Returns whether a matrix is positive semidefinite within rounding; no entry may exceed the largest diagonal one. */
 static __attribute__((noinline)) bool semidefinite(float *a, int32_t width, int32_t n) {
     float most = 0.0f;
     for (int32_t k = 0; k < n; k++) most = fmaxf(most, a[law_packed(width, k, k)]);
@@ -54,7 +54,7 @@ static __attribute__((noinline)) bool semidefinite(float *a, int32_t width, int3
     return law_semidefinite(a, width, n, 0.0f, least, 10.0f * sqrtf(least * most));
 }
 
-/* What a sender may leave out. */
+/* Sets the defaults of values that a sender may omit. */
 static void fill_in(hrt_patch *patch, int32_t n) {
     bool named = false, rest = false;
     for (int32_t i = 0; i < n; i++) rest = rest || patch->rest_m[i] != 0.0f;
@@ -64,7 +64,7 @@ static void fill_in(hrt_patch *patch, int32_t n) {
     if (!(patch->force_cap_N > 0.0f)) patch->force_cap_N = 50.0f;
 }
 
-/* Those that are one of a patch: none is below zero. */
+/* Checks the scalars of a patch; none may be negative. */
 static hrt_reject check_numbers(const hrt_patch *patch) {
     static const float most[] = {FORCE_HUGE_N, 0.1f, 1.0f, 10.0f, 1.0f, 10.0f, 1.0f, FRICTION_MAX};
     const float number[] = {
@@ -90,7 +90,7 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
         for (int i = 0; i < 3; i++)
             if (corner[i] >= patch->vertex_count || corner[i] == corner[(i + 1) % 3]) return HRT_REJECT_INDEX;
     }
-    const int32_t hold = entries - 2 * (width - n); /* six entries of stiffness, the last */
+    const int32_t hold = entries - 2 * (width - n); /* the last six entries are the grasp's stiffness */
     hrt_reject verdict = bounded(patch->vertex_m, width, 2.0f);
     if (verdict == HRT_ACCEPT) verdict = bounded(patch->rest_m, n, 2.0f);
     if (verdict == HRT_ACCEPT) verdict = bounded(patch->compliance_m_N, hold, 10.0f);

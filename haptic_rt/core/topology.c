@@ -1,9 +1,9 @@
-/* Edges, fans and smoothness of a patch: computed once when it comes, outside the tick. */
+/* Computes edges, triangles around vertices and smoothness of a patch: once on reception, outside the tick. */
 #include "internal.h"
 
 #include "contact_law/feature.h"
 
-/* Its number, made if need be, as the first triangle runs along it; HRT_PATCH_EDGES: no room. */
+/* Returns the number of edge ab; adds it, directed as in its first triangle, if new. HRT_PATCH_EDGES: at capacity. */
 static uint8_t find_edge(hrt_patch_topology *t, uint8_t a, uint8_t b) {
     for (uint8_t e = 0; e < t->edge_count; e++) {
         const uint8_t *ends = t->edge_vertex[e];
@@ -57,7 +57,7 @@ static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {
     vscale(size > 0.0f ? 1.0f / size : 0.0f, normal, normal);
 }
 
-/* Vertices that two triangles share, a bit each. */
+/* Returns the vertices that two triangles share, one bit each. */
 static uint32_t common(const hrt_patch *patch, int32_t f, int32_t g) {
     uint32_t of[2] = {0, 0};
     for (int j = 0; j < 3; j++) {

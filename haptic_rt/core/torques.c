@@ -1,12 +1,11 @@
-/* The last stage: whatever was wanted, what leaves is within every limit. Each step only shrinks the force or moves it
- * less. */
+/* The last stage: limits the force and computes the torques. Each step only reduces the force or its change. */
 #include "internal.h"
 
-/* Of a limit: from where it is held to, and to where, so that rounding never carries the force past it. */
+/* Relative thresholds of a limit: applied above FROM, reduced to HELD, so that rounding never exceeds it. */
 static const float FROM = 0.999999f, HELD = 0.999998f;
-static const float DEBT_PER_S = 250.0f; /* pace at which work beyond the power limit is made good */
+static const float DEBT_PER_S = 250.0f; /* rate at which energy beyond the power limit is compensated */
 
-/* The share of `force` that the motors and the device's vector limit allow. */
+/* Returns the share of `force` that the motors and the force limit allow. */
 static float allowed_share(hrt_controller *c, const float jacobian[9], const float force[3]) {
     float torque[3], share = 1.0f;
     hrt_apply_transposed(jacobian, force, torque);
@@ -25,7 +24,7 @@ static float allowed_share(hrt_controller *c, const float jacobian[9], const flo
     return share;
 }
 
-/* The share of the way from the last force that the slew limits allow; a late tick earns no larger step. */
+/* Returns the share of the force change that the slew limits allow; a late tick allows no larger step. */
 static float slew_share(hrt_controller *c, float dt_s, const float change[3]) {
     const float dt = fminf(dt_s, 0.004f);
     float share = 1.0f;
@@ -40,9 +39,9 @@ static float slew_share(hrt_controller *c, float dt_s, const float change[3]) {
     return share;
 }
 
-/* The share that keeps the power handed to the hand, by each joint and in all, within its limits: at the filtered
- * velocity, and at that of the last frame as it goes on, since a light hand is fast before a filter knows. What was
- * handed out beyond the limit none the less (the observer has its exact work) is made good. */
+/* Returns the share that keeps the power delivered to the hand within its limits, per joint and in total. Uses the
+ * filtered velocity and the predicted one: a light hand accelerates faster than the filter. Energy delivered beyond the
+ * limit nevertheless (exact work of the observer) is compensated. */
 static float power_share(hrt_controller *c, const float torque[3]) {
     const float most_W = fmaxf(0.0f, c->params.power_max_W - DEBT_PER_S * c->debt_J);
     float share = 1.0f, sum = 0.0f;
@@ -66,7 +65,7 @@ void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]) {
     const float share = slew_share(c, dt_s, change);
     vset(c->force_N, force);
     vadd(force, share, change);
-    vscale(allowed_share(c, jacobian, force), force, force); /* the joints moved under the last force */
+    vscale(allowed_share(c, jacobian, force), force, force); /* the joints have moved under the last force */
     hrt_apply_transposed(jacobian, force, c->torque);
     const float power = power_share(c, c->torque);
     for (int i = 0; i < 3; i++) {
