@@ -74,7 +74,7 @@ void app_auth_tag(const app_key *key, const char *channel, void *message, int si
     if (!key->known || size < 2 * TAG) return;
     const uint64_t tag = tag_of(key, channel, message, size);
     uint8_t *end = (uint8_t *)message + size - TAG;
-    for (int i = 0; i < TAG; i++) end[i] = (uint8_t)(tag >> (56 - 8 * i)); /* as LCM writes an int64_t */
+    for (int i = 0; i < TAG; i++) end[i] = (uint8_t)(tag >> (56 - 8 * i)); /* big-endian, as LCM encodes an int64_t */
 }
 
 bool app_auth_check(const app_key *key, const char *channel, const void *message, int size) {
@@ -83,7 +83,7 @@ bool app_auth_check(const app_key *key, const char *channel, const void *message
     const uint8_t *end = (const uint8_t *)message + size - TAG;
     uint64_t tag = 0;
     for (int i = 0; i < TAG; i++) tag = tag << 8 | end[i];
-    return tag == tag_of(key, channel, message, size); /* one comparison: its time tells nothing */
+    return tag == tag_of(key, channel, message, size); /* one comparison, in constant time */
 }
 
 bool app_replay_fresh(app_replay *r, int64_t session, uint32_t seq) {
@@ -132,7 +132,7 @@ bool app_key_read(const char *path, app_key *key, char *why, int why_size) {
         if (fd >= 0) close(fd);
         return false;
     }
-    /* What systemd hands a service (LoadCredential=) is root's, and may be readable for one more by its group bits. */
+    /* A file from systemd (LoadCredential=) belongs to root; its group bits may let one more user read it. */
     const mode_t forbidden = about.st_uid == 0 && geteuid() != 0 ? 037 : 077;
     bool good = false;
     if (!S_ISREG(about.st_mode))

@@ -44,7 +44,7 @@ static int64_t big(const uint8_t *p, int bytes) {
     return bytes == 4 ? (int32_t)(uint32_t)x : (int64_t)x;
 }
 
-/* Reads on behind the next magic number. False: there is none. */
+/* Skips to just behind the next magic number. Returns false if there is none. */
 static bool find_magic(app_log *log) {
     uint8_t last[4];
     size_t have = fread(last, 1, 4, log->file);
@@ -62,7 +62,7 @@ static bool find_magic(app_log *log) {
     return true;
 }
 
-/* `size` bytes into log->data, which grows as they come. */
+/* Reads `size` bytes into log->data, which grows with the bytes actually read. */
 static bool read_data(app_log *log, size_t size) {
     for (size_t have = 0; have < size || !log->data;) {
         if (have == log->capacity) {

@@ -1,4 +1,4 @@
-/* From generated structs to sealed bytes and back; which way they go is the driver's. */
+/* Converts generated structs to authenticated bytes and back, for all drivers. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -22,7 +22,7 @@ void app_link_free(app_link *link) {
     free(link);
 }
 
-/* --- out --- */
+/* --- sending --- */
 
 static bool reserve(app_link *link, int bytes) {
     if (bytes <= link->capacity) return true;
@@ -52,7 +52,7 @@ bool app_link_publish(app_link *link, app_message_kind kind, int instrument, int
     return link->driver->send(link, channel, utime, link->buffer, bytes) && copied;
 }
 
-/* --- in --- */
+/* --- receiving --- */
 
 static const app_topic *topic_of(const app_link *link, app_message_kind kind, int instrument) {
     for (int t = 0; t < link->def.topics; t++)
@@ -98,7 +98,7 @@ void app_link_came(app_link *link, const char *channel, int64_t utime, const voi
         app_link_give(link, channel, utime, bytes, size);
 }
 
-/* --- the driver's --- */
+/* --- calls of the driver --- */
 
 int app_link_receive(app_link *link, int64_t wait_us, int most) { return link->driver->receive(link, wait_us, most); }
 

@@ -1,5 +1,5 @@
-/* Logs, written and read. The format is lcm-logger's: a magic number, the event's number, its time, the lengths of
- * channel and data, and both (liblcm's eventlog.c). */
+/* Reads and writes logs in the format of lcm-logger: magic number, event number, time, lengths of channel and data, and
+ * both (liblcm's eventlog.c). */
 #include <stdio.h>
 #include <string.h>
 
@@ -11,7 +11,7 @@ typedef struct log_link {
     FILE *out;
     int64_t number;
     app_log *in;
-    const app_log_event *next; /* read, and not handed over */
+    const app_log_event *next; /* read but not yet delivered */
     int64_t last_us;
 } log_link;
 

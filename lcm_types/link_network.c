@@ -1,4 +1,4 @@
-/* The module `lcm`: messages in through receiver.h, out through liblcm. */
+/* The module `lcm`: receives through receiver.h, sends through liblcm. */
 #include <lcm/lcm.h>
 #include <stdio.h>
 #include <time.h>
@@ -57,7 +57,8 @@ static bool listen_to(network *n, const char *url, char *why, int why_size) {
     if (!topics) return true;
     for (int t = 0; t < topics; t++) {
         const app_topic *topic = &n->link.topic[t];
-        _Static_assert((int)APP_CHANNEL_CAPACITY == (int)APP_CHANNEL_NAME && (int)APP_TOPICS_MAX <= (int)APP_CHANNELS_MAX,
+        _Static_assert((int)APP_CHANNEL_CAPACITY == (int)APP_CHANNEL_NAME &&
+                           (int)APP_TOPICS_MAX <= (int)APP_CHANNELS_MAX,
                        "of one size");
         app_channel_name(topic->kind, topic->instrument, name[t]);
         channel[t] = (app_channel){name[t], app_message_max(topic->kind), came, n};

@@ -1,5 +1,5 @@
-/* Messages within this process, on a clock that its driver sets: for lockstep. What a network does to them is done here
- * from a seed. */
+/* Messages within this process, on a clock that the caller sets: for lockstep. A seed determines the network
+ * impairments. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,7 +22,7 @@ typedef struct queue_link {
     app_impairments impairments;
     letter *first, *last;
     int letters;
-    /* of what is sent now */
+    /* time and delivery of the messages sent now */
     int64_t instant_us, due_us;
     bool lost;
 } queue_link;
@@ -50,7 +50,7 @@ static double next_random(uint64_t *state) {
     return (double)((z ^ (z >> 31)) >> 11) * 0x1p-53;
 }
 
-/* Once an instant. */
+/* Draws delay and loss, once per instant. */
 static void draw(queue_link *to, int64_t now_us) {
     const app_impairments *m = &to->impairments;
     if (to->instant_us == now_us) return;
@@ -58,7 +58,7 @@ static void draw(queue_link *to, int64_t now_us) {
     const double late_s = m->random ? m->latency_s + next_random(m->random) * m->jitter_s : m->latency_s;
     to->lost = m->random && next_random(m->random) < m->loss;
     to->due_us = now_us + llround(late_s * 1e6);
-    if (to->last && to->last->due_us > to->due_us) to->due_us = to->last->due_us; /* one wire */
+    if (to->last && to->last->due_us > to->due_us) to->due_us = to->last->due_us; /* no overtaking */
 }
 
 static bool deliver(queue_link *to, int64_t now_us, const char *channel, const void *bytes, int size) {

@@ -15,7 +15,7 @@ typedef struct row {
     bool (*field)(const void *, int, lcm_field_t *);
 } row;
 
-/* The generated functions with pointers of one type. */
+/* Wraps the generated functions with pointers of one type. */
 #define CODEC(kind, type, name, bytes)                                                                                 \
     static int size_##kind(const void *m) { return tensormass_##type##_t_encoded_size(m); }                            \
     static int encode_##kind(void *b, int n, const void *m) { return tensormass_##type##_t_encode(b, 0, n, m); }       \
@@ -58,9 +58,9 @@ bool app_channel_find(const char *channel, app_message_kind *kind, int *instrume
 
 const char *app_message_type(app_message_kind kind) { return rows[kind].type; }
 
-/* --- what a type says of itself --- */
+/* --- type descriptions --- */
 
-/* On the wire; 0: a string, or a type within the type. */
+/* Returns the encoded size of an element; 0: a string or nested type. */
 static int bytes_of(const lcm_field_t *f) {
     static const int bytes[] = {[LCM_FIELD_INT8_T] = 1,  [LCM_FIELD_INT16_T] = 2, [LCM_FIELD_INT32_T] = 4,
                                 [LCM_FIELD_INT64_T] = 8, [LCM_FIELD_BYTE] = 1,    [LCM_FIELD_FLOAT] = 4,
@@ -86,7 +86,7 @@ static int64_t integer(const uint8_t *p) {
     return (int32_t)((uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3]);
 }
 
-/* How many elements a field has, as the counts before it say; below 0: no number of elements. */
+/* Returns the number of elements of a field, by the counts before it; below 0 if invalid. */
 static int64_t elements(const lcm_field_t *f, int size) {
     int64_t count = 1;
     for (int d = 0; d < f->num_dim; d++) {
@@ -95,7 +95,7 @@ static int64_t elements(const lcm_field_t *f, int size) {
     return count;
 }
 
-/* A string ends with its one zero, where its length says. */
+/* Returns the size of a string; its only zero must be at the end that its length gives. */
 static int64_t string_bytes(const uint8_t *at, int64_t left) {
     if (left < 4) return -1;
     const int64_t length = integer(at);
@@ -104,7 +104,7 @@ static int64_t string_bytes(const uint8_t *at, int64_t left) {
 }
 
 static bool whole(const row *r, const uint8_t *bytes, int size) {
-    app_message counts; /* what has been read of it: the arrays' lengths are among it */
+    app_message counts; /* fields read so far; they include the arrays' lengths */
     lcm_field_t f;
     memset(&counts, 0, (size_t)r->struct_bytes);
     int64_t at = FINGERPRINT;
@@ -124,7 +124,7 @@ static bool whole(const row *r, const uint8_t *bytes, int size) {
     return at == size;
 }
 
-/* --- to and from bytes --- */
+/* --- encoding and decoding --- */
 
 void app_message_empty(app_message_kind kind, app_message *message) {
     static char nothing[] = "";

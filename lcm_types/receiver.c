@@ -1,4 +1,4 @@
-/* The door: which driver, which channels. */
+/* Opens a receiver: selects its driver and channels. */
 #include "receiver.h"
 
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* What the drivers share: whose channel a message is, and handing it over. */
+/* Finds a message's channel and delivers the message, for all drivers. */
 #include <string.h>
 
 #include "libtensormass/platform/clock.h"

@@ -1,4 +1,4 @@
-/* URLs that are not udpm: liblcm's own receiving. */
+/* Receives through liblcm, for URLs other than udpm. */
 #include <lcm/lcm.h>
 #include <poll.h>
 #include <stdio.h>

@@ -1,4 +1,5 @@
-/* LCM's UDP multicast wire format ("LC02" short messages, "LC03" fragments; liblcm's udpm_util.h), within bounds. */
+/* Receives LCM's UDP multicast wire format within bounds: "LC02" short messages, "LC03" fragments (liblcm's
+ * udpm_util.h). */
 #include <arpa/inet.h>
 #include <errno.h>
 #include <ifaddrs.h>
@@ -26,7 +27,7 @@ static uint32_t word(const uint8_t *p) {
 
 static void count(_Atomic int64_t *counter) { atomic_fetch_add(counter, 1); }
 
-/* Bytes of the channel's name with its end, 0: it has none. */
+/* Returns the size of the channel's name with its zero; 0 if it has none. */
 static int name_bytes(const uint8_t *at, int left) {
     const uint8_t *end = memchr(at, 0, (size_t)(left < NAME_MAX_BYTES ? left : NAME_MAX_BYTES));
     return end ? (int)(end - at) + 1 : 0;
@@ -46,8 +47,8 @@ static bool same_sender(const app_fragmented *f, const struct sockaddr_in *from)
     return f->from.sin_addr.s_addr == from->sin_addr.s_addr && f->from.sin_port == from->sin_port;
 }
 
-/* The place where this message is put together: begun already, or free, or the oldest's. A sender's next message ends
- * its last one. Null: it is the one before. */
+/* Returns the slot to assemble this message in: its own, a free one, or the oldest. A sender's next message ends its
+ * previous one. Returns null for a message before it. */
 static app_fragmented *place(app_receiver *r, const struct sockaddr_in *from, uint32_t seq, int64_t now_us) {
     app_fragmented *best = NULL;
     for (int i = 0; i < APP_FRAGMENTED; i++) {
@@ -157,9 +158,9 @@ static bool listed(const app_receiver *r, uint32_t address) {
     return false;
 }
 
-/* The kernel drops packets that come in from outside with an address of this machine, of loopback or none at all
- * ("martians"), so the sender's address tells: on loopback alone it is 0.0.0.0. Addresses may change under way: a
- * strange one has them looked up anew, once a second at most. */
+/* Returns whether a packet comes from this machine. The kernel drops external packets with an address of this machine,
+ * of loopback or none ("martians"), so the sender's address suffices. On loopback alone it is 0.0.0.0. Addresses may
+ * change: an unknown one causes a new lookup, at most once a second. */
 static bool from_here(app_receiver *r, const struct sockaddr_in *from, int64_t now_us) {
     const uint32_t address = from->sin_addr.s_addr;
     if (!r->local_only || address == 0 || ntohl(address) >> 24 == 127 || listed(r, address)) return true;
@@ -170,15 +171,16 @@ static bool from_here(app_receiver *r, const struct sockaddr_in *from, int64_t n
 
 /* ---------------------------------------------------------------------------------------------- the socket */
 
-/* In the kernel, so that neither the simulation's own pictures nor a flood on other channels fill the socket's buffer:
- * short messages of our channels and of a length that they may have, fragments of messages that are not too long. */
+/* Filters packets in the kernel, so that neither the simulation's own surfaces nor a flood on other channels fill the
+ * socket's buffer. Accepts short messages of our channels and of valid length, and fragments of messages that are not
+ * too long. */
 static bool set_filter(const app_receiver *r) {
     enum { HEAD = 11, EACH = 2 * (APP_CHANNEL_NAME / 4 + 3) + 1 };
     struct sock_filter code[HEAD + APP_CHANNELS_MAX * EACH + 1];
     const struct sock_filter head[HEAD] = {
         BPF_STMT(BPF_LD | BPF_W | BPF_ABS, UDP_HEAD),
         BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, MAGIC_LONG, 0, 4),
-        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, UDP_HEAD + 8), /* the length that a fragment announces */
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, UDP_HEAD + 8), /* announced length of a fragmented message */
         BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, (uint32_t)r->largest, 1, 0),
         BPF_STMT(BPF_RET | BPF_K, UINT32_MAX),
         BPF_STMT(BPF_RET | BPF_K, 0),
@@ -221,7 +223,7 @@ static bool open_socket(app_receiver *r, const app_udpm_url *url) {
         .sin_family = AF_INET, .sin_port = htons(url->port), .sin_addr.s_addr = url->group};
     r->fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (r->fd < 0 || !set_filter(r)) return false;
-    setsockopt(r->fd, SOL_SOCKET, SO_RCVBUF, &size, sizeof size); /* as much as the kernel gives */
+    setsockopt(r->fd, SOL_SOCKET, SO_RCVBUF, &size, sizeof size); /* the kernel may limit it */
     setsockopt(r->fd, IPPROTO_IP, IP_MULTICAST_ALL, &zero, sizeof zero);
     return setsockopt(r->fd, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one) == 0 &&
            setsockopt(r->fd, SOL_SOCKET, SO_REUSEPORT, &one, sizeof one) == 0 &&

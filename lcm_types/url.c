@@ -1,4 +1,4 @@
-/* What an LCM URL says. */
+/* Parses an LCM URL. */
 #include <arpa/inet.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
-/* Frames <-> messages, by the layout of impulse_engine.dbc, which tests compare bit by bit. Device 1 has the layout of
- * device 0 under ids one higher. Numbers are little-endian; the last byte is the checksum, and the one before it,
- * except in DeviceFault, holds the counter and in its top bit a flag. */
+/* Converts frames to messages and back, in the layout of impulse_engine.dbc; tests compare bit by bit. Device 1 has the
+ * layout of device 0 with ids one higher. Numbers are little-endian. The last byte is the checksum. The byte before it,
+ * except in DeviceFault, holds the counter, and a flag in its top bit. */
 #include "codec.h"
 
 const float hrt_can_torque_unit[HRT_MOTORS] = {1.0e-4f, 1.0e-4f, 1.0e-3f};
@@ -9,7 +9,7 @@ enum { RESET_KEY = 0xA5, COUNTER_MASK = 0x7F, FLAG = 0x80 };
 
 typedef struct layout {
     hrt_can_kind kind;
-    uint16_t id; /* of device 0 */
+    uint16_t id; /* id for device 0 */
     uint8_t length;
 } layout;
 
@@ -20,8 +20,8 @@ static const layout layouts[] = {
 };
 enum { LAYOUTS = (int)(sizeof layouts / sizeof layouts[0]) };
 
-/* CRC-8 SAE J1850 over the id's low byte and all bytes but the last. The id is in it so that a frame under a wrong id
- * is refused. */
+/* Computes CRC-8 SAE J1850 over the id's low byte and all bytes but the last. The id is included so that a frame with a
+ * wrong id is rejected. */
 static uint8_t checksum(const hrt_can_frame *frame) {
     uint32_t crc = 0xFFu;
     for (int i = -1; i < (int)frame->length - 1; i++) {
@@ -37,7 +37,7 @@ static int16_t count_to_int16(int32_t count) {
     return (int16_t)count;
 }
 
-/* Rounded; beyond the wire's range its end; not a number: zero. */
+/* Rounds a value and clamps it to the range; not a number: zero. */
 static int16_t to_int16(float value) {
     const bool inside = value > -32768.0f && value < 32767.0f;
     if (inside) return count_to_int16((int32_t)(value < 0.0f ? value - 0.5f : value + 0.5f));
@@ -107,7 +107,7 @@ bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame) {
     return false;
 }
 
-/* False: a value that no sender of ours can mean. */
+/* Unpacks the payload. Returns false for a value that no valid sender uses. */
 static bool unpack_payload(const uint8_t *d, uint8_t tail, hrt_can_message *m) {
     if (m->kind != HRT_CAN_DEVICE_FAULT) m->counter = tail & COUNTER_MASK;
     const bool flag = (tail & FLAG) != 0;

@@ -1,7 +1,7 @@
 #include "can/exchange.h"
 
-/* LATE: half a turn back or more is an old frame, not a gap. GAPS_SPARE: what a start of either side may add.
- * FIRST_COMMANDS: two beats of the device. */
+/* LATE: a counter at least half its range back is an old frame, not a gap. GAPS_SPARE: gaps that a start of either side
+ * may add. FIRST_COMMANDS: two heartbeats of the device. */
 enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128, FIRST_COMMANDS = 60 };
 
 void hrt_can_exchange_init(hrt_can_exchange *exchange, int32_t instrument) {
@@ -22,7 +22,7 @@ static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_
     const bool whole = exchange->half_waits && exchange->half_counter == m->counter;
     const uint8_t step = (uint8_t)((m->counter - exchange->encoder_counter) & COUNTER_MASK);
     exchange->half_waits = false;
-    if (!whole) return; /* the gap shows in the next whole set's counter */
+    if (!whole) return; /* the next complete set's counter shows the gap */
     if (exchange->encoder_known && (step == 0 || step >= LATE)) {
         exchange->can.repeated++;
         return;
@@ -42,8 +42,8 @@ static void take_half(hrt_can_exchange *exchange, const hrt_can_message *m) {
     exchange->half_waits = true;
 }
 
-/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here.
- */
+/* Handles a fault of the device. Watchdog and bus-off are not faults here: they dropped the torque, and end when the
+ * device receives "motors off", which idle sends. */
 static void take_device_fault(const hrt_can_exchange *exchange, int64_t now_us, uint8_t code, hrt_input *input) {
     if (exchange->reset_us != 0 && now_us - exchange->reset_us < HRT_CAN_EXCHANGE_RESET_QUIET_US) return;
     input->device_watchdog = code == 1 || code == 3;
@@ -52,7 +52,7 @@ static void take_device_fault(const hrt_can_exchange *exchange, int64_t now_us, 
 
 static void take_gaps(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const uint16_t fresh = (uint16_t)(m->gaps - exchange->gaps);
-    /* Where a controller begins to count is no gap: the first beats only say where the device stands. */
+    /* A controller's first count is no gap: the first heartbeats only give the device's state. */
     if (m->session != input->device_session || exchange->commands < FIRST_COMMANDS) exchange->gaps_known = false;
     if (exchange->gaps_known) {
         exchange->can.command_gaps += fresh;
@@ -79,7 +79,7 @@ void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt
         if (!ours) break;
         take_gaps(exchange, now_us, m, input);
         if (m->session != input->device_session)
-            exchange->encoder_known = false; /* started anew, it counts from anywhere */
+            exchange->encoder_known = false; /* after a restart, any counter is valid */
         input->device_session = m->session;
         take_device_fault(exchange, now_us, m->fault, input);
         break;

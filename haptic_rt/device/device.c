@@ -1,5 +1,5 @@
-/* The virtual device. Joints are independent masses with friction, pushed by the motors and by a hand that is a
- * spring and a damper to where it wants to be. */
+/* The virtual device. Joints are independent masses with friction. The motors and a hand act on them; the hand is a
+ * spring and a damper to its target. */
 #include "device.h"
 
 #include "motion/kinematics.h"
@@ -80,7 +80,8 @@ static void move(hrt_device *d, double dt_s) {
             const double push =
                 d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
             const double damping = c->hand_damping[j] + c->viscous[j];
-            /* Damping implicit, dry friction as what it can stop within the step. */
+            /* Viscous damping is implicit; Coulomb friction is limited to the force that stops the joint within the
+             * step. */
             const double v = (d->velocity[j] + dt_s * push / c->inertia[j]) / (1.0 + dt_s * damping / c->inertia[j]);
             d->velocity[j] = shrink(v, dt_s * c->coulomb[j] / c->inertia[j]);
         } else
@@ -118,9 +119,10 @@ static void fail(hrt_device *d, hrt_device_fault fault) {
 static void take_command(hrt_device *d, const hrt_can_message *m) {
     const uint8_t step = (uint8_t)((m->counter - d->command_counter) & 0x7F);
     d->corrupt_in_a_row = 0;
-    const bool silent = (double)(d->heard_us - d->command_us) > d->config.watchdog_us; /* then another may begin */
+    const bool silent =
+        (double)(d->heard_us - d->command_us) > d->config.watchdog_us; /* then another controller may start */
     if (d->command_counter_known && (step == 0 || (step >= LATE && !silent))) {
-        d->can.repeated++; /* a transmitter that repeats itself, or is overtaken, does not feed the watchdog */
+        d->can.repeated++; /* a repeated or overtaken command does not feed the watchdog */
         return;
     }
     if (d->command_counter_known && step > 1 && step < LATE) d->can.lost += step - 1u;
@@ -199,7 +201,7 @@ static void send_frames(hrt_device *d, int64_t now_us) {
         for (int j = 0; j < joints && j < HRT_CAN_JOINTS; j++) a.count[j] = b.count[j] = encoder(d, j);
         send_message(d, &a);
         send_message(d, &b);
-        /* Keep the beat; after a stall begin a new one rather than catch up. */
+        /* Keeps the period; after a stall restarts it rather than catching up. */
         const int64_t period = (int64_t)d->config.period_us;
         d->sent_us = now_us - d->sent_us < 2 * period ? d->sent_us + period : now_us;
     }

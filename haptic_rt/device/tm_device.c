@@ -1,5 +1,4 @@
-/* tm-device: a virtual device as a program of its own on a CAN bus, with a hand that follows a script or LCM.
- */
+/* tm-device: a virtual device as a program on a CAN bus; its hand follows a script or LCM messages. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -22,7 +21,7 @@ enum { UNREAD = 4, LOOKS_PER_SECOND = 20, QUIET_LOOKS = 5 };
 typedef struct program {
     hrt_common common;
     const char *hand, *start;
-    double grasp; /* strength of the hand */
+    double grasp; /* strength of the hand, a factor */
     hrt_device_config config;
     hrt_bus wires;
     hrt_device device;
@@ -32,8 +31,8 @@ typedef struct program {
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
-    /* From the receive thread: it owns one slot, the loop another, the third is between them (UNREAD: newer than the
-     * loop's). */
+    /* Hand commands from the receive thread. It owns one slot, the loop another; the third is exchanged between them
+     * (UNREAD: newer than the loop's). */
     struct {
         double joint[HRT_JOINTS];
         bool active;
@@ -118,7 +117,7 @@ static int take_option(void *user, int option, const char *text) {
     }
 }
 
-/* Once the device type is known, wherever it stood on the command line. */
+/* Completes the settings that depend on the device type, which may come anywhere on the command line. */
 static int complete(program *p) {
     const hrt_device_config set = p->config;
     hrt_device_config *c = &p->config;
@@ -132,7 +131,7 @@ static int complete(program *p) {
     return p->start ? checked(read_start(p->start, c->profile.device, c->rest)) : -1;
 }
 
-/* -1: go on; else the exit code. */
+/* Reads the options. Returns -1 to continue, else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
     const hrt_command_line line = {
         .program = "tm-device", .usage = usage, .option = options, .take = take_option, .user = p};
@@ -188,7 +187,7 @@ static int open_all(program *p) {
     return hrt_output_begin(&p->json_out, p->common.json);
 }
 
-/* In pairs: nobody commands, somebody does. */
+/* Logs loss and return of commands, in pairs. */
 static void log_commands(const program *p, uint32_t *seen, int *quiet_looks, bool *told) {
     const uint32_t commands = atomic_load(&p->commands);
     const bool come = commands != *seen, first = *seen == 0;
@@ -250,7 +249,7 @@ int main(int argc, char **argv) {
                    .tick = tick,
                    .user = &p,
                    .ticks_max = p.common.duration_s > 0.0 ? (int64_t)(p.common.duration_s * p.common.rate + 0.5) : 0};
-    p.device.config.period_us = 0.5e6 / p.common.rate; /* one set a tick; the tick keeps the rate */
+    p.device.config.period_us = 0.5e6 / p.common.rate; /* one set per tick; the loop keeps the rate */
     hrt_stop_on_signals(&p.loop.stop);
     if (!hrt_loop_start(&p.loop)) {
         app_output_abandon(&p.json_out);

@@ -1,5 +1,5 @@
-/* Arm MPS2 boards (AN386: Cortex-M4F, AN500: Cortex-M7), 25 MHz. They have no CAN controller: its driver here is a
- * loop-back queue, and the place where a real part's registers go. The watchdog is the CMSDK's. */
+/* Arm MPS2 boards (AN386: Cortex-M4F, AN500: Cortex-M7), 25 MHz. They have no CAN controller: the driver is a loop-back
+ * queue, to be replaced by a real part's registers. The watchdog is the CMSDK's. */
 #include "loop.h"
 #include "systick.h"
 
@@ -9,7 +9,7 @@ enum { CORE_HZ = 25000000 };
 enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_TICKS = 10, QUEUE = 16 };
 
 static void (*tick_handler)(void);
-static int64_t now_us; /* the tick's alone */
+static int64_t now_us; /* used by the tick only */
 static struct {
     hrt_can_frame frame[QUEUE];
     uint32_t head, tail;
@@ -34,7 +34,7 @@ void fw_board_watchdog(void) { WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW
 _Noreturn void fw_board_panic(const char *why) {
     (void)why;
     for (;;) {
-    } /* no command any more; the watchdog resets the board */
+    } /* no further command; the watchdog resets the board */
 }
 
 bool fw_can_receive(hrt_can_frame *frame) {

@@ -2,11 +2,11 @@
 
 enum { FRAMES_A_TICK_MAX = 64 }; /* a full bus carries 16 in 2 ms; more waits for the next tick */
 
-/* The device hangs along the board's own axes; the simulation's side turns positions and forces. */
+/* The device is mounted along the board's own axes; the simulation's side rotates positions and forces. */
 static const hrt_axes device_axes = {.r = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
 
 #if FW_PATCHES
-static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* one for all: patches are checked one after the other */
+static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* shared: patches are checked one after another */
 #endif
 
 void fw_loop_init(fw_loop *loop, int64_t session) {
@@ -24,8 +24,8 @@ void fw_loop_init(fw_loop *loop, int64_t session) {
 
 /* ---- main ---- */
 
-/* The one that the controller does not hold, to be received into. Null: this firmware has no room for patches. While
- * nothing is posted the tick does not change which one that is. */
+/* Returns the patch that the controller does not use, to receive into; null without memory for patches. The tick does
+ * not change it while nothing is posted. */
 static hrt_patch *free_patch(fw_device *device) {
 #if FW_PATCHES
     return &device->patch[device->controller.extrapolation.patch == &device->patch[0]];
@@ -63,12 +63,12 @@ static void check(fw_device *device, int32_t index, hrt_patch *patch) {
 void fw_loop_background(fw_loop *loop) {
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
-        if (device->posted) continue; /* the link keeps its newest until the tick took the last */
+        if (device->posted) continue; /* the link keeps its newest until the tick has taken the last */
         hrt_patch *patch = free_patch(device);
         device->news = (fw_news){0};
         fw_link_receive(i, &device->news, &device->sample, patch);
         check(device, i, patch);
-        __atomic_signal_fence(__ATOMIC_RELEASE); /* one core: the compiler's order is the interrupt's */
+        __atomic_signal_fence(__ATOMIC_RELEASE); /* on one core, compiler order is sufficient */
         device->posted = device->news.sample || device->news.command;
     }
 }
@@ -85,7 +85,7 @@ static void receive_frames(fw_loop *loop, int64_t now_us) {
     }
 }
 
-/* The newest good sample, or null. */
+/* Returns the newest valid sample, or null. */
 static const hrt_sample *take_news(fw_device *device, int64_t now_us) {
     hrt_input *input = &device->input;
     input->reset = false;

@@ -1,5 +1,4 @@
-/* The microcontroller's main: the tick runs in the timer's interrupt, the checking of what the simulation sent below
- * it. */
+/* The microcontroller's main: the tick runs in the timer's interrupt, checks of the simulation's data below it. */
 #include "loop.h"
 
 static fw_loop loop;

@@ -1,4 +1,4 @@
-/* Start-up of a Cortex-M with FPU: vectors, RAM, FPU, two painted stacks. Everything before main(). */
+/* Start-up of a Cortex-M with FPU, before main(): vectors, RAM, FPU, two painted stacks. */
 #include <stdint.h>
 
 #include "board.h"
@@ -14,11 +14,11 @@ _Noreturn void fw_reset(void);
 _Noreturn void fw_start(void);
 void fw_unexpected(void);
 
-/* No handler of ours uses them: whatever arrives here is a fault, and a fault stops the commands, so that the device's
- * own watchdog drops the torque. */
+/* Handles unused vectors: any such exception is a fault. It stops the commands, so the device's own watchdog drops the
+ * torque. */
 void fw_unexpected(void) { fw_board_panic("unexpected exception"); }
 
-/* On main's stack already, so that both can be painted from end to end but for this frame. */
+/* Runs on main's stack, so that both stacks can be painted completely but for this frame. */
 _Noreturn void fw_start(void) {
     for (uint32_t *to = fw_data_begin, *from = fw_data_load; to < fw_data_end;) *to++ = *from++;
     for (uint32_t *to = fw_bss_begin; to < fw_bss_end;) *to++ = 0;
@@ -31,7 +31,7 @@ _Noreturn void fw_start(void) {
     fw_board_panic("main returned");
 }
 
-/* Interrupts keep the stack of the vector table; main gets its own. */
+/* Gives main its own stack; interrupts keep that of the vector table. */
 __attribute__((naked)) _Noreturn void fw_reset(void) {
     __asm volatile("ldr r0, =fw_main_stack_end\n"
                    "msr psp, r0\n"

@@ -1,4 +1,4 @@
-/* "driver:name" to a bus. */
+/* Opens a bus by its address "driver:name". */
 #include <stdio.h>
 #include <string.h>
 

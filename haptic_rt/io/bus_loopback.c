@@ -1,4 +1,4 @@
-/* The bus within a process: a queue a port; deterministic. */
+/* Deterministic bus within a process: one queue per port. */
 #include <string.h>
 
 #include "bus.h"

@@ -1,5 +1,5 @@
-/* The kernel's CAN: a raw socket, never blocking. When the interface goes away, the thread that looks opens another
- * socket, which the tick's thread takes over with loads and stores alone, and closes the old one. */
+/* The kernel's CAN: a non-blocking raw socket. If the interface disappears, the checking thread opens another socket
+ * and later closes the old one. The tick's thread takes the new one over with loads and stores only. */
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/error.h>
@@ -16,10 +16,10 @@
 
 #include "bus.h"
 
-/* What the two threads hand to each other. Only the one that looks makes `fresh_fd` a socket or takes `old_fd`; only
- * the tick's takes `fresh_fd` or sets `old_fd`. */
+/* Sockets passed between the two threads. Only the checking thread sets `fresh_fd` to a socket or clears `old_fd`; only
+ * the tick's thread clears `fresh_fd` or sets `old_fd`. */
 typedef struct handover {
-    _Atomic bool down;            /* a socket is wanted */
+    _Atomic bool down;            /* a new socket is needed */
     _Atomic int fresh_fd, old_fd; /* -1: none */
 } handover;
 
@@ -103,13 +103,14 @@ static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
 
 static hrt_bus_state socketcan_state(hrt_bus *bus) { return bus->now; }
 
-/* By the tick's thread. A kernel with restart-ms brings the controller back by itself; sending again shows whether it
- * did. Of an interface that went away the new socket is taken once there is one: frames wait in it already. */
+/* Recovers, in the tick's thread. A kernel with restart-ms restarts the controller by itself; sending again shows
+ * whether it did. After loss of the interface, takes over the new socket once there is one; frames already wait in it.
+ */
 static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
     handover *h = bus->shared;
     if (bus->now == HRT_BUS_DOWN) {
         if (atomic_load(&h->fresh_fd) < 0 || atomic_load(&h->old_fd) >= 0) return;
-        atomic_store(&h->down, false); /* before the take, so that `look` opens no second socket */
+        atomic_store(&h->down, false); /* before the exchange, so that `look` opens no second socket */
         const int fresh = atomic_exchange(&h->fresh_fd, -1);
         atomic_store(&h->old_fd, bus->fd);
         bus->fd = fresh;
@@ -120,7 +121,7 @@ static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
     bus->now = HRT_BUS_OK;
 }
 
-/* By another thread. */
+/* Checks the interface, in another thread. */
 static const char *socketcan_look(hrt_bus *bus) {
     handover *h = bus->shared;
     const int old = atomic_exchange(&h->old_fd, -1);
@@ -140,7 +141,7 @@ static void socketcan_close(hrt_bus *bus) {
     bus->driver = NULL;
 }
 
-/* A name in the network namespace, where the interface is too; the kernel forgets it with the socket. */
+/* Claims an abstract socket name, in the interface's network namespace; the kernel drops it with the socket. */
 static int socketcan_claim(hrt_bus *bus, int place) {
     struct sockaddr_un name;
     memset(&name, 0, sizeof name);

@@ -1,5 +1,5 @@
-/* The bus between processes, without kernel CAN: a ring of frames in a mapped file. Sending and receiving are a few
- * loads and stores, no system call. Any endpoint may come, go or be killed at any time. */
+/* The bus between processes, without kernel CAN: a ring buffer of frames in a mapped file. Sending and receiving take a
+ * few loads and stores, no system call. Endpoints may join, leave or be killed at any time. */
 #include <string.h>
 #include <unistd.h>
 
@@ -32,7 +32,7 @@ static int virtual_receive(hrt_bus *bus, hrt_can_frame *frame) {
     hrt_virtual_bus *v = memory_of(bus);
     if (in_trouble(bus) || atomic_load(&v->off)) return -1;
     const uint64_t head = atomic_load(&v->head);
-    if (head < bus->next) bus->next = head; /* the file was made anew */
+    if (head < bus->next) bus->next = head; /* the file was created again */
     if (head - bus->next > HRT_VIRTUAL_SLOTS / 2) {
         bus->dropped += head - bus->next;
         bus->next = head;
@@ -41,7 +41,7 @@ static int virtual_receive(hrt_bus *bus, hrt_can_frame *frame) {
         const uint64_t s = bus->next % HRT_VIRTUAL_SLOTS;
         const uint64_t stamp = atomic_load(&v->slot[s].stamp);
         if (stamp != bus->next + 1) {
-            /* Being written now; or its writer was killed in the act, then the bus goes on without it. */
+            /* Being written, or its writer was killed; after 16 newer frames it is skipped. */
             if (head - bus->next < 16) return 0;
             bus->dropped++;
             bus->next++;
@@ -60,7 +60,7 @@ static int virtual_receive(hrt_bus *bus, hrt_can_frame *frame) {
     return 0;
 }
 
-/* Somebody wrote over the file: nothing in it means anything. */
+/* Returns whether the file was overwritten; its contents are then invalid. */
 static bool is_garbage(const hrt_bus *bus) { return atomic_load(&memory_of(bus)->magic) != HRT_VIRTUAL_MAGIC; }
 
 static hrt_bus_state virtual_state(hrt_bus *bus) {
@@ -68,7 +68,7 @@ static hrt_bus_state virtual_state(hrt_bus *bus) {
     return atomic_load(&memory_of(bus)->off) || is_garbage(bus) ? HRT_BUS_OFF : HRT_BUS_OK;
 }
 
-/* Whoever comes first; the others then find a bus. Frames in it stay numbered from wherever its head is now. */
+/* Initialises the file, by the first endpoint; frame numbers continue from its present head. */
 static void begin_anew(hrt_virtual_bus *v) {
     atomic_store(&v->off, 0);
     atomic_store(&v->magic, HRT_VIRTUAL_MAGIC);

@@ -11,7 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
-/* Bytes of the file that are locked: every endpoint holds PRESENT for reading, a place is held for writing. */
+/* Lock bytes of the file: each endpoint holds a read lock on PRESENT, and a write lock on its claimed role. */
 enum { PLACES = 8, PRESENT = 64, TRIES = 50 };
 
 static hrt_virtual_hold holds[HRT_VIRTUAL_HOLDS];
@@ -20,8 +20,8 @@ static hrt_virtual_hold holds[HRT_VIRTUAL_HOLDS];
 
 static struct sigaction before;
 
-/* Touching a page beyond the file's new end raises SIGBUS: the hold gets pages of nobody in its place, and is known to
- * be in trouble. */
+/* Handles SIGBUS, raised by access beyond the file's new end: maps anonymous pages in its place and records the
+ * problem. */
 static void on_sigbus(int number, siginfo_t *info, void *context) {
     const uintptr_t at = (uintptr_t)info->si_addr;
     for (hrt_virtual_hold *hold = holds; hold < holds + HRT_VIRTUAL_HOLDS; hold++) {
@@ -38,7 +38,7 @@ static void on_sigbus(int number, siginfo_t *info, void *context) {
     if (before.sa_flags & SA_SIGINFO)
         before.sa_sigaction(number, info, context);
     else
-        sigaction(SIGBUS, &before, NULL); /* touched again on return, it ends as it would have */
+        sigaction(SIGBUS, &before, NULL); /* the access repeats on return and takes the default action */
 }
 
 static void catch_sigbus(void) {
@@ -53,7 +53,7 @@ static void catch_sigbus(void) {
 
 /* ---------------------------------------------------------------------------------------------- where it is */
 
-/* Within a user namespace everybody is 0: the identity outside of it is what tells people apart. */
+/* Returns the user id outside a user namespace: inside, all users may have the id 0. */
 static unsigned outer_uid(void) {
     const unsigned uid = (unsigned)getuid();
     unsigned inside, outside, count, found = uid;
@@ -69,7 +69,7 @@ static const char *set_folder(void) {
     return set && *set ? set : NULL;
 }
 
-/* Namespaces within namespaces hide even that: where the folder is somebody else's, the namespace itself has one. */
+/* Nested namespaces hide that id too: if another user owns the folder, use the namespace's own id. */
 static void default_folder(char *directory, size_t size) {
     struct stat st;
     const int length = snprintf(directory, size, "/dev/shm/tensormass-%u", outer_uid());
@@ -111,7 +111,7 @@ bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, in
 
 /* ---------------------------------------------------------------------------------------------- locks */
 
-/* Of the open file, not of the process: two endpoints in one process are two. */
+/* Locks a byte for the open file, not the process: two endpoints in one process are distinct. */
 static bool lock(int fd, short type, int byte) {
     struct flock wanted;
     memset(&wanted, 0, sizeof wanted);
@@ -135,18 +135,18 @@ int hrt_virtual_claim(hrt_virtual_hold *hold, int place) {
 
 /* ---------------------------------------------------------------------------------------------- open, repair, close */
 
-/* Opened, and held so that nobody removes it; -1. */
+/* Opens the file and locks it against removal. Returns -1 on failure. */
 static int enter(const char *path, struct stat *st) {
     const int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
     if (fd < 0) return -1;
     const bool held = lock(fd, F_RDLCK, PRESENT) || (errno != EAGAIN && errno != EACCES);
     if (held && fstat(fd, st) == 0 && same_file(path, st)) return fd;
     close(fd);
-    errno = EAGAIN; /* the last one was just leaving */
+    errno = EAGAIN; /* the last user was just closing it */
     return -1;
 }
 
-/* Over the mapping at `place`, null: there is none. grown: a shorter file is one that was cut short, and made whole. */
+/* Maps the file over the mapping at `place`, null: none. grown: a shorter file was truncated, and is extended. */
 static hrt_virtual_bus *map(void *place, int fd, off_t size, bool grown) {
     const off_t whole = (off_t)sizeof(hrt_virtual_bus);
     if (size != whole && (size > whole || (size > 0 && !grown) || ftruncate(fd, whole) != 0)) return NULL;
@@ -173,7 +173,7 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
     for (int i = 0; i < TRIES && (fd = enter(path, &st)) < 0 && (errno == EAGAIN || errno == ENOENT); i++) {
         char directory[200];
         nanosleep(&(const struct timespec){0, 1000000}, NULL);
-        folder(directory, sizeof directory, why, why_size); /* it went with the last bus in it */
+        folder(directory, sizeof directory, why, why_size); /* removed with its last bus */
     }
     catch_sigbus();
     hrt_virtual_bus *memory = fd < 0 ? NULL : map(NULL, fd, st.st_size, false);
@@ -196,7 +196,7 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
     return NULL;
 }
 
-/* Opens what is there now in the place of a file that was removed or replaced, with our place on it. */
+/* Opens the file that replaces a removed one, and claims our role on it. */
 static bool enter_anew(hrt_virtual_hold *hold, struct stat *st) {
     char directory[200], why[300];
     int fd = enter(hold->path, st);
@@ -212,8 +212,8 @@ static bool enter_anew(hrt_virtual_hold *hold, struct stat *st) {
     return true;
 }
 
-/* The file over the old mapping. In trouble the tick's thread does not look there; what it was about when the trouble
- * came is over, but for one that it ran into by itself: that frame may be lost. */
+/* Maps the file over the old mapping. While the problem persists, the tick's thread does not access it. Its access at
+ * the time has ended; only if that access found the problem itself may a frame be lost. */
 static void map_anew(hrt_virtual_hold *hold) {
     hrt_virtual_bus *memory = atomic_load(&hold->memory);
     struct stat st;

@@ -18,7 +18,7 @@ static int whole_number(const char *option, const char *text, double low, double
     return -1;
 }
 
-/* Starts from that device's own parameters. */
+/* Selects the device and its default parameters. */
 static int take_device_type(hrt_common *c, const char *name) {
     const int32_t type = hrt_device_type_find(name);
     if (type < 0) return app_bad_input("--device-type", 0, "'%s' is none; haptic-rt --list says which there are", name);
@@ -27,7 +27,7 @@ static int take_device_type(hrt_common *c, const char *name) {
     return -1;
 }
 
-/* -1: go on; else the exit code. */
+/* Handles a shared option. Returns -1 to continue, else the exit code. */
 static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     int number = c->instrument, code;
     switch (option) {
@@ -86,7 +86,7 @@ int hrt_common_join(const hrt_common *common, hrt_peer_def *def, app_key *key, h
     app_network_opener *network = hrt_network(&error);
     if (!network) return app_report("--lcm-url", 0, &error), APP_FAILED;
     def->key = key;
-    /* The receive threads inherit: real-time, but below the loop. */
+    /* Receive threads inherit this scheduling: real-time, but below the loop. */
     const bool raised =
         def->node && common->priority > 1 && hrt_priority(common->priority > 20 ? common->priority - 20 : 1);
     *live = hrt_live_open(network, url, def, why, sizeof why);

@@ -10,7 +10,8 @@ hrt_reject hrt_sample_from_message(const tensormass_force_sample_t *m, const dou
     s->t_us = m->tool_utime;
     s->seq = (uint32_t)m->seq;
     s->topology_revision = m->topology_revision;
-    s->flags = m->flags >= 0 && m->flags <= UINT16_MAX ? (uint16_t)m->flags : UINT16_MAX; /* unknown, if so many */
+    s->flags = m->flags >= 0 && m->flags <= UINT16_MAX ? (uint16_t)m->flags
+                                                       : UINT16_MAX; /* more bits than known: an unknown flag */
     s->stiffness_kind = m->stiffness_kind;
     s->unilateral = unilateral;
     for (int i = 0; i < 3; i++) {

@@ -1,5 +1,5 @@
-/* haptic-rt: the controller as a Linux program. A loop thread ticks; this thread says what happens and writes the
- * figures. */
+/* haptic-rt: the controller as a Linux program. A loop thread ticks; the main thread logs events and writes the
+ * statistics. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
@@ -35,7 +35,7 @@ typedef struct program {
     hrt_histogram stage[HRT_NODE_STAGES + 1];
     double force_square, force_peak_N;
     int64_t force_ticks;
-    /* told to the other thread */
+    /* read by the main thread */
     _Atomic int state, fault, detail;
     _Atomic bool pose_known, device_here, device_quiet, samples_over;
     _Atomic int64_t went_stale, went_unstable, samples_come, samples_taken, samples_refused, frames, command_gaps,
@@ -63,12 +63,12 @@ static void publish_status(program *p) {
     hrt_live_send_status(p->live, &status);
 }
 
-/* What the other thread says in words. */
+/* Updates the state that the main thread logs. */
 static void tell(program *p, int64_t now_us) {
     const hrt_counters *c = &p->node.controller.counters;
     const int64_t turned_away = (int64_t)atomic_load(&p->node.rejected) + atomic_load(&p->node.late);
     const int64_t encoder_us = p->node.input.encoder_us;
-    /* `stale` may be over before the other thread looks. */
+    /* Count it here: `stale` may end before the main thread reads the state. */
     const bool unstable = (p->node.result.limits & HRT_LIMIT_UNSTABLE) != 0;
     if (p->node.result.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE)
         atomic_fetch_add(unstable ? &p->went_unstable : &p->went_stale, 1);
@@ -101,7 +101,7 @@ static void tick(void *user, int64_t now_us) {
     tell(p, now_us);
 }
 
-/* At once, before the device's watchdog wonders. */
+/* Turns the motors off at once, before the device's watchdog acts. */
 static void end(void *user) {
     program *p = user;
     hrt_node_stop(&p->node);

@@ -1,4 +1,4 @@
-/* Quantiles told: as JSON and as a line. */
+/* Reports quantiles as JSON and as text. */
 #include "histogram.h"
 
 #include <stdio.h>

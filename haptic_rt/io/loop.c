@@ -27,7 +27,7 @@ static void sleep_until(int64_t ns) {
     }
 }
 
-/* Faults in the stack that the ticks will use. */
+/* Page-faults the stack that the ticks will use. */
 static __attribute__((noinline)) void touch_stack(void) {
     volatile char page[STACK_TOUCHED];
     for (size_t i = 0; i < sizeof page; i += 1024) page[i] = 0;
@@ -56,7 +56,7 @@ static void *run(void *user) {
         hrt_histogram_add(&l->duration, end_ns - begin_ns);
         if (atomic_fetch_add(&l->ticks, 1) == warm_ticks) count_faults(&minor, &major);
         next_ns += l->period_ns;
-        if (end_ns >= next_ns) { /* ticks that can't be held any more are missed, not caught up */
+        if (end_ns >= next_ns) { /* late ticks are counted as missed, not repeated */
             const int64_t lost = (end_ns - next_ns) / l->period_ns + 1;
             atomic_fetch_add(&l->missed, lost);
             next_ns += lost * l->period_ns;
@@ -73,7 +73,7 @@ static void *run(void *user) {
     return NULL;
 }
 
-/* A processor that sleeps deeply wakes late: the kernel's PM QoS interface holds it off as long as the file is open
+/* Disables deep idle states, which delay wake-up: the kernel's PM QoS interface does so while the file is open
  * (Documentation/power/pm_qos_interface.rst). Kernels without idle states have no such file. */
 static void hold_idle_states(hrt_loop *l) {
     const int32_t latency_us = 0;
@@ -99,7 +99,7 @@ bool hrt_loop_start(hrt_loop *l) {
             l->program, strerror(errno));
     if (l->priority > 0) {
         const struct sched_param p = {.sched_priority = l->priority};
-        /* Tried on this thread first, so that the warning is given here and not from the loop. */
+        /* Tried on this thread first, so that the warning comes from here and not from the loop. */
         struct sched_param old;
         const int policy = sched_getscheduler(0);
         sched_getparam(0, &old);
@@ -114,14 +114,14 @@ bool hrt_loop_start(hrt_loop *l) {
     pthread_attr_init(&attributes);
     pthread_attr_setstacksize(&attributes, 4 * STACK_TOUCHED);
     int error = pthread_create(&l->thread, &attributes, run, l);
-    if (error == EAGAIN) { /* a small lock limit leaves no room for a stack */
+    if (error == EAGAIN) { /* a small lock limit leaves no memory for a stack */
         munlockall();
         app_say("%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK",
                 l->program);
         error = pthread_create(&l->thread, &attributes, run, l);
     }
     pthread_attr_destroy(&attributes);
-    /* What is there now, the loop's stack too, stays locked; what comes later is not: nobody outside may make this
+    /* Locks present memory, the loop's stack included, but not later allocations: received data must not make this
      * process lock memory. */
     if (mlockall(MCL_CURRENT) != 0) munlockall();
     if (error) app_say("%s: cannot start the loop's thread (%s); close other programs", l->program, strerror(error));
@@ -132,7 +132,7 @@ static _Atomic bool *signal_stop;
 static void on_signal(int number) {
     (void)number;
     atomic_store(signal_stop, true);
-    signal(SIGINT, SIG_DFL); /* a second one ends the program at once: the device's watchdog stops the motors */
+    signal(SIGINT, SIG_DFL); /* a second signal ends the program at once; the device's watchdog then stops the motors */
     signal(SIGTERM, SIG_DFL);
 }
 
@@ -141,7 +141,8 @@ void hrt_stop_on_signals(_Atomic bool *stop) {
     struct sigaction action;
     memset(&action, 0, sizeof action);
     action.sa_handler = on_signal;
-    action.sa_flags = (int)SA_RESETHAND; /* a second one ends it at once; the device then stops by its watchdog */
+    action.sa_flags =
+        (int)SA_RESETHAND; /* a second signal ends it at once; the device's watchdog then stops the motors */
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
 }

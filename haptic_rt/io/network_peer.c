@@ -10,7 +10,8 @@
 
 enum { UNREAD = 4, LOOK_US = 100000, MAX_COUNT = 256 };
 
-/* The newest of something, from the loop's thread to the sending one: each owns a slot, the third is between them. */
+/* Passes the newest message from the loop's thread to the sending one. Each owns a slot; the third is exchanged between
+ * them. */
 typedef struct letterbox {
     _Atomic uint32_t between; /* slot number, | UNREAD */
     uint32_t write, read;
@@ -27,12 +28,12 @@ struct hrt_live {
         tensormass_tool_state_t tool;
         int64_t at_ns;
     } tool[3];
-    tensormass_controller_status_t status[3]; /* its texts are constants of the core's */
+    tensormass_controller_status_t status[3]; /* its texts are constants of the core */
     hrt_live_sent sent;
     _Atomic int64_t skipped;
 };
 
-static uint32_t post(letterbox *box) { /* true: the one before was not read */
+static uint32_t post(letterbox *box) { /* returns true if the previous one was not read */
     const uint32_t old = atomic_exchange(&box->between, box->write | UNREAD);
     box->write = old & 3u;
     return old & UNREAD;

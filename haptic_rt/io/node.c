@@ -1,4 +1,4 @@
-/* Controller + CAN + mailbox, the same under the Linux loop and in lockstep. */
+/* Controller, CAN and mailbox, shared by the Linux loop and lockstep. */
 #include "node.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 enum {
     UNREAD = 4,
     FRAMES_PER_TICK = 64,
-    TICK_SLACK_US = 4000 /* the last tick was a little ago; the next one looks again */
+    TICK_SLACK_US = 4000 /* allowance for the time since the last tick; the next tick checks again */
 };
 
 hrt_node_config hrt_node_config_default(int32_t instrument) {
@@ -63,7 +63,7 @@ static hrt_reject refuse_for(hrt_node *node, hrt_reject why, const char *words) 
 
 static hrt_reject refuse(hrt_node *node, hrt_reject why) { return refuse_for(node, why, hrt_reject_text(why)); }
 
-/* A pose that was posted but not taken over yet: nothing fits until it is. */
+/* Returns whether the posted pose is in use; samples are rejected until it is. */
 static bool pose_settled(hrt_node *node) { return atomic_load(&node->pose_count) == atomic_load(&node->pose_taken); }
 
 bool hrt_node_in_use(const hrt_node *node) { return atomic_load(&node->in_use); }
@@ -86,7 +86,7 @@ hrt_reject hrt_node_post_patch(hrt_node *node, const tensormass_contact_patch_t 
     return HRT_ACCEPT;
 }
 
-/* Order and origin, before the mailbox: what waits there unread is only pushed out by what comes after it. */
+/* Checks order and origin before the mailbox, so that an unread sample is only replaced by a newer one. */
 static hrt_reject judge(hrt_node *node, const tensormass_force_sample_t *m, const char **words) {
     const int64_t now_us = atomic_load(&node->now_us);
     const hrt_gate_mark mark = {.session = m->session, .utime = m->tool_utime, .seq = (uint32_t)m->seq};
@@ -104,7 +104,7 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];
     if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
-    if (m->tool_session == 0) { /* as every simulation begins: nobody is to blame, so it is not counted */
+    if (m->tool_session == 0) { /* every simulation starts so; not counted as rejected */
         atomic_store(&node->refusal, "they answer no controller: tm-sim does not hear this one; see what it says");
         return HRT_REJECT_FOREIGN;
     }
@@ -188,8 +188,8 @@ static const hrt_sample *take_sample(hrt_mailbox *box) {
     return &box->slot[box->spare].sample;
 }
 
-/* Tells the samples of a gap in seq that were overtaken in the mailbox, as happens where they come as often as ticks,
- * from those that were lost. The tick wants the newest alone: an older one would be felt for no time. */
+/* Separates samples of a gap in seq: replaced in the mailbox (if they come as often as ticks) or lost. The tick needs
+ * only the newest: an older one would be rendered for no time. */
 static void count_gap(hrt_node *node, uint32_t gap) {
     const uint32_t number = node->mailbox.slot[node->mailbox.spare].number, unread = number - node->taken - 1u;
     node->taken = number;
@@ -239,7 +239,7 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool
     if (newest) count_gap(node, node->controller.counters.samples_lost - lost);
     atomic_store(&node->in_use, node->result.motors_on);
     if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
-        const uint32_t freed = box->held; /* the controller went over to the new patch */
+        const uint32_t freed = box->held; /* the controller now uses the new patch */
         box->held = box->spare;
         box->spare = freed;
     }

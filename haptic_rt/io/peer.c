@@ -11,22 +11,22 @@ void hrt_peer_init(hrt_peer *peer, const hrt_peer_def *def) {
     peer->sealed = def->key && def->key->known;
 }
 
-/* --- what is heard --- */
+/* --- receiving --- */
 
 static app_verdict refuse(hrt_peer *peer) {
     atomic_fetch_add(&peer->refused, 1);
     return APP_LEFT;
 }
 
-/* Sealed messages count once. */
+/* Returns whether an authenticated message is a replay. */
 static bool heard_before(hrt_peer *peer, app_replay *replay, int64_t session, int32_t seq) {
     return peer->sealed && !app_replay_fresh(replay, session, (uint32_t)seq);
 }
 
-/* A recorded sample answers a controller that is gone: it is taken as an answer to this one, with its ages kept among
- * samples of one recording. */
+/* Adapts a recorded sample: it answers a former controller, so it becomes an answer to this one. Ages among the samples
+ * of one recording are kept. */
 static void replayed(hrt_peer *peer, tensormass_force_sample_t *m) {
-    if (m->tool_session == 0) return; /* the simulation had not heard a controller yet */
+    if (m->tool_session == 0) return; /* the simulation had not received from a controller yet */
     if (m->tool_session != peer->replay_session || m->session != peer->sim_session) {
         peer->replay_session = m->tool_session;
         peer->sim_session = m->session;
@@ -68,7 +68,7 @@ static app_verdict take_sim_status(void *user, int instrument, int64_t utime, co
     return APP_TAKEN;
 }
 
-/* Resets are a person's: not while force is rendered, not many a second. */
+/* Returns whether a reset is permitted: not while force is rendered, and only at human rates. */
 static bool reset_permitted(hrt_peer *peer) {
     const int64_t now_us = app_link_now_us(peer->link);
     if (hrt_node_in_use(peer->def.node) || (peer->reset_us && now_us - peer->reset_us < RESET_EVERY_US)) {
@@ -79,7 +79,8 @@ static bool reset_permitted(hrt_peer *peer) {
     return true;
 }
 
-/* With a key a command is for this very controller and later than the last one: a recorded one never fits. */
+/* Returns whether a command is permitted. With a key it must name this controller and be later than the last one, so a
+ * recorded command never is. */
 static app_verdict command_permitted(hrt_peer *peer, const tensormass_controller_command_t *m) {
     const bool own = m->session == peer->def.node->config.session;
     if (m->instrument != peer->def.instrument || (!own && (peer->sealed || m->session != 0))) return refuse(peer);
@@ -112,7 +113,7 @@ static app_verdict take_hand(void *user, int instrument, int64_t utime, const vo
     if (m->joints != peer->def.joints) return APP_LEFT; /* meant for another device */
     for (int j = 0; j < HRT_JOINTS; j++)
         if (!(fabs(m->joint[j]) < 1.0e3)) return APP_LEFT;
-    /* In order, without a key too: a message that comes late would take the hand back to where it was. */
+    /* In order, even without a key: a late message would move the hand back. */
     const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};
     if (!hrt_gate_open(hrt_gate_accept(&peer->hand_gate, app_link_now_us(peer->link), false, &mark))) return APP_LEFT;
     peer->def.hand(peer->def.user, m->joint, m->active != 0);
@@ -139,7 +140,7 @@ int hrt_peer_topics(hrt_peer *peer, app_topic topic[HRT_PEER_TOPICS]) {
     return count;
 }
 
-/* --- what is said --- */
+/* --- sending --- */
 
 void hrt_peer_send_tool(hrt_peer *peer, const tensormass_tool_state_t *tool) {
     tensormass_tool_state_t m = *tool;

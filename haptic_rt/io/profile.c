@@ -10,14 +10,14 @@ static float *values(hrt_params *params, const hrt_param_range *row) {
     return (float *)(void *)((char *)params + row->offset);
 }
 
-/* Its row; hrt_param_count: none. */
+/* Returns a parameter's row, hrt_param_count if there is none. */
 static int32_t find(const char *name) {
     int32_t r = 0;
     while (r < hrt_param_count && strcmp(hrt_param_text[r].name, name) != 0) r++;
     return r;
 }
 
-/* `text` is "name = value value" and is changed. */
+/* Sets a parameter from `text`, "name = value value", which it modifies. */
 static bool set(char *text, hrt_params *params, const char *file, int line) {
     char *value = strchr(text, '='), *rest = NULL;
     if (!value) {

@@ -25,7 +25,7 @@ int hrt_record_begin(hrt_record *r, const hrt_device_type *device, const char *p
     return APP_DONE;
 }
 
-/* How many values of a row the device has, in the order of its header. */
+/* Fills a row in the order of the device's header; returns its number of values. */
 static int fill_row(const hrt_device_type *device, const hrt_result *o, float value[HRT_RECORD_FIELDS]) {
     int count = 0;
     value[count++] = (float)o->state;

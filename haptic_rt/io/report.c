@@ -9,7 +9,7 @@
 #include "log_line.h"
 
 void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
-    /* start_us: of the clock that TOOL messages carry */
+    /* start_us: on the clock of TOOL messages */
     app_json_add(json,
                  "ticks %g missed_ticks %g start_us %g real_time %hhd idle_states_held_off %hhd page_faults_minor %g "
                  "page_faults_major %g cpu_us %g",

@@ -127,7 +127,7 @@ static int take(void *user, int option, const char *text) {
     }
 }
 
-/* -1, or the exit code. */
+/* Checks the settings against each other. Returns -1 or the exit code. */
 static int consistent(const hrt_settings *s) {
     hrt_axes axes;
     const double *a = s->node.pose.axis, *u = s->node.pose.up;

@@ -33,7 +33,7 @@ static bool is_due(const hrt_status_log_state *said, double time_s) {
     return !said->ever || time_s >= said->logged_s + again_s;
 }
 
-/* At most one line a second of each kind: what comes sooner is counted, its last text kept, and said when due. */
+/* Logs at most one line a second of each kind. Earlier events are counted, and their last text is logged when due. */
 static void __attribute__((format(printf, 4, 5)))
 log_kind(hrt_teller *t, int kind, const hrt_facts *f, const char *format, ...) {
     hrt_status_log_state *said = &t->log[kind];
@@ -46,7 +46,7 @@ log_kind(hrt_teller *t, int kind, const hrt_facts *f, const char *format, ...) {
     if (is_due(said, f->time_s)) log_now(said, f->time_s);
 }
 
-/* What was counted, in the order in which it came. */
+/* Logs the counted events that are due, in their order. */
 static void log_owed(hrt_teller *t, const hrt_facts *f) {
     hrt_status_log_state *next;
     do {
@@ -59,7 +59,8 @@ static void log_owed(hrt_teller *t, const hrt_facts *f) {
     } while (next);
 }
 
-/* In pairs, and at most one pair a second: a simulation at the edge of its time would fill the log. */
+/* Logs silence and its end in pairs, at most one pair a second: a simulation at the edge of real time would fill the
+ * log. */
 static void log_silence(hrt_teller *t, const hrt_facts *f) {
     const int64_t fresh = f->stale - t->logged.stale;
     t->logged.stale = f->stale;
@@ -135,7 +136,7 @@ static void log_wait(hrt_teller *t, const hrt_facts *f, int wait, bool again) {
                  hrt_fault_text(f->fault));
 }
 
-/* Once when it begins; again each second while somebody speaks who is not taken up. */
+/* Logs a condition waited for when it begins, and again each second while messages are rejected. */
 static void log_waiting(hrt_teller *t, const hrt_facts *f) {
     const int wait = waits_for(f);
     const bool begins = wait != t->logged.wait, due = f->time_s - t->logged.wait_s >= again_s;
@@ -152,7 +153,7 @@ static void log_waiting(hrt_teller *t, const hrt_facts *f) {
     t->logged.frames = f->frames;
 }
 
-/* In use too: somebody else plays the simulation, or answers another controller. */
+/* Logs rejected messages, in use too: another simulation sends, or answers another controller. */
 static void log_refused(hrt_teller *t, const hrt_facts *f) {
     if (f->refused == t->logged.refused || f->time_s < t->logged.refused_s + again_s) return;
     hrt_status_log_line(f->time_s, "samples refused: %" PRId64 ", the last: %s", f->refused - t->logged.refused,

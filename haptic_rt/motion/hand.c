@@ -1,4 +1,4 @@
-/* Where a scripted hand wants its instrument. */
+/* Computes the target of a scripted hand. */
 #include "hand.h"
 
 #include "kinematics.h"

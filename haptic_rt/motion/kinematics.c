@@ -19,10 +19,10 @@ static void sine_cosine(double angle, double *sine, double *cosine) {
 #define HRT_SIZE_MAX 1.0e100
 #include "core/device_types.h"
 
-#include "core/device_axes.h" /* uses device_types.h */
+#include "core/device_axes.h" /* requires device_types.h */
 
 #define TWIN_ROW(name) &name##_twin,
-static const hrt_twin *const twins[] = {HRT_DEVICE_TYPES(TWIN_ROW)}; /* as hrt_device_types */
+static const hrt_twin *const twins[] = {HRT_DEVICE_TYPES(TWIN_ROW)}; /* in the order of hrt_device_types */
 
 const hrt_twin *hrt_twin_of(const hrt_device_type *device) { return twins[hrt_device_type_number(device)]; }
 
