@@ -109,7 +109,8 @@ static void law_couple(law_problem *p, int32_t i) {
 }
 
 #if HRT_WITH_FRICTION
-/* Computes the shape without contact reactions but with friction forces, distributed by the previous rows. */
+/* Computes the displacements by contact reactions alone, less friction as the previous rows distributed it. The gaps
+ * less these keep friction's deformation. */
 static void shift_without_friction(solve *s, const hrt_contact_row *before, int32_t count) {
     float pressing_N[HRT_PATCH_DOFS], *all_N = s->force_N;
     for (int32_t i = 0; i < 3 * s->patch->vertex_count; i++) pressing_N[i] = all_N[i];
