@@ -1,5 +1,5 @@
-/* Gathers the triangles near a tool and gives them a small topology of their own, so that the narrow phase knows which
- * triangles share an edge or a vertex whatever cutting has done to the surface's slots. */
+/* Broad phase: gathers the triangles near a tool and builds their topology. So the narrow phase finds triangles that
+ * share an edge or a vertex, for any order of the surface after cuts. */
 #include "contact/broad_phase.h"
 
 #include <string.h>
@@ -23,11 +23,11 @@ static void position(const double *rest_m, const double *u_m, int32_t vertex, do
     for (int c = 0; c < 3; c++) out[c] = rest_m[3 * vertex + c] + (u_m ? u_m[3 * vertex + c] : 0);
 }
 
-/* How far the axis is from the ball around a triangle; at once infinity when its box misses the axis' box. */
+/* Returns the distance of the axis from the bounding sphere of a triangle; infinity if its box misses the axis' box. */
 static double triangle_beyond(const box *b, const tm_capsule *capsule, const double *rest_m, const double *u_m,
                               const int32_t vertex[3]) {
     double p[3][3], center[3], radius2 = 0;
-    for (int c = 0; c < 3; c++) { /* most miss the box in the first direction: no more is read of them */
+    for (int c = 0; c < 3; c++) { /* most miss the box in the first direction: then nothing more is read */
         for (int j = 0; j < 3; j++) p[j][c] = rest_m[3 * vertex[j] + c] + (u_m ? u_m[3 * vertex[j] + c] : 0);
         if (law_max(law_max(p[0][c], p[1][c]), p[2][c]) < b->low[c] ||
             law_min(law_min(p[0][c], p[1][c]), p[2][c]) > b->high[c])
@@ -42,11 +42,11 @@ static double triangle_beyond(const box *b, const tm_capsule *capsule, const dou
     return vsegment(center, capsule->tip_m, capsule->tail_m) - sqrt(radius2);
 }
 
-/* Most numbers that a digit of a key has. */
+/* Maximum number of values of a key digit. */
 enum { MAX_DIGITS = 4096 };
 
-/* Keys by the digit `bits` wide at `shift`, which is below `size`; alike ones stay in their order. No comparison, no
- * recursion, no allocation. */
+/* Sorts keys by the digit of `bits` bits at `shift`, whose values are below `size`. Stable. No comparison, recursion or
+ * allocation. */
 static void sort_digit(const int64_t *from, int64_t *to, int32_t count, int shift, int bits, int32_t size) {
     int32_t begin[MAX_DIGITS + 1];
     const int64_t mask = ((int64_t)1 << bits) - 1;
@@ -56,14 +56,14 @@ static void sort_digit(const int64_t *from, int64_t *to, int32_t count, int shif
     for (int32_t i = 0; i < count; i++) to[begin[from[i] >> shift & mask]++] = from[i];
 }
 
-/* By the two digits from `shift` on, the lower one first. */
+/* Sorts by the two digits from `shift` on, lower one first. */
 static void sort_keys(int64_t *key, int32_t count, int shift, int bits, int32_t size) {
     int64_t room[3 * TM_LOCAL_FACES];
     sort_digit(key, room, count, shift, bits, size);
     sort_digit(room, key, count, shift + bits, bits, size);
 }
 
-/* By a name that fills what is above `shift`: two digits or four. */
+/* Sorts by a name in the bits above `shift`: two digits or four. */
 static void sort_names(int64_t *key, int32_t count, int shift) {
     int64_t any = 0;
     int bits = 1;
@@ -77,7 +77,7 @@ static void sort_names(int64_t *key, int32_t count, int shift) {
     }
 }
 
-/* Vertices by sorting (name, corner); corners are below 3 * TM_LOCAL_FACES. */
+/* Builds the vertices by sorting (name, corner); corners are below 3 * TM_LOCAL_FACES. */
 static void build_vertices(tm_local_surface *s) {
     int32_t n = 0;
     for (int32_t f = 0; f < s->face_count; f++)
@@ -94,8 +94,8 @@ static void build_vertices(tm_local_surface *s) {
     }
 }
 
-/* Edges by sorting (low vertex, high vertex, face, local edge) packed into one key: 12 + 12 + 10 + 2 bits suffice, and
- * the last two are in order as they come. */
+/* Builds the edges by sorting (low vertex, high vertex, face, local edge) in one key: 12 + 12 + 10 + 2 bits suffice.
+ * The last two are generated in order. */
 static void build_edges(tm_local_surface *s) {
     int32_t n = 0;
     for (int32_t f = 0; f < s->face_count; f++)
@@ -126,12 +126,12 @@ static void build_fans(tm_local_surface *s) {
     for (int32_t e = 0; e < s->edge_count; e++)
         for (int j = 0; j < 2; j++) s->vertex_edge_begin[s->edge_vertex[e][j] + 1]++;
     for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_edge_begin[v + 1] += s->vertex_edge_begin[v];
-    for (int32_t e = s->edge_count - 1; e >= 0; e--) /* filled from the back, so that begin ends where it should */
+    for (int32_t e = s->edge_count - 1; e >= 0; e--) /* filled backwards, so that begin has its final value */
         for (int j = 0; j < 2; j++) {
             int32_t v = s->edge_vertex[e][j];
             s->vertex_edge[--s->vertex_edge_begin[v + 1]] = e;
         }
-    /* each begin[v+1] has slid to the start of v: shift down */
+    /* each begin[v+1] is now the start of v: shift down */
     for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_edge_begin[v] = s->vertex_edge_begin[v + 1];
     s->vertex_edge_begin[s->vertex_count] = 2 * s->edge_count;
 }
@@ -146,7 +146,7 @@ static double longest_edge(const double *rest_m, const double *u_m, const int32_
     return longest;
 }
 
-/* Keys (name, slot) of the triangles within reach_m + edge_m, and the longest edge of those within reach_m. */
+/* Finds keys (name, slot) of the triangles within reach_m + edge_m, and the longest edge of those within reach_m. */
 static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle,
                               const int32_t *face, const int32_t *candidate, int32_t candidate_count,
                               const tm_capsule *capsule, double reach_m, double edge_m, double *longest_m) {
@@ -172,8 +172,8 @@ static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const d
 void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle,
                      const int32_t *face, const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
                      double reach_m) {
-    /* An edge farther than the rows reach: blended normals need whole fans. How long edges are here shows on the way.
-     */
+    /* One edge farther than the reach of the rows: blended normals need complete fans. The edge length is found on the
+     * way. */
     double edge_m = 1.2 * s->edge_m;
     int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, edge_m,
                                &s->edge_m);
@@ -182,7 +182,7 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
         n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, s->edge_m,
                            &unused);
     }
-    sort_names(s->key, n, 32); /* slots move with cuts, names do not */
+    sort_names(s->key, n, 32); /* names are persistent, slots change with cuts */
     s->face_count = n;
     for (int32_t f = 0; f < n; f++) {
         const int32_t *vertex = triangle + 3 * (int32_t)(s->key[f] & 0xffffffff);
@@ -218,6 +218,6 @@ void tm_local_face(tm_local_surface *s, int32_t f) {
     vsub(p[1], p[0], a);
     vsub(p[2], p[0], b);
     vcross(a, b, area);
-    if (vunit(area, s->normal[f]) <= 1e-9 * radius2) /* crushed to a line: no normal to speak of */
+    if (vunit(area, s->normal[f]) <= 1e-9 * radius2) /* degenerate to a line: no usable normal */
         memset(s->normal[f], 0, sizeof s->normal[f]);
 }

@@ -1,4 +1,4 @@
-/* The blocks of constraints that share the tissue's vertices with contact, and the one driver that sweeps them all. */
+/* Constraint blocks that share the tissue's vertices with contact, and the driver that sweeps them all. */
 #include "contact/contact_internal.h"
 
 tm_constraint_block *tm_contact_rows_block(tm_contact *contact) {
@@ -25,7 +25,7 @@ void tm_contact_remove_block(tm_contact *contact, const void *self) {
     contact->block_count = left;
 }
 
-/* Each block's time is its own stage's. */
+/* Records the time of each block for its own stage. */
 static void charge(tm_world *world, const tm_constraint_block *block, int32_t contact) {
     if (world->timing) tm_profile_enter(world, block->owner ? tm_world_stage_index(world, block->owner) : contact);
 }

@@ -1,6 +1,5 @@
-/* Stage "contact": moves the tools, as a step begins. Its parts: "contact detect" finds the rows of all of them,
- * "contact solve" makes them non-penetrating, together with what else is held, "contact forces" sums the reactions.
- */
+/* Stage "contact": moves the tools at the start of a step. Its substages: "contact detect" finds the rows of all tools;
+ * "contact solve" makes them non-penetrating, together with the other blocks; "contact forces" sums the reactions. */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -21,7 +20,7 @@ static void refresh_supports(tm_contact *contact) {
     tm_support_mask(contact->world, contact->fixed);
 }
 
-/* --- the stage and its parts, in the order of the step --- */
+/* --- the stage and its substages, in the order of the step --- */
 
 static void move(void *self, tm_world *world) {
     tm_contact *contact = self;
@@ -48,11 +47,11 @@ static void sum(void *self, tm_world *world) {
     tm_contact_sum(self);
 }
 
-/* dt changed or tissue was cut: candidates may be dead, supports may have moved to other vertices. */
+/* Updates after dt changed or tissue was cut: candidates may be removed, supports may be on other vertices. */
 static void changed(void *self, tm_world *world) {
     tm_contact *contact = self;
     int32_t revision = tm_tissue_surface(world->tissue).revision;
-    if (revision == contact->revision) /* a cut moves no support, and must not cost what the mesh is large */
+    if (revision == contact->revision) /* a cut moves no support: avoid the cost of the complete mesh */
         refresh_supports(contact);
     for (int32_t t = 0; t < contact->tool_count && revision != contact->revision; t++)
         contact->tool[t].gathered_age = -1;

@@ -1,5 +1,7 @@
-/* What the tools look at: gathering what surface is near, and finding rows in it, each tool for itself and several at
- * the same time. Beside the force of the same substep where threads share that. */
+/* Contact detection: broad and narrow phase of each tool, in parallel.
+ *
+ * The broad phase gathers triangles within a margin and keeps them until motion may have used up the margin. The narrow
+ * phase finds contact rows among them. Detection overlaps the force pass if threads share it. */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -7,14 +9,14 @@
 
 #include "contact_law/feature.h"
 
-/* Broad phase: candidates are gathered with this much room (in tool radii). Every few substeps, sooner if the tool has
- * moved or the tissue, at a bounded speed, might have, a tool looks out: whether it is clear, and whether its
- * candidates will do. They do, within one call of the step, as long as they surely are all that may be in reach. */
+/* Margin of the broad phase, in tool radii. Every few substeps, or sooner if tool or tissue (at a bounded speed) may
+ * have moved far, a check is due: whether the tool is outside, and whether its candidates are still complete. Within
+ * one call of the step, candidates are kept as long as nothing else can be in reach. */
 #define MARGIN_TOOL 0.5
 #define MARGIN_TISSUE 1.0
 #define TISSUE_SPEED_M_S 0.5
 #define BROAD_PHASE_EVERY 16
-#define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
+#define REACH 1.6 /* radii: reach of tm_local_rows, its margin included */
 
 static bool is_due(const tm_contact *contact, const tm_tool *tool) {
     const double radius = tool->def.radius_m, age_s = tool->gathered_age * contact->world->state.dt_s;
@@ -41,9 +43,10 @@ static void gather(const tm_contact *contact, tm_tool *tool) {
     tool->regathered = true, tool->maybe_moved = false;
 }
 
-/* A triangle that was not gathered has no point nearer than it had by more than tissue and tool have come; what rows
- * look at grows with the tool's speed. And for the normal of a triangle that is in reach others are wanted, an edge of
- * it farther: edges that are longer now than any was then take of the room, too. */
+/* Returns whether motion and edge growth since the last gathering may exceed `share` of the margin. A triangle that was
+ * not gathered can have come nearer by the motion of tissue and tool at most; the reach of rows grows with the tool's
+ * speed. The normal of a triangle in reach also needs neighbours one edge farther, so edges that have grown use the
+ * margin too. NaN counts as exceeded. */
 static bool is_margin_used(const tm_tool *tool, double share) {
     const double room = (MARGIN_TOOL + MARGIN_TISSUE) * tool->def.radius_m;
     return !(tool->margin_used_m + tm_capsule_travel(&tool->capsule, &tool->previous) + tool->longer_m <= share * room);
@@ -55,7 +58,7 @@ static double longest_edge(const tm_local_surface *s) {
     return 2 * radius;
 }
 
-/* A station that knows a face may be behind it by more than any room. */
+/* Returns whether a station has sunk through a face: with history it may be deeper than any margin. */
 static bool sinks(const tm_contact_query *s, int32_t t) {
     const tm_contact *contact = s->contact;
     bool deep = false;
@@ -65,7 +68,7 @@ static bool sinks(const tm_contact_query *s, int32_t t) {
 }
 
 static void update_broad_phase(const tm_contact_query *s, int32_t t) {
-    static const double AHEAD = 0.9; /* the rest is for how far the tissue came in the substep before */
+    static const double AHEAD = 0.9; /* the rest is for the tissue's motion in the previous substep */
     tm_contact *contact = s->contact;
     tm_tool *tool = contact->tool + t;
     const bool never = tool->gathered_age < 0, due = is_due(contact, tool);
@@ -92,7 +95,7 @@ static void find_tool_rows(tm_contact_query *s, int32_t t) {
         tm_local_rows(tool->surface, contact->hits + t, &tool->capsule, margin, contact->row + s->history[t],
                       s->history[t + 1] - s->history[t], row, contact->def.max_rows, &overflowed);
     tool->longer_m = law_max(longest_edge(tool->surface) - tool->surface->edge_m, 0);
-    if (!tool->outside) { /* its axis has left the tissue; wait for its skin */
+    if (!tool->outside) { /* its axis has left the tissue; wait for its compliance */
         for (int32_t i = 0; i < count && tool->axis_outside; i++) tool->axis_outside = row[i].gap_m >= 0;
         tool->outside = tool->axis_outside;
         return;
@@ -108,8 +111,8 @@ static void detect_tool(tm_contact_query *s, int32_t t) {
     find_tool_rows(s, t);
 }
 
-/* How far tissue came in the substep before is known when new displacements have been made, after looks that
- * overlapped the force: where it was farther than they left room for, they look again. */
+/* Repeats detection for tools whose margin is used up. The tissue's motion in the previous substep is known only after
+ * integration, which is later than detection that overlapped the force pass. */
 static void repeat_detection(tm_contact_query *s) {
     tm_contact *contact = s->contact;
     const double way_m = tm_max_increment_m(contact->world);
@@ -131,7 +134,7 @@ static void detect_in_partition(void *context, int32_t partition) {
         detect_tool(s, s->tool[i]);
 }
 
-/* Who has something to look at first; where their rows of the substep before are. */
+/* Orders the tools, those with candidates first, and finds their rows of the previous substep. */
 static void begin_detection(tm_contact *contact) {
     tm_contact_query *s = &contact->query;
     int32_t idle = contact->tool_count;
@@ -160,7 +163,7 @@ const tm_contact_query *tm_contact_detect(tm_contact *contact) {
     return s;
 }
 
-/* --- while force is computed --- */
+/* --- during the force pass --- */
 
 static bool is_of_contact(const tm_contact *contact, const void *self) {
     bool is = self == contact;
@@ -168,9 +171,9 @@ static bool is_of_contact(const tm_contact *contact, const void *self) {
     return is;
 }
 
-/* A look needs places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
- * waits for the new force. It overlaps the force pass only if every stage between the new displacements and "contact
- * find" is contact's own or is known to change nothing (tm_changes_none): any other might move tools or cut. */
+/* Returns whether detection may overlap the force pass. It needs positions at the start of the substep, the tools at
+ * its end, and the previous rows, but not the new force. Every stage between the new displacements and "contact detect"
+ * must be contact's own or registered as changing nothing (tm_changes_none): any other might move tools or cut. */
 static bool begin_overlap(void *self, tm_world *world) {
     tm_contact *contact = self;
     const struct tm_stage_entry *slot = world->entry + world->group_end, *const end = world->entry + world->step_count;
@@ -199,9 +202,9 @@ const char *tm_contact_first_stage(const tm_contact *contact) {
     return TM_STAGE_CONTACT_DETECT;
 }
 
-/* --- what contact has changed --- */
+/* --- displacements that contact has changed --- */
 
-/* Rows of another solver's may hang on anything. */
+/* Returns whether the list applies: another solver's rows may load any vertex. */
 static bool applies(const void *self) { return !((const tm_contact *)self)->others.solve; }
 
 static bool are_bounded(const void *self, const tm_world *world) {

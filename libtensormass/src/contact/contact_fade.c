@@ -1,10 +1,10 @@
-/* Rows on tetrahedra that are cut away: their force fades instead of falling in a step.
+/* Fading of contact rows whose tetrahedra are removed: their force falls over time instead of in one step.
  *
- * When a tetrahedron goes, the surface under the tool recedes by its height, and what its faces bore is gone within one
- * substep, though the tool will meet the surface behind a moment later. So each row stays for a while: the spring of
- * its skin, between its station and the vertices that bore it, along its normal of then. What it can bear sinks evenly
- * from what it bore to nothing, and where it would have to bear more it slips, as jaws do that let go: it drives
- * nothing, and gives back no more than it holds. */
+ * When a tetrahedron is removed, the surface under the tool recedes by its height. The force of its faces would vanish
+ * within one substep, although the tool meets the surface behind a moment later. So each row stays for a while as a
+ * spring: its contact compliance, between its station and its vertices, along its normal at that time. Its force limit
+ * falls linearly from its force to zero. Beyond the limit it slips, as releasing jaws do: it drives nothing, and gives
+ * back no more than it stores. */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -12,7 +12,7 @@
 
 #include "base/vec.h"
 
-/* What a row can bear now, N. */
+/* Returns the force limit of a row now, N. */
 static double bearable(const tm_fading_rows *fading, const tm_fading_row *row) {
     return row->bore_N * law_max(1 - row->age_s / fading->fade_s, 0);
 }
@@ -64,7 +64,7 @@ void tm_fading_age(tm_fading_rows *fading, double dt_s) {
     fading->count = left;
 }
 
-/* --- the block --- */
+/* --- the constraint block --- */
 
 static void push(const tm_contact *contact, const tm_fading_row *row, double force_N) {
     const tm_world *world = contact->world;
@@ -77,7 +77,7 @@ static void push(const tm_contact *contact, const tm_fading_row *row, double for
         }
 }
 
-/* Vertices whose last tetrahedron went bear nothing: the others take their part. Returns false if none is left. */
+/* Moves the weight of vertices without tetrahedra to the others. Returns false if none is left. */
 static bool share_out(const tm_world *world, tm_fading_row *row) {
     double sum = 0;
     for (int j = 0; j < 3; j++) {
@@ -109,14 +109,14 @@ static void prepare(const tm_fading_rows *fading, tm_fading_row *row) {
 static void find(void *self, tm_world *world) {
     tm_fading_rows *fading = self;
     int32_t left = 0;
-    if (world->settling) fading->count = 0; /* at rest they are gone */
+    if (world->settling) fading->count = 0; /* equilibrium has no fading rows */
     for (int32_t i = 0; i < fading->count; i++)
         if (share_out(world, fading->row + i)) fading->row[left++] = fading->row[i];
     fading->count = left;
     for (int32_t i = 0; i < fading->count; i++) prepare(fading, fading->row + i);
 }
 
-/* How far the row's skin is pressed in at the end of the substep, its own force included. */
+/* Returns the compression of the row's compliance at the end of the substep, with its own force. */
 static double pressed(const tm_state *state, const tm_fading_row *row) {
     double depth = row->pressed_m;
     for (int j = 0; j < 3; j++)
@@ -141,7 +141,7 @@ static void sweep(void *self, tm_world *world, int32_t number) {
     }
 }
 
-/* What it cannot bear it slips by. */
+/* Slips the force beyond the limit. */
 static void finish(void *self, tm_world *world) {
     tm_fading_rows *fading = self;
     for (int32_t i = 0; i < fading->count; i++) {

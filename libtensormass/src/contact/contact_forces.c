@@ -1,5 +1,5 @@
-/* What the tools feel: the sum of all blocks over a substep, its average over the end of a frame; and the frame's
- * paths. */
+/* Contact forces on the tools: sum over all blocks in a substep, average at the end of a frame. Also the tool paths of
+ * a frame. */
 #include "contact/contact_internal.h"
 
 #include <math.h>
@@ -29,7 +29,7 @@ static void mark_releasing(tm_contact *contact) {
     }
 }
 
-/* A number that is not finite is no force: none at all, and a mark that the step fails by. */
+/* Zeroes forces that are not finite and marks the step as failed. */
 static void disown(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
@@ -53,7 +53,7 @@ static void average(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count && within; t++) {
         tm_tool *tool = contact->tool + t;
         tool->sum_count++;
-        tool->sum_time_s += state->time_s + state->dt_s; /* the rows hold at the end of the substep */
+        tool->sum_time_s += state->time_s + state->dt_s; /* the rows are solved at the end of the substep */
         vmadd(tool->sum_tip_m, 1, tool->pose.tip_m, tool->sum_tip_m);
         vmadd(tool->sum_force_N, 1, tool->substep_force_N, tool->sum_force_N);
         vmadd(tool->sum_resultant_N, 1, tool->substep_resultant_N, tool->sum_resultant_N);
@@ -68,7 +68,7 @@ void tm_contact_sum(tm_contact *contact) {
     average(contact);
 }
 
-/* --- what the application calls between frames --- */
+/* --- calls of the application between frames --- */
 
 #define INSTRUMENT_IS_THERE(...)                                                                                       \
     TM_REQUIRE(contact &&instrument >= 0 && instrument < contact->tool_count,                                          \
@@ -84,7 +84,7 @@ void tm_contact_set_pose(tm_contact *contact, int32_t instrument, const tm_tool_
     INSTRUMENT_IS_THERE();
     TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
     tm_tool_set_pose(contact->tool + instrument, at);
-    int32_t kept = 0; /* its multipliers belong to where it was */
+    int32_t kept = 0; /* its row forces belong to the previous pose */
     for (int32_t i = 0; i < contact->row_count; i++)
         if (contact->row[i].instrument != instrument) contact->row[kept++] = contact->row[i];
     contact->row_count = kept;
@@ -126,7 +126,7 @@ tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrume
     memcpy(reaction.stiffness_N_m, tool->stiffness_N_m, tool->stiffness_kind ? sizeof reaction.stiffness_N_m : 0);
     for (int32_t i = 0; i < contact->row_count; i++)
         reaction.row_count += contact->row[i].instrument == instrument && contact->row[i].lambda_N > 0;
-    if (tool->sum_count == 0) { /* nothing averaged yet: as the last substep left it */
+    if (tool->sum_count == 0) { /* no average yet: use the last substep */
         reaction.time_s = contact->world->state.time_s;
         vset(tool->pose.tip_m, reaction.tip_m);
         vset(tool->substep_force_N, reaction.force_N);

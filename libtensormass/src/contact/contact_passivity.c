@@ -1,30 +1,33 @@
-/* Bounds what contact makes of energy, in every substep. Rows come and go while tissue moves by itself, start from
- * depths that other rows had, push out what lies too deep, and above all act along normals that are blended over
- * facets, the gradient of no potential: each can give tissue what no hand put in. So every tool keeps an account
- * (passivity observer and controller, Hannaford and Ryu 2002), exact in the terms of the integrator: what its rows give
- * the tissue and hold in their skins, less what moving the tool puts in and what damping takes meanwhile. In no window
- * of time up to WINDOW_S may that be more than WINDOW_SHARE of what is stored, and in no time more than contact took
- * before and a credit; where it would be, the forces of all of the tool's rows are reduced. At rest nothing is given,
- * and no force is changed. */
+/* Limits the energy that contact generates, in every substep.
+ *
+ * Contact can give the tissue energy that no hand supplied. Rows come and go while tissue moves, start from depths of
+ * other rows, and push out tissue that is too deep. Above all, their normals are blended over facets, which is the
+ * gradient of no potential.
+ *
+ * So each tool has an energy account (passivity observer and controller, Hannaford and Ryu 2002), exact in the
+ * integrator's terms: the energy that its rows give the tissue and store in their compliance, minus tool work and
+ * concurrent damping. In any window up to WINDOW_S it may not exceed WINDOW_SHARE of the stored energy. In total it may
+ * not exceed what contact took before, plus a credit. If it would, the forces of all rows of the tool are reduced. In
+ * equilibrium no energy is given and no force changes. */
 #include <string.h>
 
 #include "base/vec.h"
 #include "contact/friction_internal.h"
 #include "contact_law/compliance.h"
 
-/* What a tool's rows may make in a window: this share of what tissue and skins store under the tool (a cautery that
- * cuts: in all tissue), and what is not worth it, J. */
+/* Limit of the energy that a tool's rows generate in a window: this share of the energy stored under the tool (for a
+ * cautery that cuts: in all tissue); and the amount below which nothing is done, J. */
 static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
 static const double WINDOW_S = 0.2;
-/* What contact takes goes to a reserve, no larger than what is stored. All that it makes comes out of that; it may be
- * overdrawn by this share of what is stored, and not again until that is paid back: the force at rest, along blended
- * normals, depends on the way that led to it. */
+/* Energy that contact takes goes to a reserve, at most the stored energy. All that contact generates is taken from it.
+ * It may be overdrawn by this share of the stored energy, and again only after that is paid back: the static force
+ * along blended normals depends on the path. */
 static const double CREDIT_SHARE = 0.06;
-/* Below this speed a tool may be given so much of reaction times way out of the reserve (sliding_J). */
+/* Below this speed a tool may take this share of reaction times travel from the reserve (sliding_J). */
 static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
-/* Of what it gave too much, a tool pays back at least this share in a substep. */
+/* Minimum share of its debt that a tool pays back in a substep. */
 static const double DEBT_SHARE = 0.125;
-/* From this share of what a window may be given on, the estimate of what is stored is checked. */
+/* Share of the window's limit from which the estimate of the stored energy is checked. */
 static const double LOOKED_AT = 0.25;
 enum { ITERATIONS = 4, HALVINGS = 30 };
 
@@ -50,7 +53,7 @@ tm_row_energy tm_contact_row_energy(const tm_contact *contact, int32_t i, const 
     return w;
 }
 
-/* Friction joins the drag when the substep's sweeps are settled; until then it is added here. */
+/* Computes the work of one row. Friction is added to the drag only after the sweeps; until then it is added here. */
 static tm_row_energy row_work(const tm_contact *contact, int32_t i) {
     tm_row_energy w = tm_contact_row_energy(contact, i, &contact->tool[contact->row[i].instrument].earlier);
     if (!contact->friction || contact->friction->joined) return w;
@@ -60,7 +63,7 @@ static tm_row_energy row_work(const tm_contact *contact, int32_t i) {
     return w;
 }
 
-/* The rows of one tool are neighbours in the list. */
+/* Rows of one tool, which are consecutive in the list. */
 typedef struct span {
     int32_t first, end;
 } span;
@@ -71,11 +74,11 @@ static span rows_of(const tm_contact *contact, int32_t t, int32_t first) {
     return s;
 }
 
-/* Work of all rows of a tool over the two steps around their force, as the scheme does it. */
+/* Work of all rows of a tool over the two steps around their force, as in the scheme. */
 typedef struct row_sum {
     double tissue_J, tool_work_J;
-    double
-        strain_J; /* half of the forces times the displacements under them: what tissue that they alone load stores */
+    /* Half of the forces times the displacements under them: the energy stored in tissue that only they load. */
+    double strain_J;
 } row_sum;
 
 static row_sum sum_work(const tm_contact *contact, span s) {
@@ -97,7 +100,7 @@ static row_sum sum_work(const tm_contact *contact, span s) {
     return sum;
 }
 
-/* Stored in the tool's skins, pressed and stretched, if all forces were `share` of what they are. */
+/* Returns the energy in the tool's contact compliance, normal and tangential, with all forces scaled by `share`. */
 static double contact_stored_J(const tm_contact *contact, int32_t t, span s, double share) {
     double sum = contact->friction ? share * share * tm_friction_stretch_J(contact->friction, t) : 0;
     for (int32_t i = s.first; i < s.end; i++)
@@ -105,42 +108,42 @@ static double contact_stored_J(const tm_contact *contact, int32_t t, span s, dou
     return sum;
 }
 
-/* Given to tissue and skins beyond what the hand put in: over two steps, as tm_energy.generated_J less film and
- * friction. */
+/* Returns the energy given to tissue and compliance beyond the tool work, over two steps: tm_energy.generated_J without
+ * drag and friction. */
 static double gain_J(const tm_tool *tool, const row_sum *sum, double sprung) {
     return sum->tissue_J - sum->tool_work_J + 0.5 * (sprung - tool->contact_stored_J[1]);
 }
 
-/* --- the bound --- */
+/* --- the limit --- */
 
-/* Left of the reserve and of what may be made besides. */
+/* Returns what is left of the reserve and the other allowances. */
 static double available_J(const tm_tool *tool) {
     return law_max(tool->reserve_J + CREDIT_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
 }
 
-/* In a window. */
+/* Returns the limit in a window. */
 static double window_J(const tm_tool *tool) {
     return WINDOW_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J);
 }
 
-/* Made since it was least within the window that ends now: the most of all windows that end now. */
+/* Returns the energy generated since its minimum within the window that ends now: the maximum over all such windows. */
 static double recent_generated_J(const tm_tool *tool) {
     double least = tool->generated_J;
     for (int32_t i = 0; i < TM_LEDGER; i++) least = law_min(least, tool->min_generated_J[i]);
     return tool->generated_J - least;
 }
 
-/* May be made in this substep. */
+/* Returns the energy that may be generated in this substep. */
 static double allowed_J(const tm_tool *tool) {
     return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(tool)), 0);
 }
 
-/* Of a way within one substep, what counts as slow. */
+/* Returns the part of a travel within one substep that counts as slow. */
 static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
 
-/* What a tool that slides slowly may be given besides. Depths are measured to triangles while normals are blended as if
- * the surface were smooth, so a tool is held back up to the middle of a triangle and pushed on from there; without, it
- * would lag behind its force at rest. */
+/* Returns the allowance of a tool that slides slowly. Depths are measured to triangles, but normals are blended as if
+ * the surface were smooth. So a tool is held back up to the middle of a triangle and pushed on from there. Without the
+ * allowance its force would lag behind the static one. */
 static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) {
     double sum = 0;
     for (int32_t i = s.first; i < s.end; i++)
@@ -166,8 +169,8 @@ static void push(tm_contact *contact, span s, double share) {
     }
 }
 
-/* What the rows of one tool give at a share of their forces, if those of all tools in `set` are at it: their work is
- * (share) bare + (share^2) own, and nothing without them. */
+/* Energy that a tool's rows give, as a function of `share`, with the forces of all tools of the set scaled by it: work
+ * is (share) bare + (share^2) own, and 0 at share 0. */
 typedef struct bound {
     span rows;
     double bare_J, own_J, tool_work_J, may_J;
@@ -184,7 +187,8 @@ static bool keeps(const tm_contact *contact, int32_t t, const bound *b, double s
            b->may_J;
 }
 
-/* The largest share at which every tool of the set gives no more than it may. Halving: the skins' energy has a knee. */
+/* Returns the largest share at which no tool of the set gives more than allowed. By bisection: the energy of the
+ * compliance has a kink. */
 static double find_share(const tm_contact *contact, const set *of) {
     double least = 0, most = 1;
     for (int halving = 0; halving < HALVINGS; halving++) {
@@ -218,7 +222,7 @@ static void reduce(tm_contact *contact, set *of) {
     }
 }
 
-/* Moving and strained, without the skins. */
+/* Returns kinetic and elastic energy of the tissue, without contact compliance. */
 static double held_by_tissue_J(const tm_world *world) {
     const tm_state *s = &world->state;
     const double *g = tm_world_gravity_m_s2(world);
@@ -232,8 +236,8 @@ static double held_by_tissue_J(const tm_world *world) {
     return 0.5 * (moving / (s->dt_s * s->dt_s) + law_max(strained, 0));
 }
 
-/* What is stored under the tools is an estimate; where a good part of what it allows is made it may be no more than all
- * that there is. (A pass over the vertices. Of a nonlinear law the force tells no energy: there it stays.) */
+/* Limits the estimates of stored energy to the total energy, once much of their allowance is used. Costs a pass over
+ * the vertices. A nonlinear law's force gives no energy: the estimate then stays. */
 static void bound_estimates(tm_contact *contact) {
     if (contact->all_stored_J >= 0 || contact->world->nonlinear) return;
     double estimated = 0, stored = contact->all_stored_J = held_by_tissue_J(contact->world);
@@ -245,7 +249,7 @@ static void bound_estimates(tm_contact *contact) {
         contact->tool[t].stored_J *= stored / estimated;
 }
 
-/* May be given in this substep. Tells whether it gives more. */
+/* Computes the allowance of this substep. Returns whether the tool exceeds it. */
 static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J) {
     tm_tool *tool = contact->tool + t;
     const row_sum sum = sum_work(contact, s);
@@ -257,7 +261,7 @@ static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J
     return gain > law_max(*may_J, 0) + 1e-3 * LITTLE_J;
 }
 
-/* Returns whether it gave more than it may, and was reduced. */
+/* Reduces the forces of a tool that exceeds its allowance; returns whether it did. */
 static bool hold_tool(tm_contact *contact, int32_t t, span s) {
     set alone = {.first = t, .end = t + 1};
     alone.bound[t].rows = s;
@@ -266,7 +270,7 @@ static bool hold_tool(tm_contact *contact, int32_t t, span s) {
     return true;
 }
 
-/* Tools on the same tissue that still give too much after their turns: all of them at once, by one share. */
+/* Reduces tools on the same tissue that still exceed their allowances after their turns, all by one share. */
 static void hold_together(tm_contact *contact) {
     set all = {.end = contact->tool_count};
     bool fixed = false;
@@ -283,7 +287,7 @@ void tm_contact_limit_energy(tm_contact *contact) {
     bool fixed = !contact->world->settling;
     if (!fixed) return;
     contact->all_stored_J = -1;
-    for (int round = 0; fixed && round < ITERATIONS; round++) { /* tools that touch the same tissue: in turn */
+    for (int round = 0; fixed && round < ITERATIONS; round++) { /* tools on the same tissue: in turn */
         span s = {0, 0};
         fixed = false;
         for (int32_t t = 0; t < contact->tool_count; t++) {
@@ -297,10 +301,10 @@ void tm_contact_limit_energy(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) tm_contact_hold_back_blocks(contact, t);
 }
 
-/* --- the account --- */
+/* --- the energy account --- */
 
-/* What the tissue's damping takes in this substep: it pays for what contact makes meanwhile. A pass over the vertices,
- * so only where something was made. */
+/* Returns the energy that tissue damping takes in this substep: it pays for what contact generates concurrently. Costs
+ * a pass over the vertices, so it is called only if energy was generated. */
 static double damped_J(const tm_world *world) {
     const tm_state *s = &world->state;
     double sum = 0;
@@ -313,7 +317,7 @@ static double damped_J(const tm_world *world) {
     return 0.25 * sum / s->dt_s;
 }
 
-/* Stored in all tissue: half of its force times its displacements, and what it was lifted against gravity. */
+/* Returns the energy stored in all tissue: half its force times displacement, and its gain of potential energy. */
 static double all_stored_J(const tm_world *world) {
     const tm_state *s = &world->state;
     double sum = 0;
@@ -321,13 +325,13 @@ static double all_stored_J(const tm_world *world) {
     return law_max(0.5 * sum, 0);
 }
 
-/* A cautery that cuts meets walls that it just laid open, under which nothing is stored yet: to press them it may make
- * a share of what all tissue stores. */
+/* Returns whether the tool is a cautery that cuts. It meets freshly exposed walls, under which nothing is stored yet:
+ * to press them it may generate a share of the energy in all tissue. */
 static bool cuts(const tm_contact *contact, const tm_tool *tool) {
     return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
 }
 
-/* What the other tools have a share of. */
+/* Returns the stored energy that other tools have a share of. */
 static double stored_by_others_J(const tm_contact *contact, int32_t t) {
     double sum = 0;
     for (int32_t i = 0; i < contact->tool_count; i++)
@@ -335,7 +339,7 @@ static double stored_by_others_J(const tm_contact *contact, int32_t t) {
     return sum;
 }
 
-/* Farther than the rounding of a path between equal poses. */
+/* Returns whether the tool moves, beyond the rounding of a path between equal poses. */
 static bool moves(const tm_tool *tool) {
     const double least_m = 1e-12;
     double here[3], there[3], way[3];
@@ -345,7 +349,7 @@ static bool moves(const tm_tool *tool) {
     return vdot(way, way) > least_m * least_m;
 }
 
-/* The window goes on: in each part of it, the newest first, the least that had been made by then. */
+/* Advances the window: stores the minimum of the generated energy by then in each of its parts, newest first. */
 static void advance_window(tm_tool *tool, double dt_s) {
     double *least = tool->min_generated_J;
     least[0] = law_min(least[0], tool->generated_J);
@@ -356,19 +360,20 @@ static void advance_window(tm_tool *tool, double dt_s) {
     least[0] = tool->generated_J;
 }
 
-/* What was made beyond what was allowed is a debt until less has been made. Two tools on the same tissue do that: each
- * is reduced for what it makes, and changes what the other makes. */
+/* Adds generated energy. What exceeds the allowance is a debt until less was generated. Two tools on the same tissue
+ * cause it: reducing one changes what the other generates. */
 static void add_generated(tm_tool *tool, double generated_J) {
     const double allowed = allowed_J(tool);
     tool->debt_J = allowed > 0 ? law_max(generated_J - allowed, 0) : law_max(tool->debt_J + generated_J, 0);
     tool->generated_J += generated_J;
 }
 
-/* Damping pays for what was made lately, but not into the reserve: contact that shakes tissue must end. */
+/* Pays for recently generated energy with damping. It does not go to the reserve: contact that shakes tissue must
+ * end. */
 static void pay(tm_tool *tool, double paid_J) { tool->generated_J -= law_min(paid_J, recent_generated_J(tool)); }
 
 void tm_contact_observe(tm_contact *contact) {
-    if (contact->others.solve) return; /* their rows are not ours to hold back */
+    if (contact->others.solve) return; /* another solver's rows cannot be reduced here */
     span s = {0, 0};
     double taken = -1;
     for (int32_t t = 0; t < contact->tool_count; t++) {

@@ -1,5 +1,5 @@
-/* The block of rows: which there are in this substep, their start from the multipliers of the one before, and what they
- * add to the tools' forces. The stage's own, or another's. */
+/* Constraint block of the contact rows, the stage's own or another's: the rows of this substep, their start from the
+ * previous forces, and their share of the tool forces. */
 #include "contact/contact_internal.h"
 
 #include <string.h>
@@ -21,7 +21,7 @@ static double depth_before(const tm_contact *contact, const tm_contact_row *row)
                                        contact->tool[row->instrument].def.radius_m, row->lambda_N);
 }
 
-/* What each station's skin bore at the last substep. */
+/* Stores the depth of each station's compliance at the last substep. */
 static void remember_depth(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
@@ -35,8 +35,8 @@ static void remember_depth(tm_contact *contact) {
     }
 }
 
-/* Both lists are sorted: what was known of a row at the last substep passes over in one walk. Rows that take over from
- * one another take over their station's depth too; if that makes energy, contact_passivity.c reduces the forces. */
+/* Copies the state of known rows from the last substep: both lists are sorted, so one pass suffices. Rows that replace
+ * others inherit their station's depth; if that generates energy, contact_passivity.c reduces the forces. */
 static void warm_start(tm_contact *contact) {
     int32_t k = 0;
     for (int32_t i = 0; i < contact->row_count; i++) {
@@ -116,7 +116,7 @@ static tm_constraint_block own_rows(tm_contact *contact) {
         .self = contact, .find = find_own, .sweep = sweep_own, .finish = finish_own, .react = react_rows};
 }
 
-/* Another surface than the tissue's is touched: which rows there are, its owner finds when it solves them. */
+/* For a surface other than the tissue's: its owner finds the rows when it solves them. */
 static void find_no_rows(void *self, tm_world *world) {
     (void)world;
     tm_contact *contact = self;
@@ -134,7 +134,7 @@ static void solve_others(void *self, tm_world *world) {
     }
     contact->row_count =
         contact->others.solve(contact->others.self, world, pose, contact->row, contact->def.max_rows, flags);
-    for (int32_t i = 0; i < contact->row_count; i++) /* these rows have no film */
+    for (int32_t i = 0; i < contact->row_count; i++) /* these rows have no viscous drag */
         memset(contact->solver[i].drag_N, 0, sizeof contact->solver[i].drag_N);
     for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].flags |= flags[t];
 }

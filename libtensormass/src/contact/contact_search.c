@@ -1,4 +1,4 @@
-/* The surface around a tool, gathered once and looked at again and again. */
+/* Contact search for callers outside the stage: triangles around a tool, gathered once and searched many times. */
 #include "contact/contact_internal.h"
 #include "contact_law/feature.h"
 
@@ -91,7 +91,7 @@ int32_t tm_contact_find(tm_contact_search *work, const double *rest_m, const dou
                "something is null, or a count is negative", 0);
     TM_REQUIRE(capsule->radius_m > 0, "the capsule's radius is not positive", 0);
     bool too_many;
-    work->surface.edge_m = 0; /* a guess of before may gather more than these */
+    work->surface.edge_m = 0; /* an estimate from before may gather more than these */
     tm_local_gather(&work->surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
                     capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m);
     tm_local_place(&work->surface, rest_m, u_m);

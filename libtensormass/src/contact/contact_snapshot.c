@@ -1,5 +1,5 @@
-/* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and
- * which triangles each tool has gathered (their small topology is built again from that). */
+/* Snapshot of contact: tools on their paths, rows with their forces, sums of the frame, and the triangles that each
+ * tool has gathered (their topology is rebuilt from them). */
 #include "contact/contact_internal.h"
 #include "contact/row_snapshot.h"
 
@@ -9,7 +9,7 @@ typedef struct saved {
     int32_t tool_count, row_count, frame_step, frame_steps, frame_average, gathered[TM_MAX_INSTRUMENTS];
 } saved;
 
-/* Without padding: the bytes of equal worlds are equal, and no stack shows through. */
+/* Without padding: equal worlds have equal bytes, and no stack contents leak. */
 typedef struct saved_pose {
     double tip_m[3], roll_rad, grip;
     int64_t active;
@@ -97,7 +97,7 @@ static saved_tool pack_tool(const tm_tool *tool) {
     return k;
 }
 
-/* Leaves the tool's definition and its surface. */
+/* Restores a tool, except its definition and its surface. */
 static void unpack_tool(const saved_tool *k, int32_t instrument, tm_tool *tool) {
     tool->pose = unpack_pose(&k->pose);
     tool->from = unpack_pose(&k->from);
@@ -174,7 +174,7 @@ int64_t tm_contact_snapshot(void *self, void *buffer) {
     return bytes_of(&k);
 }
 
-/* Slots of the living faces that a tool had gathered; -1 if one is not there. */
+/* Finds the surface slots of the active faces that a tool had gathered; -1 if one is missing. */
 static int32_t slots_of(const tm_tissue *tissue, const int32_t *face, int32_t count, int32_t *slot) {
     const tm_surface_view *surface = &tissue->surface;
     for (int32_t i = 0; i < count; i++) {
@@ -250,7 +250,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
         from = take(face, from, sizeof(int32_t) * (size_t)k.gathered[t]);
         unpack_tool(&tool, t, contact->tool + t);
         gather_again(contact, contact->tool + t, face, k.gathered[t]);
-        contact->tool[t].surface->edge_m = tool.edge_m; /* the guess for the next gathering, not this one's */
+        contact->tool[t].surface->edge_m = tool.edge_m; /* estimate for the next gathering, not this one's */
         contact->tool[t].surface->overflowed = tool.surface_overflowed != 0;
     }
     return true;

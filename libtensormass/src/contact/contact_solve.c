@@ -1,6 +1,6 @@
-/* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the
- * multipliers of the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in
- * newtons, exact at rest. */
+/* Makes the rows of all tools non-penetrating by projected Gauss-Seidel: a fixed number of sweeps in a fixed order,
+ * from the previous multipliers. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in
+ * newtons, exact in equilibrium. */
 #include "contact/contact_internal.h"
 
 #include <string.h>
@@ -8,10 +8,10 @@
 #include "base/vec.h"
 #include "contact_law/compliance.h"
 
-/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
- * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
- * speed of a hand. No hand does that work, so its power is bounded too, and it is taken out of what contact took before
- * (contact_passivity.c). */
+/* Maximum speed at which penetration is undone that the tool's motion did not cause: a tool placed into tissue, capped
+ * rows, or surface that another tool moved into this one. Without it tissue would be thrown out. It is above any speed
+ * of a hand. No hand supplies that work, so its power is limited too, and it is taken from the energy that contact took
+ * before (contact_passivity.c). */
 #define RECOVERY_M_S 0.5
 #define RECOVERY_W 0.02
 
@@ -51,9 +51,9 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
             r->diagonal += r->jacobian[j][c] * r->response[j][c];
         }
     }
-    /* what was too deep before the tool moved, and is not yet to be undone */
+    /* previous depth that is not to be undone yet */
     const double dt = world->state.dt_s, way = vnorm(r->moved_m);
-    double goes = way; /* tool and tissue: their motion along blended normals is not the depth's */
+    double goes = way; /* both tool and tissue: motion along blended normals differs from the change of depth */
     for (int j = 0; j < 3; j++) {
         double moved[3];
         const int32_t dof = 3 * row->vertex[j];
@@ -80,7 +80,7 @@ void tm_contact_prepare(tm_contact *contact) {
 
 static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
     const tm_state *state = &contact->world->state;
-    double free_gap = r->gap_m - r->diagonal * row->lambda_N; /* as it would be without this row */
+    double free_gap = r->gap_m - r->diagonal * row->lambda_N; /* the gap without this row */
     for (int j = 0; j < 3; j++)
         for (int c = 0; c < 3; c++) {
             int32_t dof = 3 * row->vertex[j] + c;
@@ -93,11 +93,12 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
     row->lambda_N = lambda;
 }
 
-/* The film of one row, implicit: it brakes and never drives. */
+/* Computes the viscous drag of one row, implicitly: it brakes and never drives. */
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
-    if (row->lambda_N == 0 && r->drag_N[0] == 0 && r->drag_N[1] == 0 && r->drag_N[2] == 0) return; /* most rows */
+    if (row->lambda_N == 0 && r->drag_N[0] == 0 && r->drag_N[1] == 0 && r->drag_N[2] == 0)
+        return; /* the case of most rows */
     double coefficient = LAW_DRAG_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
@@ -108,7 +109,7 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
         wanted[c] = -coefficient * slip / (1 + coefficient * r->weight2);
     }
     size = vnorm(wanted);
-    if (size > row->lambda_N) /* never more than the reaction, so that both together never pull */
+    if (size > row->lambda_N) /* at most the reaction, so that their sum never pulls */
         vscale(row->lambda_N / size, wanted, wanted);
     for (int c = 0; c < 3; c++) {
         for (int j = 0; j < 3; j++)
@@ -120,7 +121,7 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
 }
 
 void tm_contact_sweep(tm_contact *contact, int32_t sweep) {
-    for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
+    for (int32_t i = 0; i < contact->row_count; i++) { /* forward and backward: no row is always last */
         int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
         relax(contact, contact->row + k, contact->solver + k);
         drag(contact, contact->row + k, contact->solver + k);

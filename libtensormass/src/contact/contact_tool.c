@@ -1,8 +1,8 @@
-/* The tool itself: where it is along its path, its capsule, and its force seen from the tip. */
+/* Motion of a tool: its position on the path, its capsule, and its force as seen at the tip. */
 #include "base/vec.h"
 #include "contact/contact_internal.h"
 
-/* Direction from trocar to tip and the distance; straight down where the tip is on the trocar. */
+/* Computes direction and distance from trocar to tip; straight down if the tip is on the trocar. */
 static double direction(const double trocar_m[3], const double tip_m[3], double e[3]) {
     double d[3];
     vsub(tip_m, trocar_m, d);
@@ -20,8 +20,8 @@ tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pos
     return capsule;
 }
 
-/* Joint-linear about the trocar: the direction turns at an even rate in the plane of both ends, the insertion grows
- * evenly. */
+/* Interpolates linearly in the joints at the trocar: direction at constant rate in the plane of both ends, insertion
+ * linearly. */
 static void along_path(const double trocar_m[3], const tm_tool_pose *from, const tm_tool_pose *to, double fraction,
                        tm_tool_pose *pose) {
     double a[3], b[3], across[3], e[3];
@@ -41,7 +41,8 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
     pose->active = to->active;
 }
 
-/* A tool that is put into tissue, without a way there, has brought no energy: what it may give to come out. */
+/* Sets the allowance of a tool that was teleported into tissue. It has supplied no energy, so its rows may generate
+ * this much to push it out. */
 #define PLACED_J 1e-6
 
 void tm_tool_set_pose(tm_tool *tool, const tm_tool_pose *at) {
@@ -60,7 +61,7 @@ void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps) {
     tool->path_step = 0;
     tool->path_steps = substeps;
     if (substeps <= 0)
-        tool->path_steps = 1; /* a path of no length is one piece: it may be long, it is never a teleport */
+        tool->path_steps = 1; /* a path without length is a single piece: it may be long, but is no teleport */
 }
 
 bool tm_tool_is_present(const tm_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
@@ -78,10 +79,10 @@ void tm_tool_advance(tm_tool *tool) {
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
-        tool->outside = tool->placed_inside = false; /* it has just come into the body */
+        tool->outside = tool->placed_inside = false; /* it has just entered the body */
 }
 
-/* Ray from `at` along unit e against a triangle: 1 where it crosses within [0, length). */
+/* Returns 1 if the ray from `at` along unit e crosses a triangle within [0, length). */
 static int crosses(const double at[3], const double e[3], double length, const double p[3][3]) {
     double a[3], b[3], d[3], h[3], q[3];
     vsub(p[1], p[0], a);
@@ -123,7 +124,7 @@ void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double 
     vsub(point_m, trocar_m, arm);
     vcross(arm, force_N, torque);
     vcross(e, torque, across);
-    /* insertion feels the force along the axis, the pivots feel its torque about the trocar */
+    /* the insertion joint has the force along the axis, the pivots its torque about the trocar */
     vscale(vdot(force_N, e), e, tip_force_N);
     vmadd(tip_force_N, -1 / length, across, tip_force_N);
 }

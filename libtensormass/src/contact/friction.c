@@ -1,8 +1,8 @@
-/* Stage "friction": Coulomb friction between tools and tissue, a block of constraints swept behind the rows of contact,
- * with what those press with in the same sweep: no force is ever outside its cone.
+/* Stage "friction": Coulomb friction between tools and tissue. Its constraint block is swept after the contact rows and
+ * uses their normal forces of the same sweep, so no force is ever outside its cone.
  *
- * The unit is the station, as it is of the skin: rows come and go while a tool slides over triangles, a station stays.
- * Its force acts on the tissue where its rows do, each as far as it bears, across the normal of all of them. */
+ * The unit is the station, as for the contact compliance: rows come and go while a tool slides over triangles, a
+ * station stays. Its force acts at its rows in proportion to their loads, perpendicular to their common normal. */
 #include "contact/friction_internal.h"
 
 #include <math.h>
@@ -26,7 +26,7 @@ const double (*tm_contact_friction_forces(const tm_contact *contact, int32_t ins
     return (const double(*)[3])contact->friction->applied_N;
 }
 
-/* --- the block --- */
+/* --- the constraint block --- */
 
 static void push_row(tm_friction *f, int32_t i, const double force_N[3]) {
     const tm_contact *contact = f->contact;
@@ -42,7 +42,7 @@ static void push_row(tm_friction *f, int32_t i, const double force_N[3]) {
     vset(force_N, applied);
 }
 
-/* Each row takes as much of the station's force as it bears of its reaction. */
+/* Distributes the station's force over its rows in proportion to their loads. */
 static void push(tm_friction *f, const tm_touch *touch, double load_N) {
     for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
         double part[3];
@@ -51,7 +51,7 @@ static void push(tm_friction *f, const tm_touch *touch, double load_N) {
     }
 }
 
-/* Sum of what the rows bear; with it the station's normal and what presses along that. */
+/* Returns the sum of the row forces, and computes the station's normal and normal force. */
 static double press(const tm_friction *f, tm_touch *touch) {
     double bears = 0, sum[3] = {0, 0, 0};
     for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
@@ -63,7 +63,8 @@ static double press(const tm_friction *f, tm_touch *touch) {
     return bears;
 }
 
-/* How far the tissue under a station has gone in this substep, and what a newton on it adds to that (not less), m/N. */
+/* Computes the motion of the tissue under a station in this substep, and an upper bound of its change per force,
+ * m/N. */
 static double follow(const tm_friction *f, const tm_touch *touch, double load_N, double went_m[3]) {
     const tm_state *state = &f->contact->world->state;
     double gives = 0;
@@ -116,7 +117,7 @@ static void find(void *self, tm_world *world) {
         }
         touch->count++;
     }
-    for (int32_t k = 0; k < f->touch_count; k++) { /* from what it was */
+    for (int32_t k = 0; k < f->touch_count; k++) { /* starting from the previous force */
         tm_touch *touch = f->touch + k;
         const tm_friction_coefficient *c = f->def.instrument + touch->instrument;
         touch->coefficient = law_friction_coefficient(c->mu_static, c->mu_kinetic,
@@ -136,7 +137,7 @@ static void sweep(void *self, tm_world *world, int32_t sweep) {
     for (int32_t k = 0; k < f->touch_count; k++) sweep_friction(f, f->touch + (sweep % 2 ? f->touch_count - 1 - k : k));
 }
 
-/* Ends the substep of one station: how far it slipped, what that took. */
+/* Ends the substep of one station: computes its slip and the energy that took. */
 static void settle(tm_friction *f, tm_touch *touch) {
     const double skin = f->contact->def.contact_compliance_m_N, bears = press(f, touch);
     tm_friction_state *was = f->state[touch->instrument] + touch->station;
@@ -182,8 +183,8 @@ void tm_friction_scale(tm_friction *f, int32_t t, double share) {
     }
 }
 
-/* After the sweeps: forces join the rows' drag, where reactions and accounts find them; a station that touches nothing
- * any more is at rest. */
+/* Adds the forces to the rows' drag after the sweeps: reactions and accounts read them there. A station without contact
+ * goes back to the stuck state. */
 static void finish(void *self, tm_world *world) {
     (void)world;
     tm_friction *f = self;
@@ -203,14 +204,14 @@ static void finish(void *self, tm_world *world) {
     f->joined = true;
 }
 
-/* The rows' drag has it. */
+/* Nothing to add: the rows' drag includes friction. */
 static void react(void *self, int32_t instrument, double force_N[3], double resultant_N[3]) {
     (void)self, (void)instrument, (void)force_N, (void)resultant_N;
 }
 
 /* --- the stage --- */
 
-/* A tool that was put somewhere else holds on to nothing. */
+/* Resets tools that were teleported: they stick to nothing. */
 static void run(void *self, tm_world *world) {
     (void)world;
     tm_friction *f = self;
@@ -290,7 +291,7 @@ tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_frict
         tm_pool_release(&pool);
         return status;
     }
-    tm_world_set_few(world, "friction", &tm_changes_none); /* "contact solve" does */
+    tm_world_set_few(world, "friction", &tm_changes_none); /* "contact solve" makes the changes */
     contact->friction = self;
     tm_contact_add_block_behind(
         contact, &(tm_constraint_block){
@@ -321,9 +322,9 @@ int32_t tm_friction_stations(const tm_friction *f, int32_t instrument, tm_fricti
     return count;
 }
 
-/* --- what friction is between steps: for snapshots, and for a step that fails --- */
+/* --- state between steps: for snapshots and rollback --- */
 
-enum { NUMBERS = 4 * TM_MAX_STATIONS }; /* of an instrument that has friction */
+enum { NUMBERS = 4 * TM_MAX_STATIONS }; /* of an instrument with friction */
 
 _Static_assert(sizeof(tm_friction_state) == 4 * sizeof(double), "without padding");
 

@@ -1,4 +1,4 @@
-/* Stage "grasp": springs between the jaws and the vertices that they closed upon (grasp_springs.c), solved in the same
+/* Stage "grasp": springs between the jaws and the vertices that they closed on (grasp_springs.c), solved in the same
  * sweeps as contact. */
 #include "contact/grasp_internal.h"
 
@@ -37,7 +37,7 @@ static bool holds(void *self, int32_t instrument, int32_t vertex) {
     return false;
 }
 
-/* What contact did with the vertices the hold takes over, so that closing changes no force. */
+/* Takes over the contact forces on the grasped vertices, so that closing changes no force. */
 static void take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, const tm_world *world) {
     const tm_contact *contact = grasp->contact;
     memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
@@ -75,8 +75,8 @@ static void open_jaw(grasp_of_jaw *h) {
     memcpy(h->let_go_N, h->force_N, sizeof(double) * 3 * (size_t)h->count);
 }
 
-/* Contact of a hybrid knows no depth that is forgiven: there what is let go is no obstacle until it is out of the jaw.
- */
+/* Drops released vertices that are out of the jaw. Contact of a hybrid has no tolerated depth: there, released tissue
+ * is no obstacle until it is out of the jaw. */
 static void release_what_is_out(grasp_of_jaw *h, const tm_tool *tool, const tm_world *world) {
     for (int32_t i = h->count - 1; i >= 0; i--) {
         double at[3], d[3];
@@ -104,9 +104,9 @@ static void release(const tm_grasp *grasp, grasp_of_jaw *h, const tm_tool *tool,
     }
 }
 
-/* Rows of what is held are none. Of what is being let go they are obstacles at once, or the tissue would run through
- * the tool while the hold fades and be thrown out afterwards; but what lay in the jaw when it opened is not pushed out
- * of it. Returns how many rows are left. */
+/* Drops rows on held vertices. Rows on released vertices count at once: otherwise the tissue would pass through the
+ * tool while the grasp fades, and be thrown out afterwards. Tissue inside the jaw when it opened is not pushed out.
+ * Returns the number of rows left. */
 static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) {
     tm_grasp *grasp = self;
     grasp_of_jaw *h = grasp->grasp + t;
@@ -148,7 +148,7 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
     }
 }
 
-/* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
+/* Runs after the tools have moved: handles jaw events, updates the targets, starts the sweeps from the last forces. */
 static void run(void *self, tm_world *world) {
     tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
@@ -157,7 +157,7 @@ static void run(void *self, tm_world *world) {
         if (tool->def.mode != TM_TOOL_GRASPER) continue;
         tm_hold_begin(grasp, h, world);
         tm_jaw_rotate(&h->jaw, &tool->def, &tool->pose);
-        if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
+        if (h->placings != tool->placings) { /* teleported: the tissue that it held stays behind */
             h->count = 0;
             h->state = TM_GRASP_OPEN;
             h->placings = tool->placings;
@@ -200,7 +200,7 @@ static void load(void *self, int32_t t, tm_jaw_load *to) {
     *to = (tm_jaw_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
 }
 
-/* --- stage --- */
+/* --- the stage --- */
 
 static void changed(void *self, tm_world *world) {
     tm_grasp *grasp = self;
@@ -286,7 +286,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
         tm_pool_release(&pool);
         return status;
     }
-    tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact solve" does */
+    tm_world_set_few(world, "grasp", &tm_changes_none); /* "contact solve" makes the changes */
     const tm_constraint_block block = {.self = self,
                                        .owner = self,
                                        .sweep = tm_grasp_sweep,

@@ -1,9 +1,9 @@
-/* What holds are between steps: for snapshots, and for a step that fails. */
+/* State of grasps between steps: for snapshots and rollback. */
 #include "contact/grasp_internal.h"
 
 #include <string.h>
 
-/* What one instrument's hold is between steps; its vertices' arrays follow it. */
+/* State of one instrument's grasp; the arrays of its vertices follow it. */
 typedef struct saved {
     int32_t state, was_closed, count, seen;
     double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS], contact_stored_J[2];
@@ -14,8 +14,7 @@ static int64_t saved_bytes(int32_t count) {
     return (int64_t)sizeof(saved) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
 }
 
-/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned.
- */
+/* Copies between the arrays of a grasp and the buffer after its header. Vertices as int64, for alignment. */
 static void move_arrays(grasp_of_jaw *h, char *buffer, bool out) {
     int64_t *vertex = (int64_t *)buffer;
     double *number = (double *)(vertex + h->count);
@@ -102,7 +101,7 @@ bool tm_grasp_restore(void *self, tm_world *world, const void *buffer, int64_t b
     return true;
 }
 
-/* Each keeps its own arrays. */
+/* Copies a grasp; each keeps its own arrays. */
 static void copy_hold(const grasp_of_jaw *from, grasp_of_jaw *to) {
     const grasp_of_jaw own = *to;
     const size_t bytes = sizeof(double) * 3 * (size_t)from->count;

@@ -1,8 +1,10 @@
-/* The springs between jaws and tissue: what they can bear, their part of the sweeps, and what they may make of energy.
- * A spring whose force is that of its stretch, solved for the end of the substep, gives back no more than it holds.
- * What slips between two substeps is no such spring, nor one that begins while tissue moves past it, nor two on the
- * same vertex: what they make beyond what they hold is bounded after the sweeps, exact in the terms of the integrator
- * (contact_passivity.c does so with the rows). */
+/* Springs between jaws and tissue: their force limits, their part of the sweeps, and a limit on the energy they
+ * generate.
+ *
+ * A spring whose force equals its stretch over compliance, solved at the end of the substep, gives back no more than it
+ * stores. That does not hold for slip between substeps, a spring that starts on moving tissue, or two springs on one
+ * vertex. Energy generated there is limited after the sweeps, exactly in the integrator's terms, as contact_passivity.c
+ * does for rows. */
 #include "contact/grasp_internal.h"
 
 #include <math.h>
@@ -10,7 +12,7 @@
 
 #include "base/vec.h"
 
-static const double LITTLE_J = 2e-11; /* not worth it */
+static const double LITTLE_J = 2e-11; /* negligible energy */
 
 void tm_hold_vertex_at(const tm_world *world, const double *u_m, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++) at_m[c] = world->tissue->mesh->rest_m[3 * vertex + c] + u_m[3 * vertex + c];
@@ -22,8 +24,7 @@ static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, 
             world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
 }
 
-/* What the spring on a vertex can bear, N: the cap, and while releasing the share of what it bore when the jaw opened.
- */
+/* Returns the force limit of the spring on a vertex, N: the cap; while releasing, a share of its force at opening. */
 static double bearable(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i) {
     if (h->state != TM_GRASP_RELEASING) return grasp->def.force_cap_N;
     return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
@@ -34,9 +35,9 @@ static void limit_force(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i,
     if (size > most) vscale(most / size, force_N, force_N);
 }
 
-/* What a spring cannot bear, it slips by, and what it had stored is lost there: while releasing the jaw is a friction
- * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
- * tissue meanwhile, it goes on driving it; docs/time-stepping.md, "Energy".) Called before the jaw turns. */
+/* Slips force beyond the limit, and loses its stored energy: while releasing, the jaw is a fading friction. A constant
+ * force that fades would be a dead load instead, which goes on driving tissue that another tool moves
+ * (docs/time-stepping.md, "Energy"). Call before the jaw rotates. */
 static void slip(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world) {
     for (int32_t i = 0; i < h->count; i++) {
         double at[3], d[3];
@@ -53,7 +54,7 @@ void tm_hold_start(const tm_grasp *grasp, grasp_of_jaw *h, int32_t i, tm_world *
     push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
 }
 
-/* One vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
+/* Solves one vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
 static void relax(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i, tm_world *world) {
     int32_t vertex = h->vertex[i];
     double *force = h->force_N + 3 * i, wanted[3], change[3];
@@ -76,8 +77,8 @@ void tm_grasp_sweep(void *self, tm_world *world, int32_t number) {
         for (int32_t i = 0; i < grasp->grasp[t].count; i++) relax(grasp, grasp->grasp + t, i, world);
 }
 
-/* A spring follows, as far as it can bear: where contact is held back, a jaw that has let go would take over the force
- * beyond that, and one that bore all it can would go on doing so when its tissue has come nearer. */
+/* Moves a held vertex and updates its spring within its limit. Otherwise, when contact is reduced, a released jaw would
+ * take over the force beyond it, and a spring at its limit would keep it after its tissue came nearer. */
 bool tm_grasp_push(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
     const tm_grasp *grasp = self;
     bool fixed = false;
@@ -93,10 +94,10 @@ bool tm_grasp_push(void *self, tm_world *world, int32_t vertex, const double for
     return fixed;
 }
 
-/* Last of all sweeps: what a spring bears is then what it holds. */
+/* Runs one last sweep, so that each force matches its stored energy. */
 void tm_grasp_finish(void *self, tm_world *world) { tm_grasp_sweep(self, world, 0); }
 
-/* --- what they make --- */
+/* --- generated energy --- */
 
 static double held_J(const tm_grasp *grasp, const grasp_of_jaw *h) {
     double squares = 0;
@@ -130,7 +131,7 @@ void tm_hold_take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t) {
     grasp->contact->tool[t].reserve_J -= h->contact_stored_J[0];
 }
 
-/* Over two substeps, if all forces were `share` of what they are: share bare + share^2 own. */
+/* Energy over two substeps with all forces scaled by `share`: share bare + share^2 own. */
 typedef struct hold_work {
     double bare_J, own_J;
 } hold_work;
@@ -154,7 +155,7 @@ static hold_work sum_work(const tm_grasp *grasp, const grasp_of_jaw *h, const tm
     return w;
 }
 
-/* The jaw gives way by what its spring is stretched beyond its force. */
+/* Moves the target by the spring's stretch beyond its force. */
 static void give_way(const tm_grasp *grasp, grasp_of_jaw *h, int32_t i, const tm_world *world) {
     double at[3], beyond[3];
     tm_hold_vertex_at(world, world->state.u_next_m, h->vertex[i], at);

@@ -1,4 +1,4 @@
-/* The jaw of a grasper: its frame, and the vertices between it. Geometry alone: the grasp stage and the precomputed
+/* Jaw of a grasper: its frame, and the vertices between the jaws. Geometry only: the grasp stage and the precomputed
  * model use it. */
 #include "tensormass/grasp.h"
 
@@ -13,13 +13,14 @@ void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose
     if (vunit(jaw->origin, jaw->origin) <= 0) jaw->origin[2] = -1;
 }
 
-/* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
+/* Computes the frame: the shaft's direction e, and two axes across it by the shortest rotation from `origin` to e,
+ * rolled about e. */
 void tm_jaw_rotate(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(h && tool && pose, "jaw, tool or pose is null", );
     double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
     vsub(pose->tip_m, tool->trocar_m, e);
     if (vunit(e, e) <= 0) vset(h->origin, e);
-    /* a fixed vector across origin, turned along */
+    /* a fixed vector across origin, rotated along */
     double least[3] = {0, 0, 0};
     int axis = 0;
     for (int c = 1; c < 3; c++)
@@ -56,7 +57,7 @@ void tm_jaw_to_world(const tm_jaw *h, const tm_tool_pose *pose, const double off
     for (int c = 0; c < 3; c++) vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
 }
 
-/* Nearest point of triangle p to point q (Voronoi regions), squared distance. */
+/* Returns the squared distance of point q from triangle p, by Voronoi regions. */
 static double point_triangle(const double q[3], const double p[3][3]) {
     double ab[3], ac[3], aq[3], n[3], d[3], best = INFINITY;
     vsub(p[1], p[0], ab);
@@ -79,7 +80,7 @@ static double point_triangle(const double q[3], const double p[3][3]) {
     return best;
 }
 
-/* Distance of the jaw's axis from a triangle, sampled at eighths of the jaw: capture needs no more. */
+/* Returns the distance of the jaw's axis from a triangle, sampled at eighths of the jaw: enough for capture. */
 static double jaw_distance(const tm_capsule *jaw, const double p[3][3]) {
     double best = INFINITY;
     for (int k = 0; k <= 8; k++) {
@@ -90,8 +91,8 @@ static double jaw_distance(const tm_capsule *jaw, const double p[3][3]) {
     return sqrt(best);
 }
 
-/* What the jaw has so far: each vertex once, with the distance of its nearest triangle; of too many the farthest goes.
- */
+/* Captured vertices: each once, with the distance of its nearest triangle; beyond the capacity the farthest is
+ * dropped. */
 typedef struct catch {
     int32_t count, max, *vertex;
     double *distance_m;
@@ -138,7 +139,7 @@ int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_inst
         for (int j = 0; j < 3 && distance <= tool->radius_m + def->reach_m; j++)
             take_vertex(&h, surface->triangle[3 * i + j], distance);
     }
-    for (int32_t i = 1; i < h.count; i++) { /* by number: one order whatever the surface's slots */
+    for (int32_t i = 1; i < h.count; i++) { /* by number: independent of the order of the surface */
         int32_t moving = h.vertex[i], j = i;
         for (; j > 0 && h.vertex[j - 1] > moving; j--) h.vertex[j] = h.vertex[j - 1];
         h.vertex[j] = moving;

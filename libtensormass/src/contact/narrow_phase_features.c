@@ -1,11 +1,12 @@
-/* Narrow phase, first half: stations of the tool's axis against faces, edges and vertices of the surface.
+/* Narrow phase, first part: stations of the tool's axis against faces, edges and vertices of the surface.
  *
- * A sphere over a triangulated plane must feel the plane and not the triangles, and its force must change without a
- * jump when its closest feature changes. So a feature is not simply in or out: it has a weight that runs smoothly from
- * 0 to 1 across the borders of its Voronoi region, edges and vertices count as far as they stick out, and the weights
- * of a station are normalised to shares of the one skin that the station has. And the normal of a face is blended from
- * those of its neighbours, as far as the undeformed surface is smooth there: a dent is as faceted as its triangles are
- * few, and with their own normals the force would click from one to the next. docs/contact.md, "Rows". */
+ * The force of a sphere on a triangulated plane must be that of the plane, and must not jump when the closest feature
+ * changes. So each feature has a weight that changes smoothly from 0 to 1 across the borders of its Voronoi region.
+ * Edges and vertices count according to their sharpness. The weights of a station are normalised to shares of its
+ * contact compliance.
+ *
+ * The normal of a face is blended with those of its neighbours where the undeformed surface is smooth. A dent has few
+ * facets, and with their own normals the force would jump from one to the next. docs/contact.md, "Rows". */
 #include "base/vec.h"
 
 #include <string.h>
@@ -14,11 +15,11 @@
 #include "contact/contact_internal.h"
 #include "contact_law/feature.h"
 
-/* Which of the gathered faces, edges and vertices the tool may touch: found with some room, and kept until what moved
- * may have used the room up. Most of what was gathered is never touched, and its normals take roots. Hits are those of
- * a look at everything: what is left out is out of reach for certain. */
+/* Cull: lists the gathered faces, edges and vertices that the tool may touch, within a margin, and keeps the list until
+ * motion may have used up the margin. Most gathered features are never touched, and their normals need square roots.
+ * The hits equal those of a complete search: only features certainly out of reach are left out. */
 
-/* Where the stations are: along a piece of a line. */
+/* Segment of a line that contains the stations. */
 typedef struct piece {
     double end_m[2][3];
 } piece;
@@ -33,7 +34,8 @@ static double travel2(const double a[3], const double b[3]) {
     return vdot(d, d);
 }
 
-/* A ball around three vertices moves with them, and its radius changes by twice as much at most. */
+/* Returns whether a face may be near. The bounding sphere of its three vertices moves with them; its radius changes by
+ * at most twice their motion. */
 static bool still_near(const tm_local_surface *s, const piece *p, double reach_m, double sunk_m, double room_m) {
     static const double SURELY = 1 - 1e-6;
     const tm_near *n = &s->near;
@@ -61,7 +63,7 @@ static void list_features(tm_local_surface *s, const piece *p, double reach_m, d
         if (!(distance_m(p, s->position_m[v]) > reach_m)) n->vertex[n->vertex_count++] = v;
 }
 
-/* Faces around all vertices of what is listed: normals are blended from those. */
+/* Lists the faces around all listed vertices, from which normals are blended. */
 static void list_wanted(tm_local_surface *s) {
     tm_near *n = &s->near;
     bool at[3 * TM_LOCAL_FACES];
@@ -77,8 +79,8 @@ static void list_wanted(tm_local_surface *s) {
             n->wanted[n->wanted_count++] = f;
 }
 
-/* Lists, if it must, what may be within reach of stations on `length_m` of the axis from the tip (a face that is
- * sunk_m farther, too), and places the faces that this wants. */
+/* Lists what may be within reach of stations on `length_m` of the axis from the tip (faces also sunk_m farther), if the
+ * list is out of date. Computes the faces that this requires. */
 static void tm_near_find(tm_local_surface *s, const tm_capsule *capsule, const double axis[3], double length_m,
                          double reach_m, double sunk_m) {
     tm_near *n = &s->near;
@@ -115,7 +117,7 @@ void tm_capsule_station(const tm_capsule *capsule, int32_t station, double point
 
 static const double MIN_WIDTH_M = 1e-9; /* of a transition */
 
-/* One search: the capsule with what it is looked at against. */
+/* One search: capsule, surface and limits. */
 typedef struct search {
     tm_local_surface *s;
     const tm_capsule *capsule;
@@ -124,16 +126,17 @@ typedef struct search {
     double axis[3];
     int32_t stations;
     double reach_m;
-    double sunk_m; /* how far behind a face a station may be */
+    double sunk_m; /* maximum depth of a station behind a face */
     tm_hits *hits;
 } search;
 
-/* As tm_capsule_station, along the axis found once. */
+/* Computes a station as tm_capsule_station, with the axis already known. */
 static void station_at(const search *q, int32_t station, double point_m[3]) {
     vmadd(q->capsule->tip_m, station * q->capsule->radius_m, q->axis, point_m);
 }
 
-/* Stations whose spheres, widened to reach, can touch a ball; false if none. Most balls are beyond at once. */
+/* Computes the range of stations whose spheres, widened to the reach, can touch a bounding sphere. Returns false if
+ * there is none. Most spheres are rejected at once. */
 static inline bool station_range(const search *q, const double center[3], double radius, int32_t *first,
                                  int32_t *last) {
     double to[3], across[3];
@@ -144,14 +147,14 @@ static inline bool station_range(const search *q, const double center[3], double
     if (!(chord2 >= 0)) return false;
     double half = sqrt(chord2), step = q->capsule->radius_m;
     if (!(along + half >= 0 && along - half <= step * (q->stations - 1)))
-        return false; /* and the casts below are in range, wherever the surface was thrown */
+        return false; /* also keeps the casts below in range for any position */
     *first = (int32_t)ceil(law_max((along - half) / step, 0));
     *last = (int32_t)floor(law_min((along + half) / step, q->stations - 1));
     return *first <= *last;
 }
 
-/* Is the ball over an edge, of which the half length is sqrt(half2), surely beyond reach of the whole line? Roots cost
- * more than all the rest, and few edges need them: (half + reach)^2 < across^2, squared once more. */
+/* Returns whether an edge with half length sqrt(half2) is certainly beyond reach of the line. Square roots would cost
+ * more than the rest, and few edges need them: (half + reach)^2 < across^2, squared once more. */
 static inline bool is_beyond(const search *q, const double middle[3], double half2) {
     static const double SURELY = 1 - 1e-6;
     double to[3], across[3];
@@ -169,8 +172,8 @@ static void add_hit(search *q, int32_t station, int32_t kind, int32_t index, dou
     q->hits->hit[q->hits->count++] = (tm_hit){station, kind, index, raw, distance};
 }
 
-/* In-plane unit vector of face f, across its edge j, into the face; the vertex opposite is `altitude` away. Several
- * features ask for it: found once a look. */
+/* Returns the in-plane unit vector of face f, across its edge j into the face, with the distance `altitude` of the
+ * opposite vertex. Computed once a search, as several features use it. */
 static const tm_inward *inward(const search *q, int32_t f, int j) {
     tm_local_surface *s = q->s;
     tm_inward *in = &s->inward[f][j];
@@ -186,7 +189,7 @@ static const tm_inward *inward(const search *q, int32_t f, int j) {
     return in;
 }
 
-/* Half width of the transition across an edge: the same seen from both faces, so that their weights add up to one. */
+/* Returns the half width of the transition across an edge: equal from both faces, so that their weights sum to one. */
 static double edge_blend(const search *q, int32_t edge) {
     double width = LAW_BLEND * q->capsule->radius_m;
     for (int k = 0; k < 2; k++) {
@@ -209,8 +212,8 @@ static bool known(const search *q, int32_t station, int32_t f) {
     return false;
 }
 
-/* Of a station at `p` over or behind the face: how far it is inside its three edges; false if so far outside one that
- * nothing is left of the face's weight, whatever the width of the transition there. */
+/* Computes how far a station at `p`, over or behind the face, is inside its three edges. Returns false if it is so far
+ * outside one that the face's weight is zero for any transition width. */
 static bool is_over(const search *q, int32_t f, const double p[3], double x[3]) {
     const double widest = law_max(LAW_BLEND * q->capsule->radius_m, MIN_WIDTH_M);
     for (int j = 0; j < 3; j++) {
@@ -222,7 +225,7 @@ static bool is_over(const search *q, int32_t f, const double p[3], double x[3]) 
     return true;
 }
 
-/* What takes roots is found when a station is near enough to want it, and then once. */
+/* Finds the hits of a face. Values with square roots are computed once, only if a station is near. */
 static void face_hits(search *q, int32_t f) {
     const tm_local_surface *s = q->s;
     double width[3], x[3], radius = q->capsule->radius_m;
@@ -250,7 +253,7 @@ static void face_hits(search *q, int32_t f) {
     }
 }
 
-/* 0 flat or hollow, 1 a fold that sticks out by LAW_SHARP or more. */
+/* Returns the sharpness of an edge: 0 flat or concave, 1 a convex fold of LAW_SHARP or more. */
 static double edge_sharpness(const search *q, int32_t e) {
     const tm_local_surface *s = q->s;
     int32_t a = s->edge_face[e][0], b = s->edge_face[e][1];
@@ -260,7 +263,8 @@ static double edge_sharpness(const search *q, int32_t e) {
     return law_sharpness(sine);
 }
 
-/* Of a station `across` from the edge: its weight towards the faces on both sides, and whether it is outside them. */
+/* Returns the weight of an edge towards the faces on both sides, for a station `across` from it, and whether the
+ * station is outside them. */
 static double side_weight(const search *q, int32_t e, const double across[3], double width, double raw, double *out) {
     const tm_local_surface *s = q->s;
     *out = 0;
@@ -294,7 +298,7 @@ static void edge_hits(search *q, int32_t e) {
         if (distance > q->reach_m) continue;
         const double along = law_ramp(y / along_width) * law_ramp((length - y) / along_width);
         if (!(along > 0)) continue;
-        if (sharp < 0) { /* wanted now, and once */
+        if (sharp < 0) { /* computed on first use */
             sharp = edge_sharpness(q, e);
             if (!(sharp > 0)) return;
             width = edge_blend(q, e);
@@ -304,7 +308,7 @@ static void edge_hits(search *q, int32_t e) {
     }
 }
 
-/* Mean of the normals around a vertex, and how far it sticks out of its fan. */
+/* Computes the mean normal around a vertex, and how far the vertex stands out of its fan. */
 static double vertex_sharpness(const tm_local_surface *s, int32_t v, double up[3]) {
     const int32_t begin = s->vertex_edge_begin[v], end = s->vertex_edge_begin[v + 1];
     double sharp = 1, spoke[3];
@@ -348,7 +352,7 @@ static void vertex_hits(search *q, int32_t v) {
     }
 }
 
-/* Hits by station, in the order they were found within one. */
+/* Sorts the hits by station, stably. */
 static void sort_hits(tm_hits *hits, int32_t stations) {
     memset(hits->begin, 0, sizeof(int32_t) * (size_t)(stations + 1));
     for (int32_t i = 0; i < hits->count; i++) hits->begin[hits->hit[i].station + 1]++;

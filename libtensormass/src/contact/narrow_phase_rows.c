@@ -1,12 +1,12 @@
-/* Narrow phase, second half: rows from what the stations of the tool's axis are near (narrow_phase_features.c). */
+/* Narrow phase, second part: rows from the features near the stations (narrow_phase_features.c). */
 #include <string.h>
 
 #include "base/vec.h"
 #include "contact/contact_internal.h"
 #include "contact_law/feature.h"
 
-/* Normal at a corner of face f: of the faces around the vertex, by area, as far as they belong to the same smooth
- * surface. */
+/* Computes the normal at a corner of face f: area-weighted over the faces around the vertex that belong to the same
+ * smooth surface. */
 static void corner_normal(const tm_local_surface *s, int32_t f, int32_t v, double out[3]) {
     double sum[3] = {0, 0, 0};
     for (int32_t i = s->vertex_edge_begin[v]; i < s->vertex_edge_begin[v + 1]; i++)
@@ -24,7 +24,7 @@ static void blended_normal(const tm_local_surface *s, int32_t f, const double we
         corner_normal(s, f, s->face_vertex[f][j], corner);
         vmadd(sum, weight[j], corner, sum);
     }
-    /* a surface folded over itself: stay on the face's own side */
+    /* surface folded over itself: use the face's own normal */
     const double length = vunit(sum, out);
     if (!law_normal_stands(length, vdot(out, s->normal[f]))) vset(s->normal[f], out);
 }
@@ -37,7 +37,7 @@ static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm
     vsub(x[2], x[0], b);
     vcross(a, b, total);
     double area2 = vdot(total, total);
-    for (int j = 0; j < 3; j++) { /* sub-triangle areas, not below zero: a row never pulls on a vertex */
+    for (int j = 0; j < 3; j++) { /* sub-triangle areas, clamped at zero: a row never pulls on a vertex */
         vsub(x[(j + 2) % 3], x[(j + 1) % 3], a);
         vsub(p, x[(j + 1) % 3], d);
         vcross(a, d, part);
@@ -102,7 +102,7 @@ static void make_row(const tm_local_surface *s, const tm_capsule *capsule, const
     row->lambda_N = 0;
 }
 
-/* Keeps the rows in order but, when there are too many, drops the shallowest. */
+/* Inserts a row in order; beyond the capacity the shallowest is dropped. */
 static int32_t push_row(tm_contact_row *row, int32_t count, int32_t max_rows, const tm_contact_row *new_row,
                         bool *overflowed) {
     if (count < max_rows) {
@@ -144,7 +144,7 @@ static int32_t station_rows(const tm_local_surface *s, const tm_capsule *capsule
         make_row(s, capsule, hits->hit + hits->order[i], share, &new_row);
         if (new_row.gap_m <= margin_m) count = push_row(row, count, max_rows, &new_row, overflowed);
     }
-    for (int32_t i = first + 1; i < count; i++) { /* a handful: insertion sort */
+    for (int32_t i = first + 1; i < count; i++) { /* few elements: insertion sort */
         tm_contact_row moving = row[i];
         int32_t j = i;
         for (; j > first && row[j - 1].station == moving.station && row_before(&moving, row + j - 1); j--)
