@@ -1,14 +1,11 @@
-/* Limits the energy that contact generates, in every substep.
- *
- * Contact can give the tissue energy that no hand supplied. Rows come and go while tissue moves, start from depths of
- * other rows, and push out tissue that is too deep. Above all, their normals are blended over facets, which is the
- * gradient of no potential.
- *
- * So each tool has an energy account (passivity observer and controller, Hannaford and Ryu 2002), exact in the
- * integrator's terms: the energy that its rows give the tissue and store in their compliance, minus tool work and
- * concurrent damping. In any window up to WINDOW_S it may not exceed WINDOW_SHARE of the stored energy. In total it may
- * not exceed what contact took before, plus a credit. If it would, the forces of all rows of the tool are reduced. In
- * equilibrium no energy is given and no force changes. */
+/* Limits the energy that contact generates, in every substep. Contact can give the tissue energy that no hand supplied.
+ * Rows come and go while tissue moves, start from depths of other rows, and push out tissue that is too deep. Above
+ * all, their normals are blended over facets, which is the gradient of no potential. So each tool has an energy account
+ * (passivity observer and controller, Hannaford and Ryu 2002), exact in the integrator's terms: the energy that its
+ * rows give the tissue and store in their compliance, minus tool work and concurrent damping. In any window up to
+ * WINDOW_S it may not exceed WINDOW_SHARE of the stored energy. In total it may not exceed what contact took before,
+ * plus a credit. If it would, the forces of all rows of the tool are reduced. In equilibrium no energy is given and no
+ * force changes. */
 #include <string.h>
 
 #include "base/vec.h"
@@ -368,8 +365,7 @@ static void add_generated(tm_tool *tool, double generated_J) {
     tool->generated_J += generated_J;
 }
 
-/* Pays for recently generated energy with damping. It does not go to the reserve: contact that shakes tissue must
- * end. */
+/* Pays for recently generated energy with damping, not into the reserve: contact that shakes tissue must end. */
 static void pay(tm_tool *tool, double paid_J) { tool->generated_J -= law_min(paid_J, recent_generated_J(tool)); }
 
 void tm_contact_observe(tm_contact *contact) {

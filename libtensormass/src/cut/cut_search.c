@@ -1,16 +1,16 @@
-/* Search for detached fragments: a flood from what is held, over faces, a little each substep. Cuts during the flood do
- * no harm: what it has not reached at the end was not reachable all along. */
+/* Search for detached fragments: a flood over faces from constrained tetrahedra, a little each substep. Cuts during the
+ * flood are harmless: what it has not reached at the end was never reachable. */
 #include "cut/cut_internal.h"
 
 #include <string.h>
 
 enum {
-    REACH_PER_STEP = 256,  /* tetrahedra that the flood goes on from in a substep */
-    SEEDS_PER_STEP = 2048, /* seeds it looks at for that, most of them dead */
-    AHEAD = 8              /* whose neighbours it fetches: the force's tensors have swept the caches */
+    REACH_PER_STEP = 256,  /* tetrahedra from which the flood continues in a substep */
+    SEEDS_PER_STEP = 2048, /* seeds visited for that, most of them removed */
+    AHEAD = 8              /* prefetch distance for neighbours: the force pass has displaced them from the caches */
 };
 
-/* Puts a living tetrahedron that nobody has reached at the end of the queue. Seeds come by themselves. */
+/* Appends an active tetrahedron that is not reached yet to the queue. Seeds are handled separately. */
 static void reach(tm_cut_stage *stage, const tm_tissue *tissue, int32_t tet) {
     stage->visits++;
     if (tet < 0 || stage->reached[tet] || stage->is_seed[tet] || !tissue->alive[tet]) return;
@@ -18,8 +18,8 @@ static void reach(tm_cut_stage *stage, const tm_tissue *tissue, int32_t tet) {
     stage->queue[stage->queue_end++] = tet;
 }
 
-/* Lists the tetrahedra that supports hold, dead ones too: once, and again when other supports were set. What hangs on a
- * vertex from outside (a hybrid's condensed part) holds it as a support does. */
+/* Lists the tetrahedra held by supports, removed ones too: once, and again when supports change. A vertex attached to
+ * tissue outside (a hybrid's condensed part) counts as supported. */
 static void list_seeds(tm_cut_stage *stage, tm_world *world) {
     const tm_mesh *mesh = world->tissue->mesh;
     stage->supports_set = world->supports_set;
@@ -44,13 +44,13 @@ void tm_cut_update_seeds(tm_cut_stage *stage, tm_world *world) {
     if (stage->supports_set != world->supports_set) list_seeds(stage, world);
 }
 
-/* `reached` is all zero: the sweep of the search before has left it so. */
+/* Begins a search. `reached` is all zero: the previous search cleared it. */
 void tm_cut_begin_search(tm_cut_stage *stage, tm_world *world) {
     const tm_mesh *mesh = world->tissue->mesh;
     stage->revision = world->tissue->surface.revision;
     stage->queue_begin = stage->queue_end = stage->sweep_at = stage->seed_at = 0;
     stage->falling = false;
-    stage->state = stage->any_support ? SEARCH_REACH : SEARCH_IDLE; /* held by nothing, nothing is loose */
+    stage->state = stage->any_support ? SEARCH_REACH : SEARCH_IDLE; /* without constraints nothing counts as detached */
     if (!stage->any_support) return;
     for (int32_t t = 0; t < stage->contact->tool_count; t++) {
         const int32_t *vertex;
@@ -63,7 +63,8 @@ void tm_cut_begin_search(tm_cut_stage *stage, tm_world *world) {
     }
 }
 
-/* The next to go on from: first the seeds that live, then what was reached; -1: none, or enough dead seeds for now. */
+/* Returns the next tetrahedron to continue from: active seeds first, then the queue; -1: none, or enough removed seeds
+ * for now. */
 static int32_t next_reached(tm_cut_stage *stage, const tm_tissue *tissue, int32_t *looks) {
     while (stage->seed_at < stage->seed_count && (*looks)-- > 0) {
         const int32_t tet = stage->seed[stage->seed_at++];

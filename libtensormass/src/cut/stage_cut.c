@@ -1,5 +1,5 @@
-/* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a
- * little each step and removed, at once or when they have fallen out of sight. */
+/* Stage "cut": active cauteries remove tetrahedra on contact, at a limited rate. Detached fragments are searched for a
+ * little each step. They are removed at once, or when they have fallen out of sight. */
 #include "cut/cut_internal.h"
 #include "tensormass/cut.h"
 
@@ -9,11 +9,12 @@
 enum { TM_COOKIE_CUT = 0x63757421 };
 
 enum {
-    SWEEP_PER_STEP = 2048, /* tetrahedra that the search for detached fragments looks at once it has flooded */
-    LOOSE_PER_STEP = 32,   /* loose ones removed in a step */
-    FALLING_PAUSE = 256    /* steps between two searches while pieces fall */
+    SWEEP_PER_STEP = 2048, /* tetrahedra checked per step for fragments after the flood */
+    LOOSE_PER_STEP = 32,   /* fragment tetrahedra removed in a step */
+    FALLING_PAUSE = 256    /* steps between two searches while fragments fall */
 };
-static const double OUTSIDE_REMOVAL_DISTANCE = 3; /* diagonals of the mesh that a falling piece may travel */
+static const double OUTSIDE_REMOVAL_DISTANCE =
+    3; /* fall distance of a fragment before removal, in diagonals of the mesh */
 
 tm_cut_def tm_cut_def_default(void) {
     return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
@@ -34,7 +35,7 @@ static void remove_tet(tm_cut_stage *stage, tm_world *world, const int32_t *tet,
 
 /* --- cautery --- */
 
-/* The living tetrahedron behind the deepest row in touch, lowest face first among equals; -1 if it touches nothing. */
+/* Returns the active tetrahedron behind the deepest loaded row, lowest face first among equals; -1 without contact. */
 static int32_t deepest(const tm_cut_stage *stage, const tm_world *world, int32_t instrument) {
     const tm_contact_row *row, *best = NULL;
     const int32_t rows = tm_contact_rows(stage->contact, &row);
@@ -61,7 +62,7 @@ static void cauterise(tm_cut_stage *stage, tm_world *world) {
     }
 }
 
-/* --- detached fragments (cut_search.c), removed --- */
+/* --- removal of detached fragments (cut_search.c) --- */
 
 static bool is_beyond_removal_distance(const tm_cut_stage *stage, const tm_world *world, int32_t tet) {
     const double *u = world->state.u_m + 3 * (int64_t)world->tissue->mesh->tet[4 * (int64_t)tet];
@@ -76,7 +77,7 @@ static void sweep(tm_cut_stage *stage, tm_world *world) {
         const int32_t tet = stage->sweep_at++;
         const bool reached = stage->reached[tet];
         stage->visits++;
-        stage->reached[tet] = 0; /* as the next search wants it */
+        stage->reached[tet] = 0; /* as the next search requires */
         if (!tissue->alive[tet] || reached) continue;
         if (stage->loose == TM_LOOSE_REMOVE || is_beyond_removal_distance(stage, world, tet))
             loose[count++] = tet;
@@ -89,9 +90,10 @@ static void sweep(tm_cut_stage *stage, tm_world *world) {
     stage->pause = FALLING_PAUSE;
 }
 
-/* --- stage "cut search": what of the search removes nothing --- */
+/* --- stage "cut search": the part of the search that removes nothing --- */
 
-/* It knows of no cut of this substep less than "cut" did, and of no jaw more: it runs before those close. */
+/* Continues the search. It sees the same cuts of this substep and the same jaws as the stage "cut": it runs before jaws
+ * close. */
 static void search_on(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
     if (stage->waits && stage->state == SEARCH_IDLE)
@@ -101,13 +103,13 @@ static void search_on(void *self, tm_world *world) {
     stage->waits = false;
 }
 
-/* Only where no stage comes between the new displacements and it, which might cut, too. */
+/* Overlaps only if no stage between the new displacements and this one might cut. */
 static bool begin_overlap(void *self, tm_world *world) {
     const tm_cut_stage *stage = self;
     return stage->waits && world->group_end < world->step_count && world->entry[world->group_end].stage.self == stage;
 }
 
-/* The last thread looks at fewest tools. */
+/* Runs on the last thread, which has the fewest tools. */
 static void work_overlap(void *self, tm_world *world, int32_t part) {
     if (part == world->partition_count - 1) search_on(self, world);
 }
@@ -132,7 +134,7 @@ static void run(void *self, tm_world *world) {
     }
 }
 
-/* --- creation and the rest --- */
+/* --- creation, destruction, snapshots --- */
 
 static void destroy(void *self) {
     tm_cut_stage *stage = self;
@@ -151,7 +153,7 @@ static double diagonal(const tm_mesh *mesh) {
     return sqrt(vdot(d, d));
 }
 
-/* What goes on between steps. The search starts over: it changes nothing but when a detached fragment is noticed. */
+/* Snapshot. The search restarts: only the time at which a detached fragment is found changes. */
 typedef struct saved {
     double credit[TM_MAX_INSTRUMENTS];
     int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, seed_at, fading, unused;
@@ -167,7 +169,7 @@ static int64_t snapshot(void *self, void *buffer) {
     const int64_t fading = (int64_t)sizeof(tm_fading_row) * stage->fading.count,
                   bytes = (int64_t)sizeof(saved) + fading + search_bytes(stage, tissue);
     if (!buffer) return bytes;
-    /* Only the difference to the surface's revision means anything elsewhere. */
+    /* Only the difference to the surface's revision is meaningful in another world. */
     const saved k = {.state = stage->state,
                      .revision = tissue->surface.revision - stage->revision,
                      .pause = stage->pause,
@@ -254,7 +256,7 @@ static void checkpoint(void *self) {
 static void rollback(void *self, tm_world *world) {
     tm_cut_stage *stage = self;
     restore(stage, world, stage->saved, stage->saved_bytes, true);
-    stage->log_begin = stage->saved_log_begin; /* what the failed step wrote lies behind the end */
+    stage->log_begin = stage->saved_log_begin; /* the entries of the failed step are beyond the end */
     stage->log_count = stage->saved_log_count;
 }
 

@@ -1,7 +1,7 @@
-/* Stage "energy": the account of tensormass/energy.h. Central differences have an identity of their own: the force at
+/* Stage "energy": the energy account of tensormass/energy.h. Central differences have an energy identity: the force at
  * step n does its work over (u+ - u-)/2, and
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
- * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
+ * for any forces f besides the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
@@ -11,22 +11,22 @@
 
 #include "base/vec.h"
 
-/* Where an instrument was, to know how far its points went over two steps. */
+/* Previous positions of an instrument, for the motion of its points over two steps. */
 typedef struct past {
     int32_t placings;
-    tm_capsule capsule;   /* at the start of the step before this one */
+    tm_capsule capsule;   /* at the start of the previous step */
     tm_tool_pose pose[2]; /* at the end of the last step, and of the one before */
     tm_jaw jaw[2];
 } past;
 
-/* What is put aside when a step begins. */
+/* State that is saved at the start of a step. */
 typedef struct account {
     tm_energy sum;
-    double stored_J; /* kinetic and elastic after the last step */
-    double contact_stored_J[2],
-        sprung_at_J;   /* in skins and jaws at the ends of the last two steps; when the account began */
-    int64_t next_step; /* that is to come; negative: none yet */
-    int32_t revision;  /* of the surface then */
+    double stored_J;                         /* kinetic and elastic after the last step */
+    double contact_stored_J[2], sprung_at_J; /* in contact compliance and grasp springs at the ends of the last two
+                                                steps; when the account began */
+    int64_t next_step;                       /* number of the next step; negative: none yet */
+    int32_t revision;                        /* revision of the surface then */
     past past[TM_MAX_INSTRUMENTS];
 } account;
 
@@ -34,7 +34,7 @@ typedef struct energy {
     tm_pool pool;
     tm_world *world;
     account now, saved;
-    double *internal_N; /* [3*vertex_count] the tissue's own force, left by the stage "force" */
+    double *internal_N; /* [3*vertex_count] the tissue's own force, from the stage "force" */
     double *reaction_N; /* [3*vertex_count] of the supports */
     uint8_t *fixed;     /* [3*vertex_count] */
     const void *fixed_by;
@@ -74,9 +74,9 @@ static pass over_tissue(const energy *e, const tm_world *world) {
     return p;
 }
 
-/* A nonlinear law stores its own, a function of the state: half of it at each end of a step, and (f' - f).(u' - u)/4 of
- * its force, which makes of both what the scheme conserves of small motions. The work of its force, which over_tissue
- * took for another load's, is not one, and of what takes back what the step made neither. */
+/* Adds the energy of a nonlinear law, a function of the state: half of it at each end of a step, and (f' - f).(u' -
+ * u)/4 of its force. Together they are what the scheme conserves for small motions. over_tissue counted the work of its
+ * force as that of a load: it is removed here, as is the work of the force that corrects the energy of the step. */
 static void over_law(const tm_world *world, const tm_nonlinear *law, pass *p) {
     const tm_state *s = &world->state;
     const double *added = law->added_N ? law->added_N(law->self) : NULL;
@@ -112,12 +112,12 @@ static void over_part(energy *e, tm_world *world, pass *p) {
 
 /* --- the tools --- */
 
-/* Of another part than the world's own tissue, which knows how far it went. */
+/* Returns whether a vertex belongs to another part than the world's tissue; that part knows its motion. */
 static bool is_elsewhere(const tm_world *world, int32_t vertex) {
     return world->energy_part && world->mobility_s2_kg[vertex] <= 0;
 }
 
-/* Work of a force on a vertex. What acts on a component that a support prescribes, the support takes. */
+/* Computes the work of a force on a vertex. Work on a prescribed component goes to the support. */
 static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const double force_N[3]) {
     double work = 0;
     for (int32_t i = 3 * vertex, c = 0; c < 3; i++, c++) {
@@ -128,13 +128,13 @@ static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const doub
     return work;
 }
 
-/* Returns what the row's skin holds. */
+/* Returns the energy in the row's contact compliance. */
 static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     const tm_contact_row *row = contact->row + i;
     const tm_state *s = &contact->world->state;
     const tm_row_energy w = tm_contact_row_energy(contact, i, &e->now.past[row->instrument].capsule);
     static const double none[3] = {0, 0, 0};
-    const double *rubs = contact->friction ? contact->friction->applied_N[i] : none; /* of the drag: friction's */
+    const double *rubs = contact->friction ? contact->friction->applied_N[i] : none; /* share of friction in the drag */
     double film[3], work = 0, slip;
     vsub(contact->solver[i].drag_N, rubs, film);
     slip = -vdot(film, w.travel_m);
@@ -154,7 +154,7 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     return w.compliance_J;
 }
 
-/* Returns what the skins of rows hold that fade. */
+/* Returns the energy in the compliance of fading rows. */
 static double fading_work(energy *e, const tm_contact *contact) {
     double sprung = 0;
     for (int32_t i = 0; contact->fading && i < contact->fading->count; i++) {
@@ -174,7 +174,7 @@ static double fading_work(energy *e, const tm_contact *contact) {
     return sprung;
 }
 
-/* Returns what the springs of the jaw hold. */
+/* Returns the energy in the jaw's springs. */
 static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
     const tm_jaw_load load = tm_contact_load(contact, t);
     double sprung = 0;
@@ -225,7 +225,7 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
     a->contact_stored_J[1] = sprung;
 }
 
-/* --- stage --- */
+/* --- the stage --- */
 
 static void run(void *self, tm_world *world) {
     energy *e = self;

@@ -1,4 +1,4 @@
-/* The dynamic model: a tissue, a world that steps it, and the stages that its definition asks for. */
+/* Dynamic model: a tissue, a world that steps it, and the stages that the definition requests. */
 #include <math.h>
 #include <string.h>
 
@@ -9,16 +9,16 @@ typedef struct dynamic {
     tm_patch_builder *builder; /* null: no patches */
 } dynamic;
 
-enum { MAX_SUBSTEPS = 10000000 }; /* of a frame */
+enum { MAX_SUBSTEPS = 10000000 }; /* per frame */
 
-/* --- how it is made --- */
+/* --- creation --- */
 
 static tm_status set_invalid_member(const tm_model_def *def, const char *member, tm_status status) {
     if (status != TM_OK && def->invalid_member) *def->invalid_member = member;
     return status;
 }
 
-/* A whole number of equal substeps a frame, none above what is asked for or guaranteed. */
+/* Chooses an integer number of equal substeps per frame, none above the requested or guaranteed step. */
 static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *error) {
     tm_timing *p = &m->timing;
     if (def->step_limit_s > 0) {
@@ -68,7 +68,7 @@ static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *erro
     }
     if (status == TM_OK && def->load_N)
         status = set_invalid_member(def, "load", tm_stage_load(m->world, def->load_N, error));
-    /* What hangs on something beside it is held by that. */
+    /* Tissue attached to a condensed part is held by it. */
     if (status == TM_OK && def->tissue.precision == TM_SINGLE && !def->tissue.condensed)
         status = set_invalid_member(def, "precision", tm_world_check_constrained(m->world, error));
     if (status == TM_OK && def->gravity_m_s2)
@@ -129,7 +129,7 @@ static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *e
     return tm_stage_patch(m->world, m->contact, def, &((dynamic *)m)->builder, error);
 }
 
-/* The maker goes on computing while nothing is near; what it lacks comes a frame later. */
+/* Computes a patch. The builder continues while nothing is near; missing columns come a frame later. */
 static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
     tm_patch_builder *builder = ((dynamic *)m)->builder;
     tm_patch unused;
@@ -141,12 +141,13 @@ static tm_status start(tm_model *m, tm_error *error) {
     return builder ? tm_patch_start(builder, error) : TM_OK;
 }
 
-/* --- rest, snapshots, accounts --- */
+/* --- equilibrium, snapshots, stages --- */
 
 static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
                         tm_settle_result *result, tm_error *error) {
     const tm_status status = tm_world_settle(m->world, def, result, error);
-    if (m->contact) tm_contact_begin_frame(m->contact, 1, 1); /* reactions are of the rest, not of the way to it */
+    if (m->contact)
+        tm_contact_begin_frame(m->contact, 1, 1); /* reactions are those of the equilibrium, not of the path to it */
     const size_t bytes = sizeof(double) * 3 * (size_t)tm_tissue_mesh(m->tissue)->vertex_count;
     memcpy(u_m, displacement(m), bytes);
     memset(reaction_N, 0, bytes);

@@ -1,4 +1,4 @@
-/* What programs call: contracts, and what is the same for every model. */
+/* Functions that programs call: contract checks, and code common to all models. */
 #include "tensormass/model.h"
 
 #include <string.h>
@@ -78,7 +78,7 @@ void tm_model_set_pose(tm_model *model, int32_t instrument, const tm_tool_pose *
     model->pose[instrument] = *at;
 }
 
-/* --- what it shows --- */
+/* --- results --- */
 
 tm_tool_reaction tm_model_reaction(const tm_model *model, int32_t instrument) {
     INSTRUMENT_IS_THERE((tm_tool_reaction){0});
@@ -129,7 +129,7 @@ bool tm_model_patch(tm_model *model, int32_t instrument, tm_patch *patch) {
     return !model->failed && model->kind->patch(model, instrument, patch);
 }
 
-/* --- rest, snapshots --- */
+/* --- equilibrium, snapshots --- */
 
 tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, double *u_m, double *reaction_N,
                           tm_settle_result *result, tm_error *error) {
@@ -162,7 +162,7 @@ tm_status tm_model_restore(tm_model *model, const void *buffer, int64_t bytes, t
     return status;
 }
 
-/* --- beside the frames --- */
+/* --- work that overlaps the frames --- */
 
 tm_status tm_model_start(tm_model *model, tm_error *error) {
     TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);

@@ -1,13 +1,13 @@
-/* Columns of the quasi-static compliance K^-1 of single vertices: conjugate gradients, a few iterations at a time,
+/* Columns of the quasi-static compliance K^-1 for single vertices, by conjugate gradients, a few iterations at a time
  * between frames.
  *
- * The stiffness is constant until somebody cuts, so a column once computed stays. A new vertex starts from its nearest
- * neighbour's column: far away both are the same, and what is left is a matter of the neighbourhood. After a cut the
- * old column is the start.
+ * The stiffness changes only with a cut, so a computed column stays valid. A new vertex starts from the column of its
+ * nearest neighbour: far away both are equal, and the difference is local. After a cut the old column is the first
+ * guess.
  *
- * Under a nonlinear law the stiffness is the tangent at some state. When all that is wanted is there and the tissue
- * has moved on, the tangent is taken anew, a slice of tetrahedra a call, and columns follow one by one; until its turn
- * comes a column is that of the tangent before. */
+ * Under a nonlinear law the stiffness is the tangent at a state. Once all requested columns are there and the tissue
+ * has moved on, the tangent is recomputed, a slice of tetrahedra per call. Columns follow one by one; until then each
+ * belongs to the previous tangent. */
 #include "patch/patch_internal.h"
 #include "tissue/tangent.h"
 
@@ -16,17 +16,17 @@
 
 #include "base/vec.h"
 
-#define MAX_ITERATIONS 400 /* a column that needs more belongs to a piece that nothing holds */
+#define MAX_ITERATIONS 400 /* a column that needs more belongs to an unconstrained component */
 
-enum { TETS_PER_ITERATION = 40 };    /* tangents for the time of one iteration */
-static const double MOVED_ON = 0.02; /* of an edge, about */
+enum { TETS_PER_ITERATION = 40 };    /* tangents that cost as much as one iteration */
+static const double MOVED_ON = 0.02; /* relative to an edge, approximately */
 
 typedef struct column {
     int32_t vertex; /* -1: free */
-    int32_t good;   /* axes that are finished: 0, 1, 2 or 3 */
-    int32_t newest; /* of these, with the stiffness as it is now */
+    int32_t good;   /* axes that have converged: 0, 1, 2 or 3 */
+    int32_t newest; /* of these, those with the present stiffness */
     bool hopeless;
-    int64_t wanted_at; /* when somebody wanted it last */
+    int64_t wanted_at; /* time of the last request */
     float *u_m;        /* [3][3*vertex_count] m/N */
 } column;
 
@@ -37,17 +37,17 @@ struct tm_columns {
     column *column;
     uint8_t *fixed;            /* [3*vertex_count] */
     double *inverse;           /* [9*vertex_count] inverse vertex tensors of the free components */
-    bool stale;                /* held and inverse */
-    double *x, *r, *z, *p, *q; /* [3*vertex_count] of the column under way */
-    int32_t job;               /* column under way, -1 */
+    bool stale;                /* fixed and inverse are out of date */
+    double *x, *r, *z, *p, *q; /* [3*vertex_count] of the column in progress */
+    int32_t job;               /* column in progress, -1 */
     int32_t iterations;
     double rz, scale;
     int64_t now;
     const tm_nonlinear *law; /* or null */
     tm_tangent tangent;
     double *at_m;      /* [3*vertex_count] u of the tangent */
-    double moved_on_m; /* a tangent farther away than this is an old one */
-    int32_t rotated;   /* tetrahedra whose tangents are in it */
+    double moved_on_m; /* motion beyond which a tangent is out of date */
+    int32_t rotated;   /* tetrahedra whose tangents it contains */
     int32_t want[TM_MAX_INSTRUMENTS][TM_PATCH_VERTICES], want_count[TM_MAX_INSTRUMENTS];
 };
 
@@ -109,9 +109,9 @@ void tm_columns_cut(tm_columns *c) {
     }
 }
 
-/* --- what is wanted --- */
+/* --- requests --- */
 
-/* The column that nobody has wanted for the longest. */
+/* Returns the column whose last request is the oldest. */
 static int32_t oldest(const tm_columns *c) {
     int32_t best = 0;
     for (int32_t i = 1; i < c->capacity; i++) {
@@ -122,7 +122,7 @@ static int32_t oldest(const tm_columns *c) {
     return best;
 }
 
-/* A finished neighbour's column as the first guess, by distance at rest; zeros without one. */
+/* Sets the first guess from a converged neighbour's column, by distance at rest; zeros without one. */
 static void guess(tm_columns *c, column *fresh) {
     const double *rest = c->world->tissue->mesh->rest_m;
     const column *best = NULL;
@@ -154,13 +154,13 @@ void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_
         if (find(c, vertex[k]) >= 0) continue;
         int32_t i = oldest(c);
         column *fresh = c->column + i;
-        if (fresh->vertex >= 0 && fresh->wanted_at == c->now) break; /* all are needed: more than there is room for */
+        if (fresh->vertex >= 0 && fresh->wanted_at == c->now) break; /* all are requested: more than the capacity */
         if (c->job == i) c->job = -1;
         fresh->vertex = vertex[k];
         fresh->good = fresh->newest = 0;
         fresh->hopeless = false;
         fresh->wanted_at = c->now;
-        fresh->u_m[0] = NAN; /* guessed when its turn comes: by then there may be a nearer neighbour */
+        fresh->u_m[0] = NAN; /* the guess is made when its turn comes: by then a nearer neighbour may be there */
     }
 }
 
@@ -228,7 +228,7 @@ static void multiply(void *context, int32_t part) {
     for (int32_t i = 3 * own->begin; i < 3 * own->end; i++) c->q[i] = c->fixed[i] ? 0 : -c->q[i];
 }
 
-/* q := K p on the free components, by the step's threads, which have the bits of one. */
+/* Computes q := K p on the free components, by the threads of the step; bit-identical to one thread. */
 static void apply(const tm_columns *c, const double *p) { tm_partitions_run(c->world, multiply, &(product){c, p}); }
 
 static void begin(tm_columns *c, int32_t i) {
@@ -269,8 +269,8 @@ static void finish(tm_columns *c) {
     c->job = -1;
 }
 
-/* The first wanted column that is not finished, most urgent of each owner in turn; then one that is of an old tangent;
- * -1: none. */
+/* Returns the first requested column that has not converged, most urgent of each owner in turn; else one of an old
+ * tangent; -1: none. */
 static int32_t next_job(const tm_columns *c) {
     for (int32_t k = 0; k < TM_PATCH_VERTICES; k++)
         for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {
@@ -284,7 +284,7 @@ static int32_t next_job(const tm_columns *c) {
     return -1;
 }
 
-/* Begins a new tangent if this one is of a state that the tissue has left. */
+/* Begins a new tangent if the tissue has moved away from the state of this one. */
 static bool moves_on(tm_columns *c) {
     double moved = 0;
     const double *u = c->world->state.u_m;
@@ -294,7 +294,7 @@ static bool moves_on(tm_columns *c) {
     return true;
 }
 
-/* Brings the tangent on by a slice; true: it is there. */
+/* Continues the tangent by a slice; returns true when it is complete. */
 static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     const int32_t tets = c->world->tissue->mesh->tet_count;
     if (c->stale) {
@@ -335,7 +335,7 @@ static void work(tm_columns *c, int32_t iterations) {
 void tm_columns_work(tm_columns *c, int32_t iterations) {
     if (c->law && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
     if (c->law && !tangent_is_there(c, iterations)) return;
-    c->world->evaluating = true; /* outside a step: by the world's own threads alone */
+    c->world->evaluating = true; /* outside a step: by the world's own threads only */
     tm_partitions_begin(c->world, iterations);
     work(c, iterations);
     tm_partitions_end(c->world);

@@ -1,5 +1,5 @@
-/* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic
- * model. */
+/* Stage "patch": computes for each instrument the surface near it, its compliance and the contact stiffness, from the
+ * dynamic model. */
 #include "material/material_internal.h"
 #include "patch/patch_internal.h"
 
@@ -30,7 +30,7 @@ static void observe_motion(tm_patch_builder *builder, int32_t t) {
     builder->time_s[t] = now;
 }
 
-/* Vertices that the instrument's jaws hold; -1 while they let go. */
+/* Returns the number of vertices that the instrument's jaws hold; -1 while they release. */
 static int32_t held(const tm_patch_builder *builder, int32_t t, tm_patch_grasp *grasp) {
     *grasp = (tm_patch_grasp){.force_N = tm_contact_load(builder->contact, t).force_N};
     grasp->count = tm_contact_grasped(builder->contact, t, &grasp->vertex, &grasp->target_m, &grasp->compliance_m_N);
@@ -46,15 +46,15 @@ static void describe(const tm_patch_builder *builder, int32_t t, tm_patch *patch
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
-    patch->drag_s_m = contact->others.solve ? 0 : LAW_DRAG_S_M; /* rows of another's block have none */
+    patch->drag_s_m = contact->others.solve ? 0 : LAW_DRAG_S_M; /* rows of another block have none */
     vset(tool->def.trocar_m, patch->trocar_m);
 }
 
-/* Tissue that a tool shakes sends waves away, which take energy along: as a disc of radius a on half a space does, with
- * a from how stiff it is under the tool at rest, k = 4 G a / (1 - nu). The dashpot is an area's resistance to shear
- * waves, density * c_s * pi a^2, and waves have left after a / c_s. */
+/* Radiation of waves: tissue that a tool moves radiates waves, which carry energy away, as from a disc of radius a on a
+ * half space. The radius follows from the static stiffness under the tool, k = 4 G a / (1 - nu). The dashpot is the
+ * resistance of the area to shear waves, density * c_s * pi a^2; they have left after a / c_s. */
 #define RADIATES_WITHIN_M 0.02
-#define RADIATES_N_S_M 2.0 /* more is of tissue that is stiff rather than heavy, and a controller refuses 10 */
+#define RADIATES_N_S_M 2.0 /* larger values come from stiff rather than heavy tissue; a controller refuses 10 */
 
 static void radiate(const tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     const tm_tool *tool = builder->contact->tool + t;
@@ -71,8 +71,8 @@ static void radiate(const tm_patch_builder *builder, int32_t t, tm_patch *patch)
     patch->radiation_s = radius / wave_m_s;
 }
 
-/* Surface near a tool that touches or may touch, all of it known. Not for a tool that touches nothing as yet: the patch
- * would touch it. */
+/* Finds the surface near a tool in contact or near contact, with all compliance known. Not for a tool without contact:
+ * on the patch it would touch. */
 static bool find_surface(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
     const tm_tool *tool = builder->contact->tool + t;
     return tm_tool_is_present(tool) && tool->outside && max_vertices >= 3 &&
@@ -84,7 +84,7 @@ static bool find_stiffness(tm_patch_builder *builder, const tm_patch *patch, tm_
                                    tool->pose.tip_m, tool->stiffness_N_m);
 }
 
-/* A tool that holds tissue: springs and rows of contact beside them. */
+/* Computes patch and stiffness of a tool with a grasp: springs and contact rows together. */
 static bool compute_grasped(tm_patch_builder *builder, int32_t t, const tm_patch_grasp *grasp, tm_patch *patch) {
     const tm_contact *contact = builder->contact;
     tm_tool *tool = builder->contact->tool + t;
@@ -122,7 +122,7 @@ static bool compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     tm_patch_grasp grasp;
     const int32_t count = held(builder, t, &grasp);
     tm_patch_want(builder, t, grasp.vertex, count, patch);
-    /* Rows that fade bear what no patch knows of, and slip or bear less whatever the tool does. */
+    /* The patch does not contain the force of fading rows, which slip or weaken independently of the tool. */
     if (tm_fading_has(contact->fading, t)) return false;
     if (count > 0) return compute_grasped(builder, t, &grasp, patch);
     if (count < 0 || !find_surface(builder, t, builder->def.max_vertices, 0, patch)) return false;
@@ -135,7 +135,8 @@ static bool compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     return true;
 }
 
-/* Behind the stiffness: that is of the shape with friction's forces, as they are held. */
+/* Removes friction after the stiffness is computed: the stiffness is that of the shape under constant friction
+ * forces. */
 static void remove_friction(const tm_contact *contact, int32_t t, tm_patch *patch) {
     const double(*force_N)[3] =
         tm_contact_friction_forces(contact, t, &patch->friction_static, &patch->friction_kinetic);
@@ -221,7 +222,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                             .needs = {"contact"}};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
-        builder->source.destroy = NULL; /* it was not taken over */
+        builder->source.destroy = NULL; /* the caller still owns it */
         destroy(builder);
         return status;
     }

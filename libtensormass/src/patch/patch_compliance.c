@@ -1,4 +1,4 @@
-/* A patch's compliance, and its shape without the tool: by the model's blocks, and by what a grasper holds. */
+/* Compliance of a patch, and its shape without the tool, from the model's blocks and from a grasp. */
 #include "patch/patch_internal.h"
 
 #include <math.h>
@@ -15,8 +15,8 @@ double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
     return patch->compliance_m_N[packed(3 * patch->vertex_count, i, j)];
 }
 
-/* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until
- * it is not. False: a tenth of the largest entry was not enough, or one is no number. */
+/* Makes the matrix semidefinite. Columns accurate to a thousandth may make it indefinite by as much: the diagonal is
+ * increased as needed. Returns false if a tenth of the largest entry was not enough, or an entry is NaN. */
 static bool make_semidefinite(tm_patch *patch) {
     int32_t n = 3 * patch->vertex_count, size = n * (n + 1) / 2;
     double most = 0, work[TM_PATCH_COMPLIANCE];
@@ -33,8 +33,7 @@ static bool make_semidefinite(tm_patch *patch) {
     return false;
 }
 
-/* A force on the patch's vertices where one of this tool's rows bears; one that bears on other vertices is left with
- * the tissue. */
+/* Adds a force to the patch's vertices at one of this tool's rows. A row on vertices outside the patch is left in. */
 static void add_at_row(const tm_patch *patch, const tm_contact_row *row, double size, const double along[3],
                        double force_N[TM_PATCH_DOFS]) {
     int32_t at[3];
@@ -70,7 +69,7 @@ static bool fill_compliance(tm_patch *patch, tm_patch_block block, void *self) {
         for (int32_t b = 0; b < patch->vertex_count; b++) {
             double C[9];
             if (!block(self, patch->vertex[a], patch->vertex[b], C)) return false;
-            for (int i = 0; i < 9; i++) { /* both halves meet in the upper one: the mean */
+            for (int i = 0; i < 9; i++) { /* both halves are averaged in the upper one */
                 int32_t r = 3 * a + i / 3, c = 3 * b + i % 3;
                 patch->compliance_m_N[packed(n, r, c)] += r == c ? C[i] : 0.5 * C[i];
             }
@@ -89,10 +88,10 @@ bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_c
     return true;
 }
 
-/* --- what a grasper holds --- */
+/* --- grasp --- */
 
-/* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about
- * the trocar without spin. */
+/* Computes the motion of a point fixed to the tool per tip motion: B such that d(point) = B d(tip), for a shaft that
+ * rotates about the trocar without spin. */
 static void lever(const double trocar_m[3], const double tip_m[3], const double point_m[3], double B[3][3]) {
     double e[3], arm[3];
     vsub(tip_m, trocar_m, e);
@@ -108,7 +107,7 @@ static void lever(const double trocar_m[3], const double tip_m[3], const double 
     }
 }
 
-/* Mean of C_ab and the transpose of C_ba. */
+/* Computes the mean of C_ab and the transpose of C_ba. */
 static bool block_between(tm_patch_block block, void *self, int32_t a, int32_t b, double C[9]) {
     double one[9], other[9];
     if (!block(self, a, b, one) || !block(self, b, a, other)) return false;
@@ -116,7 +115,8 @@ static bool block_between(tm_patch_block block, void *self, int32_t a, int32_t b
     return true;
 }
 
-/* M := C + hold between the held vertices, Y := [B, C of the patch's vertices by forces on the held ones]. */
+/* Computes M := C + spring compliance between the held vertices, Y := [B, C of the patch's vertices by forces on the
+ * held ones]. */
 static bool set_up_grasp(tm_grasp_work *w, const tm_patch *patch, const tm_patch_grasp *grasp, const double tip_m[3],
                          tm_patch_block block, void *self) {
     for (int32_t a = 0; a < grasp->count; a++) {
@@ -136,7 +136,7 @@ static bool set_up_grasp(tm_grasp_work *w, const tm_patch *patch, const tm_patch
     return true;
 }
 
-/* M = L L^T, Y := L^-1 Y. */
+/* Factorises M = L L^T, Y := L^-1 Y. */
 static bool solve_grasp(tm_grasp_work *w, int32_t n, int32_t columns) {
     for (int32_t i = 0; i < n; i++)
         for (int32_t j = 0; j <= i; j++) {
@@ -159,7 +159,7 @@ static double column_product(const tm_grasp_work *w, int32_t n, int32_t a, int32
     return sum;
 }
 
-/* With f = M^-1 (target - x) eliminated: what is left is compliance, stiffness, and how the vertices follow the tip. */
+/* Eliminates f = M^-1 (target - x): computes compliance, stiffness, and the vertex motion per tip motion. */
 static bool condense(tm_grasp_work *w, tm_patch *patch, const tm_patch_grasp *grasp, const double tip_m[3],
                      tm_patch_block block, void *self) {
     const int32_t n = 3 * grasp->count, dofs = 3 * patch->vertex_count;

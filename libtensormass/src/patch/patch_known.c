@@ -1,4 +1,4 @@
-/* Which surface an instrument's patch has, and what is known of its compliance: all of it, or the patch is not made. */
+/* Surface of an instrument's patch and its known compliance. There is no patch unless all of it is known. */
 #include "patch/patch_internal.h"
 
 #include <string.h>
@@ -10,12 +10,13 @@ tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder) {
                                  : tm_tissue_surface(builder->world->tissue);
 }
 
-enum { ITERATIONS = 4 }; /* of asking for a patch's columns */
+enum { ITERATIONS = 4 }; /* of requests for a patch's columns */
 
-/* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
+/* Maximum compliance of constrained tissue: beyond it a component is unconstrained and has no equilibrium, so no
+ * patch. */
 #define LOOSE_M_N 1.0
 
-/* Where a vertex stands in what the source gave, -1: it does not. */
+/* Returns the index of a vertex in the result of the source, -1: it is not there. */
 static int32_t place_in(const tm_compliance *known, int32_t vertex) {
     int32_t low = 0, high = known ? known->count : 0;
     while (low < high) {
@@ -40,14 +41,14 @@ bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex) {
     return at >= 0 && !is_loose(builder->columns_known, at);
 }
 
-/* Not known to be loose. */
+/* Returns false if the vertex is known to be in a detached fragment. */
 static bool may_be_held(void *self, int32_t vertex) {
     const tm_patch_builder *builder = self;
     const int32_t at = builder->columns ? -1 : place_in(builder->columns_known, vertex);
     return at < 0 || !is_loose(builder->columns_known, at);
 }
 
-/* The tissue has turned since: C = Qa C Qb^T. */
+/* Rotates a block with the tissue: C = Qa C Qb^T. */
 static void turn_block(const double *Qa, const double *Qb, double C[9]) {
     double half[9];
     for (int i = 0; i < 3; i++)
@@ -76,7 +77,7 @@ int32_t tm_patch_known_kind(const tm_patch_builder *builder) {
                : 1;
 }
 
-/* --- which surface --- */
+/* --- surface --- */
 
 static bool grow_by(tm_patch_builder *builder, int32_t t, int32_t max_vertices, bool by_load, tm_patch *patch) {
     const tm_contact *contact = builder->contact;
@@ -88,7 +89,8 @@ static bool grow_by(tm_patch_builder *builder, int32_t t, int32_t max_vertices, 
     return fans;
 }
 
-/* Around the tip's way, or, where a shaft bears too broadly for that, where it bears most. */
+/* Grows the patch around the tip's path or, if the load of a shaft is too widespread for that, around the largest
+ * load. */
 static bool grow(tm_patch_builder *builder, int32_t t, int32_t max_vertices, tm_patch *patch) {
     const bool fans = grow_by(builder, t, max_vertices, false, patch);
     if (!tm_patch_has_outside_load(patch, 0, builder->contact->row, builder->contact->row_count)) return fans;
@@ -101,7 +103,7 @@ static bool is_known(const tm_patch_builder *builder, double held_N, const tm_pa
     return known && !tm_patch_has_outside_load(patch, held_N, builder->contact->row, builder->contact->row_count);
 }
 
-/* A smaller patch is one only with all that surrounds what bears the load. */
+/* A smaller patch is used only if it has all triangles around the load. */
 bool tm_patch_find_known(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
     if (is_known(builder, held_N, patch)) return true;
     for (int32_t quarters = 4; quarters >= 2 && quarters * max_vertices >= 32; quarters--)
@@ -115,9 +117,9 @@ static bool among(const int32_t *list, int32_t count, int32_t vertex) {
     return false;
 }
 
-/* --- what is asked for --- */
+/* --- requests --- */
 
-/* The patch's vertices by their distance from the tip, behind those that are in the list. */
+/* Lists the patch's vertices by their distance from the tip, after those already in the list. */
 static int32_t list_patch(const tm_patch_builder *builder, int32_t t, const tm_patch *patch, int32_t *list,
                           int32_t first) {
     double distance[TM_GRASP_VERTICES + TM_PATCH_VERTICES];
@@ -138,7 +140,8 @@ static int32_t list_patch(const tm_patch_builder *builder, int32_t t, const tm_p
     return n;
 }
 
-/* By conjugate gradients there is room for so many: a patch beside much that is held is smaller. */
+/* Requests columns from conjugate gradients, whose capacity is limited: with many held vertices the patch is
+ * smaller. */
 static void want_columns(tm_patch_builder *builder, int32_t t, int32_t fixed, int32_t max_vertices, int32_t *list,
                          tm_patch *patch) {
     int32_t n = fixed < TM_PATCH_VERTICES ? list_patch(builder, t, patch, list, fixed) : fixed;
@@ -156,7 +159,7 @@ static void want_columns(tm_patch_builder *builder, int32_t t, int32_t fixed, in
     tm_columns_work(builder->columns, builder->def.iterations);
 }
 
-/* Of the source, and beside these what surrounds the tool's way. */
+/* Requests compliance from the source: the patch, and then the surroundings of the tool's path. */
 static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, const tm_patch *patch, int32_t *list) {
     const tm_contact *contact = builder->contact;
     const tm_tissue *tissue = builder->world->tissue;
@@ -181,14 +184,15 @@ static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, con
 void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch) {
     int32_t list[TM_GRASP_VERTICES + TM_PATCH_VERTICES], first = count < 0 ? 0 : count;
     const int32_t max_vertices = builder->def.max_vertices - (count > 0);
-    if (first > TM_GRASP_VERTICES) first = 0; /* more than a patch can hold */
+    if (first > TM_GRASP_VERTICES) first = 0; /* more than the capacity of a patch */
     for (int32_t i = 0; i < first; i++) list[i] = fixed[i];
     if (max_vertices >= 3) grow(builder, t, max_vertices, patch);
     if (builder->columns) {
         want_columns(builder, t, first, max_vertices, list, patch);
         return;
     }
-    /* What a cut has made loose is known only when its columns are there, and then its neighbours' are asked for. */
+    /* Fragments that a cut detached are known only when their columns are there; then their neighbours' are
+     * requested. */
     for (int round = 0; round < ITERATIONS; round++) {
         want_pieces(builder, t, first, patch, list);
         if (patch->triangle_count == 0 || is_known(builder, 0, patch)) return;

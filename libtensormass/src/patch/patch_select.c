@@ -1,4 +1,4 @@
-/* Which piece of surface a controller gets: grown from where the tool touches and where it is going. */
+/* Selects the surface of a patch: grown from the tool's contact and along its path. */
 #include "patch/patch_internal.h"
 
 #include <math.h>
@@ -7,13 +7,13 @@
 #include "base/vec.h"
 
 #define NEAR_M 0.02
-#define LITTLE 0.1 /* share of the largest reaction below which a row's fans need not be whole */
-#define POOL 384   /* nearest triangles that growth looks at */
+#define LITTLE 0.1 /* share of the largest reaction below which a row's fans may be incomplete */
+#define POOL 384   /* nearest triangles that are candidates for growth */
 
 typedef struct near_triangle {
-    double distance_m, load_N; /* load: of the rows that bear on it, where that comes first */
+    double distance_m, load_N; /* load: of the rows on it, if loaded triangles come first */
     int32_t face, vertex[3];
-    bool loaded, alongside, chosen; /* beside: shares a vertex with a pressed one */
+    bool loaded, alongside, chosen; /* alongside: shares a vertex with a loaded one */
 } near_triangle;
 
 typedef struct growth {
@@ -23,7 +23,7 @@ typedef struct growth {
     int32_t max_vertices, max_triangles;
 } growth;
 
-/* Distance of the middle of a triangle from the tip's way. */
+/* Returns the distance of the centroid of a triangle from the tip's path. */
 static double way_distance(const double from[3], const double way[3], const double middle[3]) {
     double to[3], off[3], length2 = vdot(way, way);
     vsub(middle, from, to);
@@ -31,7 +31,7 @@ static double way_distance(const double from[3], const double way[3], const doub
     return vnorm(off);
 }
 
-/* Keeps the POOL nearest; equal distances by name, so that slots do not matter. */
+/* Order of the candidates, of which the nearest POOL are kept: equal distances by name, independent of slots. */
 static bool farther(const near_triangle *a, const near_triangle *b) {
     if (a->loaded != b->loaded) return b->loaded;
     if (a->load_N != b->load_N) return a->load_N < b->load_N;
@@ -69,8 +69,7 @@ static void take(growth *g, near_triangle *t) {
         if (!has_vertex(g, t->vertex[j])) g->vertex[g->vertex_count++] = t->vertex[j];
 }
 
-/* The best triangle that fits: pressed ones wherever they are, others along an edge of what is there; null if none
- * does. */
+/* Returns the best triangle that fits: loaded ones anywhere, others along an edge of the patch; null if none. */
 static near_triangle *next(growth *g) {
     near_triangle *best = NULL;
     for (int32_t i = 0; i < g->count; i++) {
@@ -116,17 +115,19 @@ static void write_patch(const growth *g, const double *rest_m, const double *u_m
                 patch->triangle[3 * k + j] = place_of(patch, g->pool[i].vertex[j]);
 }
 
-/* Some of the row's load is on a corner of the triangle. */
+/* Returns whether a corner of the triangle has some of the row's load. */
 static bool bears_on(const tm_contact_row *row, const int32_t vertex[3]) {
     for (int j = 0; j < 9; j++)
         if (row->vertex[j / 3] == vertex[j % 3] && row->weight[j / 3] > 0) return true;
     return false;
 }
 
-/* No corner, and so nothing of the triangle, within NEAR_M of the way: most of the surface, told without a root. */
+/* Returns whether no corner, and so no part of the triangle, is within NEAR_M of the path. Rejects most of the surface
+ * without a square root. */
 static bool is_far(const double *rest_m, const double *u_m, const int32_t vertex[3], const double tip_m[3],
                    double way_m) {
-    const double beyond_m = NEAR_M / 0.9 + way_m; /* t.distance_m has nine tenths of the nearest corner's */
+    const double beyond_m =
+        NEAR_M / 0.9 + way_m; /* t.distance_m contains nine tenths of the nearest corner's distance */
     for (int j = 0; j < 3; j++) {
         double to[3];
         for (int c = 0; c < 3; c++) to[c] = rest_m[3 * vertex[j] + c] + u_m[3 * vertex[j] + c] - tip_m[c];
@@ -168,7 +169,7 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
         }
         if (usable && (nearest < NEAR_M))
             good = usable(self, t.vertex[0]) && usable(self, t.vertex[1]) && usable(self, t.vertex[2]);
-        /* By its nearest corner, so that the fans of the nearest vertices are whole: normals blend over fans. */
+        /* By its nearest corner, so that the nearest vertices have complete fans: normals are blended over fans. */
         t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
         for (int32_t k = 0; k < row_count; k++) {
             if (row[k].instrument != capsule->instrument || !(row[k].lambda_N > 0)) continue;
@@ -198,7 +199,7 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
                          max_triangles, false, NULL, NULL, &fans, patch);
 }
 
-/* --- what will be needed --- */
+/* --- vertices for the next patches --- */
 
 #define FAR_M 0.04
 
@@ -207,7 +208,7 @@ typedef struct nearest {
     double distance_m[TM_COMPLIANCE_REQUEST_MAX];
 } nearest;
 
-/* Sorted insertion; a vertex comes once for each of its triangles, always with the same distance. */
+/* Inserts a vertex in order. It comes once for each of its triangles, always with the same distance. */
 static void offer(nearest *n, int32_t vertex, double distance_m) {
     if (n->count == TM_COMPLIANCE_REQUEST_MAX && !(distance_m < n->distance_m[n->count - 1])) return;
     for (int32_t i = 0; i < n->count; i++)
@@ -245,7 +246,7 @@ int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surfa
 
 bool tm_patch_has_outside_load(const tm_patch *patch, double held_N, const tm_contact_row *row, int32_t row_count) {
     TM_REQUIRE(patch && (row || row_count <= 0), "patch or row is null", true);
-    const double most = 0.2, least_N = 0.01; /* of all that the tool bears; what no hand feels */
+    const double most = 0.2, least_N = 0.01; /* share of the tool's load; imperceptible force */
     double all = held_N, outside = 0;
     for (int32_t k = 0; k < row_count; k++) {
         if (row[k].instrument != patch->instrument || row[k].lambda_N <= 0) continue;

@@ -1,4 +1,4 @@
-/* A patch with its compliance as a model of its own: contact solved against it. */
+/* Solver of contact against a patch, which is used as a model with its own compliance. */
 #include "patch/patch_internal.h"
 
 #include <assert.h>
@@ -14,7 +14,7 @@
 enum { LAW_ROWS = 64, LAW_DOFS = TM_PATCH_DOFS, ANDERSON_DEPTH = 6 };
 #include "contact_law/active_set.h"
 
-/* What a few rounds remember of each other. */
+/* Anderson mixing over the last iterations. */
 typedef struct anderson {
     uint8_t next;
     double residual_change_N[ANDERSON_DEPTH][LAW_DOFS], step_N[ANDERSON_DEPTH][LAW_DOFS];
@@ -24,7 +24,7 @@ typedef struct anderson {
 #define ANDERSON_NOISE 0.0
 #include "contact_law/anderson.h"
 
-/* What a solve goes on from. */
+/* State from which a solve starts. */
 struct rest {
     tm_contact_row row[LAW_ROWS];
     int32_t row_count;
@@ -34,17 +34,17 @@ struct rest {
 struct tm_patch_solver {
     tm_pool pool;
     tm_contact_search *search;
-    int32_t vertex[TM_PATCH_VERTICES], vertex_count; /* of the patch that the rows are of */
+    int32_t vertex[TM_PATCH_VERTICES], vertex_count; /* of the patch to which the rows belong */
     tm_contact_row row[LAW_ROWS], previous[LAW_ROWS];
     int32_t row_count, previous_count;
     double response[LAW_ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
     law_problem problem;
-    double free_m[TM_PATCH_DOFS]; /* displacement without the rows' forces, the tip where it is */
+    double free_m[TM_PATCH_DOFS]; /* displacement without the row forces, for the present tip */
     double force_N[TM_PATCH_DOFS], u_m[TM_PATCH_DOFS];
     tm_grasp_work grasp;
     law_anderson_iterate iterate;
     anderson anderson;
-    struct rest rest; /* of the tool where it is, beside those of its neighbourhood */
+    struct rest rest; /* at the present tip; others are for tips nearby */
     double here_N[3]; /* force there */
 };
 
@@ -59,7 +59,7 @@ void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, 
     for (int32_t j = 0; j < n; j++) {
         double force = sign * force_N[j];
         if (force == 0) continue;
-        int32_t at = j; /* column j above the diagonal, of rows packed one behind the other from theirs on */
+        int32_t at = j; /* column j above the diagonal; packed rows, each from its diagonal on */
         for (int32_t i = 0; i < j; at += n - 1 - i, i++) position_m[i] += force * patch->compliance_m_N[at];
         const double *row = patch->compliance_m_N + at;
         for (int32_t i = j; i < n; i++) position_m[i] += force * row[i - j];
@@ -91,7 +91,7 @@ static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
     return a->station == b->station && a->face == b->face && a->feature == b->feature;
 }
 
-/* What is held is no obstacle. */
+/* Removes rows on held vertices, which are no obstacle. */
 static void leave_out_held(tm_patch_solver *s, const tm_patch *patch) {
     int32_t kept = 0;
     for (int32_t i = 0; i < s->row_count; i++) {
@@ -103,7 +103,7 @@ static void leave_out_held(tm_patch_solver *s, const tm_patch *patch) {
     s->row_count = kept;
 }
 
-/* Rows against the shape under the present forces, with the multipliers of their likes before. */
+/* Finds rows on the shape under the present forces, with the previous multipliers of equal rows. */
 static void find_rows(tm_patch_solver *s, const tm_patch *patch, const tm_capsule *capsule) {
     memcpy(s->previous, s->row, sizeof *s->row * (size_t)s->row_count);
     s->previous_count = s->row_count;
@@ -124,7 +124,7 @@ static double row_shift(const tm_contact_row *row, const double *u_m) {
     return sum;
 }
 
-/* All rows are coupled when they are found. */
+/* Does nothing: all rows are coupled when they are found. */
 static void law_couple(law_problem *p, int32_t i) { (void)p, (void)i; }
 
 static void linearise(tm_patch_solver *s, const tm_patch *patch) {
@@ -154,7 +154,7 @@ static void solve_rows(tm_patch_solver *s) {
     const bool settled = law_solve(p, BRANCHES);
     p->loaded_count = p->rows;
     for (int32_t i = 0; i < p->rows; i++) p->loaded[i] = (uint8_t)i;
-    for (int k = 0; k < SWEEPS && !settled; k++) /* branches that will not settle */
+    for (int k = 0; k < SWEEPS && !settled; k++) /* statuses that do not converge */
         for (int32_t i = 0; i < p->rows; i++) {
             const double free_gap = law_row_error(p, i) -
                                     law_compliance_depth(p->row_compliance_m_N[i], p->soft_m, p->lambda_N[i]) -
@@ -165,7 +165,7 @@ static void solve_rows(tm_patch_solver *s) {
     for (int32_t i = 0; i < p->rows; i++) s->row[i].lambda_N = p->lambda_N[i];
 }
 
-/* The rows' forces against those that the shape was made with, and the next. Returns the largest residual. */
+/* Compares the row forces with those that produced the shape, and sets the next ones. Returns the maximum residual. */
 static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t round) {
     const int32_t n = 3 * patch->vertex_count;
     double largest = 0, *residual = s->iterate.residual_N;
@@ -179,7 +179,7 @@ static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t rou
     return largest;
 }
 
-/* Vertices of edges that only one triangle of the patch has. */
+/* Finds the border: vertices of edges that only one triangle of the patch has. */
 static void find_border(const tm_patch *patch, bool border[TM_PATCH_VERTICES]) {
     memset(border, 0, sizeof(bool) * TM_PATCH_VERTICES);
     for (int32_t t = 0; t < patch->triangle_count; t++)
@@ -205,7 +205,7 @@ static bool is_inside(const tm_patch_solver *s, const tm_patch *patch) {
     return true;
 }
 
-/* What is indexed by it stays within its arrays. */
+/* Returns whether all indices of the patch are within its arrays. */
 static bool is_whole(const tm_patch *patch) {
     if (patch->vertex_count < 0 || patch->vertex_count > TM_PATCH_VERTICES || patch->triangle_count < 0 ||
         patch->triangle_count > TM_PATCH_TRIANGLES || !(patch->radius_m > 0))
@@ -215,7 +215,8 @@ static bool is_whole(const tm_patch *patch) {
     return true;
 }
 
-/* Of the hold on the tool: as it was, as the tool has moved, and as the rows beside it move what is held. */
+/* Computes the grasp force on the tool: at the original tip, by tip motion, and by the rows' effect on held
+ * vertices. */
 static void grasp_force(const tm_patch_solver *s, const tm_patch *patch, const double moved[3], double force_N[3]) {
     memset(force_N, 0, 3 * sizeof(double));
     if (!patch->grasps) return;
@@ -226,7 +227,7 @@ static void grasp_force(const tm_patch_solver *s, const tm_patch *patch, const d
                   patch->dvertex_dtip + 9 * s->row[k].vertex[j / 3] + 3 * (j % 3), force_N);
 }
 
-/* Of hold and rows on the tool, equivalent at the tip. */
+/* Computes the force of grasp and rows on the tool, equivalent at the tip. */
 static void tip_force(const tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3]) {
     double moved[3];
     vsub(tip_m, patch->grasp_tip_m, moved);
@@ -248,8 +249,8 @@ static void forget(tm_patch_solver *s, const tm_patch *patch) {
     memset(s->force_N, 0, sizeof s->force_N);
 }
 
-/* patch_solver.c: what is solved next goes on from the reactions that the model itself found. Where the tissue has
- * several rests under one tool, those of the frame before may lead to another one. */
+/* Starts the next solve from the model's own reactions. Tissue may have several equilibria under one tool; those of the
+ * previous frame may lead to another one. */
 static void tm_patch_solver_start(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row,
                                   int32_t row_count) {
     forget(s, patch);
@@ -317,13 +318,14 @@ static void return_to_rest(tm_patch_solver *s, const struct rest *rest) {
     memcpy(s->force_N, rest->force_N, sizeof s->force_N);
 }
 
-/* The change of the force over a step, N/m, leads to another rest: nothing else gives way to a tool that comes nearer
- * but normals that turn with it, which make no more of it than the force over the radius. */
+/* Returns whether the change of force over a step, N/m, leads to another equilibrium. Only rotating normals reduce the
+ * force on an approaching tool, and by at most the force over the radius. */
 static bool snapped(const double change[3], int along, double force_N, double radius_m) {
     return change[along] > 4 * force_N / radius_m;
 }
 
-/* Differences to both sides, each from the rest where the tool is; of a side where the tissue snaps, the other's. */
+/* Uses differences to both sides, each from the equilibrium at the present tip; if the tissue snaps on one side, those
+ * of the other. */
 void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
     TM_REQUIRE(s && patch && tip_m && stiffness_N_m && is_whole(patch) && tm_are_places(tip_m),
                "something is null, or the patch or tip_m is out of range", );
@@ -351,7 +353,7 @@ void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double 
 
 bool tm_patch_find_stiffness(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row, int32_t row_count,
                              const double tip_m[3], double stiffness_N_m[9]) {
-    const double share = 0.3, least_N = 0.05; /* a moving tool's film, and waves, make so much of it */
+    const double share = 0.3, least_N = 0.05; /* as much comes from the drag of a moving tool, and from waves */
     double is[3], off[3];
     tm_patch_solver_start(s, patch, row, row_count);
     tip_force(s, patch, tip_m, is);
