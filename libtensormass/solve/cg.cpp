@@ -1,4 +1,4 @@
-// Conjugate gradients with Eigen: the paper's own way to the responses.
+// Conjugate gradients with Eigen: the method of the paper for the responses.
 #include "internal.h"
 
 #include <Eigen/IterativeLinearSolvers>
@@ -8,7 +8,7 @@
 using matrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 
 struct tms_cg {
-    matrix full; // both halves: a row-major product runs through memory in order
+    matrix full; // both triangles: a row-major product reads memory in order
     Eigen::DiagonalPreconditioner<double> jacobi;
 };
 

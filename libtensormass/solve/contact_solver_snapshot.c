@@ -1,6 +1,5 @@
-/* What the on-line system keeps between solves and a snapshot must hold: forces, slots, the pairs of the secant steps,
- * the rows of before and what surrounds the tools. Compliances are asked for anew: they are the same whatever the order
- * of asking. */
+/* State of the online contact solver between solves, for a snapshot: forces, slots, pairs of the secant steps, previous
+ * rows and the gathered neighbourhood. Compliances are recomputed: they do not depend on the order of requests. */
 #include "contact/row_snapshot.h"
 #include "contact_solver.h"
 
@@ -26,7 +25,7 @@ static int64_t bytes_of(const saved *k) {
     return (int64_t)bytes;
 }
 
-/* Copies out, or only counts on when there is no buffer. */
+/* Copies, or only counts if there is no buffer. */
 static char *put(char *to, const void *from, size_t bytes, size_t room) {
     memcpy(to, from, bytes);
     memset(to + bytes, 0, room - bytes);
@@ -87,9 +86,9 @@ int64_t tms_contact_solver_snapshot(const tms_contact_solver *l, bool forgotten,
     return bytes_of(&k);
 }
 
-/* --- back --- */
+/* --- restore --- */
 
-/* `count` numbers below `limit`, each once. */
+/* Reads `count` different numbers below `limit`. */
 static bool distinct(tms_contact_solver *l, const char *from, int32_t count, int32_t limit) {
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
@@ -126,7 +125,7 @@ static bool head_fits(const tms_contact_solver *l, const saved *k) {
     return fits;
 }
 
-/* Where each part begins. */
+/* Start of each part. */
 typedef struct parts {
     const char *vertex, *use, *force, *row, *face;
 } parts;
@@ -150,7 +149,7 @@ static void take_rows(tms_contact_solver *l, const char *from, int32_t count) {
     }
 }
 
-/* False: a face is not there, and all is to be gathered anew. */
+/* Returns false if a face is missing; all must then be gathered again. */
 static bool take_tools(tms_contact_solver *l, const saved *k, const char *from) {
     bool all = true;
     for (int32_t t = 0; t < k->tool_count; t++) {

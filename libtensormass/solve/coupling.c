@@ -1,21 +1,21 @@
-/* The coupling of a hybrid: how it is made, and its state. See coupling.h. */
+/* Builds the coupling of a hybrid model, and stores its state. See coupling.h. */
 #include "coupling.h"
 
 #include <math.h>
 #include <string.h>
 
 enum {
-    WHOLE_BELOW = 96, /* components: so few that nothing is saved */
-    POWERS = 2,       /* times that K^-1 C is applied to the first shapes: they turn to the softest ones */
-    SOLVE_STEPS = 20, /* of conjugate gradients for K^-1, which is nearly diagonal and needs no digits */
-    FIRST = 8,        /* substeps between whole forces; one more for each PER components, LAST at most */
+    WHOLE_BELOW = 96, /* components: below it nothing is saved */
+    POWERS = 2,       /* applications of K^-1 C to the first modes: they rotate towards the softest ones */
+    SOLVE_STEPS = 20, /* of conjugate gradients for K^-1, which is nearly diagonal and needs few digits */
+    FIRST = 8,        /* substeps between full forces; one more per PER components, at most LAST */
     PER = 40,
     LAST = 64,
-    CHANGES = 7 /* of the whole force in single, between two of it in double */
+    CHANGES = 7 /* updates of the full force in single, between two in double */
 };
-/* W is a little too small: what single precision rounds off must not make R negative where it is zero. */
+/* Makes W slightly too small: rounding in single precision must not make R negative where it is zero. */
 static const double SHRINK = 1 - 1e-6;
-static const double NOTHING = 1e-10; /* of the largest pivot: the shape says nothing new */
+static const double NOTHING = 1e-10; /* relative to the largest pivot: the mode is linearly dependent */
 
 /* --- memory --- */
 
@@ -45,8 +45,8 @@ static size_t lay_out(tms_coupling *c, int32_t blocks, char *memory) {
 
 /* --- K --- */
 
-/* Blocks of every border vertex, the diagonal one first; only counted where `c` has no room yet. The system has the
- * lower triangle alone, so both of each pair are written. */
+/* Fills the blocks of each interface vertex, the diagonal one first; only counts if `c` has no memory yet. The system
+ * has only the lower triangle, so both of each pair are written. */
 static int32_t fill_blocks(tms_coupling *c, const tms_system *s, int32_t *count) {
     const int32_t vertices = c->n / 3;
     int32_t blocks = 0;
@@ -90,7 +90,7 @@ static void fill_values(const tms_coupling *c, const tms_system *s) {
 
 /* --- W --- */
 
-/* What is needed while W is made. */
+/* Data for the construction of W. */
 typedef struct maker {
     const tms_coupling *c;
     const tms_system *K;
@@ -114,7 +114,7 @@ static void give_way(const maker *m, const double *v, double *out) {
     add_near(m->K, v, out);
 }
 
-/* v := about K^-1 b. Jacobi's preconditioner: the diagonal is the first entry of its column. */
+/* v := approximately K^-1 b. Jacobi's preconditioner: the diagonal is the first entry of its column. */
 static void solve_near(const maker *m, const double *b, double *v) {
     const int32_t n = m->c->n;
     const tms_system *K = m->K;
@@ -135,7 +135,8 @@ static void solve_near(const maker *m, const double *b, double *v) {
     }
 }
 
-/* The border's vertices go to the nearest of some that lie far from each other: each group and axis is a shape. */
+/* Assigns the interface's vertices to the nearest of some that are far from each other: each group and axis is a
+ * mode. */
 static void first_shapes(const maker *m, const double *rest_m, const int32_t *border) {
     const int32_t n = m->c->n, vertices = n / 3;
     double *far = m->x;
@@ -160,7 +161,7 @@ static void first_shapes(const maker *m, const double *rest_m, const int32_t *bo
         if (3 * group[d / 3] + d % 3 < m->c->rank) m->shape[(int64_t)(3 * group[d / 3] + d % 3) * n + d] = 1;
 }
 
-/* Gram and Schmidt, twice each; a shape that says nothing new becomes zero. */
+/* Gram-Schmidt, applied twice; a linearly dependent mode becomes zero. */
 static void orthonormalise(double *shape, int32_t count, int32_t n) {
     for (int32_t j = 0; j < count; j++) {
         double *v = shape + (int64_t)j * n;
@@ -175,7 +176,7 @@ static void orthonormalise(double *shape, int32_t count, int32_t n) {
     }
 }
 
-/* W := C V (V^T C V)^(-1/2) by Cholesky's factor of the middle; shapes by `shape`, C V in `given`. */
+/* W := C V (V^T C V)^(-1/2), with Cholesky's factor of the middle; V is `shape`, C V is `given`. */
 static void factor_shapes(const maker *m, tms_coupling *c) {
     const int32_t n = c->n, r = c->rank;
     double most = 0;
@@ -188,7 +189,7 @@ static void factor_shapes(const maker *m, tms_coupling *c) {
         }
     for (int32_t j = 0; j < r; j++) {
         double *L = m->gram + (int64_t)j * r, *w = m->given + (int64_t)j * n;
-        for (int32_t i = 0; i < j; i++) { /* row j of L, and column j of W, by the columns before */
+        for (int32_t i = 0; i < j; i++) { /* row j of L, and column j of W, from the previous columns */
             const double *Li = m->gram + (int64_t)i * r, *wi = m->given + (int64_t)i * n;
             for (int32_t k = 0; k < i; k++) L[i] -= L[k] * Li[k];
             L[i] = Li[i] > 0 ? L[i] / Li[i] : 0;
@@ -230,7 +231,7 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
     return true;
 }
 
-/* --- all of it --- */
+/* --- construction --- */
 
 static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t *border, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(condensed);

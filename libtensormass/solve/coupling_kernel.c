@@ -1,5 +1,5 @@
-/* Inner loops of the coupling. Sums in lanes, always the same: one after the other they would wait for each other.
- * Compiled twice where there is AVX2: wider registers, the same sums. */
+/* Inner loops of the coupling. Sums use a fixed number of lanes, since serial sums would be latency-bound. Compiled
+ * twice with AVX2: wider registers, equal sums. */
 #include "coupling.h"
 
 #include <string.h>
@@ -28,7 +28,7 @@ INLINE double dot(const double *restrict a, const double *restrict b, int32_t n)
 }
 
 INLINE void weighted_dots(const double *a, const double *weight, const double *b, int32_t n, double out[9]) {
-    enum { FEW = 4 }; /* lanes, nine times */
+    enum { FEW = 4 }; /* SIMD lanes, for each of nine sums */
     double lane[9][FEW] = {{0}}, rest[9] = {0};
     const double *restrict x0 = a, *restrict x1 = a + n, *restrict x2 = a + 2 * (int64_t)n;
     const double *restrict y0 = b, *restrict y1 = b + n, *restrict y2 = b + 2 * (int64_t)n;
@@ -85,7 +85,7 @@ INLINE void whole_change(const float *single, const double *moved, int32_t n, do
 typedef float four __attribute__((vector_size(16)));
 typedef float eight __attribute__((vector_size(32)));
 
-/* Lower and upper half added. A macro: how functions are given 32 bytes differs between processors. */
+/* Adds lower and upper half. A macro, since the calling convention for 32 bytes differs between processors. */
 #define FOLD(x) (__builtin_shufflevector(x, x, 0, 1, 2, 3) + __builtin_shufflevector(x, x, 4, 5, 6, 7))
 
 /* answer := K moved, two blocks at a time. */
@@ -104,11 +104,11 @@ INLINE void near_part(const tms_coupling *c) {
             sum += block[0] * x + block[1] * y + block[2] * z;
         }
         const four both = FOLD(sum);
-        memcpy(c->answer + 3 * v, &both, sizeof both); /* the fourth is the next vertex's to write */
+        memcpy(c->answer + 3 * v, &both, sizeof both); /* the next vertex overwrites the fourth */
     }
 }
 
-/* Sums of each. */
+/* Sums each vector. */
 INLINE four sums_of(four a, four b, four c, four d) {
     const four ab = __builtin_shufflevector(a, b, 0, 1, 4, 5) + __builtin_shufflevector(a, b, 2, 3, 6, 7),
                cd = __builtin_shufflevector(c, d, 0, 1, 4, 5) + __builtin_shufflevector(c, d, 2, 3, 6, 7);

@@ -1,10 +1,10 @@
-/* What was cut since the factor: which vertices it touched, and the stiffness that left with it. */
+/* Cuts since the factor: the vertices they touched, and the stiffness they removed. */
 #include "factored.h"
 
 #include <string.h>
 
-/* A new factor is best made while nothing is cut: after so many calls without a cut, if so many vertices are touched.
- */
+/* A new factor is best made while nothing is cut: after this many calls without a cut, if this many vertices are
+ * touched. */
 enum { CALM = 25, WORTH_IT = 32 };
 
 bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tissue **part) {
@@ -15,7 +15,7 @@ bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tis
     return false;
 }
 
-/* Notes vertices of a tetrahedron. False: too many. */
+/* Adds the vertices of a tetrahedron to the list. Returns false if there are too many. */
 static bool touch(const tm_mesh *mesh, int32_t tet, int32_t *list, int32_t *count) {
     for (int i = 0; i < 4; i++) {
         const int32_t v = mesh->tet[4 * (int64_t)tet + i];
@@ -28,7 +28,8 @@ static bool touch(const tm_mesh *mesh, int32_t tet, int32_t *list, int32_t *coun
     return true;
 }
 
-/* Vertices whose blocks change when a tetrahedron goes: its own; smoothed, all around these. */
+/* Adds the vertices whose blocks change when a tetrahedron is removed: its own; with strain smoothing, all around
+ * these. */
 static bool touch_around(const tms_engine *e, int32_t tet, int32_t *list, int32_t *count) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     if (tm_tissue_smoothed_shear_share(e->tissue) < 0) return touch(mesh, tet, list, count);
@@ -72,7 +73,7 @@ static bool add_stiffness(tms_engine *e, const uint8_t *alive, double sign) {
         for (int32_t p = pairs.begin[v]; p < pairs.begin[v + 1]; p++) {
             int32_t b = 0;
             while (b < e->touched_count && e->touched[b] != pairs.ends[2 * (int64_t)p + 1]) b++;
-            if (b == e->touched_count) continue; /* then the cut changed nothing between them */
+            if (b == e->touched_count) continue; /* the cut changed nothing between them */
             tm_tissue_pair_tensor(part, p, K);
             for (int k = 0; k < 9; k++) {
                 e->D[(3 * a + k / 3) * width + 3 * b + k % 3] += sign * K[k];
@@ -84,8 +85,8 @@ static bool add_stiffness(tms_engine *e, const uint8_t *alive, double sign) {
     return true;
 }
 
-/* Smoothed: what is averaged with a cut tetrahedron lies among those that share a vertex with one. `around`
- * [tet_count] := these, without the cut ones unless `before`. */
+/* Strain smoothing averages a cut tetrahedron with those that share a vertex with it. Sets `around` [tet_count] to
+ * these, without the cut ones unless `before`. */
 static void mark_around(const tms_engine *e, bool before, uint8_t *around) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     memset(around, 0, (size_t)e->tet_count);
@@ -99,7 +100,7 @@ static void mark_around(const tms_engine *e, bool before, uint8_t *around) {
         }
 }
 
-/* A vertex that lost all its tetrahedra keeps its own block, which holds it where it is and touches nobody. */
+/* Keeps the own block of a vertex that lost all its tetrahedra: it constrains the vertex and couples to no other. */
 static void keep_isolated(tms_engine *e) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     const int32_t width = 3 * e->touched_count;

@@ -1,13 +1,12 @@
-/* The factor of the tissue as it was at some time, columns of its compliance for the vertices that matter, and what was
- * cut since. Everything here runs in one thread at a time and touches nothing of the simulation's but what never
- * changes (mesh, materials, fibres). */
+/* Factor of the tissue in an earlier state, columns of its compliance for the requested vertices, and the cuts since
+ * then. Runs in one thread at a time and shares only constant data with the simulation (mesh, materials, fibres). */
 #include "factored.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* --- how the tissue around a vertex has turned --- */
+/* --- rotation of the tissue around a vertex --- */
 
 /* Adds a tetrahedron's grad u times its volume. */
 static void add_gradient(const tm_mesh *mesh, int32_t tet, const double *u_m, double H[9]) {
@@ -28,8 +27,8 @@ static double cofactors(const double F[9], double C[9]) {
     return F[0] * C[0] + F[1] * C[1] + F[2] * C[2];
 }
 
-/* R := the mean of itself and its inverse transposed, until it is orthogonal (Higham 1986). False: what is inside out
- * or all but flat has no rotation to speak of. */
+/* Iterates R := mean of R and its inverse transposed, until it is orthogonal (Higham 1986). Returns false for an
+ * inverted or nearly flat R: its rotation is undefined. */
 static bool polar(double R[9]) {
     enum { ITERATIONS = 12 };
     const double least = 0.05; /* of the volume */
@@ -47,7 +46,7 @@ static bool polar(double R[9]) {
     return true;
 }
 
-/* The volume of what lives around a vertex, and its grad u times that. */
+/* Sums volume and grad u times volume of the active tetrahedra around a vertex. */
 static double add_around(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double H[9]) {
     double volume = 0;
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
@@ -68,7 +67,7 @@ void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u
     static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
     memset(R, 0, 9 * sizeof *R);
     if (mean_rotation(add_around(mesh, alive, u_m, vertex, R), R)) return;
-    double volume = 0; /* crushed, between jaws for instance: by its neighbours */
+    double volume = 0; /* crushed, for instance between jaws: uses its neighbours */
     memset(R, 0, 9 * sizeof *R);
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++)
         for (int k = 0; k < 4 && alive[mesh->vertex_tet[i]]; k++)
@@ -76,18 +75,18 @@ void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u
     if (!mean_rotation(volume, R)) memcpy(R, unit, sizeof unit);
 }
 
-/* A little inertia, K + sigma M: a piece that hangs on nothing gets an enormous compliance (which no patch takes)
- * instead of stopping the factor, and one that is held loses sigma / omega_1^2 of it, 1e-8 at 16 Hz. */
+/* K + sigma M: a little inertia. A detached fragment gets a huge compliance (which no patch uses) instead of failing
+ * the factor. A constrained one loses sigma / omega_1^2 of its compliance, 1e-8 at 16 Hz. */
 #define SIGMA_1_S2 1e-4
 
-/* Of tissue that turns: a new factor when it has moved by so many edges and turned by 3 degrees (size of R - Q) where a
- * patch or one of so many vertices all over it is, and not more often than every so many frames.
- * In between columns turn with the tissue: on a lobe lifted by 50 mm and turned in 1.8 s stiffnesses are within 14 % of
- * those of a factor a frame (29 % with a factor every 30 frames). */
+/* For rotating tissue: a new factor once a patch, or one of this many vertices all over it, has moved by this many
+ * edges and rotated by 3 degrees (norm of R - Q), but not more often than every this many frames. In between columns
+ * rotate with the tissue: on a lobe lifted by 50 mm and rotated in 1.8 s stiffnesses are within 14 % of those of a
+ * factor per frame (29 % with a factor every 30 frames). */
 static const double MOVED_ON = 0.1, TURNED_ON = 0.0740;
 enum { MOVES_ON_AFTER = 12, LOOKED_AT = 256 };
 
-/* A thread also solves columns that are not needed now: when they fill a block, or when one of the first so many lacks,
+/* A thread also solves columns that are not needed yet: if they fill a block, or if one of the first ones is missing,
  * which are the tools' next places. */
 enum { AHEAD = 8 };
 
@@ -163,7 +162,7 @@ static bool same_entries(const tms_system *a, const tms_system *b) {
            !memcmp(a->dof, b->dof, sizeof *a->dof * (size_t)a->n);
 }
 
-/* Takes the system over. Where nothing was cut since, the order of the factor stays, and its memory. */
+/* Takes ownership of the system. If nothing was cut since, the factor's order and memory are reused. */
 static bool take_system(tms_engine *e, tms_system *next) {
     if (e->solver && same_entries(&e->system, next)) {
         tms_system_destroy(&e->system);
@@ -209,7 +208,7 @@ static bool factorise(tms_engine *e, const tms_compliance_request *request) {
 _Static_assert((int)TMS_SLOTS >= TMS_RESULT_VERTICES + TMS_TOUCHED_VERTICES + TMS_BLOCK / 3,
                "whatever is wanted now, there is a slot for a block of others");
 
-/* A slot for a vertex: a free one, or the one that nobody has wanted for the longest. */
+/* Assigns a slot to a vertex: a free one, or the least recently requested. */
 static int32_t claim(tms_engine *e, int32_t vertex) {
     int32_t best = -1;
     for (int32_t i = 0; i < TMS_SLOTS; i++)
@@ -219,7 +218,7 @@ static int32_t claim(tms_engine *e, int32_t vertex) {
     return e->slot_of[vertex] = best;
 }
 
-/* Columns of at most TMS_BLOCK/3 vertices that have none; prescribed components have zeros. */
+/* Solves the columns of at most TMS_BLOCK/3 vertices without one; prescribed components get zeros. */
 static void solve_columns(tms_engine *e, const int32_t *vertex, int32_t count) {
     int32_t slot[TMS_SLOTS], row[WIDTH], unit[TMS_BLOCK], slots = 0;
     for (int32_t i = 0; i < count; i++) claim(e, vertex[i]);
@@ -240,8 +239,8 @@ static void mark(tms_engine *e, const int32_t *vertex, int32_t count) {
         if (e->slot_of[vertex[i]] >= 0) e->slot[e->slot_of[vertex[i]]].wanted_at = e->clock;
 }
 
-/* The next vertices without a column, most urgent first: all touched ones, then the instruments' in turn. `*urgent`:
- * the first of them is not only for later. */
+/* Lists the next vertices without a column, most urgent first: all touched ones, then the instruments' in turn.
+ * `*urgent`: the first one is needed now. */
 static int32_t lacking(const tms_engine *e, const tms_compliance_request *request, int32_t ahead,
                        int32_t vertex[TMS_BLOCK / 3], bool *urgent) {
     int32_t count = 0;
@@ -268,9 +267,9 @@ static bool has_needed(const tms_engine *e, const tms_compliance_request *reques
     return has;
 }
 
-/* --- a piece --- */
+/* --- result --- */
 
-/* Vertices of the piece, ascending; how many. */
+/* Lists the vertices of the result, ascending; returns their number. */
 static int32_t list_vertices(const tms_engine *e, const tms_compliance_request *request, bool needed_only,
                              int32_t *vertex) {
     int32_t count = 0, unique = 0;
@@ -283,7 +282,7 @@ static int32_t list_vertices(const tms_engine *e, const tms_compliance_request *
     return unique;
 }
 
-/* What was cut off since the factor, in the columns of the wanted slot components. */
+/* Updates the columns of the requested slot components by the cuts since the factor. */
 static bool update_slots(tms_engine *e, const int32_t *wanted, int32_t count, const int32_t *touched) {
     const int32_t t = 3 * e->touched_count;
     int32_t column[3 * TMS_RESULT_VERTICES], columns = 0;
@@ -339,7 +338,8 @@ static bool has_moved_on(const tms_engine *e, const tms_compliance_request *requ
     return turned;
 }
 
-/* A thread works ahead; who waits for it wants no more than is needed, and fills the block with what may be. */
+/* Returns whether to solve these columns now. A thread works ahead; a caller that waits solves only needed ones, with
+ * the rest of the block filled by others. */
 static bool is_worth_solving(int32_t count, bool urgent, bool needed_only) {
     return urgent || (!needed_only && count == TMS_BLOCK / 3);
 }

@@ -1,5 +1,5 @@
-/* What a span keeps and a snapshot must hold: how far it is, what tools are followed by, the offsets of its rows (the
- * rows themselves are the on-line system's, "before"), and where condensed vertices around the tools were looked at. */
+/* Reuse state in a snapshot: age of the interval, treatment of tools, offsets of the rows (the rows themselves are in
+ * the contact solver, `previous`), and the gathered positions of condensed vertices around the tools. */
 #include "hybrid.h"
 
 #include <math.h>
@@ -86,7 +86,7 @@ int64_t tms_contact_reuse_snapshot_bytes(const tm_hybrid *h, const void *buffer,
     if (!fits(h, &k) || bytes < bytes_of(&k)) return -1;
     const char *at = (const char *)buffer + sizeof k;
     for (int64_t i = 0; i < 2 * k.row_count + 3 * (int64_t)k.used_count; i++, at += 8) {
-        saved_row row; /* offsets, and marks in their turn */
+        saved_row row; /* offsets, alternating with marks */
         double value;
         memcpy(&value, at, 8);
         memcpy(&row.frozen, at, 8);
@@ -96,7 +96,7 @@ int64_t tms_contact_reuse_snapshot_bytes(const tm_hybrid *h, const void *buffer,
     return bytes_of(&k);
 }
 
-/* Every row's vertices have slots and are of the parts that it may be on; each of the frozen ones is there once. */
+/* Returns whether all vertices of rows have slots and are in a permitted part, and each frozen row occurs once. */
 static bool rows_stand(const tm_hybrid *h) {
     const tms_contact_reuse *s = h->reuse;
     const tms_contact_solver *l = &h->solver_contact;

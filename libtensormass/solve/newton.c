@@ -1,12 +1,12 @@
-/* Newton's method: the whole matrix, by looking beside the shape, and the derivative of what it converged to. */
+/* Newton's method with the full matrix, by finite differences, and the derivative of its solution. */
 #include "contact_solver.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Quick steps for ticks that differ little from the one before: the known matrix, repaired by how the residual has
- * answered lately (Anderson's method). One look a step, where Newton's takes one for every Krylov vector; what it
- * learnt serves the next tick too. */
+/* Secant steps for ticks that differ little from the previous one: the known matrix, corrected by recent responses of
+ * the residual (Anderson's method). They take one evaluation per step; Newton's take one per Krylov vector. The
+ * corrections serve the next tick too. */
 
 static bool knows_all(const tms_contact_solver *l) {
     for (int32_t i = 0; i < l->now.count; i++)
@@ -15,13 +15,13 @@ static bool knows_all(const tms_contact_solver *l) {
     return true;
 }
 
-/* By act from by slot. */
+/* Converts from slot order to the order of active unknowns. */
 static void pick(const tms_contact_solver *l, const double *by_slot, double *by_act) {
     for (int32_t j = 0; j < l->active_count; j++) memcpy(by_act + 3 * j, by_slot + 3 * l->active[j], 24);
 }
 
-/* b := b less its part in the span of the changes of r lately, each by as much of its change of f, whose sum goes into
- * f_part. Newest first; a change that says nothing new is left out. */
+/* Removes from b its part in the span of the recent changes of r; adds the matching changes of f to f_part. Newest
+ * first; linearly dependent changes are skipped. */
 static void use_pairs(tms_contact_solver *l, double *b, double *f_part) {
     const int32_t m = 3 * l->active_count;
     double *q[TMS_PAIRS], *f[TMS_PAIRS];
@@ -65,7 +65,7 @@ static void remember(tms_contact_solver *l, const double *f_before, const double
     if (l->pair_count < TMS_PAIRS) l->pair_count++;
 }
 
-/* newton.c: steps until converged or stalled; returns how many. */
+/* Runs secant steps until they converge or stall; returns their number. */
 static int32_t tms_contact_solver_secant(tms_contact_solver *l, double *merit) {
     double *b = l->step, *f_part = l->krylov[TMS_KRYLOV], *f_before = l->f_kept, *r_before = l->f_spare;
     bool factored = false;
@@ -87,7 +87,7 @@ static int32_t tms_contact_solver_secant(tms_contact_solver *l, double *merit) {
         steps++;
         l->converged |= l->nearly;
         if (l->converged) break;
-        if (*merit > old) { /* astray: back, and leave it to Newton */
+        if (*merit > old) { /* diverged: restore, and leave it to Newton */
             memcpy(l->f, f_before, 24 * (size_t)l->capacity);
             *merit = tms_contact_solver_evaluate(l);
             break;
@@ -97,12 +97,12 @@ static int32_t tms_contact_solver_secant(tms_contact_solver *l, double *merit) {
     return steps;
 }
 
-static const double BESIDE = 1e-5; /* radii: how far beside the shape the linear steps look */
-/* Of the residual: how far linear steps are solved. */
+static const double BESIDE = 1e-5; /* radii: perturbation of the shape in linear steps */
+/* Relative to the residual: tolerance of linear solves. */
 static const double CLOSELY = 1e-3, ROUGHLY = 0.1;
-static const double STRIDE = 0.3; /* radii: how far one step may move the surface: rows farther off are others */
+static const double STRIDE = 0.3; /* radii: maximum surface motion of one step; farther rows would be different ones */
 
-/* Where the shape is now, to look beside it and come back. */
+/* Saves the shape, to perturb it and restore it. */
 static void keep_shape(tms_contact_solver *l) {
     for (int32_t i = 0; i < l->used_count; i++)
         for (int c = 0; c < 3; c++) l->f_kept[3 * l->used[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->used[i]] + c];
@@ -115,7 +115,7 @@ static void set_shape(tms_contact_solver *l, double h) {
         }
 }
 
-/* du := C df over the slots; df by act. Returns the largest in use. */
+/* du := C df over the slots; df by active unknown. Returns the largest in use. */
 static double response(tms_contact_solver *l, const double *df) {
     double most = 0;
     tms_contact_solver_response(l, l->active, l->active_count, df, false, l->du);
@@ -123,8 +123,9 @@ static double response(tms_contact_solver *l, const double *df) {
     return most;
 }
 
-/* A direction to look in: the shape by du, and a tool's tip by one unit vector (tool < 0: none). Change of the rows'
- * forces by act, and of the tip's force, for a unit of it; by one look beside, or two for a derivative. */
+/* Direction of a finite difference: the shape by du, and a tool's tip by one unit vector (tool < 0: none). Gives the
+ * change of the rows' forces by active unknown, and of the tip's force, per unit. Needs one perturbed evaluation, or
+ * two for a derivative. */
 typedef struct direction {
     int32_t tool;
     int axis;
@@ -156,7 +157,7 @@ static void look_along(tms_contact_solver *l, direction *to, double h, double *c
     if (to->tool >= 0) l->tool[to->tool] = kept;
 }
 
-/* Of the thinnest tool that touches: lengths are measured by it. */
+/* Returns the radius of the thinnest tool in contact, the unit of lengths. */
 static double thinnest(const tms_contact_solver *l) {
     double least = INFINITY;
     for (int32_t t = 0; t < l->tool_count; t++)
@@ -164,7 +165,7 @@ static double thinnest(const tms_contact_solver *l) {
     return least < INFINITY ? least : l->tool[0].def.radius_m;
 }
 
-/* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one
+/* out := A df, A = dr/df. With a tool in `to`: the change of r when df is the change of f and the tip moves by one
  * unit. */
 static void apply(tms_contact_solver *l, direction *to, const double *df, double *out) {
     const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0),
@@ -189,7 +190,7 @@ static double inner(const tms_contact_solver *l, const double *a, const double *
     return sum;
 }
 
-/* x := A^-1 b by GMRES, preconditioned from the right by the factorised known part. Stops at `tolerance` of |b|. Needs
+/* x := A^-1 b by GMRES, right-preconditioned by the factorised known part. Stops at `tolerance` of |b|. Requires
  * keep_shape. */
 static void krylov_solve(tms_contact_solver *l, const double *b, double tolerance, bool both_sides, double *x) {
     const int32_t m = 3 * l->active_count;
@@ -235,7 +236,7 @@ static void krylov_solve(tms_contact_solver *l, const double *b, double toleranc
 
 /* --- Newton --- */
 
-/* One step, halved where it overshoots; false when no part of it helps. */
+/* Takes one step, halved on overshoot; returns false if no part of it helps. */
 static bool descend(tms_contact_solver *l, double tolerance, double *merit) {
     const double old = *merit;
     const int32_t m = 3 * l->active_count;
@@ -259,7 +260,7 @@ static bool descend(tms_contact_solver *l, double tolerance, double *merit) {
 int32_t tms_contact_solver_solve(tms_contact_solver *l) {
     double merit = tms_contact_solver_evaluate(l);
     int32_t steps = l->converged ? 0 : tms_contact_solver_secant(l, &merit);
-    while (!l->converged && steps < TMS_NEWTON_STEPS) { /* it stalled: the whole matrix */
+    while (!l->converged && steps < TMS_NEWTON_STEPS) { /* stalled: use the full matrix */
         steps++;
         if (!tms_contact_solver_factor(l, -1) || !descend(l, l->inexact ? ROUGHLY : CLOSELY, &merit)) break;
         l->converged |= l->inexact && l->nearly;
@@ -271,13 +272,13 @@ int32_t tms_contact_solver_solve(tms_contact_solver *l) {
 
 /* --- derivative --- */
 
-/* Of a tool that holds tissue: the held vertices move with it, so it is moved. */
+/* Computes the stiffness of a tool with a grasp: the tool is moved, since its vertices move with it. */
 static void holding_stiffness(tms_contact_solver *l, int32_t t, double K[9]) {
     const tm_tool_pose pose = l->tool[t].pose;
     const double h = 1e-3 * l->tool[t].def.radius_m;
     double unused[3];
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
-    for (int i = 0; i < 7; i++) { /* the last: back */
+    for (int i = 0; i < 7; i++) { /* the last one restores the state */
         const double side = i == 6 ? 0 : i % 2 ? -1 : 1;
         tm_tool_pose at = pose;
         at.tip_m[i / 2 % 3] += side * h;
@@ -305,7 +306,7 @@ void tms_contact_solver_stiffness(tms_contact_solver *l, int32_t t, double K[9])
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
     for (int axis = 0; axis < 3; axis++) {
-        /* r stays zero: A df = -(change of r with the tip alone); then the force along both */
+        /* r stays zero: A df = -(change of r by the tip alone); then the force along both */
         direction to = {.tool = t, .axis = axis, .both_sides = true};
         memset(l->step, 0, 24 * (size_t)l->active_count);
         apply(l, &to, l->step, b);

@@ -1,6 +1,7 @@
-/* Friction on line (docs/friction.md): the law of the core's stage, at every shape that Newton's method
- * looks at. A station's force is the stretch of its skin since the solution before, shortened to its cone, so it is a
- * function of the shape as a row's force is of its gap; what slipped is settled when a solution is taken. */
+/* Online friction (docs/friction.md): the law of the core's stage, in each shape that Newton's method evaluates. A
+ * station's force is the stretch of its contact compliance since the previous solve, limited to its cone. It is
+ * therefore a function of the shape, as a row's force is of its gap. Slip becomes permanent when a solution is
+ * accepted. */
 #include "contact_solver.h"
 
 #include <math.h>
@@ -13,7 +14,7 @@ bool tms_contact_solver_has_friction(const tms_contact_solver *l, int32_t tool) 
     return l->friction && l->friction->coefficient[tool].mu_static > 0;
 }
 
-/* --- at one shape --- */
+/* --- one shape --- */
 
 static void station_at(const tm_capsule *capsule, int32_t station, double at_m[3]) {
     double axis[3];
@@ -22,7 +23,7 @@ static void station_at(const tm_capsule *capsule, int32_t station, double at_m[3
     vmadd(capsule->tip_m, station * capsule->radius_m, axis, at_m);
 }
 
-/* The rows of one station: sum of what they bear, their normal, what presses along it. */
+/* Sums the rows of one station: their load, their normal, and the force along it. */
 static double press(const tm_contact_row *row, tms_friction_station *g) {
     double bears = 0, sum[3] = {0, 0, 0};
     for (int32_t i = g->first; i < g->first + g->count; i++) {
@@ -88,10 +89,10 @@ void tms_contact_solver_friction(const tms_contact_solver *l, tms_contact_eval *
     }
 }
 
-/* --- in the known matrix --- */
+/* --- known part of the matrix --- */
 
-/* How the force of a grip answers a move of the tissue under it, times the skin's compliance: across the normal where
- * it sticks, across the force too, and less, where it slips. */
+/* Computes the derivative of a station's force by the tissue's motion, times the contact compliance. Sticking: across
+ * the normal. Slipping: smaller, and also across the force. */
 static void answer(const tms_friction_station *g, double K[3][3]) {
     const double size2 = vdot(g->force_N, g->force_N), share = g->slips ? sqrt(size2) / g->stretch_N : 1;
     for (int a = 0; a < 3; a++)
@@ -103,7 +104,7 @@ static void answer(const tms_friction_station *g, double K[3][3]) {
 
 void tms_contact_solver_add_friction_matrix(tms_contact_solver *l, const tms_friction_station *g, int32_t m) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    double K[3][3], *move = l->step; /* of every unknown's force along one axis */
+    double K[3][3], *move = l->step; /* of each unknown's force along one axis */
     if (!(g->load_N > 0) || (g->slips && !(g->stretch_N > 0))) return;
     answer(g, K);
     for (int axis = 0; axis < 3; axis++) {
@@ -125,9 +126,9 @@ void tms_contact_solver_add_friction_matrix(tms_contact_solver *l, const tms_fri
     }
 }
 
-/* --- from solution to solution --- */
+/* --- between solutions --- */
 
-/* Ways count from here: the shape under the forces of the solution before, wherever somebody looks. */
+/* Sets the reference of travel: the shape under the forces of the previous solve, at each slot. */
 static void count_from_here(tms_contact_solver *l) {
     for (int32_t i = 0; i < 3 * l->used_count; i++) {
         const int64_t d = 3 * (int64_t)l->vertex[l->used[i / 3]] + i % 3;

@@ -1,4 +1,4 @@
-/* Grasping on line: what the jaws close upon is pinned to them, each vertex by the hold's compliance. */
+/* Online grasping: vertices between closed jaws are pinned to them, each by the compliance of the grasp. */
 #include "contact_solver.h"
 
 #include <math.h>
@@ -30,7 +30,7 @@ bool tms_contact_solver_is_grasping(const tms_contact_solver *l, int32_t tool) {
     return l->grasp_of[tool].state == TM_GRASP_HOLDING;
 }
 
-/* Held by hand already, or by the other jaws: one master each. */
+/* Skips vertices that are imposed or in other jaws: each has one pin. */
 static void leave_out_taken(const tms_contact_solver *l, tms_grasp *h) {
     int32_t kept = 0;
     for (int32_t i = 0; i < h->count; i++) {
@@ -43,7 +43,7 @@ static void leave_out_taken(const tms_contact_solver *l, tms_grasp *h) {
     h->count = kept;
 }
 
-/* Closing changes no force: each spring begins with what contact did to its vertex. */
+/* Closes a jaw without a change of force: each spring starts with the contact force on its vertex. */
 static void close_jaw(tms_contact_solver *l, int32_t t) {
     tms_grasp *h = &l->grasp_of[t];
     const tms_tool *tool = &l->tool[t];

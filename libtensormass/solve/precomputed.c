@@ -1,4 +1,4 @@
-/* The precomputed model: stored responses of the surface, and the on-line system over them. */
+/* Precomputed model: stored responses of the surface, and the online contact solver on them. */
 #include "precomputed.h"
 
 #include <math.h>
@@ -156,7 +156,7 @@ int64_t tm_precomputed_bytes(const tm_precomputed *m) {
            12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
 }
 
-/* --- on line --- */
+/* --- online --- */
 
 static void add_double(double *restrict sum, const double *restrict column, double f, int32_t n) {
     for (int32_t i = 0; i < n; i++) sum[i] += f * column[i];
@@ -165,7 +165,7 @@ static void add_single(double *restrict sum, const float *restrict column, doubl
     for (int32_t i = 0; i < n; i++) sum[i] += f * (double)column[i];
 }
 
-/* The whole surface: base and the forces' responses, by ascending vertex. */
+/* Computes the complete surface: base plus the responses to the forces, by ascending vertex. */
 static void superpose(tm_precomputed *m) {
     const tms_responses *r = &m->responses;
     const tms_contact_solver *l = &m->solver;
@@ -189,7 +189,7 @@ int32_t tm_precomputed_update(tm_precomputed *m, const tm_tool_pose *pose) {
     TM_REQUIRE(m && (pose || m->solver.tool_count == 0), "model or pose is null", -1);
     for (int32_t t = 0; t < m->solver.tool_count; t++)
         TM_REQUIRE(TM_IS_POSE(pose + t), "a pose is not finite or beyond 1e6", -1);
-    if (!m->superposed) superpose(m); /* the broad phase looks at the whole surface */
+    if (!m->superposed) superpose(m); /* the broad phase reads the complete surface */
     const int32_t steps = tms_contact_solver_update(&m->solver, pose);
     m->superposed = false;
     return m->solver.converged ? steps : -steps - 1;
@@ -261,7 +261,7 @@ static bool has_response(const tm_precomputed *m, int32_t v) {
            (m->kept_index[3 * v] >= 0 || m->kept_index[3 * v + 1] >= 0 || m->kept_index[3 * v + 2] >= 0);
 }
 
-/* For messages; a number that is none stays. */
+/* Converts to the original number, for messages; an invalid number is kept. */
 static int32_t given_number(const tm_precomputed *m, int32_t v) {
     const tm_mesh *mesh = tm_tissue_mesh(m->tissue);
     return v >= 0 && v < mesh->vertex_count ? tm_mesh_original_vertex(mesh, v) : v;
@@ -297,8 +297,8 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
         l->pin[i] = (tms_pin){.vertex = vertex[i], .tool = -1, .compliance_m_N = compliance_m_N};
         memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
     }
-    l->pin_count = l->imposed_count = count; /* what jaws hold follows in the next update */
-    l->pair_count = 0;                       /* changes of other unknowns */
+    l->pin_count = l->imposed_count = count; /* grasped vertices follow in the next update */
+    l->pair_count = 0;                       /* the changes were of other unknowns */
     tms_contact_solver_regather(l);
     return TM_OK;
 }
@@ -307,6 +307,6 @@ void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double for
     TM_REQUIRE(m && force_N && i >= 0 && i < m->solver.imposed_count,
                "model or force_N is null, or vertex i is not imposed", );
     const tms_contact_solver *l = &m->solver;
-    const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
+    const int32_t s = l->slot_of[l->pin[i].vertex]; /* its reaction is its force minus the tools' share */
     for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
 }

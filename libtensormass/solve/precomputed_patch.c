@@ -1,14 +1,14 @@
-/* The patch of the precomputed model: its compliance is exact, and knows what the other tools hold. */
+/* Patch of the precomputed model: its compliance is exact and includes the grasps of other tools. */
 #include "precomputed.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Whose vertices these are: the patch's, then those that its tool holds. */
+/* Source of compliance: the patch's vertices, then those that its tool grasps. */
 typedef struct source {
     tm_precomputed *model;
     int32_t count, vertex[TMS_FELT];
-    bool others; /* there are some: yield is filled */
+    bool others; /* there are other tools: yield is filled */
 } source;
 
 static bool others_hold(const tms_contact_solver *l, int32_t tool) {
@@ -18,7 +18,7 @@ static bool others_hold(const tms_contact_solver *l, int32_t tool) {
     return any;
 }
 
-/* Forces of the others by a unit force on each component. */
+/* Computes the other tools' forces per unit force on each component. */
 static void fill_yield(const source *from, int32_t tool) {
     tm_precomputed *m = from->model;
     tms_contact_solver *l = &m->solver;
@@ -51,14 +51,14 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     return true;
 }
 
-/* What the tool's jaws hold, as springs. */
+/* The tool's grasp, as springs. */
 typedef struct station {
     tm_patch_grasp is;
     int32_t vertex[TM_GRASP_VERTICES];
     double target_m[3 * TM_GRASP_VERTICES], force_N[3 * TM_GRASP_VERTICES], size_N;
 } station;
 
-/* False: more than a patch can hold. */
+/* Returns false if it exceeds a patch's capacity. */
 static bool find_station(const tms_contact_solver *l, int32_t tool, station *g) {
     double sum[3] = {0};
     g->is = (tm_patch_grasp){
@@ -101,7 +101,7 @@ static bool fill(tm_precomputed *m, int32_t instrument, const station *g, tm_pat
                        : tm_patch_fill(patch, block, &from, l->now.row, l->now.count);
 }
 
-/* Takes friction's forces from the shape; the controller's law adds its own. */
+/* Removes friction's forces from the shape; the controller's law adds its own. */
 static bool remove_friction(const tms_contact_solver *l, int32_t instrument, tm_patch *patch) {
     if (!tms_contact_solver_has_friction(l, instrument)) return true;
     patch->friction_static = l->friction->coefficient[instrument].mu_static;
@@ -132,7 +132,7 @@ bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double ve
     if (!tms_contact_solver_can_touch(tool) || l->grasp_of[instrument].state == TM_GRASP_RELEASING ||
         !find_station(l, instrument, &g))
         return false;
-    if (g.is.count && max_vertices < 4) return false; /* the tip takes the place of one */
+    if (g.is.count && max_vertices < 4) return false; /* the tip takes one place */
     const double *u = tm_precomputed_displacement(m);
     if (!tm_patch_choose(l->mesh->rest_m, u, &l->surface, &tool->capsule, velocity_m_s, horizon_s, l->now.row,
                          l->now.count, max_vertices - (g.is.count > 0), max_triangles, patch) ||

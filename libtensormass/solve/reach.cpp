@@ -1,5 +1,5 @@
-// Columns of a compliance among few components: the parts of a supernodal factor that lie between these and the root of
-// its tree, forward and back. All the rest of the factor has nothing to do with them.
+// Columns of a compliance among few components. Solves only with the supernodes on the paths from these to the root of
+// the elimination tree, forward and back; the rest of the factor has no influence.
 #define EIGEN_USE_BLAS
 #include "internal.h"
 
@@ -12,9 +12,9 @@ using view = Eigen::Map<const matrix, 0, strided>;
 using block = Eigen::Map<matrix, 0, strided>;
 
 struct tms_reach {
-    int32_t n, supernodes, most; // most rows of a supernode
-    int32_t *place, *of;         // of each component: where the factor has it; of a place: its supernode
-    uint8_t *forward, *back;     // supernodes to pass
+    int32_t n, supernodes, most; // most: maximum rows of a supernode
+    int32_t *place, *of;         // place: position of each component in the factor; of: supernode of a position
+    uint8_t *forward, *back;     // supernodes to process
     double *x, *below;           // [n][TMS_BLOCK] and [most][TMS_BLOCK], column after column
 };
 
@@ -61,7 +61,7 @@ int64_t tms_reach_bytes(const tms_reach *r) {
     return 8 * int64_t(r->n) + 2 * int64_t(r->supernodes) + 8 * TMS_BLOCK * (int64_t(r->n) + r->most);
 }
 
-// Marks the supernodes from a component's to the root; those behind a marked one are marked.
+// Marks the supernodes from a component's to the root; above a marked one all are marked.
 static void climb(const tms_reach *r, const tms_supernodes &f, int32_t component, uint8_t *marked) {
     int32_t s = component < 0 ? -1 : r->of[r->place[component]];
     while (s >= 0 && !marked[s]) {
@@ -71,7 +71,7 @@ static void climb(const tms_reach *r, const tms_supernodes &f, int32_t component
     }
 }
 
-// One supernode: its columns, its own rows first, and what lies below.
+// One supernode: its columns, with its own rows first, and the rows below.
 struct supernode {
     int32_t first, own, rows;
     const int32_t *below;
@@ -114,7 +114,7 @@ void tms_reach_solve(tms_reach *r, const tms_solver *solver, const int32_t *unit
     const tms_supernodes f = tms_solver_supernodes(solver);
     std::fill_n(r->forward, f.count, uint8_t(0));
     for (int32_t j = 0; j < units; j++) climb(r, f, unit[j], r->forward);
-    std::copy_n(r->forward, f.count, r->back); // a row needs what is on its way to the root: passed forward, or zero
+    std::copy_n(r->forward, f.count, r->back); // a row needs those on its path to the root: solved forward, or zero
     for (int32_t i = 0; i < rows; i++) climb(r, f, row[i], r->back);
     for (int32_t s = 0; s < f.count; s++)
         for (int32_t j = 0; r->back[s] && j < units; j++)

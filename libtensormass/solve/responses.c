@@ -1,11 +1,11 @@
-/* Responses of a problem: from its file, or computed. */
+/* Responses of a problem: read from a file, or computed. */
 #include "internal.h"
 
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
 
-/* Everything the columns depend on, and nothing else: density and damping are not in it, a load is. */
+/* Hashes all inputs of the columns and nothing else: not density and damping, but a load. */
 static uint64_t key_of(const tms_request *q) {
     const tm_tissue *tissue = q->def->tissue;
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
@@ -26,7 +26,7 @@ static uint64_t key_of(const tms_request *q) {
         h = tm_hash(constant, sizeof constant, h);
         if (fibre && !tm_material_is_isotropic(m)) h = tm_hash(fibre, 24, h);
     }
-    /* The tensors may be stored in single: then the answer differs too. */
+    /* The tensors may be stored in single, which changes the result. */
     double K[9];
     tm_tissue_vertex_tensor(tissue, 0, K);
     h = tm_hash(K, sizeof K, h);
@@ -54,7 +54,8 @@ static void view(tms_responses *r, char *memory, const char *columns) {
     r->bytes = (int64_t)l.bytes;
 }
 
-/* Of a file under way: a shared factor's last bits are its own, so that it does not go on with another one's. */
+/* Makes the head of a partial file. The last bits of a distributed factor are its own, so another one may not continue
+ * the file. */
 static tms_file_head head_of(const tms_request *q, uint64_t key, int32_t kept_count) {
     const bool shared = q->ranks && q->ranks->distributed;
     return (tms_file_head){.key = shared ? tm_hash("shared", 6, key) : key,
@@ -63,7 +64,7 @@ static tms_file_head head_of(const tms_request *q, uint64_t key, int32_t kept_co
                            .precision = (int32_t)q->precision};
 }
 
-/* Lists of a new set in `memory`, behind its head. */
+/* Starts the lists of a new set in `memory`, after its head. */
 static void begin_lists(const tms_request *q, const tms_system *system, int32_t kept_count, char *memory) {
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     int32_t *kept = (int32_t *)(void *)(memory + l.kept), at = 0;
@@ -72,8 +73,8 @@ static void begin_lists(const tms_request *q, const tms_system *system, int32_t 
     if (q->interface_count) memcpy(memory + l.interface, q->interface, 4 * (size_t)q->interface_count);
 }
 
-/* One right-hand side, b [n] in and the solution out; with a shared factor of all ranks together, whose b is null but
- * on rank 0. */
+/* Solves one right-hand side, b [n] in and the solution out. With a distributed factor all ranks take part; b is null
+ * except on rank 0. */
 static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32_t n, double *b, tm_error *error) {
     bool solved = false;
     if (solver) {
@@ -92,7 +93,8 @@ static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32
                    "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
 }
 
-/* Displacement under the loads and prescribed values, interface held at 0, and the force it leaves on the interface. */
+/* Computes the displacement under the loads and prescribed values with the interface fixed at 0, and the force on the
+ * interface. */
 static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver,
                             const int32_t *kept, int32_t kept_count, double *base, double *force, tm_error *error) {
     const size_t dofs = 3 * (size_t)system->vertex_count;
@@ -146,13 +148,13 @@ static tm_status compute_into(const tms_request *q, const tms_system *system, co
     return solver ? tms_columns_run(&c, q->def, q->ranks, error) : tms_distributed_columns(&c, q->def, q->ranks, error);
 }
 
-/* Why there is no file, beside why there was none to read. */
+/* Adds the reason for not writing a file to the reason for not reading one. */
 static void in_memory(char why[160], const tm_error *lack) {
     const size_t used = strlen(why);
     snprintf(why + used, 160 - used, "; kept in memory alone: %s", lack->message);
 }
 
-/* The new file, if there is to be one: locked already, its space taken here. `need`: no file is a failure. */
+/* Reserves the new file, which is already locked, if one is wanted. `need`: no file is a failure. */
 static tm_status reserve(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes, bool need,
                          tms_partial_file *part, char why[160], tm_error *error) {
     tm_error lack;
@@ -174,7 +176,7 @@ static tm_status reserve(const tms_request *q, tms_file_write *file, const tms_f
     return TM_OK;
 }
 
-/* What each rank writes into: rank 0 makes it, the others open it when it is there. */
+/* Opens the partial file that all ranks write: rank 0 creates it, the others open it afterwards. */
 static tm_status open_part(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes,
                            bool need, tms_partial_file *part, char why[160], tm_error *error) {
     const bool first = !q->ranks || q->ranks->rank == 0;
@@ -183,7 +185,7 @@ static tm_status open_part(const tms_request *q, tms_file_write *file, const tms
     return status != TM_OK || first ? status : tms_partial_file_join(part, q->file, head, error);
 }
 
-/* What was computed, into the file's place and mapped from there; or, where that fails, kept as it is. */
+/* Renames the computed file and maps it; if that fails, keeps the memory. */
 static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
                          char why[160], tm_error *error) {
     tm_error lack;
@@ -208,7 +210,7 @@ static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *fil
     return TM_OK;
 }
 
-/* Its own, or this rank's piece of one. */
+/* Computes a factor of its own, or this rank's part of a distributed one. */
 static tm_status factor(const tms_request *q, const tms_system *system, const tms_layout *l, const tms_layout *single,
                         tms_solver **solver, tm_solve_report *report, tm_error *error) {
     if (!q->ranks || !q->ranks->distributed)
@@ -221,7 +223,7 @@ static tm_status factor(const tms_request *q, const tms_system *system, const tm
     return status;
 }
 
-/* Where the result goes: the mapped new file, own memory, or on other ranks the lists alone. */
+/* Computes the result into the mapped new file or own memory; on other ranks only the lists are in memory. */
 static tm_status fill(const tms_request *q, const tms_system *system, const tms_solver *solver,
                       const tms_file_head *head, const tms_layout *l, tms_file_write *file, tms_partial_file *part,
                       tms_responses *r, tm_error *error) {
@@ -290,7 +292,7 @@ static tm_status factor_again(const tms_request *q, tm_solve_report *report, tm_
     return status;
 }
 
-/* The lists are those of this problem: a file may lie about them and still have the right sums. */
+/* Checks that the lists are those of this problem: a damaged file may have wrong ones and still the right checksums. */
 static bool lists_fit(const tms_request *q, const tms_responses *r) {
     const int32_t dofs = 3 * tm_tissue_mesh(q->def->tissue)->vertex_count;
     if (r->interface_count != q->interface_count || r->precision != q->precision) return false;
@@ -331,11 +333,11 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
     if (writes && !found) {
         tm_error lack;
         status = tms_file_lock(q->def, q->file, TMS_WAIT_S, &file, &lack);
-        if (status == TM_OK && !force) { /* whoever had the lock before may have written it */
+        if (status == TM_OK && !force) { /* the previous holder of the lock may have written it */
             found = from_file(q, key, r, report);
             if (found) tms_file_abandon(&file);
         } else if (status == TM_ERR_FILE && !force) {
-            in_memory(report->why, &lack); /* without a cache everything works all the same */
+            in_memory(report->why, &lack); /* everything works without a cache too */
             status = TM_OK;
         } else if (status != TM_OK && error) {
             *error = lack;

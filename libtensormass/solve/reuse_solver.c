@@ -1,13 +1,13 @@
-/* Newton's method on lambda = skin(gap + give lambda): skins are lines with kinks, so where it is known which rows bear
- * anything, a step or two find the rest. Where it is not, sweeps of one row after the other come before each step: they
- * always come nearer. */
+/* Solves lambda = reaction(gap + delassus lambda) by Newton's method. The reaction of contact compliance is piecewise
+ * linear: once the loaded rows are known, one or two steps find the solution. Before each step, sweeps over single rows
+ * find them; each sweep reduces the error. */
 #include "hybrid.h"
 
 #include <math.h>
 
 enum { STEPS = 24, PLAIN = 3, SWEEPS = 8 };
-static const double SOLVED = 1e-9;      /* of the largest displacement that one of the forces makes */
-static const double TOUCHING_M = 1e-13; /* as of the whole solution (newton_matrix.c) */
+static const double SOLVED = 1e-9;      /* relative to the largest displacement by one of the forces */
+static const double TOUCHING_M = 1e-13; /* as of the full solve (newton_matrix.c) */
 
 double tms_reuse_gap(const tms_reuse_system *s, int32_t i) {
     double gap = s->gap_m[i];
@@ -15,7 +15,7 @@ double tms_reuse_gap(const tms_reuse_system *s, int32_t i) {
     return gap;
 }
 
-/* How far each is from what its skin bears, and the matrix of that; false: all are near enough. */
+/* Computes each row's distance from its law, and the matrix; returns false if all are within tolerance. */
 static bool is_off(tms_reuse_system *s) {
     double most = 0, worst = 0;
     for (int32_t i = 0; i < s->count; i++) {

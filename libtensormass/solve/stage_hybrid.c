@@ -1,5 +1,5 @@
-/* Stage "hybrid": the condensed part pushes on the interface in every substep; what lasts from step to step; its inside
- * once a frame. */
+/* Stage "hybrid": the condensed part's force on the interface in each substep, its state between steps, and its
+ * interior once per frame. */
 #include "hybrid.h"
 
 #include <string.h>
@@ -21,10 +21,10 @@ static void changed(void *self, tm_world *world) {
     ((tm_hybrid *)self)->stale = true;
 }
 
-/* --- what lasts from step to step --- */
+/* --- state between steps --- */
 
-/* First, which part is whose: a snapshot of another division of the same organ would leave tetrahedra in both or in
- * none. Then what the coupling follows, and what the on-line system keeps, if there is one. */
+/* A snapshot begins with the division into parts: one with another division of the same organ would leave tetrahedra in
+ * both or in none. Then follow the coupling's state and the contact solver's, if there is one. */
 static uint64_t division(const tm_hybrid *h) { return tm_hash(h->alive, (size_t)h->mesh->tet_count, TM_HASH_SEED); }
 
 static int64_t snapshot(void *self, void *buffer) {
@@ -71,18 +71,18 @@ static void checkpoint(void *self) {
     if (!h->returns && h->solver_contact.allocation) h->saved_bytes = tms_hybrid_snapshot_contact(h, h->saved);
 }
 
-/* The mobilities may not have been given back yet: taken when they are needed. */
+/* The mobilities may not have been rolled back yet: they are read when needed. */
 static void rollback(void *self, tm_world *world) {
     tm_hybrid *h = self;
     (void)world;
     tms_coupling_rollback(&h->coupling);
     h->returns = true;
-    h->seen_revision = -1; /* the number of the surface that was given back may come again for another */
+    h->seen_revision = -1; /* the revision that was rolled back may be used again for another surface */
 }
 
 /* --- the stage --- */
 
-/* Leaves the world, or the attempt to join one, and is as it was made: it may join another. */
+/* Leaves the world, or a failed attempt to join one. The model is then as created and may join another. */
 static void detach(void *self) {
     tm_hybrid *h = self;
     if (h->contact) tm_contact_set_block(h->contact, NULL);
@@ -168,7 +168,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     return status;
 }
 
-/* --- once a frame --- */
+/* --- once per frame --- */
 
 void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     TM_REQUIRE(h && world && h->world == world, "hybrid or world is null, or hybrid is not in this world", );

@@ -1,4 +1,4 @@
-/* Messages, memory, clock, processors, numbers of snapshots. */
+/* Messages, memory, clock, processors, numbers in snapshots. */
 #include "internal.h"
 
 #include <math.h>
@@ -40,7 +40,7 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
     return TM_OK;
 }
 
-enum { HEADER = 64 }; /* before the memory: its size, and the alignment kept */
+enum { HEADER = 64 }; /* before the memory: its size; keeps the alignment */
 
 void *tms_alloc(size_t bytes) {
     if (bytes > SIZE_MAX / 4) return NULL;
