@@ -1,4 +1,5 @@
-/* Many right-hand sides over threads and ranks, in blocks of fixed width, whoever solves them. */
+/* Solves many right-hand sides with threads and ranks, in blocks of fixed width, so that results do not depend on their
+ * number. */
 #include "internal.h"
 
 #include <pthread.h>
@@ -8,8 +9,8 @@ typedef struct worker {
     const tms_columns *c;
     tms_work *work;
     double *full_u, *full_f; /* [3*vertex_count], for interface columns */
-    void *out;               /* of the block under way */
-    int32_t block;           /* -1: nothing this round */
+    void *out;               /* of the present block */
+    int32_t block;           /* -1: nothing in this round */
     bool failed, lost;       /* not solved; not written */
 } worker;
 
@@ -22,7 +23,7 @@ static int32_t block_columns(const tms_columns *c, int32_t block) {
 }
 static size_t entry_bytes(const tms_columns *c) { return c->precision == TM_DOUBLE ? 8 : 4; }
 
-/* Where rank 0 wants a block. */
+/* Returns the place of a block on rank 0. */
 static void *tms_columns_place(const tms_columns *c, int32_t block) {
     return (char *)c->out + (size_t)block * TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c);
 }
@@ -35,14 +36,14 @@ static void tms_columns_store(const tms_columns *c, void *out, int64_t at, doubl
         ((float *)out)[at] = (float)x;
 }
 
-/* Notes a solved block; of ranks above 0: writes it. */
+/* Records a solved block; on ranks above 0 writes it. */
 static bool tms_columns_put(const tms_columns *c, int32_t block, const void *data) {
     return !c->partial_file ||
            tms_partial_file_put(c->partial_file, block, data,
                                 (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c));
 }
 
-/* Blocks that are still to be solved, ascending; null: no memory. */
+/* Lists the blocks still to be solved, ascending; returns null if memory is exhausted. */
 static int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
     const int32_t blocks = count_blocks(c);
     int32_t *todo = tms_alloc(sizeof *todo * (size_t)(blocks + 1));
@@ -57,7 +58,7 @@ tm_status tms_ranks_barrier(const tm_solve_ranks *rank_group, tm_error *error) {
                                                                 : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
 }
 
-/* Before block `first` of `count`, begun at `start_s`: tells how far it is; fails where the caller wants to stop. */
+/* Reports the progress before block `first` of `count`, begun at `start_s`; fails if the caller requests a stop. */
 static tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s,
                                   tm_error *error) {
     const double done = (double)first / count, left_s = first ? (tms_clock_s() - start_s) * (1 - done) / done : -1;
@@ -66,7 +67,7 @@ static tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_
                : tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
 }
 
-/* Waits for the other ranks, and sees on rank 0 that all was done. */
+/* Waits for the other ranks; rank 0 then checks that all blocks are done. */
 static tm_status tms_columns_barrier(const tms_columns *c, const tm_solve_ranks *rank_group, tm_error *error) {
     const tm_status status = tms_ranks_barrier(rank_group, error);
     if (status != TM_OK) return status;
@@ -80,7 +81,7 @@ static tm_status tms_columns_barrier(const tms_columns *c, const tm_solve_ranks 
     return TM_OK;
 }
 
-/* Right-hand side of column j: a unit force, or minus the coupling to a unit displacement of the interface. */
+/* Sets the right-hand side of column j: a unit force, or minus the coupling to a unit displacement of the interface. */
 static void fill_rhs(worker *w, int32_t j, double *b) {
     const tms_columns *c = w->c;
     const tms_system *s = c->system;
@@ -131,7 +132,7 @@ static void *solve_block(void *argument) {
     return NULL;
 }
 
-/* One block for each thread of this rank. */
+/* Solves one block per thread of this rank. */
 static tm_status run_round(worker *workers, int32_t threads, const tms_columns *c, const tm_solve_ranks *rank_group,
                            const int32_t *todo, int32_t count, tm_error *error) {
     const int32_t rank = rank_group ? rank_group->rank : 0, ranks = rank_group ? rank_group->count : 1;
@@ -196,10 +197,10 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     int32_t count, *todo = tms_columns_todo(c, &count);
     tm_status status = todo ? take_all(c, rank, threads, &workers, error)
                             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a list of blocks; use a coarser mesh");
-    /* Nobody writes before all have read what is done. */
+    /* No rank may write before all have read which blocks are done. */
     if (status == TM_OK) status = tms_ranks_barrier(rank_group, error);
     const double start = tms_clock_s();
-    tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
+    tms_process_enter(); /* for the complete run: entering per block would change the settings each time */
     for (int32_t first = 0; status == TM_OK && first < count; first += step) {
         status = tms_columns_told(def, first, count, start, error);
         if (status == TM_OK) status = run_round(workers, threads, c, rank_group, todo + first, count - first, error);
@@ -212,10 +213,10 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     return status;
 }
 
-/* Columns by one factor that the ranks share: all of them solve together, as many blocks at a time as there are ranks,
- * and each writes one. */
+/* Computes columns with one factor distributed over the ranks. All ranks solve together, as many blocks at a time as
+ * there are ranks, and each writes one. */
 
-/* Units of one round: rank r's in unit[r * TMS_BLOCK ..]. */
+/* Lists the unit forces of one round: rank r's in unit[r * TMS_BLOCK ..]. */
 static void ask(const tms_columns *c, const int32_t *todo, int32_t count, int32_t ranks, int32_t *unit) {
     for (int32_t r = 0; r < ranks; r++)
         for (int32_t j = 0; j < TMS_BLOCK; j++) {
@@ -224,7 +225,7 @@ static void ask(const tms_columns *c, const int32_t *todo, int32_t count, int32_
         }
 }
 
-/* This rank's block of the round, as it was solved. */
+/* Stores this rank's solved block of the round. */
 static bool deliver(const tms_columns *c, int32_t rank, int32_t block, const double *x, void *own) {
     void *out = rank == 0 ? tms_columns_place(c, block) : own;
     for (int32_t j = 0; j < TMS_BLOCK && block * TMS_BLOCK + j < c->kept_count; j++)

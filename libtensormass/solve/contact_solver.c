@@ -1,20 +1,19 @@
-/* The on-line system: the path of the tools, and what it comes to. Slots are in vertex_slots.c, jaws in online_grasp.c,
- * the matrix in newton_matrix.c, Newton's method and the quick steps in newton.c. */
+/* The online contact solver: the path of the tools, and its solution. Slots are in vertex_slots.c, jaws in
+ * online_grasp.c, the matrix in newton_matrix.c, Newton's method and the secant steps in newton.c. */
 #include "contact_solver.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Where Newton's method finds no solution: normals and shares that jump with the shape (a thin tool between the lips of
- * a cut) may leave none. Rows as they are found at the shape of before, frozen, always have one; swept as the core
- * sweeps its own (contact_solve.c), until no row would change what its skin bears: as true as a dynamic model's
- * contact. */
+/* Fallback without a solution by Newton's method: normals and shares that jump with the shape (a thin tool between the
+ * lips of a cut) may leave none. Rows detected in the previous shape, frozen, always have one. They are swept as the
+ * core does (contact_solve.c) until no row changes: as accurate as a dynamic model's contact. */
 
 enum { SWEEPS = 200 };
-static const double MARGIN = 0.1;   /* radii: rows so far off may be touched once others give way */
-static const double SETTLED = 1e-4; /* radii: what a row's last change would have moved at most */
+static const double MARGIN = 0.1;   /* radii: rows within it may be touched when others yield */
+static const double SETTLED = 1e-4; /* radii: maximum motion by a row's last change */
 
-/* The row's forces on the slots, per newton of it: G. */
+/* The row's forces on the slots, per newton: G. */
 typedef struct lever {
     int32_t component[9];
     double G[9];
@@ -29,7 +28,7 @@ static lever lever_of(const tms_contact_solver *l, const tm_contact_row *row) {
     return of;
 }
 
-/* The gap's change by the displacements du, and by a newton of the row itself. */
+/* Returns the gap's change by the displacements du, and per newton of the row itself. */
 static double along(const lever *of, const double *du) {
     double sum = 0;
     for (int a = 0; a < 9; a++) sum += of->G[a] * du[of->component[a]];
@@ -51,7 +50,7 @@ static void push(const tms_contact_solver *l, const lever *of, double lambda_N, 
     }
 }
 
-/* Returns how far the row was from what its skin bears, in radii. */
+/* Relaxes one row; returns its previous distance from its law, in radii. */
 static double relax(tms_contact_solver *l, tm_contact_row *row, double *du) {
     const lever of = lever_of(l, row);
     const double radius = l->tool[row->instrument].def.radius_m, skin = l->def.contact_compliance_m_N / row->share;
@@ -64,7 +63,7 @@ static double relax(tms_contact_solver *l, tm_contact_row *row, double *du) {
 }
 
 void tms_contact_solver_freeze(tms_contact_solver *l, const double *f_before) {
-    double *du = l->f_kept; /* from the shape in which the rows are found */
+    double *du = l->f_kept; /* from the shape in which the rows are detected */
     memcpy(l->f, f_before, 24 * (size_t)l->capacity);
     tms_contact_solver_shape(l);
     tms_contact_solver_evaluate_shape(l, &l->now, MARGIN);
@@ -75,7 +74,7 @@ void tms_contact_solver_freeze(tms_contact_solver *l, const double *f_before) {
         const lever of = lever_of(l, &l->now.row[i]);
         push(l, &of, l->now.row[i].lambda_N, l->f, du);
     }
-    for (int32_t sweep = 0; sweep < SWEEPS && !l->converged; sweep++) { /* there and back: no row is always last */
+    for (int32_t sweep = 0; sweep < SWEEPS && !l->converged; sweep++) { /* in both directions: no row is always last */
         double most = 0;
         for (int32_t i = 0; i < l->now.count; i++)
             most = fmax(most, relax(l, &l->now.row[sweep % 2 ? l->now.count - 1 - i : i], du));
@@ -85,7 +84,7 @@ void tms_contact_solver_freeze(tms_contact_solver *l, const double *f_before) {
     tms_contact_solver_shape(l);
 }
 
-/* How long the path is, in pieces. */
+/* Returns the number of increments of the path. */
 static double path_pieces(const tms_contact_solver *l, const tm_tool_pose *pose) {
     double most = 0;
     for (int32_t t = 0; t < l->tool_count; t++) {
@@ -99,7 +98,7 @@ static double path_pieces(const tms_contact_solver *l, const tm_tool_pose *pose)
     return most;
 }
 
-/* What a piece that does not converge is undone to. */
+/* Saves or restores the state, for an increment that does not converge. */
 static void save(tms_contact_solver *l, bool back) {
     for (int32_t s = 0; s < l->capacity; s++)
         for (int c = 0; c < 3; c++)
@@ -120,7 +119,7 @@ int32_t tms_contact_solver_update(tms_contact_solver *l, const tm_tool_pose *pos
     double done = 0, piece = 1 / whole;
     int32_t steps = 0;
     for (int32_t t = 0; t < l->tool_count; t++) from[t] = l->tool[t].pose;
-    bool worked = false; /* jaws close where the path ends */
+    bool worked = false; /* jaws close at the end of the path */
     for (int32_t solves = 1; done < 1; solves++) {
         const bool last_chance = solves >= TMS_MAX_SOLVES || piece * whole < 1.0 / 64;
         const double to = last_chance && solves >= TMS_MAX_SOLVES ? 1 : fmin(1, done + piece);
@@ -131,7 +130,7 @@ int32_t tms_contact_solver_update(tms_contact_solver *l, const tm_tool_pose *pos
         tms_contact_solver_gather(l);
         if (!tms_contact_solver_friction_knows(l)) tms_contact_solver_shape(l), tms_contact_solver_friction_learn(l);
         steps = tms_contact_solver_solve(l);
-        if (!l->converged && !last_chance) { /* it was too far: back, and half of it */
+        if (!l->converged && !last_chance) { /* too far: restores, and halves the increment */
             save(l, true);
             piece *= 0.5;
             continue;

@@ -1,5 +1,5 @@
-/* Exact compliance beside a simulation: wishes one way, pieces the other, each through three buffers of which the
- * writer owns one, the reader one, and the third is swapped by a single atomic exchange: nobody waits for anybody. */
+/* Exact compliance computed concurrently with a simulation. Requests and results each use three buffers: one for the
+ * writer, one for the reader, and a third that one atomic exchange swaps. No thread waits for another. */
 #include "factored.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* Of three buffers the one between writer and reader; FRESH: the writer has put it there since the reader looked. */
+/* Index of the buffer between writer and reader; FRESH: written since the reader's last exchange. */
 enum { FRESH = 4, NICER = 5 };
 typedef struct swap {
     _Atomic int middle;
@@ -37,14 +37,14 @@ struct tm_compliance_factor {
     swap requests, results;
     tms_compliance_request request[3];
     tms_compliance_result result[3];
-    int32_t revision[3];        /* of the tissue that wish[i].alive was copied from, -1: never */
-    tms_compliance_request now; /* what the simulation wants: all instruments together; `alive` unused */
-    bool any;                   /* a piece has been taken */
-    bool live;                  /* a thread works */
+    int32_t revision[3];        /* of the tissue that requests[i].alive was copied from, -1: never */
+    tms_compliance_request now; /* present request of all instruments together; `alive` unused */
+    bool any;                   /* a result has been received */
+    bool live;                  /* a thread runs */
     bool corotated;
-    int64_t frame; /* one more whenever an instrument comes that has come since the last one */
+    int64_t frame; /* incremented when an instrument arrives that has arrived since the last increment */
     int32_t last_owner;
-    double rotation[9 * TMS_RESULT_VERTICES]; /* of the piece that was taken last, since it was made */
+    double rotation[9 * TMS_RESULT_VERTICES]; /* since the state of the last result */
     tm_compliance given;
     pthread_t thread;
     sem_t posted;
@@ -130,9 +130,9 @@ int64_t tm_compliance_factor_bytes(const tm_compliance_factor *f) {
            3 * (tets + (int64_t)sizeof(double) * width * width) + tms_engine_bytes(f->engine);
 }
 
-/* --- the other side --- */
+/* --- worker thread --- */
 
-/* One wish, until nothing more comes of it or a newer one is there. */
+/* Works on one request until it is complete or a newer one exists. */
 static void work_off(tm_compliance_factor *f, bool whole) {
     bool more = true;
     while (more && !atomic_load(&f->stop)) {
@@ -144,7 +144,7 @@ static void work_off(tm_compliance_factor *f, bool whole) {
 
 static void *work(void *user) {
     tm_compliance_factor *f = user;
-    setpriority(PRIO_PROCESS, (id_t)syscall(SYS_gettid), NICER); /* of this thread: frames come first */
+    setpriority(PRIO_PROCESS, (id_t)syscall(SYS_gettid), NICER); /* of this thread: frames have priority */
     while (!atomic_load(&f->stop)) {
         sem_wait(&f->posted);
         if (swap_take(&f->requests)) work_off(f, false);
@@ -182,7 +182,7 @@ static void post(tm_compliance_factor *f, const double *u_m) {
     if (f->live) sem_post(&f->posted);
 }
 
-/* How the tissue has turned since the newest piece. */
+/* Computes the rotation of the tissue since the newest result. */
 static void turn(tm_compliance_factor *f, const tms_compliance_result *result, const double *u_m) {
     const tm_mesh *mesh = tm_tissue_mesh(f->tissue);
     for (int32_t i = 0; i < result->is.count; i++) {
@@ -213,7 +213,7 @@ static const tm_compliance *exchange(void *self, int32_t owner, const tm_complia
     f->now.needed[owner] = request->needed;
     if (request->count) memcpy(f->now.vertex[owner], request->vertex, sizeof *request->vertex * (size_t)request->count);
     post(f, request->u_m);
-    /* Without a thread it is made now, whole: the same calls, the same bits. */
+    /* Without a thread it is computed now, completely: the same calls, the same bits. */
     if (!f->live && swap_take(&f->requests)) work_off(f, true);
     f->any = swap_take(&f->results) || f->any;
     if (!f->any) return NULL;

@@ -1,4 +1,4 @@
-// What a cut does to a compliance whose factor knows nothing of it yet: Woodbury's identity on the touched components.
+// Effect of a cut on a compliance whose factor does not include it yet: Woodbury's identity on the touched components.
 #define EIGEN_USE_BLAS
 #include "factored.h"
 
@@ -15,7 +15,7 @@ static matrix gather(const view &G, const int32_t *row, int32_t rows, const int3
     return out;
 }
 
-// D B: vertices far from each other have nothing in D.
+// D B; skips zeros, since distant vertices have no entry in D.
 static matrix cut_times(const view &D, const matrix &B) {
     matrix out = matrix::Zero(D.rows(), B.cols());
     for (Eigen::Index i = 0; i < D.rows(); i++)
@@ -29,7 +29,7 @@ bool tms_update_middle(const double *G, int32_t size, const int32_t *touched, in
     Eigen::Map<matrix> middle(M, t, t);
     middle = -cut_times(view(D, t, t), gather(view(G, size, size), touched, t, touched, t));
     middle.diagonal().array() += 1;
-    const Eigen::PartialPivLU<Eigen::Ref<matrix>> lu(middle); // in its place
+    const Eigen::PartialPivLU<Eigen::Ref<matrix>> lu(middle); // in place
     for (int32_t i = 0; i < t; i++) pivot[i] = int32_t(lu.permutationP().indices()(i));
     return middle.allFinite();
 } catch (const std::bad_alloc &) {

@@ -1,10 +1,9 @@
-/* Response files: all of it there, unharmed and of this very problem, or not used at all. Little-endian, as the
- * header's byte_order tells.
+/* Response files: used only if complete, undamaged and of the same problem. Little-endian; the header has byte_order.
  *
- *   tms_file_head | kept int32[] | interface int32[] | base double[] | interface_N double[] | schur double[] | chunk
+ * tms_file_head | kept int32[] | interface int32[] | base double[] | interface_N double[] | schur double[] | chunk
  * checksums uint64[] padding to 4096 | columns, float or double
  *
- * The head's checksum covers everything before the columns, each chunk's checksum 4 MiB of them. */
+ * The head's checksum covers all bytes before the columns; each chunk's checksum covers 4 MiB of them. */
 #include "internal.h"
 
 #include <errno.h>
@@ -20,7 +19,7 @@
 #include <unistd.h>
 
 #define CHUNK ((size_t)1 << 22)
-static const char MAGIC[8] = "TMRESP\r\n"; /* a text-mode copy shows in the last two */
+static const char MAGIC[8] = "TMRESP\r\n"; /* a text-mode copy changes the last two */
 enum { FORMAT_VERSION = 1, BYTE_ORDER_MARK = 0x01020304 };
 
 tms_layout tms_file_layout(int32_t kept, int32_t interface, tm_precision precision) {
@@ -38,8 +37,8 @@ tms_layout tms_file_layout(int32_t kept, int32_t interface, tm_precision precisi
     return l;
 }
 
-/* Four independent lanes of multiply and rotate over 8-byte words: fast enough that checking a file costs no more than
- * reading it. */
+/* Four independent lanes of multiply and rotate over 8-byte words: checking a file then costs no more than reading
+ * it. */
 uint64_t tms_checksum(const void *data, size_t bytes, uint64_t seed) {
     const unsigned char *p = data;
     uint64_t lane[4] = {seed ^ 0x9e3779b97f4a7c15ULL, seed ^ 0xc2b2ae3d27d4eb4fULL, seed ^ 0x165667b19e3779f9ULL,
@@ -127,7 +126,7 @@ static bool check_sums(const char *map, const tms_file_head *head, int32_t threa
 }
 
 bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, size_t *bytes, char why[160]) {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO in its place must not hold us up */
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO of that name must not block */
     if (fd < 0) return refuse(why, errno == ENOENT ? "no file yet" : "the file cannot be opened");
     struct stat st;
     void *m = MAP_FAILED;
@@ -146,7 +145,7 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
 
 /* --- writing --- */
 
-/* Leaves the file as it is: the caller abandons it, or keeps what is mapped. */
+/* Fails and leaves the file as it is: the caller abandons it, or keeps its mapped memory. */
 static tm_status file_fail(const tms_file_write *file, tm_error *error, const char *what, int number) {
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
@@ -155,7 +154,7 @@ static tm_status file_fail(const tms_file_write *file, tm_error *error, const ch
                                     : "name a place that can be written");
 }
 
-/* Never through a link, never into anything but a file of its own. */
+/* Opens the partial file; never through a link, never anything but a regular file of this user. */
 static int open_part(const tms_file_write *file, tm_error *error) {
     struct stat st;
     const int fd = open(file->partial_file, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
@@ -169,7 +168,8 @@ static int open_part(const tms_file_write *file, tm_error *error) {
     return -1;
 }
 
-/* Who held the lock before us may have renamed or removed what we opened: then it is the finished file, or none. */
+/* The previous holder of the lock may have renamed or removed the opened file: it is then the finished file, or
+ * deleted. */
 static bool is_still_partial(int fd, const tms_file_write *file) {
     struct stat mine, there;
     return fstat(fd, &mine) == 0 && lstat(file->partial_file, &there) == 0 && mine.st_dev == there.st_dev &&
@@ -234,7 +234,7 @@ tm_status tms_file_commit(tms_file_write *file, uint64_t key, int32_t threads, t
                      (uint64_t *)(void *)((char *)file->map + l.checksum), l.blocks, threads);
     head->head_checksum = 0;
     head->head_checksum = head_checksum(file->map, l.column);
-    /* Not before its sums are on the disk: a journal would still be of use. */
+    /* Truncates only when the checksums are on the disk: until then the journal is still useful. */
     if (msync(file->map, file->bytes, MS_SYNC) || ftruncate(file->fd, (off_t)l.bytes) || fsync(file->fd))
         return file_fail(file, error, "cannot be flushed to disk", errno);
     if (rename(file->partial_file, file->path)) return file_fail(file, error, "cannot be renamed", errno);

@@ -1,14 +1,14 @@
-/* The hybrid model: what is made once. The stage that runs in every substep is in stage_hybrid.c. */
+/* Construction of the hybrid model. The stage that runs in each substep is in stage_hybrid.c. */
 #include "hybrid.h"
 
 #include <math.h>
 #include <string.h>
 
-/* Where the tensor/mass part ends. Marked by tetrahedra's centres, its border may run through a layer of cells in
- * teeth, with twice the vertices that a smooth one has; and what it costs grows with their square. */
+/* Smooths the dynamic part's interface. If tetrahedra are marked by their centres, the interface may zigzag through a
+ * layer of cells. It then has twice the vertices of a smooth one, and its cost is quadratic in them. */
 
-enum { ITERATIONS = 4 };         /* the teeth of one layer are full after two */
-static const double WORTH = 0.2; /* of the border's vertices: less is not worth another part than was asked for */
+enum { ITERATIONS = 4 };         /* the teeth of one layer are filled after two */
+static const double WORTH = 0.2; /* of the interface's vertices: a smaller gain does not justify a changed part */
 
 static int32_t count_interface(const tm_mesh *mesh, const uint8_t *alive, uint8_t *part) {
     int32_t count = 0;
@@ -18,7 +18,7 @@ static int32_t count_interface(const tm_mesh *mesh, const uint8_t *alive, uint8_
     return count;
 }
 
-/* Condensed tetrahedra with two faces and more on the other part join it. Returns how many. */
+/* Adds condensed tetrahedra with two or more faces on the dynamic part to it. Returns their number. */
 static int32_t fill(const tm_mesh *mesh, const uint8_t *alive, uint8_t *next) {
     int32_t joined = 0;
     memcpy(next, alive, (size_t)mesh->tet_count);
@@ -121,7 +121,7 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
     return TM_OK;
 }
 
-/* The condensed part's own problem: interface held at 0, loads on its inside. */
+/* Sets up the condensed part's problem: interface fixed at 0, loads on its interior. */
 static void set_problem(tm_hybrid *h, const tm_hybrid_def *def) {
     for (int32_t d = 0; d < 3 * h->mesh->vertex_count; d++) {
         const bool interface = h->vertex_kind[d / 3] == TMS_INTERFACE, inside = h->vertex_kind[d / 3] == TMS_CONDENSED;
@@ -137,7 +137,7 @@ static void set_problem(tm_hybrid *h, const tm_hybrid_def *def) {
     }
 }
 
-/* Only condensed tetrahedra with an interface vertex push back on something that moves in steps. */
+/* Only condensed tetrahedra with an interface vertex act on vertices with mass. */
 static void find_step(tm_hybrid *h, const tm_tissue *whole) {
     h->step_s = INFINITY;
     for (int32_t t = 0; t < h->mesh->tet_count; t++) {
@@ -172,8 +172,8 @@ static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_repor
     return status;
 }
 
-/* The condensed stiffness, its upper triangle row by row; made symmetric to the last bit, or it would feed energy in.
- */
+/* Packs the condensed stiffness, its upper triangle row by row. Makes it exactly symmetric: asymmetry would generate
+ * energy. */
 static bool pack_schur(tm_hybrid *h) {
     const int64_t n = h->interface_count;
     h->schur = tms_alloc((size_t)(n * (n + 1) / 2) * 8);

@@ -1,5 +1,5 @@
-/* How far the hybrid gives within a substep: what has mass as that lets it, inner vertices quasi-statically and through
- * the interface. */
+/* Compliance of the hybrid model within a substep: dynamic vertices by their mass, interior ones quasi-statically and
+ * through the interface. */
 #include "hybrid.h"
 
 #include <string.h>
@@ -8,7 +8,7 @@ double tms_hybrid_mobility(const tm_hybrid *h, int32_t dof) {
     return h->fixed_dof[dof] ? 0 : tm_world_mobility_s2_kg(h->world)[dof / 3];
 }
 
-/* Gathered when its slot is new. */
+/* Computed when its slot is new. */
 const double *tms_hybrid_constraint_mode(tm_hybrid *h, int32_t vertex) {
     const tms_contact_solver *l = &h->solver_contact;
     const int32_t slot = l->slot_of[vertex], n = h->interface_count;
@@ -56,11 +56,11 @@ void tms_hybrid_compliance(void *self, int32_t a, int32_t b, double C[9]) {
     }
 }
 
-/* The condensed surface as contact looks for what is around a tool: its inside follows the border's softest shapes, and
- * gives where tools press. Near enough to choose triangles by; what is chosen is then placed exactly. So nobody needs
- * the inside's own solution in a frame, and whether somebody has asked for it changes no bit of the next one. */
+/* Approximate condensed surface, to select triangles around a tool. Its interior follows the interface's softest modes,
+ * and yields under tools. The selected triangles are then placed exactly. A frame thus never needs the interior's full
+ * solution, and requesting it changes no bit of the next frame. */
 
-/* Of kept component `at` for the border's shape j; every component of a small border is one. */
+/* Computes kept component `at` for the interface's mode j; for a small interface each component is a mode. */
 static void fill_rows(tm_hybrid *h) {
     const tms_coupling *c = &h->coupling;
     const int32_t kept = h->responses.kept_count;
@@ -88,7 +88,7 @@ bool tms_hybrid_build_neighbourhood(tm_hybrid *h) {
     return true;
 }
 
-/* How much of each shape the border has. */
+/* Computes the amplitude of each mode of the interface. */
 static void measure(tm_hybrid *h) {
     const tms_coupling *c = &h->coupling;
     const double *u = tm_world_state(h->world)->u_m;

@@ -1,5 +1,4 @@
-/* The beginning of a span, behind a solution in full: how long it may be, which tools are followed how, and what their
- * rows are from there on. */
+/* Begins a reuse interval after a full solve: sets its length, the treatment of each tool, and its frozen rows. */
 #include "hybrid.h"
 
 #include <math.h>
@@ -8,23 +7,25 @@
 #define LAW_REAL double
 #include "libtensormass/numeric/vec.h"
 
-static const double NEAR = 1.25;           /* radii from the axis: what has mass there may be touched within a span */
-static const double MARGIN = 0.25;         /* radii that a tool may move within a span: what is gathered has more, */
-static const double MARGIN_FROZEN = 0.1;   /* where its rows stay, */
-static const double MARGIN_AWAITED = 0.02; /* and where it may touch condensed tissue at any moment */
-enum { AWAITED = 4 };                      /* substeps at most, then */
-static const double JUMP_MAX = 1e-2;       /* of the force, where a span ends: shorter ones next; */
+static const double NEAR = 1.25;           /* radii from the axis: vertices with mass there may be touched within an
+                                            * interval */
+static const double MARGIN = 0.25;         /* radii that a tool may move within an interval: the gathered margin is
+                                            * larger, */
+static const double MARGIN_FROZEN = 0.1;   /* if its rows are frozen, */
+static const double MARGIN_AWAITED = 0.02; /* and if it may touch condensed tissue at any moment */
+enum { AWAITED = 4 };                      /* maximum substeps in that case */
+static const double JUMP_MAX = 1e-2;       /* of the force, at the end of an interval: shorter ones next; */
 static const double JUMP_LITTLE = 0.4e-2;  /* longer ones */
-static const double JUMP_OF_N = 0.02;      /* a smaller force counts as this one */
-/* Of the force, in a substep; less is nothing. */
+static const double JUMP_OF_N = 0.02;      /* smallest force that jumps are compared with */
+/* Relative to the force, per substep; smaller growth is ignored. */
 static const double GROWTH_MAX = 0.5e-2, GROWTH_MIN = 1e-6;
 
-/* Frozen rows may not be on it. Of a border vertex a cut may have left next to nothing. */
+/* Returns whether frozen rows may not include the vertex: a cut may have removed most mass of an interface vertex. */
 static bool is_light(const tm_hybrid *h, int32_t vertex) {
     return h->vertex_kind[vertex] == TMS_DYNAMIC || (h->vertex_kind[vertex] == TMS_INTERFACE && h->reuse->cut);
 }
 
-/* What is around a tool, by what it may come to touch. */
+/* Tissue around a tool, by what it may touch. */
 typedef struct neighbourhood {
     bool rows, condensed_rows, light_rows, light_near, mass_around, condensed_around;
 } neighbourhood;
@@ -55,7 +56,7 @@ static neighbourhood around(const tm_hybrid *h, int32_t t) {
     return c;
 }
 
-/* False: tissue of both kinds bears it. */
+/* Classifies a tool; returns false if tissue of both kinds carries it. */
 static bool classify(tm_hybrid *h, int32_t t) {
     tms_contact_reuse *s = h->reuse;
     const tms_tool *tool = &h->solver_contact.tool[t];
@@ -106,7 +107,7 @@ void tms_contact_reuse_begin(tm_hybrid *h, bool swept) {
     tms_contact_reuse_build(h);
 }
 
-/* --- what the span before has told --- */
+/* --- results of the previous interval --- */
 
 tms_reuse_past tms_reuse_past_of(const tm_hybrid *h) {
     tms_reuse_past past = {.age = h->reuse->age};
@@ -115,8 +116,8 @@ tms_reuse_past tms_reuse_past_of(const tm_hybrid *h) {
     return past;
 }
 
-/* Where a tool slides, what stays in a span makes its force drift by as much in each of its substeps, and so it does in
- * the next one: that much is let in beforehand. Only what two spans agree on, so that what comes to rest is exact. */
+/* Predicts the force growth of a sliding tool. Its fixed rows make its force drift by an equal amount per substep, also
+ * in the next interval. Uses only the part on which two intervals agree, so that equilibrium stays exact. */
 static void predict(tms_contact_reuse *s, int32_t t, double drift) {
     const double before = s->last_growth[t], both = fabs(before) < fabs(drift) ? before : drift;
     s->last_growth[t] = drift;
@@ -124,7 +125,7 @@ static void predict(tms_contact_reuse *s, int32_t t, double drift) {
         before * drift > 0 && fabs(both) > GROWTH_MIN ? fmin(fmax(both, -GROWTH_MAX), GROWTH_MAX) : 0;
 }
 
-/* Largest change of a frozen tool's force, of the force. */
+/* Returns the largest change of a frozen tool's force, relative to the force. */
 static double jump_of(const tm_hybrid *h, const tms_reuse_past *past) {
     const tms_contact_solver *l = &h->solver_contact;
     double most = 0;

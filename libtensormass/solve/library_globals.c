@@ -1,4 +1,4 @@
-/* What BLAS, SuiteSparse and METIS keep for the whole process: set for the time of our calls alone, and put back. */
+/* Process-wide settings of BLAS, SuiteSparse and METIS: changed only during our calls, and restored. */
 #include "internal.h"
 
 #include <dlfcn.h>
@@ -11,7 +11,7 @@
 #include <sys/mman.h>
 #include <sys/resource.h>
 
-/* --- OpenBLAS, where it is the BLAS --- */
+/* --- OpenBLAS, if it is the BLAS --- */
 
 typedef struct blas {
     bool found, parallel;
@@ -32,8 +32,8 @@ static blas find_blas(void) {
 
 bool tms_blas_is_parallel(void) { return find_blas().parallel; }
 
-/* --- SuiteSparse: fast BLAS kernels round differently on memory that is aligned differently. Where its memory begins
- * must not be chance, or two runs, or two ranks, differ in the last bit. free() frees it as before. --- */
+/* --- SuiteSparse: fast BLAS kernels round differently for different alignments. Without a fixed alignment two runs, or
+ * two ranks, would differ in the last bit. free() works as before. --- */
 
 static void *aligned_malloc(size_t bytes) {
     void *memory;
@@ -54,15 +54,15 @@ static void *aligned_realloc(void *old, size_t bytes) {
     return memory;
 }
 
-/* --- in and out --- */
+/* --- enter and leave --- */
 
 static pthread_mutex_t counting = PTHREAD_MUTEX_INITIALIZER;
 static int inside, threads_before;
 static struct SuiteSparse_config_struct config_before;
 static bool config_changed;
 
-/* OpenBLAS built without any threading must not be called from two threads at once (it then returns wrong numbers, seen
- * with 0.3.21): whoever is inside keeps the others out. */
+/* OpenBLAS built without threading must not be called from two threads at once (it then returns wrong numbers, seen
+ * with 0.3.21). This lock serialises its callers. */
 static pthread_mutex_t alone;
 static pthread_once_t alone_once = PTHREAD_ONCE_INIT;
 static void make_alone(void) {
@@ -80,9 +80,9 @@ void tms_process_enter(void) {
     pthread_mutex_lock(&counting);
     if (inside++ == 0) {
         threads_before = b.found ? b.get_threads() : 1;
-        if (b.found && threads_before > 1) b.set_threads(1); /* its bits depend on how many */
+        if (b.found && threads_before > 1) b.set_threads(1); /* results depend on their number */
         config_before = SuiteSparse_config;
-        /* A program's own allocator stays: what it gave must go back to it. */
+        /* A program's own allocator stays: its memory must return to it. */
         config_changed = SuiteSparse_config.malloc_func == malloc && SuiteSparse_config.free_func == free;
         if (config_changed) {
             SuiteSparse_config.malloc_func = aligned_malloc;
@@ -108,7 +108,7 @@ void tms_process_leave(void) {
     if (!b.parallel) pthread_mutex_unlock(&alone);
 }
 
-/* --- METIS draws from rand(): from a state of our own, one ordering at a time --- */
+/* --- METIS uses rand(): from a fixed state, one ordering at a time --- */
 
 static pthread_mutex_t ordering = PTHREAD_MUTEX_INITIALIZER;
 static char *their_state;
@@ -124,10 +124,10 @@ void tms_ordering_end(void) {
     pthread_mutex_unlock(&ordering);
 }
 
-/* --- address space: OpenBLAS takes 128 MB of it for each thread that calls it (most of it never touched), and where
- * there is none it asks again for ever --- */
+/* --- address space: OpenBLAS maps 128 MB for each calling thread (mostly untouched), and retries for ever on failure
+ * --- */
 
-static const int64_t BLAS_BYTES = (int64_t)208 << 20; /* with a thread's stack, and the arena that malloc gives it */
+static const int64_t BLAS_BYTES = (int64_t)208 << 20; /* including a thread's stack, and its malloc arena */
 
 int64_t tms_blas_bytes(int32_t threads) { return find_blas().found ? threads * BLAS_BYTES : 0; }
 
@@ -138,7 +138,7 @@ bool tms_address_space_has(int64_t bytes, int64_t *limit_bytes) {
     const rlim_t least = space.rlim_cur < data.rlim_cur ? space.rlim_cur : data.rlim_cur;
     *limit_bytes = least == RLIM_INFINITY || least > INT64_MAX ? INT64_MAX : (int64_t)least;
     if (bytes <= 0) return true;
-    /* Tried rather than added up: limits, and a kernel that promises no more than it has, speak alike. */
+    /* Tries a mapping instead of adding up: this covers limits and strict overcommit alike. */
     void *all = mmap(NULL, (size_t)bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (all == MAP_FAILED) return false;
     munmap(all, (size_t)bytes);

@@ -1,14 +1,14 @@
-/* The hybrid model behind the interface of all models: a dynamic one of the part that may be cut, and the condensed
+/* The hybrid model behind the interface of all models: a dynamic model of the part that may be cut, and the condensed
  * rest as a stage of its world. */
 #include "hybrid.h"
 #include "model_problem.h"
 
 typedef struct part {
     tm_model is;
-    tm_model *moving; /* the dynamic part */
+    tm_model *moving; /* dynamic part */
     tm_hybrid *hybrid;
-    tms_problem problem; /* of the whole organ */
-    tm_solve_def solve;  /* of that problem, for the rest */
+    tms_problem problem; /* of the complete organ */
+    tm_solve_def solve;  /* of that problem, for equilibrium */
     double gravity_m_s2[3];
 } part;
 
@@ -16,7 +16,7 @@ static part *of(const tm_model *m) { return (part *)(uintptr_t)m; }
 
 static void destroy(tm_model *m) {
     part *p = of(m);
-    tm_model_destroy(p->moving); /* with it the stage that has the condensed part */
+    tm_model_destroy(p->moving); /* also destroys the stage that owns the condensed part */
     tm_hybrid_destroy(p->hybrid);
     tms_problem_free(&p->problem);
     tms_free(p);
@@ -29,7 +29,7 @@ static void end(tm_model *m) {
     of(m)->hybrid->owed = true;
 }
 
-/* The inside is solved for when somebody looks at it: a frame needs no more of it than contact finds by itself. */
+/* Solves for the interior when it is read; contact computes what a frame needs of it. */
 static part *with_inside(const tm_model *m) {
     part *p = of(m);
     if (p->hybrid->owed) tm_hybrid_recover(p->hybrid, m->world);
@@ -44,7 +44,7 @@ static tm_surface_view surface(tm_model *m) { return tm_hybrid_surface(of(m)->hy
 static const double *displacement(tm_model *m) { return tm_model_displacement(with_inside(m)->moving); }
 static uint64_t hash(tm_model *m) { return tm_model_hash(with_inside(m)->moving); }
 
-/* --- patches: of the whole organ's surface, with the whole organ's compliance --- */
+/* --- patches: of the complete organ's surface, with its compliance --- */
 
 static tm_surface_view view(void *self) { return tm_hybrid_surface(self); }
 
@@ -71,9 +71,9 @@ static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
     return tm_model_patch(with_inside(m)->moving, instrument, out);
 }
 
-/* --- rest, snapshots, accounts --- */
+/* --- equilibrium, snapshots, statistics --- */
 
-/* The organ as it is now, in one piece of memory: what is cut is gone, and its weight with it. */
+/* Builds the organ in its present state as one tissue, without removed tetrahedra and their weight. */
 static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error *error) {
     const tm_hybrid *h = p->hybrid;
     const uint8_t *now = tm_tissue_alive(p->is.tissue), *condensed = tm_tissue_alive(h->condensed);
@@ -85,7 +85,7 @@ static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error
     return status;
 }
 
-/* Solved anew for the whole organ; the instruments are not in it, and the model stays as it is. */
+/* Solves for the complete organ's equilibrium, without instruments; the model does not change. */
 static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
                         tm_settle_result *result, tm_error *error) {
     const part *p = of(m);
@@ -143,9 +143,9 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .save = save,
                                    .restore = restore};
 
-/* --- how it is made --- */
+/* --- construction --- */
 
-/* The whole organ's tissue gives the condensed part, then makes way for the world's own. */
+/* The complete organ's tissue gives the condensed part, and is freed before the world's own is built. */
 static tm_status condense(const tm_model_def *def, const tm_hybrid_def *how, part *p, tm_solve_report *report,
                           tm_error *error) {
     tm_tissue *whole = NULL;

@@ -1,4 +1,4 @@
-/* The precomputed model behind the interface of all models: one update a frame, no world. */
+/* The precomputed model behind the interface of all models: one update per frame, no world. */
 #include <string.h>
 
 #include "model_problem.h"
@@ -8,11 +8,11 @@ typedef struct quasi {
     tm_model is;
     tm_precomputed *model;
     tms_problem problem;
-    tm_solve_def solve; /* of that problem, for the rest */
+    tm_solve_def solve; /* of that problem, for equilibrium */
     tm_patch_def patches;
     bool patches_allowed, timing;
     double time_s, seconds, velocity_m_s[TM_MAX_INSTRUMENTS][3];
-    double travel_time_s; /* length of the frame under way */
+    double travel_time_s; /* length of the present frame */
     int64_t runs;
     bool reported[TM_MAX_INSTRUMENTS]; /* stiffness[i] is of the last frame */
     double stiffness_N_m[TM_MAX_INSTRUMENTS][9];
@@ -92,7 +92,7 @@ static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
     return made;
 }
 
-/* --- rest, snapshots, accounts --- */
+/* --- equilibrium, snapshots, statistics --- */
 
 static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
                         tm_settle_result *result, tm_error *error) {
@@ -106,7 +106,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     return status;
 }
 
-/* What a frame leaves beside the on-line system; numbers alone, without padding. */
+/* State between frames outside the contact solver; only numbers, without padding. */
 typedef struct saved {
     char magic[8];
     double time_s, velocity_m_s[TM_MAX_INSTRUMENTS][3], stiffness_N_m[TM_MAX_INSTRUMENTS][9];
@@ -196,7 +196,7 @@ static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
                                    .set_timing = set_timing,
                                    .snapshot_bytes_max = snapshot_bytes_max};
 
-/* What `def` says, into a copy of `how`. */
+/* Applies `def` to a copy of `how`. */
 static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, tm_tissue **tissue,
                         tms_problem *problem, tm_precomputed_def *mine, tm_error *error) {
     *mine = *how;

@@ -1,13 +1,13 @@
-/* Newton's method on r(f) = f - rows(base + C f): the residual, and what is known of its matrix. */
+/* Newton's method on r(f) = f - rows(base + C f): the residual, and the known part of its matrix. */
 #include "contact_solver.h"
 
 #include <math.h>
 #include <string.h>
 
-/* --- the shape that forces make, the rows that it has, and what they do --- */
+/* --- shape under forces, its rows, and their forces --- */
 
-/* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and lies in
- * memory as it is read. */
+/* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and contiguous by
+ * row. */
 void tms_contact_solver_spread(const tms_contact_solver *l, int32_t component, double f, double *restrict out) {
     tms_add_times(f, l->block + (int64_t)component * 3 * l->capacity, 3 * l->high, out);
 }
@@ -85,7 +85,7 @@ void tms_contact_solver_evaluate_shape(tms_contact_solver *l, tms_contact_eval *
     if (l->friction) tms_contact_solver_friction(l, look);
 }
 
-/* --- LU with partial pivoting of the on-line system's small matrices --- */
+/* --- LU with partial pivoting of the contact solver's small matrices --- */
 
 bool tms_lu(double *restrict a, int32_t *restrict pivot, int32_t n) {
     for (int32_t k = 0; k < n; k++) {
@@ -114,7 +114,7 @@ bool tms_lu(double *restrict a, int32_t *restrict pivot, int32_t n) {
 }
 
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x) {
-    for (int32_t k = 0; k < n; k++) { /* rows were swapped whole, so all swaps come first */
+    for (int32_t k = 0; k < n; k++) { /* complete rows were swapped, so all swaps come first */
         const double t = x[k];
         x[k] = x[pivot[k]];
         x[pivot[k]] = t;
@@ -131,17 +131,17 @@ void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x) {
     }
 }
 
-static const double CONVERGED = 1e-9;   /* of the largest displacement that the forces make */
-static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch cannot be told from two that do not */
+static const double CONVERGED = 1e-9;   /* relative to the largest displacement by the forces */
+static const double TOUCHING_M = 1e-13; /* smaller gaps cannot be distinguished from contact */
 
-/* By jaws of the tool that is left out (-1: none is). */
+/* Returns whether jaws of the omitted tool pin the slot (-1: no tool). */
 static bool pinned_by(const tms_contact_solver *l, int32_t slot, int32_t tool) {
     return tool >= 0 && l->pin_of[slot] >= 0 && tms_pin_of(l, slot)->tool == tool;
 }
 
 /* --- residual --- */
 
-/* A spring that fades, at this shape: within what it can bear it is a spring, beyond it bears that. */
+/* Limits a fading spring in this shape: elastic up to its maximum force, constant beyond. */
 static void limit_springs(tms_contact_solver *l) {
     for (int32_t i = l->imposed_count; i < l->pin_count; i++) {
         tms_pin *pin = &l->pin[i];
@@ -158,8 +158,8 @@ static void limit_springs(tms_contact_solver *l) {
     }
 }
 
-/* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the
- * displacements that it would make, and whether all of them are small. */
+/* Computes the residual of each slot in use: N; m for an imposed displacement. Returns the sum of squares of the
+ * displacements that it would cause; `small`: all are within tolerance. */
 static double residual(tms_contact_solver *l, bool *small) {
     double merit = 0, most = 1e-15, worst = 0;
     const int64_t c3 = 3 * (int64_t)l->capacity;
@@ -193,9 +193,9 @@ double tms_contact_solver_evaluate(tms_contact_solver *l) {
 
 /* --- the known part of the matrix: I + D C, pinned rows C + s (I + D C) --- */
 
-enum { GIVEN = -2 }; /* while it is chosen: under rows that stay alone */
+enum { GIVEN = -2 }; /* during the selection: only under prescribed rows */
 
-/* Slots whose force is unknown: under a row, loaded, or held. */
+/* Selects the slots with unknown force: under a row, loaded, or pinned. */
 static void choose_active(tms_contact_solver *l) {
     for (int32_t s = 0; s < l->capacity; s++) l->active_of[s] = -1;
     for (int32_t i = 0; i < l->now.count; i++)
@@ -213,13 +213,13 @@ static void choose_active(tms_contact_solver *l) {
     }
 }
 
-/* One row's D = G G^T / slope, G = weight * normal: lu += G (C^T G)^T / slope. */
+/* Adds one row's D = G G^T / slope, G = weight * normal: lu += G (C^T G)^T / slope. */
 static void add_row_matrix(tms_contact_solver *l, const tm_contact_row *row, int32_t m) {
     if (row->lambda_N >= l->def.force_cap_N) return;
     const int64_t c3 = 3 * (int64_t)l->capacity;
     const double slope = tm_contact_compliance_slope(l->def.contact_compliance_m_N / row->share,
                                                      l->tool[row->instrument].def.radius_m, row->lambda_N);
-    double *move = l->step; /* of every unknown's force along the row */
+    double *move = l->step; /* of each unknown's force along the row */
     memset(move, 0, 8 * (size_t)m);
     for (int a = 0; a < 9; a++) {
         const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3,
@@ -267,7 +267,7 @@ double tms_contact_solver_scale(const tms_contact_solver *l, int32_t j) {
     return tms_is_pinned(l, l->active[j / 3], j % 3) ? 1 : l->block[d * 3 * l->capacity + d] + 1e-300;
 }
 
-/* --- what the others make of a compliance --- */
+/* --- compliance with the reaction of other tools --- */
 
 bool tms_contact_solver_without(tms_contact_solver *l, int32_t tool) { return tms_contact_solver_factor(l, tool); }
 

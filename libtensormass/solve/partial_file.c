@@ -1,6 +1,6 @@
-/* The file of responses while it is being computed, PATH.part: as it will be, but for a magic of its own and, behind
- * its end, the checksum of each block of columns that is done (0: not yet). A run that was killed is gone on with, and
- * ranks write their own blocks. */
+/* The file of responses during its computation, PATH.part. It equals the final file except for its magic; after its end
+ * it has the checksum of each finished block of columns (0: not yet). A killed run is continued, and ranks write their
+ * own blocks. */
 #include "internal.h"
 
 #include <errno.h>
@@ -29,7 +29,7 @@ static tms_file_head lay_out(tms_partial_file *part, const tms_file_head *head) 
 
 static size_t part_bytes(const tms_partial_file *part) { return part->journal + 8 * (size_t)part->block_count; }
 
-/* Never 0, which says that there is nothing. */
+/* Returns a checksum that is never 0, the mark of an empty block. */
 static uint64_t sum_of(int32_t block, const void *data, size_t bytes) {
     return tms_checksum(data, bytes, (uint64_t)block) | 1;
 }
@@ -39,7 +39,8 @@ static size_t bytes_of(const tms_partial_file *part, int32_t block, size_t end) 
     return end - at < part->block_bytes ? end - at : part->block_bytes;
 }
 
-/* Of this problem, and as large as it has to be. What is condensed onto an interface has no checksum: never. */
+/* Returns whether the file belongs to this problem and has the right size. The condensed stiffness has no checksum, so
+ * such files are never continued. */
 static bool can_go_on(const tms_partial_file *part, const tms_file_head *expected, int fd) {
     struct stat st;
     tms_file_head there;
@@ -99,7 +100,7 @@ static bool write_all(int fd, const char *data, size_t bytes, size_t at) {
 
 bool tms_partial_file_put(tms_partial_file *part, int32_t block, const void *data, size_t bytes) {
     const uint64_t sum = sum_of(block, data, bytes);
-    if (part->fd < 0) { /* the block itself is mapped; noted after it, whatever happens in between */
+    if (part->fd < 0) { /* the block itself is already mapped; recorded after it, in case of a crash */
         __atomic_store_n(&part->done[block], sum, __ATOMIC_RELEASE);
         return true;
     }
@@ -114,7 +115,7 @@ int32_t tms_partial_file_columns(const tms_partial_file *part, int32_t columns) 
 }
 
 void tms_partial_file_end(tms_partial_file *part) {
-    if (part->fd >= 0) { /* a rank's own */
+    if (part->fd >= 0) { /* rank above 0 */
         close(part->fd);
         tms_free(part->done);
     }

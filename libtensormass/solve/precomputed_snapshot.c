@@ -1,21 +1,20 @@
-/* What a precomputed model must keep to go on with the same bits: where its tools are, what hands and jaws hold, the
- * last solution's rows and forces, what sticks and slips (online_friction.c), and what the on-line system keeps between
- * solves (contact_solver_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, bounds, writes
- * and reads, so that none can forget a member. */
+/* Snapshot of a precomputed model: tools, imposed and grasped vertices, the last solution's rows and forces, friction
+ * state (online_friction.c), and the contact solver's state between solves (contact_solver_snapshot.c). The surface's
+ * shape is recomputed from them. One walk counts, bounds, writes and reads, so that all four have the same members. */
 #include <math.h>
 #include <string.h>
 
 #include "contact/row_snapshot.h"
 #include "precomputed.h"
 
-/* BOUND counts as many of everything as there is room for. */
+/* BOUND counts with maximum sizes. */
 typedef enum way { COUNT, BOUND, WRITE, READ } way;
 
 typedef struct stream {
     way way;
     char *at; /* all items are multiples of 8 bytes */
     int64_t left, bytes;
-    bool bad; /* what was read cannot be: nothing more is taken */
+    bool bad; /* invalid input: reading stops */
 } stream;
 
 static bool room(stream *s, size_t bytes) {
@@ -51,7 +50,7 @@ static void pass_int(stream *s, int32_t *number, int32_t least, int32_t most) {
     if (s->way == READ && !s->bad) *number = (int32_t)value;
 }
 
-/* Returns how many to go over. */
+/* Passes a count; returns the number of items to process. */
 static int32_t pass_count(stream *s, int32_t *count, int32_t least, int32_t most) {
     pass_int(s, count, least, most);
     return s->way == BOUND ? most : *count;
@@ -63,7 +62,7 @@ static void pass_bool(stream *s, bool *flag) {
     *flag = value != 0;
 }
 
-/* --- its parts --- */
+/* --- parts --- */
 
 static void pass_tool(stream *s, tms_contact_solver *l, int32_t t) {
     tm_tool_pose pose = l->tool[t].pose;
@@ -118,7 +117,7 @@ static void pass_pins(stream *s, tms_contact_solver *l) {
     }
 }
 
-/* On vertices that have slots, as every row of a solution is. */
+/* All vertices of a row have slots, as in each solution. */
 static void pass_row(stream *s, const tms_contact_solver *l, tm_contact_row *row) {
     tm_packed_row r = s->way == READ ? (tm_packed_row){0} : tm_row_pack(row);
     pass_numbers(s, &r.share, offsetof(tm_packed_row, face) / sizeof(double));
@@ -146,7 +145,7 @@ static void pass_solution(stream *s, tms_contact_solver *l) {
     }
 }
 
-/* What friction did in the last solution: of rows that were read before it. */
+/* Passes friction in the last solution, of rows that were read before it. */
 static void pass_grips(stream *s, tms_contact_eval *look, int32_t max_rows) {
     const int32_t count = pass_count(s, &look->station_count, 0, s->way == BOUND ? max_rows : look->count);
     for (int32_t k = 0; k < count && !s->bad; k++) {
@@ -162,7 +161,7 @@ static void pass_grips(stream *s, tms_contact_eval *look, int32_t max_rows) {
     }
 }
 
-/* Where the vertices were that ways are counted from, by ascending vertex. */
+/* Passes the reference positions of travel, by ascending vertex. */
 static void pass_known(stream *s, tms_friction *friction, int32_t vertex_count) {
     int32_t count = 0, v = -1;
     for (int32_t i = 0; i < vertex_count; i++)
@@ -195,7 +194,7 @@ static void pass_rub(stream *s, tms_contact_solver *l) {
     if (!s->bad) pass_known(s, friction, l->mesh->vertex_count);
 }
 
-/* Of the same responses, and of as much room for what lies on them, with friction or without. */
+/* Hashes the responses, the capacity of contact, and whether there is friction. */
 static uint64_t key_of(const tm_precomputed *m) {
     const tms_responses *r = &m->responses;
     const tms_contact_solver *l = &m->solver;
@@ -220,7 +219,7 @@ static void walk(stream *s, tm_precomputed *m) {
 
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {
     stream s = {.way = buffer ? WRITE : COUNT, .at = buffer};
-    walk(&s, (tm_precomputed *)(uintptr_t)model); /* which changes nothing but when it reads */
+    walk(&s, (tm_precomputed *)(uintptr_t)model); /* only reading changes the model */
     return s.bytes;
 }
 

@@ -1,4 +1,4 @@
-/* The two back ends behind one face, and the question for memory that comes before any of it is taken. */
+/* One interface for both back ends, and the check of available memory before allocation. */
 #include "internal.h"
 
 #include <cholmod.h>
@@ -19,7 +19,7 @@ struct tms_solver {
 struct tms_work {
     const tms_solver *solver;
     int32_t width;
-    cholmod_common common; /* each thread its own: the factor is only read */
+    cholmod_common common; /* one per thread: the factor is only read */
     cholmod_dense *b, *x, *y, *e;
     double *cg_b, *cg_x;
 };
@@ -34,7 +34,7 @@ static void start(cholmod_common *common) {
     common->quick_return_if_not_posdef = 1;
 }
 
-/* "NAME 123" or "NAME: 123 kB" in a file, or its first number; -1. */
+/* Returns "NAME 123" or "NAME: 123 kB" of a file, or its first number; -1 if missing. */
 static int64_t number_in(const char *path, const char *name) {
     FILE *f = fopen(path, "r");
     long long value = -1;
@@ -47,7 +47,7 @@ static int64_t number_in(const char *path, const char *name) {
     return value;
 }
 
-/* What the groups of processes we are in (cgroup v2) leave; of their file pages all can be had back. */
+/* Returns the memory that our control groups (cgroup v2) leave; their file pages count as free. */
 static int64_t group_bytes(void) {
     char line[512] = "", path[640], *group = NULL;
     int64_t least = INT64_MAX;
@@ -87,7 +87,7 @@ static int64_t work_bytes(const tm_solve_def *def, int32_t n) {
     return (int64_t)tms_threads(def) * TMS_BLOCK * n * 8 * (def->solver == TM_SOLVER_CG ? 2 : 4);
 }
 
-/* Beside the memory itself: what this process may still map. BLAS would hang where it cannot. */
+/* Checks the address space, besides memory itself: BLAS would hang without it. */
 static tm_status ask_address_space(const tm_solve_def *def, int64_t need, tm_error *error) {
     const int32_t threads = tms_threads(def);
     const int64_t blas = def->solver == TM_SOLVER_CHOLESKY ? tms_blas_bytes(threads) : 0;
@@ -152,13 +152,13 @@ static cholmod_sparse lower_of(const tms_system *system) {
                             .packed = 1};
 }
 
-/* The numbers of a factor that is ordered. */
+/* Computes the numbers of a factor with known order. */
 static tm_status fill(tms_solver *s, cholmod_sparse *a, const tms_system *system, tm_error *error) {
     cholmod_factorize(a, s->factor, &s->common);
     if (s->common.status == CHOLMOD_OUT_OF_MEMORY)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
     if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
-    /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
+    /* Rounding can hide a mechanism from the pivots, but not from the condition number. */
     if (cholmod_rcond(s->factor, &s->common) < 1e-14)
         return tm_fail(
             error, TM_ERR_SUPPORT, -1,

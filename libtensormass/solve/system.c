@@ -1,4 +1,4 @@
-/* The free components of a tissue and their stiffness matrix; parts that nothing holds are found before any factor is
+/* Free components of a tissue and their stiffness matrix. Unconstrained components are found before any factor is
  * tried. */
 #include "internal.h"
 
@@ -8,10 +8,11 @@
 
 #include "libtensormass/numeric/union_find.h"
 
-/* --- parts, and whether they are held --- */
+/* --- connected components and their rigid-body modes --- */
 
-/* Rank of the rigid motions that the fixed components of one part see: 6 when it is held. Gram matrix of the six
- * motions about the part's centre, in units of its size, by elimination with full pivoting. */
+/* Returns the rank of the rigid motions that the fixed components of one connected component prevent: 6 if it is
+ * constrained. Eliminates the Gram matrix of the six motions about its centre, in units of its size, with full
+ * pivoting. */
 static int rank_of_gram(double g[36]) {
     int rank = 0;
     bool used[6] = {false};
@@ -124,7 +125,7 @@ static void number_free(const tm_tissue *tissue, const uint8_t *fixed, tms_syste
     }
 }
 
-/* Calls the same walk twice: to count, and to fill. */
+/* Runs the same loop twice: to count, and to fill. */
 static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t column, int32_t *row, double *value) {
     const tm_pair_view pairs = tm_tissue_pairs(tissue);
     const int32_t dof = s->dof[column], vertex = dof / 3, axis = dof % 3;
@@ -136,7 +137,8 @@ static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t
             if (row) row[count] = s->index[3 * vertex + a], value[count] = K[3 * a + axis];
             count++;
         }
-    for (int32_t p = pairs.begin[vertex]; p < pairs.begin[vertex + 1]; p++) { /* lower halves: in the others' columns */
+    for (int32_t p = pairs.begin[vertex]; p < pairs.begin[vertex + 1]; p++) { /* lower triangle: in the others'
+                                                                               * columns */
         const int32_t other = pairs.ends[2 * (int64_t)p + 1];
         bool read = false;
         for (int a = 0; a < 3; a++) {

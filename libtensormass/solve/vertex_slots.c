@@ -1,23 +1,23 @@
-/* The on-line system's memory: which vertices are in it, where their tools are, and what compliance they have among
- * each other. */
+/* Memory of the online contact solver: its vertices, the neighbourhood of its tools, and the compliances among the
+ * vertices. */
 #include "contact_solver.h"
 
 #include <math.h>
 #include <string.h>
 
 static const double GATHER_TRAVEL = 0.2; /* radii, of a tool, */
-static const double GATHER_WANDER = 0.5; /* and of the tissue by itself */
+static const double GATHER_WANDER = 0.5; /* and of the tissue itself */
 
 /* --- memory --- */
 
 static void *carve(char **at, size_t bytes) {
     void *p = *at;
     *at = (char *)((uintptr_t)*at +
-                   (bytes + 63) / 64 * 64); /* as a number: while measuring there is no memory to point into */
+                   (bytes + 63) / 64 * 64); /* as a number: during measuring there is no memory to point into */
     return p;
 }
 
-/* One block; called with null first, to measure. */
+/* Lays out one block; called with null first, to measure. */
 static size_t lay_out(tms_contact_solver *l, char *memory) {
     char *at = memory;
     const size_t n = (size_t)l->mesh->vertex_count, c = (size_t)l->capacity, c3 = 3 * c, rows = (size_t)l->def.max_rows;
@@ -83,7 +83,7 @@ tm_status tms_contact_solver_create(const tm_mesh *mesh, tm_surface_view surface
                             .capacity = capacity,
                             .gather_every = TMS_GATHER_EVERY,
                             .def = contact ? *contact : tm_contact_def_default()};
-    l.converged = true; /* nothing is asked of it yet */
+    l.converged = true; /* no solve yet */
     if (!contact) l.def.instrument_count = 0;
     if (grasp) l.grasp = *grasp;
     if (capacity < 4 || capacity > 4096)
@@ -125,7 +125,7 @@ bool tms_contact_solver_can_touch(const tms_tool *tool) {
     return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY;
 }
 
-/* --- which vertices --- */
+/* --- selection of vertices --- */
 
 static int32_t want(tms_contact_solver *l, int32_t v, int32_t count) {
     if (l->stamp[v] == l->stamp_now || count < 0) return count;
@@ -137,7 +137,7 @@ static int32_t want(tms_contact_solver *l, int32_t v, int32_t count) {
     return count + 1;
 }
 
-/* Vertices wanted now into `list`; -1 when they are too many. */
+/* Lists the vertices needed now; returns -1 if there are too many. */
 static int32_t list_wanted(tms_contact_solver *l) {
     int32_t count = 0;
     l->stamp_now++;
@@ -149,7 +149,7 @@ static int32_t list_wanted(tms_contact_solver *l) {
     return count;
 }
 
-/* Always asked for with the lower vertex first: rounding must not tell in which order vertices came. */
+/* Always requested with the lower vertex first: rounding must not depend on the order of vertices. */
 static void block_of(const tms_contact_solver *l, int32_t a, int32_t b, double C[9]) {
     if (a <= b) {
         l->compliance(l->self, a, b, C);
@@ -176,7 +176,7 @@ void tms_contact_solver_fill(tms_contact_solver *l, int32_t slot, int32_t vertex
     }
 }
 
-/* A slot for every listed vertex: those that have one keep it and its compliances. */
+/* Assigns a slot to each listed vertex; existing ones keep it and its compliances. */
 static void assign_slots(tms_contact_solver *l, int32_t count) {
     int32_t next = 0;
     memset(l->wanted, 0, (size_t)l->capacity);
@@ -246,13 +246,13 @@ void tms_contact_solver_gather(tms_contact_solver *l) {
     l->gathered_age = 1;
     l->wandered_m = 0;
     if (l->update_neighbourhood) l->update_neighbourhood(l->self);
-    double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
+    double reach = 2.5; /* radii: reach of detection, an increment of the path, and motion of the tissue */
     int32_t count = -1;
     for (int tries = 0; count < 0; tries++, reach *= 0.8) {
         for (int32_t t = 0; t < l->tool_count; t++) {
             tms_tool *tool = &l->tool[t];
             const int32_t *vertex;
-            tool->near = tms_contact_solver_can_touch(tool) && tries < 20; /* then there is no room for any */
+            tool->near = tms_contact_solver_can_touch(tool) && tries < 20; /* without capacity for any */
             tool->gathered_at = tool->capsule;
             if (!tool->near) continue;
             tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface,
@@ -275,7 +275,7 @@ void tms_contact_solver_move(tms_contact_solver *l, int32_t t, const tm_tool_pos
 
 void tms_contact_solver_set_pose(tms_contact_solver *l, int32_t t, const tm_tool_pose *at) {
     tms_contact_solver_move(l, t, at);
-    int32_t kept = 0; /* what it had sunk into was elsewhere */
+    int32_t kept = 0; /* its old penetration was elsewhere */
     for (int32_t i = 0; i < l->previous_count; i++)
         if (l->previous[i].instrument != t) l->previous[kept++] = l->previous[i];
     l->previous_count = kept;
