@@ -18,7 +18,7 @@
 
 namespace {
 
-const double CLOCK_FACTOR = 2.4; // of the processor's time: a busy machine
+const double CLOCK_FACTOR = 2.4; // of the processor time, for a busy machine
 enum { OPEN_FILES = 64 };
 
 double clock_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
@@ -31,7 +31,7 @@ void limit(int what, double most) {
     setrlimit(__rlimit_resource_t(what), &value);
 }
 
-// Address space that this process has now, bytes.
+// Returns the address space that this process uses, bytes.
 double address_space() {
     double pages = 0;
     FILE *file = fopen("/proc/self/statm", "r");
@@ -40,7 +40,7 @@ double address_space() {
     return pages * double(sysconf(_SC_PAGESIZE));
 }
 
-// Sanitizers reserve terabytes of address space.
+// Returns whether memory can be limited. Sanitizers reserve terabytes of address space.
 bool limits_memory() {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     return false;
@@ -62,7 +62,7 @@ void confine(const box_limits &limits) {
     for (const int fd : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO}) dup2(nowhere, fd);
 }
 
-// What the child sends before its results.
+// Outcome that the child sends before its results.
 struct verdict {
     image_end end;
     char why[IMAGE_WHY];
@@ -81,7 +81,7 @@ struct verdict {
     _exit(0);
 }
 
-// Why a child that ended by a signal did so.
+// Explains why a child ended by a signal.
 image_end tell_signal(const box_limits &limits, int number, char why[IMAGE_WHY]) {
     if (number == SIGXCPU)
         snprintf(why, IMAGE_WHY,
@@ -102,7 +102,7 @@ image_end tell_memory(const box_limits &limits, char why[IMAGE_WHY]) {
     return IMAGE_BAD_INPUT;
 }
 
-// Reads verdict and results. IMAGE_FAILED without a sentence: the child ended before it had sent them.
+// Reads outcome and results. Returns IMAGE_FAILED without a message if the child ended before it sent them.
 image_end hear(const box_limits &limits, int from, const sigset_t *open, char why[IMAGE_WHY],
                const std::function<bool(box_pipe &)> &take) {
     const double wait_s = limits.processor_s > 0 ? CLOCK_FACTOR * limits.processor_s : HUGE_VAL;
@@ -125,7 +125,7 @@ image_end hear(const box_limits &limits, int from, const sigset_t *open, char wh
 
 } // namespace
 
-// Waits until the pipe has bytes. Signals that the caller handles are let in here alone, so none is missed.
+// Waits until the pipe has bytes. Signals that the caller handles are unblocked only here, so that none is missed.
 bool box_pipe::wait() {
     pollfd ready = {fd, POLLIN, 0};
     const double left = until - clock_s();
@@ -194,13 +194,13 @@ image_end image_box(const box_limits &limits, char why[IMAGE_WHY], const std::fu
     else
         end = hear(limits, pipes[0], &before, why, take);
     close(pipes[0]);
-    if (child > 0 && (end == IMAGE_STOPPED || why[0])) kill(child, SIGKILL); // late, stopped, or done with
+    if (child > 0 && (end == IMAGE_STOPPED || why[0])) kill(child, SIGKILL); // late, stopped, or no longer needed
     if (child > 0)
         while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
         }
     sigset_t pending;
     sigpending(&pending);
-    for (const int number : {SIGINT, SIGTERM, SIGHUP}) // came while nobody waited; the child may have died of it
+    for (const int number : {SIGINT, SIGTERM, SIGHUP}) // signal arrived outside a wait; the child may have died of it
         if (!why[0] && end == IMAGE_FAILED && sigismember(&pending, number)) end = IMAGE_STOPPED;
     sigprocmask(SIG_SETMASK, &before, nullptr);
     if (end != IMAGE_FAILED || why[0]) return end;

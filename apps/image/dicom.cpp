@@ -1,5 +1,5 @@
-// DICOM-SEG by GDCM: segments, each a stack of frames of bits, become labels on one grid. Format: DICOM PS3.3, A.51
-// (segmentation) and C.8.20. GDCM ends the process over some files that are cut short: image_box holds it.
+// Reads DICOM-SEG with GDCM: segments, each a stack of frames of bits, become labels on one grid. Format: DICOM PS3.3,
+// A.51 (segmentation) and C.8.20. GDCM terminates the process on some truncated files: image_box isolates it.
 #include <gdcmAttribute.h>
 #include <gdcmReader.h>
 #include <gdcmSequenceOfItems.h>
@@ -24,7 +24,7 @@ enum { MAX_VOXELS = 1 << 30 };
 
 typedef gdcm::DataSet Set;
 
-// The items of a sequence; none where it is not there.
+// Returns the items of a sequence; none if it is missing.
 std::vector<const Set *> items(const Set &of, uint16_t group, uint16_t element,
                                std::vector<gdcm::SmartPointer<gdcm::SequenceOfItems>> &keep) {
     std::vector<const Set *> out;
@@ -69,7 +69,7 @@ struct seg {
     std::vector<frame> frame_of;
 };
 
-// Spacing and axes, which are all frames' or each frame's own, and must then be the same.
+// Reads spacing and axes, from the shared groups or from each frame; frames must agree.
 void take_geometry(seg &s, const Set &group) {
     for (const Set *m : items(group, 0x0028, 0x9110, s.keep)) {
         double in_plane[2], between = 0;
@@ -106,7 +106,7 @@ void take_frames(seg &s, const Set &all) {
                       s.frame_of.size(), s.frames);
 }
 
-// Frames onto slices: slices without anything are left out by many writers.
+// Assigns frames to slices: many writers omit empty slices.
 void place(seg &s, image_volume *out) {
     const double *o = s.orientation,
                  normal[3] = {o[1] * o[5] - o[2] * o[4], o[2] * o[3] - o[0] * o[5], o[0] * o[4] - o[1] * o[3]};
@@ -122,7 +122,7 @@ void place(seg &s, image_volume *out) {
         s.frame_of[i].slice = int(std::lround(slice));
         most = std::max(most, std::round(slice));
     }
-    // Where empty slices were left out there is one before and one behind: a label there is not cut off.
+    // If empty slices were omitted, adds one before and one after, so that a label is not cut off there.
     const int margin = s.labels ? 0 : 1;
     for (frame &f : s.frame_of) f.slice += margin;
     out->size[0] = int(s.columns), out->size[1] = int(s.rows), out->size[2] = int(most) + 1 + 2 * margin;
@@ -196,7 +196,7 @@ bool image_is_dicom(const char *path) {
     return file.read(head, sizeof head) && memcmp(head + 128, "DICM", 4) == 0;
 }
 
-// Whether the voxels, which come last but for padding, are all in the file: GDCM makes up what is missing.
+// Returns whether the file contains all voxels, which come last except for padding: GDCM fills in missing ones.
 static bool is_whole(const char *path, size_t length) {
     static const char tag[] = {'\xe0', '\x7f', '\x10', '\x00'};
     std::ifstream file(path, std::ios::binary);

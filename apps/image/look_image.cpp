@@ -1,4 +1,5 @@
-// Headers of MetaImage, NRRD and NIfTI. DICOM has no header with counts before its data: GDCM's child alone bounds it.
+// Checks headers of MetaImage, NRRD and NIfTI. DICOM has no header with counts before its data: only the child's limits
+// bound GDCM.
 #include <zlib.h>
 
 #include <cmath>
@@ -14,7 +15,7 @@ namespace {
 
 enum { HEADER_MAX = 1 << 20, LINE_BYTES_MAX = 1000, PAIR_MAX = 1 << 18, DIMENSIONS_MAX = 16 };
 
-const double VOXELS_MAX = 1 << 30, PACKED_MAX = 1032; // deflate packs no better
+const double VOXELS_MAX = 1 << 30, PACKED_MAX = 1032; // largest compression ratio of deflate
 
 bool ends(const std::string &path, const char *ending) {
     const size_t n = strlen(ending);
@@ -26,7 +27,7 @@ std::string trimmed(const std::string &s) {
     return from == std::string::npos ? "" : s.substr(from, to - from + 1);
 }
 
-// A whole number of a header; throws where it is none or out of range.
+// Reads an integer of a header; throws if it is not one, or out of range.
 double whole(const char *key, const std::string &text, double least, double most) {
     char *end;
     const double value = strtod(text.c_str(), &end);
@@ -38,7 +39,7 @@ double whole(const char *key, const std::string &text, double least, double most
     return value;
 }
 
-// Whole numbers separated by blanks, as many as there are dimensions; their product.
+// Returns the product of integers separated by blanks, one per dimension.
 double product(const char *key, const std::string &text, double count) {
     std::istringstream words(text);
     std::string word;
@@ -51,7 +52,7 @@ double product(const char *key, const std::string &text, double count) {
     return all;
 }
 
-// Voxels apart: one file, named plainly. Lists and patterns of names go into a library's printf.
+// Checks the name of a separate file of voxels: one plain name. Libraries pass lists and patterns of names to printf.
 void check_data_file(const std::string &name) {
     if (name.empty() || name.find('%') != std::string::npos || name.compare(0, 4, "LIST") == 0)
         throw refusal("its voxels are in several files ('%.40s'); save the image as one file", name.c_str());
@@ -85,7 +86,7 @@ void take_meta(const std::string &key, const std::string &value, double file_byt
     if (key == "ElementDataFile" && value != "LOCAL") check_data_file(value);
 }
 
-// key = value, a line each, up to ElementDataFile.
+// Checks lines of key = value, up to ElementDataFile.
 double check_meta(const char *path, double file_bytes) {
     look_lines lines(path, HEADER_MAX, LINE_BYTES_MAX);
     meta m;
@@ -123,8 +124,8 @@ void take_nrrd(const std::string &key, const std::string &value, double file_byt
     if (key == "data file" || key == "datafile") check_data_file(value);
 }
 
-// Fields "key: value" and pairs "key:=value" up to an empty line or the end (.nhdr). Values of fields go into buffers
-// of NrrdIO, those of pairs do not.
+// Checks fields "key: value" and pairs "key:=value" up to an empty line or the end (.nhdr). NrrdIO copies the values of
+// fields into buffers, those of pairs not.
 double check_nrrd(const char *path, double file_bytes) {
     look_lines lines(path, HEADER_MAX, PAIR_MAX);
     nrrd n;
@@ -146,7 +147,7 @@ double check_nrrd(const char *path, double file_bytes) {
     return n.voxels * 8;
 }
 
-// The first 348 bytes, packed or not, in either order of bytes.
+// Checks the first 348 bytes, compressed or not, in either byte order.
 double check_nifti(const char *path) {
     unsigned char header[348];
     gzFile file = gzopen(path, "rb");

@@ -1,4 +1,4 @@
-// Headers of PLY and OFF: counts that the file can hold, elements that have names. OBJ has no header.
+// Checks headers of PLY and OFF: counts must fit the file, and elements must have names. OBJ has no header.
 #include <strings.h>
 
 #include <cmath>
@@ -32,7 +32,7 @@ bool is_ply_number(const std::string &type) {
     return false;
 }
 
-// A property stands after its element; its types are PLY's.
+// Checks a property: it follows an element and has a type of PLY's.
 void take_property(std::istringstream &words, int elements, int *properties) {
     std::string type, count, item, name;
     words >> type;
@@ -73,7 +73,7 @@ void check_ply(const char *path, double file_bytes) {
     throw refusal("its header has no end_header; the file is cut short or damaged: write it anew");
 }
 
-// OFF, then three counts, between comments and empty lines. What is binary has them as bytes, which CGAL checks.
+// Checks OFF and its three counts, between comments and empty lines. CGAL checks the counts of binary files.
 void check_off(const char *path, double file_bytes) {
     look_lines lines(path, HEADER_MAX, HEADER_MAX);
     std::string line;

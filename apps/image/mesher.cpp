@@ -1,5 +1,5 @@
-// Tetrahedra of several materials by CGAL Mesh_3 (Delaunay refinement; Boissonnat and Oudot 2005, Boltcheva et al.
-// 2009).
+// Makes tetrahedra of several materials with CGAL Mesh_3 (Delaunay refinement; Boissonnat and Oudot 2005, Boltcheva et
+// al. 2009).
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/exude_mesh_3.h>
 #include <CGAL/Labeled_mesh_domain_3.h>
@@ -33,7 +33,7 @@ namespace with = CGAL::parameters;
 
 struct stopped {};
 
-// What is asked for at a place: of a tetrahedron its label's, of a facet the finer of its two sides'.
+// Size requested at a point: of a tetrahedron its label's, of a facet the smaller of its two sides'.
 struct field {
     typedef Kernel::FT FT;
     typedef Point Point_3;
@@ -48,7 +48,7 @@ struct field {
     }
 };
 
-// The one place that asks for labels, and so the one that can stop whatever asks.
+// Returns labels; all queries pass here, so a stop takes effect here.
 struct asker {
     const image_domain *domain;
     const image_wish *wish;
@@ -64,13 +64,13 @@ struct asker {
     }
 };
 
-// Ends of rays, spread evenly (a spiral).
+// Returns the direction of ray i, evenly distributed on a spiral.
 Kernel::Vector_3 ray(int i, int rays) {
     double z = 1 - (2 * i + 1) / double(rays), r = std::sqrt(1 - z * z), turn = i * 2.399963229728653;
     return Kernel::Vector_3(r * std::cos(turn), r * std::sin(turn), z);
 }
 
-// Points of every piece's surface to begin with: refinement finds no piece that none of its points lies on.
+// Adds initial points on every piece's surface: refinement finds no piece without an initial point.
 void begin(const Domain &domain, const image_domain &body, const image_wish &wish, asker &ask, Complex &complex) {
     const int rays = 24;
     double reach = 0;
@@ -102,7 +102,7 @@ void begin(const Domain &domain, const image_domain &body, const image_wish &wis
     }
 }
 
-// What is left in the complex, numbered in the triangulation's order, which is that of its making.
+// Returns the remaining tetrahedra, numbered in the triangulation's order, which is that of its construction.
 bool give(const Complex &complex, image_tets *out) {
     std::unordered_map<const void *, int> number;
     out->vertex_m = (double *)malloc((3 * complex.triangulation().number_of_vertices() + 1) * sizeof(double));
@@ -131,7 +131,7 @@ void optimise(Complex &complex, const Domain &domain, const image_wish &wish, as
         CGAL::lloyd_optimize_mesh_3(complex, domain, with::max_iteration_number = wish.sweeps, with::convergence = 0.02,
                                     with::freeze_bound = 0.01);
     }
-    // No limits of time: the same image gives the same mesh.
+    // no time limits: the same image gives the same mesh
     if (wish.perturb) {
         ask.doing = "perturb";
         CGAL::perturb_mesh_3(complex, domain, with::sliver_bound = wish.sliver_deg);
@@ -148,12 +148,11 @@ void work(const image_domain &body, const image_wish &wish, Complex &complex) {
     ask.wish = &wish;
     const Kernel::Iso_cuboid_3 box(body.low_m[0], body.low_m[1], body.low_m[2], body.high_m[0], body.high_m[1],
                                    body.high_m[2]);
-    // Surfaces are found to 1/5000 of the box.
+    // relative to the box: the accuracy with which surfaces are located
     const Domain domain([&ask](const Point &p) { return ask.at(p); }, box, with::relative_error_bound = 2e-4);
     begin(domain, body, wish, ask, complex);
     ask.triangulation = &complex.triangulation();
-    // The ball of a regular tetrahedron of edge 1 has the radius 0.61, that of its facets 0.58; those that come are 0.7
-    // of what is allowed.
+    // A regular tetrahedron of edge 1 has circumradius 0.61, its facets 0.58; the results reach 0.7 of the bound.
     const field cell{wish.edge_m, 0.85}, facet{wish.edge_m, 0.8}, distance{wish.surface_m, 1};
     const Criteria criteria(with::facet_angle = wish.facet_angle_deg, with::facet_size = facet,
                             with::facet_distance = distance, with::cell_radius_edge_ratio = wish.radius_edge,

@@ -1,4 +1,4 @@
-// The module's symbols.
+// Table of the module's symbols.
 #include "module.h"
 
 extern "C" {

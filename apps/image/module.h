@@ -1,4 +1,4 @@
-// Functions of the module that module.cpp puts into its table.
+// Functions that module.cpp enters into the module's table.
 #ifndef IMAGE_MODULE_H
 #define IMAGE_MODULE_H
 
@@ -6,7 +6,7 @@
 
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
 image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAGE_WHY]);
-// DICOM's files by their first bytes, whatever they are called; what is wrong with one is thrown (refusal.h).
+// Recognises DICOM files by their first bytes, regardless of their names; throws what is wrong (refusal.h).
 bool image_is_dicom(const char *path);
 void image_read_dicom(const char *path, image_volume *out);
 image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);

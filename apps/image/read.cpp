@@ -1,5 +1,5 @@
-// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp), each
-// in a child process with limits (box.h), after our own look at the header (look.h).
+// Reads label images, and vector images of NIfTI, with ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG:
+// dicom.cpp). Each reader runs in a child process with limits (box.h), after a check of the header (look.h).
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
@@ -48,7 +48,7 @@ std::string dictionary(const itk::ImageIOBase &io, const std::string &key) {
     return value;
 }
 
-// What NRRD says of "space units", which ITK drops: "mm" "mm" "mm".
+// Returns NRRD's "space units", which ITK drops: "mm" "mm" "mm".
 std::string nrrd_unit(const char *path) {
     std::ifstream file(path, std::ios::binary);
     std::string line;
@@ -71,7 +71,7 @@ double metres_of(const std::string &unit) {
     throw refusal("its unit of length is '%.20s'; write it in mm", unit.c_str());
 }
 
-// Spacing, origin and axes in metres.
+// Sets spacing, origin and axes in metres.
 void take_place(const itk::ImageIOBase &io, const char *path, double unit_m, image_volume *out) {
     const bool nifti = std::string(io.GetNameOfClass()) == "NiftiImageIO";
     std::string unit = nifti ? dictionary(io, "xyzt_units") : "";
@@ -81,12 +81,12 @@ void take_place(const itk::ImageIOBase &io, const char *path, double unit_m, ima
     } else if (std::string(io.GetNameOfClass()) == "NrrdImageIO")
         unit = nrrd_unit(path);
     else
-        unit = "mm"; // MetaImage knows no other
+        unit = "mm"; // MetaImage's only unit
     snprintf(out->unit, sizeof out->unit, "%s", unit.c_str());
     const double metres = !unit.empty() ? metres_of(unit) : unit_m > 0 ? unit_m : 1e-3;
     double product = 1;
     for (unsigned k = 0; k < 3; k++) {
-        // ITK makes the spacing of NIfTI millimetres, and leaves the origin as it is.
+        // ITK converts the spacing of NIfTI to millimetres, but not the origin.
         out->spacing_m[k] = io.GetSpacing(k) * (nifti && !unit.empty() ? 1e-3 : metres);
         out->origin_m[k] = io.GetOrigin(k) * metres;
         for (unsigned i = 0; i < 3; i++) out->direction[3 * i + k] = io.GetDirection(k)[i];
@@ -124,7 +124,7 @@ void check_shape(const itk::ImageIOBase &io, image_volume *out) {
             itk::ImageIOBase::GetComponentTypeAsString(type).c_str());
 }
 
-// A header may say anything: nothing is taken that the file's bytes cannot hold. Deflate packs 1032 to 1 at most.
+// Rejects sizes that the file's bytes cannot contain, whatever the header states. Deflate compresses by 1032 at most.
 void check_size(const itk::ImageIOBase &io, const char *path, const image_volume &out) {
     const double voxels = double(out.size[0]) * out.size[1] * out.size[2],
                  bytes = voxels * double(io.GetComponentSize());
@@ -139,8 +139,7 @@ void check_size(const itk::ImageIOBase &io, const char *path, const image_volume
             1e-6 * bytes, 1e-6 * double(info.st_size));
 }
 
-// ITK takes a NIfTI that is cut short for one whose end is zero: its bytes are counted first (zlib reads plain files,
-// too).
+// Counts the bytes of a NIfTI first, because ITK fills a truncated one with zeros (zlib reads uncompressed files too).
 void check_nifti_end(const itk::ImageIOBase &io, const char *path, double bytes) {
     const std::string magic = dictionary(io, "vox_offset");
     const double expected = bytes + atof(magic.c_str());
@@ -158,8 +157,8 @@ void check_nifti_end(const itk::ImageIOBase &io, const char *path, double bytes)
                       seen, expected);
 }
 
-// MetaImage leaves what it could not read as it was: two readings over different ground must agree. It also speaks on
-// stderr.
+// Reads voxels twice into buffers of different contents: MetaImage leaves unread voxels unchanged, so both must agree.
+// It also prints to stderr.
 void read_voxels(itk::ImageIOBase &io, const char *path, char *bytes, size_t size) {
     std::streambuf *const said = std::cerr.rdbuf(nullptr);
     try {
@@ -206,7 +205,7 @@ void take_labels(const itk::ImageIOBase &io, const void *from, size_t count, uin
     }
 }
 
-// 3D Slicer writes "Segment0_Name" and "Segment0_LabelValue" into NRRD.
+// Reads the names that 3D Slicer writes into NRRD as "Segment0_Name" and "Segment0_LabelValue".
 void take_names(const itk::ImageIOBase &io, image_volume *out) {
     for (int i = 0; i < IMAGE_NAMES; i++) {
         const std::string key = "Segment" + std::to_string(i), value = dictionary(io, key + "_LabelValue"),
@@ -226,7 +225,7 @@ itk::ImageIORegion whole(const itk::ImageIOBase &io) {
     return region;
 }
 
-// Coordinates are bounded as those of meshes, and voxels are no needles.
+// Checks that coordinates are bounded as those of meshes, and that voxels are not extremely elongated.
 void check_place(const image_volume &v) {
     const double *s = v.spacing_m, least = std::fmin(s[0], std::fmin(s[1], s[2])),
                  longest = std::fmax(s[0], std::fmax(s[1], s[2]));
@@ -261,7 +260,8 @@ void read_whole(const char *path, double unit_m, image_volume *out) {
     take_labels(*io, bytes.get(), count, out->label);
 }
 
-// Three numbers a voxel: NIfTI's fifth axis, which ITK makes components, or the fourth one.
+// Returns whether the image has three numbers a voxel: NIfTI's fifth axis, which ITK converts to components, or the
+// fourth.
 bool has_components(const itk::ImageIOBase &io) {
     const unsigned dims = io.GetNumberOfDimensions();
     const bool fifth = dims == 3 && io.GetNumberOfComponents() == 3;
@@ -315,7 +315,7 @@ void read_whole_vectors(const char *path, image_vectors *out) {
         take_vectors<float>(bytes.get(), voxels, components, out->vector);
 }
 
-// ITK's messages are of several lines, of which the last says what was wrong.
+// Copies the last line of a message: it contains the cause in ITK's messages of several lines.
 void last_line(const char *text, char why[IMAGE_WHY]) {
     std::string all(text), last;
     size_t end = all.find_last_not_of(" \n\r\t");
@@ -331,9 +331,9 @@ void last_line(const char *text, char why[IMAGE_WHY]) {
                  last.c_str());
 }
 
-// What `act` throws, as an end and one line.
+// Runs `act` and converts an exception to an outcome and one line.
 template <typename Act> image_end guarded(const Act &act, char why[IMAGE_WHY]) {
-    itk::Object::GlobalWarningDisplayOff(); // what matters comes as an exception
+    itk::Object::GlobalWarningDisplayOff(); // errors arrive as exceptions
     try {
         act();
     } catch (const refusal &e) {
@@ -351,7 +351,8 @@ template <typename Act> image_end guarded(const Act &act, char why[IMAGE_WHY]) {
 
 } // namespace
 
-// Reads `count` bytes in a second or so at 5 MB/s, with room for three copies.
+// Returns limits for reading `bytes` bytes: 5 s and 1 s per 5 MB of processor time, 600 MB and ten times the bytes of
+// memory.
 static box_limits limits_of(const char *path, double bytes) {
     return {image_is_dicom(path) ? "GDCM" : "ITK", 5 + std::ceil(bytes / 5e6), 6e8 + 10 * bytes, true};
 }

@@ -1,4 +1,4 @@
-// What is wrong with a file, in one line, thrown from deep inside a reader.
+// Error in a file, as one line, thrown by a reader.
 #ifndef IMAGE_REFUSAL_H
 #define IMAGE_REFUSAL_H
 
@@ -15,7 +15,7 @@ struct refusal : std::exception {
         va_start(arguments, format);
         vsnprintf(text, sizeof text, format, arguments);
         va_end(arguments);
-        for (char *at = text; *at; at++) // words of a file
+        for (char *at = text; *at; at++) // text may come from the file
             if ((unsigned char)*at < ' ' || *at == 127) *at = '?';
     }
     const char *what() const noexcept override { return text; }

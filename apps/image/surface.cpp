@@ -1,5 +1,5 @@
-// Surfaces of triangles: OBJ, PLY, OFF and STL read, holes and triangles that cut each other found, and repaired where
-// asked for, by CGAL's Polygon Mesh Processing (GPL).
+// Reads triangle surfaces (OBJ, PLY, OFF, STL), finds holes and intersecting triangles, and repairs them if requested,
+// with CGAL's Polygon Mesh Processing (GPL).
 #include <CGAL/boost/graph/helpers.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/IO/polygon_soup_io.h>
@@ -42,7 +42,7 @@ struct soup {
     std::vector<std::vector<std::size_t>> polygons;
 };
 
-// Files are not believed: corners that are there, coordinates that are numbers.
+// Checks a file's data: corners must exist, coordinates must be finite.
 image_end check(const soup &s, char why[IMAGE_WHY]) {
     for (std::size_t v = 0; v < s.points.size(); v++)
         for (int k = 0; k < 3; k++)
@@ -81,8 +81,8 @@ void give(const std::vector<Point> &points, const std::vector<std::vector<std::s
     out->triangles = int(triangles.size());
 }
 
-// Polygons with more than three corners, cut into triangles; each by itself, so that a surface that is no manifold can
-// be read.
+// Splits polygons with more than three corners into triangles, each separately, so that non-manifold surfaces can be
+// read.
 void triangulate(soup &s) {
     std::vector<std::vector<std::size_t>> triangles;
     for (const auto &polygon : s.polygons) {
@@ -100,7 +100,7 @@ void triangulate(soup &s) {
     s.polygons.swap(triangles);
 }
 
-// The mesh of the triangles, turned alike; vertices at which it is no manifold are doubled.
+// Makes a mesh of the triangles with consistent orientation; duplicates non-manifold vertices.
 void make_mesh(const image_surface &in, Mesh &mesh) {
     soup s;
     for (int t = 0; t < in.triangles; t++) {
@@ -173,7 +173,7 @@ void put(box_pipe &to, const image_surface *s) {
     to.put(s->corner, 9 * sizeof(double) * std::size_t(s->triangles));
 }
 
-// In place of the surface that was there.
+// Replaces the previous surface.
 bool take(box_pipe &from, image_surface *s) {
     int triangles = 0;
     if (!from.take(&triangles, sizeof triangles)) return false;
