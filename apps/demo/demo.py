@@ -1,6 +1,6 @@
-"""make demo: the ring closed once on the wall clock, then in lockstep; pictures, film, force plot and figures in one folder.
+"""make demo: runs the control loop once in real time, then in lockstep, and draws pictures, a video, a force plot and figures into one folder.
 
-The parts follow each other: what draws never takes the processor from what must be on time.
+The stages run one after the other, so that drawing never takes processor time from the real-time run.
 """
 import argparse
 import csv
@@ -30,7 +30,7 @@ def arguments():
     p.add_argument("--camera", default="", help="options of tm-view, in one string")
     p.add_argument("--no-models", action="store_true", help="without the same scene by each model that can run it")
     p.add_argument("--no-film", action="store_true", help="figures and pictures alone")
-    p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the part inside the network namespace
+    p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the stage inside the network namespace
     a = p.parse_args()
     a.build = a.build.resolve()
     a.out = (a.out or a.build / "demo").resolve()
@@ -75,7 +75,7 @@ def run_realtime(a):
 
 
 def run_lockstep(a):
-    """Twice the same run on a virtual clock, with the plain form of the force loop: the hash must be the same."""
+    """Runs the scene twice on a virtual clock, with the plain form of the force loop: the hashes must be equal."""
     results = []
     for n in (1, 2):
         say(f"lockstep, run {n} of 2")
@@ -93,7 +93,7 @@ def run_lockstep(a):
 
 
 def run_slow(a):
-    """The same at 25 force samples a second, the paper's rate: what the controller must then guess is drawn beside."""
+    """Repeats the run at 25 force samples a second, the paper's rate, to plot what the controller must extrapolate."""
     say("lockstep, 25 force samples a second")
     sets = [x for s in [*a.set, "haptics.rate=25 Hz"] for x in ("--set", s)]
     command = [a.build / "bin" / "tm-sim", a.scene, *sets, "--lockstep", "--quiet", "--csv", a.out / "slow.csv", "--samples", a.out / "slow_samples.csv"]
@@ -105,11 +105,11 @@ def run_slow(a):
 
 
 MODELS = ("dynamic", "precomputed", "hybrid")
-SHOWN = HERE.parent / "scenes" / "liver-press.yaml"  # stands in where a scene of ours, like one that is cut, runs by one model alone
+SHOWN = HERE.parent / "scenes" / "liver-press.yaml"  # replaces a scene that only one model can run, such as one with a cut
 
 
 def models_that_run(a, scene, sets):
-    """{model: None, or why the scene cannot run by it}."""
+    """Returns {model: None, or the reason why the scene cannot run with it}."""
     why = {}
     for model in MODELS:
         run = subprocess.run([str(c) for c in (a.build / "bin" / "tm-sim", scene, *sets, "--set", f"model={model}", "--check")], capture_output=True, text=True)
@@ -118,7 +118,7 @@ def models_that_run(a, scene, sets):
 
 
 def run_models(a):
-    """One scene by the dynamic, the precomputed and the hybrid model: one line of it differs, the felt force must not."""
+    """Runs one scene with the dynamic, the precomputed and the hybrid model: one line of the scene differs, the rendered force must not."""
     scene, sets = a.scene, [x for s in a.set for x in ("--set", s)]
     why = models_that_run(a, scene, sets)
     stands_in = sum(w is None for w in why.values()) < 2 and scene.resolve().parent == SHOWN.parent
@@ -219,7 +219,7 @@ def view(a, *args):
 
 
 def strongest_moment(a):
-    """Seconds after the log's first tissue at which the simulation reported the largest force, and how long the log is."""
+    """Returns the time of the largest simulated force, s after the log's first tissue message, and the log's duration."""
     import lcm
 
     sys.path.insert(0, str(a.build / "python"))
@@ -270,8 +270,8 @@ def samples(a, instrument, begin_us):
 
 
 def record_begin_us(a, instrument):
-    """When the controller's record began, on the log's clock: TOOL carries the controller's own beside it, the quickest of them with the least delay.
-    The first TOOL says nothing of it: it waits until device and trocar are known."""
+    """Returns when the controller's record began, on the log's clock. TOOL messages also carry the controller's clock; the one with the least delay is
+    used. The first TOOL is skipped: it waits until device and trocar are known."""
     import lcm
 
     sys.path.insert(0, str(a.build / "python"))
@@ -284,7 +284,8 @@ def record_begin_us(a, instrument):
 
 
 def replayed(a, instrument, law):
-    """What another law would have rendered on the same samples: seconds on the controller's clock, and newtons. Empty where the log cannot be judged."""
+    """Returns the force that another extrapolator would have rendered from the same samples: seconds on the controller's clock, and newtons. Empty if the
+    log cannot be evaluated."""
     path = a.out / "forces.csv"
     if not path.exists():
         command = [str(a.build / "bin" / "tm-evaluate"), str(a.out / "demo.lcm"), "--forces", str(path)]
@@ -298,7 +299,7 @@ def replayed(a, instrument, law):
 
 
 def zoom(axis, t, f, title):
-    """Half a second of the steepest rise, in its middle."""
+    """Plots half a second around the steepest rise."""
     middle = rise(t, f, max(range(len(f)), key=f.__getitem__))
     inside = [v for x, v in zip(t, f) if abs(x - middle) < 0.25]
     axis.set_xlim(middle - 0.25, middle + 0.25)
@@ -307,7 +308,7 @@ def zoom(axis, t, f, title):
 
 
 def plot(a, s):
-    """A row an instrument: the session, half a second of it, and half a second of the same scene at 25 force samples a second."""
+    """Plots one row an instrument: the session, half a second of it, and half a second of the same scene at 25 force samples a second."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -343,7 +344,7 @@ def plot(a, s):
 
 
 def rise(t, f, peak):
-    """The middle of the steepest half second before the peak: where extrapolation shows."""
+    """Returns the middle of the steepest half second before the peak, where extrapolation is visible."""
     step = 250
     best = max(range(step, max(peak + 1, step + 1)), key=lambda k: f[min(k, len(f) - 1)] - f[min(k, len(f) - 1) - step], default=peak)
     best = min(best, len(t) - 1)

@@ -25,7 +25,7 @@ def refuse(message):
 
 
 def parse(name):
-    """(host, number, screen) of a DISPLAY; host "" is this machine, by file. None: not of this form."""
+    """Returns (host, number, screen) of a DISPLAY; host "" is this machine's socket. None: not of this form."""
     found = re.fullmatch(r"(?P<host>.*?):(?P<number>\d+)(?P<screen>\.\d+)?", name)
     if not found:
         return None
@@ -34,12 +34,12 @@ def parse(name):
 
 
 def reach(host, number):
-    """A connection to the display from this network, or an OSError."""
+    """Returns a connection to the display from this network, or raises OSError."""
     if host:
         return socket.create_connection((host, 6000 + number), timeout=5)
     link = socket.socket(socket.AF_UNIX)
     try:
-        link.connect(f"\0{SOCKETS}/X{number}")  # of this network namespace, unlike a file
+        link.connect(f"\0{SOCKETS}/X{number}")  # abstract socket of this network namespace, unlike a file
     except OSError:
         link.close()
         raise
@@ -84,7 +84,7 @@ def serve(listener, host, number):
 
 
 def listen(preferred):
-    """A listening file of a number that nobody has."""
+    """Returns a listening socket with an unused number."""
     SOCKETS.mkdir(mode=0o1777, exist_ok=True)
     for number in (preferred, *range(200, 300)):
         listener = socket.socket(socket.AF_UNIX)
@@ -100,14 +100,14 @@ def listen(preferred):
 
 
 def cookie(display, number, folder):
-    """A file with the display's cookie under its new number, or None: there is none, or nothing to read it with."""
+    """Returns a file with the display's cookie under its new number. None: there is no cookie, or no program that reads it."""
     if not shutil.which("xauth"):
         return None
     told = subprocess.run(["xauth", "nlist", display], capture_output=True, text=True).stdout.split()
     if len(told) < 9:
         return None
     digits = str(number)
-    entry = ["ffff", *told[1:3], f"{len(digits):04x}", digits.encode().hex(), *told[5:9]]  # of any host
+    entry = ["ffff", *told[1:3], f"{len(digits):04x}", digits.encode().hex(), *told[5:9]]  # for any host
     path = pathlib.Path(folder) / "Xauthority"
     subprocess.run(["xauth", "-q", "-f", path, "nmerge", "-"], input=" ".join(entry) + "\n", text=True, stderr=subprocess.DEVNULL)
     return path
@@ -115,7 +115,7 @@ def cookie(display, number, folder):
 
 def run(command, environment):
     child = subprocess.Popen(command, env=environment)
-    signal.signal(signal.SIGINT, lambda *_: None)  # of the terminal: COMMAND has heard it too
+    signal.signal(signal.SIGINT, lambda *_: None)  # of the terminal: COMMAND receives it too
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda n, _: child.send_signal(n))
     code = child.wait()

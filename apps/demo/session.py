@@ -1,4 +1,4 @@
-"""Starts and ends the programs of a session: simulation, one controller and one virtual device an instrument, the logger.
+"""Starts and ends the programs of a session: simulation, logger, and a controller and a virtual device for each instrument.
 
 Used by demo.py, play.py and tm-session, inside the session's network namespace (netns.sh).
 """
@@ -15,7 +15,7 @@ import time
 
 
 def stop_all(processes, patience_s=5.0):
-    """SIGINT to each that still runs, then SIGKILL to those that do not listen."""
+    """Sends SIGINT to each running process, then SIGKILL to those that do not end."""
     for p in processes:
         if p.poll() is None:
             p.send_signal(signal.SIGINT)
@@ -29,13 +29,14 @@ def stop_all(processes, patience_s=5.0):
 
 
 def of_their_own(libc=ctypes.CDLL(None), set_parent_death_signal=1):
-    """In a program about to start: a terminal's Ctrl-C goes to the session alone, which ends its programs one after the other, and none outlives it."""
+    """Detaches a program that is about to start from the terminal's Ctrl-C: only the session receives it and ends its programs in order. They also end if
+    the session dies."""
     os.setsid()
     libc.prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 class Session:
-    """A scene's programs. `out` receives their figures and logs; `hand` is "script" or "lcm" (HAND_i moves the instruments)."""
+    """The programs of a scene. `out` receives their figures and logs; `hand` is "script" or "lcm" (HAND_i moves the instruments)."""
 
     def __init__(self, bin_dir, scene, out, hand="script", sets=()):
         self.bin, self.scene, self.out, self.hand = pathlib.Path(bin_dir), str(scene), pathlib.Path(out), hand
@@ -44,7 +45,7 @@ class Session:
         subprocess.run([self.bin / "tm-sim", self.scene, *self.sets, "--hands", self.out / "hand"], check=True)
         self.facts = json.loads((self.out / "hand.json").read_text())
         self.bus = f"virtual:session{os.getpid()}"
-        # A folder of its own: inside a user namespace everybody is user 0, and root's own folder may be there already.
+        # A separate folder: inside a user namespace every user is 0, and root's folder may exist already.
         self.bus_dir = tempfile.mkdtemp(prefix="tensormass-", dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None)
         self.environment = {**os.environ, "TM_BUS_DIR": self.bus_dir}
         self.running = []
@@ -61,7 +62,7 @@ class Session:
         return self.begin("lcm-logger", "lcm-logger", "-q", "-f", path)
 
     def start_ring(self, duration_s=None):
-        """Simulation first, then devices and controllers; any order would do. Without a duration they run until stopped."""
+        """Starts the simulation first, then devices and controllers; the order does not matter. Without a duration they run until stopped."""
         until = ["--duration", f"{duration_s:g} s"] if duration_s else []
         self.begin("tm-sim", self.bin / "tm-sim", self.scene, *self.sets, "--realtime", *until, "--json", self.out / "sim.json")
         time.sleep(0.5)
@@ -78,7 +79,7 @@ class Session:
                        "--json", self.out / f"controller{i}.json")
 
     def well(self):
-        """Whether none has ended with an error; the first that has is told of."""
+        """Returns False, with a message, if a program has ended with an error."""
         for p in self.running:
             if p.poll() not in (None, 0):
                 print(f"{p.name} ended with exit code {p.returncode}; its last words ({self.out}/{p.name}.txt):", file=sys.stderr)
@@ -87,7 +88,7 @@ class Session:
         return True
 
     def wait(self, names, tell=None):
-        """Until the named programs have ended; the first to fail ends the session. Returns whether all ended well."""
+        """Waits until the named programs have ended; the first failure ends the session. Returns whether all succeeded."""
         while True:
             if not self.well():
                 return False
@@ -99,6 +100,6 @@ class Session:
 
     def end(self):
         stop_all([p for p in self.running if p.name != "lcm-logger"])
-        time.sleep(0.2)  # the logger hears the last messages
+        time.sleep(0.2)  # the logger receives the last messages
         stop_all([p for p in self.running if p.name == "lcm-logger"])
         shutil.rmtree(self.bus_dir, ignore_errors=True)

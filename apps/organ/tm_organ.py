@@ -18,17 +18,17 @@ IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 SURFACES = (".stl", ".obj", ".ply", ".off", ".vtp")
 MESHES = (".msh", ".vtk", ".vtu", ".mesh")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
-LIVE = 0.5  # of a core, in the busiest second of the press
-AIM = 0.8  # of that, so that a busier machine keeps up too
-MASS_GOOD, MASS_MOST = 0.1, 1.0  # of the tissue's own mass that may be added: without a coarser mesh first; at all
-SUBSTEPS_LEAST = 10  # a frame: 4 ms
+LIVE = 0.5  # share of a core, in the busiest second of the press
+AIM = 0.8  # share of that, so that a busier machine keeps up too
+MASS_GOOD, MASS_MOST = 0.1, 1.0  # added mass relative to the tissue's: accepted before coarsening; maximum
+SUBSTEPS_LEAST = 10  # per frame: 4 ms
 TOO_MUCH = "too much to be felt live"
-COARSER, COARSENINGS = 0.6, 3  # tetrahedra left by each coarsening; how many
-SAG_MOST = 0.3  # of the organ's size, under its own weight: beyond it hangs by too little
+COARSER, COARSENINGS = 0.6, 3  # share of tetrahedra kept by each coarsening; number of coarsenings
+SAG_MOST = 0.3  # relative to the organ's size, under its own weight: more means too few supports
 
 
 class Stop(Exception):
-    """What went wrong, and the exit code."""
+    """An error message with the exit code."""
     def __init__(self, message, code=2):
         super().__init__(message)
         self.code = code
@@ -57,7 +57,7 @@ def arguments():
 
 
 def plain(path):
-    """The path, or where it would be taken for an option, the same from the root (pathlib drops "./")."""
+    """Returns the path, made absolute if it looks like an option (pathlib drops "./")."""
     return path.absolute() if str(path).startswith("-") else path
 
 
@@ -78,11 +78,11 @@ def digest(path):
 
 
 class Coarser(Exception):
-    """The mesh is too fine to be felt live, and a coarser one can be made."""
+    """The mesh is too fine for real time, and a coarser one can be made."""
 
 
 class Work:
-    """The folder, and what is done in it: .organ.done says of each stage what it was made from."""
+    """The folder and its stages: .organ.done records the inputs of each completed stage."""
     def __init__(self, a):
         self.folder, self.quiet, self.again = a.out, a.quiet, a.again
         self.state, self.ours = a.out / ".organ.done", not a.out.exists()
@@ -97,7 +97,7 @@ class Work:
             print(text, end=end, flush=True)
 
     def warn(self, line):
-        """Between a stage's name and what it has to say."""
+        """Prints a warning between a stage's name and its result."""
         if not self.quiet and not self.warned:
             print(flush=True)
         self.warned = True
@@ -107,7 +107,7 @@ class Work:
         return self.folder / name
 
     def call(self, *command):
-        """Runs one of our programs there; its words, or Stop with them. A clear error is the program's own."""
+        """Runs one of our programs in the folder; returns its output, or raises Stop with it: the program's own error is clear."""
         run = subprocess.run([str(BIN / command[0]), *map(str, command[1:])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         if run.returncode < 0 or run.returncode in (130, 143):
             raise KeyboardInterrupt
@@ -116,13 +116,13 @@ class Work:
         return run.stdout, run.stderr
 
     def yours(self):
-        """The scene's digest where it is not as tm-scene wrote it, else None."""
+        """Returns the scene's digest if the user has changed it since tm-scene wrote it, else None."""
         path = self.path("organ.yaml")
         now = digest(path) if path.exists() else None
         return now if now != self.done.get("written") else None
 
     def stage(self, name, what, inputs, outputs, act):
-        """act(), unless its outputs are there and were made of the same. What it returns is said."""
+        """Runs act() unless the outputs exist and have the same inputs. Prints its result."""
         self.number += 1
         key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
         self.say(f"{self.number}/{self.of} {what:<26}", end="")
@@ -141,7 +141,7 @@ class Work:
 
 
 def mesh(a, kind, coarser, w):
-    """organ.msh, in metres; `coarser`: with that share of the tetrahedra."""
+    """Makes organ.msh, in metres; `coarser`: share of the tetrahedra to keep."""
     out, figures = w.path("organ.msh"), w.path("mesh.json")
     size = a.size
     if coarser < 1 and (size or kind == "surface"):
@@ -155,7 +155,7 @@ def mesh(a, kind, coarser, w):
             for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
                 if "warning:" in line or "nothing of it is lost" in line:
                     w.warn(line)
-        except Stop as stop:  # a module that is not there does not name the image
+        except Stop as stop:  # a missing module's message does not name the image
             raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)
     elif kind == "surface":
         w.call("tm-mesh", "fill", *(["--size", size] if size else []), "--scale", UNITS[a.unit], a.source, "-o", out)
@@ -166,7 +166,7 @@ def mesh(a, kind, coarser, w):
         except Stop:
             w.path("organ.part").unlink()
             raise
-        os.replace(w.path("organ.part"), out)  # as it is: its groups and regions are the scene's
+        os.replace(w.path("organ.part"), out)  # unchanged: the scene uses its groups and regions
     else:
         w.call("tm-mesh", "convert", "--scale", UNITS[a.unit or "m"], a.source, "-o", out)
     w.call("tm-mesh", "info", "--json", figures, out)
@@ -177,7 +177,7 @@ def mesh(a, kind, coarser, w):
 
 
 def edge_m(a, f):
-    """The size that the first mesh was made with."""
+    """Returns the edge length of the first mesh."""
     if a.size:
         number, unit = re.fullmatch(r"\s*([\d.eE+-]+)\s*([a-z]*)\s*", a.size).groups()
         return float(number) * UNITS.get(unit or "m", 1.0)
@@ -185,7 +185,7 @@ def edge_m(a, f):
 
 
 def scene(a, up, w):
-    """organ.yaml, where nobody has changed it."""
+    """Writes organ.yaml unless the user has changed it."""
     path = w.path("organ.yaml")
     if w.yours():
         said = "yours, kept; "
@@ -205,7 +205,7 @@ def scene(a, up, w):
 
 
 def rest(up, w):
-    """Hung up under its own weight: does what holds it hold it?"""
+    """Checks that the supports hold the organ under its own weight."""
     figures, axis, sign = w.path("rest.json"), "xyz".index(up[-1]), 1 if up[0] == "-" else -1
     g = [0, 0, 0]
     g[axis] = sign * 9.81
@@ -218,7 +218,7 @@ def rest(up, w):
 
 
 def figures_of(w, seconds=None, step_s=None):
-    """Figures of a press in lockstep, or of its first seconds; with mass scaling to that step."""
+    """Returns figures of a press in lockstep, or of its first seconds, with mass scaling to this step."""
     figures = w.path("live.json")
     sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_scaling_max=100"] if step_s else []
     w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--json", figures, *(["--duration", f"{seconds} s"] if seconds else []), *(x for s in sets for x in ("--set", s)))
@@ -226,7 +226,7 @@ def figures_of(w, seconds=None, step_s=None):
 
 
 def heavier(w, step_s):
-    """What mass scaling to that step adds: share of the tissue's mass, lowest frequencies with and without it."""
+    """Computes the effect of mass scaling to this step: share of the tissue's mass, lowest frequencies with and without it."""
     figures = w.path("heavier.json")
     sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_scaling_max=100"]
     w.call("tm-sim", w.path("organ.yaml"), "--explain", "--json", figures, *(x for s in sets for x in ("--set", s)))
@@ -236,7 +236,7 @@ def heavier(w, step_s):
 
 
 def make_heavier(w, step_s, share, own_Hz, Hz):
-    """Writes it into the scene, with what it does."""
+    """Writes mass scaling into the scene, with its effect."""
     path = w.path("organ.yaml")
     most = max(0.2, round(1.5 * share + 0.05, 2))
     what = f"{100 * share:.2g} % of mass is added where tetrahedra are small" + (f", lowest frequency {min(own_Hz):.3g} -> {min(Hz):.3g} Hz" if Hz else "")
@@ -248,13 +248,14 @@ def make_heavier(w, step_s, share, own_Hz, Hz):
 
 
 def lighter(w, f, coarsens):
-    """A longer step, by mass where tetrahedra are small, with which half a core steps the press: (step, share of mass, frequencies, load), or None."""
+    """Finds a longer step, by mass scaling of small tetrahedra, at which half a core computes the press: (step, share of mass, frequencies, load), or
+    None."""
     frame, first, substeps = f["frame_s"], f["busiest_second_s"], f["substeps_per_frame"]
     quiet = figures_of(w, 0.4)
-    one_s = quiet["processor_s"] / quiet["sim_s"] / substeps  # of a substep a frame, nothing touched, in a second
+    one_s = quiet["processor_s"] / quiet["sim_s"] / substeps  # load per substep of a frame without contact
     load = first
     for _ in range(5):
-        rest_s = load - substeps * one_s  # what does not go with substeps: patches, contact
+        rest_s = load - substeps * one_s  # load independent of substeps: patches, contact
         wanted = int(min((AIM * LIVE - rest_s) / one_s, 0.97 * substeps * AIM * LIVE / load))
         substeps = max(SUBSTEPS_LEAST, wanted if rest_s < 0.9 * AIM * LIVE else substeps // 2)
         share, own_Hz, Hz = heavier(w, frame / substeps)
@@ -271,7 +272,7 @@ def lighter(w, f, coarsens):
 
 
 def live(w, coarsens):
-    """Makes the scene one that half a core steps in real time: by mass where tetrahedra are small, else by a coarser mesh."""
+    """Changes the scene until half a core computes it in real time: by mass scaling of small tetrahedra, else with a coarser mesh."""
     f = figures_of(w, 3)
     if f["busiest_second_s"] <= LIVE:
         f = figures_of(w)

@@ -1,7 +1,6 @@
-"""One self-contained HTML page of figures and tables: used by `make evaluate`, `make accuracy` and `make stability`.
+"""Makes a self-contained HTML page of figures and tables, for `make evaluate`, `make accuracy` and `make stability`.
 
-Every page opens with what it was made on (machine, commit, compiler, flags), every figure is embedded, and the
-numbers behind it stand beside the page as JSON and CSV.
+Every page begins with its conditions (machine, commit, compiler, flags). Figures are embedded; their data are in JSON and CSV files in the same folder.
 """
 import base64
 import csv
@@ -22,7 +21,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLo
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 
-# Readable in grey: every series differs in dash and marker, not in colour alone.
+# Readable in greyscale: series differ in dash and marker, not only in colour.
 SERIES = [
     dict(color="#1b1b1b", linestyle="-", marker="o"),
     dict(color="#c1440e", linestyle="--", marker="s"),
@@ -44,24 +43,24 @@ LINE_LABEL = "line label"
 
 
 def series(index):
-    """Style of the index-th series, as keyword arguments of plot()."""
+    """Returns the style of the index-th series, as keyword arguments of plot()."""
     return dict(SERIES[index % len(SERIES)])
 
 
 def label_line(axis, x, y, text, style, dx=4, dy=0):
-    """Writes a series' name at its last point, so that no legend has to be looked up."""
+    """Writes a series' name at its last point, which avoids a legend."""
     label = axis.annotate(text, (x, y), xytext=(dx, dy), textcoords="offset points", color=style.get("color", "k"),
                           va="center", fontsize=9, annotation_clip=False)
     label.set_gid(LINE_LABEL)
 
 
 def label_upright(axis, x, text, color="#777777"):
-    """Names a vertical line, along it and inside the frame."""
+    """Labels a vertical line, along it and inside the frame."""
     axis.annotate(text, (x, 0.03), xycoords=("data", "axes fraction"), xytext=(3, 0), textcoords="offset points", rotation=90, fontsize=8, color=color)
 
 
 def spread_labels(figure):
-    """Moves labels of lines apart, up and down, as far as they lie over one another."""
+    """Moves overlapping line labels apart vertically."""
     labels = [text for axis in figure.axes for text in axis.texts if text.get_gid() == LINE_LABEL]
     if len(labels) < 2:
         return
@@ -83,7 +82,7 @@ def spread_labels(figure):
 
 
 def _tick_labels(axis):
-    """(position, text, box) of every label of an axis that is seen."""
+    """Returns (position, text, box) of every visible label of an axis."""
     ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
     low, high = sorted(axis.get_view_interval())
     slack = 1e-9 * (high - low)
@@ -92,7 +91,7 @@ def _tick_labels(axis):
 
 
 def overlapping_ticks(figure):
-    """Pairs of tick labels of one axis that lie over one another, or closer than a space, as (text, text)."""
+    """Returns pairs (text, text) of tick labels of one axis that overlap or are closer than a space."""
     figure.draw_without_rendering()
     found = []
     for axes in figure.axes:
@@ -103,7 +102,7 @@ def overlapping_ticks(figure):
 
 
 def thin_ticks(figure):
-    """Numbers on every axis that can be told apart: 1, 2, 5 where a logarithmic one spans few decades, and none that overlaps its neighbour."""
+    """Thins tick labels until none overlaps its neighbour: 1, 2, 5 if a logarithmic axis spans few decades."""
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             low, high = sorted(axis.get_view_interval())
@@ -130,7 +129,7 @@ def thin_ticks(figure):
 
 
 def frontier(points):
-    """Those (time, error, ...) points that no other beats in both, by ascending time."""
+    """Returns the Pareto front of (time, error, ...) points, by ascending time."""
     best, kept = float("inf"), []
     for point in sorted(points, key=lambda p: (p[0], p[1])):
         if point[1] < best:
@@ -140,7 +139,7 @@ def frontier(points):
 
 
 def draw_frontier(axis, points):
-    """The choices nothing beats, joined; dominated ones stay as drawn."""
+    """Connects the Pareto front; the other points stay unconnected."""
     best = frontier(points)
     axis.plot([p[0] for p in best], [p[1] for p in best], color="#bbbbbb", linewidth=5, alpha=0.6, zorder=0, solid_capstyle="round")
     return best
@@ -151,7 +150,7 @@ def loglog(axis, xlabel, ylabel):
 
 
 def times(ratio):
-    """"2.0 times"; as whole numbers from ten on."""
+    """Returns "2.0 times"; an integer from ten on."""
     return f"{ratio:,.0f} times" if ratio >= 9.95 else f"{ratio:.1f} times"
 
 
@@ -163,7 +162,7 @@ def _line(*command):
 
 
 def circumstances(extra=None):
-    """Machine, commit, compiler and flags, for the head of a page and the JSON beside it."""
+    """Returns machine, commit, compiler and flags, for the page's head and its JSON file."""
     model = next((l.split(":", 1)[1].strip() for l in open("/proc/cpuinfo") if l.startswith("model name")), platform.machine())
     facts = {
         "date": datetime.datetime.now(datetime.timezone.utc).strftime("%Y-%m-%d %H:%M UTC"),
@@ -176,7 +175,7 @@ def circumstances(extra=None):
     return facts
 
 
-# Pictures are drawn once, on white: in the dark they are turned over, their hues turned back.
+# Pictures are drawn once, on white; dark mode inverts them and rotates their hues back.
 STYLE = """
 :root{--paper:#fff;--ink:#1b1b1b;--soft:#555;--line:#ddd;--code:#f4f4f4;--good:#2e6b12;--fair:#8a5a00;--bad:#a51b0b;--link:#1f5fa8}
 @media (prefers-color-scheme:dark){:root{--paper:#141414;--ink:#e4e4e4;--soft:#a8a8a8;--line:#3a3a3a;--code:#242424;--good:#8fd16a;--fair:#e8b04a;--bad:#ff8370;--link:#8fbcf5}
@@ -197,7 +196,7 @@ code{font-size:13px;background:var(--code);padding:.1rem .3rem;overflow-wrap:any
 @media print{body{max-width:none;margin:0} h2{break-after:avoid} figure,tr{break-inside:avoid} .wide,figure{overflow:visible} img{max-width:100%;width:auto} table{font-size:10px} td,th{padding:.15rem .3rem}}
 """
 
-# A field over the first table of verdicts: rows that hold all its words stay, of every such table.
+# A filter above the first table of verdicts: rows with all its words stay visible, in every such table.
 FILTER = """
 const rows=[...document.querySelectorAll('.verdicts tbody tr')],label=document.createElement('label'),field=document.createElement('input'),told=document.createElement('span');
 field.type='search';field.placeholder='broken, cut, step \u2026';label.append('Show rows with',field,told);
@@ -210,7 +209,7 @@ field.addEventListener('input',show);show();
 
 
 class Page:
-    """Collects sections, then writes index.html, NAME.json and one CSV a table into `folder`, the whole page or nothing."""
+    """Collects sections, then writes index.html, NAME.json and one CSV a table into `folder`, all or nothing."""
 
     def __init__(self, folder, title, lead, facts=None):
         self.folder = pathlib.Path(folder)
@@ -227,14 +226,14 @@ class Page:
             self.text(text)
 
     def text(self, text):
-        """A paragraph; HTML is let through, so that a page can set code and emphasis."""
+        """Adds a paragraph; HTML passes unescaped, for code and emphasis."""
         self.body.append(f"<p>{text}</p>")
 
     def figure(self, name, figure, caption, command=None):
-        """Embeds a matplotlib figure and leaves NAME.png and NAME.svg beside the page."""
+        """Embeds a matplotlib figure and writes NAME.png and NAME.svg."""
         thin_ticks(figure)
         spread_labels(figure)
-        # Laid out (by thin_ticks) and measured once: each saving would do both anew, at the price of two drawings.
+        # Lays out (thin_ticks) and measures once: each save would repeat both, at the cost of two drawings.
         figure.set_layout_engine("none")
         box = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
         png = io.BytesIO()
@@ -248,8 +247,8 @@ class Page:
                          f"<figcaption>{caption}{repeat}</figcaption></figure>")
 
     def table(self, name, header, rows, caption="", mark=None):
-        """A table, also as NAME.csv. `mark(row)` may return a CSS class, good, fair or bad: the last column is then a verdict, which
-        heads the row on a narrow screen, and the rows can be filtered."""
+        """Adds a table, also as NAME.csv. `mark(row)` may return a CSS class (good, fair or bad): the last column is then a verdict, which heads the row
+        on a narrow screen, and rows can be filtered."""
         with open(self.folder / f"{name}.csv", "w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(header)
@@ -263,7 +262,7 @@ class Page:
         self.body.append("".join(out))
 
     def record(self, key, value):
-        """Puts a value into the JSON beside the page."""
+        """Adds a value to the page's JSON file."""
         self.data[key] = value
 
     def write(self, name):

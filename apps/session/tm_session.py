@@ -22,7 +22,7 @@ UNITS = {"": 1, "s": 1, "ms": 1e-3, "us": 1e-6, "min": 60}
 
 
 def seconds(text):
-    """As tm-sim's --duration: "10", "10 s", "2 min"."""
+    """Parses a duration as tm-sim's --duration: "10", "10 s", "2 min"."""
     number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz")
     unit = text.strip()[len(number):]
     try:
@@ -109,7 +109,7 @@ def interrupted(*_):
 
 
 def outside(a, folder):
-    """In a namespace, with a display that is reached from there."""
+    """Runs this program in a namespace, with a display that is reachable from there."""
     pidfile = folder / "netns.pid"
     words = [str(a.scene) if w == a.named else w for w in sys.argv[1:]]
     command = [sys.executable, __file__, *words, "--inside", "--out", folder]

@@ -22,7 +22,7 @@ RANGE = re.compile(r"\s*([-+]?[\d.]*\d(?:[eE][-+]?\d+)?)\s*\.\.\s*([-+]?[\d.]*\d
 
 
 class Stop(Exception):
-    """What went wrong, and the exit code."""
+    """An error message with the exit code."""
     def __init__(self, message, code=2):
         super().__init__(message)
         self.code = code
@@ -49,7 +49,7 @@ def arguments():
     return p.parse_args()
 
 
-# --- what is to be run ---
+# --- the runs ---
 
 
 def scenes(paths):
@@ -68,7 +68,7 @@ def scenes(paths):
 
 
 def values(text, option):
-    """A list, or a range with its number of values; commas inside brackets are the value's own."""
+    """Parses a list, or a range with its number of values; commas inside brackets belong to the value."""
     span = RANGE.fullmatch(text)
     if span:
         low, high, unit, count = span.groups()
@@ -90,7 +90,7 @@ def values(text, option):
 
 
 def variations(options):
-    """[(path, [value, ...]), ...]"""
+    """Returns [(path, [value, ...]), ...]."""
     out = []
     for text in options:
         path, equals, rest = text.partition("=")
@@ -103,7 +103,7 @@ def variations(options):
 
 
 def digest(scene, words, version):
-    """Of the scene, the files that it names, the settings and the program."""
+    """Returns a digest of the scene, the files that it names, the settings and the program."""
     sha = hashlib.sha256(json.dumps([version, words]).encode())
     text = scene.read_bytes()
     sha.update(text)
@@ -141,7 +141,7 @@ def place(folder, run, ending):
 
 
 def do_one(folder, number):
-    """Exit code of tm-sim; what it leaves is whole or not there."""
+    """Runs one tm-sim; returns its exit code. Its output files are complete or absent."""
     try:
         run = json.loads((folder / "jobs.json").read_text())["runs"][int(number)]
     except (OSError, ValueError, LookupError) as error:
@@ -158,11 +158,11 @@ def do_one(folder, number):
     return done.returncode or 130
 
 
-# --- all of them ---
+# --- all runs ---
 
 
 def check(runs, jobs):
-    """Every run's scene and settings, before the first of them is begun."""
+    """Checks every run's scene and settings before the first run."""
     def one(run):
         done = subprocess.run([SIM, *run["words"], "--check", "--quiet"], capture_output=True, text=True)
         return done.returncode, done.stderr.strip()
@@ -181,7 +181,7 @@ def write_jobs(folder, runs):
 
 
 def spans(numbers):
-    """0,1,2,5 as 0-2,5"""
+    """Writes 0,1,2,5 as 0-2,5."""
     out = []
     for n in numbers:
         if out and out[-1][1] == n - 1:
@@ -216,7 +216,7 @@ def on_cores(a, left):
 
 
 def flat(value, name=""):
-    """Figures by dotted names; lists of up to four, by number."""
+    """Returns figures with dotted names; lists of up to four by index."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from flat(inner, f"{name}.{key}" if name else key)

@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 
 HERE = pathlib.Path(__file__).resolve().parent
-# Seconds and where the tip is wanted, m: beside the liver, at it, 10 mm in it, away.
+# Time, s, and target of the tip, m: next to the liver, at it, 10 mm inside, away.
 WAY = [(0.0, (-0.036, -0.018, 0.080)), (0.4, (-0.040, -0.004, 0.057)), (1.0, (-0.040, -0.002, 0.048)), (1.6, (-0.040, -0.002, 0.048)), (2.0, (-0.036, -0.018, 0.080))]
 
 
 def joints(model, tip):
-    """Pitch, yaw and insertion that bring the probe's tip there."""
+    """Returns pitch, yaw and insertion for this tip position of the probe."""
     body = model.body("trocar")
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, body.quat)
@@ -36,7 +36,7 @@ def open_arm(plugin):
 
 
 def press(model, data, seconds, each=lambda: None):
-    """Steps; force on the tip, N, world, one row a step."""
+    """Steps the model; returns the force on the tip, N, world, one row a step."""
     forces = []
     while data.time < seconds - 1e-9:
         data.ctrl[:] = joints(model, wanted(data.time))

@@ -29,7 +29,7 @@ static const char *const attributes[] = {"scene", "sites", "set", "color"};
 
 static tissue *tissue_of(const mjData *d, int instance) { return (tissue *)d->plugin_data[instance]; }
 
-/* Sites of the attribute "sites", names apart by spaces; -1: no such site. */
+/* Finds the sites of the attribute "sites", names separated by spaces. Returns -1 if a site is missing. */
 static int sites_of(const mjModel *m, int instance, int site[TM_MAX_INSTRUMENTS]) {
     char names[512], *rest = names;
     const char *value = mj_getPluginConfig(m, instance, "sites");
@@ -61,8 +61,8 @@ static void warn(void *user, const tm_diagnostic *d) {
     if (d->severity == TM_FAULT) mju_warning("tensormass.tissue: %s", text);
 }
 
-/* The scene with a frame as long as MuJoCo's step, and what the attribute "set" lays over it: PATH=VALUE, apart by ';'.
- */
+/* Opens the scene with a frame as long as MuJoCo's step, and the values of the attribute "set": PATH=VALUE, separated
+ * by ';'. */
 static tm_scene *opened(const mjModel *m, int instance) {
     char rate[64], sets[1024];
     const char *set[MAX_SETS] = {rate}, *file = mj_getPluginConfig(m, instance, "scene"),
@@ -116,14 +116,14 @@ static int begin(const mjModel *m, mjData *d, int instance) {
     return 0;
 }
 
-/* Tissue at rest: the scene is read anew. */
+/* Resets the tissue to rest by reading the scene again. */
 static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
     tissue *t = data;
     if (!t) return;
     mju_zero(state, 3 * t->instrument_count);
     if (tm_scene_get_info(t->scene).frames == 0) return;
     tm_scene *scene = opened(m, instance);
-    if (!scene) return; /* it was said */
+    if (!scene) return; /* already reported */
     tm_scene_close(t->scene);
     t->scene = scene;
     for (int i = 0; i < t->instrument_count; i++) t->pose[i] = tm_scene_pose(t->scene, i);
@@ -131,11 +131,12 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
 
 static void copy(mjData *to, const mjModel *m, const mjData *from, int instance) {
     (void)m;
-    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames && tissue_of(to, instance))
+    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames &&
+        tissue_of(to, instance))
         mju_warning("tensormass.tissue: the copy's tissue begins at rest");
 }
 
-/* What the last frame's tissue bears at each tip, as a force on the body. */
+/* Applies the last frame's tip forces to the bodies. */
 static void compute(const mjModel *m, mjData *d, int instance, int capability) {
     tissue *t = tissue_of(d, instance);
     const mjtNum *force = d->plugin_state + m->plugin_stateadr[instance], none[3] = {0, 0, 0};
@@ -157,7 +158,7 @@ static void advance(const mjModel *m, mjData *d, int instance) {
     }
 }
 
-/* A triangle of MuJoCo's is (0,0) (sx,0) (0,sy) in its frame: the frame of this one is its two edges and its normal. */
+/* Draws a triangle. MuJoCo's is (0,0) (sx,0) (0,sy) in its frame, so the frame consists of two edges and the normal. */
 static void draw(mjvScene *scn, const double corner[3][3], const float rgba[4]) {
     if (scn->ngeom >= scn->maxgeom) return;
     double edge[2][3], normal[3], mat[9], size[3] = {1, 1, 0};

@@ -1,9 +1,9 @@
-"""docs/images/architecture.svg: the tree in one picture.   python tools/pictures/architecture.py [OUT]"""
+"""docs/images/architecture.svg: the source tree in one picture.   python tools/pictures/architecture.py [OUT]"""
 import pathlib
 import sys
 
 WIDTH, HEIGHT = 1020, 410
-#: name, where it lies, x, y, width, height, fill
+#: name, folder, x, y, width, height, fill
 BOXES = [
     ("scene and mesh", "apps/scenes, meshes", 20, 40, 170, 64, "#f3efe6"),
     ("simulation", "apps/sim", 230, 40, 220, 64, "#dce8f2"),
@@ -14,7 +14,7 @@ BOXES = [
     ("tick at 500 Hz", "haptic_rt/core: float, no system", 540, 246, 220, 64, "#efc9b5"),
     ("contact law", "law: one source, double for the tissue, float for the tick", 230, 346, 530, 50, "#e9e2f0"),
 ]
-#: from x, y to x, y; both ways; label, its x and y
+#: from x, y to x, y; both directions; label, its x and y
 ARROWS = [
     (190, 72, 230, 72, False, "", 0, 0),
     (450, 72, 540, 72, True, "LCM", 495, 62),
@@ -32,7 +32,7 @@ def words(x, y, said, size, weight="normal"):
 
 
 def draw():
-    """The picture as SVG text."""
+    """Returns the picture as SVG text."""
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" height="{HEIGHT}" font-family="sans-serif" fill="#222">',
            "<title>Simulation, controller and device in a row, and the libraries that they are built on</title>",
            '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto-start-reverse">'

@@ -16,7 +16,7 @@ PALE = {BLUE: "#dbe7f5", RED: "#f8e0d4", GREEN: "#e3ecd6", GREY: "#ececec", INK:
 
 
 def sheet(width, height, figsize):
-    """Axes without axes: x from 0 to width, y from 0 to height, equal scales."""
+    """Makes axes without frame: x from 0 to width, y from 0 to height, equal scales."""
     figure, axes = plt.subplots(figsize=figsize)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal")
     axes.axis("off")
@@ -34,7 +34,7 @@ def box(axes, x, y, width, height, title, lines="", colour=BLUE):
 
 
 def contact(out):
-    """Tool, station, row and compliance ("skin") in one section through tissue."""
+    """Draws tool, station, row and contact compliance in a section through tissue."""
     figure, axes = sheet(13, 6.6, (8.6, 4.4))
     surface = np.array([(0.3, 2.9), (2.2, 2.8), (4.0, 2.25), (5.6, 1.9), (7.3, 2.3), (9.2, 2.85), (11.4, 2.95)])
     axes.add_patch(Polygon([*surface, (11.4, 0.3), (0.3, 0.3)], facecolor=PALE[RED], edgecolor="none"))
@@ -70,7 +70,7 @@ def contact(out):
 
 
 def loop(out):
-    """The ring from the tool to the motor, with its rates."""
+    """Draws the control loop from the tool to the motor, with its rates."""
     figure, axes = sheet(13, 6.9, (8.6, 4.6))
     box(axes, 0.3, 2.6, 2.3, 1.6, "device", "tool, encoders,\nmotors", GREY)
     box(axes, 4.0, 4.6, 2.9, 1.7, "controller", "tick: 500 Hz, float,\nno allocation, no lock", BLUE)
@@ -97,7 +97,7 @@ def loop(out):
 
 
 def step(out):
-    """Phases of a substep and the stages that run in them."""
+    """Draws the phases of a substep and the stages that run in them."""
     figure, axes = sheet(13.2, 5.6, (8.6, 3.7))
     phases = (("begin", "tool paths,\nmoving supports,\ncuts", ("cut", "contact"), GREY), ("force", "internal force\ninto force_N", ("force", "rotation", "viscosity"), RED),
               ("load", "adds to\nforce_N", ("gravity",), RED), ("integrate", "central\ndifferences:\nwrites u_next_m", ("integrate",), BLUE),
@@ -115,7 +115,7 @@ def step(out):
 
 
 def patch(out):
-    """What a patch knows: triangles around the tip, their compliance, and the tip's way between two samples."""
+    """Draws the contents of a patch: triangles around the tip, their compliance, and the tip's path between two samples."""
     figure, axes = sheet(13, 6.2, (8.6, 4.1))
     rng = np.random.default_rng(3)
     nx, ny = 9, 6
@@ -141,13 +141,13 @@ def patch(out):
 
 
 def smoothing(out):
-    """Four domains over which strain is averaged: a tetrahedron, and around a face, an edge, a vertex."""
+    """Draws four domains over which strain is averaged: a tetrahedron, and around a face, an edge, a vertex."""
     points = np.array([(0, 0, 0), (1, 0, 0), (0.5, 0.9, 0), (0.5, 0.3, 0.85), (0.5, 0.3, -0.85), (1.4, 0.9, 0.25), (-0.45, 0.8, 0.2), (0.5, -0.65, 0.1)])
     tets = [(0, 1, 2, 3), (0, 1, 2, 4), (1, 2, 3, 5), (0, 2, 3, 6), (0, 1, 3, 7)]
     centre = {t: points[list(t)].mean(axis=0) for t in tets}
 
     def part(t, fixed):
-        """Corners of a tetrahedron's part around some of its vertices: the sub-simplices of its barycentric division that touch only those."""
+        """Returns the corners of a tetrahedron's part around some vertices: the sub-simplices of its barycentric division that touch only those."""
         pieces = []
         others = [v for v in t if v not in fixed]
         if len(fixed) == 3:
@@ -184,7 +184,7 @@ def smoothing(out):
 
 
 def objects(out):
-    """What a C program makes, in order, and what changes when."""
+    """Draws the objects of a C program, in the order in which it makes them, and what changes when."""
     figure, axes = sheet(13, 4.9, (8.6, 3.3))
     box(axes, 0.3, 2.6, 2.6, 1.9, "tm_mesh", "rest positions,\ntopology\nnever changes", GREY)
     box(axes, 4.0, 2.6, 2.8, 1.9, "tm_tissue", "materials, tensors,\nmasses\nchanged by cuts alone", RED)
@@ -200,7 +200,7 @@ def objects(out):
 
 
 def states(out):
-    """States of the controller; force flows in two of them."""
+    """Draws the states of the controller; two of them output force."""
     figure, axes = sheet(13, 5.0, (8.6, 3.3))
     places = {"boot": (0.3, 3.4, GREY), "self_test": (3.0, 3.4, GREY), "idle": (5.7, 3.4, BLUE), "engaged": (8.4, 3.4, GREEN), "stale": (11.1, 3.4, GREEN), "fault": (5.7, 0.4, RED)}
     for name, (x, y, colour) in places.items():

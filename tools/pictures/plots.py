@@ -17,7 +17,7 @@ STYLE = {"font.size": 11, "axes.spines.top": False, "axes.spines.right": False, 
 
 
 def table(page, head):
-    """Rows, as lists of cells, of the first table of docs/PAGE whose head line begins with HEAD."""
+    """Returns the rows, as lists of cells, of the first table of docs/PAGE whose head line begins with HEAD."""
     text = (ROOT / "docs" / page).read_text()
     start = text.index(f"\n| {head}") + 1
     lines = text[start:].split("\n\n")[0].strip().split("\n")
@@ -54,7 +54,7 @@ def performance(out):
 
 
 def outcomes():
-    """Cases of each group by what they must come out as, from the rows of their tables."""
+    """Counts the cases of each group by expected verdict, from the rows of their tables."""
     groups = collections.defaultdict(collections.Counter)
     for source in sorted((ROOT / "apps/studies/stability").glob("cases_*.c")):
         for group, verdict in re.findall(r'^    \{([A-Z]+), "[^"]*", "[^"]*",\s*(ACCURATE|STABLE|REFUSED)', source.read_text(), re.M):

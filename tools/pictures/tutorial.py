@@ -9,7 +9,7 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-USED = ("meshes", "apps", "libtensormass", "tests", "docs")  # what a chapter reads of the source tree
+USED = ("meshes", "apps", "libtensormass", "tests", "docs")  # folders of the source tree that a chapter reads
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 
 
@@ -18,7 +18,7 @@ def chapters():
 
 
 def steps(page):
-    """What the reader does, in order: ("file", (name, text)), ("type", commands), ("see", lines)."""
+    """Returns the reader's steps in order: ("file", (name, text)), ("type", commands), ("see", lines)."""
     for name, kind, text in re.findall(r"(?:Save as `(tutorial/[^`]+)`:\n\n)?^```(\w+)\n(.*?)^```", page.read_text(), re.M | re.S):
         if name:
             yield "file", (name, text)
@@ -29,7 +29,7 @@ def steps(page):
 
 
 def prepare(folder, build, page):
-    """A folder like the source tree, with the files of the chapters before."""
+    """Makes a folder like the source tree, with the files of the previous chapters."""
     (folder / "tutorial").mkdir(parents=True)
     for name in USED:
         (folder / name).symlink_to(ROOT / name)
@@ -42,7 +42,7 @@ def prepare(folder, build, page):
 
 
 def shows(expected, line, tolerance=0.02):
-    """Whether a line is the expected one: "…" stands for anything, numbers agree within the tolerance."""
+    """Returns whether a line matches the expected one: "…" matches anything, numbers agree within the tolerance."""
     pattern = ""
     for part in re.split(rf"(…|{NUMBER}|\s+)", expected.strip()):
         pattern += ".*?" if part == "…" else f"({NUMBER})" if re.fullmatch(NUMBER, part) else r"\s+" if part.isspace() else re.escape(part)
@@ -52,7 +52,7 @@ def shows(expected, line, tolerance=0.02):
 
 
 def follow(page, folder, build):
-    """Writes, types and compares all that a chapter says; returns what was not seen."""
+    """Writes, types and compares everything in a chapter; returns the expected lines that did not appear."""
     prepare(folder, build, page)
     said, missing = "", []
     for kind, what in steps(page):
@@ -75,14 +75,14 @@ def follow(page, folder, build):
 
 
 def picture(page):
-    """The file that a chapter's commands draw, and where the page shows it; None, None: it shows one that is drawn elsewhere."""
+    """Returns the file that a chapter's commands draw, and its place on the page. (None, None): the page shows a picture drawn elsewhere."""
     shown = re.search(r"!\[[^]]*\]\(\.\./images/(tutorial-\d\.png)\)", page.read_text())
     drawn = re.findall(r"tutorial/\w+\.png", page.read_text())
     return (drawn[-1], shown[1]) if shown and drawn else (None, None)
 
 
 def keep(source, target):
-    """At the width at which pages show it."""
+    """Saves a picture at the width at which pages show it."""
     from PIL import Image
     drawn = Image.open(source).convert("RGB")
     drawn.resize((720, 720 * drawn.height // drawn.width), Image.Resampling.LANCZOS).save(target, optimize=True)

@@ -1,5 +1,5 @@
-"""The `--help` of our programs, read: its options with their arguments and what they do, paragraphs and headings. Man pages and completion are made of it,
-so that a program's help is written once. (help2man knows one option a line and GNU's headings alone.)"""
+"""Reads the `--help` of our programs: options with arguments and descriptions, paragraphs and headings. Man pages and completion are made from it, so that
+each help is written once. (help2man supports only one option a line and GNU's headings.)"""
 import re
 from dataclasses import dataclass, field
 from typing import List, Optional, Union
@@ -9,7 +9,7 @@ OPTION = re.compile(r"(--?[A-Za-z][\w-]*)(?:[ =](?!--?[A-Za-z])([^\s,|]\S*))?")
 
 @dataclass
 class Option:
-    """`names` as typed: one option and its short form, or several that are told in one sentence."""
+    """`names` as typed: one option and its short form, or several that one sentence describes."""
     names: List[str]
     label: str  # as the help has it: "-h, --help"
     argument: Optional[str]
@@ -30,7 +30,7 @@ class Help:
 
     @property
     def words(self) -> List[str]:
-        """Every long option that the help tells of, those within a sentence too."""
+        """Returns every long option in the help, also those within sentences."""
         own = re.sub(r"(?:tm-[a-z]+|haptic-rt) --[a-z-]+", "", self.text) if self.options else ""
         return list(dict.fromkeys(re.findall(r"(?<![\w-])--[a-z][\w-]*", own)))
 
@@ -43,7 +43,7 @@ def option_of(cells):
 
 
 def cells_of(line):
-    """Of one line: [[label, words...], ...]; a line may hold two options side by side."""
+    """Splits a line into [[label, words...], ...]; a line may contain two options side by side."""
     rows = []
     for cell in re.split(r" {2,}", line.strip()):
         if re.match(r"--?[A-Za-z]", cell):
@@ -60,7 +60,7 @@ def words_of(line):
 
 
 def read(text):
-    """Help of a program's `--help`."""
+    """Parses a program's `--help`."""
     told = Help(text=text)
     lines = text.rstrip().split("\n")
     usage = re.match(r"(?:usage: *)?(.*)", lines[0]).group(1)

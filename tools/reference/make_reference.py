@@ -24,7 +24,7 @@ PURPOSE = {
     "haptic-rt": "the controller of a haptic device",
     "tm-device": "a virtual haptic device on a CAN bus",
 }
-# Words that a program lists itself.
+# Values that a program lists itself.
 LISTED = {"--case": "--list", "--knob": "--list"}
 
 
@@ -51,7 +51,7 @@ def section(told, skip=None):
 
 
 def man_page(name, told, parts, version):
-    """`parts`: help of each of the program's commands, by name."""
+    """Makes a man page. `parts`: help of each of the program's commands, by name."""
     first = next((p for p in told.body if isinstance(p, str) and not p.startswith("#")), name)
     purpose = PURPOSE.get(name, first.split(". ")[0])
     lines = [f'.TH {name.upper()} 1 "" "tensormass {version}" "User Commands"', ".SH NAME", f"{roff(name)} \\- {roff(purpose)}", ".SH SYNOPSIS"]
@@ -69,7 +69,7 @@ def quoted(words):
 
 
 def choices_of(option):
-    """Words that may follow the option, when its own sentence is nothing but them."""
+    """Returns the values that may follow the option, if its description is only a list of them."""
     words = re.sub(r" or |,", " ", option.text.split("(may be repeated):")[-1].split(" (")[0]).split()
     return words if option.argument == "NAME" and len(words) > 1 and {"a", "only"}.isdisjoint(words) and all(w.replace("_", "").isalnum() and w.islower() for w in words) else []
 

@@ -1,4 +1,4 @@
-"""The reference as HTML: the guides of docs/, the C headers (through Doxygen), the Python package, one search. `make docs` calls it; a warning is an error."""
+"""The documentation as HTML: guides of docs/, C headers (through Doxygen), the Python package, one search. `make docs` runs it; a warning is an error."""
 import os
 
 project = "tensormass"
@@ -9,7 +9,7 @@ myst_heading_anchors = 4
 breathe_projects = {"tensormass": os.environ["TM_DOXYGEN"]}
 breathe_default_project = "tensormass"
 breathe_domain_by_extension = {"h": "c"}
-# Read, not imported: the pages need no build of the library.
+# Parsed, not imported: the pages need no build of the library.
 autoapi_dirs = [os.environ["TM_PYTHON"]]
 autoapi_root = "python-api"
 autoapi_options = ["members", "undoc-members", "show-module-summary"]
@@ -24,7 +24,7 @@ html_show_copyright = False
 
 
 def private(app, what, name, obj, skip, options):
-    """What the package keeps to itself: modules and names with an underscore."""
+    """Skips the package's private members: modules and names with an underscore."""
     return skip or any(part.startswith("_") and not part.startswith("__init__") for part in name.split(".")) or None
 
 

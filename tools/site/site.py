@@ -1,4 +1,4 @@
-"""site.py OUT MAN: lays the pages' sources out in OUT: docs/ and its tutorial as they are, one page for each public header, one for each program's man page."""
+"""site.py OUT MAN: collects the pages' sources in OUT: docs/ with its tutorial, one page for each public header, one for each program's man page."""
 import pathlib
 import re
 import shutil
@@ -6,11 +6,11 @@ import subprocess
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-TREE = re.compile(r"(?<!!)\[([^\]]*)\]\((\.\./[^)]*)\)")  # links out of docs/ into the tree: shown as what they say
+TREE = re.compile(r"(?<!!)\[([^\]]*)\]\((\.\./[^)]*)\)")  # links out of docs/ into the tree: replaced by their text
 
 
 def headers():
-    """Public headers by what they belong to."""
+    """Returns the public headers by component."""
     return {"The library": sorted((ROOT / "libtensormass/include/tensormass").glob("*.h")),
             "Solvers, files": sorted(p for p in (ROOT / "libtensormass").rglob("include/*.h") if p.name != "tensormass.h"),
             "The controller": [ROOT / "haptic_rt/core/hrt.h"]}
