@@ -157,8 +157,8 @@ void check_nifti_end(const itk::ImageIOBase &io, const char *path, double bytes)
                       seen, expected);
 }
 
-// Reads voxels twice into buffers of different contents: MetaImage leaves unread voxels unchanged, so both must agree.
-// It also prints to stderr.
+// Reads voxels. MetaImage leaves unread ones unchanged: two readings into different contents must agree. It also
+// prints to stderr.
 void read_voxels(itk::ImageIOBase &io, const char *path, char *bytes, size_t size) {
     std::streambuf *const said = std::cerr.rdbuf(nullptr);
     try {
@@ -260,8 +260,7 @@ void read_whole(const char *path, double unit_m, image_volume *out) {
     take_labels(*io, bytes.get(), count, out->label);
 }
 
-// Returns whether the image has three numbers a voxel: NIfTI's fifth axis, which ITK converts to components, or the
-// fourth.
+// Returns whether a voxel has three numbers: NIfTI's fifth axis, which ITK converts to components, or the fourth.
 bool has_components(const itk::ImageIOBase &io) {
     const unsigned dims = io.GetNumberOfDimensions();
     const bool fifth = dims == 3 && io.GetNumberOfComponents() == 3;
@@ -351,8 +350,7 @@ template <typename Act> image_end guarded(const Act &act, char why[IMAGE_WHY]) {
 
 } // namespace
 
-// Returns limits for reading `bytes` bytes: 5 s and 1 s per 5 MB of processor time, 600 MB and ten times the bytes of
-// memory.
+// Returns limits for reading `bytes` bytes: processor time 5 s + 1 s per 5 MB, memory 600 MB + 10 times the bytes.
 static box_limits limits_of(const char *path, double bytes) {
     return {image_is_dicom(path) ? "GDCM" : "ITK", 5 + std::ceil(bytes / 5e6), 6e8 + 10 * bytes, true};
 }

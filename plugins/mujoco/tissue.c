@@ -131,8 +131,7 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
 
 static void copy(mjData *to, const mjModel *m, const mjData *from, int instance) {
     (void)m;
-    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames &&
-        tissue_of(to, instance))
+    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames && tissue_of(to, instance))
         mju_warning("tensormass.tissue: the copy's tissue begins at rest");
 }
 
