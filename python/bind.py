@@ -196,6 +196,7 @@ def text(interface, told):
         if fields is None:
             continue
         out += ["", f"class {name}(Structure):"]
+        out += ["    __slots__ = ()  # a member that C does not have is an error, not a new attribute"]
         out += [f"    {f}: {a}" for f, _, a in fields]
         out += ["    _fields_ = ["] + [f'        ("{f}", {t}),' for f, t, _ in fields] + ["    ]", ""]
     out += ["", "# name: (library, result, arguments)", "FUNCTIONS: Dict[str, Tuple[str, Any, List[Any]]] = {"]

@@ -241,7 +241,7 @@ class WorldState(Object):
         stage = c.tm_stage()
         run = field_type(c.tm_stage, "run")(function)
         spelled, other = name.encode(), before.encode() if before else None
-        stage.size, stage.name, stage.phase, stage.run, stage.before = ctypes.sizeof(stage), spelled, phase, run, other
+        stage.size, stage.name, stage.phase, stage.run, stage.runs_before = ctypes.sizeof(stage), spelled, phase, run, other
         stage.step_limit_s = step_limit_s
         call(lib.tm_world_add_stage, self, ctypes.byref(stage), 0)
         self._kept += [run, spelled, other]
@@ -315,8 +315,8 @@ class WorldState(Object):
         needed."""
         definition = lib.tm_viscosity_def_default()
         definition.count = len(terms)
-        for term, (time_s, shear, volume) in zip(definition.term, terms):
-            term.time_s, term.shear, term.volume = time_s, shear, volume
+        for term, (time_s, shear, bulk) in zip(definition.term, terms):
+            term.time_s, term.shear, term.bulk = time_s, shear, bulk
         call(lib.tm_stage_viscosity, self, ctypes.byref(definition))
 
     def add_energy(self) -> None:
