@@ -1,3 +1,4 @@
+/* Build without MPI: this process is the only rank. */
 #include "ranks.h"
 
 const char team_name[] = "tm-precompute";

@@ -1,3 +1,4 @@
+/* OpenGL context of OSMesa: draws into memory. */
 #include "context.h"
 
 #include <GL/osmesa.h>

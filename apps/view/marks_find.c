@@ -1,3 +1,4 @@
+/* Finds the tetrahedron of a surface triangle, and with it the triangle's region. */
 #include "picture.h"
 
 static int32_t order_of(const int32_t a[3], const int32_t b[3]) {

@@ -1,3 +1,4 @@
+/* Draws text and figures on the picture: status, legend, forces of the last seconds. */
 #include "picture_renderer.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* Computes the surface of a mesh at rest in its regions' colours, complete or cut open by a plane. */
 #include "scene_decoration.h"
 
 #include <ctype.h>

@@ -1,3 +1,4 @@
+/* Reads the marks of an open scene: title, supports, fibres, regions, faces. */
 #include "scene_decoration.h"
 
 #include "picture.h"

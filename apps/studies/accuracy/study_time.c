@@ -127,8 +127,8 @@ double study_expected_s(const study *t, const study_run *r) {
     return learned(t) * factor * own_s(t);
 }
 
-/* Returns the time of a group: a frame's samples with patches, the reference at 500 Hz, and at other rates the
- * additional substeps of rounded samples, and patches. */
+/* Returns the expected time of a group. With one sample per frame, it also pays for patches and the truth at 500 Hz.
+ * Other rates pay for the substeps added by rounding a sample up, and for patches. */
 double study_expected_group_s(const study *t, const study_run *first) {
     const study_run *own = &t->run[0];
     if (first->times == 1) return 5 * own_s(t);

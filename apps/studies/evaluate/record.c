@@ -101,8 +101,8 @@ static path placed(const path *p, const sim *s) {
     return q;
 }
 
-/* Starts with the tool out of contact, so that nothing swings when the path begins. Contact is at least 0.1 s later, so
- * that earlier frames have made the first patch. */
+/* Starts with the tool out of contact, so that nothing swings when the path begins. A real session
+ * begins long before contact, and its earlier frames have made the first patch; here BEFORE frames make it. */
 static void start(sim *s, follower *f) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     hrt_params_of_device(&f->r->params, s->axes[f->r->instrument].device);
