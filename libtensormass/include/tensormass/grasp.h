@@ -1,4 +1,4 @@
-/* Grasping: instruments in grasper mode hold tissue between their jaws. A separate stage beside contact. */
+/* Grasping: instruments in grasper mode hold tissue between their jaws. Requires the stage "contact". */
 #ifndef TENSORMASS_GRASP_H
 #define TENSORMASS_GRASP_H
 

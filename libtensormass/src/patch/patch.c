@@ -71,8 +71,8 @@ static void radiate(const tm_patch_builder *builder, int32_t t, tm_patch *patch)
     patch->radiation_s = radius / wave_m_s;
 }
 
-/* Finds the surface near a tool in contact or near contact, with all compliance known. Not for a tool without contact:
- * on the patch it would touch. */
+/* Finds the surface near a tool in contact or near contact, with all compliance known. Not for a tool that has
+ * not been outside since it was placed: it has no contact, but would touch the patch. */
 static bool find_surface(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
     const tm_tool *tool = builder->contact->tool + t;
     return tm_tool_is_present(tool) && tool->outside && max_vertices >= 3 &&

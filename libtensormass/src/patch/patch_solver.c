@@ -154,7 +154,7 @@ static void solve_rows(tm_patch_solver *s) {
     const bool settled = law_solve(p, BRANCHES);
     p->loaded_count = p->rows;
     for (int32_t i = 0; i < p->rows; i++) p->loaded[i] = (uint8_t)i;
-    for (int k = 0; k < SWEEPS && !settled; k++) /* statuses that do not converge */
+    for (int k = 0; k < SWEEPS && !settled; k++) /* fallback if the statuses do not converge */
         for (int32_t i = 0; i < p->rows; i++) {
             const double free_gap = law_row_error(p, i) -
                                     law_compliance_depth(p->row_compliance_m_N[i], p->soft_m, p->lambda_N[i]) -
