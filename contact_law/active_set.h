@@ -1,7 +1,8 @@
-/* Solves the unilateral problem of a set of rows, 0 <= gap + W lambda + depth(lambda) _|_ lambda >= 0, by an active set
- * of contact statuses. Gauss-Seidel would need hundreds of sweeps: tissue is far more compliant than the contact
- * compliance, and neighbouring rows are strongly coupled. With known statuses it is a small symmetric positive definite
- * system, and the statuses of the last tick are nearly always still valid.
+/* Active-set solver of the unilateral problem of a set of rows:
+ *   0 <= gap + W lambda + depth(lambda) _|_ lambda >= 0.
+ * Gauss-Seidel would need hundreds of sweeps: tissue is far more compliant than the contact compliance, and
+ * neighbouring rows are strongly coupled. With known contact statuses it is a small symmetric positive definite system,
+ * and the statuses of the last tick are nearly always still valid.
  *
  * The including file sets LAW_ROWS and defines law_couple. */
 #ifndef LAW_ACTIVE_SET_H

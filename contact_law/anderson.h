@@ -2,9 +2,13 @@
  * shape that their forces produce. The next forces combine those of the last iterations and those that the rows
  * returned. Plain fixed-point iteration oscillates or converges slowly.
  *
- * The including file sets LAW_DOFS, ANDERSON_DEPTH (previous iterations used), ANDERSON_FLOOR (share of the trace that
- * is added to the diagonal), ANDERSON_NOISE (square of the relative force below which a change is rounding), and
- * LAW_ANDERSON: a struct with next (index), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], initially zero. */
+ * The including file sets:
+ *   - LAW_DOFS;
+ *   - ANDERSON_DEPTH: number of previous iterations used;
+ *   - ANDERSON_FLOOR: share of the trace that is added to the diagonal;
+ *   - ANDERSON_NOISE: square of the relative force below which a change is rounding;
+ *   - LAW_ANDERSON: a struct with next (index), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], initially
+ *   zero. */
 #ifndef LAW_ANDERSON_H
 #define LAW_ANDERSON_H
 

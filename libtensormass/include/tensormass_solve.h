@@ -52,7 +52,7 @@ typedef struct tm_solve_report {
     int32_t columns_found;   /* of `columns`, those found from an earlier, interrupted run */
     int64_t factor_bytes;    /* 0 with CG */
     int64_t responses_bytes; /* stored, and mapped online */
-    int64_t work_bytes;      /* maximum of other memory allocated during the computation */
+    int64_t work_bytes;      /* other memory requested during the computation */
     double order_s, factor_s, columns_s, seconds;
     bool from_file;
     char why[160]; /* why a file was not used: "no file", "another mesh, material or support", "checksum differs" ... */
@@ -127,8 +127,8 @@ TM_API void tm_precomputed_destroy(tm_precomputed *model);
 TM_API int64_t tm_precomputed_bytes(const tm_precomputed *model);
 
 /* Updates the online solution: every instrument moves from its pose to `pose[instrument]`. The path is divided into
- * increments of at most an eighth of its radius, and contact is solved to convergence at each (256 solves at most). No
- * allocation. Returns the Newton iterations of the last increment; negative: its residual is still above 1e-9 of the
+ * increments of at most an eighth of its radius. At each of them contact is solved to convergence (256 solves at most).
+ * No allocation. Returns the Newton iterations of the last increment; negative: its residual is still above 1e-9 of the
  * displacement. */
 TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *pose);
 /* Sets the pose of an instrument at once: no swept path. The next update solves contact. */

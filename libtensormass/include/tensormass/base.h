@@ -65,9 +65,9 @@ TM_API void tm_set_contract_handler(tm_contract_handler handler, void *user);
 TM_API void tm_contract_broken(const char *function, const char *sentence);
 
 /* Allocator hook of the process. `alloc` returns memory aligned to 64 bytes, or null; `free` receives the same size.
- * Memory that is not aligned breaks the contract: it is freed at once, and the caller gets TM_ERR_MEMORY. Set the hook
- * before the first object is created and never change it while an object exists: objects do not store it. Any thread
- * that creates an object calls it. */
+ * Memory that is not aligned breaks the contract: it is freed at once, and the caller gets TM_ERR_MEMORY. The hook must
+ * be set before the first object is created, and stay while an object exists: objects do not store it. Any thread that
+ * creates an object calls it. */
 typedef struct tm_allocator {
     void *(*alloc)(size_t bytes, void *user);
     void (*free)(void *memory, size_t bytes, void *user);

@@ -60,8 +60,8 @@ TM_API int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm
                                const tm_contact_row *row, int32_t row_count, int32_t max_vertices,
                                int32_t max_triangles, tm_patch *patch);
 
-/* Fills the compliance from 3x3 blocks C (displacement of vertex a by a force on vertex b, m/N, row-major), made
- * symmetric, and positive semidefinite within float rounding. Removes the effect of this tool's rows from vertex_m:
+/* Fills the compliance from 3x3 blocks C: displacement of vertex a by a force on vertex b, m/N, row-major. The result
+ * is symmetric, and positive semidefinite within float rounding. Removes the effect of this tool's rows from vertex_m:
  * vertex_m -= C f. Returns false if a block is unknown or the blocks make no such matrix. */
 typedef bool (*tm_patch_block)(void *self, int32_t a, int32_t b, double C[9]);
 TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row,
@@ -71,8 +71,8 @@ TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, con
  * patch is left in. Call after tm_patch_fill or tm_patch_fill_grasped, once for each row with friction. */
 TM_API void tm_patch_remove_friction(tm_patch *patch, const tm_contact_row *row, const double force_N[3]);
 
-/* Returns whether more than a fifth of the tool's load (rows, and `held_N` of a grasp), and more than 0.01 N, is on
- * vertices outside the patch. The patch would then not give the tool's force. */
+/* Returns whether too much of the tool's load (rows, and `held_N` of a grasp) is on vertices outside the patch: more
+ * than a fifth of it, and more than 0.01 N. The patch would then not give the tool's force. */
 TM_API bool tm_patch_has_outside_load(const tm_patch *patch, double held_N, const tm_contact_row *row,
                                       int32_t row_count);
 
@@ -173,8 +173,8 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
  * kind 2 if the source has the present tissue. It is kind 1 from conjugate gradients, with corotated tissue, or while
  * the source still has the tissue before a cut.
  *
- * Returns false, with kind 0: a needed column is missing, nothing is near, or the patch at rest has another force than
- * the model, as an incomplete patch is not sent. If a source lacks columns at the border, the patch is smaller, but
+ * Returns false, with kind 0, if a needed column is missing, nothing is near, or the patch at rest has another force
+ * than the model. An incomplete patch is not sent. If a source lacks columns at the border, the patch is smaller, but
  * complete around the load.
  *
  * With a grasp (at most TM_GRASP_VERTICES; with conjugate gradients 24 minus the patch's vertices) the patch includes

@@ -43,7 +43,7 @@ TM_API void tm_rotation_force(const tm_rotation *rotation, const double *u_m, do
 
 /* Returns the `rotation` of the definition. */
 TM_API double tm_tissue_rotation(const tm_tissue *tissue);
-/* Replaces the tensors of a tissue that is not stepped by the corotated ones R K R^T, R the rotation of each
+/* Replaces the tensors of a tissue that is not stepped by the corotated ones R K R^T. R is the rotation of each
  * tetrahedron at u_m [3*vertex_count] m. That is the tangent of the law without the stress term: positive semidefinite
  * at every u, and exact at small strain. `threshold`: as tm_tissue_def.rotation. TM_DOUBLE only. With averaged shear
  * (smoothed_shear_share above 0): TM_ERR_ARGUMENT. Allocates while it runs. */

@@ -1,7 +1,7 @@
 /* Viscosity: tissue that relaxes, by a Prony series (docs/viscosity.md).
  *     G(t) = G_0 (1 - sum_i shear_i (1 - exp(-t/time_i))),   kappa(t) with bulk_i.
- * The materials' constants are the instantaneous moduli. In the long term the shear modulus falls to 1 - (sum of
- * `shear`) of its value, the bulk modulus to 1 - (sum of `bulk`). A separate stage: a world without it has no cost. */
+ * The materials' constants are the instantaneous moduli. The long-term shear modulus is 1 - (sum of `shear`) of its
+ * instantaneous value; likewise the bulk modulus with `bulk`. A separate stage: a world without it has no cost. */
 #ifndef TENSORMASS_VISCOSITY_H
 #define TENSORMASS_VISCOSITY_H
 

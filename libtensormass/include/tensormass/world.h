@@ -72,8 +72,8 @@ typedef struct tm_stage {
     bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
     /* A step succeeds completely or is rolled back. tm_world_step first calls `checkpoint`, which saves what `run` may
      * change in memory of the stage. If the step failed it calls `rollback`, which restores that to the last bit. Both
-     * null: `run` changes nothing lasting. No allocation. At rollback, u, tissue and masses are restored already,
-     * step_changed was called if anything had been cut, and the stages that run before this one are rolled back. */
+     * null: `run` changes nothing lasting. No allocation. Before a stage's rollback, u, tissue and masses are restored,
+     * and the stages that run before it are rolled back. If anything had been cut, step_changed was called. */
     void (*checkpoint)(void *self);
     void (*rollback)(void *self, tm_world *world);
     /* Names of the stages it depends on: they cannot be removed before it; null: none. */

@@ -43,8 +43,9 @@ typedef struct tm_tool {
      * until it moves. Then: energy that its rows took; total given to the tissue; stored under the tool; in its contact
      * compliance at the last substep and the one before. */
     double placed_J, reserve_J, throughput_J, stored_J, contact_stored_J[2];
-    /* Energy generated beyond the allowance; total generated; its minimum in each part of a window; of the present
-     * part, and the duration of that. */
+    /* Energy generated beyond the allowance; total generated; its minimum in each part of a window; duration of the
+     * present part, s. */
+
     double debt_J, generated_J, min_generated_J[TM_LEDGER], ledger_s;
     double sliding_J; /* allowance of this substep due to slow sliding */
     /* broad phase */

@@ -1,5 +1,5 @@
 /* Stage "friction": Coulomb friction between tools and tissue. Its constraint block is swept after the contact rows and
- * uses their normal forces of the same sweep, so no force is ever outside its cone.
+ * uses their normal forces of the same sweep. So no force is ever outside its cone.
  *
  * The unit is the station, as for the contact compliance: rows come and go while a tool slides over triangles, a
  * station stays. Its force acts at its rows in proportion to their loads, perpendicular to their common normal. */

@@ -77,8 +77,8 @@ void tm_grasp_sweep(void *self, tm_world *world, int32_t number) {
         for (int32_t i = 0; i < grasp->grasp[t].count; i++) relax(grasp, grasp->grasp + t, i, world);
 }
 
-/* Moves a held vertex and updates its spring within its limit. Otherwise, when contact is reduced, a released jaw would
- * take over the force beyond it, and a spring at its limit would keep it after its tissue came nearer. */
+/* Moves a held vertex and updates its spring within its limit. Without the limit, a released jaw would take over the
+ * excess force when contact is reduced. A spring at its limit would keep its force after its tissue came nearer. */
 bool tm_grasp_push(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
     const tm_grasp *grasp = self;
     bool fixed = false;

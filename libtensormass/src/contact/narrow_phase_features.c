@@ -15,7 +15,7 @@
 #include "contact/contact_internal.h"
 #include "contact_law/feature.h"
 
-/* Cull: lists the gathered faces, edges and vertices that the tool may touch, within a margin, and keeps the list until
+/* Cull: lists the gathered faces, edges and vertices that the tool may touch, within a margin. The list is kept until
  * motion may have used up the margin. Most gathered features are never touched, and their normals need square roots.
  * The hits equal those of a complete search: only features certainly out of reach are left out. */
 
@@ -79,8 +79,8 @@ static void list_wanted(tm_local_surface *s) {
             n->wanted[n->wanted_count++] = f;
 }
 
-/* Lists what may be within reach of stations on `length_m` of the axis from the tip (faces also sunk_m farther), if the
- * list is out of date. Computes the faces that this requires. */
+/* Lists what may be within reach of stations on `length_m` of the axis from the tip, and faces sunk_m farther, unless
+ * the list is up to date. Computes the faces that this requires. */
 static void tm_near_find(tm_local_surface *s, const tm_capsule *capsule, const double axis[3], double length_m,
                          double reach_m, double sunk_m) {
     tm_near *n = &s->near;

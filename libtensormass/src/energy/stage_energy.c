@@ -1,7 +1,7 @@
 /* Stage "energy": the energy account of tensormass/energy.h. Central differences have an energy identity: the force at
  * step n does its work over (u+ - u-)/2, and
- *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
- * for any forces f besides the tissue's own, multipliers of constraints included. */
+ *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2.
+ * Here f are all forces besides the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
