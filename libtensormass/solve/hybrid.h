@@ -125,16 +125,17 @@ typedef struct tms_hybrid_energy {
     double *way_m;             /* [3*most] scratch */
 } tms_hybrid_energy;
 
-enum { TMS_LEDGER = 17 }; /* parts that a window is watched in, and one */
+enum { TMS_LEDGER = 17 }; /* intervals of a window, plus one */
 
-/* hybrid_passivity.c: what contact made of energy. All of it lasts from step to step. */
+/* hybrid_passivity.c: energy that contact generated; all of it is state. */
 typedef struct tms_hybrid_passivity {
-    int32_t seen, placed[TM_MAX_INSTRUMENTS]; /* put there, and not moved since */
+    int32_t seen, placed[TM_MAX_INSTRUMENTS]; /* set by a teleport, and not moved since */
     int32_t unused;
     double was_m[2][TM_MAX_INSTRUMENTS][6]; /* tip and tail of each tool after the last substep and the one before */
-    double strained_J[2];                   /* inside and in contact compliance, by rows, then */
+    double strained_J[2];                   /* elastic energy of condensed tissue and contact compliance, by rows, in
+                                             * these substeps */
     double generated_J, min_generated_J[TMS_LEDGER],
-        window_s; /* in all; the least in each part of a window; of the newest */
+        window_s; /* total; minimum in each interval of a window; age of the newest */
 } tms_hybrid_passivity;
 
 struct tm_hybrid {

@@ -1,21 +1,21 @@
-/* Contact of all tools with the whole organ's surface, solved in one system: dynamic vertices give as their mass lets
- * them within a substep, inner ones quasi-statically, through the interface. */
+/* Contact of all tools with the complete organ's surface, solved as one system. Dynamic vertices yield by their mass
+ * within a substep, interior ones quasi-statically, through the interface. */
 #include "hybrid.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Of the largest displacement that contact makes: a substep ends where a step has come so near. The next one goes on
- * from there with another, so that what rests still comes to rest on the last digits. */
+/* Relative to the largest displacement by contact: a substep may stop at this error. The next one continues from there
+ * with another step, so that equilibrium is still reached to the last digits. */
 static const double LOOSE_TOLERANCE = 3e-5;
-/* For rows that are kept then: how hard they press is solved to 1e-9 at once. */
+/* For rows that are then reused: their forces are solved to 1e-9 at once. */
 static const double LOOSE_TOLERANCE_ROWS = 3e-3;
-/* Substeps that what surrounds the tools is kept at most, while neither they nor the tissue move far; how often is
- * looked how fast it moves. */
+/* Maximum substeps between gatherings while neither tools nor tissue move far; interval between checks of the tissue's
+ * speed. */
 enum { GATHER_EVERY = 128, WANDER_EVERY = 4 };
 
-/* Places of condensed vertices where what surrounds the tools was looked for, without what presses on them. */
+/* Computes the gathered positions of condensed vertices, without contact forces on them. */
 static void place_gathered(tm_hybrid *h, const int32_t *vertex, int32_t count) {
     const int32_t n = h->interface_count;
     for (int32_t i = 0; i < 3 * count; i++) {
@@ -27,8 +27,9 @@ static void place_gathered(tm_hybrid *h, const int32_t *vertex, int32_t count) {
     }
 }
 
-/* Shape at the end of the substep without contact: of condensed vertices that of the last gathering, in double, and in
- * single what the border has moved since. So what rests is exact once it has been looked around there. */
+/* Computes the shape at the end of the substep without contact. For condensed vertices: that of the last gathering, in
+ * double, plus the interface's motion since then, in single. Equilibrium is thus exact once a gathering has taken place
+ * there. */
 static void refresh(void *self, const int32_t *vertex, int32_t count) {
     tm_hybrid *h = self;
     const double *u_next = tm_world_state(h->world)->u_next_m;
@@ -59,15 +60,15 @@ static bool passes(void *self, const tm_contact_row *row) {
     return held;
 }
 
-/* --- when the step's length, the supports or the tissue have changed --- */
+/* --- after a change of the step's length, the supports or the tissue --- */
 
 static int32_t revision(const tm_hybrid *h) { return tm_tissue_surface(tm_world_tissue(h->world)).revision; }
 
-/* hybrid_contact.c. What was made of mobilities is not of today's. */
+/* Returns whether data derived from mobilities is outdated. */
 static bool tms_hybrid_is_stale(const tm_hybrid *h) { return h->stale || h->known_revision != revision(h); }
 
-/* What was made of mobilities. Looked at when it is needed, so that it does not matter which stage hears of a change
- * first: the integrator has them anew by then. */
+/* Recomputes the data derived from mobilities. Checked on use, so that the order in which stages see a change has no
+ * influence: the integrator has the new values by then. */
 static void make_fresh(tm_hybrid *h) {
     h->stale = false;
     h->known_revision = revision(h);
@@ -134,7 +135,7 @@ void tms_hybrid_rollback(tm_hybrid *h, const void *buffer, int64_t bytes) {
     tms_contact_reuse_restore(h, buffer);
 }
 
-/* The forces found, let into the coming positions. */
+/* Applies the contact forces to the coming positions. */
 static void move(tm_hybrid *h) {
     const tms_contact_solver *l = &h->solver_contact;
     double *u_next = tm_world_state(h->world)->u_next_m;
@@ -154,27 +155,27 @@ static void move(tm_hybrid *h) {
         inside = true;
     }
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->interface_mobility_m_N[k] * h->push_N[k];
-    for (int32_t i = 0; i < 3 * l->used_count; i++) { /* for the account: all that is on the interface */
+    for (int32_t i = 0; i < 3 * l->used_count; i++) { /* for the energy balance: all forces on the interface */
         const int32_t s = l->used[i / 3], d = 3 * l->vertex[s] + i % 3;
         if (h->vertex_kind[d / 3] == TMS_INTERFACE) h->push_N[h->interface_index[d]] += l->f[3 * s + i % 3];
     }
 }
 
-/* A tool on what has mass, which following has just solved for: within a substep it knows of the others through the
- * border alone, if at all, and keeps what it has. */
+/* Handles a tracked tool whose rows the reuse substep has just solved. Within a substep only the interface couples it
+ * to the others, if at all, so it keeps its solution. */
 static void resolve_tracked(tm_hybrid *h, bool followed) {
     tms_contact_solver *l = &h->solver_contact;
     for (int32_t t = 0; t < l->tool_count; t++)
         l->tool[t].prescribed = followed && !l->friction && l->tool[t].near && h->reuse->kind[t] == TMS_TOOL_TRACKED;
-    for (int32_t i = 0; i < 3 * l->previous_count; i++) { /* what surrounds the tools may be another since */
+    for (int32_t i = 0; i < 3 * l->previous_count; i++) { /* the neighbourhood may have changed since */
         const tm_contact_row *row = &l->previous[i / 3];
         if (!bsearch(&row->vertex[i % 3], l->list, (size_t)l->used_count, sizeof *l->list, tms_ascending))
             l->tool[row->instrument].prescribed = false;
     }
 }
 
-/* The rows of a rough solution begin a span, whose first substep is this one. False: they cannot, and it is to be
- * solved to the end. */
+/* Begins an interval with the rows of an inexact solution; this substep is its first. Returns false if they cannot be
+ * reused; the solve must then be completed. */
 static bool settle_rows(tm_hybrid *h) {
     tms_contact_reuse_begin(h, false);
     const int32_t gathered_age = h->solver_contact.gathered_age;
@@ -185,14 +186,14 @@ static bool settle_rows(tm_hybrid *h) {
     return true;
 }
 
-/* For all that is not given, roughly or to the end. */
+/* Solves for all unknowns that are not prescribed, to the loose or the full tolerance. */
 static void solve_for_use(tms_contact_solver *l, bool rough) {
     l->inexact = rough;
     l->loose_tolerance = rough ? LOOSE_TOLERANCE_ROWS : LOOSE_TOLERANCE;
     if (l->used_count > 0)
         tms_contact_solver_solve(l);
     else
-        l->previous_count = 0; /* no row is left that a span could keep */
+        l->previous_count = 0; /* no row is left to reuse */
 }
 
 /* Returns the forces on the interface. */
@@ -204,7 +205,7 @@ static const double *solve_in_full(tm_hybrid *h, bool followed) {
     tms_contact_solver_gather(l);
     resolve_tracked(h, may_give);
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
-    l->converged = true; /* where there is nothing to solve, */
+    l->converged = true; /* without unknowns, */
     l->now.count = 0;
     solve_for_use(l, followed);
     const bool settled = followed && l->converged && settle_rows(h);
@@ -220,8 +221,8 @@ static const double *solve_in_full(tm_hybrid *h, bool followed) {
     return settled ? h->reuse->push_N : h->push_N;
 }
 
-/* How far what has mass may have moved since the tools' surroundings were looked for: by its largest speed. Condensed
- * tissue goes as its border and the tools do. */
+/* Estimates how far tissue with mass may have moved since the last gathering, from its maximum speed. Condensed tissue
+ * moves only with its interface and the tools. */
 static void count_wandering(tm_hybrid *h) {
     const tm_state *state = tm_world_state(h->world);
     double most = 0;
@@ -247,7 +248,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         tms_contact_solver_move(l, t, &pose[t]);
         any |= tms_contact_solver_can_touch(&l->tool[t]);
     }
-    if (!any) { /* nothing is pushed, and nothing remembered */
+    if (!any) { /* no force, and no history */
         memset(l->f, 0, 24 * (size_t)l->capacity);
         l->previous_count = 0;
         tms_contact_solver_regather(l);
@@ -299,6 +300,6 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
                        (int)h->interface_count);
     const tm_contact_block block = {h, solve};
     tm_contact_set_block(contact, &block);
-    h->contact = contact; /* from here on there is something to undo with it */
+    h->contact = contact; /* from here on a failure must be undone with it */
     return TM_OK;
 }

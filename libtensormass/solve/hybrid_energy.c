@@ -1,15 +1,15 @@
-/* The condensed part in the account of energy: what it stores, what rows on it do, what it loses.
+/* Energy of the condensed part: stored energy, work of its rows, losses.
  *
- * With b the border and f what presses on the inside, x = x0 + T b + R f, and it stores b S b / 2 + f R f / 2: T b is
- * in balance, so what f strains beside it adds up. Its force on the border is in the world's loads; leapfrog conserves
- * the energy that it is a gradient of (coupling.h), and each time that is made anew it loses some. The inside has no
- * mass: when f becomes f', f'.R (f' - f) of work leave (f' - f).R (f' - f) / 2 behind that a wave would have taken
- * along. */
+ * With b the interface displacement and f the contact forces on the interior, x = x0 + T b + R f. The stored energy is
+ * b S b / 2 + f R f / 2: T b is in equilibrium, so the energy of f is additive. The force on the interface is among the
+ * world's loads. Leapfrog conserves the energy whose gradient it is (coupling.h); each recomputation loses some. The
+ * interior is massless: when f becomes f', the work is f'.R (f' - f). Of it (f' - f).R (f' - f) / 2 is lost, which a
+ * wave would have carried away. */
 #include "hybrid.h"
 
 #include <string.h>
 
-/* --- what presses --- */
+/* --- contact forces --- */
 
 static double *press_of(tms_pressed *p, int32_t vertex) {
     int32_t i = 0;
@@ -32,7 +32,7 @@ static void take_rows(tm_hybrid *h, const tm_contact_row *row, int32_t count) {
         }
 }
 
-/* How far a component of the inside goes by what presses. */
+/* Returns the displacement of an interior component by the contact forces. */
 static double give_m(const tm_hybrid *h, int32_t dof, const tms_pressed *p) {
     const int32_t at = h->interface_index[dof];
     double sum = 0;
@@ -51,8 +51,8 @@ static double follow_m(const tm_hybrid *h, int32_t dof, const double *went_m) {
     return sum;
 }
 
-/* How far every vertex that is pressed on now went over two steps, and what its forces strain. Returns their work
- * beside the border's way. */
+/* Computes the travel over two steps of each loaded vertex, and the energy of the forces. Returns their work beyond the
+ * interface's travel. */
 static double find_ways(tm_hybrid *h) {
     tms_hybrid_energy *e = &h->energy;
     tms_pressed *now = e->pressed;
@@ -89,7 +89,7 @@ static void step_on(tms_hybrid_energy *e) {
     e->pressed[0] = oldest;
 }
 
-/* After steps that were not seen: as if it had been pressed so all the time. */
+/* Restarts after unseen steps, as if the forces had been constant. */
 static void begin_anew(tms_hybrid_energy *e) {
     for (int k = 1; k < 3; k++) {
         e->pressed[k].count = e->pressed->count;

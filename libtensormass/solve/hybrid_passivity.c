@@ -1,9 +1,12 @@
-/* Limits the energy that contact of a hybrid generates, as contact_passivity.c does for tissue with mass. Its rows act
- * along blended normals, pass between tissue of both kinds, and undo any depth at once, which threw vertices of little
- * mass. The work of all rows is computed after each substep's solution, in the terms of the integrator: what they give
- * tissue with mass and the interface, what they strain of condensed tissue and contact compliance, less what moving the
- * tools puts in and damping takes. In no window of WINDOW_S may that be more than WINDOW_SHARE of what is stored; where
- * it would be, one factor reduces the forces of all rows. At rest nothing is generated, and forces stay. */
+/* Passivity observer of the hybrid model: limits the energy that contact generates, as contact_passivity.c does for
+ * tissue with mass.
+ *
+ * Contact rows act along blended normals, move between both kinds of tissue, and remove any depth at once. Without a
+ * limit, vertices of little mass would gain high speeds. After each substep's solve the work of all rows is computed as
+ * the integrator sees it. It is the work on tissue with mass and the interface, plus the elastic energy of condensed
+ * tissue and contact compliance. The tools' work and the energy that damping dissipates are subtracted. In no window of
+ * WINDOW_S may the sum exceed WINDOW_SHARE of the stored energy. If it would, one factor reduces the forces of all
+ * rows. At rest nothing is generated, and forces do not change. */
 #include "hybrid.h"
 
 #include <math.h>
@@ -13,11 +16,11 @@
 #include "contact_law/compliance.h"
 
 static const double WINDOW_SHARE = 0.15, WINDOW_S = 0.2, LITTLE_J = 2e-8;
-static const double LEAST_WAY_M = 1e-12; /* a path between equal poses is off by less */
+static const double LEAST_WAY_M = 1e-12; /* rounding error of the path between equal poses */
 enum { HALVINGS = 30 };
 
-/* Work of all rows over the two steps around them, if their forces are `share` of what they are:
- * share way + share^2 own; held: what they strain of condensed tissue. */
+/* Work of all rows over the two steps around them, with their forces scaled by `share`: share way + share^2 own; held:
+ * elastic energy of condensed tissue. */
 typedef struct row_sum {
     double way_J, own_J, held_J, tool_work_J;
 } row_sum;
@@ -50,7 +53,7 @@ static double tool_work_J(const tm_hybrid *h, int32_t count) {
     return sum;
 }
 
-/* Of a slot's force with all forces on condensed tissue and the interface. */
+/* Returns the work of a slot's force on the displacement by all forces on condensed tissue and the interface. */
 static double strain_of(const tm_hybrid *h, int32_t slot) {
     const tms_contact_solver *l = &h->solver_contact;
     const int64_t c3 = 3 * (int64_t)l->capacity;
@@ -107,7 +110,7 @@ static double recently_generated_J(const tms_hybrid_passivity *p) {
     return p->generated_J - least;
 }
 
-/* Moving and strained. */
+/* Returns the kinetic and elastic energy. */
 static double stored_J(const tm_hybrid *h) {
     const tm_state *s = tm_world_state(h->world);
     const double *mobility = tm_world_mobility_s2_kg(h->world);
@@ -121,7 +124,7 @@ static double stored_J(const tm_hybrid *h) {
     return 0.5 * (moving + fabs(strained));
 }
 
-/* Damping takes in this step: it pays for what contact makes meanwhile. */
+/* Returns the energy that damping dissipates in this step: contact may generate as much. */
 static double damped_J(const tm_hybrid *h) {
     const tm_state *s = tm_world_state(h->world);
     const double *damping = tm_tissue_damping_kg_s(tm_world_tissue(h->world));
@@ -171,7 +174,8 @@ static bool bears(const tms_contact_solver *l, int32_t t, int32_t count) {
     return any;
 }
 
-/* A tool put into tissue may push out what it lies in, until it moves or is out of it. */
+/* Updates the tools' poses. Returns whether a tool was placed inside tissue: it may push the tissue out, until it moves
+ * or has no contact. */
 static bool follow_tools(tm_hybrid *h, int32_t count) {
     tms_hybrid_passivity *p = &h->passivity;
     bool placed = false;

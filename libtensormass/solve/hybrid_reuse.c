@@ -1,20 +1,20 @@
-/* Contact of the hybrid between two solutions in full.
+/* Contact of the hybrid model between full solves, with reused rows.
  *
- * A solution in full looks at the surface several times and follows every vertex around the tools through the whole
- * border. What it comes to changes little in a substep where a tool is on condensed tissue, which has no mass: its rows
- * keep their normals and shares for a span of substeps, and only how hard each presses is solved for, with the tool and
- * the border where they are. A tool on tissue that has mass, or on what a cut has left of it, is looked for in every
- * substep, as in the dynamic model; on both kinds at once, everything is solved in full in every substep.
+ * A full solve detects rows several times and couples all vertices around the tools through the complete interface.
+ * Condensed tissue is massless, so a tool's rows on it change little per substep. They keep normals and shares for 1 to
+ * 32 substeps; only their forces are solved, for the present tool and interface. Rows on dynamic tissue, or on what a
+ * cut left of it, are detected in each substep, as in the dynamic model. If one tool touches both kinds, each substep
+ * is a full solve.
  *
- * What rests is exact: rows of a shape and a border that stay bear what they bore. A span is as long as the force then
- * jumps by no more than a hundredth; it ends at once when a tool moves off, jaws work, or the tissue is cut. */
+ * Static contact stays exact: rows of a resting shape and interface keep their forces. The interval adapts until the
+ * force jumps by at most 1 % at its end. Jaw motion, a cut, or a tool that leaves its range ends it at once. */
 #include "contact_solver.h"
 #include "hybrid.h"
 
 #include <math.h>
 #include <string.h>
 
-static const double MARGIN = 0.1; /* radii: rows so far off may be touched once the tissue has moved */
+static const double MARGIN = 0.1; /* radii: rows within it may be touched after the tissue's motion */
 
 bool tms_contact_reuse_create(tm_hybrid *h) {
     const size_t n = (size_t)h->interface_count;
@@ -60,7 +60,7 @@ double tms_contact_reuse_station(const tm_capsule *c, const tm_contact_row *row,
     return along;
 }
 
-/* What a frozen row is made of besides its offset, by the slots of its vertices. */
+/* Computes the derived data of a frozen row, except its offset, from the slots of its vertices. */
 static void fill_frozen(tm_hybrid *h, const tm_contact_row *row, int32_t at) {
     const int32_t n = h->interface_count;
     double *out = h->reuse->gap_gradient + (int64_t)at * n;
@@ -89,7 +89,7 @@ static double delassus_of(const tms_contact_solver *l, const tm_contact_row *row
     return sum;
 }
 
-/* On the border, by all rows. */
+/* Sums the forces of all rows on the interface. */
 static void sum_push(tm_hybrid *h) {
     const tms_contact_solver *l = &h->solver_contact;
     tms_contact_reuse *s = h->reuse;
@@ -122,9 +122,9 @@ void tms_contact_reuse_build(tm_hybrid *h) {
     sum_push(h);
 }
 
-/* --- a substep on the rows there are --- */
+/* --- a substep with reused rows --- */
 
-/* Every tool is within so many times its room of where it was. */
+/* Returns whether each tool is within `rooms` times its margin of its old place. */
 static bool is_within(const tm_hybrid *h, double rooms) {
     for (int32_t t = 0; t < h->solver_contact.tool_count; t++)
         for (int c = 0; c < 3; c++) {
@@ -152,11 +152,11 @@ static bool may_follow(const tm_hybrid *h) {
         if (touches != (s->kind[t] != TMS_TOOL_NONE)) return false;
         if (touches && tool->def.mode == TM_TOOL_GRASPER && (s->passed || tool->pose.grip > 0)) return false;
     }
-    return is_within(h, 2); /* beyond its room it is followed once more, to know how the force jumps */
+    return is_within(h, 2); /* beyond its margin rows are reused once more, to measure the force jump */
 }
 
-/* Where vertices with mass will be if what they bore in the last substep stays. The condensed ones among them bear no
- * row: where they were. */
+/* Predicts the positions of vertices with mass under the forces of the last substep. Condensed vertices among them
+ * carry no row and stay in place. */
 static void place_tracked(tm_hybrid *h, int32_t t) {
     tms_contact_solver *l = &h->solver_contact;
     const double *u_next = tm_world_state(h->world)->u_next_m;
@@ -171,9 +171,8 @@ static void place_tracked(tm_hybrid *h, int32_t t) {
     }
 }
 
-/* How far off rows are looked for, in metres: as in the dynamic model, and what the tool moves in a substep. A row that
- * bears is never passed over because the tissue swings: none in one substep and twice the force in the next would be
- * what is left of it. */
+/* Computes the detection margin of tool t, m: as in the dynamic model, plus its travel per substep. If oscillating
+ * tissue lost a loaded row, the force would alternate between zero and double. */
 static double margin_of(const tm_hybrid *h, int32_t t) {
     const tms_tool *tool = &h->solver_contact.tool[t];
     const double *was = h->reuse->at_m[t];
@@ -191,7 +190,7 @@ static double guess(const tms_contact_solver *l, const tm_contact_row *row, int3
     return 0;
 }
 
-/* Rows of a tool that is looked for in every substep; false: there is one that is not of this kind. */
+/* Detects the rows of a tracked tool; returns false if one is on condensed tissue. */
 static bool look_for(tm_hybrid *h, int32_t t, int32_t first, int32_t last) {
     tms_contact_solver *l = &h->solver_contact;
     tms_tool *tool = &l->tool[t];
@@ -222,7 +221,7 @@ static bool look_for(tm_hybrid *h, int32_t t, int32_t first, int32_t last) {
     return true;
 }
 
-/* Rows that stay, at the tool's new place and the border's. */
+/* Updates frozen rows for the present tool and interface. */
 static bool keep_rows(tm_hybrid *h, int32_t first, int32_t last) {
     tms_contact_solver *l = &h->solver_contact;
     tms_contact_reuse *s = h->reuse;
@@ -243,7 +242,7 @@ static bool keep_rows(tm_hybrid *h, int32_t first, int32_t last) {
     return true;
 }
 
-/* Of two rows of which one at least is on what has mass. */
+/* Computes the coupling of two rows, at least one of them on tissue with mass. */
 static double delassus_between(const tm_hybrid *h, const tm_contact_row *row, const tm_contact_row *other,
                                int32_t other_frozen) {
     const double *follow =
@@ -290,7 +289,7 @@ static void fill_system(tm_hybrid *h) {
     }
 }
 
-/* What is known of how forces go on. */
+/* Applies the predicted growth of forces. */
 static void apply_growth(tm_hybrid *h) {
     tms_contact_reuse *s = h->reuse;
     for (int32_t i = 0; i < s->system.count; i++)
