@@ -1,14 +1,16 @@
 /* Corotated tissue that relaxes; a part of corotated_kernel.h. Each tetrahedron stores, for each term of the Prony
- * series, the history h of its strain in its own axes, E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S
- * = sym H,   F = 1 + H = R U with the polar R and the blend of corotated_kernel.h as weight. Far above the threshold it
- * is Biot's strain, below it Biot's to second order. For a rotation by an angle a the linear S has a^2/2 there and E2
- * only a^4/8, and a history would store it.
+ * series, the history h of its strain in its own axes,
+ *     E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S = sym H,   F = 1 + H = R U
+ * with the polar R and the blend of corotated_kernel.h as weight. Far above the threshold it is Biot's strain, below it
+ * Biot's to second order. For a rotation by an angle a the linear S has a^2/2 there and E2 only a^4/8, and a history
+ * would store it.
  *
  * The batches hold the long-term law, and each term adds the energy of E - h by its share of the moduli. Tissue at
  * equilibrium, h = E, therefore carries the load of elastic tissue with the long-term law, whatever bounds the law or
- * the history. At given histories the gradient of that energy needs the one of U = sym R^T F: T = sum_i (shear_i D +
- * volume_i W) (E - h_i),  T:dU = (R T + Z) : dF.  Z is the contribution of the change of R (turn_change); without Z a
- * history that is not aligned with the strain would rotate the tissue.
+ * the history. At given histories the gradient of that energy needs the one of U = sym R^T F:
+ *     T:dU = (R T + Z) : dF,   T = sum_i (shear_i D + volume_i W) (E - h_i).
+ * Z is the contribution of the change of R (turn_change); without Z a history that is not aligned with the strain would
+ * rotate the tissue.
  *
  * Terms see a change of volume only within the range that the law resists: tension on the volume is limited as in
  * corotated_kernel.h, and compression likewise. Otherwise relaxed stress could exceed the present stress. Crushed

@@ -5,8 +5,8 @@
  *
  * So generated energy is removed in the next step, and lost energy restored, by stiffness-proportional damping: share
  * g, with g the change of the tissue's force over the last step, which is near -K (u' - u). Its work over the next step
- * is known, share p + share^2 q, and share solves share p + share^2 q + e = 0, within SHARE_MAX. Its resultant is zero,
- * and it is 0 where a body rotates rigidly.
+ * is known, share p + share^2 q, and share solves share p + share^2 q + e = 0, within SHARE_MAX. The added force
+ * has zero resultant, and is 0 where a body rotates rigidly.
  *
  * All of it follows from u and u_prev, so that a cut tissue continues as a fresh build in the same state does. Only
  * energy that cannot be removed at once is stored, and fades within some hundred steps. Since the work is known, no

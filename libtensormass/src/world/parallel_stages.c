@@ -1,6 +1,6 @@
-/* Parallel stages: those that compute vertices one by one run together, a few hundred vertices at a time while they are
- * in the cache, each partition on a thread of its own. A partition computes its vertices completely
- * (tm_force_partition), so results are bit-identical for any number of partitions. */
+/* Parallel stages. Stages that compute vertices one by one run together, a few hundred vertices at a time while they
+ * are in the cache. Each partition has a thread of its own, and computes its vertices completely (tm_force_partition),
+ * so results are bit-identical for any number of partitions. */
 #include "world/world_internal.h"
 
 #include <string.h>

@@ -11,8 +11,8 @@
 #include "libtensormass/numeric/random.h"
 #include "world/settle_newton.h"
 
-/* Limits: Newton steps of a load step, steps without progress, halvings of a step, attempted load steps, doubtful ones
- * rolled back, conjugate gradients of a Newton step per component. */
+/* Limits: Newton steps of a load step, those without progress, halvings of one; load steps attempted, doubtful ones
+ * rolled back; conjugate gradients of a Newton step per component. */
 enum { NEWTON_STEPS = 100, IDLE_STEPS = 12, HALVINGS = 30, TRIES = 120, DOUBTS = 24, GRADIENTS = 4 };
 static const double TURN_MAX = 0.55;        /* rad, rotation of supports in the first load step; twice that later */
 static const double FALLS = 1e-4;           /* of the stored energy: a large decrease */
