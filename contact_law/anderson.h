@@ -7,8 +7,7 @@
  *   - ANDERSON_DEPTH: number of previous iterations used;
  *   - ANDERSON_FLOOR: share of the trace that is added to the diagonal;
  *   - ANDERSON_NOISE: square of the relative force below which a change is rounding;
- *   - LAW_ANDERSON: a struct with next (index), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], initially
- *   zero. */
+ *   - LAW_ANDERSON: a struct with next (index), residual_change_N and step_N [ANDERSON_DEPTH][LAW_DOFS], all 0. */
 #ifndef LAW_ANDERSON_H
 #define LAW_ANDERSON_H
 
