@@ -1,3 +1,4 @@
+/* Reads keys, computes and checks authentication tags, detects replays. */
 #include "auth.h"
 
 #include <ctype.h>

@@ -1,3 +1,4 @@
+/* Reads LCM logs that may be damaged, in bounded memory. */
 #include "event_log.h"
 
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* Channels, sizes and checked decoding of all messages, from their types' descriptions. */
 #include "message.h"
 
 #include <stdio.h>

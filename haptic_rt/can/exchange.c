@@ -1,3 +1,4 @@
+/* The controller's side of the bus: counters, faults and frames of one device. */
 #include "can/exchange.h"
 
 /* LATE: a counter at least half its range back is an old frame, not a gap. GAPS_SPARE: gaps that a start of either side

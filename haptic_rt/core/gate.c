@@ -1,3 +1,4 @@
+/* The sender filter of a channel: one session at a time, in order of seq and clock. */
 #include "gate.h"
 
 static const char *const verdict_text[HRT_GATE_VERDICT_COUNT] = {

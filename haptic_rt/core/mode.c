@@ -1,3 +1,4 @@
+/* Names of the modes of an instrument. */
 #include "mode.h"
 
 #include "internal.h"

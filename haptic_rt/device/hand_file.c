@@ -1,3 +1,4 @@
+/* Reads a hand script from CSV. */
 #include "hand_file.h"
 
 #include <stdlib.h>

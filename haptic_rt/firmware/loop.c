@@ -1,3 +1,4 @@
+/* The firmware's loop: the tick in the interrupt, checks of received data in main. */
 #include "loop.h"
 
 enum { FRAMES_A_TICK_MAX = 64 }; /* a full bus carries 16 in 2 ms; more waits for the next tick */

@@ -1,3 +1,4 @@
+/* The file of a virtual bus: location, locks, mapping, recovery, removal. */
 #include "bus_virtual_file.h"
 
 #include <errno.h>

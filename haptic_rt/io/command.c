@@ -1,3 +1,4 @@
+/* Reads the options that haptic-rt and tm-device share. */
 #include "command.h"
 
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* Reads a table of numbers from CSV. */
 #include "csv_table.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* Converts received messages to samples and patches of the core, and checks them. */
 #include "from_message.h"
 
 #include <string.h>

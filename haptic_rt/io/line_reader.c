@@ -1,3 +1,4 @@
+/* Reads a text file line by line, and limits the length of a line. */
 #include "line_reader.h"
 
 #include <errno.h>

@@ -1,3 +1,4 @@
+/* The Linux loop: deadlines, scheduling, locked memory, idle states, signals. */
 #include "loop.h"
 
 #include <errno.h>

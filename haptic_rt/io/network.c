@@ -1,3 +1,4 @@
+/* Loads the module that links LCM. */
 #include "network.h"
 
 #include "app.h"

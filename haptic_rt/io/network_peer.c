@@ -1,3 +1,4 @@
+/* A peer on the network: one receiving and one sending thread. */
 #include "network_peer.h"
 
 #include <pthread.h>

@@ -1,3 +1,4 @@
+/* The message side of a controller or a device: receives, checks and sends messages. */
 #include "peer.h"
 
 #include <math.h>

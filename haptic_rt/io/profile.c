@@ -1,3 +1,4 @@
+/* Reads and writes parameters as `name = value ...`. */
 #include "profile.h"
 
 #include <stdlib.h>

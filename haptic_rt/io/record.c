@@ -1,3 +1,4 @@
+/* Records ticks as CSV, through a ring buffer. */
 #include "record.h"
 
 #include <inttypes.h>

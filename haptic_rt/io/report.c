@@ -1,3 +1,4 @@
+/* Writes the statistics of a loop as JSON and as text. */
 #include "report.h"
 
 #include <cjson/cJSON.h>

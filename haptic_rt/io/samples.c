@@ -1,3 +1,4 @@
+/* Posts force samples from a CSV file. */
 #include "samples.h"
 
 bool hrt_samples_read(hrt_samples *s, const char *path) {

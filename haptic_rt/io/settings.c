@@ -1,3 +1,4 @@
+/* Reads and checks the command line of haptic-rt. */
 #include "settings.h"
 
 #include <math.h>

@@ -1,3 +1,4 @@
+/* Logs events and waiting conditions of haptic-rt, with a limited rate. */
 #include "status_log.h"
 
 #include "app.h"
