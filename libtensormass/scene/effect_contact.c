@@ -1,3 +1,4 @@
+/* Effect `contact`: contact of the instruments with the tissue. */
 #include "sim.h"
 
 typedef struct options {

@@ -1,3 +1,4 @@
+/* Effect `damping`: mass-proportional damping of the tissue. */
 #include "sim.h"
 
 typedef struct options {

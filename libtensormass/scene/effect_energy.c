@@ -1,3 +1,4 @@
+/* Effect `energy`: energy balance of the tissue. */
 #include "sim.h"
 
 typedef struct options {

@@ -1,3 +1,4 @@
+/* Effect `friction`: friction coefficients of the instruments. */
 #include "sim.h"
 
 typedef struct options {

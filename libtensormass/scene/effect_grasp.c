@@ -1,3 +1,4 @@
+/* Effect `grasp`: graspers hold tissue between their jaws. */
 #include "sim.h"
 
 typedef struct options {

@@ -1,3 +1,4 @@
+/* Effect `gravity`: weight of the tissue. */
 #include "sim.h"
 
 typedef struct options {

@@ -1,3 +1,4 @@
+/* Effect `haptics`: patches and stiffness for the controllers of a scene. */
 #include <stdlib.h>
 
 #include "choices.h"

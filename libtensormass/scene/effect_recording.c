@@ -1,3 +1,4 @@
+/* Effect `recording`: writes every message to an LCM log. */
 #include "effects.h"
 #include "sim.h"
 

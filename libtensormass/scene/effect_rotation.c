@@ -1,3 +1,4 @@
+/* Effect `rotation`: corotational elasticity. */
 #include "sim.h"
 
 typedef struct options {

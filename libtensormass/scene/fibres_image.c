@@ -1,3 +1,4 @@
+/* Interpolates fibre directions from an image at the centroids of tetrahedra. */
 #include "fibres_image.h"
 
 #include <dlfcn.h>

@@ -1,3 +1,4 @@
+/* Converts a scene's laws, materials and selectors to the library's arrays. */
 #include "scene_parts.h"
 
 #include <math.h>

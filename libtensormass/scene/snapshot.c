@@ -1,3 +1,4 @@
+/* Writes and reads snapshots of a simulation. */
 #include "snapshot.h"
 
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* Opens the module `solve`, and names the files of its results. */
 #include "solve_api.h"
 
 #include <dlfcn.h>
