@@ -1,3 +1,4 @@
+/* Decompresses zlib streams: RFC 1950 and 1951. */
 #include "inflate.h"
 
 #include <string.h>

@@ -1,3 +1,4 @@
+/* Puts file and line before messages, and sets the locale of numbers. */
 #include "place.h"
 
 #include <stdio.h>

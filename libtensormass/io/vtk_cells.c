@@ -1,3 +1,4 @@
+/* Converts cells of VTK's files to tetrahedra and triangles. */
 #include "vtk_cells.h"
 
 #include <math.h>
