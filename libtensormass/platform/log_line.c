@@ -1,3 +1,4 @@
+/* Writes log lines that never block. */
 #include "log_line.h"
 
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-/* The progress line. */
+/* Prints the progress line, and draws session numbers. */
 #include "app.h"
 
 #include <stdarg.h>

@@ -1,3 +1,4 @@
+/* Opens output files before a run, and completes them after it. */
 #include "result_file.h"
 
 #include <errno.h>
