@@ -79,10 +79,10 @@ void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u
  * the factor. A constrained one loses sigma / omega_1^2 of its compliance, 1e-8 at 16 Hz. */
 #define SIGMA_1_S2 1e-4
 
-/* For rotating tissue: a new factor once a patch, or one of this many vertices all over it, has moved by this many
- * edges and rotated by 3 degrees (norm of R - Q), but not more often than every this many frames. In between columns
- * rotate with the tissue: on a lobe lifted by 50 mm and rotated in 1.8 s stiffnesses are within 14 % of those of a
- * factor per frame (29 % with a factor every 30 frames). */
+/* For rotating tissue: limits of motion (in edges) and rotation (3 degrees, as norm of R - Q) that require a new
+ * factor. They apply to a patch, or to this many vertices all over it; frames between factors have a minimum. In
+ * between, columns rotate with the tissue. On a lobe lifted by 50 mm and rotated in 1.8 s, stiffnesses are within 14 %
+ * of those of a factor per frame (29 % with a factor every 30 frames). */
 static const double MOVED_ON = 0.1, TURNED_ON = 0.0740;
 enum { MOVES_ON_AFTER = 12, LOOKED_AT = 256 };
 

@@ -1,3 +1,4 @@
+/* Builds the static problem of a tm_model_def. */
 #include "model_problem.h"
 
 tm_status tms_problem_build(const tm_model_def *def, const tm_tissue *whole, tms_problem *p, tm_solve_def *solve,
