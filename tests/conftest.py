@@ -1,5 +1,5 @@
-"""Shared by every Python test: where the build is, what rooms.py says of each, the last line `N passed, N failed, N skipped, N retried`, and the names of what failed for
-tests/run.py."""
+"""Fixtures and hooks of all Python tests: the build, components of tests (rooms.py), the last line `N passed, N failed, N skipped, N retried`, and the
+names of failed tests for tests/run.py."""
 import fcntl
 import json
 import os
@@ -31,7 +31,7 @@ def bin():
 
 @pytest.fixture(scope="session")
 def types(build):
-    """The LCM messages, as lcm-gen has them for Python."""
+    """The LCM messages, as lcm-gen makes them for Python."""
     sys.path.insert(0, str(build / "python"))
     import tensormass_lcm
     return tensormass_lcm
@@ -55,7 +55,8 @@ def pytest_unconfigure(config):
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory, pytestconfig):
-    """once(NAME, MAKE): the folder that MAKE(folder) filled, made by whichever worker comes first and shared by all, but for tests that are played again (patience.py)."""
+    """once(NAME, MAKE): returns the folder that MAKE(folder) filled. The first worker fills it, all share it; tests that run again (patience.py) get a new
+    one."""
     def made(name, make):
         base = tmp_path_factory.getbasetemp()
         base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
@@ -74,7 +75,7 @@ def once(tmp_path_factory, pytestconfig):
 
 
 def make(root, *words):
-    """`make WORDS`, as from a shell of its own: nothing of a make that runs the tests."""
+    """Runs `make WORDS` as from a separate shell, without the environment of a make that runs the tests."""
     env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
     done = subprocess.run(["make", "-C", str(root), "--no-print-directory", *words], env=env, capture_output=True, text=True, timeout=3000)
     assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
@@ -82,20 +83,20 @@ def make(root, *words):
 
 @pytest.fixture(scope="session")
 def image_module(build):
-    """Skips where the optional module is not built; where it is, `make tests` keeps it new (apps/module.mk)."""
+    """Skips the test if the optional module is not built; `make tests` keeps an existing one up to date (apps/module.mk)."""
     if not (build / "lib/tensormass/image.so").exists():
         pytest.skip("module image is not built (make image)")
 
 
 @pytest.fixture(scope="session")
 def make_once(root, once):
-    """make_once(TARGET): `make TARGET` in the sources' own build folder, once a run, whichever worker needs it."""
+    """make_once(TARGET): runs `make TARGET` in the sources' build folder, once a run, in the first worker that needs it."""
     return lambda target: once(f"make-{target}", lambda _: make(root, target))
 
 
 @pytest.fixture(scope="session")
 def make_config(root, build):
-    """make_config(CONFIG, TARGET...): `make config=CONFIG TARGET...` beside the build under test, one at a time in one folder. Returns that folder, build/CONFIG."""
+    """make_config(CONFIG, TARGET...): runs `make config=CONFIG TARGET...`, one at a time per folder. Returns that folder, build/CONFIG."""
     base = build.parent if build.name in ("debug", "asan", "tsan", "fuzz", "clang") else build
 
     def made(config, *targets):

@@ -1,5 +1,5 @@
-/* A cut tissue against a fresh build of what is left: every bit of tensors, masses, forces; the surface as a set; and
- * its manifoldness. */
+/* Compares a cut tissue with a fresh build of the remaining tetrahedra: all bits of tensors, masses and forces, the
+ * surface as a set, and that it is manifold. */
 #ifndef TM_TEST_CUT_CHECK_H
 #define TM_TEST_CUT_CHECK_H
 

@@ -1,4 +1,4 @@
-/* What C tests share: random numbers that repeat, block meshes, and the short way to a tissue. */
+/* Shared by C tests: reproducible random numbers, block meshes, and short calls that make a tissue. */
 #ifndef TM_TEST_FIXTURE_H
 #define TM_TEST_FIXTURE_H
 

@@ -1,4 +1,4 @@
-"""What tests of several folders start programs with; fixtures they share are in conftest.py."""
+"""Starts programs for tests of several folders. Shared fixtures are in conftest.py."""
 import json
 import os
 import pathlib
@@ -8,7 +8,7 @@ from typing import NamedTuple, Optional
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
-# Before a command: in a network of its own, LCM on its loopback.
+# Prefix of a command: runs it in a network namespace, with LCM on its loopback.
 UNSHARE = ["unshare", "-n" if os.geteuid() == 0 else "-rn"]
 LOOPBACK = ["sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
 NETWORK = [*UNSHARE, *LOOPBACK]
@@ -24,19 +24,19 @@ supports:
 
 
 def run(program, *arguments, code=0, env=None, timeout=600, cwd=None):
-    """Runs a program, with `env` beside the environment; checks its exit code; returns (stdout, stderr)."""
+    """Runs a program with `env` added to the environment; checks its exit code; returns (stdout, stderr)."""
     done = subprocess.run([str(program), *map(str, arguments)], capture_output=True, text=True, timeout=timeout, cwd=cwd, env={**os.environ, **(env or {})})
     assert done.returncode == code, f"exit {done.returncode} instead of {code}\n{done.stdout[-6000:]}\n{done.stderr[-6000:]}"
     return done.stdout, done.stderr
 
 
 def said(program, *arguments, **options):
-    """As run(); returns stdout and stderr together."""
+    """Runs as run(); returns stdout and stderr joined."""
     return "".join(run(program, *arguments, **options))
 
 
 def report(program, *args, tmp, **keys):
-    """Runs with --json and returns what it says."""
+    """Runs with --json and returns the report."""
     path = tmp / "report.json"
     run(program, *args, "--json", path, **keys)
     return json.loads(path.read_text())
@@ -49,15 +49,15 @@ def block_scene(tmp, root, more="", name="scene.yaml", mesh="block_1k.msh"):
 
 
 class Effect(NamedTuple):
-    """One effect of scenes, as the generated reference describes it."""
+    """One effect of scenes, from the generated reference."""
     name: str
     needs: tuple
     excludes: tuple
-    example: Optional[str]  #: as of --set NAME=, or None
+    example: Optional[str]  #: example value of --set NAME=, or None
 
 
 def effects():
-    """Every effect, in the order of the library's table (docs/scene-reference.md, which a test compares with it)."""
+    """Returns every effect, in the order of the library's table (docs/scene-reference.md; a test compares both)."""
     text = (ROOT / "docs/scene-reference.md").read_text().split("\n# Effects\n")[1]
     found = []
     for part in text.split("\n## ")[1:]:

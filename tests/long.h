@@ -1,4 +1,4 @@
-/* Which form of a test runs: `make check-long` sets TM_LONG=1; empty, 0 or not there is the short one. */
+/* Selects the form of a test: TM_LONG=1 (`make check-long`) is the long one; unset, empty or 0 is the short one. */
 #ifndef TM_TEST_LONG_H
 #define TM_TEST_LONG_H
 

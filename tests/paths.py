@@ -1,4 +1,4 @@
-"""Where the sources and the build under test are."""
+"""Paths of the sources and of the build under test."""
 import os
 import pathlib
 

@@ -1,9 +1,9 @@
-"""Tests that watch the wall clock (marker `clock`), on a machine that let them wait or is too slow for them: a test that failed meanwhile is played again once the machine is
-calm, all that it stands on anew, at most twice, and a warning says so. One that failed so each time was not judged: it counts as skipped, and says why. One that failed
-once on a machine in time has failed. tests/run.py plays none again while others run, but by themselves when all others have ended.
+"""Repeats tests that depend on the wall clock (marker `clock`) if the machine delayed them or is too slow. A failed test runs again once the machine is
+calm, with new fixtures, at most twice, with a warning. If the machine was late each time, the test counts as skipped, with the reason. A failure on a
+machine in time is a failure. Under tests/run.py failed tests run again alone, after all others.
 
-What a machine in time is, a process beside the tests measures: one that only sleeps is never woken LATE_S late, and a fixed piece of work takes, in the middle of
-its times, less than SLOWER times PIECE_S (what it takes on the 3 GHz processors that the tests' bounds were made on)."""
+A concurrent process measures the machine. It is in time if a sleeping process is never woken LATE_S late and a fixed piece of work takes a median below
+SLOWER times PIECE_S. PIECE_S is its time on the 3 GHz processors for which the tests' bounds were set."""
 import json
 import os
 import subprocess
@@ -16,9 +16,9 @@ from _pytest.runner import runtestprotocol
 LATE_S = 0.05
 PIECE_S = 0.0034
 SLOWER = 2
-AGAIN = int(os.environ.get("TM_AGAIN", "2"))  # 0: what fails has failed, until tests/run.py runs it by itself
-CALM_S = 2          # in time for so long
-CALM_WITHIN_S = 60  # or never mind
+AGAIN = int(os.environ.get("TM_AGAIN", "2"))  # 0: a failure is final, until tests/run.py runs it alone
+CALM_S = 2          # in time for this long
+CALM_WITHIN_S = 60  # maximum wait
 WATCHER = """
 import json, select, sys, time
 late, pieces, next_piece = 0.0, [], 0.0
@@ -41,14 +41,14 @@ while True:
 
 
 class Watcher:
-    """A process that notes how late it is woken and how long a piece of work takes; it ends with this one."""
+    """A process that records how late it wakes and how long a piece of work takes; it ends with this one."""
 
     def __init__(self):
         self.process = subprocess.Popen([sys.executable, "-S", "-c", WATCHER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        self.most_late_s = 0.0  # of the whole run
+        self.most_late_s = 0.0  # over the complete run
 
     def since(self):
-        """Longest lateness and the piece's middle time since this was asked last, s."""
+        """Returns the maximum lateness and the median time of the piece of work since the last call, s."""
         self.process.stdin.write("\n")
         self.process.stdin.flush()
         late_s, piece_s = json.loads(self.process.stdout.readline())
@@ -56,7 +56,7 @@ class Watcher:
         return late_s, piece_s
 
     def why_not_in_time(self, whole_run):
-        """What kept a test from being judged since this was asked last; None where nothing did."""
+        """Returns the reason why a test could not be judged since the last call, or None."""
         late_s, piece_s = self.since()
         late_s = self.most_late_s if whole_run else late_s
         if late_s >= LATE_S:
@@ -75,7 +75,7 @@ class Watcher:
 
 
 def not_judged(reports, why):
-    """The failed ones of a test's reports become skips."""
+    """Turns the failed reports of a test into skips."""
     for report in (r for r in reports if r.failed):
         report.outcome, report.longrepr = "skipped", (str(report.fspath), report.location[1], f"Skipped: not judged: each time it failed, {why}")
 
@@ -88,7 +88,7 @@ def pytest_runtest_protocol(item, nextitem):
     if not hasattr(config, "watcher"):
         config.watcher, config.played_again = Watcher(), 0
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    whole_run = "once" in getattr(item, "fixturenames", ())  # it may stand on what was made long before
+    whole_run = "once" in getattr(item, "fixturenames", ())  # its fixture may have been made long before
     for attempt in range(AGAIN + 1):
         config.watcher.since()
         reports = runtestprotocol(item, nextitem=nextitem, log=False)

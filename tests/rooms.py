@@ -1,6 +1,7 @@
-"""Which room a test is in, and how tests/run.py runs it. Names begin so: FOLDER/FILE::TEST of Python, FOLDER/PROGRAM of C; where several fit, the longest counts."""
+"""Assigns tests to components and tells tests/run.py how to run them. Keys are prefixes of FOLDER/FILE::TEST (Python) and FOLDER/PROGRAM (C); the longest
+match counts."""
 
-# `long` cuts across them: minutes, marked in its file, run by `make check-long` alone.
+# `long` is independent of these: tests of minutes, marked in their files, run only by `make check-long`.
 ROOMS = {
     "unit": "one part by itself, within two seconds of processor, and what is read of the sources: `make test`",
     "physics": "forces, energies, steps, contact, models and what they promise, on tissue",
@@ -8,7 +9,7 @@ ROOMS = {
 }
 
 IN = {
-    "test_": "system",  # of the tests themselves
+    "test_": "system",  # tests of the test tools
     "accuracy/test_": "system", "accuracy/test_limit": "unit", "accuracy/test_pace": "unit", "accuracy/test_accuracy": "physics", "accuracy/test_promises": "physics",
     "apps/": "unit", "apps/test_programs_alike": "system",
     "bench/": "system", "compare/": "system", "cross/": "system", "evaluate/": "physics", "firmware/": "system", "fuzz/": "system", "install/": "system",
@@ -20,7 +21,7 @@ IN = {
     "loop/test_two_hosts": "system",
     "mesh/": "system", "mesh/test_mesh_io": "unit", "mesh/test_image_volumes": "unit", "mesh/test_bad_meshes": "unit", "mesh/test_mesh_files": "unit",
     "pages/": "system", "plugins/": "system", "python/": "system", "sanitize/": "system", "scene/": "system", "study/": "system", "timing/": "system",
-    # Within two seconds; those that take longer stand below.
+    # Within two seconds; slower tests are listed below.
     "physics/": "unit", "solve/": "unit", "unit/": "unit",
     "physics/test_contact": "physics", "physics/test_gather": "physics", "physics/test_patch": "physics", "physics/test_release": "physics", "physics/test_sessions": "physics",
     "physics/test_settle": "physics", "physics/test_step_threads": "physics", "physics/test_windows": "physics",
@@ -32,37 +33,37 @@ IN = {
     "view/": "system", "view/test_controls": "unit", "view/test_fairing": "unit", "view/test_marks": "unit", "view/test_skin": "unit",
 }
 
-# Watch the wall clock: all run after those that compute, beside each other, as they mostly wait.
+# Depend on the wall clock: run after those that compute, concurrently, as they mostly wait.
 CLOCK = (
     "trust/test_trust", "trust/test_flags", "loop/test_messages", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "sanitize/test_sanitize.py::test_the_ring",
     "sim/test_lockstep.py::test_a_scene_without_solver", "sim/test_lockstep.py::test_realtime", "sim/test_realtime", "timing/test_loop",
     "view/test_session", "view/test_display", "view/test_play", "view/test_view.py::test_a_large_tissue", "view/test_view.py::test_live",
 )
 
-# Of those: tests that share what one process of pytest set up, one after the other; all others run side by side with them.
+# Of those: tests that share the set-up of one pytest process run one after the other; the others run concurrently with them.
 TOGETHER = ("trust/test_trust.py::test_with", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
 
-# Long, on the processors alone and by no clock: they get what the others leave, from first to last. All are of the sanitizers' builds.
+# Long tests of the sanitizers' builds, without clock: they run throughout with the remaining processor time.
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")
 
-# Look at the plain build itself, its instructions, memory, system calls, libraries and speed, or make builds of their own: not run by tests/sanitize/run.py.
-# (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)
+# Examine the plain build itself (instructions, memory, system calls, libraries, speed) or make builds of their own: tests/sanitize/run.py skips them.
+# (test_ranks: OpenMPI leaks from modules that it has already closed, which no suppression can name.)
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
          "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
          "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
          "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
-# A hand in a window for two seconds, against a simulation that ThreadSanitizer makes ten times slower.
+# Moves a hand in a window for two seconds; ThreadSanitizer makes the simulation ten times slower.
 PLAIN_OF_TSAN = ("view/test_play.py::test_mouse_and_keys",)
 
 
 def name_of(item, tests):
-    """FOLDER/FILE::TEST, or FOLDER/PROGRAM."""
+    """Returns FOLDER/FILE::TEST, or FOLDER/PROGRAM."""
     if item.path == tests / "test_programs.py" and hasattr(item, "callspec"):
         return "/".join(item.callspec.params["program"].parts[-2:])
     return f"{item.path.relative_to(tests).as_posix()}::{item.name}"
 
 
 def room_of(name):
-    """None: it stands in no room."""
+    """Returns the component, None if no row matches."""
     fits = [begin for begin in IN if name.startswith(begin)]
     return IN[max(fits, key=len)] if fits else None

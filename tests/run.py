@@ -1,8 +1,9 @@
-"""Runs every test, or those of one room (`--room unit`): those that compute first, two at a time, then those that watch the wall clock (marker `clock`: guests, whole rings of
-programs, windows), which tests that compute would starve. Those mostly wait, so that three of them share two processors. What either leaves goes to the sanitizers' builds,
-in the scheduler's idle class, from first to last. Of those that watch the clock, what failed is run again by itself when all else has ended, at most twice
-(tests/patience.py); what computes, never. The last line counts all: `N passed, N failed, N skipped, N retried`; the one before names the costliest.
-Seconds of every test: build/tests/PHASE.xml."""
+"""Runs every test, or those of one component (`--room unit`).
+
+Tests that compute run first, two at a time, then those that depend on the wall clock (marker `clock`: guests, complete control loops, windows), which
+tests that compute would starve. The latter mostly wait, so three of them share two processors. The sanitizers' builds run throughout in the scheduler's
+idle class. A failed clock test runs again alone after all others, at most twice (tests/patience.py); a test that computes never does. The last line counts
+all: `N passed, N failed, N skipped, N retried`; the one before names the slowest. Seconds of every test: build/tests/PHASE.xml."""
 import json
 import os
 import re
@@ -17,22 +18,23 @@ JOBS = os.environ.get("TM_JOBS", "2")
 WAITING = str(int(JOBS) + 1)
 TOGETHER = ("-m", "not clock and not leftover", "-n", JOBS, "--dist", "worksteal")
 BESIDE = []  # process of the leftover tests
-RECORDS = []  # of the seconds of each test
-FEW = 40     # more that failed by the clock have another cause
+RECORDS = []  # files with the seconds of each test
+FEW = 40     # more clock failures than this have another cause
 
 
 def idle():
-    """Of this process and its children: runs where nothing else wants to. Sessions share the processors evenly where the kernel groups by them, whatever their processes ask for."""
+    """Sets this process and its children to idle priority, and their session's group too. Otherwise a kernel that groups by session shares
+    the processors evenly between sessions."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     try:
         with open("/proc/self/autogroup", "w") as group:
             group.write("19")
     except OSError:
-        pass  # this kernel does not
+        pass  # not supported by this kernel
 
 
 def record(name):
-    """Option by which pytest records this phase's seconds beside what is built; none without a build."""
+    """Returns the option by which pytest records this phase's seconds in the build folder; none without a build."""
     if not os.environ.get("TM_OUT"):
         return []
     RECORDS.append(os.path.join(os.environ["TM_OUT"], "tests", f"{name}.xml"))
@@ -40,7 +42,7 @@ def record(name):
 
 
 def costliest(count=10):
-    """The tests that took longest: setup, call and teardown on the wall clock."""
+    """Returns the slowest tests: setup, call and teardown on the wall clock."""
     seconds = []
     for path in filter(os.path.exists, RECORDS):
         for case in xml.etree.ElementTree.parse(path).iter("testcase"):
@@ -49,7 +51,7 @@ def costliest(count=10):
 
 
 def phase(*arguments, leftover=False, **environment):
-    """Counts (passed, failed, skipped, retried) of one pytest run, shown as it goes, or at its end if it lives on what others leave."""
+    """Runs pytest once; returns counts (passed, failed, skipped, retried). Shows its output at once, or at its end for leftover tests."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, *sys.argv[1:]]
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=leftover, preexec_fn=idle if leftover else None,
                            env={**os.environ, **environment})
@@ -73,7 +75,7 @@ def phase(*arguments, leftover=False, **environment):
 
 
 def by_themselves(counts, failed_json):
-    """Counts of the tests that watch the clock, after those that failed, if they are not all too many, have been run again by themselves."""
+    """Runs failed clock tests again, alone, unless too many failed; returns the new counts."""
     try:
         with open(failed_json) as names:
             failed = json.load(names)
@@ -88,7 +90,7 @@ def by_themselves(counts, failed_json):
 
 
 def whole():
-    """Counts of the phases of all rooms."""
+    """Runs the phases of all components; returns the counts."""
     leftover = []
     beside = threading.Thread(target=lambda: leftover.extend(phase("tests", "-m", "leftover", "-n", JOBS, *record("leftover"), leftover=True)))
     beside.start()
@@ -98,13 +100,13 @@ def whole():
             clock = phase("tests", "-m", "clock", *record("clock"), "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
             beside.join()
         except KeyboardInterrupt:
-            os.killpg(BESIDE[0], signal.SIGTERM)  # a session of its own hears no Ctrl-C
+            os.killpg(BESIDE[0], signal.SIGTERM)  # a separate session does not receive Ctrl-C
             raise
         return together, by_themselves(clock, f"{folder}/failed.json"), leftover
 
 
 def main():
-    by_no_clock = {"unit", "physics"} & set(sys.argv[1:])  # rooms where nothing watches it, nor is left over (tests/conftest.py)
+    by_no_clock = {"unit", "physics"} & set(sys.argv[1:])  # components without clock tests and leftover tests (tests/conftest.py)
     counts = [phase("tests", *TOGETHER, *record("together"))] if by_no_clock else whole()
     passed, failed, skipped, retried = (sum(each) for each in zip(*counts))
     if costliest():

@@ -1,4 +1,5 @@
-"""tests/patience.py and tests/run.py: what is run again, and that nothing is pardoned on a machine in time, nor what fails by itself too, nor what computes."""
+"""tests/patience.py and tests/run.py: which tests run again. On a machine in time no failure is excused, nor a repeated failure alone, nor one of a test
+that computes."""
 import os
 import shutil
 import subprocess

@@ -9,7 +9,7 @@ from paths import BUILD, LONG, ROOT
 MANIFEST = BUILD / "tests" / "manifest.txt"
 PROGRAMS = [pathlib.Path(p) for p in MANIFEST.read_text().split()] if MANIFEST.exists() else []
 
-# Long forms that take many minutes, in parts that share the processors: so many, and the environment of part i.
+# Long forms of many minutes, in parts that share the processors: number of parts, and the environment of part i.
 PARTS = {"physics/test_sessions": (10, lambda i: {"TM_SESSIONS": "1000", "TM_SESSIONS_FROM": str(1 + 1000 * i)})}
 
 

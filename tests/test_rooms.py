@@ -1,4 +1,4 @@
-"""tests/rooms.py: every test is in one room, and every row is of a test that is there."""
+"""tests/rooms.py: every test is in one component, and every row matches an existing test."""
 import shutil
 import subprocess
 import sys
