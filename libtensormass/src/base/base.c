@@ -155,8 +155,8 @@ void tm_release(void *memory, size_t bytes) {
 
 /* --- pools --- */
 
-struct tm_constraint_block {
-    tm_constraint_block *next;
+struct tm_pool_block {
+    tm_pool_block *next;
     size_t bytes; /* header included */
 };
 enum { HEADER = 64 };
@@ -164,7 +164,7 @@ enum { HEADER = 64 };
 void *tm_pool_alloc(tm_pool *pool, int64_t count, size_t size) {
     if (pool->failed) return NULL;
     const size_t bytes = HEADER + rounded((size_t)count * size);
-    tm_constraint_block *block = count < 0 || (size_t)count > (SIZE_MAX / 4) / size ? NULL : tm_allocate(bytes);
+    tm_pool_block *block = count < 0 || (size_t)count > (SIZE_MAX / 4) / size ? NULL : tm_allocate(bytes);
     if (!block) {
         pool->failed = true;
         return NULL;
@@ -182,10 +182,10 @@ void *tm_pool_alloc(tm_pool *pool, int64_t count, size_t size) {
 }
 
 void tm_pool_release(tm_pool *pool) {
-    tm_constraint_block *block = pool->first;
+    tm_pool_block *block = pool->first;
     while (block) {
         TM_UNPOISON(block, HEADER);
-        tm_constraint_block *next = block->next;
+        tm_pool_block *next = block->next;
         const size_t bytes = block->bytes;
         TM_UNPOISON(block, bytes);
         tm_release(block, bytes);

@@ -7,9 +7,9 @@
 
 /* Every array of an object is one block of its pool; releasing the pool frees the object. A failed allocation marks the
  * pool, so that builders allocate everything first and check once. Blocks are zeroed and aligned to 64 bytes. */
-typedef struct tm_constraint_block tm_constraint_block;
+typedef struct tm_pool_block tm_pool_block;
 typedef struct tm_pool {
-    tm_constraint_block *first;
+    tm_pool_block *first;
     int64_t bytes;
     bool failed;
 } tm_pool;
