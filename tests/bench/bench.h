@@ -1,4 +1,4 @@
-/* Shared by the benchmark's parts. Every part warms up, interleaves what it compares, and reports quantiles. */
+/* Shared by the benchmark's parts. Every part warms up, interleaves the compared cases, and reports quantiles. */
 #ifndef TM_BENCH_H
 #define TM_BENCH_H
 

@@ -1,5 +1,5 @@
-/* Where this machine ends: the largest organ that is stepped in real time, with a probe pressed into it. A block of a
- * liver's volume, E 5 kPa, nu 0.45, 1060 kg/m3, double precision; its own critical step counts. */
+/* Capacity of this machine: the largest organ in real time with a probe pressed into it. A block of a liver's volume, E
+ * 5 kPa, nu 0.45, 1060 kg/m3, double precision, at its own critical step. */
 #include <math.h>
 #include <stdio.h>
 

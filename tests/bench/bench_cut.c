@@ -1,5 +1,5 @@
-/* Removal of tetrahedra, one a call, as a cautery eats its way in from a corner; and scattered over the mesh, the worst
- * for the caches and for repairing. Surface, repairing, tensors and masses included. */
+/* Cost of removing tetrahedra one a call: in a cautery's order from a corner, and scattered, the worst case for caches
+ * and repair. Includes surface, repair, tensors and masses. */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -1,5 +1,5 @@
-/* The step of tissue with effects, all of it turned, on one thread and on two, beside the linear one of the same mesh.
- */
+/* Cost of a step with effects, all tetrahedra rotated, on one thread and on two, compared with the linear step of the
+ * same mesh. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* The force pass in both precisions and forms, beside a loop that anyone would write (naive.c). */
+/* Cost of the force pass in both precisions and forms, compared with a plain loop (naive.c). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

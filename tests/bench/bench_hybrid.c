@@ -1,5 +1,5 @@
-/* A frame of the hybrid model beside one of the dynamic model: the same block, a probe pressed into either part and
- * slid along it. Processor time of one thread. */
+/* Cost of a frame of the hybrid and the dynamic model: the same block, a probe pressed into either part and slid along
+ * it. Processor time of one thread. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

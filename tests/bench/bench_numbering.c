@@ -1,5 +1,5 @@
-/* What a mesh's numbering costs: a force pass on a block numbered at random, and on that one with the vertices
- * renumbered inside (TM_NUMBERING_IMPROVED), over one on the same block in its order. */
+/* Cost of a mesh's numbering: force pass on a block numbered at random, and renumbered internally
+ * (TM_NUMBERING_IMPROVED), relative to the original order. */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -1,4 +1,4 @@
-/* The whole step, on one thread and on several, beside a force pass on its own. */
+/* Cost of a complete step on one and several threads, compared with the force pass alone. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
-/* The yardstick: the force as anyone would write it who has the tensors, one edge after the other. It knows nothing of
- * the library. Nine numbers and two indices an edge. */
+/* The reference loop: the force from given tensors, edge by edge, independent of the library. Nine numbers and two
+ * indices an edge. */
 #ifndef TM_BENCH_NAIVE_H
 #define TM_BENCH_NAIVE_H
 

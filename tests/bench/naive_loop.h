@@ -1,6 +1,6 @@
-/* The loop itself, included by naive.c and naive_wide.c, which set NAIVE(name). Of several ways to write it (without
- * the sum in registers, loops over components, differences of displacements, separate arrays, no `restrict`) this is
- * the quickest here. */
+/* The loop itself, included by naive.c and naive_wide.c, which define NAIVE(name). The fastest here of several variants
+ * (without the sum in registers, loops over components, differences of displacements, separate arrays, no
+ * `restrict`). */
 static void multiply_blocks(int vertices, const double *block, const double *restrict u, double *restrict force) {
     for (int v = 0; v < vertices; v++) {
         const double *A = block + 9 * v, x = u[3 * v], y = u[3 * v + 1], z = u[3 * v + 2];

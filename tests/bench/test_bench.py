@@ -1,4 +1,4 @@
-"""The benchmark runs whole and its JSON is complete. Never a word about how fast."""
+"""The benchmark runs completely and its JSON is complete. Asserts nothing about speed."""
 import json
 import math
 import re

@@ -1,6 +1,6 @@
-/* The property test of cutting over an organ from a file: 95 % of the tetrahedra gone in random orders, bits of a fresh
- * build after every batch, a manifold surface, finite steps. A mesh that no tissue can be made of is refused with a
- * message: said, not counted. */
+/* Property test of cutting on an organ from a file: removes 95 % of the tetrahedra in random orders; after every batch
+ * the bits are those of a fresh build, the surface is manifold, and steps are finite. A mesh that no tissue can use is
+ * reported and not counted. */
 #ifndef TM_TEST_ORGAN_H
 #define TM_TEST_ORGAN_H
 

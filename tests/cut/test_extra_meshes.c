@@ -1,4 +1,4 @@
-/* Meshes of a folder that TM_EXTRA_MESHES names, cut down in 20 random orders. Skipped without it. */
+/* Cuts the meshes of the folder TM_EXTRA_MESHES down in 20 random orders. Skipped without it. */
 #include "organ.h"
 
 #include <dirent.h>

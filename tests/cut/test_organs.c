@@ -1,4 +1,4 @@
-/* The generated organs, cut down in 20 random orders. */
+/* Cuts the generated organs down in 20 random orders. */
 #include "../long.h"
 #include "organ.h"
 

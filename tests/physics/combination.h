@@ -1,5 +1,5 @@
-/* One story for every combination of the effects rotation, volume, viscosity and friction: a cautery presses, slides
- * and cuts while a grasper takes the tissue, lifts and turns it. */
+/* The sequence of events for every combination of rotation, volume, viscosity and friction: a cautery presses, slides
+ * and cuts while a grasper grasps, lifts and rotates the tissue. */
 #ifndef COMBINATION_H
 #define COMBINATION_H
 

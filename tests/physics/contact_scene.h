@@ -1,5 +1,4 @@
-/* A block of soft tissue with its bottom held and a tool above it: what the contact tests press, slide along and prod.
- */
+/* A block of soft tissue with its bottom fixed and a tool above it, for the contact tests. */
 #ifndef CONTACT_SCENE_H
 #define CONTACT_SCENE_H
 

@@ -1,4 +1,4 @@
-/* Dense matrices from a tissue's force, and their eigenvalues: what short tests hold bounds and modes against. */
+/* Dense matrices from a tissue's force, and their eigenvalues: references for bounds and modes in short tests. */
 #ifndef TM_TEST_DENSE_H
 #define TM_TEST_DENSE_H
 

@@ -1,6 +1,6 @@
-/* Random sessions of two hands, for the tests that draw, run and shrink them (test_sessions.c, test_windows.c). Who
- * includes it defines before: `session` with the members seed, mode[2], fade_s, count and action[], and `verdict` with
- * the members good, action (during which it failed) and why[]; and the functions declared here. */
+/* Random sessions of two hands, for the tests that draw, run and shrink them (test_sessions.c, test_windows.c). The
+ * including file first defines `session` with the members seed, mode[2], fade_s, count and action[], `verdict` with the
+ * members good, action (of the failure) and why[], and the functions declared here. */
 #ifndef RANDOM_SESSION_H
 #define RANDOM_SESSION_H
 

@@ -1,5 +1,5 @@
-/* A step that fails has not happened: a number that is not finite, planted in every phase and beside every stage,
- * leaves every bit where it was, and what comes afterwards is what comes without it. */
+/* A failed step changes nothing: a number that is not finite, planted in every phase and next to every stage, leaves
+ * every bit unchanged, and later steps are as without it. */
 #include "../fixture.h"
 #include "contact_scene.h"
 

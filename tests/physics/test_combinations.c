@@ -1,5 +1,5 @@
-/* The sixteen combinations of rotation, volume, viscosity and friction, each through the same story: contact, grasp,
- * cut while held, a snapshot in its middle that another world goes on from with the same bits, and rest. */
+/* All sixteen combinations of rotation, volume, viscosity and friction through the same events: contact, grasp, cut
+ * during the grasp, a snapshot from which another world continues bit-identically, and rest. */
 #include "../fixture.h"
 #include "../long.h"
 #include "combination.h"

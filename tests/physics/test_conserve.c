@@ -1,5 +1,5 @@
-/* Undamped tissue that turns keeps its energy at the guaranteed step: whatever its law, hot or only spun, of good
- * tetrahedra and of slivers; and with damping no step keeps slivers moving. */
+/* Undamped corotational tissue conserves energy at the guaranteed step: for every law, hot or only rotating, with good
+ * tetrahedra and slivers. With damping, slivers come to rest. */
 #include "../long.h"
 #include "turning.h"
 

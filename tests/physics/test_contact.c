@@ -1,4 +1,4 @@
-/* Contact: geometry of the rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay
+/* Contact: geometry of rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay
  * bounded. */
 #include "../fixture.h"
 #include "../long.h"

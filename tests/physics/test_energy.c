@@ -1,5 +1,5 @@
-/* The account of energy: closes to rounding whatever the tissue goes through, knows each taker and giver, and costs
- * nothing unless asked for. */
+/* Energy account: closes to rounding in all cases, attributes every source and sink, and costs nothing unless
+ * requested. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

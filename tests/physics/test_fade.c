@@ -1,4 +1,4 @@
-/* A cut that fades: what instruments felt on a tetrahedron that goes sinks over `fade_s` instead of in one substep. */
+/* Fading cuts: the force from a removed tetrahedron falls over `fade_s` instead of within one substep. */
 #include "../cut_check.h"
 #include "contact_scene.h"
 #include "cut/cut_internal.h"

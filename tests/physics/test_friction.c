@@ -1,6 +1,6 @@
-/* Friction between tools and tissue: it sticks without creeping, slides at its coefficient, never leaves its cone,
- * gives back what it stretched, makes no energy, comes back from a snapshot to the bit, and costs nothing unless asked
- * for. */
+/* Friction between tools and tissue: sticks without creep, slides at its coefficient, stays in its cone, returns the
+ * energy of its springs and generates none, restores from a snapshot bit-identically, and costs nothing unless
+ * requested. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

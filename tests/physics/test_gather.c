@@ -1,5 +1,5 @@
-/* What surrounds a tool is kept as long as it surely is all that may be in reach: a step has the bits of one that
- * gathers it anew in every substep, wherever tool and tissue are thrown, and gathers seldom where they are not. */
+/* The broad phase reuses gathered triangles while none else can be in reach: bit-identical to gathering in every
+ * substep for any motion of tool and tissue, and rarely repeated at rest. */
 #include "../fixture.h"
 #include "contact/contact_internal.h"
 #include "contact_scene.h"

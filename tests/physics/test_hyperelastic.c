@@ -1,6 +1,5 @@
-/* Tissue under a nonlinear law: uniaxial stretch, press and simple shear by 40 % against closed forms, settling, the
- * step's energy, threads, cuts and snapshots with the same bits, tetrahedra that come back from inside out, and what is
- * refused. */
+/* Tissue with a nonlinear law: uniaxial stretch, press and simple shear by 40 % against closed forms; settling, energy,
+ * threads, cuts and snapshots bit-identically, recovery of inverted tetrahedra, and rejected input. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

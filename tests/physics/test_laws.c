@@ -1,6 +1,6 @@
-/* What is asked of every law of material, row by row of tm_laws: force is the energy's derivative, the tangent the
- * force's and symmetric, a rigid rotation stores nothing, no state needs a shorter step than the bound, every form has
- * the bits of the plain one, and a world computes the same. Isotropic and with fibres, beside a hole. */
+/* Requirements on every material law, row by row of tm_laws. Force is the energy's derivative; the tangent is the
+ * force's, and symmetric; a rigid rotation stores nothing; the step bound holds in all states; all forms have the plain
+ * one's bits; a world computes the same. Isotropic and with fibres, next to a hole. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

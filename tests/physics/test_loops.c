@@ -1,6 +1,6 @@
-/* Closed loops: what tissue that turns gives back is what it took. The force is the gradient of one energy, of which
- * every F has one value: fibres 1:1 to 10:1, from small strains to tetrahedra turned inside out and back, with and
- * without averaged changes of volume. And no such energy has a rest but the shape: tissue moved far out comes back. */
+/* Closed loops: corotational tissue returns the energy it took. The force is the gradient of one energy, single-valued
+ * in F: fibres 1:1 to 10:1, from small strains to inverted tetrahedra and back, with and without nodal dilatation. The
+ * undeformed shape is the only rest: tissue moved far out comes back. */
 #include "../long.h"
 #include "turning.h"
 

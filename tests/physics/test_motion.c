@@ -1,5 +1,5 @@
-/* The scheme in time: closed form of one free vertex, its own energy, growth past the critical step, steps that change,
- * blow-ups. */
+/* Time integration: closed form of one free vertex, its energy, growth past the critical step, changes of the step,
+ * divergence. */
 #include "../fixture.h"
 #include "../long.h"
 

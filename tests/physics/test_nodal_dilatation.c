@@ -1,6 +1,6 @@
-/* Tissue that turns and whose changes of volume are averaged (effects "rotation" and "volume" together): derivatives,
- * rigid motions, small strains, cuts, snapshots, forms and threads, the guaranteed step, the account of energy, rest,
- * and a beam of nearly incompressible tissue bent far. */
+/* Corotational tissue with nodal dilatation (effects "rotation" and "volume" together): derivatives, rigid motions,
+ * small strains, cuts, snapshots, forms and threads, the guaranteed step, the energy account, rest, and a strongly bent
+ * beam of nearly incompressible tissue. */
 #include "tensormass/viscosity.h"
 #include "turning.h"
 

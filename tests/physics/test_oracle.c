@@ -1,4 +1,4 @@
-/* Three laws, three loads each, against solutions made by other programs (oracle/README.md). */
+/* Three laws, three loads each, against solutions of other programs (oracle/README.md). */
 #include "oracle.h"
 
 /* Clamp at x = 0; the face x = x_max moved too when `press`. */

@@ -1,5 +1,5 @@
-/* Borders between the threads' parts: wherever they are, and whatever runs beside the force, a step has the bits of one
- * thread; they go where the threads' times want them. make sanitize runs it under ThreadSanitizer. */
+/* Partition ends: for any ends, and any task that overlaps the force pass, a step is bit-identical to one thread; the
+ * ends move to balance the threads' times. make sanitize runs it under ThreadSanitizer. */
 #include "../fixture.h"
 #include "../long.h"
 #include "contact/contact_internal.h"

@@ -1,5 +1,5 @@
-/* A patch that is not whole is not sent: with conjugate gradients no stiffness while its columns are missing, and then
- * the tissue's. */
+/* An incomplete patch is not sent: with conjugate gradients there is no stiffness while columns are missing, then the
+ * tissue's. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

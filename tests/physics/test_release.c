@@ -1,4 +1,5 @@
-/* Releasing while a second tool bears on what was held, or holds it too: no tissue is flung. */
+/* Releasing while a second tool presses on the grasped tissue or grasps it too: the tissue is not accelerated
+ * excessively. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

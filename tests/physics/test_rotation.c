@@ -1,5 +1,5 @@
-/* Tissue that turns (tensormass/rotation.h): the law's derivatives, rigid motions, the threshold, all forms' bits, the
- * guaranteed step, energy, cutting, snapshots, tissue inside out, and beams against independent solutions. */
+/* Corotational tissue (tensormass/rotation.h): the law's derivatives, rigid motions, the threshold, all forms' bits,
+ * the guaranteed step, energy, cutting, snapshots, inverted tissue, and beams against independent solutions. */
 #include "turning.h"
 
 #include "patch/patch_internal.h"

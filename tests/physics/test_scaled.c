@@ -1,5 +1,5 @@
-/* Selective mass scaling: the step that was asked for is guaranteed, before and after any cut; only what needs mass
- * gets it; weight, rest and momentum's account stay. */
+/* Selective mass scaling: the requested step is guaranteed, before and after any cut; mass is added only where needed;
+ * weight, rest and the momentum account stay. */
 #include "../cut_check.h"
 #include "tensormass/energy.h"
 

@@ -1,8 +1,8 @@
-/* Random sessions of two hands: press, grasp, cross, pinch, cut, hand over, let go. Whatever they do, tissue gets no
- * more energy than the hands put in, goes no farther than hands can bring it, and contact comes to rest. A session that
- * breaks a bound is shrunk to the fewest actions that still do, and printed.
+/* Random sessions of two hands: press, grasp, cross, pinch, cut, hand over, release. Tissue gains no more energy than
+ * the hands supply and moves no farther than they can move it, and contact comes to rest. A session that exceeds a
+ * bound is shrunk to the fewest actions that still do, and printed.
  *
- * Which sessions are run: random_session.h. */
+ * Choice of sessions: random_session.h. */
 #include "contact_scene.h"
 
 enum { MAX_ACTIONS = 14, FRAMES_AFTER = 30, EFFECTS = 0 };

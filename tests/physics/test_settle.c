@@ -1,6 +1,5 @@
-/* Rest of tissue that turns: bars whose ends are turned together, twisted and bent by 30 to 180 degrees in one call,
- * against being led there in small steps; bars that buckle; what is told of a shape that is not to be believed; and
- * work that is bounded where there is no rest to be had. */
+/* Settling of corotational tissue: bars whose ends are twisted and bent by 30 to 180 degrees in one call, against small
+ * steps; buckling bars; reports of doubtful shapes; bounded work if no equilibrium exists. */
 #include "../fixture.h"
 
 #include <string.h>

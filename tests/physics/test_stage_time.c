@@ -1,5 +1,5 @@
-/* Timers of tissue that turns and relaxes: each effect is profiled its own part of passes that both share. Compared
- * within one run, worlds taking turns, the least of several. */
+/* Timers of corotational, viscous tissue: each effect is attributed its own part of shared passes. Compared within one
+ * run, worlds in turns, minimum of several. */
 #include <math.h>
 
 #include "../fixture.h"

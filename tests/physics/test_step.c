@@ -1,5 +1,5 @@
 /* The guaranteed step against dense eigenvalues: never above 2/omega_max, on random meshes with slivers, before and
- * after random cuts; and longer than the even bound where slivers are. */
+ * after random cuts; longer than the uniform bound if there are slivers. */
 #include "../long.h"
 #include "dense.h"
 

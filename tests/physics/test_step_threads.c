@@ -1,6 +1,6 @@
-/* A step divided among threads moves the world to the bits that one thread moves it to: any number of them, the
- * library's or the caller's, every form of the force loop, with contact, grasping and cutting, in any numbering; and it
- * fails as a whole. make sanitize runs it under ThreadSanitizer. */
+/* A step on several threads is bit-identical to one thread: any number, the library's or the caller's, every form of
+ * the force loop, with contact, grasping and cutting, in any numbering. A failure rolls back completely. make sanitize
+ * runs it under ThreadSanitizer. */
 #include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"

@@ -1,6 +1,6 @@
-/* Two worlds never meet: each with contact, graspers, cautery, patches and the account of energy, stepped in two
- * threads at once, moves to the last bit as it does when one is stepped after the other. make sanitize runs it under
- * ThreadSanitizer, to which any memory that both touch is a finding. */
+/* Two worlds are independent. Each has contact, graspers, cautery, patches and the energy account; in two threads at
+ * once they are bit-identical to one after the other. make sanitize runs it under ThreadSanitizer, which reports any
+ * shared memory. */
 #include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"

@@ -1,5 +1,5 @@
-/* What makes the tensors right: patch test, force against energy differences, symmetry, rigid motions, the elements'
- * critical steps. */
+/* Stiffness tensors: patch test, force against energy differences, symmetry, rigid motions, the elements' critical
+ * steps. */
 #include "../fixture.h"
 
 static const double FIBRE[3] = {1, 2, -2};

@@ -1,5 +1,5 @@
-/* Tissue that relaxes (tensormass/viscosity.h): relaxation and creep against closed forms, the rest of the long term,
- * the guaranteed step, snapshots, cutting, what a failed step gives back. */
+/* Viscous tissue (tensormass/viscosity.h): relaxation and creep against closed forms, long-term equilibrium, the
+ * guaranteed step, snapshots, cutting, rollback of a failed step. */
 #include <complex.h>
 
 #include "../fixture.h"

@@ -1,6 +1,6 @@
-/* Closed loops of tissue that relaxes: what it gives back it was given before. Terms whose histories stand still are
- * elastic, whatever they remember: a loop leaves nothing. Terms that relax lose: no loop gives, and at no time has more
- * come back than was put in. Isotropic and fibred, with and without averaged volume, turned and inside out. */
+/* Closed loops of viscous tissue. Terms with frozen histories are elastic: a loop leaves no energy. Relaxing terms lose
+ * energy: no loop gains, and never has more come back than was put in. Isotropic and with fibres, with and without
+ * nodal dilatation, rotated and inverted. */
 #include "../long.h"
 #include "turning.h"
 

@@ -1,6 +1,6 @@
-/* Tissue that turns and has relaxed rests where elastic tissue of what is left of its law does, and stays there: in
- * every state in which the law is not simply linear (in the band of the threshold, crushed, at the bound of tension,
- * fibred, with averaged volume, with shares that differ). */
+/* Relaxed corotational tissue rests where elastic tissue of its long-term law does, and stays there, in every state
+ * with a nonlinear law: in the threshold's band, crushed, at the tension bound, with fibres, with nodal dilatation,
+ * with different shares. */
 #include "../fixture.h"
 #include "material/bulk.h"
 #include "world/world_internal.h"

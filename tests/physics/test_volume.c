@@ -1,5 +1,5 @@
-/* The effect "strain_smoothing": blocks against the energy as it is defined, cutting, the guaranteed step, modes,
- * pressures, and what it is for: beams that bend as they should, however near incompressible. */
+/* The effect "strain_smoothing": blocks against the definition of its energy, cutting, the guaranteed step, modes,
+ * pressures, and correct bending of nearly incompressible beams. */
 #include "../cut_check.h"
 #include "dense.h"
 

@@ -1,14 +1,16 @@
-/* Energy in every window: random sessions of two hands with every effect. From any instant on, for 1 to 200 ms, tissue
- * and springs gain no more than hands, loads and supports put in since, but for 1.2 % (1.5 with rotation) of the most
- * stored meanwhile (the aim is 0.1 %: docs/passivity.md says why it is missed). Not of what is stored at the window's
- * ends: what was rightly gained while tissue was pressed stays when it is not. The account of a whole session
- * (test_sessions.c) does not see what contact hands out while hands stand still: that is less than all that hands put
- * in before. A session that breaks the bound is shrunk to the fewest actions and effects that still do, and printed.
+/* Energy in every window of random sessions of two hands with every effect. From any instant, for 1 to 200 ms, tissue
+ * and springs gain no more than hands, loads and supports supply, except for 1.2 % (1.5 with rotation) of the most
+ * stored meanwhile. The aim is 0.1 %; docs/passivity.md says why it is missed.
  *
- * What the tissue's own law makes, or viscosity, is not asked here (test_loops.c, test_viscosity.c): only contact, jaws
- * and their springs, less what damping took meanwhile.
+ * The reference is not the energy at the window's ends: energy rightly gained while tissue was pressed stays when it no
+ * longer is. The account of a session (test_sessions.c) does not show energy that contact generates while hands are at
+ * rest: that is less than all their earlier work. A session that exceeds the bound is shrunk to the fewest actions and
+ * effects that still do, and printed.
  *
- * Which sessions are run: random_session.h. TM_LONG=1 draws some with a Poisson's ratio of 0.499 and 0.4999. */
+ * Only contact, jaws and their springs are tested, less the damping losses; the tissue's law and viscosity:
+ * test_loops.c, test_viscosity.c.
+ *
+ * Choice of sessions: random_session.h. TM_LONG=1 draws some with a Poisson's ratio of 0.499 and 0.4999. */
 #include "contact_scene.h"
 
 enum { MAX_ACTIONS = 10, SAMPLES_A_FRAME = 5, MAX_SAMPLES = 400, FRAMES_AFTER = 60 };

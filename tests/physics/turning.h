@@ -1,4 +1,4 @@
-/* What is asked of every law of tissue that turns, whatever it is made of. */
+/* Requirements on every corotational law. */
 #ifndef TM_TEST_TURNING_H
 #define TM_TEST_TURNING_H
 

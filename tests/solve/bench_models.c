@@ -1,5 +1,5 @@
-/* What the precomputed model costs: ahead of time against mesh size for both solvers, and on line with some thirty
- * contact rows. `make bench-models`; figures into build/bench/models.json. Nothing here is asserted. */
+/* Costs of the precomputed model: precomputation against mesh size for both solvers, and updates with some thirty
+ * contact rows. `make bench-models`; figures in build/bench/models.json. Asserts nothing. */
 #include "organ.h"
 
 #include <cjson/cJSON.h>

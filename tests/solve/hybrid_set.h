@@ -1,4 +1,4 @@
-/* An organ of which a part is condensed, in a world, with its insides at hand: test_hybrid, test_contact_reuse. */
+/* An organ with a condensed part, in a world, with access to its internals, for test_hybrid and test_contact_reuse. */
 #ifndef SOLVE_HYBRID_SET_H
 #define SOLVE_HYBRID_SET_H
 

@@ -1,4 +1,4 @@
-/* What the tests of libtensormass_solve share. */
+/* Shared by the tests of libtensormass_solve. */
 #ifndef SOLVE_KIT_H
 #define SOLVE_KIT_H
 

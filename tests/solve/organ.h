@@ -1,4 +1,4 @@
-/* The generated liver, read straight from its .msh (Gmsh 2.2 text), hung by vena cava and ligament. */
+/* The generated liver, read directly from its .msh (Gmsh 2.2 text), supported at vena cava and ligament. */
 #ifndef SOLVE_ORGAN_H
 #define SOLVE_ORGAN_H
 

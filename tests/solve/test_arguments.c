@@ -1,5 +1,5 @@
-/* Arguments of the solve library: data out of range is refused with its index, a broken contract reaches the handler,
- * and a hybrid that could not join a world is as it was made. */
+/* Arguments of the solve library: data out of range is rejected with its index, a contract error reaches the handler,
+ * and a hybrid model that could not join a world is unchanged. */
 #include "kit.h"
 
 typedef struct block {

@@ -1,6 +1,6 @@
-/* Spans: contact with condensed tissue between two solutions in full. What rests is what rests; what moves keeps near
- * to a solution in full in every substep; what a cut has left is looked for in every substep; a snapshot in the middle
- * of a span goes on to the last bit. */
+/* Contact reuse: contact with condensed tissue between two full contact solves. Static contact is exact; moving contact
+ * stays close to a full solve in every substep; after a cut contact is detected in every substep; a snapshot between
+ * full solves continues bit-identically. */
 #include "hybrid_set.h"
 
 /* One substep of the tool's way to `to`; with `whole`, solved in full whatever the span says. */

@@ -1,5 +1,5 @@
-/* The hybrid's coupling: what it follows lies between the condensed stiffness and the border's own, and the account of
- * the energy closes with what whole computations take away. */
+/* Coupling of the hybrid model: its stiffness is between the condensed part's and the interface's own, and the energy
+ * account closes with the losses of full solves. */
 #include "../../libtensormass/solve/hybrid.h"
 #include "kit.h"
 

@@ -1,4 +1,4 @@
-/* Exact compliance beside a simulation: before, while and after the tissue is cut it is what the static solver says. */
+/* Exact compliance next to a simulation: equals the static solver's before, during and after a cut. */
 #include "kit.h"
 
 #include <pthread.h>

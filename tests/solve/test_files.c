@@ -1,5 +1,5 @@
-/* Response files: cached, checked whole, replaced at once; the same bits whatever the threads; a killed run leaves the
- * old one. */
+/* Response files: cached, checked completely, replaced atomically; bit-identical for any number of threads; a killed
+ * run leaves the old file. */
 #include "../../libtensormass/solve/internal.h"
 #include "kit.h"
 

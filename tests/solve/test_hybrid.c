@@ -1,5 +1,5 @@
-/* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on
- * either part and across. */
+/* The hybrid model: equals the full model at rest, before and after a cut; stable at its guaranteed step; contact on
+ * either part and across both. */
 #include "../cut_check.h"
 #include "hybrid_set.h"
 

@@ -1,4 +1,4 @@
-/* A border in teeth is smoothed; one that is smooth stays. */
+/* The interface of the hybrid model: a jagged one is smoothed, a smooth one stays. */
 #include "../../libtensormass/solve/hybrid.h"
 #include "kit.h"
 

@@ -1,5 +1,5 @@
-/* Memory of the solve library, counted: everything made is given back in the sizes in which it was taken, and whichever
- * allocation fails, what was asked for is not there, holds nothing, and the world it was for goes on. */
+/* Memory of the solve library: everything is freed with the sizes of its allocation. If any allocation fails, the
+ * object is not made, nothing stays allocated, and its world continues. */
 #include "../allocator.h"
 #include "kit.h"
 #include "tensormass/cut.h"

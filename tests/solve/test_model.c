@@ -1,5 +1,5 @@
-/* One definition, three models, the same calls: frames, reactions, surface, patches, rest and snapshots; and what a
- * model cannot do it says. */
+/* One definition, three models, the same calls: frames, reactions, surface, patches, rest and snapshots; unsupported
+ * calls are reported. */
 #include "../physics/contact_scene.h"
 #include "kit.h"
 

@@ -1,5 +1,5 @@
-/* On-line contact of the precomputed model: the dynamic model at rest, its own derivative, smoothness, grasped
- * vertices. */
+/* On-line contact of the precomputed model: against the dynamic model at rest and its own derivative; smoothness,
+ * grasped vertices. */
 #include "../physics/contact_scene.h"
 #include "kit.h"
 

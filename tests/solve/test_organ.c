@@ -1,5 +1,5 @@
-/* On the generated organ: direct solution, superposed responses and hybrid model against the settled tensor/mass model.
- */
+/* Direct solution, superposed responses and hybrid model on the generated organ, against the settled tensor/mass
+ * model. */
 #include "organ.h"
 
 static tm_tissue *part(const tm_mesh *mesh, const tm_material *material, const tm_hybrid *hybrid) {

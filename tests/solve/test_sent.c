@@ -1,5 +1,5 @@
-/* An estimate says how good it is: every stiffness that is sent (kind above 0) is what moving the tool gives, in random
- * scenes with every effect, in the frames of its making too. */
+/* Estimates are labelled: every stiffness that is sent (kind above 0) matches the change by moving the tool, in random
+ * scenes with every effect, also in the frames while it is computed. */
 #include "kit.h"
 
 #include "tensormass/cut.h"

@@ -1,5 +1,4 @@
-/* Static solutions and superposed responses against the oracle and against the settled tensor/mass model; what is
- * refused. */
+/* Static solutions and superposed responses against the oracle and the settled tensor/mass model; rejected input. */
 #include "../physics/oracle.h"
 #include "kit.h"
 
