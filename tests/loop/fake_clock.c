@@ -1,6 +1,5 @@
-/* For tests, preloaded: this process's wall clock stands where the file TM_FAKE_CLOCK says (an int64, us beside the
- * machine's; the test changes it under way), and its monotonic clock is off by TM_FAKE_MONOTONIC us, as after a restart
- * of the machine. */
+/* Preloaded by tests: sets this process's wall clock by the file TM_FAKE_CLOCK (an int64 offset, us, which the test may
+ * change), and offsets its monotonic clock by TM_FAKE_MONOTONIC us, as after a restart of the machine. */
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <stdint.h>

@@ -1,5 +1,5 @@
-/* A patch of the library as a message would carry it to the controller: apps/sim/publish.c and io/node.c without a
- * wire. */
+/* A patch of the library in the form that a message brings to the controller: apps/sim/publish.c and io/node.c without
+ * a network. */
 #ifndef HELD_PATCH_H
 #define HELD_PATCH_H
 

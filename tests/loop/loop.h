@@ -1,5 +1,5 @@
-/* A closed ring in one process on a virtual clock: virtual device, loopback bus, node, and a wall of springs in place
- * of the simulation. */
+/* A closed control loop in one process on a virtual clock: virtual device, loopback bus, node, and springs in place of
+ * the simulation. */
 #ifndef TEST_LOOP_H
 #define TEST_LOOP_H
 

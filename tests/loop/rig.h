@@ -1,4 +1,4 @@
-/* The core alone with good inputs that a test spoils one at a time. */
+/* The controller's core with valid inputs, which a test spoils one at a time. */
 #ifndef TEST_RIG_H
 #define TEST_RIG_H
 

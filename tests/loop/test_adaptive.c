@@ -1,4 +1,4 @@
-/* The law `adaptive`: weights that follow the evidence, and the bounds that they keep on any sequence. */
+/* The extrapolator `adaptive`: its weights follow the evidence, and stay bounded for any sequence. */
 #include <math.h>
 
 #include "../fixture.h"

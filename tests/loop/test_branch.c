@@ -1,5 +1,5 @@
-/* The unilateral problem by branches (contact_law/active_set.h) where a tool is met that is already deep in the tissue:
- * the answer is that of sweeps over the rows, and only the rows that end up bearing, or nearly, are coupled. */
+/* The unilateral problem by active set (contact_law/active_set.h), for a tool that is already deep in the tissue: the
+ * solution equals that of sweeps over the rows, and only rows that carry load, or nearly, are coupled. */
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>

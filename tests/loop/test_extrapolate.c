@@ -1,5 +1,5 @@
-/* Every extrapolator where it is easy to go wrong: standstill, reversal, one-count jitter, late, lost, doubled,
- * reordered samples, seq wrap. */
+/* Every extrapolator in critical cases: standstill, reversal, jitter of one count, late, lost, doubled and reordered
+ * samples, wrap of seq. */
 #include "rig.h"
 
 static hrt_params params;

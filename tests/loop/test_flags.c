@@ -1,5 +1,5 @@
-/* What the simulation says of a sample, planted one by one between it and the hand: the rule of core/flags.c for each,
- * seen in the force that the device's motors get. */
+/* Flags of a sample, planted one by one between simulation and hand: checks the rule of core/flags.c for each in the
+ * force of the device's motors. */
 #include "loop.h"
 
 static loop l;

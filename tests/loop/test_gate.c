@@ -1,5 +1,5 @@
-/* Who is believed, and for how long: fixed cases, then random conversations of several peers with wrong clocks, held
- * after every message to what docs/controller.md says. */
+/* The gate: which sender is accepted, and for how long. Fixed cases, then random messages of several peers with wrong
+ * clocks, checked after each against docs/controller.md. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

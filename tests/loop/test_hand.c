@@ -1,4 +1,4 @@
-/* A device's hand, moved by messages: in order of their seq with and without a key, one sender at a time. */
+/* A device's hand that messages move: in order of their seq with and without a key, one sender at a time. */
 #include "../fixture.h"
 
 #include "io/peer.h"

@@ -1,4 +1,4 @@
-/* Every device's geometry: derivative against differences, inverse, virtual work; both precisions agree. */
+/* Geometry of every device: derivative against differences, inverse, virtual work; both precisions agree. */
 #include "motion/kinematics.h"
 #include "rig.h"
 

@@ -1,5 +1,5 @@
-/* Samples, patches, poses and commands posted by one thread while another ticks: never torn, never freed under the
- * reader. Run with config=tsan too. */
+/* The mailbox: samples, patches, poses and commands are posted by one thread while another ticks; none is torn, none
+ * freed during a read. Run with config=tsan too. */
 #include <pthread.h>
 #include <time.h>
 

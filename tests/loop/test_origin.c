@@ -1,5 +1,5 @@
-/* Whose samples are taken, and in what order, is judged before the mailbox: what waits there is only pushed out by what
- * comes after it from the same simulation. Nobody else's word reaches the tick while force is rendered. */
+/* Sender and order of samples are checked before the mailbox: a waiting sample is replaced only by a later one of the
+ * same simulation. No other sender's sample reaches the tick while force is rendered. */
 #include "loop.h"
 
 static loop l;

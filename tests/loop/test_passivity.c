@@ -1,5 +1,5 @@
-/* The observer's account is exact, its controller calms a loop that oscillates, the virtual coupling bounds what is
- * felt; both can be switched and watched. */
+/* Passivity: the observer's account is exact, its controller stabilises an oscillating loop, the virtual coupling
+ * bounds the rendered force; both can be disabled and monitored. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
-/* The power that reaches a hand: hostile samples push a light hand along its own motion, faster and faster; force times
- * the true motion stays within the limit over windows of every length. */
+/* Power into a hand: hostile samples push a light hand along its own motion, ever faster; force times true motion stays
+ * within the limit over windows of every length. */
 #include "../long.h"
 #include "rig.h"
 

@@ -1,4 +1,4 @@
-"""haptic-rt and tm-device as processes of their own on a virtual bus, and what happens when one of them goes."""
+"""haptic-rt and tm-device as separate processes on a virtual bus, and the failure of either."""
 import csv
 import json
 import math

@@ -1,5 +1,5 @@
-/* A grasper that takes hold, pulls, drags and lets go: each extrapolator on samples of 20 Hz against the same
- * simulation at every tick. */
+/* A grasper grasps, pulls, drags and releases: every extrapolator on samples of 20 Hz against the same simulation at
+ * every tick. */
 #include "held_patch.h"
 #include "internal.h"
 #include "rig.h"

@@ -1,5 +1,5 @@
-/* Random inputs, most of them plausible, some mad: never beyond a limit, never NaN, never off the state diagram. 1e6
- * ticks; TM_LONG=1: 1e8. */
+/* Random inputs, mostly plausible, some extreme: no limit is exceeded, nothing is NaN, every transition is in the state
+ * diagram. 1e6 ticks; TM_LONG=1: 1e8. */
 #include "../long.h"
 #include "rig.h"
 

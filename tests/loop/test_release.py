@@ -1,6 +1,6 @@
-"""A grasper that lets go: the force falls to zero and stays there, whatever extrapolates between the samples.
+"""A grasper that releases: the force falls to zero and stays there, for every extrapolator.
 
-While the jaws open the force falls without any motion; a law that takes that for stiffness pulled with 1 N (position) and 8 N (broyden) before this was a test.
+While the jaws open, the force falls without motion. Extrapolators that took this for stiffness once pulled with 1 N (position) and 8 N (broyden).
 """
 import csv
 import math

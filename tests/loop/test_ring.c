@@ -1,5 +1,5 @@
-/* Node and virtual device in one process on a virtual clock: the closed loop, and everything that can be taken away
- * from it. */
+/* Node and virtual device in one process on a virtual clock: the closed control loop, and the loss of each of its
+ * parts. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-"""What a newcomer adds to the controller is one file or function and one row, shown on a copy of the sources."""
+"""An addition to the controller is one file or function and one row: tested on a copy of the sources."""
 import re
 import shutil
 import subprocess

@@ -1,5 +1,5 @@
-/* Friction of `contact` at 500 Hz: against the simulation that has it at every tick, stuck without creeping, inside its
- * cone, and never a source of energy. */
+/* Friction of `local_model` at 500 Hz: against the simulation with friction at every tick; sticks without creep, stays
+ * in its cone, generates no energy. */
 #include "held_patch.h"
 #include "internal.h"
 #include "rig.h"

@@ -1,6 +1,6 @@
-/* Consistency of every law: the error falls as force samples come more often, and with one in every tick it is that of
- * `hold`, whatever the times at which samples come. The truth is a stiffening spring with a drag along the surface,
- * pressed, slid on and left by a hand that trembles. */
+/* Consistency of every extrapolator: the error falls as force samples come more often; with one in every tick it is
+ * that of `hold`, whatever the times of the samples. The reference is a stiffening spring with drag along the surface,
+ * pressed, slid on and released by a trembling hand. */
 #include "rig.h"
 
 #include "../long.h"

@@ -1,4 +1,5 @@
-/* What haptic-rt says: at most a line a second of each kind, with a count of what was left out; whose silence it is. */
+/* The status log of haptic-rt: at most one line a second of each kind, with the number of omitted ones; and which peer
+ * is silent. */
 #include "../fixture.h"
 
 #include "io/status_log.c"

@@ -1,6 +1,5 @@
-/* A SocketCAN interface that goes away while it is in use: the tick's thread makes no system call but to send and
- * receive; the thread that looks opens another socket, and recover takes that over. The kernel's calls are replaced by
- * ones for this machine, which may have no CAN. */
+/* A SocketCAN interface that disappears during use: the tick's thread only sends and receives; the monitoring thread
+ * opens another socket, and recover takes it over. The kernel's calls are replaced, as the machine may have no CAN. */
 #include <errno.h>
 #include <linux/can.h>
 #include <net/if.h>

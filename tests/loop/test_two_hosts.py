@@ -1,6 +1,5 @@
-"""Simulation and controller on two hosts with a bad wire between them: the controller's forces against the simulation's own, put at the controller's own
-times (the samples carry them), as the paper does, with its 25 samples a second and with as many as the machine computes; and silence when the wire is cut or the
-simulation killed."""
+"""Simulation and controller on two hosts with a bad network between them. Compares the controller's forces with the simulation's at the controller's times
+(in its samples), as in the paper, at 25 samples a second and at the machine's rate. The force stops when the network is cut or the simulation killed."""
 import bisect
 import csv
 import json

@@ -1,4 +1,4 @@
-"""The wire between the two hosts does what it says: an LCM message counter crosses it, delayed, dropped, doubled, reordered, cut."""
+"""The simulated network between two hosts: a counter in LCM messages is delayed, dropped, doubled, reordered and cut as specified."""
 import json
 import sys
 import textwrap

@@ -1,5 +1,5 @@
-/* A virtual bus whose file goes while it is in use: the tick's thread opens and maps nothing; the thread that looks
- * does, in the same place, and recover goes on there. */
+/* A virtual bus whose file disappears during use: the tick's thread opens and maps nothing; the monitoring thread does,
+ * at the same path, and recover continues there. */
 #include <dirent.h>
 #include <fcntl.h>
 #include <setjmp.h>

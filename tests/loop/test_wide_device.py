@@ -1,5 +1,5 @@
-"""A device with more joints than the CAN bus carries: refused wherever a bus is opened for it, simulated where none is. The programs are linked anew with
-such a device in their table; everything else of them is as built."""
+"""A device with more joints than the CAN bus carries: rejected if a bus is opened for it, simulated otherwise. The programs are linked again with such a
+device in their table and are otherwise unchanged."""
 import os
 import re
 import shlex

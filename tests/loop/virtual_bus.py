@@ -1,4 +1,4 @@
-"""Looks at a virtual bus and disturbs it: haptic_rt/io/bus_virtual.h in Python."""
+"""Reads and disturbs a virtual bus: haptic_rt/io/bus_virtual.h in Python."""
 import mmap
 import os
 import struct

@@ -1,4 +1,4 @@
-"""DICOM-SEG of a label image, explicit VR little endian, written by hand: one frame a segment and slice that has some of it."""
+"""Writes a label image as DICOM-SEG, explicit VR little endian, without a library: one frame per segment and slice that contains it."""
 import struct
 
 import numpy as np

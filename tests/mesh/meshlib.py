@@ -1,4 +1,4 @@
-"""Small meshes for tests, written in every format by hand, so that the reader is held against the formats and not against itself."""
+"""Writes small meshes in every format without the library, so that its reader is tested against the formats and not against its writer."""
 import itertools
 import struct
 import subprocess

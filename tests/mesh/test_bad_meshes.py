@@ -1,4 +1,4 @@
-"""Bad meshes are refused with exit 2, the entity that is to blame, and what to do; nothing is written."""
+"""Bad meshes are rejected with exit 2, the invalid entity and the remedy; nothing is written."""
 import json
 import os
 import pathlib

@@ -1,4 +1,5 @@
-"""tm-mesh fill: closed surfaces become tetrahedra of their volume and good shape, those inside others regions; what is not closed is named, and repaired on request."""
+"""tm-mesh fill: closed surfaces become tetrahedra of the same volume and good shape, nested ones become regions; open ones are reported, and repaired on
+request."""
 import json
 import math
 import os

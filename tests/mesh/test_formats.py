@@ -1,4 +1,4 @@
-"""The table of formats in docs/mesh-formats.md: each row tried, in and out."""
+"""The table of formats in docs/mesh-formats.md: tries each row, in and out."""
 import re
 import xml.etree.ElementTree as xml
 

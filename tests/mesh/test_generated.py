@@ -1,4 +1,4 @@
-"""The committed meshes are what the generator makes, and as good as meshes/README.md says."""
+"""The committed meshes equal the generator's, with the quality in meshes/README.md."""
 import csv
 import json
 import math

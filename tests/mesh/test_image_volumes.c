@@ -1,4 +1,4 @@
-/* Labels get their voxels' volumes, to 2e-5 of each, and no tetrahedron is worse than the worst that was there. */
+/* Labels have their voxels' volumes, to 2e-5 of each, and no tetrahedron is worse than the worst at the start. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
-/* libtensormass_io as other programs call it: messages with their place, a locale with a comma, broken contracts, and
- * nothing held after a failure. */
+/* libtensormass_io as other programs use it: messages with file and line, a locale with a comma, contract errors, and
+ * no memory held after a failure. */
 #include <locale.h>
 #include <setjmp.h>
 #include <stdarg.h>

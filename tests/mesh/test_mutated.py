@@ -1,4 +1,4 @@
-"""Damaged files of every format that tm-mesh reads: each ends in time, with a sentence, whatever a library of others does with it. TM_LONG=1: 100,000 of them."""
+"""Damaged files of every format that tm-mesh reads: each run ends in time, with a message, whatever a third-party library does. TM_LONG=1: 100,000 files."""
 import os
 import random
 import re

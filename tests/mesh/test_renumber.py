@@ -1,4 +1,4 @@
-"""tm-mesh renumber: what it keeps, that the numbers that were there do not matter, and who tells that it is worth it."""
+"""tm-mesh renumber: what it preserves, independence of the original numbers, and the programs that recommend it."""
 import csv
 import json
 import random

@@ -1,4 +1,4 @@
-/* Surfaces whose corners are no places, and places far away from a good one. */
+/* Surfaces with corners that are not finite, and points far away from a valid one. */
 #include "../fixture.h"
 #include "mesh/signed_distance.h"
 

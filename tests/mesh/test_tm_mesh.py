@@ -1,4 +1,4 @@
-"""tm-mesh as a user meets it: help, usage, info, refine, repair, convert."""
+"""tm-mesh from the command line: help, usage, info, refine, repair, convert."""
 import csv
 import json
 import math

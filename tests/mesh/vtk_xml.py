@@ -1,4 +1,4 @@
-"""VTK's XML files as VTK and meshio write them: text, base64 or raw behind the XML, plain or packed by zlib."""
+"""Writes VTK's XML files as VTK and meshio do: text, base64 or raw after the XML, uncompressed or with zlib."""
 import base64
 import struct
 import zlib

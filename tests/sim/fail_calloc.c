@@ -1,5 +1,5 @@
-/* LD_PRELOAD: the FAIL_CALLOC-th call of calloc or strdup finds no memory; from 1. Under Python, where that number
- * means nothing, fail_calloc(n) counts from its own call on. */
+/* LD_PRELOAD: the FAIL_CALLOC-th call of calloc or strdup fails; from 1. Under Python, where that number is
+ * meaningless, fail_calloc(n) counts from its own call. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-"""What the tests of tm-sim share: running it (kit.py), the oracle's cases as files."""
+"""Shared by the tests of tm-sim: running it (kit.py), the oracle's cases as files."""
 
 import numpy as np
 from kit import BLOCK, block_scene, report, run  # noqa: F401 (for the tests of this folder)

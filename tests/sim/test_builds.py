@@ -1,4 +1,4 @@
-"""The same run by another compiler; foreign organs; every scene that is shipped."""
+"""The same run with another compiler; external organs; every shipped scene."""
 import os
 import pathlib
 

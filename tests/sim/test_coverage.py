@@ -1,4 +1,4 @@
-"""At rates at which patches are sent, whoever asks for one gets it with every sample that touches or holds tissue, whatever effects the scene has."""
+"""Patches at their sample rates: a patch comes with every sample in which a tool touches or grasps tissue, for any effects of the scene."""
 import os
 
 import pytest

@@ -1,4 +1,4 @@
-"""A scene chooses its device by name at run time: lockstep with each kind's virtual device feels the same press, and nothing assumes the other's joints."""
+"""Choice of the device by name at run time: lockstep renders the same press with every virtual device, and nothing assumes another device's joints."""
 import csv
 import math
 import subprocess

@@ -1,4 +1,4 @@
-/* The list of diagnostics: bounded, and what there is no place for is counted. */
+/* The list of diagnostics is bounded and counts the entries that do not fit. */
 #include "../fixture.h"
 
 #include "scene/host.h"

@@ -1,4 +1,4 @@
-"""Effects at work: cutting, grasping, breathing, snapshots, the three models."""
+"""Effects of scenes: cutting, grasping, breathing, snapshots, the three models."""
 import json
 
 import lcm

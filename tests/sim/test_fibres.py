@@ -1,4 +1,4 @@
-"""Fibres between two groups of the mesh, and from files a vertex or a tetrahedron: held against rules whose answer is known."""
+"""Fibres between two groups of the mesh, and from files per vertex or tetrahedron, against known rules."""
 import json
 import math
 import subprocess

@@ -1,4 +1,4 @@
-"""Fibres from a NIfTI image of directions: held against the rule that made it, on a mirrored and turned grid, in each convention of axes."""
+"""Fibres from a NIfTI image of directions, against the rule that made it, on a mirrored and rotated grid, in each convention of axes."""
 import sys
 
 import numpy as np

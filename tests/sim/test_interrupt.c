@@ -1,4 +1,4 @@
-/* The first signal asks a run to end; the second ends it, hung or not. */
+/* The first signal requests the end of a run; the second forces it. */
 #include "../fixture.h"
 
 #include "app.h"

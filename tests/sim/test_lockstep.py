@@ -1,4 +1,4 @@
-"""Lockstep runs: same bits, effects that cost nothing when they are not there, logs, forces."""
+"""Lockstep runs: bit-identical repetition, no cost of absent effects, logs, forces."""
 import json
 import signal
 import subprocess

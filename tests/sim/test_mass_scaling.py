@@ -1,4 +1,4 @@
-"""time.mass_scaling in a scene: the step is reached, --explain says at what price, and what cannot be is refused with its line."""
+"""time.mass_scaling of a scene: reaches the step, --explain reports the cost, and impossible values are rejected with their line."""
 import pytest
 from simkit import block_scene, report, run
 

@@ -1,4 +1,4 @@
-"""No memory for a scene: said, with exit code 1, and never an abort (in Python: tests/python/inside_scene.py)."""
+"""Exhausted memory while opening a scene: reported, exit code 1, no abort (in Python: tests/python/inside_scene.py)."""
 import os
 import subprocess
 

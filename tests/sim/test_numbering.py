@@ -1,4 +1,4 @@
-"""A mesh whose numbers jump is renumbered inside: what is read and written keeps the file's numbers, and says the same as of the mesh in order."""
+"""A mesh of large bandwidth is renumbered internally: input and output keep the file's numbers, with the same results as for the mesh in order."""
 import json
 import random
 import re

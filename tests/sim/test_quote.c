@@ -1,4 +1,4 @@
-/* app_scene_quote: every file name that fits is quoted whole, and no byte beyond the buffer is written. */
+/* app_scene_quote: quotes every file name that fits completely, and writes no byte beyond the buffer. */
 #include "../fixture.h"
 
 #include "scene/scene.h"

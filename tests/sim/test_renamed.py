@@ -1,4 +1,4 @@
-"""What 0.1 called otherwise: the error names the new word, and where the old one stands."""
+"""Names that 0.1 replaced: the error gives the new word and the place of the old one."""
 import subprocess
 
 import pytest

@@ -1,4 +1,4 @@
-"""tm-sim --paraview: the series as a reader of VTK's format sees it."""
+"""tm-sim --paraview: the series as a VTK reader reads it."""
 import os
 import xml.etree.ElementTree as xml
 

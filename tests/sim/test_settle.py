@@ -1,4 +1,4 @@
-"""tm-sim --settle against solutions made by other programs."""
+"""tm-sim --settle against solutions of other programs."""
 import json
 
 import numpy as np

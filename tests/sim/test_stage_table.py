@@ -1,4 +1,4 @@
-"""The step is what its table says: stages, phases, what threads share and whose law the force is, with and without each effect."""
+"""The stages of a step match the table: phases, work shared by threads and the law of the force, with and without each effect."""
 import pytest
 from simkit import report
 

@@ -1,4 +1,4 @@
-/* The rate of force samples: what a scene asks for, and how it follows the costs of a machine that is made up. */
+/* The rate of force samples: the scene's request, and its adaptation to the costs of a simulated machine. */
 #include "../../apps/sim/stream.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-"""`threads:` in a scene: the same bits, said by --explain, refused with its place where it cannot be."""
+"""`threads:` of a scene: bit-identical results, reported by --explain, rejected with its line if impossible."""
 from simkit import report, run
 
 

@@ -1,8 +1,8 @@
-/* What the hand feels when it touches, holds, lets go, cuts and loses its patch, on scenes as they come with the
- * programs: recorded once at the scene's rate and at every tick, and replayed through every law.
+/* Rendered force when a tool touches, grasps, releases, cuts and loses its patch, on shipped scenes: recorded at the
+ * scene's rate and at every tick, and replayed through every extrapolator.
  *
- * At a transition no force is a new one: it stays within 1.1 of the largest of the true force and the last sample's
- * around that time, and SLACK_N, for what no sample has told yet. */
+ * No force is new at a transition: it stays within 1.1 times the largest true or last sample's force around that time,
+ * plus SLACK_N for changes that no sample contains yet. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>

@@ -1,4 +1,5 @@
-/* A frame that goes unstable is not felt: one sample says so, without force and stiffness, and the run ends. */
+/* A frame that becomes unstable is not rendered: one sample reports it, without force and stiffness, and the run
+ * ends. */
 #include "../fixture.h"
 
 #include <unistd.h>

@@ -1,4 +1,4 @@
-"""Valid and probably not meant: one line on stderr with the place and what to do, and the run goes on; --strict ends it."""
+"""Valid settings that are probably mistakes: one line on stderr with the place and the remedy, and the run continues; --strict ends it."""
 import json
 import subprocess
 

@@ -1,5 +1,5 @@
-"""An attacker beside a running session, inside a network namespace: python attack.py BUILD TESTS DIRECTORY [KEY]. Plays each attack in turn against tm-sim, haptic-rt
-and tm-device, which press tissue, and prints what the motors were told meanwhile, and what it cost, as JSON."""
+"""Attacks a running session inside a network namespace: python attack.py BUILD TESTS DIRECTORY [KEY]. Plays each attack in turn against tm-sim, haptic-rt
+and tm-device, which press tissue; prints the motor commands meanwhile, and the cost, as JSON."""
 import contextlib
 import csv
 import json

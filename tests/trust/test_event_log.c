@@ -1,4 +1,4 @@
-/* LCM logs that are damaged, or made to harm: what is whole is read, what is announced costs nothing. */
+/* Damaged or malicious LCM logs: complete messages are read, and announced sizes allocate nothing. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,5 @@
-"""The controller's rule for each flag of a sample (docs/controller.md), planted between a running simulation and a hand that presses its tissue."""
+"""The controller's rule for each flag of a sample (docs/controller.md), with flags planted between a running simulation and a hand that presses its
+tissue."""
 import pytest
 from trustkit import play
 

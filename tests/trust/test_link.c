@@ -1,5 +1,5 @@
-/* One interface over queue and log: what is published arrives as it was, sealed or not at all; what a line does to it
- * is what its seed says; a log is liblcm's to the byte. (The network: test_trust.py, on running programs.) */
+/* One interface over queue and log: messages arrive unchanged, authenticated or not; impairments follow their seed; a
+ * log equals liblcm's byte by byte. (The network: test_trust.py, on running programs.) */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

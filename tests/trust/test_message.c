@@ -1,5 +1,5 @@
-/* Bytes of every kind of message: what is whole goes through and back, what is not is refused before a generated
- * decoder believes its lengths. */
+/* Bytes of every kind of message: complete ones are decoded and encoded unchanged; others are rejected before a
+ * generated decoder uses their lengths. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,4 @@
-/* LCM's wire format as lcm_types/receiver_udpm.c reads it: what is whole arrives, and what is announced costs nothing.
- */
+/* LCM's wire format in lcm_types/receiver_udpm.c: complete messages arrive, and announced sizes allocate nothing. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

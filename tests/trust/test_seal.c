@@ -1,4 +1,4 @@
-/* The key's file, the authentication code, and that a sealed message counts once. */
+/* Authentication: the key's file, the code, and single use of an authenticated message. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-"""docs/trust.md, row by row: what an attacker on the network can do to a hand that presses tissue, with and without a key."""
+"""docs/trust.md, row by row: effects of an attacker on the network on a hand that presses tissue, with and without a key."""
 import concurrent.futures
 import json
 import os

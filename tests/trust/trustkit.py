@@ -1,4 +1,4 @@
-"""Runs a script of this folder in a network namespace of its own, with a folder in memory; what it printed as JSON comes back."""
+"""Runs a script of this folder in a network namespace, with a folder in memory; returns its JSON output."""
 import json
 import os
 import pathlib

@@ -1,5 +1,5 @@
-/* What the caller must keep to is looked at in the shipped build: each broken contract reaches the handler with the
- * function's name and changes nothing; data that is out of range is a status with its index. */
+/* Contracts are checked in the shipped build: each contract error reaches the handler with the function's name and
+ * changes nothing; data out of range returns a status with its index. */
 #include "../fixture.h"
 #include "../physics/contact_scene.h"
 

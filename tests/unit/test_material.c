@@ -1,5 +1,5 @@
-/* Constants: conversions there and back, refusals that name the inequality, the elasticity matrix against its
- * definition. */
+/* Material constants: conversions in both directions, rejections that name the inequality, the elasticity matrix
+ * against its definition. */
 #include "../fixture.h"
 
 /* Solves C x = b, 6x6. */

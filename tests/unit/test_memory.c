@@ -1,5 +1,5 @@
-/* The allocator hook: exact accounts, every n-th allocation failing, none within a step. And the small things of
- * base.h. */
+/* The allocator hook: exact accounts, failure of every n-th allocation, no allocation within a step. Also the helpers
+ * of base.h. */
 #include "../allocator.h"
 #include "tensormass/energy.h"
 

@@ -1,4 +1,4 @@
-/* Topology against brute force, and every refusal of tm_mesh_create. */
+/* Topology against brute force, and every rejection of tm_mesh_create. */
 #include "../fixture.h"
 
 static void topology(void **state) {

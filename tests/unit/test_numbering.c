@@ -1,4 +1,4 @@
-/* Meshes that are renumbered inside: what stays, the way back, whose numbers messages speak of, and short memory. */
+/* Internally renumbered meshes: what stays, conversion back, original numbers in messages, exhausted memory. */
 #include "../allocator.h"
 
 /* A block and the same one numbered at random. */

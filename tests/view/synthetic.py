@@ -1,6 +1,6 @@
-"""Writes an LCM log of a session that never happened: a smooth body pressed by a probe and opened by a cautery.
+"""Writes an LCM log of an artificial session: a smooth body pressed by a probe and opened by a cautery.
 
-For tests of the viewer that must not wait for a simulation. `python synthetic.py BUILD/python FILE [SECONDS]`.
+For fast tests of the viewer, without a simulation. `python synthetic.py BUILD/python FILE [SECONDS]`.
 """
 import math
 import sys

@@ -1,4 +1,4 @@
-/* From keys and mouse to wanted joints. */
+/* Converts keys and mouse to target joints. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-"""The wall of a cut in pictures of a log: each of its faces in the colour of the region that is left there; what lies inside goes with its tissue."""
+"""The wall of a cut in pictures of a log: each face has the colour of the remaining region; objects inside move with their tissue."""
 import subprocess
 import sys
 

@@ -1,4 +1,4 @@
-"""The display of `ssh -X`, a port of the machine's network with a cookie, from a network namespace that does not reach it: apps/demo/display.py."""
+"""The display of `ssh -X` (a port of the machine's network, with a cookie) from a network namespace that cannot reach it: apps/demo/display.py."""
 import json
 import os
 import pathlib

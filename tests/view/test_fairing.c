@@ -1,5 +1,5 @@
-/* The drawn wall of a cut: smoother than the tetrahedra's faces by a stated factor, near them, without a gap, its rim
- * on the outer surface, one wall through all regions; and nothing where nothing was cut. */
+/* The drawn wall of a cut: smoother than the tetrahedra's faces by a given factor, close to them, without gaps, its rim
+ * on the outer surface, one wall through all regions; and no wall without a cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

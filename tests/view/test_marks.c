@@ -1,5 +1,5 @@
-/* What is drawn beside tissue and tools: fibres that go with the tissue, supports where it is held, arrows seen end on,
- * labels off the panels. */
+/* Marks in the picture: fibres that move with the tissue, supports where it is fixed, arrows seen end on, labels
+ * outside the panels. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-"""make play's window under a virtual screen: synthetic mouse and keys must move the device, and be felt."""
+"""make play's window under a virtual screen: synthetic mouse and keys move the device, and forces are rendered."""
 import json
 import math
 import os

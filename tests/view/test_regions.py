@@ -1,4 +1,4 @@
-"""Regions of a mesh in pictures: colours, what is seen through, what a plane lays open, which way is up."""
+"""Regions of a mesh in pictures: colours, transparency, section planes, up direction."""
 import json
 import subprocess
 import sys

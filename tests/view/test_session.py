@@ -1,4 +1,4 @@
-"""A whole session in short: `make demo`'s driver, its log played back into tm-view and haptic-rt, and lcm-spy looking on."""
+"""A short complete session: `make demo`'s driver, its log replayed into tm-view and haptic-rt, and lcm-spy as observer."""
 import csv
 import json
 import math

@@ -1,5 +1,5 @@
-/* The drawn skin: closed where the surface is closed, round where it is smooth, sharp where it is creased, and stuck to
- * the tissue through cuts. */
+/* The drawn surface: closed if the tissue's is, round where smooth, sharp at creases, and attached to the tissue
+ * through cuts. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-"""tm-view as a user drives it: logs, stills, live, film, and messages that nobody should believe."""
+"""tm-view from the command line: logs, pictures, live, video, and messages that must be rejected."""
 import json
 import os
 import pathlib
