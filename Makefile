@@ -1,5 +1,5 @@
-# tensormass. `make demo` and `make check` do everything, installing what is missing; `make help` lists the rest.
-# config=release|debug|asan|tsan|fuzz|clang chooses the build; release goes to build/, the others to build/<config>/; V=1 shows command lines.
+# tensormass. `make demo` and `make check` do everything and install what is missing; `make help` lists the other targets.
+# config=release|debug|asan|tsan|fuzz|clang selects the build: release in build/, the others in build/<config>/. V=1 shows command lines.
 
 , := ,
 config ?= release
@@ -9,7 +9,7 @@ VENV ?= $(BUILD)/venv
 PREFIX ?= /usr/local
 DESTDIR ?=
 VERSION := 0.2.0
-# What breaks the C interface: until 1.0 the second number, then the first (CONTRIBUTING.md).
+# Changes when the C interface breaks: until 1.0 the second number, then the first (CONTRIBUTING.md).
 SOVERSION := $(if $(filter 0.%,$(VERSION)),$(basename $(VERSION)),$(firstword $(subst ., ,$(VERSION))))
 
 .DEFAULT_GOAL := all
@@ -34,20 +34,20 @@ OPT_asan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=address,un
 OPT_tsan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=thread
 OPT_fuzz := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
 OPT := $(OPT_$(config))
-# With a sanitizer the C++ library is there from the start: it must know its functions before a module brings C++ along.
+# With a sanitizer the C++ library is linked from the start: the sanitizer must know its functions before a module loads C++.
 SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
 
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
-# Two of the checks of C++ want a runtime that a C program is not linked with.
+# Two of the C++ checks need a runtime that C programs are not linked with.
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
 INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/io/include -Ilibtensormass/scene/include -Ilibtensormass/src -Ihaptic_rt/core -Ilibtensormass -Ilibtensormass/platform -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
-# Libraries that depend on others of ours find them beside themselves; packages for a system's own folder say ORIGIN= .
+# Libraries find our other libraries in their own folder; packages for a system folder set ORIGIN= .
 ORIGIN ?= -Wl,-rpath,'$$ORIGIN'
 
-# Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
+# Results of pkg-config, requested only when a recipe needs them (the same make may install the packages).
 pkg_cflags = $(shell pkg-config --cflags $(1))
 pkg_libs = $(shell pkg-config --libs $(1))
 
@@ -55,7 +55,7 @@ pkg_libs = $(shell pkg-config --libs $(1))
 Q := $(if $(V),,@)
 step = @mkdir -p $(@D)$(if $(V),,; printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
 files = $(sort $(wildcard $(1)))
-# $(call objects,SOURCES), $(call lib,NAMES): their object files; the archives of our libraries of these names.
+# $(call objects,SOURCES), $(call lib,NAMES): object files of the sources; archives of our libraries with these names.
 objects = $(patsubst %,$(OUT)/obj/%.o,$(basename $(1)))
 lib = $(patsubst %,$(OUT)/lib/lib%.a,$(1))
 # Our libraries that are linked together, by name.
@@ -64,7 +64,7 @@ SCENE_LIBS := app tensormass_scene platform tensormass_io tensormass
 DEVICE_LIBS := hrt_device hrt_motion hrt_io hrt
 SIM_LIBS := sim $(SCENE_LIBS) $(DEVICE_LIBS) lcm_types
 
-# Each of these is a line of a module.mk. Libraries are named, not read, so that the order of the lines is free.
+# Each of these is one line of a module.mk. Libraries are named, not read, so that the lines may have any order.
 # $(call library,NAME,SOURCES): build/lib/libNAME.a.
 library = $(eval $(call library_rule,$(1),$(2)))
 define library_rule
@@ -90,7 +90,7 @@ $(OUT)/lib/tensormass/$(1).so: $(call objects,$(2)) $(call lib,$(3))
 	$$(Q)$$($(call linker,$(2))) $$(SAN) -shared -o $$@ $$^ $(4) -lm
 endef
 # $(call executable,FILE IN build/,SOURCES,OUR LIBRARIES,FLAGS); $(call program,NAME,...): build/bin/NAME.
-# $(call test,tests/DIR/test_x.c...,SOURCES BESIDE,OUR LIBRARIES,FLAGS): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
+# $(call test,tests/DIR/test_x.c...,OTHER SOURCES,OUR LIBRARIES,FLAGS): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
 executable = $(eval $(call executable_rule,$(1),$(2),$(3),$(4)))
 program = $(eval PROGRAMS += $(OUT)/bin/$(1))$(call executable,bin/$(1),$(2),$(3),$(4))
 test = $(foreach t,$(1),$(eval TESTS += $(OUT)/$(basename $(t)))$(call executable,$(basename $(t)),$(t) $(2),$(3),$(4) -lcmocka))
@@ -100,15 +100,15 @@ $(OUT)/$(1): $(call objects,$(2)) $(call lib,$(3))
 	$$(call step,LINK)
 	$$(Q)$$($(call linker,$(2))) $$(SAN) -rdynamic -o $$@ $(call objects,$(2)) -Wl,--start-group $(call lib,$(3)) -Wl,--end-group $(4) -ldl -lm -lpthread
 endef
-# $(call script,FILE IN build/,SOURCE): a program in Python, told its version.
+# $(call script,FILE IN build/,SOURCE): a Python program with its version filled in.
 script = $(eval SCRIPTS += $(OUT)/$(1))$(eval $(OUT)/$(1): $(2))
-# $(call ready,PACKAGE GROUPS,TARGETS): first line of what a user types: installs what is missing, then builds.
+# $(call ready,PACKAGE GROUPS,TARGETS): first line of a target that users type: installs what is missing, then builds.
 define ready
 @tools/setup.sh $(1)
 @+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) $(2)
 endef
 
-# Pointers that wrap are looked for by the fuzzing build in the core too: in its loops it is half of their time.
+# Only the fuzzing build checks the core for wrapping pointers: in its loops the check takes half of the time.
 $(OUT)/obj/libtensormass/src/%.o: BASE_CFLAGS += $(if $(filter asan,$(config)),-fno-sanitize=pointer-overflow)
 $(OUT)/obj/%.o: %.c Makefile
 	$(call step,CC)
@@ -116,18 +116,18 @@ $(OUT)/obj/%.o: %.c Makefile
 $(OUT)/obj/%.o: %.cpp Makefile
 	$(call step,CXX)
 	$(Q)$(CXX) $(BASE_CXXFLAGS) $(INCLUDES) $(CFLAGS_EXTRA) -c $< -o $@
-# Generated by lcm-gen: not ours to warn about, nor that LCM copies nothing from nowhere (an array of no elements).
+# Generated by lcm-gen: without our warnings, and without the check that LCM copies nothing from null (an array without elements).
 $(OUT)/obj/%.o: $(OUT)/gen/%.c
 	$(call step,CC)
 	$(Q)$(CC) $(BASE_CFLAGS) -w $(if $(findstring undefined,$(OPT)),-fno-sanitize=nonnull-attribute) $(INCLUDES) -c $< -o $@
 
-# Each folder says in its module.mk what is built from it; a folder may be absent (the Python sources).
+# Each folder's module.mk states what is built from it; a folder may be absent (the Python sources).
 include $(wildcard $(addsuffix /module.mk,libtensormass lcm_types haptic_rt haptic_rt/firmware apps python packaging plugins/mujoco tests tests/firmware tests/fuzz))
 include tools/install.mk tools/site/site.mk
 $(SCRIPTS): Makefile
 	$(call step,COPY)
 	$(Q)sed 's/@VERSION@/$(VERSION)/' $(filter-out Makefile,$^) > $@ && chmod 755 $@
-# Python environments that one target alone needs: build/NAME/venv of the file of requirements that it waits for.
+# Python environments of single targets: build/NAME/venv from the target's file of requirements.
 $(OUT)/%/venv/.done:
 	@mkdir -p $(@D)
 	@flock $(@D).lock sh -c '/usr/bin/python3 -m venv $(@D) && $(@D)/bin/pip install -q --disable-pip-version-check -r $^' || { echo "make: pip could not install what $^ names; check the network or the package index" >&2; exit 2; }
@@ -135,17 +135,17 @@ $(OUT)/%/venv/.done:
 
 # ---- targets ----
 
-# What help names is no file, though a folder may be called so.
+# Targets in `make help` are not files, though a folder may have the same name.
 .PHONY: all programs tests help venv $(shell sed -n 's/^#: make \([a-z-]*\).*/\1/p' $(MAKEFILE_LIST))
 all: programs
 programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
-# The tests' own sources, a quarter of all, need not be quick; what they call is as it ships.
+# The tests' own sources, a quarter of all, need not be fast; the code under test is as shipped.
 $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT)))
 
-# What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads, under AddressSanitizer all but
+# Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer all but
 # the longest, whose code others run too.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 LONGEST := $(addprefix $(OUT)/tests/,physics/test_step_threads physics/test_windows sim/test_transitions solve/test_online solve/test_sent)

@@ -1,5 +1,5 @@
-# The programs. What several share are archives: libapp (a program around scenes), libsim (controllers in lockstep and messages), libreplay (samples replayed).
-# None links a heavy library: those sit in modules.
+# The programs. Shared archives: libapp (frame of a program around scenes), libsim (controllers in lockstep and messages), libreplay (replay of samples).
+# None links a heavy library: those are in modules.
 $(call library,app,$(call files,apps/common/*.c))
 $(call library,sim,$(filter-out apps/sim/main.c,$(call files,apps/sim/*.c)))
 $(call library,replay,$(call files,apps/studies/replay/*.c))
@@ -10,7 +10,7 @@ $(call program,tm-accuracy,$(call files,apps/studies/accuracy/*.c),replay $(SIM_
 $(call program,tm-evaluate,$(call files,apps/studies/evaluate/*.c),replay $(SIM_LIBS),-lyaml -lcjson)
 $(call program,tm-stability,$(call files,apps/studies/stability/*.c),$(APP_LIBS) tensormass $(DEVICE_LIBS),-lcjson)
 
-# tm-view and tm-play, and the modules they open: osmesa draws (opengl where a window is open), window is the one of tm-play, lcm listens to the network.
+# tm-view and tm-play, and the modules they open: osmesa draws (opengl if there is a window), window is tm-play's window, lcm receives from the network.
 VIEW_SRC := camera message_source font inbox inner_regions message_validation layout marks_find output overlay picture regions scene_marks scene_decoration picture_renderer
 VIEW_LIBS := $(SCENE_LIBS) hrt_io hrt lcm_types
 $(call program,tm-view,$(patsubst %,apps/view/%.c,$(VIEW_SRC) main options),$(VIEW_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson)
@@ -21,7 +21,7 @@ $(call module,opengl,$(RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,
 $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2))
 $(call objects,apps/view/context_window.c apps/play/window.c): CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
 
-# tm-precompute, and with Open MPI (MPI=1, the default where mpicc is) tm-precompute-mpi, whose ranks share one factor with MUMPS (MUMPS=1, the default where its header is).
+# tm-precompute, and with Open MPI (MPI=1, the default if mpicc exists) tm-precompute-mpi, whose ranks share one factor with MUMPS (MUMPS=1, the default if its header exists).
 $(call program,tm-precompute,apps/precompute/main.c apps/precompute/ranks_alone.c,$(SCENE_LIBS),-lyaml -lcjson)
 MPI ?= $(if $(shell command -v mpicc),1,0)
 ifeq ($(MPI),1)
@@ -30,7 +30,7 @@ MUMPS := $(MUMPS)
 MPI_SRC := apps/precompute/ranks_mpi.c apps/precompute/distributed_$(if $(filter 1,$(MUMPS)),mumps,none).c
 $(call objects,$(MPI_SRC)): INCLUDES += $(call pkg_cflags,ompi-c)
 $(call program,tm-precompute-mpi,apps/precompute/main.c $(MPI_SRC),$(SCENE_LIBS),-lyaml -lcjson $$(call pkg_libs,ompi-c) $(if $(filter 1,$(MUMPS)),-ldmumps))
-# Linked anew when MUMPS came or went since it was built: what is only missing (.SECONDARY) makes nothing anew.
+# Linked again if MUMPS was added or removed since the last build: a missing .SECONDARY file alone triggers nothing.
 MUMPS_STAMP := $(OUT)/obj/apps/precompute/mumps
 ifneq ($(if $(wildcard $(MUMPS_STAMP)),$(file <$(MUMPS_STAMP))),$(MUMPS))
 $(shell mkdir -p $(dir $(MUMPS_STAMP)) && echo $(MUMPS) >$(MUMPS_STAMP))
@@ -38,7 +38,7 @@ endif
 $(OUT)/bin/tm-precompute-mpi: $(MUMPS_STAMP)
 endif
 
-# Python with its own library alone: from a prefix as from here. Beside tm-session what it runs.
+# Python scripts and their library, run from a prefix as from here. tm-session's scripts are in the same folder.
 $(call script,bin/tm-organ,apps/organ/tm_organ.py)
 $(call script,bin/tm-study,apps/study/tm_study.py)
 $(call script,bin/tm-session,apps/session/tm_session.py)
@@ -69,14 +69,14 @@ organ:
 	@$(if $(IMAGE),,echo "make organ: no IMAGE; make organ IMAGE=seg.nii.gz (or .stl, .msh; tm-organ --help)" >&2; exit 2)
 	$(call ready,build,programs)
 	@$(OUT)/bin/tm-organ '$(IMAGE)' -o $(OUT)/organ $(ORGAN_ARGS)
-# $(call draw,STUDY,FIGURES,OPTIONS): the page of a study.
+# $(call draw,STUDY,FIGURES,OPTIONS): draws the page of a study.
 draw = TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/$(1)/page.py $(OUT)/$(1)/$(2).json -o $(OUT)/$(1) $(3)
 accuracy:
 	$(call ready,build,venv programs)
 	@mkdir -p $(OUT)/accuracy
 	$(OUT)/bin/tm-accuracy $(if $(QUICK),--quick) --json $(OUT)/accuracy/figures.json
 	$(call draw,accuracy,figures,$(if $(wildcard $(OUT)/evaluate/rates.json),--rates $(OUT)/evaluate/rates.json))
-# Of tm-stability, shown there too.
+# Figures of tm-stability, shown on the page too.
 EVALUATE_CASES := spike-1mm spike-10mm spike-50mm spike-100mm tears-away each-its-own lump-20 replays doubled reordered loss-10 delay-50 two-sims
 evaluate:
 	$(call ready,build,venv programs)
@@ -90,25 +90,25 @@ stability:
 	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) --json $(OUT)/stability/verdicts.json; code=$$?; \
 	$(call draw,stability,verdicts,--fuzz $(BUILD)/fuzz/fuzz.json --sanitize $(BUILD)/sanitize.json) && exit $$code
 
-# image.so: images by ITK and GDCM (which ITK's package brings), tetrahedra by CGAL (GPL), for tm-mesh image and fill. Optional: nothing else waits for it.
+# image.so: images with ITK and GDCM (part of ITK's package), tetrahedra with CGAL (GPL), for tm-mesh image and fill. Optional: nothing else depends on it.
 #: make image                  the module of tm-mesh image (ITK, CGAL: 47 MB of packages, installed if missing)
 IMAGE_SRC := $(call files,apps/image/*.cpp)
 newest = $(firstword $(wildcard /usr/include/$(1)-*) /usr/include/$(1))
-# -O1: these headers take half as long to compile, and the mesher runs as fast.
+# -O1: compiles these headers in half the time, and the mesher is as fast.
 $(call objects,$(IMAGE_SRC)): BASE_CXXFLAGS += $(if $(filter release,$(config)),-O1 -g1) -isystem $(call newest,ITK)
 $(call objects,apps/image/dicom.cpp): BASE_CXXFLAGS += -isystem $(call newest,gdcm)
-# CGAL's own: a warning of its header repair_self_intersections.h
+# CGAL's own warning, in its header repair_self_intersections.h
 $(call objects,apps/image/surface.cpp): BASE_CXXFLAGS += -Wno-maybe-uninitialized
 IMAGE_LIBS = $(patsubst %,-l%-$(patsubst ITK-%,%,$(notdir $(call newest,ITK))),ITKIONIFTI ITKIONRRD ITKIOMeta ITKIOImageBase ITKCommon itksys) -lgdcmMSFF -lgdcmDSED -lgdcmDICT -lgdcmCommon -lz -lgmp -lmpfr
 $(eval $(call module_rule,image,$(IMAGE_SRC),,$$(IMAGE_LIBS)))
-# Where it was built, tests have it as its sources are: a stale one reads another interface, and hangs.
+# If it was built, tests rebuild it from its sources: an old one reads another interface, and hangs.
 ifneq ($(wildcard $(OUT)/lib/tensormass/image.so),)
 tests: $(OUT)/lib/tensormass/image.so
 endif
 image:
 	$(call ready,build image,$(OUT)/lib/tensormass/image.so)
 
-# The generated meshes. 1k and 10k are committed (tests compare them with what the generator makes).
+# The generated meshes. 1k and 10k are committed (tests compare them with the generator's output).
 #: make meshes               the generated meshes of 50,000 tetrahedra, into build/meshes/
 MESHES_DIR ?= $(OUT)/meshes
 MESH_GENERATOR := $(OUT)/obj/apps/mesh/generate
@@ -117,8 +117,8 @@ meshes: $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
 $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
 	@mkdir -p $(@D)
 	$(MESH_GENERATOR) $* 50000 $(basename $@)
-# Makes the committed meshes anew. liver_cut is finer where the demo cuts: the front margin of the left lobe; renumbered,
-# for what refining adds is numbered last, wherever it lies.
+# Generates the committed meshes again. liver_cut is finer where the demo cuts, the front margin of the left lobe, and renumbered:
+# refining numbers new vertices last, wherever they are.
 CUT_BOX := 35mm,-70mm,-20mm,75mm,-35mm,60mm
 meshes-committed: $(MESH_GENERATOR) $(OUT)/bin/tm-mesh
 	for s in block cylinder liver; do $(MESH_GENERATOR) $$s 1000 meshes/$${s}_1k && $(MESH_GENERATOR) $$s 10000 meshes/$${s}_10k || exit 1; done

@@ -1,4 +1,4 @@
-# libhrt: core and CAN codec, no operating system; libhrt_core: the core alone. libhrt_io: node, mailbox, its side of the messages, bus drivers.
+# libhrt: core and CAN codec, without operating system; libhrt_core: the core alone. libhrt_io: node, mailbox, controller's side of the messages, bus drivers.
 # libhrt_motion: joints to tip in double, scripted hands. libhrt_device: the virtual device.
 HRT_CORE_SRC := $(call files,haptic_rt/core/*.c haptic_rt/can/*.c)
 $(call library,hrt,$(HRT_CORE_SRC))
@@ -6,7 +6,7 @@ $(call library,hrt_core,$(call files,haptic_rt/core/*.c))
 $(call library,hrt_io,$(call files,haptic_rt/io/bus*.c) $(addprefix haptic_rt/io/,from_message.c histogram.c line_reader.c network.c node.c peer.c profile.c csv_table.c))
 $(call library,hrt_motion,$(call files,haptic_rt/motion/*.c))
 $(call library,hrt_device,haptic_rt/device/device.c)
-# The core is compiled more strictly than the rest.
+# The core has stricter compiler options than the rest.
 $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Werror
 
 HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c network_peer.c loop.c report.c)

@@ -1,18 +1,18 @@
-# The Python package (docs/python.md). Nothing else waits for it: `make wheel` and its tests alone build what is here.
+# The Python package (docs/python.md). Nothing else depends on it: only `make wheel` and its tests build it.
 PYTHON_LIB := $(OUT)/python-lib
 PYTHON_SHARED := tensormass tensormass_io tensormass_solve tensormass_scene
 PYTHON_LIBRARIES := $(PYTHON_SHARED:%=$(PYTHON_LIB)/lib%.so.$(SOVERSION)) $(PYTHON_LIB)/libtensormass_controller.so
 $(PYTHON_LIB)/%.so.$(SOVERSION): $(OUT)/lib/%.so.$(VERSION)
 	$(call step,COPY)
 	$(Q)cp $< $@
-# The controller's core, its functions to be seen.
+# The controller's core, with exported functions.
 $(OUT)/obj/python/%.o: %.c Makefile
 	$(call step,CC)
 	$(Q)$(CC) $(BASE_CFLAGS) -fvisibility=default $(INCLUDES) -c $< -o $@
 $(PYTHON_LIB)/libtensormass_controller.so: $(patsubst %.c,$(OUT)/obj/python/%.o,$(call files,haptic_rt/core/*.c))
 	$(call step,LINK)
 	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
-# Headers that the package calls, by the library that has them; where those lie.
+# Headers that the package calls, by library, and their folders.
 PYTHON_HEADERS := tensormass=libtensormass/include/tensormass.h tensormass_io=libtensormass/io/include/tensormass_io.h \
 	tensormass_solve=libtensormass/include/tensormass_solve.h \
 	tensormass_controller=haptic_rt/core/hrt.h tensormass_scene=libtensormass/scene/include/tensormass_scene.h
@@ -30,7 +30,7 @@ $(OUT)/wheel/.made: $(PYTHON_LIBRARIES) $(OUT)/wheel/venv/.done $(shell find pyt
 wheels: wheel cross
 	@$(PYTHON_WHEEL) $(CROSS)
 
-# For packages of a system that has the libraries itself: the package without them, links to those of LIBDIR. Needs pycparser.
+# For packages of a system that has the libraries: the package without them, with links to those of LIBDIR. Needs pycparser.
 PYTHONDIR ?= $(PREFIX)/lib/python3/dist-packages
 install-python: $(PYTHON_LIBRARIES)
 	install -d $(DESTDIR)$(PYTHONDIR)/tensormass/lib $(DESTDIR)$(PYTHONDIR)/tensormass/lcm_types

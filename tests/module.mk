@@ -1,5 +1,5 @@
-# C tests are cmocka programs, one a file; Python tests drive the programs as a user would. pytest runs both.
-# TM_LONG=1 (make check-long) asks tests for the counts and durations that docs quote.
+# C tests are cmocka programs, one a file; Python tests run the programs as a user does. pytest runs both.
+# TM_LONG=1 (make check-long) makes tests run the counts and durations that docs quote.
 tests_of = $(call files,tests/$(1)/test_*.c)
 $(call test,$(call tests_of,unit) $(call tests_of,physics),,tensormass)
 $(call test,$(call tests_of,apps),haptic_rt/io/loop.c,$(DEVICE_LIBS) $(APP_LIBS) tensormass,-lcjson)
@@ -14,7 +14,7 @@ $(call test,tests/accuracy/test_yaml.c,apps/studies/accuracy/study_yaml.c,$(SIM_
 $(call test,tests/mesh/test_mesh_io.c,,$(APP_LIBS) tensormass)
 $(call test,tests/mesh/test_image_volumes.c,$(patsubst %,apps/mesh/%.c,bisect mesh_builder image_volumes improve),tensormass)
 $(call test,tests/mesh/test_shell.c,$(patsubst %,apps/mesh/%.c,bisect mesh_builder improve signed_distance signed_distance_stl),$(APP_LIBS) tensormass)
-# The child of the module 'image': of that module this file alone, which needs no library.
+# The child process of the module 'image': only this file of the module, which needs no library.
 $(call test,tests/mesh/test_box.cpp,apps/image/box.cpp)
 $(call test,tests/view/test_skin.c tests/view/test_fairing.c,$(patsubst %,apps/view/%.c,fairing picture reference cut_outline surface_smoothing))
 $(call test,tests/view/test_controls.c,apps/play/controls.c apps/view/camera.c,hrt)
@@ -22,7 +22,7 @@ $(call test,tests/view/test_marks.c,$(patsubst %,apps/view/%.c,camera layout mar
 $(call objects,$(call tests_of,loop)): CFLAGS_EXTRA += -Wno-float-conversion
 $(call objects,tests/solve/test_static.c): INCLUDES += -I/usr/include/suitesparse
 
-# What Python tests run: what a step costs in itself; tm-mesh for thousands of files in one process; a process's clocks and allocations as a test wants them; the codec alone.
+# Programs for Python tests: cost of a step; tm-mesh for many files in one process; clocks and allocations of a process under the test's control; the codec alone.
 $(call executable,tests/effects/plain_step,tests/effects/plain_step.c,tensormass,-lcmocka)
 $(call executable,tests/many_files,tests/mesh/many_files.c $(filter-out apps/mesh/main.c,$(call files,apps/mesh/*.c)),tensormass_scene $(APP_LIBS) tensormass,-lcjson)
 PRELOADED := $(patsubst %,$(OUT)/tests/%.so,loop/fake_clock sim/fail_calloc timing/count_malloc)
@@ -38,10 +38,10 @@ tests: $(patsubst %,$(OUT)/tests/%,effects/plain_step many_files bench/bench can
 
 measured = TM_COMMIT=$$(git rev-parse --short HEAD 2>/dev/null) TM_FLAGS='$(OPT) -ffp-contract=off'
 
-# What a force pass, a step and a removed tetrahedron cost, beside this machine's memory bandwidth in the same run.
+# Costs of a force pass, a step and a removed tetrahedron, with this machine's memory bandwidth in the same run.
 $(call executable,tests/bench/bench,$(call files,tests/bench/*.c),$(APP_LIBS) tensormass_solve tensormass,$(SOLVE_LD) -lcjson)
 $(call executable,tests/solve/bench_models,tests/solve/bench_models.c,$(APP_LIBS) tensormass_solve tensormass,$(SOLVE_LD) -lcmocka -lcjson)
-# The naive loop once more, with what the best form uses.
+# The plain loop again, with the instructions of the best form.
 ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 $(OUT)/obj/tests/bench/naive_wide.o: BASE_CFLAGS += -mavx2 -mfma -ffp-contract=fast
 endif
@@ -60,7 +60,7 @@ bench-timing:
 	$(call ready,build check,programs venv)
 	@mkdir -p $(OUT)/bench
 	$(VENV)/bin/python tests/timing/timing.py $(if $(QUICK),--quick) --bin $(OUT)/bin --json $(OUT)/bench/timing.json
-# The same press in other programs (docs/compared.md): MuJoCo and Newton of PyPI in an environment of their own, ours as the wheel has it. What pip cannot get is missing in the table.
+# The same press in other programs (docs/compared.md): MuJoCo and Newton of PyPI in separate environments, ours from the wheel. Programs that pip cannot install are missing in the table.
 #: make compare                the same press in MuJoCo's flex and Newton (from PyPI), beside ours: error against time in build/compare/ (ARGS="--help")
 COMPARE := $(abspath $(OUT))/compare
 compare-venv:
@@ -70,7 +70,7 @@ compare: wheel compare-venv venv
 	@rm -rf $(COMPARE)/python && $(VENV)/bin/python -m zipfile -e $(OUT)/wheel/*linux*_$$(uname -m).whl $(COMPARE)/python
 	@$(VENV)/bin/python tests/compare/compare.py --out $(COMPARE) --ours $(COMPARE)/python --peers $(COMPARE)/venv/bin/python $(ARGS)
 
-# ---- more than make check's share ----
+# ---- not part of make check ----
 
 #: make check-can            haptic-rt and tm-device over a real kernel's CAN, in a guest
 guest-kernel:
@@ -86,6 +86,6 @@ sanitize:
 	$(call ready,build demo check,venv)
 	@for s in $(SANITIZERS); do $(MAKE) --no-print-directory config=$$s -j$$(nproc) tests || exit; done
 	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(foreach a,$(PYTEST_ARGS),--pytest=$(a)) $(SANITIZERS)
-# Compiler and flags of a build, for tests that compile a file of their own.
+# Compiler and flags of a build, for tests that compile a file.
 print-flags:
 	@echo $(CC) $(OPT)

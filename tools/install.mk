@@ -1,30 +1,30 @@
-# make install, its parts and its undoing. Each part is laid out in build/stage/ as it will lie, then tools/install.sh puts it there and
-# writes the list of it that `make uninstall` goes by.
+# make install, its parts and make uninstall. Each part is laid out in build/stage/ as it is installed; then tools/install.sh copies it and
+# writes its list of files, which `make uninstall` uses.
 LIBDIR ?= $(PREFIX)/lib
 DOCDIR := $(PREFIX)/share/doc/tensormass
 SHARE := $(PREFIX)/share/tensormass
-# A folder of this run's own, made when it is first asked for: two may install at once.
+# A folder of this run, made at the first use: two installations may run at once.
 STAGE = $(eval STAGE := $(shell mkdir -p $(OUT)/stage && mktemp -d $(OUT)/stage/XXXXXX))$(STAGE)
-# The solve library is part of it where CHOLMOD and Eigen are, the scene library where libyaml is.
+# Includes the solve library if CHOLMOD and Eigen are present, and the scene library if libyaml is.
 SOLVE ?= $(if $(and $(wildcard /usr/include/suitesparse/cholmod.h),$(wildcard /usr/include/eigen3/Eigen/Core)),1,0)
 SCENE ?= $(if $(shell test -s /usr/include/yaml.h && echo there),1,0)
 INSTALLED := tensormass tensormass_io $(if $(filter 1,$(SOLVE)),tensormass_solve) $(if $(filter 1,$(SCENE)),tensormass_scene)
 
-# First and last line of a part; $(call to,FOLDER,FILES,MODE [644]): into the part's stage.
+# First and last line of a part; $(call to,FOLDER,FILES,MODE [644]): copies files into the part's stage.
 begin = @$(if $(filter-out /%,$(PREFIX) $(LIBDIR)),$(error PREFIX=$(PREFIX) LIBDIR=$(LIBDIR): give paths from / on))rm -rf $(STAGE)/$@
 put = @DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' tools/install.sh put $@ $(STAGE)/$@
 to = install -m $(or $(3),644) -Dt $(STAGE)/$@$(1) $(2)
 # $(call filled,FOLDER,NAMES,SED...): tools/NAME.in with its @WORDS@ replaced.
 filled = mkdir -p $(STAGE)/$@$(1); for n in $(2); do sed $(3) -e 's|@VERSION@|$(VERSION)|' tools/$$n.in > $(STAGE)/$@$(1)/$$n || exit 1; done
-# What links against a library that the loader does not look for by itself is told where it lies. $(call pc,NAMES)
+# $(call pc,NAMES): pkg-config files. They state the library's folder if the loader does not search it.
 RPATH := $(if $(filter /lib /lib/% /usr/lib /usr/lib/%,$(LIBDIR)),,-Wl,-rpath,$${libdir} )
 pc = $(call filled,$(LIBDIR)/pkgconfig,$(1:%=%.pc),-e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@RPATH@|$(RPATH)|')
-# For find_package(tensormass) of CMake: where the headers lie from the libraries, so that the prefix may be moved.
+# For find_package(tensormass) of CMake: path of the headers relative to the libraries, so that the prefix may be moved.
 cmake = $(call filled,$(LIBDIR)/cmake/tensormass,tensormassConfig.cmake tensormassConfigVersion.cmake,-e 's|@INCLUDE@|$(shell realpath -m --relative-to=$(LIBDIR) $(PREFIX)/include)|' \
 	-e 's|@SOVERSION@|$(SOVERSION)|' -e "s|@POINTER@|$$(echo __SIZEOF_POINTER__ | $(CC) -E -P -)|")
-# $(call pages,PAGES,OTHERS): LICENSE, and each page with the links that lead somewhere there: to one of PAGES, or of OTHERS in the same folder.
+# $(call pages,PAGES,OTHERS): LICENSE and the pages, with those links that are valid there: to PAGES, or to OTHERS in the same folder.
 pages = $(call to,$(DOCDIR),LICENSE); for p in $(1); do awk -v have="$(notdir $(1)) LICENSE $(2)" -f tools/install_pages.awk $$p > $(STAGE)/$@$(DOCDIR)/$$(basename $$p) || exit 1; done
-# $(call reference,PROGRAMS): man pages and completion, where there is a Python to make them of the programs' help.
+# $(call reference,PROGRAMS): man pages and completion, if there is a Python to make them from the programs' help.
 PYTHON3 := $(shell command -v /usr/bin/python3 || command -v python3)
 REFERENCE_OF = $(notdir $(filter-out %-mpi,$(1)))
 reference = $(if $(PYTHON3),$(PYTHON3) tools/reference/make_reference.py $(OUT)/bin $(OUT)/reference $(VERSION) $(call REFERENCE_OF,$(1)) && \

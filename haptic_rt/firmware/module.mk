@@ -8,22 +8,22 @@ FW_CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
 FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
 FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
 FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0
-# An enum is one byte here, so that a check against negative values is always true.
+# An enum has one byte here, so that a check against negative values is always true.
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
-# Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,
-# expressions kept whole, copies of functions and of jumps, blocks in another order, values saved around calls.
+# Optimisations by which -Os still trades flash for speed: constants kept in registers across loops, code moved apart for scheduling,
+# unsplit expressions, copies of functions and jumps, reordered blocks, values saved around calls.
 FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fno-ssa-phiopt -fno-tree-tail-merge -fweb
-# No contraction to fused multiply-adds: the bits are to be the host's.
+# No contraction to fused multiply-adds: results must be bit-identical to the host's.
 FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
-# For one device alone: a second would only take flash.
+# For one device only: a second would take flash.
 FW_DEVICE := -DHRT_WITH_WORDS=0 -DHRT_ONE_DEVICE
 FW_CFLAGS := $(FW_CODE) $(FW_DEVICE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
-# The core is made into code as one when it is linked: 0.5 to 0.8 kB less. Not the rest, so that the map tells what is whose.
+# Link-time optimisation of the core only: saves 0.5 to 0.8 kB. Not of the rest, so that the map attributes sizes.
 fw_whole = $(if $(filter haptic_rt/core/%,$(1)),-flto)
 FW_LDFLAGS := $(FW_CODE) -flto -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
 FW_CORE_SRC := $(HRT_CORE_SRC)
 FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)
-# $(call firmware,NAME,SOURCES BESIDE THE CORE): build/firmware/CPU/VARIANT/NAME.elf and its map, of every processor and variant; firmware_elf: these files.
+# $(call firmware,NAME,OTHER SOURCES): build/firmware/CPU/VARIANT/NAME.elf and its map, of every processor and variant; firmware_elf: these files.
 firmware = $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call firmware_rule,$(BUILD)/firmware/$(c)/$(v),$(1),$(2),$(FW_CPU_$(c)),$(FW_DEF_$(v))))))
 firmware_elf = $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/$(1).elf))
 define firmware_rule

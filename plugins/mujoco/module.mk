@@ -1,10 +1,10 @@
-# The MuJoCo plugin (docs/mujoco.md), against the headers and the library that MuJoCo's PyPI package brings. Nothing else waits for it.
+# The MuJoCo plugin (docs/mujoco.md), built with the headers and the library of MuJoCo's PyPI package. Nothing else depends on it.
 MUJOCO := $(OUT)/mujoco
 MUJOCO_PACKAGE = $(firstword $(wildcard $(MUJOCO)/venv/lib/python3*/site-packages/mujoco))
 $(MUJOCO)/venv/.done: plugins/mujoco/requirements.txt
 $(OUT)/obj/plugins/mujoco/tissue.o: BASE_CFLAGS += -isystem $(MUJOCO_PACKAGE)/include
 $(OUT)/obj/plugins/mujoco/tissue.o: $(MUJOCO)/venv/.done
-# Scenes and solvers lie beside it, and are found from there.
+# Scenes and solvers are in the same folder and found from there.
 $(MUJOCO)/lib%.so.$(SOVERSION): $(OUT)/python-lib/lib%.so.$(SOVERSION)
 	$(call step,COPY)
 	$(Q)cp $< $@

@@ -1,8 +1,8 @@
 # The firmware in an emulator on recorded inputs, against the host: build/firmware/report.json.
 $(call firmware,replay,$(FW_SRC) $(patsubst %,tests/firmware/%.c,board_replay replay_format port_m semihost))
 
-# The host's reference: the same loop, replay and core, left out of it what the images leave out; one with patches and one
-# without. And the recorder. $(call firmware_host,NAME,SOURCES,OUR LIBRARIES,FLAGS)
+# The host's reference: the same loop, replay and core, without the features that the images omit; one with patches and one
+# without. Also the recorder. $(call firmware_host,NAME,SOURCES,OUR LIBRARIES,FLAGS)
 firmware_host = $(eval $(call firmware_host_rule,$(OUT)/tests/firmware,$(1),$(2),$(call lib,hrt $(3)),$(4)))
 define firmware_host_rule
 $(1)/$(2): $(patsubst %.c,$(1)/obj/$(2)/%.o,$(3)) $(4)

@@ -1,5 +1,5 @@
-# libFuzzer targets. `make fuzz` builds all with clang for coverage (config=fuzz) and runs each for FUZZ_SECONDS; make check links them to the build of
-# AddressSanitizer (config=asan), which is there anyway, and runs each for some thousand inputs: the seeds, and mutations that nothing guides.
+# libFuzzer targets. `make fuzz` builds all with clang for coverage (config=fuzz) and runs each for FUZZ_SECONDS. make check links them to the
+# AddressSanitizer build (config=asan), which exists anyway, and runs each for some thousand inputs: the seeds and unguided mutations.
 FUZZ_SECONDS ?= 60
 #: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder, so many processor seconds each: build/fuzz/fuzz.json, findings in build/fuzz/findings/
 ifneq ($(config),fuzz)
@@ -12,7 +12,7 @@ fuzz:
 endif
 
 ifneq ($(filter fuzz asan,$(config)),)
-# $(call fuzzer,NAMES,SOURCES BESIDE,OUR LIBRARIES,FLAGS): libFuzzer's own main.
+# $(call fuzzer,NAMES,OTHER SOURCES,OUR LIBRARIES,FLAGS): with libFuzzer's main.
 fuzzer = $(foreach f,$(1),$(call executable,tests/fuzz/$(f),tests/fuzz/$(f).c $(2),$(3),$(4))$(eval fuzz-programs: $(OUT)/tests/fuzz/$(f)))
 $(call fuzzer,fuzz_mesh fuzz_mesh_text,,$(APP_LIBS) tensormass)
 $(call fuzzer,fuzz_snapshot,,tensormass)
@@ -23,10 +23,10 @@ $(call fuzzer,fuzz_receiver,,lcm_types,-llcm)
 $(call fuzzer,fuzz_scene,,$(SIM_LIBS),-lyaml -lcjson)
 $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/samples.c apps/mesh/signed_distance.c apps/mesh/signed_distance_stl.c,$(DEVICE_LIBS) $(SCENE_LIBS),-lyaml)
 $(OUT)/tests/fuzz/%: SAN := $(filter-out -fsanitize=fuzzer-no-link%,$(SAN)) -fsanitize=fuzzer,address,undefined
-# Their own objects: libFuzzer wants to see at least the target itself.
+# Separate objects: libFuzzer must instrument at least the target itself.
 FUZZ_OBJ := $(call objects,$(wildcard tests/fuzz/*.c))
 $(FUZZ_OBJ): INCLUDES += -Ihaptic_rt/io
 $(FUZZ_OBJ): BASE_CFLAGS += -fsanitize=fuzzer-no-link
-# LCM's own header copies nothing to null for an empty array.
+# LCM's header copies nothing to null for an empty array.
 $(OUT)/obj/lcm_types/%.o: BASE_CFLAGS += -fno-sanitize=nonnull-attribute
 endif

@@ -1,4 +1,4 @@
-# The reference as HTML and the programs' man pages. Nothing else waits for it.
+# The reference as HTML and the programs' man pages. Nothing else depends on it.
 SITE := $(OUT)/site
 SITE_HEADERS := $(wildcard libtensormass/include libtensormass/include/tensormass libtensormass/*/include) haptic_rt/core/hrt.h
 $(SITE)/venv/.done: tools/site/requirements.txt
