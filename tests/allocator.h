@@ -1,4 +1,4 @@
-/* An allocator that counts, and fails on the n-th call or on every call while armed: for tm_set_allocator. */
+/* An allocator for tm_set_allocator that counts, and fails on the n-th or every call while armed. */
 #ifndef TM_TEST_ALLOCATOR_H
 #define TM_TEST_ALLOCATOR_H
 

@@ -1,5 +1,5 @@
-/* What a study starts and goes on with within its limit, by times that are planted here: no run is made, and no clock
- * decides but by many seconds. */
+/* Start and continuation of a study within its time limit, with given times: no simulation runs, and the real clock
+ * matters only by many seconds. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-"""tm-accuracy --scene in its short form: a study, its recommendation, its page, broken off and gone on with, and wrong things planted in it. Never times."""
+"""tm-accuracy --scene in its short form: a study, its recommendation, its page, interruption and continuation, and planted errors. Never times."""
 import json
 import os
 import re

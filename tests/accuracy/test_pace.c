@@ -1,5 +1,5 @@
-/* A promise of price, held on machines that are planted here: frames costlier because the machine was slower, and
- * because the setting is. No clock is read but for one question of the work itself. */
+/* A promised cost on simulated machines: costlier frames because the machine was slower, or because the setting is. The
+ * clock is read in only one check. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

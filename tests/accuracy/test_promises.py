@@ -1,4 +1,5 @@
-"""Each recommendation for the demo's scenes and for three made from images keeps its promise: error within a factor of two, no more than a twentieth of the frames above the budget on a machine as fast as when it was promised."""
+"""Each recommendation for the demo's scenes and for three from images keeps its promise: error within a factor of two, and at most a twentieth of the
+frames above the budget on an equally fast machine."""
 import sys
 
 import pytest

@@ -1,5 +1,5 @@
-/* A recommended scene is the scene's own text with some values changed (study_write_yaml): blocks and braces, list
- * items, what is not there yet, and what is left out; comments and letters of several bytes stay. */
+/* A recommended scene is the scene's text with some values changed (study_write_yaml): blocks and braces, list items,
+ * missing and removed keys; comments and multi-byte letters stay. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

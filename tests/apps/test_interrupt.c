@@ -1,4 +1,4 @@
-/* A second signal ends a program at once, whatever it is doing; the first is for it to see. */
+/* The first signal is left to the program; the second ends it at once. */
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>

@@ -1,4 +1,4 @@
-/* Members of reports by a list of names (app_json_add). */
+/* Adds members of reports by a list of names (app_json_add). */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,4 +1,5 @@
-/* Output files: whole or not at all, also where the file system has no unnamed files, and what is no file. */
+/* Output files: complete or absent, also if the file system has no unnamed files, and paths that are no regular
+ * file. */
 #include <errno.h>
 #include <fcntl.h>
 #include <setjmp.h>

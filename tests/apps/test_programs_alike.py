@@ -1,4 +1,4 @@
-"""What all programs have in common: where output goes, how they are ended, the options that each has."""
+"""Common behaviour of all programs: place of output, termination, shared options."""
 import json
 import os
 import re

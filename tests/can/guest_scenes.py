@@ -1,4 +1,4 @@
-"""What the guest plays on its two buses, all in one boot, by whoever of the test processes comes first."""
+"""Scenes that the guest runs on its two buses, all in one boot, started by the first test process."""
 import fcntl
 import os
 

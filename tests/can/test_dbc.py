@@ -1,4 +1,4 @@
-"""The codec and the DBC file, read by Python's cantools, agree, bit for bit, both ways; and the bus load is what docs/can.md says."""
+"""The codec and the DBC file (read by Python's cantools) agree bit by bit in both directions; the bus load is that of docs/can.md."""
 import ctypes
 import random
 

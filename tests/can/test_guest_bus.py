@@ -1,4 +1,4 @@
-"""The guest itself: its buses come up, stock tools talk over it, and a job's failure or hang is the runner's failure."""
+"""The guest itself: its buses start, stock tools communicate, and a job's failure or hang fails the runner."""
 import guest_run
 import pytest
 from guest_scenes import LIMIT_S, part

@@ -1,4 +1,4 @@
-/* What a machine other than the builder's must show: memory aligned, a mesh written and read, the SIMD form against the
+/* Checks on another machine than the builder's: alignment of memory, a mesh written and read, the SIMD form against the
  * plain one, and the controller's core. Prints the same text everywhere. */
 #include <math.h>
 #include <stdio.h>

@@ -1,4 +1,4 @@
-"""`make cross`, `make wheels`: what was compiled for other machines says what this one says, under qemu-user (bit for bit in the plain form) and wine."""
+"""`make cross`, `make wheels`: programs for other machines print the same as here, under qemu-user (bit-identical in the plain form) and wine."""
 import os
 import re
 import shutil

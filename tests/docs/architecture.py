@@ -1,4 +1,4 @@
-"""What walls.md says, and what the tree does: includes, symbols, links, circles of files, Python imports."""
+"""Compares walls.md with the tree: includes, symbols, links, cycles of files, Python imports."""
 import ast
 import collections
 import os

@@ -1,4 +1,4 @@
-"""The list of names and words that were replaced (renamed.txt): kind, old, new, a row each."""
+"""Reads the list of replaced names and words (renamed.txt): kind, old, new, one row each."""
 import pathlib
 import re
 

@@ -1,4 +1,4 @@
-"""docs/adding-an-effect.md shows the effect that is built: its code is the source's, but for line breaks."""
+"""docs/adding-an-effect.md shows the effect that is built: the code equals the source, except for line breaks."""
 import re
 
 from kit import effects

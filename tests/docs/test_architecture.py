@@ -1,4 +1,4 @@
-"""The tree holds to the tables of walls.md: who includes, uses and links whom; no file leads back to itself."""
+"""The tree matches the tables of walls.md: permitted includes, uses and links; no cycles of files."""
 import os
 import re
 import shutil

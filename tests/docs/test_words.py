@@ -1,4 +1,4 @@
-"""Words: none of the private ones that were replaced comes back, and no word is misspelt (docs/style.md)."""
+"""Words: no replaced private word returns, and no word is misspelt (docs/style.md)."""
 import re
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Effects that exclude each other are refused with both lines and the way out: every pair of the library's table; what does not go together goes in one scene."""
+"""Effects that exclude each other are rejected with both lines and the remedy: every pair of the library's table; all other effects work in one scene."""
 import subprocess
 
 import pytest

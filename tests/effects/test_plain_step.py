@@ -1,5 +1,5 @@
-"""The step of an isotropic, undamped, gravity-free scene enters nobody else's function, costs what force and integration cost, and effects
-that come and go leave neither instructions nor bytes. Counted by callgrind."""
+"""The step of an isotropic, undamped, gravity-free scene calls no function of other effects and costs what force and integration cost. Effects that were
+added and removed leave neither instructions nor bytes. Counted by callgrind."""
 import re
 import shutil
 import subprocess

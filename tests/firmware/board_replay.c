@@ -1,5 +1,5 @@
-/* A board whose bus and link are a recording: replay.in is read, replay.out and replay.cost are written, in the working
- * directory. Runs on the emulated board by semihosting and, with port_host.c, on the host. Its timer is the port's. */
+/* A board whose bus and link are recordings: reads replay.in, writes replay.out and replay.cost in the working
+ * directory. Runs on the emulated board by semihosting and, with port_host.c, on the host. The timer is the port's. */
 #include "port.h"
 #include "replay.h"
 

@@ -1,4 +1,4 @@
-"""What a firmware image weighs, from its link map, and a run of it in QEMU."""
+"""Sizes of a firmware image from its link map, and a run of it in QEMU."""
 import pathlib
 import re
 import struct

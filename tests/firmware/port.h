@@ -1,4 +1,4 @@
-/* What board_replay.c needs of the machine it runs on: files, a timer, a count of instructions. port_m.c: the emulated
+/* Interface between board_replay.c and its machine: files, a timer, an instruction count. port_m.c: the emulated
  * Cortex-M; port_host.c: the host. */
 #ifndef FW_PORT_H
 #define FW_PORT_H

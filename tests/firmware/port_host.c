@@ -1,4 +1,4 @@
-/* The host, for the reference that the emulated board is compared with. */
+/* The host's port, for the reference of the emulated board. */
 #include <stdio.h>
 #include <stdlib.h>
 

@@ -1,5 +1,5 @@
-/* The emulated Cortex-M: SysTick at 25 MHz and, under `-icount shift=0`, one instruction a nanosecond: 40 instructions
- * a count. */
+/* The emulated Cortex-M's port: SysTick at 25 MHz and, under `-icount shift=0`, one instruction a nanosecond: 40
+ * instructions a count. */
 #include "port.h"
 
 #include "firmware/loop.h"

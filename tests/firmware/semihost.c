@@ -1,5 +1,5 @@
-/* Files of the machine that emulates or debugs this one, by Arm's semihosting calls. Test builds only: a device has no
- * such host. */
+/* Files of the host that emulates or debugs this machine, by Arm's semihosting calls. Only in test builds: a device has
+ * no such host. */
 #include "semihost.h"
 
 enum { SYS_OPEN = 0x01, SYS_CLOSE = 0x02, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };

@@ -1,5 +1,5 @@
-"""The firmware on an emulated Cortex-M7 and M4F, replaying recorded inputs: the host's outputs, bit for bit; what it costs in flash, RAM,
-stack and instructions. Writes build/firmware/report.json."""
+"""The firmware on an emulated Cortex-M7 and M4F with recorded inputs: bit-identical to the host, with its cost in flash, RAM, stack and instructions.
+Writes build/firmware/report.json."""
 import fcntl
 import json
 import os

@@ -1,4 +1,4 @@
-/* What the fuzz targets share. A broken promise is a trap, which libFuzzer reports with the input. */
+/* Shared by the fuzz targets. A violated property is a trap, which libFuzzer reports with the input. */
 #ifndef TM_FUZZ_H
 #define TM_FUZZ_H
 

@@ -1,7 +1,8 @@
-/* Random sequences of public calls: two worlds, each in a thread of its own and then both in one, dynamic or hybrid,
- * with a precomputed model beside them; numbers that are none, dead tetrahedra, stages that come and go. Whatever is
- * called, nothing is read or written out of bounds, what is not finite never gets in, a step that fails has not
- * happened, and two worlds never meet: the bits are the same in two threads as in one. */
+/* Random sequences of public calls: two worlds, each in its own thread and then both in one, dynamic or hybrid, with a
+ * precomputed model; numbers that are not finite, removed tetrahedra, stages added and removed.
+ *
+ * No access is out of bounds, no value that is not finite enters, a failed step changes nothing, and two worlds are
+ * independent: bit-identical in two threads and in one. */
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>

@@ -1,5 +1,5 @@
-/* CAN frames to a controller and to a device: any frames, any times. What is unpacked packs into the same frame,
- * torques are finite and within the profile, and there is no force but in `engaged` and `stale`. */
+/* Random CAN frames at random times to a controller and a device. Unpacked frames pack to the same bytes, torques are
+ * finite and within the profile, and force is only in `engaged` and `stale`. */
 #include <math.h>
 
 #include "device/device.h"

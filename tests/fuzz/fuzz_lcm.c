@@ -1,5 +1,5 @@
-/* Messages as haptic-rt takes them, undecoded, into a running controller: refused or taken, its torques stay finite and
- * bounded. Of every kind: what is called whole encodes into the same bytes. */
+/* Undecoded messages to a running controller of haptic-rt: rejected or accepted, its torques stay finite and bounded.
+ * For every kind, an accepted message encodes to the same bytes. */
 #include <math.h>
 
 #include "device/device.h"

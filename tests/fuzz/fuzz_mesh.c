@@ -1,5 +1,5 @@
-/* Any vertices and tetrahedra: the library refuses exactly the meshes in which the loader's own check finds a defect;
- * what it takes has positive volumes and mutual neighbours, and a step of it stays finite. */
+/* Random vertices and tetrahedra: the library rejects exactly the meshes in which the loader's check finds a defect.
+ * Accepted ones have positive volumes and mutual neighbours, and a step stays finite. */
 #include <math.h>
 
 #include "fuzz.h"

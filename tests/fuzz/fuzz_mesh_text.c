@@ -1,6 +1,5 @@
-/* The readers of mesh files: .vtk where the bytes begin with '#', .mesh with 'M', .vtu with '<', else .msh. Refused
- * with a message and nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written
- * copy gives back. */
+/* Readers of mesh files: .vtk if the bytes begin with '#', .mesh with 'M', .vtu with '<', else .msh. Either a message
+ * and no memory held, or a mesh with indices in range and distinct tags that a written copy reproduces. */
 #include "fuzz.h"
 #include "libtensormass/numeric/order.h"
 #include "tensormass_io.h"

@@ -1,5 +1,5 @@
-/* UDP packets as anybody may send them, from a few senders: what is handed over is never longer than its channel
- * allows, and what short messages carry arrives as it was sent. */
+/* UDP packets from a few senders: a delivered message is never longer than its channel allows, and short messages
+ * arrive as sent. */
 #include "fuzz.h"
 #include "receiver_internal.h"
 

@@ -1,5 +1,4 @@
-/* Response files of the precomputed model: whatever lies in the file's place, the model is the one that was asked for,
- * the same to the bit. */
+/* Response files of the precomputed model: for any file content the model is bit-identical to the requested one. */
 #include "fuzz.h"
 #include "tensormass_solve.h"
 

@@ -1,4 +1,4 @@
-/* Force samples and patches past the wire, and every law on what was accepted: bounded and finite. */
+/* Decoded force samples and patches, and every extrapolator on the accepted ones: bounded and finite. */
 #include <math.h>
 
 #include "fuzz.h"

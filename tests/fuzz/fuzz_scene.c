@@ -1,5 +1,4 @@
-/* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes
- * down again. */
+/* Scenes: rejected (2) with a message, or read; a scene that fits a small block is built and destroyed. */
 #include "app.h"
 #include "common/program_host.h"
 #include "fuzz.h"

@@ -1,7 +1,6 @@
-/* Snapshots of a world that is touched and cut: refused with the world left as it was, or taken, after which the world
- * goes on with finite numbers. Behind a right checksum everything but the stages' own parts is changed: those are the
- * library's structs as they lie in memory, which only the checksum guards (a snapshot is for the same build and is not
- * made by hand). */
+/* Snapshots of a world with contact and cuts: rejected with the world unchanged, or accepted, and later steps are
+ * finite. With a valid checksum, everything is mutated except the stages' own parts. Those are structs of the library,
+ * which only the checksum protects (a snapshot is for the same build). */
 #include <math.h>
 
 #include "fuzz.h"

@@ -1,5 +1,5 @@
 /* Small text files and words: device profiles, hand scripts, recorded samples, fibres, STL, quantities with units.
- * Refused, or finite. */
+ * Rejected, or finite. */
 #include <math.h>
 
 #include "app.h"

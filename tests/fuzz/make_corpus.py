@@ -1,4 +1,4 @@
-"""Seeds of the fuzz targets: small whole inputs of each kind. Run once, from the root of the project; the result is committed."""
+"""Makes seeds of the fuzz targets: small valid inputs of each kind. Run once, from the root of the project; the result is committed."""
 import pathlib
 import struct
 import sys

@@ -1,4 +1,5 @@
-"""Short fuzzing in every check: some thousand inputs a target, the committed seeds and findings and unguided mutations of them; TM_LONG=1: guided by coverage, a minute each."""
+"""Short fuzzing in every check: some thousand inputs a target from the committed seeds and findings and unguided mutations of them. TM_LONG=1: guided by
+coverage, a minute each."""
 import json
 import pathlib
 import re

@@ -1,7 +1,6 @@
-/* Prints one hash of a story that goes through the whole library: settling, steps, contact, cutting, single and double
- * tensors; with arguments, tissue with the effects that they name (then double alone); with
- * "combinations", every combination of them through another story. Compilers and processors must
- * agree on it (plain force form, -ffp-contract=off). */
+/* Prints one hash of a sequence through the library: settling, steps, contact, cutting, single and double tensors. With
+ * arguments: tissue with the named effects (double only). With "combinations": every combination of them through
+ * another sequence. Compilers and processors must agree on it (plain force form, -ffp-contract=off). */
 #include "../physics/combination.h"
 
 static uint64_t of_world(const tm_world *world, uint64_t h) {

@@ -1,4 +1,4 @@
-"""The golden hash: the same bits from the library as it is built (gcc, optimised), from other compilers and other optimisation, and on every run."""
+"""The golden hash: bit-identical from the library as built (gcc, optimised), from other compilers and optimisation levels, and in every run."""
 import shutil
 import subprocess
 

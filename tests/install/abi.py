@@ -1,4 +1,4 @@
-"""What the C interface is made of: exported functions and data of the libraries, sizes of public structs. Prints the list that test_abi.py compares.
+"""Prints the C interface: exported functions and data of the libraries, sizes of public structs. test_abi.py compares the list.
 
     build/venv/bin/python tests/install/abi.py > tests/install/abi.txt
 """

@@ -1,4 +1,4 @@
-/* A program outside the tree, as the library guide shows it: a block under gravity. Also compiled as C++. */
+/* A program outside the tree, as in the library guide: a block under gravity. Also compiled as C++. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <tensormass.h>

@@ -1,5 +1,5 @@
-/* A frame as C writes it; codegen.cpp is the same by tensormass.hpp, and must be the same instructions (test_cpp.py).
- */
+/* A frame in C; codegen.cpp does the same with tensormass.hpp and must compile to the same instructions
+ * (test_cpp.py). */
 #include "tensormass.h"
 
 tm_status frame(tm_world *world, tm_contact *contact, const tm_tool_pose *to, double *lowest_m);

@@ -1,4 +1,4 @@
-"""The C interface against a committed list: what a program was built with is there, and is as large as it was."""
+"""Compares the C interface with a committed list: existing symbols stay, and structs keep their sizes."""
 import pathlib
 import platform
 import sys

@@ -1,4 +1,4 @@
-"""find_package(tensormass CONFIG) from an empty project, after the prefix was moved: C and C++, shared and static, versions, components."""
+"""find_package(tensormass CONFIG) from an empty project after moving the prefix: C and C++, shared and static, versions, components."""
 import os
 import pathlib
 import re

@@ -1,4 +1,4 @@
-"""tensormass.hpp: the page's example, what is refused, and that a frame is the same instructions as in C."""
+"""tensormass.hpp: the page's example, compile errors of wrong use, and the same instructions as in C for a frame."""
 import re
 import subprocess
 

@@ -1,4 +1,4 @@
-"""`make deb`: built, looked at by lintian, and in a system of its own installed, used and purged."""
+"""`make deb`: packages are built, checked by lintian, and installed, used and purged in a separate system."""
 import os
 import pathlib
 import re

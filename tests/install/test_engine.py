@@ -1,4 +1,5 @@
-"""examples/engine: an engine's own loop, memory and jobs around the library. Any number of workers gives the same bits; a frame asks for no memory; all of it comes back."""
+"""examples/engine: the library in an engine's loop, with its memory and jobs. Bit-identical for any number of workers; a frame allocates nothing; all
+memory is freed."""
 import re
 import subprocess
 

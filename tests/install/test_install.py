@@ -1,4 +1,4 @@
-"""`make install`, its parts and its undoing, then programs outside the tree by pkg-config: C, C++, static, under valgrind."""
+"""`make install`, its parts and `make uninstall`; then programs outside the tree with pkg-config: C, C++, static, under valgrind."""
 import json
 import os
 import re

@@ -1,4 +1,4 @@
-"""tm-session from an installed prefix: a scene, its controllers and devices by one command, from a folder that holds nothing."""
+"""tm-session from an installed prefix: one command starts a scene with controllers and devices, from an empty folder."""
 import importlib.util
 import json
 import os

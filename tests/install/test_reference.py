@@ -1,4 +1,4 @@
-"""Man pages and completion made of the programs' help; in the long form the whole reference as HTML (`make docs`, warnings are errors)."""
+"""Man pages and completion from the programs' help; in the long form the complete reference as HTML (`make docs`, warnings are errors)."""
 import os
 import re
 import subprocess

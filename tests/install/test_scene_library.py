@@ -1,4 +1,4 @@
-"""libtensormass_scene in programs of one's own: docs/scene-guide.md's in C, the C++ face, diagnostics, and the bits of tm-sim."""
+"""libtensormass_scene in other programs: the C example of docs/scene-guide.md, the C++ interface, diagnostics, and the bits of tm-sim."""
 import json
 import os
 import re

@@ -1,4 +1,4 @@
-"""The pages that `make evaluate`, `make accuracy` and `make stability` draw: captions follow the figures, labels can be read, a phone sees the verdicts."""
+"""Pages of `make evaluate`, `make accuracy` and `make stability`: captions match the figures, labels are readable, a phone shows the verdicts."""
 import copy
 import importlib.util
 import re

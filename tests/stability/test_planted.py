@@ -1,4 +1,4 @@
-"""Planted faults: each known fault, written into a copy of the sources, must turn the named tests red. A suite that stays green would not have caught it."""
+"""Planted faults: each known fault, written into a copy of the sources, must fail the named tests."""
 import os
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""The short form of `make stability`: every hard case has the verdict it should have."""
+"""The short form of `make stability`: every hard case has its expected verdict."""
 import json
 import subprocess
 import sys

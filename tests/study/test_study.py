@@ -1,4 +1,5 @@
-"""tm-study: a sweep over two scenes in one table, gone on with after a break, by cores and by Slurm's array; what cannot be is told before anything runs."""
+"""tm-study: a sweep over two scenes in one table, continued after an interruption, on cores and in Slurm's array; invalid input is reported before any
+run."""
 import csv
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""The loop under way, watched from outside: it allocates nothing, frees nothing and calls the kernel only to sleep and to send."""
+"""The running loop observed from outside: it allocates nothing, frees nothing and makes system calls only to sleep and to send."""
 import contextlib
 import json
 import os

@@ -1,4 +1,4 @@
-"""The service of a dedicated machine: systemd understands it, and its command line is one that haptic-rt takes."""
+"""The service of a dedicated machine: systemd accepts it, and haptic-rt accepts its command line."""
 import os
 import re
 import shlex
