@@ -1,10 +1,10 @@
 #!/bin/bash
-# Puts a part's files where they belong, and takes away what was put there.
+# Installs the files of a part, and removes them again.
 #   DESTDIR= PREFIX= tools/install.sh put PART STAGE    STAGE/* to DESTDIR/*; a list of it to PREFIX/share/tensormass/installed/PART;
 #                                                        STAGE is removed
-#   DESTDIR= PREFIX= tools/install.sh remove            what the lists name, then the folders that are empty by it
-# A list has a line a path, without DESTDIR: files and links, then the folders that were not there before, each with a / at its end. What an older list of the same
-# part names and the new one does not is taken away too, unless another part has it. Exit 2: nothing to remove.
+#   DESTDIR= PREFIX= tools/install.sh remove            removes the listed files, then the folders that this leaves empty
+# A list has one path a line, without DESTDIR: files and links, then the new folders, each with a / at its end. Files in an older list of the same
+# part that are not in the new one are removed too, unless another part has them. Exit 2: nothing to remove.
 set -euo pipefail
 lists=$DESTDIR$PREFIX/share/tensormass/installed
 

@@ -1,5 +1,5 @@
-# A page as it lies in a prefix: awk -v have="NAME NAME ..." -f install_pages.awk PAGE. Links to what is installed beside it
-# stay (README's without their folder), others become their words: a source tree's paths lead nowhere there.
+# Adapts a page to a prefix: awk -v have="NAME NAME ..." -f install_pages.awk PAGE. Links to installed pages
+# stay (README's without their folder); others become plain text, because a source tree's paths are invalid there.
 BEGIN {
     count = split(have, name, " ")
     for (i = 1; i <= count; i++) installed[name[i]] = 1

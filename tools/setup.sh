@@ -1,8 +1,8 @@
 #!/bin/bash
-# Installs what a target needs, by Debian package name, and only what is missing.
+# Installs the Debian packages that a target needs, if they are missing.
 #   tools/setup.sh GROUP...      groups are the files of tools/packages/ (without .txt)
 #   tools/setup.sh venv DIR      the Python environment of tests and plots
-# Exit 2, with the one line to type, where it may not or cannot install.
+# Exit 2, with the command to type, if it cannot or may not install.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 

@@ -1,8 +1,8 @@
 #!/bin/bash
-# A network of its own for a session of messages, so that they stay on this machine and sessions do not hear each other.
+# Makes a network namespace for a session: messages stay on this machine, and sessions do not receive each other's.
 #   netns.sh run PIDFILE COMMAND...    runs COMMAND in a new network namespace with multicast on loopback; its pid goes to PIDFILE
 #   netns.sh join PIDFILE COMMAND...   runs COMMAND in the namespace of the process named in PIDFILE
-# Where namespaces are not permitted, COMMAND runs in the machine's own network and a line says so. Exit 2: nothing to join.
+# If namespaces are not permitted, COMMAND runs in the machine's own network, with a message. Exit 2: nothing to join.
 set -u
 mode=$1 pidfile=$2
 shift 2

@@ -1,5 +1,5 @@
 #!/bin/bash
-# First lines of make demo: what it does, how long that takes, what is built first.   opening.sh BUILD SCENE
+# Prints the first lines of make demo: what it does, its duration, what is built first.   opening.sh BUILD SCENE
 out=$1 scene=$2
 echo "demo: runs $scene with two haptic devices and their controllers in real time (12 s), draws pictures and a film of it, and runs it again by other models:"
 echo "demo: a minute or two once all is built, results in $out/demo; Ctrl-C ends it and leaves what is there."

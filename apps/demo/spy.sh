@@ -1,5 +1,5 @@
 #!/bin/bash
-# make spy: stock lcm-spy, knowing this project's types, in the network of the session that runs. Exit 2 where something is missing, with what to do.
+# make spy: runs the stock lcm-spy with this project's types in the network of the running session. Exit 2, with a remedy, if something is missing.
 #   OUT=build apps/demo/spy.sh [options of lcm-spy]
 set -u
 here=$(cd "$(dirname "$0")" && pwd)
@@ -30,5 +30,5 @@ for ((i = 0; i < 2 * patience && ${#session} == 0; i++)); do sleep 0.5; session=
 [ -n "$session" ] || say "no session runs; start \`make demo\` or \`make play\` in another terminal, then \`make spy\` again"
 echo "spy: joining the session of $session" >&2
 # Debian's own lcm-spy script passes an option that Java 17 no longer takes.
-# A namespace reaches the display of `ssh -X` through display.py alone.
+# Only display.py connects a namespace to the display of `ssh -X`.
 exec "$here/display.py" "$here/netns.sh" join "$session" java -cp "$jars:$types" lcm.spy.Spy "$@"

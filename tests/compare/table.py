@@ -1,4 +1,4 @@
-"""The table, the CSV and the picture of what `make compare` found."""
+"""Makes the table, the CSV and the picture of `make compare`."""
 import csv
 import json
 import pathlib

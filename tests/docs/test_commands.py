@@ -1,5 +1,5 @@
-"""What the pages tell people to type and to open: every link leads somewhere, every command line of README and docs/ names programs, options and targets that
-there are, and the scenes that it gives are taken as they are given."""
+"""Commands and links of the pages: every link is valid, every command line of README and docs/ names existing programs, options and targets, and its
+scenes are used as given."""
 import os
 import re
 import shlex

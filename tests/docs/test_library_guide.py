@@ -1,4 +1,4 @@
-"""The examples of docs/library-guide.md and library-api.md compile without a warning as C and as C++, and do what the page says."""
+"""The examples of docs/library-guide.md and library-api.md compile without warnings as C and C++, and do what the page states."""
 import re
 import subprocess
 

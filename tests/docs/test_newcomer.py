@@ -1,4 +1,4 @@
-"""What a newcomer adds is one file and one row, as CONTRIBUTING.md says: shown on a copy of the sources, which the real one never sees.
+"""Additions are one file and one row, as CONTRIBUTING.md states: tested on a copy of the sources.
 
 Extrapolator and bus driver: tests/loop/test_rows.py."""
 import json

@@ -1,4 +1,4 @@
-"""tm-evaluate: its logs, its study in the short form, and what must hold whatever the figures are."""
+"""tm-evaluate: its logs, its study in the short form, and properties that hold for any figures."""
 import json
 import subprocess
 import sys

@@ -1,4 +1,5 @@
-"""tm-organ: a phantom goes from an image, a surface or tetrahedra to a press and a cut that are felt and filmed; what is done stays done; bad input leaves nothing."""
+"""tm-organ: a phantom goes from an image, a surface or tetrahedra to a press and a cut with force and video. Completed stages are not repeated; bad input
+leaves no files."""
 import json
 import math
 import re

@@ -1,4 +1,4 @@
-"""Random pressing on a mesh that tm-mesh image made: no verdict of `make stability`'s kind against it. An hour in the long form."""
+"""Random pressing on a mesh of tm-mesh image: none of `make stability`'s failure verdicts. An hour in the long form."""
 import subprocess
 import sys
 

@@ -1,4 +1,4 @@
-"""The MuJoCo plugin, against MuJoCo's PyPI package: an arm presses the liver. The tests run in the environment that `make mujoco` makes."""
+"""The MuJoCo plugin with MuJoCo's PyPI package: an arm presses the liver. The tests run in the environment that `make mujoco` makes."""
 import json
 import subprocess
 

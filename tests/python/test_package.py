@@ -1,4 +1,4 @@
-"""The Python package (docs/python.md), as one who has the wheel gets it: made once, put into environments of its own, never into this one."""
+"""The Python package (docs/python.md) from the wheel: built once, installed into separate environments, never into this one."""
 import json
 import os
 import pathlib

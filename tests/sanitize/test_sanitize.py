@@ -1,4 +1,5 @@
-"""The short form of `make sanitize` in every check: the C programs and a ring of programs, built by clang with its sanitizers; and that these see what they are for."""
+"""The short form of `make sanitize` in every check: the C programs and a ring of programs, built by clang with its sanitizers. Planted errors show that
+the sanitizers detect them."""
 import json
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""tm-scene: what it writes runs and presses; what it looks at, it finds."""
+"""tm-scene: a written scene runs and presses; an inspected scene is reported correctly."""
 import json
 import re
 import sys
