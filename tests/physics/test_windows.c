@@ -19,7 +19,7 @@ static const double SAMPLE_S = 1e-3, WINDOW_S = 0.2;
  * be given up to half of its reaction times its way, out of what contact took before and a credit. */
 static const double SLOW_M_S = 0.05, FAST_M_S = 0.06, SLIDING_SHARE = 0.5;
 /* What a window may gain: a share of what is stored, and rounding. With rotation what is stored under a tool is
- * estimated and not checked (contact_passive.c). */
+ * estimated and not checked (contact_passivity.c). */
 static const double SHARE = 1.2e-2, TURNING_SHARE = 1.5e-2, ROUNDING_J = 1e-7;
 
 enum { ROTATION = 1, VOLUME = 2, VISCOSITY = 4, FRICTION = 8, GRASP = 16, CUT = 32, EFFECTS = 6 };
