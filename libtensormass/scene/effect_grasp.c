@@ -51,7 +51,7 @@ static tm_status prepare(sim *s, const void *own) {
 const sim_effect sim_effect_grasp = {
     .name = "grasp",
     .doc = "Closing the jaw of an instrument of mode `grasper` ties the tissue between the jaws to it; opening lets go "
-           "within `fade`.",
+           "within `release_time`.",
     .example = "{compliance: 0.2 mm/N}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},

@@ -239,11 +239,12 @@ static tm_status check(const tm_grasp_def *def, tm_error *error) {
     if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) ||
         !(def->release_time_s >= 0) || !(def->force_cap_N > 0) || def->max_vertices < 1 ||
         !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->release_time_s))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
-                       "positive compliance, cap and number, and none negative",
-                       def->jaw_length_m, def->reach_m, def->compliance_m_N, def->release_time_s, def->force_cap_N,
-                       def->max_vertices);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "grasp: jaw %g m, reach %g m, compliance %g m/N, release time %g s, cap %g N, %d vertices; give a "
+            "positive compliance, cap and number, and none negative",
+            def->jaw_length_m, def->reach_m, def->compliance_m_N, def->release_time_s, def->force_cap_N,
+            def->max_vertices);
     return TM_OK;
 }
 

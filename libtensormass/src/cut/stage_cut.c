@@ -298,10 +298,8 @@ static tm_status check(const tm_world *world, const tm_contact *contact, const t
     if (!isfinite(def->fade_s) || !(def->fade_s >= 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a fade of %g s; give 0 or more", def->fade_s);
     if (def->fade_s > 0 && contact->others.solve)
-        return tm_fail(
-            error, TM_ERR_EXCLUDED, -1,
-            "cut: a fade of %g s, and contact is solved by a hybrid model, which knows none; set fade_s to 0",
-            def->fade_s);
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "cut: fade_s %g s is not supported by a hybrid model; set fade_s to 0", def->fade_s);
     return TM_OK;
 }
 

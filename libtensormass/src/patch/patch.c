@@ -146,7 +146,7 @@ static void remove_friction(const tm_contact *contact, int32_t t, tm_patch *patc
 
 bool tm_patch_compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     TM_REQUIRE(builder && patch && t >= 0 && t < builder->contact->tool_count,
-               "maker or patch is null, or instrument is not one of its contact's", false);
+               "builder or patch is null, or instrument is not one of its contact's", false);
     tm_world *world = builder->world;
     tm_world_profile_stage(world, builder);
     const bool made = compute(builder, t, patch);
@@ -157,7 +157,7 @@ bool tm_patch_compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
 }
 
 int32_t tm_patch_pending(const tm_patch_builder *builder) {
-    TM_REQUIRE(builder, "maker is null", 0);
+    TM_REQUIRE(builder, "builder is null", 0);
     if (builder->columns) return tm_columns_pending(builder->columns);
     int32_t pending = 0;
     for (int t = 0; t < builder->contact->tool_count; t++) pending += builder->missing[t];
@@ -165,7 +165,7 @@ int32_t tm_patch_pending(const tm_patch_builder *builder) {
 }
 
 tm_status tm_patch_start(tm_patch_builder *builder, tm_error *error) {
-    TM_REQUIRE(builder, "maker is null", TM_ERR_ARGUMENT);
+    TM_REQUIRE(builder, "builder is null", TM_ERR_ARGUMENT);
     return builder->source.start ? builder->source.start(builder->source.self, error) : TM_OK;
 }
 
@@ -181,7 +181,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                          tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_PATCH, TM_ERR_ARGUMENT);
     TM_REQUIRE(world && made && contact && contact->world == world,
-               "world or maker is null, or contact is not of this world", TM_ERR_ARGUMENT);
+               "world or builder is null, or contact is not of this world", TM_ERR_ARGUMENT);
     if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1 ||
         def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0 ||
         !(def->tolerance > 0) || !(def->horizon_s >= 0))
