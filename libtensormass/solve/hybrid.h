@@ -2,6 +2,7 @@
 #ifndef TMS_HYBRID_H
 #define TMS_HYBRID_H
 
+#include "contact_law/ledger.h"
 #include "contact_solver.h"
 #include "coupling.h"
 #include "tensormass/energy.h"
@@ -125,8 +126,6 @@ typedef struct tms_hybrid_energy {
     double *way_m;             /* [3*most] scratch */
 } tms_hybrid_energy;
 
-enum { TMS_LEDGER = 17 }; /* intervals of a window, plus one */
-
 /* hybrid_passivity.c: energy that contact generated; all of it is state. */
 typedef struct tms_hybrid_passivity {
     int32_t seen, placed[TM_MAX_INSTRUMENTS]; /* set by a teleport, and not moved since */
@@ -134,7 +133,7 @@ typedef struct tms_hybrid_passivity {
     double was_m[2][TM_MAX_INSTRUMENTS][6]; /* tip and tail of each tool after the last substep and the one before */
     double strained_J[2];                   /* elastic energy of condensed tissue and contact compliance, by rows, in
                                              * these substeps */
-    double generated_J, min_generated_J[TMS_LEDGER],
+    double generated_J, min_generated_J[LAW_LEDGER],
         window_s; /* total; minimum in each interval of a window; age of the newest */
 } tms_hybrid_passivity;
 

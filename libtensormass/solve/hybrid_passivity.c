@@ -5,7 +5,7 @@
  * limit, vertices of little mass would gain high speeds. After each substep's solve the work of all rows is computed as
  * the integrator sees it. It is the work on tissue with mass and the interface, plus the elastic energy of condensed
  * tissue and contact compliance. The tools' work and the energy that damping dissipates are subtracted. In no window of
- * WINDOW_S may the sum exceed WINDOW_SHARE of the stored energy. If it would, one factor reduces the forces of all
+ * LAW_WINDOW_S may the sum exceed WINDOW_SHARE of the stored energy. If it would, one factor reduces the forces of all
  * rows. At rest nothing is generated, and forces do not change. */
 #include "hybrid.h"
 
@@ -15,7 +15,7 @@
 #define LAW_REAL double
 #include "contact_law/compliance.h"
 
-static const double WINDOW_SHARE = 0.15, WINDOW_S = 0.2, LITTLE_J = 2e-8;
+static const double WINDOW_SHARE = 0.15, LITTLE_J = 2e-8;
 static const double LEAST_WAY_M = 1e-12; /* rounding error of the path between equal poses */
 enum { HALVINGS = 30 };
 
@@ -105,9 +105,7 @@ static double gain_J(const tm_hybrid *h, const row_sum *sum, int32_t count, doub
 }
 
 static double recently_generated_J(const tms_hybrid_passivity *p) {
-    double least = p->generated_J;
-    for (int i = 0; i < TMS_LEDGER; i++) least = fmin(least, p->min_generated_J[i]);
-    return p->generated_J - least;
+    return law_ledger_recent(p->generated_J, p->min_generated_J);
 }
 
 /* Returns the kinetic and elastic energy. */
@@ -199,18 +197,12 @@ static bool follow_tools(tm_hybrid *h, int32_t count) {
 
 static void advance(tm_hybrid *h, double gain, double strained) {
     tms_hybrid_passivity *p = &h->passivity;
-    double *least = p->min_generated_J;
     p->generated_J += gain;
     p->strained_J[1] = p->strained_J[0];
     p->strained_J[0] = strained;
     memcpy(p->was_m[1], p->was_m[0], sizeof p->was_m[0]);
     for (int32_t t = 0; t < h->solver_contact.tool_count; t++) place_of(&h->solver_contact.tool[t], p->was_m[0][t]);
-    least[0] = fmin(least[0], p->generated_J);
-    p->window_s += tm_world_state(h->world)->dt_s;
-    if (p->window_s < WINDOW_S / (TMS_LEDGER - 1)) return;
-    p->window_s = 0;
-    memmove(least + 1, least, sizeof *least * (TMS_LEDGER - 1));
-    least[0] = p->generated_J;
+    law_ledger_advance(p->generated_J, p->min_generated_J, &p->window_s, tm_world_state(h->world)->dt_s);
 }
 
 void tms_hybrid_limit_energy(tm_hybrid *h, const double *push_N, int32_t count) {

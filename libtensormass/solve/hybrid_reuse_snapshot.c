@@ -70,7 +70,7 @@ static bool fits(const tm_hybrid *h, const saved_reuse *k) {
                 k->used_count >= 0 && k->used_count <= h->solver_contact.capacity &&
                 (k->passed == 0 || k->passed == 1) && isfinite(k->wandered_m) &&
                 tms_are_below(k->passivity.was_m, sizeof k->passivity.was_m / 8, 1e6) &&
-                tms_are_below(k->passivity.strained_J, 4 + TMS_LEDGER, 1e12);
+                tms_are_below(k->passivity.strained_J, 4 + LAW_LEDGER, 1e12);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
         good = good && k->kind[t] >= TMS_TOOL_FROZEN && k->kind[t] <= TMS_TOOL_NONE && isfinite(k->margin_m[t]) &&
                isfinite(k->predicted_growth[t]) && isfinite(k->last_growth[t]);

@@ -3,15 +3,13 @@
 #define TM_CONTACT_INTERNAL_H
 
 #include "contact/broad_phase.h"
+#include "contact_law/ledger.h"
 #include "tensormass/grasp.h"
 #include "world/world_internal.h"
 
 #define TM_STAGE_CONTACT_DETECT "contact detect" /* stages that change which rows exist run before it */
 
 enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
-
-/* Parts of a time window in which the energy account is observed (contact_passivity.c), plus one. */
-enum { TM_LEDGER = 17 };
 
 /* Row prepared for projection: J and A^-1 J^T of its three vertices. */
 typedef struct tm_solver_row {
@@ -45,8 +43,7 @@ typedef struct tm_tool {
     double placed_J, reserve_J, throughput_J, stored_J, contact_stored_J[2];
     /* Energy generated beyond the allowance; total generated; its minimum in each part of a window; duration of the
      * present part, s. */
-
-    double debt_J, generated_J, min_generated_J[TM_LEDGER], ledger_s;
+    double debt_J, generated_J, min_generated_J[LAW_LEDGER], ledger_s;
     double sliding_J; /* allowance of this substep due to slow sliding */
     /* broad phase */
     tm_local_surface *surface;

@@ -3,11 +3,9 @@
  * all, their normals are blended over facets, which is the gradient of no potential. So each tool has an energy account
  * (passivity observer and controller, Hannaford and Ryu 2002), exact in the integrator's terms: the energy that its
  * rows give the tissue and store in their compliance, minus tool work and concurrent damping. In any window up to
- * WINDOW_S it may not exceed WINDOW_SHARE of the stored energy. In total it may not exceed what contact took before,
- * plus a credit. If it would, the forces of all rows of the tool are reduced. In equilibrium no energy is given and no
- * force changes. */
-#include <string.h>
-
+ * LAW_WINDOW_S it may not exceed WINDOW_SHARE of the stored energy. In total it may not exceed what contact took
+ * before, plus a credit. If it would, the forces of all rows of the tool are reduced. In equilibrium no energy is given
+ * and no force changes. */
 #include "base/vec.h"
 #include "contact/friction_internal.h"
 #include "contact_law/compliance.h"
@@ -15,7 +13,6 @@
 /* Limit of the energy that a tool's rows generate in a window: this share of the energy stored under the tool (for a
  * cautery that cuts: in all tissue); and the amount below which nothing is done, J. */
 static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
-static const double WINDOW_S = 0.2;
 /* Energy that contact takes goes to a reserve, at most the stored energy. All that contact generates is taken from it.
  * It may be overdrawn by this share of the stored energy, and again only after that is paid back: the static force
  * along blended normals depends on the path. */
@@ -123,11 +120,8 @@ static double window_J(const tm_tool *tool) {
     return WINDOW_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J);
 }
 
-/* Returns the energy generated since its minimum within the window that ends now: the maximum over all such windows. */
 static double recent_generated_J(const tm_tool *tool) {
-    double least = tool->generated_J;
-    for (int32_t i = 0; i < TM_LEDGER; i++) least = law_min(least, tool->min_generated_J[i]);
-    return tool->generated_J - least;
+    return law_ledger_recent(tool->generated_J, tool->min_generated_J);
 }
 
 /* Returns the energy that may be generated in this substep. */
@@ -346,17 +340,6 @@ static bool moves(const tm_tool *tool) {
     return vdot(way, way) > least_m * least_m;
 }
 
-/* Advances the window: stores the minimum of the generated energy by then in each of its parts, newest first. */
-static void advance_window(tm_tool *tool, double dt_s) {
-    double *least = tool->min_generated_J;
-    least[0] = law_min(least[0], tool->generated_J);
-    tool->ledger_s += dt_s;
-    if (tool->ledger_s < WINDOW_S / (TM_LEDGER - 1)) return;
-    tool->ledger_s = 0;
-    memmove(least + 1, least, sizeof *least * (TM_LEDGER - 1));
-    least[0] = tool->generated_J;
-}
-
 /* Adds generated energy. What exceeds the allowance is a debt until less was generated. Two tools on the same tissue
  * cause it: reducing one changes what the other generates. */
 static void add_generated(tm_tool *tool, double generated_J) {
@@ -394,6 +377,6 @@ void tm_contact_observe(tm_contact *contact) {
             stored = law_max(stored, all_stored_J(contact->world) - stored_by_others_J(contact, t));
         tool->stored_J = stored;
         tool->reserve_J = law_min(tool->reserve_J, stored);
-        advance_window(tool, contact->world->state.dt_s);
+        law_ledger_advance(tool->generated_J, tool->min_generated_J, &tool->ledger_s, contact->world->state.dt_s);
     }
 }

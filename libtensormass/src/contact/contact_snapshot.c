@@ -23,7 +23,7 @@ typedef struct saved_tool {
     saved_pose pose, from, to;
     saved_capsule capsule, previous, earlier, gathered_at;
     double station_depth_m[TM_MAX_STATIONS], placed_J, reserve_J, throughput_J, stored_J, contact_stored_J[2], debt_J,
-        generated_J, min_generated_J[TM_LEDGER], ledger_s, edge_m, margin_used_m, sum_tip_m[3], sum_time_s,
+        generated_J, min_generated_J[LAW_LEDGER], ledger_s, edge_m, margin_used_m, sum_tip_m[3], sum_time_s,
         sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, outside, axis_outside, placed_inside, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
