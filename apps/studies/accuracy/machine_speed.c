@@ -3,7 +3,6 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
 
 #include "bandwidth.h"
 #include "study.h"
@@ -13,11 +12,8 @@
  * since the first finds caches that other programs used meanwhile. */
 enum { WORK_TETS = 1000, WORK_VERTICES = 300, WORK_PASSES = 3 };
 
-static double thread_s(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now); /* without threads that wait for the next step */
-    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
-}
+/* Without threads that wait for the next step. */
+static double thread_s(void) { return app_clock_s(CLOCK_THREAD_CPUTIME_ID); }
 
 static void multiply(const double block[9], const double *u, double *f) {
     for (int r = 0; r < 3; r++) f[r] += block[3 * r] * u[0] + block[3 * r + 1] * u[1] + block[3 * r + 2] * u[2];

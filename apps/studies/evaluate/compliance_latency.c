@@ -101,12 +101,7 @@ static int32_t cut(bed *b, double angle, double radius_m) {
 }
 
 /* Returns the processor time of all other threads. */
-static double others_s(void) {
-    struct timespec all, own;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &all);
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &own);
-    return (double)(all.tv_sec - own.tv_sec) + 1e-9 * (double)(all.tv_nsec - own.tv_nsec);
-}
+static double others_s(void) { return app_processor_s() - app_clock_s(CLOCK_THREAD_CPUTIME_ID); }
 
 /* Runs frames until patches are exact, or complete. Without a builder runs the given number, so that both runs have the
  * same tissue. */
