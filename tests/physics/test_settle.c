@@ -1,5 +1,6 @@
-/* Settling of corotational tissue: bars whose ends are twisted and bent by 30 to 180 degrees in one call, against small
- * steps; buckling bars; reports of doubtful shapes; bounded work if no equilibrium exists. */
+/* Settling of tissue that turns, under `rotation` and every nonlinear law: bars whose ends are twisted and bent by 30
+ * to 180 degrees in one call, against small steps; buckling bars; reports of doubtful shapes; bounded work if no
+ * equilibrium exists. */
 #include "../fixture.h"
 
 #include <string.h>
@@ -15,7 +16,21 @@ typedef struct bar {
     double size_m[3];
 } bar;
 
-typedef enum law { LINEAR, TURNING, TURNING_VOLUME } law;
+/* The last five: nonlinear laws of the material, fibred where they may be, fibres along the bar. */
+typedef enum law { LINEAR, TURNING, TURNING_VOLUME, NEO, GREEN, MOONEY, FUNG, HOLZAPFEL, LAWS } law;
+
+static void set_law(law kind, tm_material *m) {
+    static const double constant[LAWS][TM_LAW_CONSTANTS] = {
+        [GREEN] = {1}, [MOONEY] = {0.1}, [FUNG] = {1e4}, [HOLZAPFEL] = {2e3, 0.5, 0.1}};
+    static const tm_law_kind named[LAWS] = {[NEO] = TM_LAW_NEO_HOOKE,
+                                            [GREEN] = TM_LAW_ST_VENANT_KIRCHHOFF,
+                                            [MOONEY] = TM_LAW_MOONEY_RIVLIN,
+                                            [FUNG] = TM_LAW_FUNG,
+                                            [HOLZAPFEL] = TM_LAW_HOLZAPFEL};
+    tm_error error;
+    if (kind == GREEN || kind == FUNG) m->dmu_Pa = m->mu_Pa, m->beta_Pa = m->mu_Pa;
+    if (kind >= NEO) fix_ok(tm_material_set_law(m, named[kind], constant[kind], 0, &error), &error);
+}
 
 /* How the far end is held: along z it is free; or at every second vertex, which no edge joins to others. */
 typedef enum far_end { WHOLE, SLIDES, SPOTS } far_end;
@@ -37,13 +52,16 @@ static bar make_of(law kind, double poisson, const int cells[3], const double si
     b.n = 3 * b.mesh->vertex_count;
     memcpy(b.size_m, size_m, sizeof b.size_m);
     fix_ok(tm_material_young(5e3, poisson, &m, &error), &error);
+    set_law(kind, &m);
+    double *fibre = fix_fibres(b.mesh, (double[]){0, 0, 1});
     tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = b.mesh, def.material_count = 1, def.material = &m;
-    def.rotation = kind == LINEAR ? 0 : TM_ROTATION_THRESHOLD;
+    def.mesh = b.mesh, def.material_count = 1, def.material = &m, def.fibre = kind >= NEO ? fibre : NULL;
+    def.rotation = kind == TURNING || kind == TURNING_VOLUME ? TM_ROTATION_THRESHOLD : 0;
     def.strain_smoothing = kind == TURNING_VOLUME, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
+    free(fibre);
     b.world = fix_world(b.tissue, true);
-    if (kind != LINEAR) fix_ok(tm_stage_rotation(b.world, NULL, &error), &error);
+    if (def.rotation > 0) fix_ok(tm_stage_rotation(b.world, NULL, &error), &error);
     b.dof = malloc(sizeof(int32_t) * (size_t)b.n);
     for (int32_t i = 0; i < b.n; i++)
         if (is_held(&b, i, how, cells)) b.dof[b.count++] = i;
@@ -118,8 +136,8 @@ static tm_settle_result settle(const bar *b, double tolerance) {
 /* By the default tolerance: nothing pulls anywhere, and every vertex is where the turn takes it. */
 static void ends_that_turn_together_take_the_bar_along(void **state) {
     (void)state;
-    for (law kind = TURNING; kind <= TURNING_VOLUME; kind++)
-        for (int degrees = 30; degrees <= 180; degrees += 30) {
+    for (law kind = TURNING; kind < LAWS; kind++)
+        for (int degrees = 30; degrees <= 180; degrees += kind < NEO ? 30 : degrees < 90 ? 60 : 90) {
             bar b = usual(kind);
             const double mid[3] = {b.size_m[0] / 2, b.size_m[1] / 2, b.size_m[2] / 2};
             motion m = {{1, 2, 0.5}, degrees * M_PI / 180, {mid[0], mid[1], mid[2]}, {mid[0], mid[1], mid[2]}};
@@ -136,20 +154,23 @@ static void ends_that_turn_together_take_the_bar_along(void **state) {
         }
 }
 
-/* At once as in steps of ten degrees: no more energy, and nothing inside out. */
+/* At once as in steps of 15 degrees: no more energy, and nothing inside out. Laws in steps of 45: where the bar's
+ * inner side is bent by 40 % it has several rests (Mooney-Rivlin: 0.6 % apart, each a minimum). */
 static void one_call_ends_where_small_steps_lead(void **state) {
     (void)state;
-    for (law kind = TURNING; kind <= TURNING_VOLUME; kind++)
+    for (law kind = TURNING; kind < LAWS; kind++)
         for (way how = TWISTED; how <= BENT; how++) {
             bar led = usual(kind);
-            for (int degrees = 10; degrees <= 180; degrees += 10) {
+            const int step = kind < NEO ? 15 : 45;
+            const double more = kind < NEO ? 1e-5 : 0.01;
+            for (int degrees = step; degrees <= 180; degrees += step) {
                 lead(&led, how, degrees);
                 const tm_settle_result slowly = settle(&led, 1e-8);
-                if (degrees % 30) continue;
+                if (degrees % (kind < NEO ? 30 : 90)) continue;
                 bar b = usual(kind);
                 lead(&b, how, degrees);
                 const tm_settle_result r = settle(&b, 1e-9);
-                assert_true(r.energy_J > 0 && r.energy_J < slowly.energy_J * (1 + 1e-5));
+                assert_true(r.energy_J > 0 && r.energy_J < slowly.energy_J * (1 + more));
                 assert_true(r.deformation.min_det > slowly.deformation.min_det - 0.01);
                 assert_true(r.deformation.min_det > 0.1 && r.deformation.inverted == 0);
                 if (degrees > 60) assert_true(r.load_steps > 1);
