@@ -58,9 +58,9 @@ class Effect(NamedTuple):
 
 def effects():
     """Returns every effect, in the order of the library's table (docs/scene-reference.md; a test compares both)."""
-    text = (ROOT / "docs/scene-reference.md").read_text().split("\n# Effects\n")[1]
+    text = (ROOT / "docs/scene-reference.md").read_text().split("\n## Effects\n")[1]
     found = []
-    for part in text.split("\n## ")[1:]:
+    for part in text.split("\n### ")[1:]:
         head = part.split("\n| key |")[0]
         example = re.search(r"^Example: `\w+:(.*)`$", head, re.M)
         found.append(Effect(part.split("\n")[0], tuple(re.findall(r" Needs `(\w+)`", head)), tuple(re.findall(r" Excludes `(\w+)`", head)), example and example[1].strip()))

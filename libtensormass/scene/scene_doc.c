@@ -36,8 +36,8 @@ static void print_field(FILE *out, const app_field *f) {
     fprintf(out, " | %s |\n", f->doc);
 }
 
-static void print_table(FILE *out, const app_schema *schema, const char *title, const char *doc) {
-    fprintf(out, "\n## %s\n\n", title);
+static void print_table(FILE *out, const app_schema *schema, const char *heading, const char *title, const char *doc) {
+    fprintf(out, "\n%s %s\n\n", heading, title);
     if (doc) fprintf(out, "%s\n\n", doc);
     fputs("| key | value | default | range (SI) | meaning |\n|---|---|---|---|---|\n", out);
     for (int i = 0; i < schema->count; i++) print_field(out, &schema->field[i]);
@@ -57,9 +57,9 @@ void app_scene_reference(FILE *out, const app_schema *effect, const char *const 
           "hand[0].path[1].time=2`),\n"
           "`--unset PATH` leaves one out.\n",
           out);
-    print_table(out, &app_scene_schema, "Scene", NULL);
-    fputs("\n# Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking "
+    print_table(out, &app_scene_schema, "##", "Scene", NULL);
+    fputs("\n## Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking "
           "for it.\n",
           out);
-    for (int i = 0; i < effect_count; i++) print_table(out, &effect[i], effect_name[i], effect_doc[i]);
+    for (int i = 0; i < effect_count; i++) print_table(out, &effect[i], "###", effect_name[i], effect_doc[i]);
 }

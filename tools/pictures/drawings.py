@@ -34,7 +34,7 @@ def box(axes, x, y, width, height, title, lines="", colour=BLUE):
 
 
 def contact(out):
-    """Draws tool, station, row and contact compliance in a section through tissue."""
+    """Draws tool, station, row, contact compliance and viscous drag in a section through tissue."""
     figure, axes = sheet(13, 6.6, (8.6, 4.4))
     surface = np.array([(0.3, 2.9), (2.2, 2.8), (4.0, 2.25), (5.6, 1.9), (7.3, 2.3), (9.2, 2.85), (11.4, 2.95)])
     axes.add_patch(Polygon([*surface, (11.4, 0.3), (0.3, 0.3)], facecolor=PALE[RED], edgecolor="none"))
@@ -56,13 +56,17 @@ def contact(out):
         normal = normal / np.linalg.norm(normal)
         arrow(axes, base, base + 1.25 * normal, BLUE, width=2)
     axes.text(4.3, 0.55, "n, share 0.6", color=BLUE, ha="center")
-    axes.text(7.75, 1.05, "n, share 0.4", color=BLUE, ha="center")
+    axes.text(7.0, 0.95, "n, share 0.4", color=BLUE, ha="center")
+    arrow(axes, tip, tip + np.array([1.9, 0]), INK, width=2)
+    axes.text(*(tip + np.array([1.95, 0.1])), "v", va="bottom")
+    arrow(axes, tip, tip - np.array([1.5, 0]), GREEN, width=2)
     lowest = tip + np.array([0, -radius])
     axes.annotate("", (8.6, lowest[1]), (8.6, foot[1]), arrowprops={"arrowstyle": "<->", "color": GREEN, "shrinkA": 0, "shrinkB": 0})
     for y in (lowest[1], foot[1]):
         axes.plot([5.7, 8.75], [y, y], color=GREEN, lw=0.7, ls=":")
     notes = (("tool: capsule, axis to the trocar", (9.0, 6.1), tip + 3.0 * along, INK), ("stations: spheres one radius apart,\nstation 0 is the tip", (9.0, 4.75), tip + radius * along, INK),
-             ("compliance (\"skin\"): depth = c λ;\nrows of a station share it", (9.0, 1.5), (8.65, 1.8), GREEN), ("surface triangle:\nits corners move with\nthe row's weights", (0.4, 1.2), (3.1, 2.52), RED),
+             ("contact compliance: depth = c λ;\nrows of a station share it", (8.4, 0.9), (8.6, 1.75), GREEN),
+             ("viscous drag: 0.3 s/m · λ v,\nagainst the sliding speed v", (0.4, 3.95), tip - np.array([1.3, 0]), GREEN), ("surface triangle:\nits corners move with\nthe row's weights", (0.4, 1.2), (3.1, 2.52), RED),
              ("row: one station against one face,\nedge or vertex; gap, normal n,\nmultiplier λ ≥ 0 in N", (0.4, 5.6), (4.75, 3.5), BLUE))
     for words, place, target, colour in notes:
         axes.annotate(words, target, place, color=colour, va="center", ha="left", arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.9, "shrinkA": 2, "shrinkB": 2})
@@ -132,7 +136,7 @@ def patch(out):
     for p, words in ((tip, "tip at sample n"), (end, "tip at tick k")):
         axes.add_patch(Circle(p, 0.34, facecolor="white", edgecolor=INK, lw=1.5, zorder=3, alpha=0.85))
     axes.plot(*tip, "o", color=INK, ms=5, zorder=5)
-    notes = (("patch: triangles near the tip and\nalong its way (12 to 24 vertices)", (9.3, 5.4), (5.5, 4.05), BLUE), ("compliance matrix C: displacement of each\nvertex per newton at each other, m/N", (9.3, 3.9), (4.9, 2.3), BLUE),
+    notes = (("patch: triangles near the tip and\nalong its path (up to 24 vertices)", (9.3, 5.4), (5.5, 4.05), BLUE), ("compliance matrix C: displacement of each\nvertex per newton at each other, m/N", (9.3, 3.9), (4.9, 2.3), BLUE),
              ("tip at tick k: rows are found and solved on\nthe patch 500 times a second: u = C f", (9.3, 2.4), end, INK), ("tip at sample n: the force of the\nsimulation's own contact", (9.3, 0.9), tip, INK))
     for words, place, target, colour in notes:
         axes.annotate(words, target, place, color=colour, va="center", ha="left", fontsize=9.5, arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.9, "shrinkB": 3}, zorder=6)
@@ -161,7 +165,7 @@ def smoothing(out):
                     pieces.append([points[v], points[[v, a]].mean(axis=0), points[[v, a, b]].mean(axis=0), centre[t]])
         return pieces
 
-    figure = plt.figure(figsize=(8.6, 3.2))
+    figure = plt.figure(figsize=(8.6, 2.7))
     cases = (("tetrahedron\n(linear FEM)", tets[:1], None, RED), ("face\nFS-FEM", tets[:2], (0, 1, 2), GREEN), ("edge\nES-FEM: shear", [t for t in tets if 0 in t and 3 in t], (0, 3), BLUE), ("vertex\nNS-FEM: volume", [t for t in tets if 3 in t], (3,), INK))
     for k, (title, group, fixed, colour) in enumerate(cases):
         axes = figure.add_subplot(1, 4, k + 1, projection="3d")
@@ -176,7 +180,7 @@ def smoothing(out):
             axes.add_collection3d(Line3DCollection([[corners[i], corners[j]] for i in range(len(corners)) for j in range(i)], colors=colour, linewidths=2.4)) if len(fixed) > 1 else None
             axes.scatter(*corners.T, color=colour, s=28, depthshade=False)
         axes.set(xlim=(-0.45, 1.4), ylim=(-0.55, 1.0), zlim=(-0.85, 0.9))
-        axes.set_box_aspect((1.6, 1.4, 1.6), zoom=1.5)
+        axes.set_box_aspect((1.6, 1.4, 1.6), zoom=1.4)
         axes.view_init(elev=16, azim=-62)
         axes.axis("off")
         axes.set_title(title, fontsize=11, color=colour)

@@ -19,6 +19,8 @@ autoapi_keep_files = False
 suppress_warnings = ["misc.highlighting_failure", "autoapi.python_import_resolution"]
 html_theme = "furo"
 html_title = f"tensormass {version}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_show_copyright = False
 

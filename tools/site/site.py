@@ -51,8 +51,9 @@ def main():
     guides(out)
     c_pages(out)
     programs(out, man)
-    for name in ("conf.py", "index.md"):
-        shutil.copy(pathlib.Path(__file__).with_name(name), out)
+    (out / "static").mkdir()
+    for name, place in (("conf.py", out), ("index.md", out), ("site.css", out / "static")):
+        shutil.copy(pathlib.Path(__file__).with_name(name), place)
 
 
 if __name__ == "__main__":
