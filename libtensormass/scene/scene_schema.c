@@ -88,7 +88,7 @@ static const app_field fields[] = {
     MAT("nu_TT", nu_TT, "none", NULL, -1, 1, "fibred, engineering: Poisson's ratio in the cross plane"),
     MAT("G_L", G_L, "pressure", NULL, 0, 1e15, "fibred, engineering: axial shear modulus"),
     {"tissue.materials.*.law", APP_CHOICE, APP_CHOICE_WORDS(APP_LAWS), "linear", 0, 0, MATERIAL(law),
-     "what large strains follow; small ones follow the constants above under each law, and all but `linear` turn and bend by themselves. All materials have a nonlinear one or none ([physics](physics.md))"},
+     "what large strains follow; small ones follow the constants above under each law, and all but `linear` turn and bend by themselves. A linear material beside one with a nonlinear law must not turn or bend far ([nonlinear laws](nonlinear-laws.md))"},
     MAT("compression", compression, "none", "0.5", 0, 1,
         "`st-venant-kirchhoff`: share of lambda that resists the change of volume, without which pressed tissue gives way"),
     MAT("second", second, "none", "0", 0, 1, "`mooney-rivlin`: share of mu in the second invariant"),

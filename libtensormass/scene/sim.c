@@ -61,19 +61,13 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
     const tm_status constants = app_scene_law_check(scene, m);
     if (constants) return constants;
     if (m->law.index == TM_LAW_LINEAR) {
-        const int other = sim_law_line(scene);
         if (m->stretch.line)
             return app_scene_bad(
                 scene, m->stretch.line,
                 "material '%s' has a stretch, and the linear law has no limit; give a nonlinear 'law:', "
                 "or remove 'stretch:'",
                 m->region.s);
-        return other
-                   ? app_scene_bad(scene, m->region.line,
-                                   "material '%s' has the linear law, and another (line %d) a nonlinear one; give all "
-                                   "of them one, as the linear law is wrong where the other is needed",
-                                   m->region.s, other)
-                   : 0;
+        return 0;
     }
     for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->of_linear_law && sim_effect_line(scene, i))

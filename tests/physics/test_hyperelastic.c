@@ -376,11 +376,8 @@ static void refusals_say_why(void **state) {
     tm_error error;
     tm_mesh *mesh = fix_block((int[]){1, 1, 1}, (double[]){1, 1, 1}, 0, &random);
     const tm_material law = material_of(0.3, TM_LAW_NEO_HOOKE), linear = material_of(0.3, TM_LAW_LINEAR);
-    const tm_material both[2] = {law, linear};
     tm_tissue_def def = tm_tissue_def_default(), other;
     def.mesh = mesh, def.material_count = 1, def.material = &law;
-    other = def, other.material_count = 2, other.material = both;
-    tissue_is_refused(other, TM_ERR_EXCLUDED, "the linear one");
     other = def, other.rotation = TM_ROTATION_THRESHOLD;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "rotation");
     other = def, other.strain_smoothing = true, other.smoothed_shear_share = 0;

@@ -123,7 +123,8 @@ typedef struct tm_deformation {
     int32_t inverted;        /* tetrahedra with det F <= 0 */
     double nonlinear_strain; /* maximum |grad u^T grad u| / 2: the strain that the linear law neglects */
     int32_t nonlinear_tet;
-    double nonlinear_share; /* share of the volume where it exceeds TM_LINEAR_STRAIN_MAX */
+    double nonlinear_share; /* share of the volume where it exceeds TM_LINEAR_STRAIN_MAX; beside materials with a
+                               nonlinear law: in linear ones */
 } tm_deformation;
 /* Limit of tissue without "rotation": it corresponds to a rotation by 22 degrees, or a stretch by 45 %. */
 #define TM_LINEAR_STRAIN_MAX 0.1

@@ -40,6 +40,15 @@ INSIDE void TM_NAME(pull_forward)(const V8 H[9], const V8 S[9], const V8 *pressu
     for (int i = 0; i < 9; i += 4) P[i] += *pressure;
 }
 
+/* The linear law, for bodies beside others of a nonlinear one: S is its stress if E is the linear strain. */
+INSIDE void TM_NAME(linear_law)(const TM_NAME(hyper) * w, const V8 H[9], V8 P[9]) {
+    V8 E[9], unused;
+    for (int i = 0; i < 9; i++) E[i] = 0.5 * (H[i] + H[i % 3 * 3 + i / 3]);
+    TM_NAME(green_stress)(w, E, P, &unused);
+    const V8 sphere = w->lambda * (E[0] + E[4] + E[8]);
+    for (int i = 0; i < 9; i += 4) P[i] += sphere;
+}
+
 INSIDE void TM_NAME(st_venant_kirchhoff)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
                                          M8 *outside) {
     V8 E[9], S[9], J1, unused;
@@ -69,6 +78,13 @@ INSIDE void TM_NAME(fung)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME
 }
 
 #ifdef TM_ENERGIES
+INSIDE double TM_NAME(linear_energy)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, int lane) {
+    V8 E[9], S[9], own;
+    for (int i = 0; i < 9; i++) E[i] = 0.5 * (H[i] + H[i % 3 * 3 + i / 3]);
+    TM_NAME(green_stress)(w, E, S, &own);
+    return own[lane] + 0.5 * w->lambda[lane] * s->trace[lane] * s->trace[lane];
+}
+
 INSIDE double TM_NAME(green_energy)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, int lane,
                                     bool exponential) {
     V8 E[9], S[9], own;

@@ -81,7 +81,7 @@ static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *batch
     batch->law[l] = m->law;
     batch->laws |= 1u << m->law;
     /* For a uniaxial stretch s that keeps the volume. */
-    batch->I3_max[l] = s * s + 2 / s - 3;
+    batch->I3_max[l] = m->law == TM_LAW_LINEAR ? NO_LIMIT : s * s + 2 / s - 3;
     const double volume = field->mesh->volume_m3[tet];
     double c[TM_LAW_CONSTANTS];
     tm_law_constants(m, volume, c);
@@ -111,6 +111,7 @@ bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_f
 static double energy_of(int64_t law, const tm_plain_hyper *w, const tm_plain_v8 H[9], const tm_plain_strain *s,
                         int lane) {
     switch (law) {
+    case TM_LAW_LINEAR: return tm_plain_linear_energy(w, H, s, lane);
     case TM_LAW_NEO_HOOKE: return tm_plain_neo_hooke_energy(w, s, lane);
     case TM_LAW_ST_VENANT_KIRCHHOFF: return tm_plain_green_energy(w, H, s, lane, false);
     case TM_LAW_MOONEY_RIVLIN: return tm_plain_mooney_rivlin_energy(w, s, lane);
@@ -234,6 +235,7 @@ static double climb(search *s, double x[PLACE], double best) {
 
 double tm_law_stiffest_Pa(const tm_material *m) {
     enum { TOPS = 8 };
+    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
     const double stretch = m->stretch_max, pi = acos(-1);
     const bool fibred = m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m);
     const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;

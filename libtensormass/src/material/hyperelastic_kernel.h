@@ -50,6 +50,7 @@ INSIDE void TM_NAME(strain_of)(const V8 H[9], TM_NAME(strain) * s) {
 INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s,
                                    V8 P[9], M8 *outside) {
     switch (law) {
+    case TM_LAW_LINEAR: TM_NAME(linear_law)(w, H, P); break;
     case TM_LAW_NEO_HOOKE: TM_NAME(neo_hooke)(w, H, s, P, outside); break;
     case TM_LAW_ST_VENANT_KIRCHHOFF: TM_NAME(st_venant_kirchhoff)(w, H, s, P, outside); break;
     case TM_LAW_MOONEY_RIVLIN: TM_NAME(mooney_rivlin)(w, H, s, P, outside); break;

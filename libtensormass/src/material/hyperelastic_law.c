@@ -28,6 +28,7 @@ static void tangent(const tm_law_state *s, const double *u_m, const double *d_m,
 static double bound(const tm_material_field *field, int32_t tet, const double mass_kg[4]) {
     const double *alpha = field->mesh->shape_1_m + 12 * (int64_t)tet;
     double G[9] = {0};
+    if (tm_field_material(field, tet)->law == TM_LAW_LINEAR) return tm_law_linear.bound(field, tet, mass_kg);
     for (int k = 0; k < 4; k++)
         for (int i = 0; i < 9; i++) G[i] += alpha[3 * k + i / 3] * alpha[3 * k + i % 3] / mass_kg[k];
     for (int sweep = 0; sweep < 8; sweep++)

@@ -25,7 +25,7 @@ INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, c
     M8 own = {0}, out;
     *outside = (M8){0};
     for (int i = 0; i < 9; i++) P[i] = (V8){0};
-    for (int64_t law = 1; law < TM_LAW_COUNT; law++) {
+    for (int64_t law = 0; law < TM_LAW_COUNT; law++) {
         if (!(h->law[p].laws >> law & 1)) continue;
         TM_NAME(hyper_stress)(law, w, H, Q, &out);
         for (int l = 0; l < TM_WIDTH; l++) own[l] = h->law[p].law[at + l] == law ? -1 : 0;

@@ -6,8 +6,10 @@ const tm_law *const tm_laws[] = {&tm_law_linear,    &tm_law_corotated,          
                                  &tm_law_fung,      &tm_law_holzapfel,           NULL};
 
 const tm_law *tm_law_of(const tm_material_field *field) {
-    for (const tm_law *const *law = tm_laws; field->stiffest_Pa && *law; law++) /* all share one bound */
-        if ((*law)->kind == (tm_law_kind)field->material[0].law) return *law;
+    int32_t first = 0; /* of a nonlinear law: all share passes and bound, with linear materials beside them too */
+    while (field->stiffest_Pa && field->material[first].law == TM_LAW_LINEAR) first++;
+    for (const tm_law *const *law = tm_laws; field->stiffest_Pa && *law; law++)
+        if ((*law)->kind == (tm_law_kind)field->material[first].law) return *law;
     if (!(field->rotation > 0)) return &tm_law_linear;
     return field->smoothed ? &tm_law_corotated_averaged : &tm_law_corotated;
 }

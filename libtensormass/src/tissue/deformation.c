@@ -33,11 +33,19 @@ static double left_out(const double H[9]) {
     return 0.5 * sqrt(sum);
 }
 
+/* Returns whether some materials, not all, have a nonlinear law. */
+static bool is_mixed(const tm_tissue *tissue) {
+    bool linear = false;
+    for (int32_t i = 0; i < tissue->material_count; i++) linear |= tissue->material[i].law == TM_LAW_LINEAR;
+    return tissue->stiffest_Pa && linear;
+}
+
 tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m) {
     tm_deformation d = {.min_det = 1, .min_det_tet = -1, .nonlinear_tet = -1};
     TM_REQUIRE(tissue && u_m, "tissue or u_m is null", d);
     const tm_mesh *mesh = tissue->mesh;
     double volume = 0, beyond = 0, H[9];
+    const bool mixed = is_mixed(tissue); /* where the share is that of the linear materials */
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         if (!tissue->alive[t]) continue;
         gradient(mesh, t, u_m, H);
@@ -46,6 +54,7 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
         if (d.nonlinear_tet < 0 || strain > d.nonlinear_strain) d.nonlinear_strain = strain, d.nonlinear_tet = t;
         d.inverted += !(det > 0);
         volume += mesh->volume_m3[t];
+        if (mixed && tm_tissue_tet_material(tissue, t)->law != TM_LAW_LINEAR) continue;
         if (strain > TM_LINEAR_STRAIN_MAX) beyond += mesh->volume_m3[t];
     }
     d.nonlinear_share = volume > 0 ? beyond / volume : 0;
@@ -59,8 +68,10 @@ bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *
                                  char sentence[TM_ERROR_MESSAGE_MAX]) {
     TM_REQUIRE(tissue && deformation && sentence, "tissue, deformation or sentence is null", false);
     const tm_deformation *d = deformation;
-    const bool turns = tissue->rotation > 0 || tissue->stiffest_Pa;
-    const char *linear = turns ? "" : "; give the tissue 'rotation', without which it must not turn or bend far";
+    const bool mixed = is_mixed(tissue), turns = tissue->rotation > 0 || (tissue->stiffest_Pa && !mixed);
+    const char *linear = turns   ? ""
+                         : mixed ? "; give that material a nonlinear 'law:' too, st-venant-kirchhoff if it only turns"
+                                 : "; give the tissue 'rotation', without which it must not turn or bend far";
     sentence[0] = 0;
     if (d->inverted > 0)
         snprintf(sentence, TM_ERROR_MESSAGE_MAX,

@@ -87,20 +87,11 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
 
 /* Rejects settings that nonlinear laws do not support yet. */
 static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
-    int32_t linear = -1, other = -1;
-    for (int32_t i = 0; i < def->material_count; i++) {
-        if (def->material[i].law == TM_LAW_LINEAR)
-            linear = i;
-        else
-            other = i;
-    }
+    int32_t other = -1;
+    for (int32_t i = 0; i < def->material_count; i++)
+        if (def->material[i].law != TM_LAW_LINEAR) other = i;
     if (other < 0) return TM_OK;
     const char *name = tm_law_name((tm_law_kind)def->material[other].law), *with = NULL;
-    if (linear >= 0)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "material %d has the law %s and material %d the linear one, which is wrong where the other is "
-                       "needed; give every material a nonlinear law",
-                       (int)other, name, (int)linear);
     if (def->rotation > 0) with = "rotation, which the law needs none of";
     if (def->strain_smoothing) with = "averaged changes of volume, which only the linear law has";
     if (def->precision == TM_SINGLE) with = "single precision, whose rounding tensors alone bear";
@@ -152,6 +143,12 @@ static bool any_anisotropic(const tm_tissue_def *def) {
     return false;
 }
 
+static bool any_nonlinear(const tm_tissue_def *def) {
+    for (int32_t i = 0; i < def->material_count; i++)
+        if (def->material[i].law != TM_LAW_LINEAR) return true;
+    return false;
+}
+
 static void alloc_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, int32_t pairs,
                         tm_precision precision) {
     graph->vertex_count = mesh->vertex_count;
@@ -182,7 +179,7 @@ static void init(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->material = TM_ALLOC(pool, tm_material, def->material_count);
     tissue->region_material = TM_ALLOC(pool, int32_t, mesh->region_count);
     if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_ALLOC(pool, double, 3 * (int64_t)mesh->tet_count);
-    if (def->material[0].law != TM_LAW_LINEAR) tissue->stiffest_Pa = TM_ALLOC(pool, double, def->material_count);
+    if (any_nonlinear(def)) tissue->stiffest_Pa = TM_ALLOC(pool, double, def->material_count);
     tissue->alive = TM_ALLOC(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_ALLOC(pool, double, mesh->vertex_count);
