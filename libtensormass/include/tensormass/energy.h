@@ -1,5 +1,5 @@
 /* Energy account of the tissue of a world. It uses the integrator's own terms in each step, so that it closes to
- * rounding (docs/time-stepping.md, "Energy"). A separate stage: a world without it has no cost. With it, a step costs
+ * rounding (docs/energy.md). A separate stage: a world without it has no cost. With it, a step costs
  * two passes over the vertices, and a vertex 48 bytes. */
 #ifndef TENSORMASS_ENERGY_H
 #define TENSORMASS_ENERGY_H

@@ -37,7 +37,7 @@ static void limit_force(const tm_grasp *grasp, const grasp_of_jaw *h, int32_t i,
 
 /* Slips force beyond the limit, and loses its stored energy: while releasing, the jaw is a fading friction. A constant
  * force that fades would be a dead load instead, which goes on driving tissue that another tool moves
- * (docs/time-stepping.md, "Energy"). Call before the jaw rotates. */
+ * (docs/grasping.md). Call before the jaw rotates. */
 static void slip(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world) {
     for (int32_t i = 0; i < h->count; i++) {
         double at[3], d[3];
