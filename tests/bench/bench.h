@@ -25,6 +25,7 @@ void bench_must(tm_status status, const tm_error *error);
 cJSON *bench_force(const bench_run *run);
 cJSON *bench_numbering(const bench_run *run);
 cJSON *bench_step(const bench_run *run);
+cJSON *bench_law(const bench_run *run);
 cJSON *bench_effects(const bench_run *run);
 cJSON *bench_hybrid(const bench_run *run);
 cJSON *bench_cut(const bench_run *run);

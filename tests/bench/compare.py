@@ -21,6 +21,8 @@ def ratios(figures):
         found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: shuffled over ordered"] = row["shuffled_over_ordered"]
         if "renumbered_over_ordered" in row:
             found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: renumbered over ordered"] = row["renumbered_over_ordered"]
+    for row in figures.get("law", []):
+        found[f"law {row['law']}, {row['tets']} tetrahedra: step over linear"] = row["over_linear"]
     for row in figures.get("hybrid", []):
         found[f"hybrid, {row['tets']} tetrahedra, {row['share']:.3f} tensor/mass: over a dynamic frame"] = row["hybrid_over_dynamic"]
     return found

@@ -14,20 +14,31 @@ INSIDE void TM_NAME(hyper_of)(const tm_hyperelastic *h, int32_t p, int at, TM_NA
     memcpy(&w->dmu, law->dmu_J + at, sizeof(V8));
     memcpy(&w->beta, law->beta_J + at, sizeof(V8));
     memcpy(&w->I3_max, law->I3_max + at, sizeof(V8));
+#pragma GCC unroll 8
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) memcpy(&w->c[i], law->constant[i] + at, sizeof(V8));
+#pragma GCC unroll 3
     for (int i = 0; i < 3; i++) memcpy(&w->fibre[i], law->fibre[i] + at, sizeof(V8));
 }
 
+/* Stress of a batch with one law, known here so that only its constants are read. */
+INSIDE void TM_NAME(own_stress)(const tm_hyperelastic *h, int32_t p, int at, int64_t law, const V8 H[9], V8 P[9],
+                                M8 *outside) {
+    TM_NAME(hyper) w;
+    TM_NAME(hyper_of)(h, p, at, &w);
+    TM_NAME(hyper_stress)(law, &w, H, P, outside);
+}
+
 /* Stress of a batch with several laws: evaluates each for all lanes, and keeps it for its own lanes. */
-INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, const TM_NAME(hyper) * w, const V8 H[9],
-                                  V8 P[9], M8 *outside) {
+INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, const V8 H[9], V8 P[9], M8 *outside) {
     V8 Q[9];
     M8 own = {0}, out;
+    TM_NAME(hyper) w;
+    TM_NAME(hyper_of)(h, p, at, &w);
     *outside = (M8){0};
     for (int i = 0; i < 9; i++) P[i] = (V8){0};
     for (int64_t law = 0; law < TM_LAW_COUNT; law++) {
         if (!(h->law[p].laws >> law & 1)) continue;
-        TM_NAME(hyper_stress)(law, w, H, Q, &out);
+        TM_NAME(hyper_stress)(law, &w, H, Q, &out);
         for (int l = 0; l < TM_WIDTH; l++) own[l] = h->law[p].law[at + l] == law ? -1 : 0;
         for (int i = 0; i < 9; i++) TM_NAME(choose)(&P[i], &own, &Q[i], &P[i]);
         *outside |= out & own;
@@ -42,16 +53,20 @@ TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t 
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             V8 H[9], P[9], f[4][3];
             M8 outside;
-            TM_NAME(hyper) w;
             TM_NAME(gradient)(&h->packs, p, at, u_m, H);
-            TM_NAME(hyper_of)(h, p, at, &w);
+#define OWN(law)                                                                                                       \
+    case 1u << law: TM_NAME(own_stress)(h, p, at, law, H, P, &outside); break
             switch (h->law[p].laws) {
-            case 1u << TM_LAW_NEO_HOOKE: TM_NAME(hyper_stress)(TM_LAW_NEO_HOOKE, &w, H, P, &outside); break;
-            case 1u << TM_LAW_MOONEY_RIVLIN: TM_NAME(hyper_stress)(TM_LAW_MOONEY_RIVLIN, &w, H, P, &outside); break;
-            case 1u << TM_LAW_FUNG: TM_NAME(hyper_stress)(TM_LAW_FUNG, &w, H, P, &outside); break;
-            default: TM_NAME(mixed_stress)(h, p, at, &w, H, P, &outside);
+                OWN(TM_LAW_NEO_HOOKE);
+                OWN(TM_LAW_ST_VENANT_KIRCHHOFF);
+                OWN(TM_LAW_MOONEY_RIVLIN);
+                OWN(TM_LAW_FUNG);
+                OWN(TM_LAW_HOLZAPFEL);
+            default: TM_NAME(mixed_stress)(h, p, at, H, P, &outside);
             }
+#undef OWN
             TM_NAME(pull)(&h->packs, p, at, P, f);
+#pragma GCC unroll 12
             for (int i = 0; i < 12; i++)
                 memcpy(corner_N + 12 * TM_LANES * (int64_t)p + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
             if (TM_NAME(any)(&outside))

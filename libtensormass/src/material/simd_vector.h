@@ -40,6 +40,51 @@ INSIDE void TM_NAME(pick)(const double *from, const int32_t *at, int step, V8 *t
 #endif
 }
 
+/* Vectors at the first corner, and d[i]: component i of the vectors at another corner less those. Reads vectors whole
+ * and turns them into lanes after the difference: a third of the loads of numbers one by one. */
+#if TM_WIDTH >= 4
+typedef __m256d TM_NAME(origin)[TM_WIDTH];
+/* Three numbers: a fourth may be beyond the array. */
+#define THREE(from) _mm256_maskload_pd(from, _mm256_setr_epi64x(-1, -1, -1, 0))
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int l = 0; l < TM_WIDTH; l++) first[l] = THREE(from + corner[l]);
+}
+
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const TM_NAME(origin) first, V8 d[3]) {
+    __m256d r[TM_WIDTH], half[TM_WIDTH / 4][3];
+    for (int l = 0; l < TM_WIDTH; l++) r[l] = THREE(from + corner[l]) - first[l];
+    for (int h = 0; h < TM_WIDTH / 4; h++) {
+        const __m256d *q = r + 4 * h;
+        const __m256d low = _mm256_unpacklo_pd(q[0], q[1]), low2 = _mm256_unpacklo_pd(q[2], q[3]);
+        const __m256d high = _mm256_unpackhi_pd(q[0], q[1]), high2 = _mm256_unpackhi_pd(q[2], q[3]);
+        half[h][0] = _mm256_permute2f128_pd(low, low2, 0x20);
+        half[h][1] = _mm256_permute2f128_pd(high, high2, 0x20);
+        half[h][2] = _mm256_permute2f128_pd(low, low2, 0x31);
+    }
+    for (int i = 0; i < 3; i++)
+#if TM_WIDTH == 8
+        d[i] = (V8)_mm512_insertf64x4(_mm512_castpd256_pd512(half[0][i]), half[1][i], 1);
+#else
+        d[i] = (V8)half[0][i];
+#endif
+}
+#undef THREE
+#else
+typedef V8 TM_NAME(origin)[3];
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int i = 0; i < 3; i++) TM_NAME(pick)(from + i, corner, 1, &first[i]);
+}
+
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const TM_NAME(origin) first, V8 d[3]) {
+    for (int i = 0; i < 3; i++) {
+        TM_NAME(pick)(from + i, corner, 1, &d[i]);
+        d[i] -= first[i];
+    }
+}
+#endif
+
 INSIDE void TM_NAME(root)(V8 *x) {
 #if TM_WIDTH == 8
     *x = (V8)_mm512_sqrt_pd((__m512d)*x);

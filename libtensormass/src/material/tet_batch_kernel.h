@@ -16,31 +16,27 @@ INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8
 /* Computes grad u of the batch's active tetrahedra, 0 of the others. */
 INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, const double *u, V8 H[9]) {
     const tm_tet_batch *batch = batches->batch + p;
+    TM_NAME(origin) first;
     M8 there;
     TM_NAME(living)(batches, p, at, &there);
-    for (int i = 0; i < 3; i++) {
-        V8 first, d[3], alpha;
-        TM_NAME(pick)(u + i, batch->component[0] + at, 1, &first);
-        for (int k = 0; k < 3; k++) {
-            TM_NAME(pick)(u + i, batch->component[k + 1] + at, 1, &d[k]);
-            d[k] -= first;
-        }
+    TM_NAME(origin_of)(u, batch->component[0] + at, first);
+#pragma GCC unroll 3
+    for (int k = 0; k < 3; k++) { /* corner by corner: nine sums and little else in registers */
+        V8 d[3], alpha;
+        TM_NAME(difference)(u, batch->component[k + 1] + at, first, d);
         for (int j = 0; j < 3; j++) {
-            memcpy(&alpha, batch->shape_1_m[j] + at, sizeof alpha);
-            H[3 * i + j] = d[0] * alpha;
-            for (int k = 1; k < 3; k++) {
-                memcpy(&alpha, batch->shape_1_m[3 * k + j] + at, sizeof alpha);
-                H[3 * i + j] += d[k] * alpha;
-            }
-            H[3 * i + j] = (V8)((M8)H[3 * i + j] & there);
+            memcpy(&alpha, batch->shape_1_m[3 * k + j] + at, sizeof alpha);
+            for (int i = 0; i < 3; i++) H[3 * i + j] = k ? H[3 * i + j] + d[i] * alpha : d[i] * alpha;
         }
     }
+    for (int i = 0; i < 9; i++) H[i] = (V8)((M8)H[i] & there);
 }
 
 /* Computes the corner forces of a stress times the volume: corners 1, 2, 3, and corner 0 as minus their sum. */
 INSIDE void TM_NAME(pull)(const tm_tet_batches *batches, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
     const tm_tet_batch *batch = batches->batch + p;
     V8 alpha[9];
+    __asm__("" : "+r"(batch)); /* reads alpha again: kept since the gradient, it would be spilled */
     for (int i = 0; i < 9; i++) memcpy(&alpha[i], batch->shape_1_m[i] + at, sizeof(V8));
     for (int i = 0; i < 3; i++) {
         f[0][i] = (V8){0};
