@@ -48,7 +48,7 @@ static double size_m(const tm_mesh *mesh) {
 
 static void check_size(review *r) {
     const app_scene *scene = r->s->scene;
-    const int line = scene->scale.line ? scene->scale.line : scene->mesh.line;
+    const int line = scene->scale.line ? scene->scale.line : app_mesh_line(scene);
     const double size = size_m(r->s->mesh);
     if (size > 1)
         odd(r, line, "an organ of %.3g m; if the mesh is in millimetres, write tissue.scale: %g", size,
@@ -249,7 +249,7 @@ static void check_timing(review *r) {
         }
         num_sort(step, n);
         if (worst_s < 0.2 * step[n / 100])
-            odd(r, s->scene->mesh.line,
+            odd(r, app_mesh_line(s->scene),
                 "tetrahedron %lld alone sets the step: %.1f times shorter than what 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
                 (long long)s->file.tet_tag[worst], step[n / 100] / worst_s,
                 (int)(s->substeps * (1 - worst_s / step[n / 100])));

@@ -93,7 +93,8 @@ static tm_status measure(sim *s, tm_stage_report *report, int *count) {
 
 static int gather(const sim *s, const tm_stage_report *report, int count, row *rows) {
     int n = 0;
-    rows[n] = (row){.name = "mesh", .phase = "", .effect = -1, .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
+    rows[n] =
+        (row){.name = "mesh", .phase = "", .effect = -1, .line = app_mesh_line(s->scene), .bytes = s->mesh->bytes};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
     int64_t part[SIM_PART_COUNT] = {0};
@@ -173,6 +174,13 @@ static void explain_fade(const sim *s, cJSON *json) {
     char where[300];
     app_scene_where(s->scene, sim_effect_line(s->scene, sim_effect_find(s->scene, "cut")), where, sizeof where);
     printf("cut.fade: what is felt on tetrahedra that go fades within %.4g ms (%s)\n\n", 1e3 * fade_s, where);
+}
+
+static void explain_bodies(const sim *s) {
+    for (int32_t i = 0; i < s->body_count; i++)
+        printf("body %s: tetrahedra %d to %d, vertices %d to %d of the files\n", s->body[i].name, s->body[i].tet_begin,
+               s->body[i].tet_end - 1, s->body[i].vertex_begin, s->body[i].vertex_end - 1);
+    if (s->body_count) printf("\n");
 }
 
 static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
@@ -273,6 +281,7 @@ int run_explain(sim *s, const run_options *o) {
     }
     sim_expected expected;
     sim_expected_open(&expected, s);
+    explain_bodies(s);
     print(s, rows, n, total_us, &expected, json);
     print_expected(&expected, json);
     sim_expected_close(&expected);

@@ -11,7 +11,7 @@ void explain_numbering(const sim *s, cJSON *json) {
     cJSON_AddBoolToObject(out, "poor", f.should_renumber);
     cJSON_AddBoolToObject(out, "inside", s->mesh->original_vertex != NULL);
     char where[300];
-    app_scene_where(s->scene, s->scene->mesh.line, where, sizeof where);
+    app_scene_where(s->scene, app_mesh_line(s->scene), where, sizeof where);
     if (s->mesh->original_vertex)
         printf("%s: the mesh's numbers jump: the two vertices of an edge are %.0f apart on average; renumbered inside, "
                "they are %.0f apart\n\n",

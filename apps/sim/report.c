@@ -29,6 +29,19 @@ int run_say_interrupted(int64_t frame, int64_t total) {
     return app_interrupted_exit();
 }
 
+/* Adds the scene's bodies, if it names any: vertices and tetrahedra [begin, end) in the numbers of the files. */
+static void add_bodies(const sim *s, cJSON *report) {
+    cJSON *list = s->body_count ? cJSON_AddArrayToObject(report, "bodies") : NULL;
+    for (int32_t i = 0; i < s->body_count; i++) {
+        const sim_body *b = s->body + i;
+        cJSON *item = cJSON_CreateObject();
+        cJSON_AddStringToObject(item, "name", b->name);
+        cJSON_AddItemToObject(item, "vertices", cJSON_CreateIntArray((int[]){b->vertex_begin, b->vertex_end}, 2));
+        cJSON_AddItemToObject(item, "tets", cJSON_CreateIntArray((int[]){b->tet_begin, b->tet_end}, 2));
+        cJSON_AddItemToArray(list, item);
+    }
+}
+
 cJSON *run_report_begin(const sim *s, const char *mode) {
     static const char *const precision[] = APP_CHOICE_LIST(APP_PRECISIONS), *const form[] =
                                                                                 APP_CHOICE_LIST(APP_FORCE_FORMS);
@@ -40,6 +53,7 @@ cJSON *run_report_begin(const sim *s, const char *mode) {
     cJSON_AddStringToObject(r, "model", s->model->kind->name);
     cJSON_AddNumberToObject(r, "vertices", s->mesh->vertex_count);
     cJSON_AddNumberToObject(r, "tets", s->mesh->tet_count);
+    add_bodies(s, r);
     cJSON_AddStringToObject(r, "precision", precision[s->scene->precision.index]);
     cJSON_AddStringToObject(r, "force", form[s->scene->force.index]);
     cJSON_AddNumberToObject(r, "frame_s", s->frame_s);

@@ -149,6 +149,13 @@ typedef struct app_material {
     app_number density, damping;
 } app_material;
 
+typedef struct app_body {
+    app_text name;
+    app_text mesh;
+    app_number scale;
+    app_vector move, turn;
+} app_body;
+
 typedef struct app_support {
     app_section here;
     app_text name;
@@ -220,6 +227,7 @@ typedef struct app_scene {
     app_flag renumber;    /* renumber vertices internally if the file's bandwidth is large */
     app_choice force;     /* 0 best, 1 plain: tm_force_form */
     app_list material;    /* app_material */
+    app_list body;        /* app_body; empty: the tissue is the mesh `mesh` */
     app_list support;     /* app_support */
     app_list load;        /* app_load */
     app_list instrument;  /* app_instrument */
@@ -242,6 +250,11 @@ typedef struct app_scene {
     char **set;
     int set_count;
 } app_scene;
+
+/* Returns the line that names the mesh: tissue.mesh, or the bodies. */
+static inline int app_mesh_line(const app_scene *scene) {
+    return scene->body.count ? scene->body.line : scene->mesh.line;
+}
 
 /* Reads `file` with the changes in `set`: "path=value" replaces a value, "path" removes a key. */
 tm_status app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,

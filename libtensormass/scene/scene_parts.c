@@ -81,6 +81,25 @@ static tm_status set_law(const app_material *m, tm_material *out, tm_error *erro
                                error);
 }
 
+/* Returns whether a material's name stands for the region: its own name (2), or "body.*" of its body (1). */
+static int names_region(const char *name, const char *region) {
+    const size_t length = strlen(name);
+    if (!strcmp(name, region)) return 2;
+    if (length < 2 || strcmp(name + length - 2, ".*")) return 0;
+    return !strncmp(name, region, length - 2) && (region[length - 2] == '.' || !region[length - 2]);
+}
+
+/* Returns the material of a region: of its own name first, then of its body, then "*"; null: none. */
+static const app_material *find_material(const app_scene *scene, const char *region) {
+    const app_material *all = scene->material.item, *m = NULL;
+    int best = -1;
+    for (int i = 0; i < scene->material.count; i++) {
+        const int fit = names_region(all[i].region.s, region);
+        if ((fit || !strcmp(all[i].region.s, "*")) && fit > best) best = fit, m = &all[i];
+    }
+    return m;
+}
+
 tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
                               tm_material *out) {
     const app_material *all = scene->material.item;
@@ -89,7 +108,7 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
         char names[512] = "";
         size_t used = 0;
         for (int32_t r = 0; r < mesh->region_count && !found; r++) {
-            found = !strcmp(all[i].region.s, mesh->region_name[r]);
+            found = names_region(all[i].region.s, mesh->region_name[r]);
             if (used < sizeof names)
                 used +=
                     (size_t)snprintf(names + used, sizeof names - used, "%s%s", r ? ", " : "", mesh->region_name[r]);
@@ -100,11 +119,7 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
                                  names);
     }
     for (int32_t r = 0; r < mesh->region_count; r++) {
-        const app_material *m = NULL;
-        for (int i = 0; i < scene->material.count; i++)
-            if (!strcmp(all[i].region.s, mesh->region_name[r])) m = &all[i];
-        for (int i = 0; i < scene->material.count && !m; i++)
-            if (!strcmp(all[i].region.s, "*")) m = &all[i];
+        const app_material *m = find_material(scene, mesh->region_name[r]);
         if (!m)
             return app_scene_bad(
                 scene, scene->material.line,

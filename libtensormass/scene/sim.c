@@ -1,16 +1,14 @@
 /* Builds a world from a scene, and computes its frames. */
 #include "sim.h"
+#include "bodies.h"
 #include "choices.h"
 #include "libtensormass/platform/clock.h"
 #include "models.h"
 #include "surface_distance.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 /* --- the complete scene --- */
 
@@ -86,7 +84,8 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
 }
 
 static tm_status check_scene(const app_scene *scene) {
-    tm_status rc = app_scene_check(scene);
+    tm_status rc = sim_check_bodies(scene);
+    if (!rc) rc = app_scene_check(scene);
     for (int i = 0; i < sim_effect_count && !rc; i++)
         if (sim_effect_line(scene, i)) rc = check_effect(scene, i);
     for (int i = 0; i < scene->material.count && !rc; i++) {
@@ -125,20 +124,14 @@ static tm_status check_scene(const app_scene *scene) {
 
 static tm_status load_mesh(sim *s) {
     tm_error error = {0};
-    struct stat info;
     const app_scene *scene = s->scene;
-    if (access(scene->mesh.s, R_OK))
-        return app_scene_bad(
-            scene, scene->mesh.line,
-            "tissue.mesh: %s cannot be read: %s; correct the path (it is relative to the scene's folder)",
-            scene->mesh.s, strerror(errno));
-    if (stat(scene->mesh.s, &info) || !S_ISREG(info.st_mode))
-        return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s is not a file; name a .msh, .vtk or .mesh file",
-                             scene->mesh.s);
-    if (tm_mesh_file_load(scene->mesh.s, scene->scale.si, &s->file, &error) ||
-        tm_mesh_file_build_numbered(&s->file, scene->renumber.on ? TM_NUMBERING_IMPROVED : TM_NUMBERING_ORIGINAL,
+    const tm_status rc = scene->body.count
+                             ? sim_load_bodies(s)
+                             : sim_load_mesh_file(scene, "tissue.mesh", &scene->mesh, scene->scale.si, &s->file);
+    if (rc) return rc;
+    if (tm_mesh_file_build_numbered(&s->file, scene->renumber.on ? TM_NUMBERING_IMPROVED : TM_NUMBERING_ORIGINAL,
                                     &s->mesh, &error))
-        return sim_report_file(scene, scene->mesh.line, NULL, 0, &error);
+        return sim_report_file(scene, scene->body.count ? scene->body.line : scene->mesh.line, NULL, 0, &error);
     return 0;
 }
 
@@ -265,6 +258,7 @@ void sim_destroy(sim *s) {
     tm_model_destroy(s->model);
     if (s->mesh) tm_mesh_destroy(s->mesh);
     tm_mesh_file_free(&s->file);
+    free(s->body);
     free(s->support_of);
     free(s->fixed_dof);
     free(s->fixed_m);

@@ -87,6 +87,14 @@ typedef struct sim_cuts {
     int64_t total;
 } sim_cuts;
 
+/* One body of the tissue, in the numbers of s->file: [begin, end). */
+typedef struct sim_body {
+    const char *name;
+    int32_t vertex_begin, vertex_end, tet_begin, tet_end;
+} sim_body;
+
+enum { SIM_MAX_BODIES = 32 };
+
 struct sim_picture;
 
 /* Data sent to a controller besides the force. */
@@ -100,6 +108,8 @@ typedef struct sim_reach {
 
 struct sim {
     app_scene *scene;
+    sim_body *body;        /* [body_count] */
+    int32_t body_count;    /* 0: the scene has one mesh and no bodies */
     tm_mesh_file file;     /* in the file's numbering, as all input and output */
     tm_mesh *mesh;         /* in the mesh's numbering, as all else here; tm_mesh_original_vertex converts back */
     tm_material *material; /* [region_count] */

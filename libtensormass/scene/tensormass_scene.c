@@ -120,6 +120,15 @@ tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const d
     return sim_pose(scene->s, instrument, joint, active);
 }
 
+int32_t tm_scene_get_bodies(const tm_scene *scene, tm_scene_body *body, int32_t capacity) {
+    REQUIRE(scene && (body || capacity <= 0), "scene or body is null", 0);
+    for (int32_t i = 0; i < scene->s->body_count && i < capacity; i++) {
+        const sim_body *b = scene->s->body + i;
+        body[i] = (tm_scene_body){b->name, b->vertex_begin, b->vertex_end, b->tet_begin, b->tet_end};
+    }
+    return scene->s->body_count;
+}
+
 tm_mesh *tm_scene_mesh(tm_scene *scene) {
     REQUIRE_SCENE(NULL);
     return scene->s->mesh;

@@ -21,11 +21,10 @@ static tm_status warn_size(const sim *s) {
     double low[3], high[3], size = 0;
     bounds(s->mesh, low, high);
     for (int a = 0; a < 3; a++) size = fmax(size, high[a] - low[a]);
-    int line = s->scene->scale.line ? s->scene->scale.line : s->scene->mesh.line;
+    int line = s->scene->scale.line ? s->scene->scale.line : app_mesh_line(s->scene);
     if (size > largest_organ_m)
-        return app_scene_warn(s->scene, line,
-                              "the mesh is %.4g m across; if its file is in millimetres, write tissue.scale: %g", size,
-                              1e-3 * s->scene->scale.si);
+        return app_scene_warn(s->scene, line, "the mesh is %.4g m across; if its file is in millimetres, write %s: %g",
+                              size, s->body_count ? "bodies.NAME.scale" : "tissue.scale", 1e-3 * s->scene->scale.si);
     if (size < smallest_organ_m)
         return app_scene_warn(s->scene, line, "the mesh is %.4g mm across; look at tissue.scale (metres per unit)",
                               1e3 * size);

@@ -24,14 +24,14 @@ from .mesh import Mesh, Quality, memory_in_use, read_fibres
 from .solve import ComplianceFactor, Precomputed, Problem, Report, solve_static
 from .patch import Patch, PatchBuilder, PatchSolver
 from .model import Model, Timing
-from .scene import Scene
+from .scene import Body, Scene
 from .state import Settled, Stage
 from .tissue import Deformation, Material, Surface, Tissue
 from .world import World
 
 __version__: str = lib.tm_version().decode()
 __all__ = [
-    "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Deformation", "DeformationWarning", "Error", "ExcludedError", "Extrapolator",
+    "ArgumentError", "Body", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Deformation", "DeformationWarning", "Error", "ExcludedError", "Extrapolator",
     "ComplianceFactor", "FileError", "Friction", "Grasp", "FrictionStation", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Timing", "NoMemoryError",
     "Patch", "PatchBuilder", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
     "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-from typing import Any, Callable, List, Mapping, Optional, Sequence, Union
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Union
 
 from . import _bind as c
 from ._core import ERRORS, ArgumentError, Diagnostics, Error, Floats, Object, floats, lib, view
@@ -19,6 +19,14 @@ _MODE_NAMES = {v: k for k, v in MODES.items()}
 def _raise(told: List[str], status: int, sentence: str = "") -> None:
     if status != c.TM_OK:
         raise ERRORS.get(status, Error)("\n".join(told) or sentence, status)
+
+
+class Body(NamedTuple):
+    """A body of a scene: its vertices (in the numbers of the mesh files, one body's after the other's; Mesh.from_original) and tetrahedra."""
+
+    name: str
+    vertices: range
+    tets: range
 
 
 class Scene(Object):
@@ -66,6 +74,14 @@ class Scene(Object):
         found = [lib.tm_scene_instrument(self, i) for i in range(self._about.instrument_count)]
         return [Instrument(tuple(d.trocar_m), tuple(d.pose.tip_m), _MODE_NAMES[d.mode], d.radius_m, d.contact_length_m, d.pose.roll_rad,
                            d.pose.grip, d.pose.active) for d in found]
+
+    @property
+    def bodies(self) -> Dict[str, Body]:
+        """The scene's bodies by name; empty for a scene with tissue.mesh."""
+        count = lib.tm_scene_get_bodies(self, None, 0)
+        found = (c.tm_scene_body * max(1, count))()
+        lib.tm_scene_get_bodies(self, found, count)
+        return {b.name.decode(): Body(b.name.decode(), range(b.vertex_begin, b.vertex_end), range(b.tet_begin, b.tet_end)) for b in found[:count]}
 
     frame_s: float = property(lambda self: self._about.frame_s, doc="Of a frame, s.")  # type: ignore[assignment]
     dt_s: float = property(lambda self: self._about.dt_s, doc="Of a substep, s.")  # type: ignore[assignment]

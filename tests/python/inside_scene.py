@@ -248,3 +248,25 @@ def test_the_message_bindings_are_another_package():
     import tensormass_lcm
 
     assert len(tensormass_lcm.force_sample_t().encode()) > 100 and tm.Scene.__module__.startswith("tensormass")
+
+
+def test_bodies_have_ranges_of_vertices_and_tetrahedra(tmp_path):
+    block = SCENES.parent.parent / "meshes/block_1k.msh"
+    (tmp_path / "two.yaml").write_text(f"""
+tissue: {{materials: {{"*": {{young: 5 kPa, poisson: 0.4}}}}}}
+bodies:
+  low: {{mesh: {block}}}
+  high: {{mesh: {block}, move: [200 mm, 0, 0], turn: [0, 0, 90 deg]}}
+supports: [{{group: low.z_min}}, {{group: high}}]
+gravity:
+damping: {{rate: 60 /s}}
+""")
+    scene = tm.Scene(tmp_path / "two.yaml")
+    low, high = scene.bodies["low"], scene.bodies["high"]
+    assert (low.tets.stop, high.tets.stop) == (high.tets.start, scene.mesh.tet_count) and len(low.vertices) == len(high.vertices)
+    a, b = (scene.mesh.rest_m[r.vertices.start:r.vertices.stop] for r in (low, high))
+    np.testing.assert_allclose(b, np.stack([0.2 - a[:, 1], a[:, 0], a[:, 2]], 1), atol=1e-15)
+    scene.run(0.08)
+    moved = abs(scene.u_m)
+    assert moved[low.vertices.start:low.vertices.stop].max() > 1e-5 and moved[high.vertices.start:].max() == 0  # all of it is held
+    assert tm.Scene(SCENES / "block-gravity.yaml").bodies == {}

@@ -96,6 +96,15 @@ TM_API tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to);
  * lacks are 0; docs/controller.md). */
 TM_API tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[7], bool active);
 
+/* One of the bodies of a scene: a range [begin, end) of vertices and of tetrahedra. Vertices have the numbers of the
+ * files, one body's after the other's (tm_mesh_original_vertex). */
+typedef struct tm_scene_body {
+    const char *name; /* valid as long as the scene */
+    int32_t vertex_begin, vertex_end, tet_begin, tet_end;
+} tm_scene_body;
+/* Returns the number of bodies, 0 for a scene with tissue.mesh, and writes up to `capacity` of them. */
+TM_API int32_t tm_scene_get_bodies(const tm_scene *scene, tm_scene_body *body, int32_t capacity);
+
 TM_API tm_mesh *tm_scene_mesh(tm_scene *scene);
 TM_API tm_tissue *tm_scene_tissue(tm_scene *scene);
 TM_API tm_world *tm_scene_world(tm_scene *scene); /* null for the precomputed model */

@@ -1,0 +1,183 @@
+/* Bodies of a scene: loads their meshes and merges them into one mesh, so that world, step, supports and files deal
+ * with one tissue. Names of regions and groups get the body's name in front; a body's name alone is the group of all
+ * its vertices. */
+#include "bodies.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/* --- one body --- */
+
+tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_text *path, double scale,
+                             tm_mesh_file *file) {
+    tm_error error = {0};
+    struct stat info;
+    if (access(path->s, R_OK))
+        return app_scene_bad(scene, path->line,
+                             "%s: %s cannot be read: %s; correct the path (it is relative to the scene's folder)", key,
+                             path->s, strerror(errno));
+    if (stat(path->s, &info) || !S_ISREG(info.st_mode))
+        return app_scene_bad(scene, path->line, "%s: %s is not a file; name a .msh, .vtk or .mesh file", key, path->s);
+    return tm_mesh_file_load(path->s, scale, file, &error) ? sim_report_file(scene, path->line, NULL, 0, &error) : 0;
+}
+
+static tm_status no_memory(const app_scene *scene) {
+    return app_scene_fail(scene, scene->body.line, TM_ERR_MEMORY, "out of memory; use smaller meshes");
+}
+
+/* Turns a rest position about the origin of the body's file, then moves it. */
+static void place(const app_body *body, double x[3]) {
+    const double *w = body->turn.v, angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+    if (angle > 0) { /* Rodrigues */
+        const double k[3] = {w[0] / angle, w[1] / angle, w[2] / angle}, c = cos(angle), s = sin(angle);
+        const double along = k[0] * x[0] + k[1] * x[1] + k[2] * x[2];
+        const double across[3] = {k[1] * x[2] - k[2] * x[1], k[2] * x[0] - k[0] * x[2], k[0] * x[1] - k[1] * x[0]};
+        for (int a = 0; a < 3; a++) x[a] = c * x[a] + s * across[a] + (1 - c) * along * k[a];
+    }
+    for (int a = 0; a < 3 && body->move.line; a++) x[a] += body->move.v[a];
+}
+
+/* Writes "body.name". Returns false if it is too long. */
+static bool qualify(char name[64], const char *body) {
+    char old[64];
+    memcpy(old, name, sizeof old);
+    const int length = *old ? snprintf(name, 64, "%s.%s", body, old) : snprintf(name, 64, "%s", body);
+    return length < 64;
+}
+
+/* Loads a body: its mesh in place, with qualified names. */
+static tm_status load(const app_scene *scene, const app_body *body, bool checked, tm_mesh_file *file) {
+    char key[128];
+    snprintf(key, sizeof key, "bodies.%.60s.mesh", body->name.s);
+    tm_status rc = sim_load_mesh_file(scene, key, &body->mesh, body->scale.si, file);
+    tm_mesh *mesh = NULL;
+    tm_error error = {0};
+    if (!rc && checked && tm_mesh_file_build(file, &mesh, &error)) /* errors in this file's numbers */
+        rc = sim_report_file(scene, body->mesh.line, NULL, 0, &error);
+    if (mesh) tm_mesh_destroy(mesh);
+    for (int32_t v = 0; v < file->vertex_count && !rc && (body->move.line || body->turn.line); v++)
+        place(body, file->vertex_m + 3 * v);
+    bool fits = true;
+    for (int32_t r = 0; r < file->region_count && !rc; r++) fits &= qualify(file->region_name[r], body->name.s);
+    for (int32_t g = 0; g < file->group_count && !rc; g++) fits &= qualify(file->group_name[g], body->name.s);
+    return rc || fits ? rc
+                      : app_scene_bad(scene, body->name.line,
+                                      "body '%s' and the name of a region or group of its mesh have more than 62 "
+                                      "characters together; shorten the body's name",
+                                      body->name.s);
+}
+
+/* --- all bodies --- */
+
+static void add_groups(tm_mesh_file *to, const tm_mesh_file *from, const char *body, int32_t first) {
+    int32_t end = to->group_begin[to->group_count];
+    for (int32_t g = 0; g <= from->group_count; g++) {
+        const bool all = g == from->group_count; /* the body's own group */
+        const int32_t begin = all ? 0 : from->group_begin[g],
+                      count = (all ? from->vertex_count : from->group_begin[g + 1]) - begin;
+        snprintf(to->group_name[to->group_count], sizeof *to->group_name, "%s", all ? body : from->group_name[g]);
+        for (int32_t i = 0; i < count; i++) to->group_vertex[end++] = first + (all ? i : from->group_vertex[begin + i]);
+        to->group_begin[++to->group_count] = end;
+    }
+}
+
+static void add_body(tm_mesh_file *to, const tm_mesh_file *from, sim_body *body) {
+    const int32_t v = body->vertex_begin, t = body->tet_begin, r = to->region_count;
+    memcpy(to->vertex_m + 3 * v, from->vertex_m, sizeof(double) * 3 * (size_t)from->vertex_count);
+    memcpy(to->vertex_tag + v, from->vertex_tag, sizeof(int64_t) * (size_t)from->vertex_count);
+    memcpy(to->tet_tag + t, from->tet_tag, sizeof(int64_t) * (size_t)from->tet_count);
+    for (int32_t i = 0; i < 4 * from->tet_count; i++) to->tet[4 * t + i] = from->tet[i] + v;
+    for (int32_t i = 0; i < from->tet_count; i++) to->region[t + i] = from->region[i] + r;
+    memcpy(to->region_name + r, from->region_name, sizeof *to->region_name * (size_t)from->region_count);
+    to->region_count += from->region_count;
+    to->hash = tm_hash(&from->hash, sizeof from->hash, to->hash);
+    to->hash = tm_hash(from->vertex_m, sizeof(double) * 3 * (size_t)from->vertex_count, to->hash);
+    add_groups(to, from, body->name, v);
+}
+
+/* Merges the files. Without memory, `to` is empty. */
+static bool merge(const tm_mesh_file *from, int count, sim_body *body, tm_mesh_file *to) {
+    int64_t vertices = 0, tets = 0, members = 0;
+    for (int i = 0; i < count; i++) {
+        body[i].vertex_begin = (int32_t)vertices, body[i].tet_begin = (int32_t)tets;
+        vertices += from[i].vertex_count, tets += from[i].tet_count;
+        body[i].vertex_end = (int32_t)vertices, body[i].tet_end = (int32_t)tets;
+        to->region_count += from[i].region_count, to->group_count += from[i].group_count + 1;
+        members += from[i].group_begin[from[i].group_count] + from[i].vertex_count;
+    }
+    if (vertices > INT32_MAX / 8 || tets > INT32_MAX / 8 || members > INT32_MAX) return false;
+    to->vertex_count = (int32_t)vertices, to->tet_count = (int32_t)tets;
+    if (!tm_mesh_file_allocate(to, (int32_t)members)) return false;
+    to->region_count = to->group_count = 0; /* counted again while they are added */
+    to->hash = TM_HASH_SEED;
+    for (int i = 0; i < count; i++) add_body(to, from + i, body + i);
+    return true;
+}
+
+tm_status sim_load_bodies(sim *s) {
+    const app_scene *scene = s->scene;
+    const app_body *body = scene->body.item;
+    const int count = scene->body.count;
+    tm_mesh_file *file = calloc((size_t)count, sizeof *file);
+    s->body = calloc((size_t)count, sizeof *s->body);
+    tm_status rc = file && s->body ? 0 : no_memory(scene);
+    for (int i = 0; i < count && !rc; i++) {
+        s->body[i].name = body[i].name.s;
+        s->body_count = i + 1;
+        rc = load(scene, body + i, count > 1, file + i);
+    }
+    if (!rc && !merge(file, count, s->body, &s->file)) rc = no_memory(scene);
+    if (!rc && count == 1) { /* messages name its file */
+        s->file.path = file->path;
+        file->path = NULL;
+    }
+    for (int i = 0; i < count && file; i++) tm_mesh_file_free(file + i);
+    free(file);
+    return rc;
+}
+
+const sim_body *sim_body_find(const sim *s, const char *name) {
+    for (int i = 0; i < s->body_count; i++)
+        if (!strcmp(s->body[i].name, name)) return s->body + i;
+    return NULL;
+}
+
+int32_t sim_body_of_tet(const sim *s, int32_t tet) {
+    int32_t i = 0;
+    while (i + 1 < s->body_count && tet >= s->body[i].tet_end) i++;
+    return i;
+}
+
+/* --- checks before meshes are loaded --- */
+
+tm_status sim_check_bodies(const app_scene *scene) {
+    const app_body *body = scene->body.item;
+    if (!scene->mesh.line == !scene->body.count)
+        return scene->mesh.line
+                   ? app_scene_bad(scene, scene->body.line,
+                                   "a scene has either tissue.mesh or 'bodies:'; remove tissue.mesh, and name its mesh "
+                                   "as one of the bodies")
+               : scene->body.line
+                   ? app_scene_bad(scene, scene->body.line, "'bodies:' names no body; add one with its 'mesh:'")
+                   : app_scene_bad(scene, scene->tissue.line,
+                                   "tissue: key 'mesh' is missing; add it: mesh file (.msh, .vtk, .mesh), relative to "
+                                   "the scene");
+    if (scene->body.count && scene->scale.line)
+        return app_scene_bad(scene, scene->scale.line,
+                             "tissue.scale is of tissue.mesh; write bodies.NAME.scale for each body");
+    if (scene->body.count > SIM_MAX_BODIES)
+        return app_scene_bad(scene, scene->body.line, "%d bodies; give at most %d", scene->body.count, SIM_MAX_BODIES);
+    for (int i = 0; i < scene->body.count; i++) {
+        const char *name = body[i].name.s;
+        if (!*name || strpbrk(name, ". *\"") || strlen(name) > 40 || !strcmp(name, "self"))
+            return app_scene_bad(scene, body[i].name.line,
+                                 "'%.60s' cannot name a body; give a word of at most 40 characters without dots and "
+                                 "spaces, other than self",
+                                 name);
+    }
+    return 0;
+}

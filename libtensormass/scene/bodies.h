@@ -1,0 +1,20 @@
+/* Bodies of a scene: several meshes in one tissue. */
+#ifndef TM_SCENE_BODIES_H
+#define TM_SCENE_BODIES_H
+
+#include "sim.h"
+
+/* Checks what needs no mesh: names, and that a scene has either one mesh or bodies. */
+tm_status sim_check_bodies(const app_scene *scene);
+/* Loads a mesh that the scene names under `key`, with faults at its line. */
+tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_text *path, double scale,
+                             tm_mesh_file *file);
+/* Loads all bodies and merges them into s->file; fills s->body. */
+tm_status sim_load_bodies(sim *s);
+
+/* Returns the body with this name, or null. */
+const sim_body *sim_body_find(const sim *s, const char *name);
+/* Returns the index of a tetrahedron's body; 0 without bodies. */
+int32_t sim_body_of_tet(const sim *s, int32_t tet);
+
+#endif

@@ -1,0 +1,82 @@
+"""Scenes of several bodies: `bodies:` in tm-sim and in Python."""
+import pytest
+from simkit import report, run
+
+HEAD = """\
+tissue:
+  force: plain
+  materials:
+    "*": {young: 5 kPa, poisson: 0.4}
+%s
+damping: {rate: 60 /s}
+contact:
+supports:
+  - {name: base, group: %sz_min}
+instruments:
+  - mode: probe
+    trocar: [50 mm, 50 mm, 180 mm]
+hand:
+  - instrument: 0
+    path:
+      - {time: 0 s, tip: [50 mm, 50 mm, 45 mm]}
+      - {time: 0.2 s, tip: [52 mm, 50 mm, 35 mm]}
+time: {frame_rate: 25 Hz, duration: 0.2 s}
+"""
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def state(bin, scene, tmp_path, *args):
+    return report(bin / "tm-sim", scene, "--lockstep", *args, tmp=tmp_path)
+
+
+@pytest.fixture
+def block(root):
+    return root / "meshes/block_1k.msh"
+
+
+def test_one_body_is_the_plain_scene_bit_for_bit(bin, block, tmp_path):
+    plain = HEAD.replace("  force: plain", f"  mesh: {block}\n  force: plain") % ("", "")
+    one = HEAD % ("bodies:\n  block: {mesh: %s}" % block, "block.")
+    said = [state(bin, write(tmp_path / f"{i}.yaml", text), tmp_path) for i, text in enumerate((plain, one))]
+    assert said[0]["state_hash"] == said[1]["state_hash"]
+    assert "bodies" not in said[0] and said[1]["bodies"] == [{"name": "block", "vertices": [0, said[1]["vertices"]], "tets": [0, said[1]["tets"]]}]
+
+
+TWO = "bodies:\n  low: {mesh: %s}\n  high: {mesh: %s, move: [200 mm, 0, 0], turn: [0, 0, 90 deg]}"
+
+
+def test_bodies_keep_their_numbers_and_materials(bin, block, tmp_path):
+    text = HEAD % (TWO % (block, block), "low.")
+    text = text.replace('"*": {young: 5 kPa, poisson: 0.4}', '"low.*": {young: 5 kPa, poisson: 0.4}\n    high.tissue: {young: 7 kPa, poisson: 0.3}')
+    scene = write(tmp_path / "two.yaml", text)
+    assert run(bin / "tm-sim", scene, "--explain")[0].count("body ") == 2
+    alone, threads = state(bin, scene, tmp_path), state(bin, scene, tmp_path, "--set", "threads=2")
+    assert alone["state_hash"] == threads["state_hash"]
+    low, high = alone["bodies"]
+    assert (low["name"], high["name"]) == ("low", "high") and low["tets"][1] == high["tets"][0] and high["tets"][1] == alone["tets"]
+    other = state(bin, write(tmp_path / "soft.yaml", text.replace("7 kPa", "1 kPa")), tmp_path)
+    assert other["dt_s"] == alone["dt_s"] and other["state_hash"] == alone["state_hash"]  # untouched, at rest
+    hard = state(bin, write(tmp_path / "hard.yaml", text.replace("7 kPa", "70 kPa")), tmp_path)
+    assert hard["dt_s"] < alone["dt_s"]
+
+
+@pytest.mark.parametrize("change, words", [
+    (("bodies:", "bodies:\n  self: {mesh: b.msh}"), "'self' cannot name a body"),
+    (("bodies:", "bodies:\n  a.b: {mesh: b.msh}"), "'a.b' cannot name a body"),
+    (("  force: plain", "  mesh: b.msh\n  force: plain"), "a scene has either tissue.mesh or 'bodies:'"),
+    (("  force: plain", "  scale: 0.001\n  force: plain"), "write bodies.NAME.scale"),
+    (("group: low.", "group: low"), "the mesh has no group 'lowz_min'; it has: low."),
+    (('"*"', '"low.*"'), "region 'high.tissue' of the mesh has no material"),
+    (('"*"', '"middle.*"'), "the mesh has no region 'middle.*'"),
+    (("high: {mesh: ", "high: {mesh: nowhere"), "bodies.high.mesh: "),
+], ids=["self", "dot", "mesh and bodies", "scale", "group", "no material", "no region", "no file"])
+def test_faulty_bodies_are_refused_with_their_line(bin, block, tmp_path, change, words):
+    text = HEAD % (TWO % (block, block), "low.")
+    assert change[0] in text
+    scene = write(tmp_path / "bad.yaml", text.replace(*change))
+    said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", tmp_path / "o.json", code=2)[1]
+    assert said.startswith(f"{scene}:") and words in said and ";" in said and not (tmp_path / "o.json").exists(), said
