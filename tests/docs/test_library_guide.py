@@ -1,4 +1,4 @@
-"""The examples of docs/library-guide.md and library-api.md compile without warnings as C and C++, and do what the page states."""
+"""The examples of docs/library-guide.md and library-models.md compile without warnings as C and C++, and do what the page states."""
 import re
 import subprocess
 
@@ -8,7 +8,7 @@ COMPILERS = pytest.mark.parametrize("compiler", [["gcc", "-std=c11"], ["g++", "-
 
 
 def run_example(root, build, folder, compiler, number, libraries, words=(), code=0):
-    text = re.findall(r"^```c\n(.*?)^```", "".join((root / "docs" / page).read_text() for page in ("library-guide.md", "library-api.md")), re.M | re.S)[number]
+    text = re.findall(r"^```c\n(.*?)^```", "".join((root / "docs" / page).read_text() for page in ("library-guide.md", "library-api.md", "library-models.md")), re.M | re.S)[number]
     source, program = folder / "example.c", folder / "example"
     source.write_text(text)
     subprocess.run([*compiler, "-Wall", "-Wextra", "-Werror", f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include", source, "-x", "none", *libraries, build / "lib" / "libtensormass.a", "-lm",

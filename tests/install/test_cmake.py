@@ -51,7 +51,7 @@ def moved(root, tmp_path_factory):
 
 
 def code(root, number):
-    return re.findall(r"^```c\n(.*?)^```", "".join((root / "docs" / page).read_text() for page in ("library-guide.md", "library-api.md")), re.M | re.S)[number]
+    return re.findall(r"^```c\n(.*?)^```", "".join((root / "docs" / page).read_text() for page in ("library-guide.md", "library-api.md", "library-models.md")), re.M | re.S)[number]
 
 
 def test_an_empty_project_builds_and_runs(root, moved, tmp_path):
