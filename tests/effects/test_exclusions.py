@@ -50,7 +50,7 @@ def test_the_others_go_together(bin, root, tmp_path):
         assert code == 0, said
 
 
-@pytest.mark.parametrize("other", ["rotation", "strain_smoothing", "viscosity", "model: precomputed", "stretch", "single"])
+@pytest.mark.parametrize("other", ["rotation", "strain_smoothing: {shear_share: 0.4}", "viscosity", "model: precomputed", "stretch", "single"])
 def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
     law = "density: 1000 kg/m3, law: neo-hooke"
     text = SCENE.replace("density: 1000 kg/m3", law + (", stretch: 1.1" if other == "stretch" else ""))
@@ -59,7 +59,7 @@ def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
     scene = tmp_path / "scene.yaml"
     scene.write_text(text.format(root=root) + EFFECT.get(other, f"{other}\n" if ":" in other else ""))
     done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
-    expected = {"model: precomputed": "needs 'model: dynamic'", "stretch": "1.2"}.get(other, f"{other} exclude each other")
+    expected = {"strain_smoothing: {shear_share: 0.4}": "write 'shear_share: 0'", "model: precomputed": "needs 'model: dynamic'", "stretch": "1.2"}.get(other, f"{other} exclude each other")
     assert done.returncode == 2 and f"{scene}:" in done.stderr and expected.replace("single", "tissue.precision = single") in done.stderr, done.stderr
 
 
@@ -72,6 +72,15 @@ def test_a_stiff_linear_body_runs_beside_a_soft_one_of_another_law(bin, root, tm
     scene.write_text(text.replace(soft + "}", soft + ", law: neo-hooke}\n    gallbladder_bed: {young: 200 kPa, poisson: 0.4, density: 1050 kg/m3}"))
     done = subprocess.run([bin / "tm-sim", scene, "--lockstep", "--frames", "3", "--quiet"], capture_output=True, text=True, timeout=400)
     assert done.returncode == 0 and "linear" not in done.stderr, done.stderr
+
+
+def test_a_law_runs_with_averaged_changes_of_volume(bin, root, tmp_path):
+    """The share of averaged shear is 0 where it is left out."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE.replace("poisson: 0.45, density: 1000 kg/m3", "poisson: 0.4999, law: neo-hooke").format(root=root) + "strain_smoothing: {}\n")
+    assert "0.4999" in scene.read_text()
+    done = subprocess.run([bin / "tm-sim", scene, "--quiet", "--lockstep", "--frames", "3"], capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("law,said", [("fung", "no 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' of the law 'fung'"),

@@ -46,35 +46,11 @@ static void tangent(const tm_law_state *s, const double *u_m, const double *d_m,
     }
 }
 
-static void turn_of(const tm_nodal_dilatation *a, int32_t tet, double R[9]) {
-    for (int i = 0; i < 9; i++) R[i] = a->rotation[(9 * (int64_t)(tet / TM_LANES) + i) * TM_LANES + tet % TM_LANES];
-}
-
-/* Computes changes of the domains' pressures into `linear_Pa`, of the tetrahedra's contributions into
- * `linear_dilatation`: work space that the complete law does not use. */
-static void change_pressures(const tm_law_state *s, const double *d_m) {
-    const tm_nodal_dilatation *a = &s->averages;
-    const tm_domains *domains = tm_nodal_dilatation_domains_of(a);
-    for (int32_t t = 0; t < s->field.mesh->tet_count; t++) {
-        double D[9], R[9];
-        tm_law_gradient(s->field.mesh, t, d_m, D);
-        turn_of(a, t, R);
-        a->linear_dilatation[t] = s->field.alive[t] ? a->quarter_m3[t] * product(R, D) : 0;
-    }
-    for (int32_t i = 0; i < domains->count; i++) {
-        const double bulk = a->bulk_Pa[domains->law[i]];
-        double sum = 0;
-        for (int32_t j = a->tet_at[i]; j < a->tet_at[i + 1]; j++) sum += a->linear_dilatation[a->tet[j]];
-        const bool grows = domains->volume_m3[i] > 0 && bulk * a->averaged_dilatation[i] < a->max_Pa[domains->law[i]];
-        a->linear_Pa[i] = grows ? bulk * sum / domains->volume_m3[i] : 0;
-    }
-}
-
 static void averaged_tangent(const tm_law_state *s, const double *u_m, const double *d_m, double *change_N) {
     const tm_mesh *mesh = s->field.mesh;
     const tm_nodal_dilatation *a = &s->averages;
     tm_nodal_dilatation_evaluate(a, &s->batches, true, u_m);
-    change_pressures(s, d_m);
+    tm_law_change_pressures(s, d_m);
     tangent(s, u_m, d_m, change_N);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double D[9], H[9], R[9], A[81], P[9] = {0}, pressure = 0, change = 0;
@@ -85,7 +61,7 @@ static void averaged_tangent(const tm_law_state *s, const double *u_m, const dou
         }
         tm_law_gradient(mesh, t, d_m, D);
         tm_law_gradient(mesh, t, u_m, H);
-        turn_of(a, t, R);
+        tm_law_slope(a, t, R);
         tm_stretch_hessian(H, R, a->dilatation[t] / a->quarter_m3[t] + 3, A);
         add_product(A, D, a->quarter_m3[t] * pressure, P);
         for (int i = 0; i < 9; i++) P[i] += a->quarter_m3[t] * change * R[i];

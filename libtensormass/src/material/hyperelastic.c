@@ -65,6 +65,22 @@ tm_hyper_force tm_hyper_force_choose(bool plain) {
     return tm_hyper_force_form(form);
 }
 
+tm_hyper_strain tm_hyper_strain_choose(bool plain) {
+    const tm_hyper_force form = tm_hyper_force_choose(plain);
+#ifdef TM_HAS_AVX2
+    if (form == tm_avx512_hyper_force) return tm_avx512_hyper_strain;
+    if (form == tm_avx2_hyper_force) return tm_avx2_hyper_strain;
+#endif
+    (void)form;
+    return tm_plain_hyper_strain;
+}
+
+void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+                              bool plain, const double *u_m) {
+    tm_hyper_strain_choose(plain)(h, averages, stress_J, 0, h->packs.count, u_m);
+    tm_nodal_dilatation_average(averages, NULL, 0, tm_nodal_dilatation_domains(averages));
+}
+
 /* --- batches --- */
 
 static const double NO_LIMIT = 1e300;
@@ -150,20 +166,24 @@ double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m) {
 
 /* --- tangent --- */
 
-static void differentiate(int64_t law, const tm_complex_hyper *w, const double H[9], double A[81]) {
+/* Computes the derivative of the stress, or of the dilatation's slope. */
+static void differentiate(int64_t law, const tm_complex_hyper *w, const double H[9], bool dilatation, double A[81]) {
     static const double step = 1e-100;
     for (int k = 0; k < 9; k++) {
-        double _Complex at[9], P[9];
+        double _Complex at[9], P[9], grown;
         int64_t outside;
         for (int i = 0; i < 9; i++) at[i] = H[i] + (i == k ? step : 0) * _Complex_I;
-        tm_complex_hyper_stress(law, w, at, P, &outside);
+        if (dilatation)
+            tm_complex_dilatation(law, w, at, &grown, P);
+        else
+            tm_complex_hyper_stress(law, w, at, P, &outside);
         for (int i = 0; i < 9; i++) A[9 * i + k] = cimag(P[i]) / step;
     }
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < i; j++) A[9 * i + j] = A[9 * j + i] = 0.5 * (A[9 * i + j] + A[9 * j + i]);
 }
 
-void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
+static void differentiate_tet(const tm_hyperelastic *h, int32_t tet, const double *u_m, bool dilatation, double A[81]) {
     const int32_t p = tet / TM_LANES;
     const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
     tm_plain_v8 gradient[9];
@@ -180,7 +200,15 @@ void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) one.c[i] = w.c[i][l];
     for (int i = 0; i < 3; i++) one.fibre[i] = w.fibre[i][l];
     for (int i = 0; i < 9; i++) H[i] = gradient[i][l];
-    differentiate(h->law[p].law[tet % TM_LANES], &one, H, A);
+    differentiate(h->law[p].law[tet % TM_LANES], &one, H, dilatation, A);
+}
+
+void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
+    differentiate_tet(h, tet, u_m, false, A);
+}
+
+void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
+    differentiate_tet(h, tet, u_m, true, A);
 }
 
 /* --- the bound --- */
@@ -204,15 +232,35 @@ enum { PLACE = 5 };
 typedef struct search {
     int64_t law;
     tm_complex_hyper w;
-    int angles; /* of the stretches alone, or of the fibre too */
+    int angles;     /* of the stretches alone, or of the fibre too */
+    double bulk_Pa; /* averaged dilatation; 0: none */
 } search;
+
+/* The energy of an average is at most the average of the energies: a domain's kappa/2 of the squared dilatation adds at
+ * most kappa B B^T to each tetrahedron, B the dilatation's derivative. Its pressure, in a range known, adds the second
+ * derivative; the eigenvalue is convex in the pressure, so that an end of the range is worst. */
+static double averaged_stiffness(const search *s, const double H[9], const double A[81]) {
+    double _Complex at[9], slope[9], grown;
+    double bend[81], all[81], most = 0;
+    for (int i = 0; i < 9; i++) at[i] = H[i];
+    tm_complex_dilatation(s->law, &s->w, at, &grown, slope);
+    differentiate(s->law, &s->w, H, true, bend);
+    for (int end = 0; end < 2; end++) {
+        const double pressure = s->bulk_Pa * ((end ? TM_VOLUME_MOST : TM_VOLUME_LEAST) - 1);
+        for (int i = 0; i < 81; i++)
+            all[i] = A[i] + pressure * bend[i] + s->bulk_Pa * creal(slope[i / 9]) * creal(slope[i % 9]);
+        most = fmax(most, largest_eigenvalue(all));
+    }
+    return most;
+}
 
 static double stiffness_at(search *s, const double x[PLACE]) {
     const double t = x[0] * sqrt(creal(s->w.I3_max) + 3);
     double H[9] = {0}, A[81];
     H[0] = t * sin(x[1]) * cos(x[2]) - 1, H[4] = t * sin(x[1]) * sin(x[2]) - 1, H[8] = t * cos(x[1]) - 1;
     s->w.fibre[0] = sin(x[3]) * cos(x[4]), s->w.fibre[1] = sin(x[3]) * sin(x[4]), s->w.fibre[2] = cos(x[3]);
-    differentiate(s->law, &s->w, H, A);
+    differentiate(s->law, &s->w, H, false, A);
+    if (s->bulk_Pa > 0) return averaged_stiffness(s, H, A);
     return largest_eigenvalue(A);
 }
 
@@ -233,17 +281,17 @@ static double climb(search *s, double x[PLACE], double best) {
     return best;
 }
 
-double tm_law_stiffest_Pa(const tm_material *m) {
+double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
     enum { TOPS = 8 };
     if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
     const double stretch = m->stretch_max, pi = acos(-1);
     const bool fibred = m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m);
     const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
-    search s = {.law = m->law, .angles = fibred ? 4 : 2};
+    search s = {.law = m->law, .angles = fibred ? 4 : 2, .bulk_Pa = averaged ? tm_material_bulk_Pa(m) : 0};
     double top[TOPS] = {0}, at[TOPS][PLACE] = {{0}}, c[TM_LAW_CONSTANTS], most = 0;
     tm_law_constants(m, 1, c);
     s.w = (tm_complex_hyper){.mu = m->mu_Pa,
-                             .lambda = m->lambda_Pa,
+                             .lambda = m->lambda_Pa - s.bulk_Pa,
                              .dlambda = m->dlambda_Pa,
                              .dmu = m->dmu_Pa,
                              .beta = m->beta_Pa,

@@ -4,11 +4,8 @@
 
 #include "material/material_internal.h"
 
-/* Band in which a stretch beyond the limit is scaled back, as a share of |F| there; volume ratios between which
- * pressure grows. */
+/* Band in which a stretch beyond the limit is scaled back, as a share of |F| there. */
 #define TM_STRETCH_BAND 0.15
-#define TM_VOLUME_LEAST 0.5
-#define TM_VOLUME_MOST 1.5
 
 typedef struct tm_law_pack {
     double constant[TM_LAW_CONSTANTS][TM_LANES]; /* times the volume where the law's constant is in Pa */
@@ -35,16 +32,27 @@ typedef int32_t (*tm_hyper_force)(const tm_hyperelastic *h, int32_t begin, int32
 tm_hyper_force tm_hyper_force_form(int form);
 tm_hyper_force tm_hyper_force_choose(bool plain);
 
-/* Returns the energy, J, of all active tetrahedra; of one. */
+/* The first pass of a law whose dilatation is averaged (nodal_dilatation.h): stress_J [9*TM_LANES*packs.count] of the
+ * rest of the law, dilatations, and their derivatives by F in place of rotations. */
+typedef int32_t (*tm_hyper_strain)(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+                                   int32_t begin, int32_t end, const double *u_m);
+tm_hyper_strain tm_hyper_strain_choose(bool plain);
+/* Computes stresses, averages and pressures at u, of all tetrahedra. */
+void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+                              bool plain, const double *u_m);
+
+/* Returns the energy, J, of all active tetrahedra; of one. Without averaged dilatation. */
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m);
 double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const double *u_m);
 /* Computes d2W/dF2 of one tetrahedron, symmetric 9x9, J. */
 void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
+/* Computes the second derivative of its dilatation by F. */
+void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
 
 /* Returns the largest eigenvalue of d2W/dF2 over all F, Pa: by search over principal stretches, times
- * TM_BOUND_MARGIN. */
+ * TM_BOUND_MARGIN. `averaged`: over all averaged pressures too. */
 #define TM_BOUND_MARGIN 1.05
-double tm_law_stiffest_Pa(const tm_material *material);
+double tm_law_stiffest_Pa(const tm_material *material, bool averaged);
 /* Computes the constants of the law for a volume: law_constant, and those that follow from the limit of stretch. */
 void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 

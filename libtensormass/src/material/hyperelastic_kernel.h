@@ -82,11 +82,11 @@ INSIDE void TM_NAME(scale_back)(const TM_NAME(hyper) * w, const V8 *I3, V8 H[9],
     }
 }
 
-/* Computes the stress of the scaled state, and adds the spring's. */
-INSIDE void TM_NAME(pull_back)(const TM_NAME(hyper) * w, const TM_NAME(beyond) * b, V8 P[9]) {
+/* Computes the derivative by F from that by the scaled state, P, and adds the spring's force along N. */
+INSIDE void TM_NAME(pull_back)(const TM_NAME(beyond) * b, const V8 *spring, V8 P[9]) {
     V8 along = P[0] * b->N[0];
     for (int i = 1; i < 9; i++) along += P[i] * b->N[i];
-    along = (b->slope - b->scale) * along + (4.0 / 3) * w->mu * b->excess;
+    along = (b->slope - b->scale) * along + *spring;
     for (int i = 0; i < 9; i++) {
         const V8 whole = b->scale * P[i] + along * b->N[i];
         TM_NAME(choose)(&P[i], &b->who, &whole, &P[i]);
@@ -108,5 +108,31 @@ INSIDE void TM_NAME(hyper_stress)(int64_t law, const TM_NAME(hyper) * w, const V
     TM_NAME(scale_back)(w, &s.I3, G, &b);
     TM_NAME(strain_of)(G, &s);
     TM_NAME(stress_of_law)(law, w, G, &s, P, outside);
-    TM_NAME(pull_back)(w, &b, P);
+    const V8 spring = (4.0 / 3) * w->mu * b.excess;
+    TM_NAME(pull_back)(&b, &spring, P);
+}
+
+/* Computes the dilatation J - 1 of the law's state, scaled back beyond the limit of stretch, and its derivative by F.
+ * That of linear tissue is tr H. */
+INSIDE void TM_NAME(dilatation)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], V8 *grown, V8 slope[9]) {
+    TM_NAME(strain) s;
+    TM_NAME(beyond) b;
+    V8 G[9];
+    TM_NAME(strain_of)(H, &s);
+    const V8 zero = 0.0 * s.trace;
+    for (int i = 0; i < 9; i++) slope[i] = zero + (i % 4 ? 0.0 : 1.0);
+    *grown = s.trace;
+    if (law == TM_LAW_LINEAR) return;
+    b.who = TM_NAME(exceeds)(&s.I3, &w->I3_max);
+    if (!TM_NAME(any)(&b.who)) {
+        for (int i = 0; i < 9; i++) slope[i] += s.cof[i];
+        *grown = s.J1;
+        return;
+    }
+    for (int i = 0; i < 9; i++) G[i] = H[i];
+    TM_NAME(scale_back)(w, &s.I3, G, &b);
+    TM_NAME(strain_of)(G, &s);
+    for (int i = 0; i < 9; i++) slope[i] += s.cof[i];
+    *grown = s.J1;
+    TM_NAME(pull_back)(&b, &zero, slope);
 }

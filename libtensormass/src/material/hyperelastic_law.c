@@ -4,21 +4,56 @@
 #include "base/vec.h"
 #include "material/law.h"
 
-static double energy(const tm_law_state *s, const double *u_m) { return tm_hyperelastic_energy(&s->hyper, u_m); }
+static bool averages(const tm_law_state *s) { return tm_nodal_dilatation_is_on(&s->averages); }
+
+static void evaluate(const tm_law_state *s, bool plain, const double *u_m) {
+    tm_hyperelastic_evaluate(&s->hyper, &s->averages, s->work.stress_J, plain, u_m);
+}
+
+static double energy(const tm_law_state *s, const double *u_m) {
+    const double own_J = tm_hyperelastic_energy(&s->hyper, u_m);
+    if (!averages(s)) return own_J;
+    evaluate(s, true, u_m);
+    return own_J + tm_nodal_dilatation_stored(&s->averages);
+}
 
 static void force(const tm_law_state *s, bool plain, const double *u_m, double *force_N) {
-    tm_hyper_force_choose(plain)(&s->hyper, 0, s->hyper.packs.count, u_m, s->work.corner_N);
+    const int32_t count = s->hyper.packs.count;
+    if (averages(s)) {
+        evaluate(s, plain, u_m);
+        tm_viscous_choose(plain).pressure(&s->hyper.packs, &s->work, &s->averages, 0, count);
+    } else
+        tm_hyper_force_choose(plain)(&s->hyper, 0, count, u_m, s->work.corner_N);
     tm_law_gather(s, force_N);
+}
+
+/* P += the change of the tetrahedron's averaged pressure and of its dilatation's slope. */
+static void add_averaged(const tm_law_state *s, int32_t tet, const double *u_m, const double D[9], double P[9]) {
+    const tm_nodal_dilatation *a = &s->averages;
+    double A[81], slope[9], pressure = 0, change = 0;
+    for (int k = 0; k < 4; k++) {
+        pressure += a->corotated_Pa[a->domain[4 * (int64_t)tet + k]];
+        change += a->linear_Pa[a->domain[4 * (int64_t)tet + k]];
+    }
+    tm_law_slope(a, tet, slope);
+    tm_hyperelastic_dilatation_hessian(&s->hyper, tet, u_m, A);
+    for (int i = 0; i < 81; i++) P[i / 9] += a->quarter_m3[tet] * pressure * A[i] * D[i % 9];
+    for (int i = 0; i < 9; i++) P[i] += a->quarter_m3[tet] * change * slope[i];
 }
 
 static void tangent(const tm_law_state *s, const double *u_m, const double *d_m, double *change_N) {
     const tm_mesh *mesh = s->field.mesh;
+    if (averages(s)) {
+        evaluate(s, true, u_m);
+        tm_law_change_pressures(s, d_m);
+    }
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double A[81], D[9], P[9] = {0};
         if (!s->field.alive[t]) continue;
         tm_law_gradient(mesh, t, d_m, D);
         tm_hyperelastic_hessian(&s->hyper, t, u_m, A);
         for (int i = 0; i < 81; i++) P[i / 9] += A[i] * D[i % 9];
+        if (averages(s)) add_averaged(s, t, u_m, D, P);
         tm_law_add_stress(mesh, t, P, change_N);
     }
 }

@@ -45,6 +45,63 @@ INSIDE void TM_NAME(mixed_stress)(const tm_hyperelastic *h, int32_t p, int at, c
     }
 }
 
+/* Computes the stress of a batch of any laws. */
+INSIDE void TM_NAME(batch_stress)(const tm_hyperelastic *h, int32_t p, int at, const V8 H[9], V8 P[9], M8 *outside) {
+#define OWN(law)                                                                                                       \
+    case 1u << law: TM_NAME(own_stress)(h, p, at, law, H, P, outside); break
+    switch (h->law[p].laws) {
+        OWN(TM_LAW_NEO_HOOKE);
+        OWN(TM_LAW_ST_VENANT_KIRCHHOFF);
+        OWN(TM_LAW_MOONEY_RIVLIN);
+        OWN(TM_LAW_FUNG);
+        OWN(TM_LAW_HOLZAPFEL);
+    default: TM_NAME(mixed_stress)(h, p, at, H, P, outside);
+    }
+#undef OWN
+}
+
+/* Computes the dilatation of each lane and its derivative by F. */
+INSIDE void TM_NAME(batch_dilatation)(const tm_hyperelastic *h, int32_t p, int at, const TM_NAME(hyper) * w,
+                                      const V8 H[9], V8 *grown, V8 slope[9]) {
+    V8 straight, unit[9];
+    M8 linear = {0};
+    TM_NAME(dilatation)(TM_LAW_NEO_HOOKE, w, H, grown, slope);
+    if (!(h->law[p].laws >> TM_LAW_LINEAR & 1)) return;
+    TM_NAME(dilatation)(TM_LAW_LINEAR, w, H, &straight, unit);
+    for (int l = 0; l < TM_WIDTH; l++) linear[l] = h->law[p].law[at + l] == TM_LAW_LINEAR ? -1 : 0;
+    TM_NAME(choose)(grown, &linear, &straight, grown);
+    for (int i = 0; i < 9; i++) TM_NAME(choose)(&slope[i], &linear, &unit[i], &slope[i]);
+}
+
+/* Stresses without averaged dilatation, dilatations and their derivatives, for tm_nodal_dilatation_average and the pass
+ * over pressures (viscous_kernel.h). */
+TM_TARGET static int32_t TM_NAME(hyper_strain)(const tm_hyperelastic *h, const tm_nodal_dilatation *s, double *stress_J,
+                                               int32_t begin, int32_t end, const double *u_m) {
+    int32_t count = 0;
+    for (int32_t p = begin; p < end; p++)
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 H[9], P[9], slope[9], grown, quarter;
+            M8 outside, there;
+            TM_NAME(hyper) w;
+            TM_NAME(gradient)(&h->packs, p, at, u_m, H);
+            TM_NAME(hyper_of)(h, p, at, &w);
+            TM_NAME(batch_stress)(h, p, at, H, P, &outside);
+            TM_NAME(batch_dilatation)(h, p, at, &w, H, &grown, slope);
+            TM_NAME(living)(&h->packs, p, at, &there);
+            memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
+            grown = (V8)((M8)(quarter * grown) & there);
+            memcpy(s->dilatation + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
+            for (int i = 0; i < 9; i++) {
+                const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
+                memcpy(s->rotation + to, &slope[i], sizeof(V8));
+                memcpy(stress_J + to, &P[i], sizeof(V8));
+            }
+            if (TM_NAME(any)(&outside))
+                for (int l = 0; l < TM_WIDTH; l++) count += outside[l] != 0;
+        }
+    return count;
+}
+
 /* Computes corner forces of the batches [begin, end). Returns how many tetrahedra are beyond a limit. */
 TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
                                               double *corner_N) {
@@ -54,17 +111,7 @@ TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t 
             V8 H[9], P[9], f[4][3];
             M8 outside;
             TM_NAME(gradient)(&h->packs, p, at, u_m, H);
-#define OWN(law)                                                                                                       \
-    case 1u << law: TM_NAME(own_stress)(h, p, at, law, H, P, &outside); break
-            switch (h->law[p].laws) {
-                OWN(TM_LAW_NEO_HOOKE);
-                OWN(TM_LAW_ST_VENANT_KIRCHHOFF);
-                OWN(TM_LAW_MOONEY_RIVLIN);
-                OWN(TM_LAW_FUNG);
-                OWN(TM_LAW_HOLZAPFEL);
-            default: TM_NAME(mixed_stress)(h, p, at, H, P, &outside);
-            }
-#undef OWN
+            TM_NAME(batch_stress)(h, p, at, H, P, &outside);
             TM_NAME(pull)(&h->packs, p, at, P, f);
 #pragma GCC unroll 12
             for (int i = 0; i < 12; i++)

@@ -19,8 +19,10 @@ bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm
     *state = (tm_law_state){.law = law, .field = *field};
     if (law->kind != TM_LAW_LINEAR) {
         if (!tm_hyperelastic_take(&state->hyper, pool, field)) return false;
-        state->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)state->hyper.packs.count);
-        return !pool->failed;
+        const int64_t all = TM_LANES * (int64_t)state->hyper.packs.count;
+        state->work.corner_N = TM_ALLOC(pool, double, 12 * all);
+        if (field->smoothed) state->work.stress_J = TM_ALLOC(pool, double, 9 * all);
+        return tm_nodal_dilatation_init(&state->averages, pool, field, state->hyper.packs.count) && !pool->failed;
     }
     if (law->has_constant_tangent) state->field.rotation = NEVER;
     if (!law->averages) state->field.smoothed = NULL;

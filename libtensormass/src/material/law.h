@@ -58,6 +58,12 @@ void tm_law_batch_force(const tm_law_state *state, bool plain, const double *u_m
 void tm_law_gradient(const tm_mesh *mesh, int32_t tet, const double *u_m, double H[9]);
 void tm_law_add_stress(const tm_mesh *mesh, int32_t tet, const double P[9], double *force_N);
 
+/* Computes the derivative by F of one tetrahedron's dilatation, at the last evaluation: R of corotated tissue. */
+void tm_law_slope(const tm_nodal_dilatation *averages, int32_t tet, double slope[9]);
+/* Computes changes of the domains' pressures along d into `linear_Pa`, of the tetrahedra's contributions into
+ * `linear_dilatation`: work space that the complete law does not use. */
+void tm_law_change_pressures(const tm_law_state *state, const double *d_m);
+
 /* linear_law.c. A = L^T G L with C = L L^T the elasticity of the tetrahedron, or a bound of it under any smoothing; G
  * of strains in Mandel form. */
 void tm_linear_gram(const tm_material_field *field, int32_t tet, const double G[36], double A[36]);

@@ -38,3 +38,26 @@ void tm_law_add_stress(const tm_mesh *mesh, int32_t tet, const double P[9], doub
         for (int i = 0; i < 3; i++)
             force_N[3 * (int64_t)mesh->tet[4 * (int64_t)tet + k] + i] -= vdot(P + 3 * i, alpha + 3 * k);
 }
+
+void tm_law_slope(const tm_nodal_dilatation *a, int32_t tet, double slope[9]) {
+    const double *lane = a->rotation + 9 * TM_LANES * (int64_t)(tet / TM_LANES) + tet % TM_LANES;
+    for (int i = 0; i < 9; i++) slope[i] = lane[TM_LANES * i];
+}
+
+void tm_law_change_pressures(const tm_law_state *s, const double *d_m) {
+    const tm_nodal_dilatation *a = &s->averages;
+    const tm_domains *domains = tm_nodal_dilatation_domains_of(a);
+    for (int32_t t = 0; t < s->field.mesh->tet_count; t++) {
+        double D[9], slope[9], sum = 0;
+        tm_law_gradient(s->field.mesh, t, d_m, D);
+        tm_law_slope(a, t, slope);
+        for (int i = 0; i < 9; i++) sum += slope[i] * D[i];
+        a->linear_dilatation[t] = s->field.alive[t] ? a->quarter_m3[t] * sum : 0;
+    }
+    for (int32_t i = 0; i < domains->count; i++) {
+        double sum = 0;
+        for (int32_t j = a->tet_at[i]; j < a->tet_at[i + 1]; j++) sum += a->linear_dilatation[a->tet[j]];
+        const bool grows = domains->volume_m3[i] > 0 && tm_nodal_dilatation_grows(a, i, domains->law[i]);
+        a->linear_Pa[i] = grows ? a->bulk_Pa[domains->law[i]] * sum / domains->volume_m3[i] : 0;
+    }
+}

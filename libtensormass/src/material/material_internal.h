@@ -15,6 +15,10 @@ typedef struct tm_tet_batch {
     double mu_J[TM_LANES], lambda_J[TM_LANES]; /* times the volume */
 } tm_tet_batch;
 
+/* Volume ratios between which the pressure of nonlinear laws grows. */
+#define TM_VOLUME_LEAST 0.5
+#define TM_VOLUME_MOST 1.5
+
 /* Constants of the law at large deformation (corotated_kernel.h, corotated_tangent.c). d of Horn's quartic is
  * TM_CORRECTION_MAX size^2, size = (I + TM_CORRECTION_SIZE)/3, where J/size^(3/2) is TM_CORRECTION_FULL or less. It is
  * 0 from TM_CORRECTION_FROM on, and the polynomial of fifth degree between. J/size^(3/2) is 0.41 in a block compressed

@@ -54,6 +54,18 @@ static void list_givers(const tm_nodal_dilatation *s) {
     for (int32_t i = 0; i < count; i++) s->tet[at[domain[i]]++] = i / 4;
 }
 
+/* Sets the limits of nonlinear laws: the pressure of the volume ratios between which it grows. */
+static bool limit_laws(tm_nodal_dilatation *s, tm_pool *pool, double *most) {
+    double *least = TM_ALLOC(pool, double, s->field.mesh->region_count);
+    for (int32_t r = 0; least && r < s->field.mesh->region_count; r++) {
+        const bool linear = s->field.material[s->field.region_material[r]].law == TM_LAW_LINEAR;
+        most[r] = linear ? HUGE_VAL : s->bulk_Pa[r] * (TM_VOLUME_MOST - 1);
+        least[r] = linear ? -HUGE_VAL : s->bulk_Pa[r] * (TM_VOLUME_LEAST - 1);
+    }
+    s->min_Pa = least;
+    return least;
+}
+
 bool tm_nodal_dilatation_init(tm_nodal_dilatation *s, tm_pool *pool, const tm_material_field *field, int32_t batches) {
     *s = (tm_nodal_dilatation){0};
     const tm_smoothed *smoothed = field->smoothed;
@@ -80,7 +92,7 @@ bool tm_nodal_dilatation_init(tm_nodal_dilatation *s, tm_pool *pool, const tm_ma
         most[r] = tm_corotated_tension_max_Pa(field->material + field->region_material[r]);
     s->bulk_Pa = smoothed->bulk_Pa;
     s->max_Pa = most;
-    return true;
+    return !field->stiffest_Pa || limit_laws(s, pool, most);
 }
 
 /* --- averages and pressures --- */
@@ -116,6 +128,7 @@ void tm_nodal_dilatation_average(const tm_nodal_dilatation *s, const tm_viscous 
         s->averaged_dilatation[i] = average(s, i, s->dilatation);
         const double pressure = (relaxing ? relaxing->relaxed_bulk_Pa : s->bulk_Pa)[law] * s->averaged_dilatation[i];
         s->corotated_Pa[i] = pressure < most ? pressure : most;
+        if (s->min_Pa && pressure < s->min_Pa[law]) s->corotated_Pa[i] = s->min_Pa[law];
         if (relaxing) relax(s, relaxing, i, s->bulk_Pa[law], s->max_Pa[law]);
     }
 }
@@ -149,12 +162,14 @@ static double sum_energy(const tm_nodal_dilatation *s, double less) {
     for (int32_t i = 0; i < d->count; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
         const double bulk = s->bulk_Pa[d->law[i]], p = s->corotated_Pa[i];
-        /* Beyond the largest tension energy grows linearly. */
+        /* Beyond the limits of pressure energy grows linearly. */
         sum += d->volume_m3[i] * (p * (s->averaged_dilatation[i] - 0.5 * p / bulk) -
                                   less * bulk * s->averaged_linear_dilatation[i] * s->averaged_linear_dilatation[i]);
     }
     return sum;
 }
+
+double tm_nodal_dilatation_stored(const tm_nodal_dilatation *s) { return sum_energy(s, 0); }
 
 double tm_nodal_dilatation_energy(const tm_nodal_dilatation *s, const tm_tet_batches *batches, const double *u_m) {
     if (!tm_nodal_dilatation_is_on(s)) return 0;

@@ -17,8 +17,9 @@ typedef struct tm_nodal_dilatation {
     int32_t *tet_at, *tet;   /* [domains+1], [4*tet_count] contributors to a domain, ascending */
     const double *bulk_Pa;   /* [region_count] by law */
     const double *max_Pa;    /* [region_count] limit of the tension */
+    const double *min_Pa;    /* [region_count] of the pressure, under nonlinear laws; else null */
     /* Of one evaluation at u. Tetrahedra in batches of TM_LANES, as in tm_tet_batches. */
-    double *rotation; /* [9*TM_LANES*batches] R */
+    double *rotation; /* [9*TM_LANES*batches] R; under nonlinear laws the dilatation's derivative by F */
     double *dilatation,
         *linear_dilatation; /* [TM_LANES*batches] tr S - 3 and tr grad u, times the quarter; 0 where removed */
     double *averaged_dilatation, *averaged_linear_dilatation; /* [domains] averages of both */
@@ -43,6 +44,13 @@ double tm_nodal_dilatation_energy(const tm_nodal_dilatation *s, const struct tm_
 /* Returns the energy of all averaged dilatation, not of the correction. */
 double tm_nodal_dilatation_total_energy(const tm_nodal_dilatation *s, const struct tm_tet_batches *batches,
                                         const double *u_m);
+/* Returns the energy at the pressures of the last evaluation. */
+double tm_nodal_dilatation_stored(const tm_nodal_dilatation *s);
+/* Returns whether the pressure of domain i changes with its dilatation: it is not at a limit. */
+static inline bool tm_nodal_dilatation_grows(const tm_nodal_dilatation *s, int32_t i, int32_t law) {
+    const double pressure = s->bulk_Pa[law] * s->averaged_dilatation[i];
+    return pressure < s->max_Pa[law] && !(s->min_Pa && pressure < s->min_Pa[law]);
+}
 /* Averages `dilatation` over the domains [begin, end), and computes pressures of the long-term law and the terms;
  * advances the histories. relaxing null: elastic. */
 void tm_nodal_dilatation_average(const tm_nodal_dilatation *s, const struct tm_viscous *relaxing, int32_t begin,

@@ -24,6 +24,7 @@ double tm_critical_step_element(const tm_tissue *tissue, int32_t tet) {
 }
 
 bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet) {
+    const tm_material_field field = tm_tissue_field(tissue);
     double most = 0;
     int32_t worst = -1;
     for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {
@@ -36,9 +37,9 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
     }
     /* Stability of the condensed part depends on the extra masses. */
     const bool even = tissue->cuttable || tissue->extra_mass_kg || tissue->required_mass_kg || worst < 0;
-    const bool done =
-        even || (tissue->smoothed && !(tissue->rotation > 0) ? tm_smoothed_eigenvalue(tissue, &most, &worst)
-                                                             : tm_shared_eigenvalue(tissue, &most, &worst));
+    const bool done = even || (tissue->smoothed && tm_law_of(&field)->has_constant_tangent
+                                   ? tm_smoothed_eigenvalue(tissue, &most, &worst)
+                                   : tm_shared_eigenvalue(tissue, &most, &worst));
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
     if (tissue->required_mass_kg && *step_s < tissue->scaled_step_s) *step_s = tissue->scaled_step_s;

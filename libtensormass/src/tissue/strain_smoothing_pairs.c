@@ -10,7 +10,8 @@
 
 static bool same_law(const tm_material *a, const tm_material *b) {
     return a->lambda_Pa == b->lambda_Pa && a->mu_Pa == b->mu_Pa && a->dlambda_Pa == b->dlambda_Pa &&
-           a->dmu_Pa == b->dmu_Pa && a->beta_Pa == b->beta_Pa;
+           a->dmu_Pa == b->dmu_Pa && a->beta_Pa == b->beta_Pa && a->law == b->law && a->stretch_max == b->stretch_max &&
+           !memcmp(a->law_constant, b->law_constant, sizeof a->law_constant);
 }
 
 static const tm_material *material_of(const tm_tissue_def *def, int32_t region) {

@@ -47,8 +47,8 @@ static void add_domain(const tm_tissue *tissue, const tm_nodal_dilatation *s, in
                        tm_tangent *tangent) {
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     const int32_t from = d->member_at[i], to = d->member_at[i + 1];
-    const double bulk = s->bulk_Pa[d->law[i]], stiffness = bulk * d->volume_m3[i];
-    const double steep = tangent->definite || bulk * s->averaged_dilatation[i] < s->max_Pa[d->law[i]] ? stiffness : 0;
+    const double stiffness = s->bulk_Pa[d->law[i]] * d->volume_m3[i];
+    const double steep = tangent->definite || tm_nodal_dilatation_grows(s, i, d->law[i]) ? stiffness : 0;
     for (int32_t m = from; m < to; m++)
         for (int32_t n = m; n < to && d->lives[m]; n++) {
             if (!d->lives[n]) continue;
@@ -60,11 +60,11 @@ static void add_domain(const tm_tissue *tissue, const tm_nodal_dilatation *s, in
         }
 }
 
-/* Adds the tangent of the domains of vertices begin to end, at the last evaluation. */
-static void tm_nodal_dilatation_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent) {
+void tm_tangent_add_domains(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent) {
     const tm_nodal_dilatation *s = &tangent->nodal_dilatation;
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
-    for (int32_t v = begin; v < end; v++)
+    const int64_t tets = tissue->mesh->tet_count, vertices = tissue->mesh->vertex_count;
+    for (int32_t v = (int32_t)(vertices * begin / tets); v < (int32_t)(vertices * end / tets); v++)
         for (int32_t i = d->begin[v]; i < d->begin[v + 1]; i++) {
             if (!(d->volume_m3[i] > 0)) continue;
             corotated_gradient(s, v, i, tangent->gradient);
@@ -90,14 +90,17 @@ bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue
     return !pool->failed;
 }
 
+bool tm_tangent_take_averaged(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue,
+                              const tm_nodal_dilatation *averages) {
+    const int32_t batches = (tissue->mesh->tet_count + TM_LANES - 1) / TM_LANES;
+    if (!tm_nodal_dilatation_init_evaluation(&tangent->nodal_dilatation, pool, averages, batches)) return false;
+    if (tissue->smoothed)
+        tangent->gradient = TM_ALLOC(pool, double, 3 * (int64_t)tm_nodal_dilatation_max_members(averages));
+    return tm_tangent_take_tensors(tangent, pool, tissue);
+}
+
 bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
-    if (!tm_nodal_dilatation_init_evaluation(&tangent->nodal_dilatation, pool, &rotation->nodal_dilatation,
-                                             rotation->batches.count))
-        return false;
-    if (rotation->tissue->smoothed)
-        tangent->gradient =
-            TM_ALLOC(pool, double, 3 * (int64_t)tm_nodal_dilatation_max_members(&rotation->nodal_dilatation));
-    return tm_tangent_take_tensors(tangent, pool, rotation->tissue);
+    return tm_tangent_take_averaged(tangent, pool, rotation->tissue, &rotation->nodal_dilatation);
 }
 
 /* Computes K_kl of one tetrahedron from its 9x9: rows are the components of k. */
@@ -179,14 +182,12 @@ void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent) {
 void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
                              tm_tangent *tangent) {
     const tm_tissue *tissue = rotation->tissue;
-    const int64_t tets = tissue->mesh->tet_count, vertices = tissue->mesh->vertex_count;
     double A[81];
     tm_corotated_lane lane;
     if (tissue->smoothed) {
         if (begin == 0)
             tm_nodal_dilatation_evaluate(&tangent->nodal_dilatation, &rotation->batches, tissue->plain, u_m);
-        tm_nodal_dilatation_tangent(tissue, (int32_t)(vertices * begin / tets), (int32_t)(vertices * end / tets),
-                                    tangent);
+        tm_tangent_add_domains(tissue, begin, end, tangent);
         for (int32_t t = begin; t < end && !tangent->definite; t++)
             if (tissue->alive[t]) add_swelling(tissue, t, u_m, tangent);
     }

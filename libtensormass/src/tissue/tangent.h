@@ -15,6 +15,12 @@ typedef struct tm_tangent {
 } tm_tangent;
 /* Allocates the tensors. Returns false without memory. */
 bool tm_tangent_take_tensors(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
+/* The same with averaged dilatation, of which it has its own evaluation. */
+bool tm_tangent_take_averaged(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue,
+                              const tm_nodal_dilatation *averages);
+/* Adds the tangent of averaged dilatation at the last evaluation, minus the tensors': the share of the domains that
+ * the tetrahedra [begin, end) are of all. */
+void tm_tangent_add_domains(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent);
 /* Sets them to the tissue's own. */
 void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
 /* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */

@@ -93,7 +93,8 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
     if (other < 0) return TM_OK;
     const char *name = tm_law_name((tm_law_kind)def->material[other].law), *with = NULL;
     if (def->rotation > 0) with = "rotation, which the law needs none of";
-    if (def->strain_smoothing) with = "averaged changes of volume, which only the linear law has";
+    if (def->strain_smoothing && def->smoothed_shear_share != 0)
+        with = "averaged shear, whose rotation is not known (give smoothed_shear_share = 0)";
     if (def->precision == TM_SINGLE) with = "single precision, whose rounding tensors alone bear";
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed) with = "a condensed part, which is linear";
     return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s with %s; leave one of them out", name, with) : TM_OK;
@@ -101,7 +102,7 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
 
 static void find_stiffest(tm_tissue *tissue) {
     for (int32_t i = 0; tissue->stiffest_Pa && i < tissue->material_count; i++)
-        tissue->stiffest_Pa[i] = tm_law_stiffest_Pa(tissue->material + i);
+        tissue->stiffest_Pa[i] = tm_law_stiffest_Pa(tissue->material + i, tissue->smoothed);
 }
 
 static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {

@@ -13,6 +13,10 @@ typedef struct law_stage {
     tm_hyperelastic hyper;
     tm_hyper_force force;
     double *corner_N; /* [12*TM_LANES*batches] */
+    /* With averaged dilatation: */
+    tm_nodal_dilatation averages;
+    tm_hyper_strain strain;
+    tm_viscous work;  /* stresses before pressures, and corner_N */
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
     int32_t *beyond;  /* [partition_count] tetrahedra that continue linearly */
     tm_nonlinear law; /* the interface to other components */
@@ -27,7 +31,41 @@ static void stress_part(void *context, int32_t part) {
                                tm_tet_batches_before(count, part + 1, partitions), l->world->state.u_m, l->corner_N);
 }
 
-static void run(void *self, tm_world *world) { tm_partitions_run(world, stress_part, self); }
+static bool is_averaged(const law_stage *l) { return tm_nodal_dilatation_is_on(&l->averages); }
+
+static int32_t batches_before(const law_stage *l, int32_t part) {
+    return tm_tet_batches_before(l->hyper.packs.count, part, l->world->partition_count);
+}
+
+static void strain_part(void *context, int32_t part) {
+    const law_stage *l = context;
+    l->beyond[part] = l->strain(&l->hyper, &l->averages, l->work.stress_J, batches_before(l, part),
+                                batches_before(l, part + 1), l->world->state.u_m);
+}
+
+static void average_part(void *context, int32_t part) {
+    const law_stage *l = context;
+    const int32_t *begin = tm_nodal_dilatation_domains_of(&l->averages)->begin;
+    const tm_force_partition *own = &l->world->partition[part].force;
+    tm_nodal_dilatation_average(&l->averages, NULL, begin[own->begin], begin[own->end]);
+}
+
+static void pressure_part(void *context, int32_t part) {
+    const law_stage *l = context;
+    tm_viscous_choose(l->world->tissue->plain)
+        .pressure(&l->hyper.packs, &l->work, &l->averages, batches_before(l, part), batches_before(l, part + 1));
+}
+
+static void run(void *self, tm_world *world) {
+    const law_stage *l = self;
+    if (!is_averaged(l)) {
+        tm_partitions_run(world, stress_part, self);
+        return;
+    }
+    tm_partitions_run(world, strain_part, self);
+    tm_partitions_run(world, average_part, self);
+    tm_partitions_run(world, pressure_part, self);
+}
 
 static void gather(const law_stage *l, const double *corner_N, int32_t begin, int32_t end, double *TM_RESTRICT force) {
     const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
@@ -55,34 +93,60 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
 
 static double energy(const void *self, const double *u_m) {
     const law_stage *l = self;
-    return tm_hyperelastic_energy(&l->hyper, u_m) - tm_tissue_energy(l->world->tissue, u_m);
+    double law_J = tm_hyperelastic_energy(&l->hyper, u_m);
+    if (is_averaged(l)) {
+        tm_hyperelastic_evaluate(&l->hyper, &l->averages, l->work.stress_J, l->world->tissue->plain, u_m);
+        law_J += tm_nodal_dilatation_stored(&l->averages);
+    }
+    return law_J - tm_tissue_energy(l->world->tissue, u_m);
 }
 
 /* Overwrites the corner forces of the step; every pass recomputes them. */
 static void force(const void *self, const double *u_m, double *force_N) {
     const law_stage *l = self;
     double *tensors_N = l->law.scratch_N + 3 * (int64_t)l->hyper.packs.mesh->vertex_count;
-    l->force(&l->hyper, 0, l->hyper.packs.count, u_m, l->corner_N);
+    const bool plain = l->world->tissue->plain;
+    if (is_averaged(l)) {
+        tm_hyperelastic_evaluate(&l->hyper, &l->averages, l->work.stress_J, plain, u_m);
+        tm_viscous_choose(plain).pressure(&l->hyper.packs, &l->work, &l->averages, 0, l->hyper.packs.count);
+    } else
+        l->force(&l->hyper, 0, l->hyper.packs.count, u_m, l->corner_N);
     gather(l, l->corner_N, 0, l->hyper.packs.mesh->vertex_count, force_N);
     tm_tissue_force(l->world->tissue, u_m, tensors_N);
     for (int32_t i = 0; i < 3 * l->hyper.packs.mesh->vertex_count; i++) force_N[i] -= tensors_N[i];
 }
 
 static bool take_tangent(const void *self, tm_tangent *tangent, tm_pool *pool) {
-    return tm_tangent_take_tensors(tangent, pool, ((const law_stage *)self)->world->tissue);
+    const law_stage *l = self;
+    return tm_tangent_take_averaged(tangent, pool, l->world->tissue, &l->averages);
+}
+
+/* A += the change of the dilatation's derivative, under the pressures around the tetrahedron. */
+static void add_bend(const law_stage *l, const tm_nodal_dilatation *s, int32_t tet, const double *u_m, double A[81]) {
+    double bend[81], pressure = 0;
+    for (int k = 0; k < 4; k++) pressure += s->corotated_Pa[s->domain[4 * (int64_t)tet + k]];
+    tm_hyperelastic_dilatation_hessian(&l->hyper, tet, u_m, bend);
+    for (int i = 0; i < 81; i++) A[i] += s->quarter_m3[tet] * pressure * bend[i];
 }
 
 static void add_tangent(const void *self, const double *u_m, int32_t begin, int32_t end, tm_tangent *tangent) {
     const law_stage *l = self;
+    const tm_tissue *tissue = l->world->tissue;
+    if (is_averaged(l)) {
+        if (begin == 0)
+            tm_hyperelastic_evaluate(&l->hyper, &tangent->nodal_dilatation, l->work.stress_J, tissue->plain, u_m);
+        tm_tangent_add_domains(tissue, begin, end, tangent);
+    }
     for (int32_t t = begin; t < end; t++) {
         double A[81], linear[81];
         tm_corotated_lane lane;
         if (!l->hyper.packs.alive[t]) continue;
         tm_hyperelastic_hessian(&l->hyper, t, u_m, A);
+        if (is_averaged(l)) add_bend(l, &tangent->nodal_dilatation, t, u_m, A);
         tm_rotation_lane_law(&l->hyper.packs, t, &lane);
         tm_rotation_linear(&lane, linear);
         for (int i = 0; i < 81; i++) A[i] -= linear[i];
-        tm_tangent_add_tet(l->world->tissue, t, A, tangent);
+        tm_tangent_add_tet(tissue, t, A, tangent);
     }
 }
 
@@ -100,8 +164,11 @@ static bool take(law_stage *l, tm_pool *pool) {
     const tm_tissue *tissue = l->world->tissue;
     const tm_material_field field = tm_tissue_field(tissue);
     if (!tm_hyperelastic_take(&l->hyper, pool, &field)) return false;
+    if (!tm_nodal_dilatation_init(&l->averages, pool, &field, l->hyper.packs.count)) return false;
     l->force = tm_hyper_force_choose(tissue->plain);
-    l->corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    l->strain = tm_hyper_strain_choose(tissue->plain);
+    l->corner_N = l->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    if (is_averaged(l)) l->work.stress_J = TM_ALLOC(pool, double, 9 * TM_LANES * (int64_t)l->hyper.packs.count);
     l->place = TM_ALLOC(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);
     l->beyond = TM_ALLOC(pool, int32_t, l->world->partition_count);
     l->law = (tm_nonlinear){.self = l,
