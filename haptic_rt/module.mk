@@ -3,14 +3,23 @@
 HRT_CORE_SRC := $(call files,haptic_rt/core/*.c haptic_rt/can/*.c)
 $(call library,hrt,$(HRT_CORE_SRC))
 $(call library,hrt_core,$(call files,haptic_rt/core/*.c))
-$(call library,hrt_io,$(call files,haptic_rt/io/bus*.c) $(addprefix haptic_rt/io/,from_message.c histogram.c line_reader.c network.c node.c peer.c profile.c csv_table.c))
+$(call library,hrt_io,$(call files,haptic_rt/io/bus*.c) $(addprefix haptic_rt/io/,from_message.c histogram.c line_reader.c network.c node.c peer.c profile.c csv_table.c drive.c workspace.c))
 $(call library,hrt_motion,$(call files,haptic_rt/motion/*.c))
 $(call library,hrt_device,haptic_rt/device/device.c)
 # The core has stricter compiler options than the rest.
 $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Werror
 
 HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c network_peer.c loop.c report.c)
-$(call program,haptic-rt,$(addprefix haptic_rt/io/,haptic_rt.c record.c samples.c status_log.c settings.c) $(HRT_PROGRAM_SRC),hrt_io hrt platform tensormass lcm_types,-lcjson)
+# Devices with a service or library of their own. Haply's needs libwebsockets and is left out, and says so, where that is missing; a file holds
+# which, so that installing it builds anew.
+HRT_DRIVE_SRC := $(call files,haptic_rt/io/drive_*.c)
+HRT_WEBSOCKETS = $(shell pkg-config --exists libwebsockets && echo 1)
+$(OUT)/gen/websockets.txt: FORCE
+	@mkdir -p $(@D); echo '$(HRT_WEBSOCKETS)' | cmp -s - $@ || echo '$(HRT_WEBSOCKETS)' > $@
+FORCE:
+$(call objects,haptic_rt/io/drive_haply.c): $(OUT)/gen/websockets.txt
+$(call objects,haptic_rt/io/drive_haply.c): CFLAGS_EXTRA += $(if $(HRT_WEBSOCKETS),-DHRT_WITH_HAPLY $(call pkg_cflags,libwebsockets))
+$(call program,haptic-rt,$(addprefix haptic_rt/io/,haptic_rt.c record.c samples.c status_log.c settings.c) $(HRT_PROGRAM_SRC) $(HRT_DRIVE_SRC),hrt_io hrt platform tensormass lcm_types,-lcjson $$(if $$(HRT_WEBSOCKETS),-lwebsockets))
 $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(DEVICE_LIBS) platform tensormass lcm_types,-lcjson)
 
 #: make lint-core              clang-tidy (cert, bugprone) and cppcheck over the controller's core and codec

@@ -15,6 +15,7 @@ IN = {
     "bench/": "system", "compare/": "system", "cross/": "system", "evaluate/": "physics", "firmware/": "system", "fuzz/": "system", "install/": "system",
     "can/": "system", "can/test_dbc": "unit",
     "cut/": "unit",
+    "devices/": "system",
     "docs/": "unit", "docs/test_adding": "system", "docs/test_commands": "system", "docs/test_library_guide": "system", "docs/test_newcomer": "system", "docs/test_page_lengths": "system", "docs/test_tutorial": "system",
     "effects/": "physics", "hash/": "physics", "organ/": "system", "organ/test_pressing": "physics", "stability/": "physics",
     "loop/": "unit", "loop/test_messages": "system", "loop/test_processes": "system", "loop/test_release.py": "physics", "loop/test_rows": "system", "loop/test_soak": "system",
@@ -35,7 +36,7 @@ IN = {
 
 # Depend on the wall clock: run after those that compute, concurrently, as they mostly wait.
 CLOCK = (
-    "trust/test_trust", "trust/test_flags", "loop/test_messages", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "sanitize/test_sanitize.py::test_the_ring",
+    "devices/", "trust/test_trust", "trust/test_flags", "loop/test_messages", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "sanitize/test_sanitize.py::test_the_ring",
     "sim/test_lockstep.py::test_a_scene_without_solver", "sim/test_lockstep.py::test_realtime", "sim/test_realtime", "timing/test_loop",
     "view/test_session", "view/test_display", "view/test_play", "view/test_view.py::test_a_large_tissue", "view/test_view.py::test_live",
 )
@@ -48,7 +49,7 @@ LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::te
 
 # Examine the plain build itself (instructions, memory, system calls, libraries, speed) or make builds of their own: tests/sanitize/run.py skips them.
 # (test_ranks: OpenMPI leaks from modules that it has already closed, which no suppression can name.)
-PLAIN = ("accuracy/", "bench/", "can/test_guest", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
+PLAIN = ("accuracy/", "bench/", "can/test_guest", "devices/", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
          "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
          "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
          "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")

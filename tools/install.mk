@@ -67,7 +67,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(call lib,hrt 
 	$(call pc,tensormass_hrt tensormass_lcm)
 	install -m 644 $(call lib,hrt) $(STAGE)/$@$(LIBDIR)/libtensormass_hrt.a
 	install -m 644 $(call lib,lcm_types) $(STAGE)/$@$(LIBDIR)/libtensormass_lcm.a
-	$(call pages,CHANGELOG.md $(addprefix docs/,controller.md controller-loop.md extrapolators.md dedicated-machine.md can.md messages.md trust.md extrapolation.md firmware.md))
+	$(call pages,CHANGELOG.md $(addprefix docs/,controller.md controller-loop.md extrapolators.md dedicated-machine.md can.md devices.md messages.md trust.md extrapolation.md firmware.md))
 	$(put)
 
 #: make install-programs     simulation, viewer, tm-session and the rest, with scenes and meshes

@@ -58,6 +58,12 @@ bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame);
 /* Unpacks a frame; its kind is CORRUPT or FOREIGN if it is invalid or unknown. */
 void hrt_can_unpack(const hrt_can_frame *frame, hrt_can_message *message);
 
+/* Returns the factor from a motor's torque to the frame's: where the first two motors slide too, 1 N goes as 0.1 N m,
+ * so that all three have the range and the step of the third. */
+static inline float hrt_can_torque_scale(const hrt_device_type *device, int32_t motor) {
+    return device->slides && motor < 2 ? 0.1f : 1.0f;
+}
+
 /* Torque per count in a frame: N m, N m, N. */
 extern const float hrt_can_torque_unit[HRT_MOTORS];
 

@@ -7,7 +7,8 @@
  *
  * The file defines, for a row `NAME`: NAME_tip, NAME_jacobian and NAME_inverse. With HRT_DESCRIBE it also defines
  * NAME_type, the device's description. With HRT_TWIN it defines NAME_twin and NAME_lever, parameters of the virtual
- * device and its hand (motion/kinematics.h). Shared helpers follow. */
+ * device and its hand (motion/kinematics.h). Devices whose cursor is a point share the three slides of device_cursor.h.
+ * Shared helpers follow. */
 
 static HRT_REAL size_of(const HRT_REAL a[3]) { return HRT_SQRT(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
@@ -42,6 +43,11 @@ static inline void turn_back(const HRT_REAL m[9], const HRT_REAL x[3], HRT_REAL 
 #ifdef HRT_ONE_DEVICE
 #define HRT_DEVICE_TYPES(ROW) ROW(impulse_engine)
 #else
+#include "device_cursor.h"
 #include "device_desk.h"
-#define HRT_DEVICE_TYPES(ROW) ROW(impulse_engine) ROW(desk)
+#include "device_falcon.h"
+#include "device_inverse3.h"
+#include "device_omega.h"
+#include "device_touch.h"
+#define HRT_DEVICE_TYPES(ROW) ROW(impulse_engine) ROW(desk) ROW(inverse3) ROW(touch) ROW(omega) ROW(falcon)
 #endif

@@ -349,6 +349,7 @@ struct hrt_device_type {
                          joints */
     int32_t insertion, roll, grip; /* joint that slides along the shaft (joints 0 and 1 are then its pitch and yaw),
                                       rotates about it, closes the jaws; -1: none */
+    bool slides; /* the first two motors slide too: CAN frames carry their forces by the millinewton, as the third's */
 #ifndef HRT_ONE_DEVICE
     /* tip: position relative to the trocar, m. jacobian: d tip / d (driven joints), row-major 3x3; columns without a
      * motor are zero. inverse: driven joints for a tip position; returns false if there are none. */

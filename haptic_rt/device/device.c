@@ -139,7 +139,8 @@ static void take_command(hrt_device *d, const hrt_can_message *m) {
     d->motors_on = true;
     for (int j = 0; j < HRT_MOTORS; j++) {
         const double most = (double)d->config.profile.torque_max[j];
-        d->torque[j] = fmin(fmax((double)m->torque[j], -most), most);
+        const double torque = (double)m->torque[j] / (double)hrt_can_torque_scale(d->config.profile.device, j);
+        d->torque[j] = fmin(fmax(torque, -most), most);
     }
 }
 

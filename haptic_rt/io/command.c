@@ -28,16 +28,36 @@ static int take_device_type(hrt_common *c, const char *name) {
     return -1;
 }
 
+/* Takes the address; a drive's selects the device that it drives. */
+static int take_address(const hrt_command_line *line, hrt_common *c, const char *text) {
+    const char *device = line->drive_device ? line->drive_device(text) : NULL;
+    c->bus = text;
+    c->drive = device != NULL;
+    return device && !c->typed ? take_device_type(c, device) : -1;
+}
+
+/* Sets the counts of a drive, whose positions are numbers and not 16 bits of a frame, unless the profile sets others.
+ */
+static int refine_counts(hrt_common *c) {
+    const hrt_device_type *device = c->params.device;
+    if (!device->slides)
+        return app_bad_input("--device-type", 0, "%s is not driven so; leave it out, or choose a cursor's (--list)",
+                             device->name);
+    for (int32_t j = 0; j < device->motors; j++)
+        if (c->params.counts_per_unit[j] == device->joint[j].counts_per_unit) c->params.counts_per_unit[j] = 500000.0f;
+    return -1;
+}
+
 /* Handles a shared option. Returns -1 to continue, else the exit code. */
 static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     int number = c->instrument, code;
     switch (option) {
-    case HRT_OPTION_BUS: c->bus = text; return -1;
+    case HRT_OPTION_BUS: return take_address(line, c, text);
     case HRT_OPTION_INSTRUMENT:
         code = whole_number("--instrument", text, 0, 1, &number);
         c->instrument = number;
         return code;
-    case HRT_OPTION_DEVICE_TYPE: return take_device_type(c, text);
+    case HRT_OPTION_DEVICE_TYPE: c->typed = true; return take_device_type(c, text);
     case HRT_OPTION_PROFILE: return (c->params_read = hrt_profile_read(text, &c->params)) ? -1 : APP_BAD_INPUT;
     case HRT_OPTION_SET: return (c->params_read = hrt_profile_set(text, &c->params)) ? -1 : APP_BAD_INPUT;
     case HRT_OPTION_PARAMS: hrt_profile_write(stdout, &c->params); return APP_DONE;
@@ -69,6 +89,7 @@ int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc,
     if (!common->bus)
         return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
     char why[200];
+    if (common->drive) return refine_counts(common);
     if (!hrt_bus_carries(common->params.device, why, sizeof why)) return app_bad_input("--device-type", 0, "%s", why);
     return -1;
 }

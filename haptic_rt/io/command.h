@@ -12,6 +12,8 @@ typedef struct hrt_common {
     int32_t instrument;
     hrt_params params; /* parameters of the device */
     bool params_read;  /* --profile or --set has changed them */
+    bool typed;        /* --device-type was given */
+    bool drive;        /* the address is that of a drive (drive.h) */
     int rate, priority;
     double duration_s; /* 0: no limit */
     bool stats, no_key;
@@ -58,6 +60,8 @@ typedef struct hrt_command_line {
      * option is invalid. */
     int (*take)(void *user, int option, const char *text);
     void *user;
+    /* Returns the device of a drive's address, null if it is none. Null: there are no drives. */
+    const char *(*drive_device)(const char *address);
 } hrt_command_line;
 
 /* Reads the command line into `common`, which holds the defaults. Returns -1 to continue, else the exit code. */

@@ -21,6 +21,7 @@ enum { STATUS_EVERY_US = 100000, DEVICE_HERE_US = 100000 };
 typedef struct program {
     hrt_settings set;
     hrt_bus wires;
+    hrt_drive drive; /* instead of the bus, where the address names one */
     hrt_node node;
     hrt_samples samples;
     hrt_live *live;
@@ -81,7 +82,7 @@ static void tell(program *p, int64_t now_us) {
     atomic_store(&p->samples_come, (int64_t)c->samples_received + turned_away);
     atomic_store(&p->samples_taken, (int64_t)c->samples_received - c->samples_late - c->samples_rejected);
     atomic_store(&p->samples_refused, (int64_t)c->samples_rejected + atomic_load(&p->node.rejected));
-    atomic_store(&p->frames, (int64_t)p->wires.rx);
+    atomic_store(&p->frames, p->set.common.drive ? (int64_t)atomic_load(&p->drive.states) : (int64_t)p->wires.rx);
     atomic_store(&p->command_gaps, (int64_t)p->node.exchange.can.command_gaps);
 }
 
@@ -151,7 +152,7 @@ static void watch(program *p) {
     while (!atomic_load(&p->loop.done)) {
         nanosleep(&(const struct timespec){0, 50000000}, NULL);
         const hrt_facts facts = facts_now(p);
-        const char *lost = hrt_bus_look(&p->wires);
+        const char *lost = p->set.common.drive ? atomic_exchange(&p->drive.event, NULL) : hrt_bus_look(&p->wires);
         if (lost) hrt_status_log_line(facts.time_s, "%s: %s", p->set.common.bus, lost);
         if (atomic_load(&p->loop.ticks) > 50) hrt_status_log(&teller, &facts);
         if (p->set.record_path) hrt_record_write(&p->record);
@@ -180,7 +181,10 @@ static cJSON *statistics_json(program *p) {
     app_json_add(cJSON_AddObjectToObject(json, "samples"), "received %g late %g lost %g superseded %g rejected %g",
                  (double)s.samples_received, (double)s.samples_late, (double)s.samples_lost, (double)p->node.superseded,
                  (double)s.samples_rejected);
-    hrt_report_can(json, &p->wires, &p->node.exchange.can, (double)p->loop.ticks / p->set.common.rate);
+    if (p->set.common.drive)
+        hrt_report_drive(json, &p->drive);
+    else
+        hrt_report_can(json, &p->wires, &p->node.exchange.can, (double)p->loop.ticks / p->set.common.rate);
     if (p->live) hrt_report_refused(json, p->live);
     return json;
 }
@@ -201,6 +205,10 @@ static void print_stats(const program *p) {
     hrt_print_quantiles("lateness", &p->loop.lateness);
     hrt_print_quantiles("duration", &p->loop.duration);
     for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_print_quantiles(stage_name[i], &p->stage[i]);
+    if (p->set.common.drive) {
+        printf("  device     %u commands, %u states\n", atomic_load(&p->drive.commands), atomic_load(&p->drive.states));
+        return;
+    }
     printf("  bus        %llu sent, %llu received, load %.1f %% of 1 Mbit/s\n", (unsigned long long)p->wires.tx,
            (unsigned long long)p->wires.rx,
            100.0 * (double)p->wires.bits / (1.0e6 * (double)p->loop.ticks / p->set.common.rate));
@@ -212,13 +220,38 @@ static int open_link(program *p) {
     return hrt_common_join(&p->set.common, &def, &p->key, &p->live);
 }
 
-static int open_all(program *p) {
+static int open_bus(program *p) {
     char why[300];
+    if (hrt_bus_open(&p->wires, p->set.common.bus, why, sizeof why) &&
+        hrt_bus_claim(&p->wires, HRT_BUS_CONTROLLER, p->set.node.instrument, why, sizeof why))
+        return APP_DONE;
+    return app_bad_input("--bus", 0, "%s", why);
+}
+
+/* Opens a drive. Its thread inherits this scheduling: real-time, but below the loop. */
+static int open_drive(program *p) {
+    char why[300];
+    const int priority = p->set.common.priority;
+    const bool raised = priority > 1 && hrt_priority(priority > 10 ? priority - 10 : 1);
+    p->drive.workspace = p->set.workspace;
+    p->drive.period_us = 1000000 / (2 * p->set.common.rate);
+    hrt_drive_start(&p->drive, p->set.node.params.device->force_max_N);
+    const bool good = hrt_drive_open(&p->drive, p->set.common.bus, why, sizeof why);
+    if (raised) hrt_priority(0);
+    return good ? APP_DONE : app_bad_input("--device", 0, "%s", why);
+}
+
+static void close_device(program *p) {
+    hrt_bus_close(&p->wires);
+    if (p->set.common.drive) hrt_drive_close(&p->drive);
+}
+
+static int open_all(program *p) {
     if (p->set.samples_path && !hrt_samples_read(&p->samples, p->set.samples_path)) return APP_BAD_INPUT;
-    if (!hrt_bus_open(&p->wires, p->set.common.bus, why, sizeof why) ||
-        !hrt_bus_claim(&p->wires, HRT_BUS_CONTROLLER, p->set.node.instrument, why, sizeof why))
-        return app_bad_input("--bus", 0, "%s", why);
+    const int unopened = p->set.common.drive ? open_drive(p) : open_bus(p);
+    if (unopened) return unopened;
     hrt_node_init(&p->node, &p->set.node, &p->wires);
+    if (p->set.common.drive) p->node.drive = &p->drive;
     p->node.clock_ns = app_monotonic_ns;
     const int unlinked = open_link(p);
     if (unlinked) return unlinked;
@@ -236,7 +269,7 @@ int main(int argc, char **argv) {
     const int code = hrt_settings_read(&p.set, argc, argv);
     if (code >= 0) return code;
     const int failed = open_all(&p);
-    if (failed) return hrt_bus_close(&p.wires), failed;
+    if (failed) return close_device(&p), failed;
     p.loop.program = "haptic-rt";
     p.loop.period_ns = 1000000000 / p.set.common.rate;
     p.loop.priority = p.set.common.priority;
@@ -249,7 +282,7 @@ int main(int argc, char **argv) {
     if (!hrt_loop_start(&p.loop)) {
         app_output_abandon(&p.json_out);
         if (p.set.record_path) hrt_record_abandon(&p.record);
-        return hrt_bus_close(&p.wires), APP_FAILED;
+        return close_device(&p), APP_FAILED;
     }
     watch(&p);
     if (p.set.common.stats) print_stats(&p);
@@ -257,7 +290,7 @@ int main(int argc, char **argv) {
     if (p.live) hrt_live_close(p.live, &p.sent);
     int status = p.set.common.json ? write_json(&p, json) : APP_DONE;
     if (p.set.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;
-    hrt_bus_close(&p.wires);
+    close_device(&p);
     hrt_table_free(&p.samples.table);
     return status;
 }

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "drive.h"
 #include "from_message.h"
 
 enum {
@@ -170,6 +171,10 @@ static void take_commands(hrt_node *node, int64_t now_us) {
 }
 
 static void take_frames(hrt_node *node, int64_t now_us) {
+    if (node->drive) {
+        hrt_drive_take(node->drive, now_us, &node->controller, &node->input);
+        return;
+    }
     hrt_can_frame frame;
     hrt_can_message m;
     for (int i = 0; i < FRAMES_PER_TICK && hrt_bus_receive(node->bus, &frame) > 0; i++) {
@@ -198,8 +203,14 @@ static void count_gap(hrt_node *node, uint32_t gap) {
 }
 
 static void send_frames(hrt_node *node, int64_t now_us) {
+    if (node->drive) {
+        hrt_drive_give(node->drive, now_us, &node->result, node->input.reset);
+        return;
+    }
     hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES];
-    const int32_t count = hrt_can_exchange_frames(&node->exchange, now_us, &node->result, node->input.reset, frame);
+    hrt_result scaled = node->result;
+    for (int32_t i = 0; i < HRT_MOTORS; i++) scaled.torque[i] *= hrt_can_torque_scale(node->config.params.device, i);
+    const int32_t count = hrt_can_exchange_frames(&node->exchange, now_us, &scaled, node->input.reset, frame);
     for (int32_t i = 0; i < count; i++) hrt_bus_send(node->bus, &frame[i]);
 }
 
@@ -251,6 +262,11 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool
 }
 
 void hrt_node_stop(hrt_node *node) {
+    if (node->drive) {
+        static const hrt_result no_force;
+        hrt_drive_give(node->drive, atomic_load(&node->now_us), &no_force, false);
+        return;
+    }
     hrt_can_frame frame;
     if (hrt_can_exchange_off(&node->exchange, &frame)) hrt_bus_send(node->bus, &frame);
 }

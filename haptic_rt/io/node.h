@@ -64,6 +64,7 @@ enum { HRT_NODE_RECEIVE, HRT_NODE_TICK, HRT_NODE_SEND, HRT_NODE_STAGES };
 typedef struct hrt_node {
     hrt_node_config config;
     hrt_bus *bus;
+    struct hrt_drive *drive; /* the device, instead of one on the bus; null: the bus */
     hrt_controller controller;
     hrt_mailbox mailbox;
     /* used by the posting thread */
@@ -93,7 +94,8 @@ typedef struct hrt_node {
     int64_t stage_ns[HRT_NODE_STAGES];
 } hrt_node;
 
-/* Initialises the node. The caller opens the bus, which must outlive the node. */
+/* Initialises the node. The caller opens the bus, which must outlive the node. To use a device that is not on a bus
+ * (drive.h), set `drive` afterwards; the bus then only counts nothing. */
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
 /* Posts a patch or a sample; call both from one thread, not the tick's. A patch precedes the sample with its seq. Both
  * check content, order and origin. Only accepted data reach the tick; rejected data replace nothing in the mailbox.

@@ -50,6 +50,12 @@ void hrt_report_can(cJSON *json, const hrt_bus *bus, const hrt_can_counters *can
                  (double)can->command_gaps, seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0);
 }
 
+void hrt_report_drive(cJSON *json, hrt_drive *d) {
+    app_json_add(cJSON_AddObjectToObject(json, "drive"), "states %g refused %g commands %g withheld %g connections %g",
+                 (double)atomic_load(&d->states), (double)atomic_load(&d->refused), (double)atomic_load(&d->commands),
+                 (double)atomic_load(&d->withheld), (double)atomic_load(&d->session));
+}
+
 int hrt_output_begin(app_output *output, const char *path) {
     tm_error error = {.status = TM_OK};
     if (!path || app_output_begin(output, path, &error)) return APP_DONE;

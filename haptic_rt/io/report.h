@@ -7,6 +7,7 @@
 #include "app.h"
 #include "bus.h"
 #include "can/codec.h"
+#include "drive.h"
 #include "loop.h"
 #include "network_peer.h"
 
@@ -16,6 +17,7 @@ void hrt_report_loop(struct cJSON *json, const hrt_loop *loop);
 void hrt_report_refused(struct cJSON *json, hrt_live *live);
 /* Logs new rejections since the last logged ones on stderr. Call it at most once a second. */
 void hrt_log_refused(const char *program, hrt_live *live, hrt_live_refused *told);
+void hrt_report_drive(struct cJSON *json, hrt_drive *drive);
 void hrt_report_can(struct cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds);
 /* Begins an output file before the run, so that a wrong path is reported at once. The file appears complete or not at
  * all. `path` null: no file. Returns 0 or an exit code. */

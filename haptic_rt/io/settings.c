@@ -15,7 +15,9 @@ static void usage(void) {
         "usage: haptic-rt --bus ADDRESS [options]\n"
         "The controller of one device: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
         "\n"
-        "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES "\n"
+        "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES ",\n"
+        "                          or a device with a service or library of its own: --list says which there are (docs/devices.md)\n"
+        "  --workspace SETTINGS     of such a device: scale=S,depth=M,clutch=BUTTON,grip=BUTTON (scale=1,depth=0.1,clutch=0,grip=1)\n"
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
         "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (adaptive)\n"
@@ -40,7 +42,7 @@ static void usage(void) {
         "  --json FILE              all figures at the end\n"
         "  --record FILE            every tick as CSV\n"
         "  --quiet                  trouble alone is said, not that all is well\n"
-        "  --list                   names of extrapolators, modes and buses\n"
+        "  --list                   names of extrapolators, modes and buses, and the devices that are there\n"
         "  -h, --help, --version\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
@@ -75,7 +77,8 @@ enum {
     O_RECORD,
     O_REPLAY,
     O_IDLE_STATES,
-    O_LIST
+    O_LIST,
+    O_WORKSPACE
 };
 static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"device", 1, 0, HRT_OPTION_BUS},
@@ -93,6 +96,7 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"replay", 0, 0, O_REPLAY},
                                         {"idle-states", 0, 0, O_IDLE_STATES},
                                         {"list", 0, 0, O_LIST},
+                                        {"workspace", 1, 0, O_WORKSPACE},
                                         {0, 0, 0, 0}};
 
 static void list(void) {
@@ -101,6 +105,19 @@ static void list(void) {
     printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\ndevice types\n");
     for (int32_t t = 0; t < hrt_device_type_count; t++)
         printf("  %-16s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
+    printf("devices with a service or library of their own\n");
+    hrt_drive_list(stdout);
+}
+
+static const char *drive_device(const char *address) {
+    const hrt_drive_driver *driver = hrt_drive_find(address);
+    return driver ? driver->device : NULL;
+}
+
+static int take_workspace(hrt_settings *s, const char *text) {
+    char why[200];
+    if (hrt_drive_workspace(text, &s->workspace, why, sizeof why)) return -1;
+    return app_bad_input("--workspace", 0, "%s", why);
 }
 
 static int checked(bool good) { return good ? -1 : APP_BAD_INPUT; }
@@ -124,6 +141,7 @@ static int take(void *user, int option, const char *text) {
     case O_IDLE_STATES: s->idle_states = true; return -1;
     case O_RECORD: s->record_path = text; return -1;
     case O_LIST: list(); return APP_DONE;
+    case O_WORKSPACE: return take_workspace(s, text);
     default: return APP_BAD_INPUT;
     }
 }
@@ -141,8 +159,15 @@ static int consistent(const hrt_settings *s) {
 }
 
 int hrt_settings_read(hrt_settings *s, int argc, char **argv) {
-    const hrt_command_line line = {.program = "haptic-rt", .usage = usage, .option = options, .take = take, .user = s};
-    *s = (hrt_settings){.node = hrt_node_config_default(0), .common = {.rate = 500, .priority = 80}};
+    const hrt_command_line line = {.program = "haptic-rt",
+                                   .usage = usage,
+                                   .option = options,
+                                   .take = take,
+                                   .user = s,
+                                   .drive_device = drive_device};
+    *s = (hrt_settings){.node = hrt_node_config_default(0),
+                        .common = {.rate = 500, .priority = 80},
+                        .workspace = hrt_workspace_default()};
     s->common.params = s->node.params;
     const int code = hrt_command_read(&line, &s->common, argc, argv);
     if (code >= 0) return code;

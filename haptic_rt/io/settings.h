@@ -3,6 +3,7 @@
 #define HRT_SETTINGS_H
 
 #include "command.h"
+#include "drive_table.h"
 #include "node.h"
 
 typedef struct hrt_settings {
@@ -11,6 +12,7 @@ typedef struct hrt_settings {
     const char *samples_path, *record_path;
     double auto_reset_s; /* 0: never */
     bool replay, idle_states;
+    hrt_workspace workspace; /* of a drive */
 } hrt_settings;
 
 /* Sets the defaults, then reads the command line. Returns -1 to continue, else the exit code. */

@@ -1,0 +1,10 @@
+/* The kinds of drives: a row here, and a file drive_KIND.c that defines hrt_drive_KIND. Programs that link the drivers
+ * use it; the node needs drive.h alone. */
+#ifndef HRT_DRIVE_TABLE_H
+#define HRT_DRIVE_TABLE_H
+
+#include "drive.h"
+
+#define HRT_DRIVES(ROW) ROW(haply)
+
+#endif
