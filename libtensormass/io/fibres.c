@@ -33,7 +33,7 @@ static const char *parse_row(const rows *kind, const char *text, int32_t expecte
         if (end == from || (i < 2 && *end != ',')) return form;
     }
     end += strspn(end, " \t\r\n");
-    if (*end) return "something follows the fourth column";
+    if (*end) return "the row has more than four columns";
     double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!isfinite(length)) return "a direction is not finite";
     if (length < 1e-6) return "a direction has no length";

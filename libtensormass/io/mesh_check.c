@@ -169,8 +169,8 @@ void tm_mesh_defect_text(const tm_mesh_file *m, const tm_mesh_defect *d, char *t
                  vertex);
         break;
     case TM_DEFECT_VERTEX_TWICE:
-        snprintf(text, room, "tetrahedron %lld %snames vertex %lld twice; remove it, or run tm-mesh repair", tet,
-                 corners, vertex);
+        snprintf(text, room, "tetrahedron %lld %shas vertex %lld twice; remove it, or run tm-mesh repair", tet, corners,
+                 vertex);
         break;
     case TM_DEFECT_FLAT:
         snprintf(text, room, "tetrahedron %lld %sis flat; move a vertex, remove it, or run tm-mesh repair", tet,
@@ -186,13 +186,13 @@ void tm_mesh_defect_text(const tm_mesh_file *m, const tm_mesh_defect *d, char *t
                  corners, other);
         break;
     case TM_DEFECT_FACE_SHARED:
-        snprintf(text, room, "tetrahedron %lld %sshares a face with tetrahedron %lld and a third; mesh the organ anew",
+        snprintf(text, room, "tetrahedron %lld %sshares a face with tetrahedron %lld and a third; mesh the organ again",
                  tet, corners, other);
         break;
     case TM_DEFECT_OVERLAP:
         snprintf(text, room,
-                 "tetrahedron %lld %soverlaps tetrahedron %lld: both on one side of a face; mesh the organ anew", tet,
-                 corners, other);
+                 "tetrahedron %lld %soverlaps tetrahedron %lld: both are on one side of a face; mesh the organ again",
+                 tet, corners, other);
         break;
     case TM_DEFECT_UNUSED_VERTEX:
         snprintf(text, room, "vertex %lld is in no tetrahedron; remove it, or run tm-mesh repair", vertex);

@@ -52,7 +52,7 @@ static tm_status refuse_ending(const char *path, tm_error *error) {
                            surface[i]);
     if (dot && strcasecmp(dot, ".vtu") == 0)
         return tm_fail(error, TM_ERR_FILE, -1, ".vtu is not read; save it as .vtk (ParaView: legacy VTK)");
-    return tm_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use one of these: %s",
+    return tm_fail(error, TM_ERR_FILE, -1, "unknown type of mesh file; use one of these: %s",
                    tm_mesh_file_endings(false));
 }
 
@@ -60,9 +60,10 @@ static tm_status read_format(const char *path, tm_io_text *text, tm_io_raw *raw)
     const tm_io_format *format = format_of(path);
     if (!format || !format->read) return refuse_ending(path, text->error);
     if (strncmp(text->at + strspn(text->at, " \t\r\n"), format->start, strlen(format->start)) != 0)
-        return tm_fail(text->error, TM_ERR_FILE, -1,
-                       "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
-                       format->start, format->ending);
+        return tm_fail(
+            text->error, TM_ERR_FILE, -1,
+            "does not begin with '%s', so it is not a %s file; save it again, or correct its file name extension",
+            format->start, format->ending);
     return format->read(text, raw);
 }
 
@@ -81,13 +82,14 @@ static tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, 
     *size = (size_t)info.st_size;
     *bytes = S_ISREG(info.st_mode) ? malloc(*size + 1) : NULL;
     if (!S_ISREG(info.st_mode))
-        status = tm_fail(error, TM_ERR_FILE, -1, "not a file; name one of these: %s", tm_mesh_file_endings(false));
+        status = tm_fail(error, TM_ERR_FILE, -1, "not a regular file; give a file of one of these types: %s",
+                         tm_mesh_file_endings(false));
     else if (!*bytes)
-        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for its %zu bytes", *size);
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for its %zu bytes; use a coarser mesh", *size);
     else if (fread(*bytes, 1, *size, file) != *size)
         status = tm_fail(error, TM_ERR_FILE, -1, "cannot read: %s; check the disk", strerror(errno));
     else if (*size == 0)
-        status = tm_fail(error, TM_ERR_FILE, -1, "the file is empty; write the mesh anew");
+        status = tm_fail(error, TM_ERR_FILE, -1, "the file is empty; save the mesh again");
     fclose(file);
     if (status) {
         free(*bytes);
@@ -176,7 +178,8 @@ static tm_status parse(const char *path, tm_io_text *text, double scale, tm_mesh
 static tm_status begin(const char *path, double scale, tm_mesh_file *file, tm_error *error) {
     memset(file, 0, sizeof *file);
     if (scale > 0 && isfinite(scale)) return TM_OK;
-    return tm_io_place(path, 0, tm_fail(error, TM_ERR_ARGUMENT, -1, "scale %g; it must be above 0", scale), error);
+    return tm_io_place(path, 0, tm_fail(error, TM_ERR_ARGUMENT, -1, "the scale is %g; give a value above 0", scale),
+                       error);
 }
 
 tm_status tm_mesh_file_load(const char *path, double scale, tm_mesh_file *file, tm_error *error) {
@@ -212,14 +215,14 @@ tm_status tm_mesh_file_write(const tm_mesh_file *file, const char *path, FILE *s
     TM_REQUIRE(file && path && stream, "file, path or stream is null", TM_ERR_ARGUMENT);
     const tm_io_format *format = format_of(path);
     if (!format || !format->write)
-        return tm_fail(error, TM_ERR_FILE, -1, "%s: unknown kind of mesh file; name it one of these: %s", path,
+        return tm_fail(error, TM_ERR_FILE, -1, "%s: unknown type of mesh file; use one of these: %s", path,
                        tm_mesh_file_endings(true));
     const tm_io_locale locale = tm_io_locale_enter();
     format->write(file, stream);
     tm_io_locale_leave(locale);
     if (fflush(stream) == 0 && !ferror(stream)) return TM_OK;
-    return tm_fail(error, TM_ERR_FILE, -1, "%s: cannot be written to its end; free some space, or choose another place",
-                   path);
+    return tm_fail(error, TM_ERR_FILE, -1,
+                   "%s: cannot be written completely; free some space, or choose another folder", path);
 }
 
 /* --- surfaces of VTK's formats --- */
@@ -232,7 +235,7 @@ static tm_status read_kind(const char *path, tm_io_text *text, tm_io_vtk *v) {
     for (int k = 0; dot && k < 2; k++)
         if (strcasecmp(dot, kinds[k].ending) == 0) return tm_io_vtk_read_xml(text, kinds[k].dataset, v);
     if (dot && strcasecmp(dot, ".vtk") == 0) return tm_io_vtk_read_legacy(text, "POLYDATA", v);
-    return tm_fail(text->error, TM_ERR_FILE, -1, "no kind of surface that is read here; give .vtp, .vtu or .vtk");
+    return tm_fail(text->error, TM_ERR_FILE, -1, "unknown type of surface file; give .vtp, .vtu or .vtk");
 }
 
 tm_status tm_surface_load(const char *path, double **corner, int32_t *triangles, tm_error *error) {

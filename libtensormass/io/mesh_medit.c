@@ -57,12 +57,12 @@ static bool next_word(reader *r, const char **word, size_t *length) {
 
 static tm_status cut_short(reader *r, int64_t found, int64_t announced, const char *what) {
     return tm_fail(r->error, TM_ERR_FILE, -1,
-                   "has %lld of the %lld %s that it announces; the file is cut short, write it anew", (long long)found,
-                   (long long)announced, what);
+                   "has %lld of the %lld %s that its header counts, so it is truncated; save it again",
+                   (long long)found, (long long)announced, what);
 }
 
 static tm_status not_understood(reader *r, const char *what) {
-    return tm_fail(r->error, TM_ERR_FILE, -1, "its %s cannot be read; write it anew", what);
+    return tm_fail(r->error, TM_ERR_FILE, -1, "its %s cannot be read; save it again", what);
 }
 
 static tm_status read_vertices(reader *r) {
@@ -101,7 +101,7 @@ static bool is(const char *word, size_t length, const char *wanted) {
 static tm_status read_section(reader *r, const char *word, size_t length) {
     int64_t number;
     if (is(word, length, "Dimension") && (!whole(r, &number) || number != 3))
-        return tm_fail(r->error, TM_ERR_MESH, -1, "it is not of dimension 3; mesh a volume");
+        return tm_fail(r->error, TM_ERR_MESH, -1, "its dimension is not 3; mesh a volume");
     if (is(word, length, "Vertices")) return read_vertices(r);
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
         if (is(word, length, kinds[k].word)) return read_elements(r, &kinds[k]);

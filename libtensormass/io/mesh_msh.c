@@ -18,8 +18,8 @@ typedef struct reader {
 static tm_status bad(const reader *r, const char *what) {
     if (r->binary)
         return tm_fail(r->error, TM_ERR_FILE, -1,
-                       "its binary part breaks off: %s; the file is damaged or cut short, write it anew", what);
-    return tm_fail(r->error, TM_ERR_FILE, -1, "%s; the file is damaged or cut short, write it anew", what);
+                       "its binary data ends early: %s; the file is damaged or truncated, save it again", what);
+    return tm_fail(r->error, TM_ERR_FILE, -1, "%s; the file is damaged or truncated, save it again", what);
 }
 
 /* --- numbers, rows and lines --- */
@@ -162,7 +162,7 @@ static tm_status physical_names(reader *r) {
         const char *text, *from, *to;
         size_t length;
         int dim, tag;
-        if (!line(r, &text, &length)) return bad(r, "the file ends among its names");
+        if (!line(r, &text, &length)) return bad(r, "the file ends within its names");
         from = memchr(text, '"', length);
         to = from ? memchr(from + 1, '"', length - (size_t)(from + 1 - text)) : NULL;
         if (!to || sscanf(text, "%d %d", &dim, &tag) != 2 || dim < 0 || dim > 3)
@@ -194,7 +194,7 @@ static tm_status entity(reader *r, int dim, bool partitioned) {
         good = counts(r, &count, 1);
         for (int64_t i = 0; good && i < count; i++) good = narrow(r, &group, 1);
     }
-    return good && row_ends(r) ? TM_OK : bad(r, "an entity is: number, place, its groups, its bounds");
+    return good && row_ends(r) ? TM_OK : bad(r, "an entity is: number, position, groups, bounds");
 }
 
 static tm_status entities(reader *r, bool partitioned) {
@@ -226,7 +226,7 @@ static tm_status nodes_2(reader *r) {
     int64_t count, tag;
     if (!text_count(r, &count)) return bad(r, "$Nodes begins with their number");
     for (int64_t i = 0; i < count; i++) {
-        if (!row(r)) return bad(r, "the file ends among its vertices");
+        if (!row(r)) return bad(r, "the file ends within its vertices");
         if (!whole(r, 4, &tag) || tag <= 0) return bad(r, "a vertex is: number x y z");
         tm_status status = vertex(r, tag);
         if (status) return status;
@@ -246,7 +246,7 @@ static tm_status node_block(reader *r) {
         if (!row(r) || !whole(r, 8, &tag) || tag <= 0 || !row_ends(r)) return bad(r, "a vertex number is missing");
     for (int64_t i = 0; i < count; i++) {
         double more;
-        if (!row(r)) return bad(r, "the file ends among its vertices");
+        if (!row(r)) return bad(r, "the file ends within its vertices");
         if (!row(&tags) || !whole(&tags, 8, &tag) || !row_ends(&tags)) return bad(r, "a vertex number is missing");
         tm_status status = vertex(r, tag);
         for (int k = 0; !status && r->binary && head[2] && k < head[0]; k++)
@@ -309,7 +309,7 @@ static tm_status elements_2(reader *r) {
     tm_status status = TM_OK;
     if (!text_count(r, &count)) return bad(r, "$Elements begins with their number");
     while (count > 0 && !status) {
-        if (!row(r)) return bad(r, "the file ends among its elements");
+        if (!row(r)) return bad(r, "the file ends within its elements");
         if (!narrow(r, head, 3) || head[2] < 0 || head[2] > MAX_TAGS || (r->binary && (head[1] < 1 || head[1] > count)))
             return bad(r, "an element is: number type tags vertices");
         for (int64_t i = 0, block = r->binary ? head[1] : 1; i < block && !status; i++, count--) {
@@ -359,9 +359,9 @@ static tm_status format(reader *r) {
         return tm_fail(r->error, TM_ERR_FILE, -1, ".msh format '%.*s'; save as 4.1 or 2.2 (gmsh -format msh41)",
                        (int)(length > 20 ? 20 : length), text);
     if (!(r->binary = binary != 0)) return TM_OK;
-    if (!narrow(r, &one, 1) || bytes != 8) return bad(r, "its sizes are not of 8 bytes");
+    if (!narrow(r, &one, 1) || bytes != 8) return bad(r, "its data size is not 8 bytes");
     if (one == 1) return TM_OK;
-    return tm_fail(r->error, TM_ERR_FILE, -1, "a binary file of another byte order; save it as text");
+    return tm_fail(r->error, TM_ERR_FILE, -1, "the binary file has another byte order; save it as text");
 }
 
 static tm_status read_msh(tm_io_text *file, tm_io_raw *raw) {

@@ -43,7 +43,7 @@ static int by_tag(const void *a, const void *b) {
 }
 
 static tm_status twice(tm_error *error, const char *what, int64_t tag) {
-    return tm_fail(error, TM_ERR_MESH, tag, "%s %lld is there twice; number them anew", what, (long long)tag);
+    return tm_fail(error, TM_ERR_MESH, tag, "%s %lld occurs twice; renumber the mesh", what, (long long)tag);
 }
 
 tm_status tm_io_vertices_end(tm_io_raw *raw, tm_error *error) {
@@ -75,7 +75,7 @@ tm_status tm_io_add_element(tm_io_raw *raw, int64_t tag, int dim, int32_t entity
     for (int k = 0; k < count; k++)
         if ((e.corner[k] = vertex_of(raw, corner[k])) < 0)
             return tm_fail(error, TM_ERR_MESH, tag,
-                           "element %lld names vertex %lld, which is not there; write the mesh anew", (long long)tag,
+                           "element %lld has vertex %lld, which does not exist; save the mesh again", (long long)tag,
                            (long long)corner[k]);
     if (!capacity_for((void **)&raw->element, raw->elements, sizeof e)) return no_memory(error);
     raw->element[raw->elements++] = e;
@@ -94,8 +94,8 @@ tm_status tm_io_add_member(tm_io_raw *raw, int dim, int32_t entity, int32_t grou
 tm_status tm_io_add_name(tm_io_raw *raw, int dim, int32_t group, const char *name, size_t length, tm_error *error) {
     tm_io_name new = {.dim = dim, .group = group};
     if (length >= sizeof new.name)
-        return tm_fail(error, TM_ERR_MESH, group, "the name of physical group %d is longer than 63 letters; shorten it",
-                       group);
+        return tm_fail(error, TM_ERR_MESH, group,
+                       "the name of physical group %d is longer than 63 characters; shorten it", group);
     memcpy(new.name, name, length);
     if (!capacity_for((void **)&raw->name, raw->names, sizeof new)) return no_memory(error);
     raw->name[raw->names++] = new;
@@ -104,12 +104,12 @@ tm_status tm_io_add_name(tm_io_raw *raw, int dim, int32_t group, const char *nam
 
 tm_status tm_io_higher_order(tm_error *error, int64_t element, int64_t type) {
     return tm_fail(error, TM_ERR_MESH, element,
-                   "element %lld is not of first order (type %lld); save first-order elements (gmsh -order 1)",
+                   "element %lld is of higher order (type %lld); save first-order elements (gmsh -order 1)",
                    (long long)element, (long long)type);
 }
 
 tm_status tm_io_other_volume(tm_error *error, int64_t element, const char *what) {
-    return tm_fail(error, TM_ERR_MESH, element, "element %lld is a %s; mesh with tetrahedra alone", (long long)element,
+    return tm_fail(error, TM_ERR_MESH, element, "element %lld is a %s; mesh with tetrahedra only", (long long)element,
                    what);
 }
 
@@ -144,7 +144,7 @@ static tm_status refuse_tet_twice(const tm_io_raw *raw, tm_error *error) {
 }
 
 tm_status tm_io_raw_sort(tm_io_raw *raw, tm_error *error) {
-    if (raw->tets == 0) return tm_fail(error, TM_ERR_MESH, -1, "no tetrahedra in it; mesh the volume (gmsh -3)");
+    if (raw->tets == 0) return tm_fail(error, TM_ERR_MESH, -1, "it has no tetrahedra; mesh the volume (gmsh -3)");
     if (raw->members) qsort(raw->member, (size_t)raw->members, sizeof *raw->member, by_group);
     if (raw->names) qsort(raw->name, (size_t)raw->names, sizeof *raw->name, by_dim_and_group);
     int64_t kept = 0;

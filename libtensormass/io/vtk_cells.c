@@ -6,10 +6,10 @@
 #include <string.h>
 
 tm_status tm_io_vtk_bad(const tm_io_vtk *v, const char *what) {
-    return tm_fail(v->error, TM_ERR_FILE, -1, "%s; write it anew", what);
+    return tm_fail(v->error, TM_ERR_FILE, -1, "%s; save it again", what);
 }
 tm_status tm_io_vtk_no_memory(const tm_io_vtk *v) {
-    return tm_fail(v->error, TM_ERR_MEMORY, -1, "no memory for the mesh");
+    return tm_fail(v->error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
 }
 
 void tm_io_vtk_free(tm_io_vtk *v) {
@@ -49,11 +49,11 @@ uint8_t *tm_io_vtk_group_add(tm_io_vtk *v, const char *name) {
 tm_status tm_io_vtk_check(const tm_io_vtk *v, int64_t corners) {
     for (int64_t c = 0; c < v->cells; c++) {
         if (v->offset[c] < 0 || v->offset[c] > v->offset[c + 1] || v->offset[c + 1] > corners)
-            return tm_io_vtk_bad(v, "its OFFSETS do not ascend");
+            return tm_io_vtk_bad(v, "its OFFSETS are not ascending");
         for (int64_t k = v->offset[c]; k < v->offset[c + 1]; k++)
             if (v->corner[k] < 0 || v->corner[k] >= v->points)
                 return tm_fail(v->error, TM_ERR_MESH, c + 1,
-                               "cell %lld names vertex %lld, which is not there; write the mesh anew", (long long)c,
+                               "cell %lld has vertex %lld, which does not exist; save the mesh again", (long long)c,
                                (long long)v->corner[k]);
     }
     return TM_OK;
@@ -68,11 +68,11 @@ static tm_status check_kind(const tm_io_vtk *v, int64_t c) {
     if (type >= 0 && type <= FLAT && (!flat[type] || corners == flat[type])) return TM_OK;
     if (type >= VTK_QUADRATIC)
         return tm_fail(v->error, TM_ERR_MESH, c + 1,
-                       "cell %lld is of a higher order (type %lld); save first-order tetrahedra", (long long)c,
+                       "cell %lld is of higher order (type %lld); save first-order tetrahedra", (long long)c,
                        (long long)type);
     if (type == VTK_TETRA && corners == 4) return TM_OK;
     return tm_fail(v->error, TM_ERR_MESH, c + 1,
-                   "cell %lld is no tetrahedron (type %lld, %lld corners); mesh with tetrahedra alone", (long long)c,
+                   "cell %lld is not a tetrahedron (type %lld, %lld vertices); mesh with tetrahedra only", (long long)c,
                    (long long)type, (long long)corners);
 }
 
@@ -119,7 +119,7 @@ tm_status tm_io_vtk_tets(const tm_io_vtk *v, tm_io_raw *raw) {
         const int64_t *k = v->corner + v->offset[c], region = v->region ? v->region[c] : 0;
         if (v->cell_type[c] != VTK_TETRA) continue;
         if (region < 0 || region > 65535)
-            return tm_fail(v->error, TM_ERR_MESH, c + 1, "cell %lld is of region %lld; regions are 0 to 65535",
+            return tm_fail(v->error, TM_ERR_MESH, c + 1, "cell %lld has region %lld; give regions 0 to 65535",
                            (long long)c, (long long)region);
         const int64_t corner[4] = {k[0] + 1, k[1] + 1, k[2] + 1, k[3] + 1};
         status = tm_io_add_element(raw, c + 1, 3, (int32_t)region, corner, 4, v->error);
@@ -143,14 +143,15 @@ tm_status tm_io_vtk_triangles(const tm_io_vtk *v, double **corner, int32_t *tria
     for (int64_t c = 0; c < v->cells; c++) {
         const int64_t more = triangles_of(v, c);
         if (more < 0)
-            return tm_fail(v->error, TM_ERR_MESH, c + 1,
-                           "cell %lld is no triangle or polygon (type %lld): no surface; extract it (ParaView: "
-                           "Extract Surface), or name it as tetrahedra",
-                           (long long)c, (long long)v->cell_type[c]);
+            return tm_fail(
+                v->error, TM_ERR_MESH, c + 1,
+                "cell %lld is neither triangle nor polygon (type %lld), so this is not a surface; extract one "
+                "(ParaView: Extract Surface)",
+                (long long)c, (long long)v->cell_type[c]);
         count += more;
     }
     if (!count || count > INT32_MAX / 64)
-        return tm_fail(v->error, TM_ERR_MESH, -1, "%lld triangles in it; write the surface anew", (long long)count);
+        return tm_fail(v->error, TM_ERR_MESH, -1, "it has %lld triangles; save the surface again", (long long)count);
     double *to = *corner = malloc(9 * (size_t)count * sizeof *to);
     if (!to) return tm_io_vtk_no_memory(v);
     for (int64_t c = 0; c < v->cells; c++) {
@@ -164,7 +165,7 @@ tm_status tm_io_vtk_triangles(const tm_io_vtk *v, double **corner, int32_t *tria
     }
     for (int64_t i = 0; i < 9 * count; i++)
         if (!isfinite((*corner)[i]))
-            return tm_fail(v->error, TM_ERR_MESH, i / 9, "a coordinate is nan or infinite; write the surface anew");
+            return tm_fail(v->error, TM_ERR_MESH, i / 9, "a coordinate is nan or infinite; save the surface again");
     *triangles = (int32_t)count;
     return TM_OK;
 }

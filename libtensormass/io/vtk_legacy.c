@@ -18,7 +18,7 @@ typedef struct reader {
 } reader;
 
 static tm_status bad(reader *r, const char *what) { return tm_io_vtk_bad(r->v, what); }
-static tm_status cut_short(reader *r) { return bad(r, "the file is cut short"); }
+static tm_status cut_short(reader *r) { return bad(r, "the file is truncated"); }
 static tm_status no_memory(reader *r) { return tm_io_vtk_no_memory(r->v); }
 
 /* --- words and values --- */
@@ -137,7 +137,7 @@ static tm_status read_points(reader *r, const char *line) {
     char name[32];
     long long count;
     const struct type *type = sscanf(line, "%*s %lld %31s", &count, name) == 2 ? type_of(name) : NULL;
-    if (!type) return bad(r, "its line POINTS is not understood");
+    if (!type) return bad(r, "its line POINTS cannot be read");
     if (count < 0 || count > INT32_MAX / 4 || !has_capacity(r, 3 * count, type)) return cut_short(r);
     free(r->v->point);
     r->v->points = count;
@@ -150,7 +150,7 @@ static tm_status read_array(reader *r, const char *word, int64_t count, int64_t 
     while (!*line && next_line(r, line, sizeof line)) continue;
     const struct type *type = sscanf(line, "%31s %31s", name, kind_of) == 2 ? type_of(kind_of) : NULL;
     if (!type || strcasecmp(name, word))
-        return tm_fail(r->v->error, TM_ERR_FILE, -1, "%s expected after CELLS; write it anew", word);
+        return tm_fail(r->v->error, TM_ERR_FILE, -1, "%s is expected after CELLS; save it again", word);
     if (!has_capacity(r, count, type)) return cut_short(r);
     if (!make(array, count)) return no_memory(r);
     return values(r, count, type, NULL, *array) ? TM_OK : cut_short(r);
@@ -177,7 +177,7 @@ static tm_status read_counted(reader *r, int64_t cells, int64_t size) {
     int64_t at = 0, kept = 0;
     for (int64_t c = 0; c < cells; c++) {
         int64_t count = at < size ? r->v->corner[at++] : -1;
-        if (count < 0 || count > size - at) return bad(r, "its CELLS do not have the corners that they count");
+        if (count < 0 || count > size - at) return bad(r, "its CELLS do not have as many vertices as they say");
         r->v->offset[c] = kept;
         for (int64_t k = 0; k < count; k++) r->v->corner[kept++] = r->v->corner[at++];
     }
@@ -189,14 +189,14 @@ static tm_status read_counted(reader *r, int64_t cells, int64_t size) {
 static tm_status read_cells(reader *r, const char *line) {
     long long first, second;
     if (sscanf(line, "%*s %lld %lld", &first, &second) != 2 || first < 0 || second < 0)
-        return bad(r, "its line CELLS is not understood");
+        return bad(r, "its line CELLS cannot be read");
     return r->offsets ? read_offsets(r, first, second) : read_counted(r, first, second);
 }
 
 static tm_status read_types(reader *r, const char *line) {
     long long count;
     if (sscanf(line, "%*s %lld", &count) != 1 || !r->v->offset || count != r->v->cells)
-        return bad(r, "CELL_TYPES does not fit CELLS");
+        return bad(r, "CELL_TYPES and CELLS have different lengths");
     if (!has_capacity(r, count, type_of("int"))) return cut_short(r);
     if (!make(&r->v->cell_type, count)) return no_memory(r);
     return values(r, count, type_of("int"), NULL, r->v->cell_type) ? TM_OK : cut_short(r);
@@ -243,7 +243,7 @@ static tm_status read_groups(reader *r, const char *line) {
         const int got = sscanf(row, "%299s %lld %lld %31s", name, &components, &tuples, type_name);
         const struct type *type = got == 4 ? type_of(type_name) : NULL;
         if (!type || components != 1 || tuples != r->v->points || !has_capacity(r, tuples, type))
-            return bad(r, "its FIELD groups is not one number a point, or cut short");
+            return bad(r, "its FIELD groups does not have one number for each point");
         plain_name(name);
         uint8_t *in = tm_io_vtk_group_add(r->v, name);
         int64_t *value = malloc(((size_t)tuples + 1) * sizeof *value);
@@ -263,7 +263,7 @@ static tm_status check_dataset(reader *r, const char *line) {
     return tm_fail(
         r->v->error, TM_ERR_MESH, -1,
         !strcasecmp(is, "POLYDATA")
-            ? "%s: a surface, not a volume; save an unstructured grid, or fill it with tetrahedra: tm-mesh fill"
+            ? "%s is a surface, not a volume; save an unstructured grid, or fill it with tetrahedra: tm-mesh fill"
             : "%s; save an unstructured grid of tetrahedra",
         line);
 }
@@ -281,7 +281,7 @@ static tm_status read_section(reader *r, const char *line) {
     if (!strncasecmp(line, "POINTS ", 7)) return read_points(r, line);
     if (!strncasecmp(line, r->surface ? "POLYGONS " : "CELLS ", r->surface ? 9 : 6)) return read_cells(r, line);
     if (r->surface && !strncasecmp(line, "TRIANGLE_STRIPS ", 16))
-        return bad(r, "TRIANGLE_STRIPS are not read: save it as triangles (ParaView: Triangulate)");
+        return bad(r, "triangle strips cannot be read; save triangles (ParaView: Triangulate)");
     return strncasecmp(line, "CELL_TYPES ", 11) ? TM_OK : read_types(r, line);
 }
 
@@ -294,7 +294,7 @@ static tm_status read_sections(reader *r) {
         if (i == 0) r->offsets = sscanf(line, "# vtk DataFile Version %lf", &version) == 1 && version >= 5;
     }
     r->binary = strcasecmp(line, "BINARY") == 0;
-    if (!r->binary && strcasecmp(line, "ASCII")) return bad(r, "neither ASCII nor BINARY in its third line");
+    if (!r->binary && strcasecmp(line, "ASCII")) return bad(r, "its third line is neither ASCII nor BINARY");
     while (!status && next_line(r, line, sizeof line)) status = read_section(r, line);
     if (status) return status;
     return r->v->point && (r->surface ? r->v->offset != NULL : r->v->cell_type != NULL) ? TM_OK : cut_short(r);

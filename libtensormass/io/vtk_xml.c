@@ -141,29 +141,29 @@ static size_t header_at(const reader *r, const uint8_t *bytes, int64_t i) {
 static tm_status unpack(const reader *r, bool base64, span from, uint8_t **out, size_t *size) {
     const size_t word = r->wide ? 8 : 4, most = (size_t)(from.end - from.at);
     uint8_t first[24];
-    if (!take(base64, from, first, 3 * word)) return tm_io_vtk_bad(r->v, "an array is cut short");
+    if (!take(base64, from, first, 3 * word)) return tm_io_vtk_bad(r->v, "an array is truncated");
     const size_t blocks = header_at(r, first, 0), whole = header_at(r, first, 1), last = header_at(r, first, 2);
     if (blocks > most / word || whole > 1100 * most || last > whole)
-        return tm_io_vtk_bad(r->v, "an array is cut short");
+        return tm_io_vtk_bad(r->v, "an array is truncated");
     const size_t head = (3 + blocks) * word;
     *size = blocks ? (blocks - (last > 0)) * whole + last : 0;
-    if (*size > 1100 * most) return tm_io_vtk_bad(r->v, "an array is cut short");
+    if (*size > 1100 * most) return tm_io_vtk_bad(r->v, "an array is truncated");
     uint8_t *packed = malloc(most + 1);
     *out = malloc(*size + 1);
     tm_status status = packed && *out ? TM_OK : tm_io_vtk_no_memory(r->v);
-    if (!status && !take(base64, from, packed, head)) status = tm_io_vtk_bad(r->v, "an array is cut short");
+    if (!status && !take(base64, from, packed, head)) status = tm_io_vtk_bad(r->v, "an array is truncated");
     size_t used = head;
     for (size_t b = 0; b < blocks && !status; b++) {
         const size_t more = header_at(r, packed, 3 + (int64_t)b);
         used = more > most - used ? most + 1 : used + more;
-        if (used > most) status = tm_io_vtk_bad(r->v, "an array is cut short");
+        if (used > most) status = tm_io_vtk_bad(r->v, "an array is truncated");
     }
-    if (!status && !take(base64, from, packed, used)) status = tm_io_vtk_bad(r->v, "an array is cut short");
+    if (!status && !take(base64, from, packed, used)) status = tm_io_vtk_bad(r->v, "an array is truncated");
     size_t at = head, to = 0;
     for (size_t b = 0; b < blocks && !status; b++) {
         const size_t more = header_at(r, packed, 3 + (int64_t)b), gives = b + 1 == blocks && last ? last : whole;
         if (!tm_io_inflate(packed + at, more, *out + to, gives))
-            status = tm_io_vtk_bad(r->v, "an array does not unpack: the file is damaged");
+            status = tm_io_vtk_bad(r->v, "a compressed array is damaged");
         at += more, to += gives;
     }
     free(packed);
@@ -173,12 +173,12 @@ static tm_status unpack(const reader *r, bool base64, span from, uint8_t **out, 
 static tm_status plain(const reader *r, bool base64, span from, uint8_t **out, size_t *size) {
     const size_t word = r->wide ? 8 : 4;
     uint8_t head[8];
-    if (!take(base64, from, head, word)) return tm_io_vtk_bad(r->v, "an array is cut short");
+    if (!take(base64, from, head, word)) return tm_io_vtk_bad(r->v, "an array is truncated");
     *size = header_at(r, head, 0);
-    if (*size > (size_t)(from.end - from.at)) return tm_io_vtk_bad(r->v, "an array is cut short");
+    if (*size > (size_t)(from.end - from.at)) return tm_io_vtk_bad(r->v, "an array is truncated");
     uint8_t *both = *out = malloc(word + *size + 1);
     if (!both) return tm_io_vtk_no_memory(r->v);
-    if (!take(base64, from, both, word + *size)) return tm_io_vtk_bad(r->v, "an array is cut short");
+    if (!take(base64, from, both, word + *size)) return tm_io_vtk_bad(r->v, "an array is truncated");
     memmove(both, both + word, *size);
     return TM_OK;
 }
@@ -191,7 +191,7 @@ static tm_status text_values(const reader *r, span from, int64_t expected, doubl
         char *stop;
         while (at < from.end && isspace((unsigned char)*at)) at++;
         out[i] = at < from.end ? strtod(at, &stop) : 0;
-        if (at >= from.end || stop == at) return tm_io_vtk_bad(r->v, "an array of text is cut short");
+        if (at >= from.end || stop == at) return tm_io_vtk_bad(r->v, "an array of text is truncated");
         at = stop;
     }
     return TM_OK;
@@ -209,11 +209,12 @@ static tm_status values(const reader *r, span tag, span body, int64_t expected, 
         if (strcmp(types[i].name, kind) == 0) t = &types[i];
     const bool text = strcmp(format, "ascii") == 0, appended = strcmp(format, "appended") == 0;
     if (!t || (!text && !appended && strcmp(format, "binary")))
-        return tm_fail(r->v->error, TM_ERR_FILE, -1, "an array of type '%s', format '%s'; write it anew", kind, format);
+        return tm_fail(r->v->error, TM_ERR_FILE, -1,
+                       "an array has type '%s' and format '%s', which cannot be read; save it again", kind, format);
     const int64_t offset = count_of(tag, "offset"),
                   room = appended ? r->appended.end - r->appended.at : body.end - body.at;
     if (expected > 1100 * (room + 1) || offset < 0 || (appended && (!r->appended.at || offset > room)))
-        return tm_io_vtk_bad(r->v, "an array is cut short");
+        return tm_io_vtk_bad(r->v, "an array is truncated");
     const span from = appended ? (span){r->appended.at + offset, r->appended.end} : body;
     const bool base64 = !appended || r->base64;
     if (!(*out = malloc(((size_t)expected + 1) * sizeof **out))) return tm_io_vtk_no_memory(r->v);
@@ -236,8 +237,8 @@ static tm_status section_values(const reader *r, const char *section, const char
             if (name && strcmp(called, name)) continue;
             return values(r, array, part, expected, out);
         }
-    return tm_fail(r->v->error, TM_ERR_FILE, -1, "no array '%s' in its %s; write it anew", name ? name : "Points",
-                   section);
+    return tm_fail(r->v->error, TM_ERR_FILE, -1, "the array '%s' is missing in its %s; save it again",
+                   name ? name : "Points", section);
 }
 
 static tm_status whole_values(const reader *r, const char *section, const char *name, int64_t expected, int64_t **out) {
@@ -261,7 +262,7 @@ static tm_status read_cells(const reader *r, const char *section) {
     memmove(v->offset + 1, v->offset, (size_t)cells * sizeof *v->offset);
     v->offset[0] = 0;
     const int64_t corners = v->offset[cells];
-    if (corners < 0 || corners > INT32_MAX) return tm_io_vtk_bad(v, "its offsets do not ascend");
+    if (corners < 0 || corners > INT32_MAX) return tm_io_vtk_bad(v, "its offsets are not ascending");
     status = whole_values(r, section, "connectivity", corners, &v->corner);
     if (!status) v->cells = cells;
     return status ? status : tm_io_vtk_check(v, corners);
@@ -309,34 +310,35 @@ static tm_status open_file(reader *r, span file, const char *dataset) {
     span tag = {0}, piece_tag, other;
     char text[64] = "";
     const char *body = element(file, "VTKFile", &tag);
-    if (!body) return tm_io_vtk_bad(r->v, "no <VTKFile> in it");
+    if (!body) return tm_io_vtk_bad(r->v, "it has no <VTKFile> element");
     attribute(tag, "type", text, sizeof text);
     if (strcmp(text, dataset))
-        return tm_fail(r->v->error, TM_ERR_MESH, -1, "holds '%s', not %s; save one of these", text, dataset);
+        return tm_fail(r->v->error, TM_ERR_MESH, -1, "it contains '%s', not %s; save one of these", text, dataset);
     r->big_endian = attribute(tag, "byte_order", text, sizeof text) && strcmp(text, "BigEndian") == 0;
     r->wide = attribute(tag, "header_type", text, sizeof text) && strcmp(text, "UInt64") == 0;
     r->packed = attribute(tag, "compressor", text, sizeof text) && *text;
     if (r->packed && strcmp(text, "vtkZLibDataCompressor"))
-        return tm_fail(r->v->error, TM_ERR_FILE, -1, "packed by %s; save it with zlib, or unpacked", text);
+        return tm_fail(r->v->error, TM_ERR_FILE, -1, "it is compressed by %s; save it with zlib, or uncompressed",
+                       text);
     const char *data = element((span){body, file.end}, "AppendedData", &tag);
     const span before = {body, data ? tag.at : file.end};
     if (data) {
         r->base64 = attribute(tag, "encoding", text, sizeof text) && strcmp(text, "base64") == 0;
         while (data < file.end && isspace((unsigned char)*data)) data++;
-        if (data >= file.end || *data != '_') return tm_io_vtk_bad(r->v, "its appended data do not begin with _");
+        if (data >= file.end || *data != '_') return tm_io_vtk_bad(r->v, "its appended data does not begin with _");
         const char *stop = r->base64 ? memchr(data, '<', (size_t)(file.end - data)) : NULL;
         r->appended = (span){data + 1, stop ? stop : file.end};
     }
-    if (!inside(before, "Piece", &piece_tag, &r->piece)) return tm_io_vtk_bad(r->v, "the file is cut short");
+    if (!inside(before, "Piece", &piece_tag, &r->piece)) return tm_io_vtk_bad(r->v, "the file is truncated");
     if (element((span){r->piece.end, before.end}, "Piece", &other))
-        return tm_fail(r->v->error, TM_ERR_MESH, -1, "has several pieces; save it as one (ParaView: Merge Blocks)");
+        return tm_fail(r->v->error, TM_ERR_MESH, -1, "it has several pieces; save it as one (ParaView: Merge Blocks)");
     r->v->points = count_of(piece_tag, "NumberOfPoints");
     const bool surface = strcmp(dataset, "PolyData") == 0;
     r->v->cells = count_of(piece_tag, surface ? "NumberOfPolys" : "NumberOfCells");
     if (r->v->points < 0 || r->v->cells < 0 || r->v->points > INT32_MAX / 4 || r->v->cells > INT32_MAX / 4)
-        return tm_io_vtk_bad(r->v, "its counts are no counts");
+        return tm_io_vtk_bad(r->v, "its counts are not numbers");
     if (surface && count_of(piece_tag, "NumberOfStrips"))
-        return tm_io_vtk_bad(r->v, "strips of triangles are not read: save triangles (ParaView: Triangulate)");
+        return tm_io_vtk_bad(r->v, "triangle strips cannot be read; save triangles (ParaView: Triangulate)");
     return TM_OK;
 }
 

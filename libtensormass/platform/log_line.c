@@ -57,7 +57,9 @@ void app_say_list(const char *format, va_list list) {
     if (!size || line[size - 1] != '\n') line[size++] = '\n';
     const int missing = atomic_exchange(&left_out, 0);
     char note[64];
-    const int note_size = missing ? snprintf(note, sizeof note, "(%d lines left out: nobody read them)\n", missing) : 0;
+    const int note_size =
+        missing ? snprintf(note, sizeof note, "(%d messages were dropped: the output was not read in time)\n", missing)
+                : 0;
     if ((note_size && !write_line(note, (size_t)note_size)) || !write_line(line, (size_t)size))
         atomic_fetch_add(&left_out, missing + 1);
 }

@@ -52,7 +52,7 @@ void *app_module(const char *name, tm_error *error) {
     char path[1200], bin[1024];
     /* Next to the program (build/bin -> build/lib/tensormass, PREFIX/bin -> PREFIX/lib/tensormass). */
     if (!program_folder(bin)) {
-        fail(error, name, "/proc is not mounted");
+        fail(error, name, "/proc is not mounted; mount it");
         return NULL;
     }
     snprintf(path, sizeof path, "%s/../lib/tensormass/%s.so", bin, name);

@@ -70,7 +70,7 @@ static bool hold(app_output *output, int fd) {
 /* `-`: only the output goes to stdout; the program's messages go to stderr. */
 static bool begin_stdout(app_output *output, tm_error *error) {
     static bool taken;
-    if (taken) return complain(error, output->path, "two outputs to stdout", "give one of them a file");
+    if (taken) return complain(error, output->path, "two outputs go to stdout", "write one of them to a file");
     fflush(stdout);
     int fd = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
     if (fd < 0 || dup2(STDERR_FILENO, STDOUT_FILENO) < 0) return fail(error, "-", "cannot write to stdout");
@@ -152,7 +152,7 @@ bool app_output_begin(app_output *output, const char *path, tm_error *error) {
     if (!strcmp(path, "-")) return begin_stdout(output, error);
     snprintf(output->target, sizeof output->target, "%s", path);
     bool place = follow_links(output->target), there = stat(path, &info) == 0;
-    if (there && S_ISDIR(info.st_mode)) return complain(error, path, "is a folder", "name a file in it");
+    if (there && S_ISDIR(info.st_mode)) return complain(error, path, "is a folder", "give a file name in that folder");
     if (there && S_ISBLK(info.st_mode)) return complain(error, path, "is a disk", "name a file");
     if (there && (!place || !S_ISREG(info.st_mode))) return begin_through(output, error);
     errno = EACCES;
@@ -183,7 +183,7 @@ static bool put_in_place(app_output *output) {
 bool app_output_commit(app_output *output, tm_error *error) {
     if (!output->begun) return false;
     if (!output->through && !put_in_place(output)) {
-        fail(error, output->path, "cannot put the finished file in its place");
+        fail(error, output->path, "cannot rename the finished file");
         app_output_abandon(output);
         return false;
     }
@@ -204,7 +204,7 @@ bool app_output_end(app_output *output, FILE *stream, tm_error *error) {
     if (stream && fclose(stream) != 0) whole = false;
     if (whole) return app_output_commit(output, error);
     app_output_abandon(output);
-    complain(error, output->path, "cannot be written to its end",
+    complain(error, output->path, "cannot be written completely",
              "the disk may be full: free some space, or choose another place");
     if (error) error->status = TM_ERR_LIMIT; /* not an input error: exit 1 */
     return false;

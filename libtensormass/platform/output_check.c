@@ -43,7 +43,7 @@ static void check_stdout(int status, void *unused) {
     errno = 0;
     bool lost = ferror(stdout) != 0, unwritten = fflush(stdout) != 0;
     if (!lost && !unwritten) return;
-    fprintf(stderr, "stdout: cannot be written: %s; what was printed is not whole\n",
+    fprintf(stderr, "stdout: cannot be written: %s; the printed output is incomplete\n",
             errno ? strerror(errno) : "write error");
     _exit(status ? status : APP_FAILED);
 }

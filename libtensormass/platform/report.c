@@ -56,7 +56,7 @@ int app_report(const char *file, int line, const tm_error *error) {
     print_place(file, line);
     print_plain(error->message[0] ? error->message
                 : error->status   ? tm_status_name(error->status)
-                                  : "the simulation did not get to its end; change what was changed last");
+                                  : "the simulation did not finish; undo the last change");
     /* A failed step fills no error; the exit code must still not be success. */
     return error->status ? app_exit_code(error->status) : APP_FAILED;
 }

@@ -11,7 +11,7 @@ int app_file_begin(app_file *file, const char *path) {
     file->stream = app_output_stream(&file->output);
     if (!file->stream) {
         app_output_abandon(&file->output);
-        return app_bad_input(path, 0, "cannot be written: %s; choose another place", strerror(errno));
+        return app_bad_input(path, 0, "cannot be written: %s; choose another folder", strerror(errno));
     }
     file->begun = true;
     return 0;

@@ -19,7 +19,8 @@ tm_status sim_build_supports(sim *s) {
                        ? 0
                        : app_scene_fail(scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     if (scene->support.count > 100)
-        rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
+        rc = app_scene_bad(scene, scene->support.line, "the scene has %d supports; give at most 100",
+                           scene->support.count);
     for (int i = 0; i < scene->support.count && !rc; i++) {
         const app_support *support = (const app_support *)scene->support.item + i;
         rc = sim_select(s, &support->select, support->here.line, mark, &selected);
@@ -28,11 +29,11 @@ tm_status sim_build_supports(sim *s) {
                 if (!strchr(support->axes.s, "xyz"[a])) continue;
                 int32_t d = 3 * v + a;
                 if (held[d] && value[d] != support->displace.v[a])
-                    rc = app_scene_bad(scene, support->here.line,
-                                       "vertex %d is already held at %g m along %c by the support on line %d; make the "
-                                       "selectors disjoint",
-                                       tm_mesh_original_vertex(s->mesh, v), value[d], "xyz"[a],
-                                       ((const app_support *)scene->support.item)[held[d] - 1].here.line);
+                    rc = app_scene_bad(
+                        scene, support->here.line,
+                        "vertex %d is already fixed at %g m along %c by the support on line %d; make the selectors disjoint",
+                        tm_mesh_original_vertex(s->mesh, v), value[d], "xyz"[a],
+                        ((const app_support *)scene->support.item)[held[d] - 1].here.line);
                 if (!held[d]) held[d] = (int8_t)(i + 1);
                 value[d] = support->displace.v[a];
                 if (!s->support_of[v]) s->support_of[v] = (uint8_t)(i + 1);
@@ -60,7 +61,7 @@ static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark,
     }
     tm_status rc = count ? 0
                          : app_scene_bad(s->scene, load->traction.line,
-                                         "no surface triangle has its three vertices selected; widen the selector");
+                                         "the selector contains no complete surface triangle; widen the selector");
     if (!rc) tm_load_add_traction(mesh, triangle, count, load->traction.v, force);
     free(triangle);
     return rc;

@@ -22,7 +22,7 @@
 
 #define APP_CHOICE_PLACE(word, value) APP_CHOICE_AT_##value,
 #define APP_CHOICE_SAME(word, value)                                                                                   \
-    _Static_assert((int)APP_CHOICE_AT_##value == (int)(value), word " does not stand where its value does");
+    _Static_assert((int)APP_CHOICE_AT_##value == (int)(value), word " is not at the index of its value");
 #define APP_CHOICE_CHECK(TABLE)                                                                                        \
     enum { TABLE(APP_CHOICE_PLACE) };                                                                                  \
     TABLE(APP_CHOICE_SAME)

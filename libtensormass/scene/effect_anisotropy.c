@@ -32,24 +32,30 @@ APP_CHOICE_CHECK(RULES)
 APP_CHOICE_CHECK(AXES)
 
 static const app_field fields[] = {
-    {"anisotropy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "fibres; fibred materials need it"},
+    {"anisotropy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
+     "fibre directions, which fibred materials need"},
     {"anisotropy.file", APP_PATH, NULL, NULL, 0, 0, offsetof(options, file), 0,
-     "CSV with header `tet,ax,ay,az`, one row a tetrahedron, or `vertex,ax,ay,az`, one row a vertex, counted from 0 in file order; or a NIfTI image (`.nii`, `.nii.gz`) of 3 numbers a voxel, the principal direction of "
-     "diffusion (DTI), either way round, in the place of a mesh of `tm-mesh image`; wants the module of `make image`; instead of a rule"},
+     "instead of a rule: CSV with header `tet,ax,ay,az`, one row a tetrahedron, or `vertex,ax,ay,az`, one "
+     "row a vertex, counted from 0 in file order; or a NIfTI image (`.nii`, `.nii.gz`) of 3 numbers a "
+     "voxel, the principal direction of diffusion (DTI, its sign is ignored), at the position of a mesh "
+     "of `tm-mesh image`. Images need the module of `make image`"},
     {"anisotropy.axes", APP_CHOICE, APP_CHOICE_WORDS(AXES), NULL, 0, 0, offsetof(options, axes), 0,
-     "of an image's three numbers, must be said: along the image's own axes (`image`: FSL's of an image that is stored "
-     "radiologically), or to the patient's left, posterior, superior (`lps`: ITK), or right, anterior, superior (`ras`: MRtrix)"},
+     "axes of an image's three numbers, required with an image: the image's own axes (`image`: FSL, for "
+     "an image stored radiologically), or the patient's left, posterior, superior (`lps`: ITK), or right, "
+     "anterior, superior (`ras`: MRtrix)"},
     {"anisotropy.rule", APP_CHOICE, APP_CHOICE_WORDS(RULES), NULL, 0, 0, offsetof(options, rule), 0,
-     "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along "
-     "`direction`; `spherical`: away from `point`; `laplace`: from the group `from` to the group `to`, as a current would flow"},
+     "`constant`: along `direction`; `radial` and `circular`: away from and around the line through "
+     "`point` along `direction`; `spherical`: away from `point`; `laplace`: along the gradient of a "
+     "potential between the groups `from` and `to`"},
     {"anisotropy.direction", APP_VECTOR, "none", "[0, 0, 1]", 0, 0, offsetof(options, direction), 0, "any length"},
     {"anisotropy.point", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(options, point), 0,
-     "of the line, or the centre"},
+     "a point on the line, or the centre"},
     {"anisotropy.from", APP_TEXT, NULL, NULL, 0, 0, offsetof(options, from), 0,
-     "of `laplace`: a group of the mesh, where fibres begin"},
-    {"anisotropy.to", APP_TEXT, NULL, NULL, 0, 0, offsetof(options, to), 0, "of `laplace`: another, where they end"},
+     "with `laplace`: group of the mesh at which fibres begin"},
+    {"anisotropy.to", APP_TEXT, NULL, NULL, 0, 0, offsetof(options, to), 0,
+     "with `laplace`: group of the mesh at which fibres end"},
     {"anisotropy.smooth", APP_INTEGER, NULL, "0", 0, 1000, offsetof(options, smooth), 0,
-     "how often each tetrahedron's fibre becomes the mean of its own and its neighbours', either way round"},
+     "number of smoothing passes; each replaces a tetrahedron's fibre by the mean with its neighbours', whose sign is ignored"},
 };
 
 static bool is_image(const char *path) {
@@ -61,22 +67,21 @@ static bool is_image(const char *path) {
 static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (!o->file.line == !o->rule.line)
-        return app_scene_bad(scene, o->here.line, "anisotropy has either a file or a rule; give one of them");
+        return app_scene_bad(scene, o->here.line, "anisotropy needs either a file or a rule; give one of them");
     const bool image = o->file.line && is_image(o->file.s);
     if (image && !o->axes.line)
         return app_scene_bad(scene, o->file.line,
-                             "an image of fibres does not say along which axes they are; give axes: image, lps or ras");
+                             "an image of fibres does not define its axes; give axes: image, lps or ras");
     if (!image && o->axes.line)
-        return app_scene_bad(scene, o->axes.line, "axes are those of an image (.nii, .nii.gz); leave them out");
+        return app_scene_bad(scene, o->axes.line, "axes apply only to an image (.nii, .nii.gz); leave them out");
     const bool laplace = o->rule.line && o->rule.index == LAPLACE;
     if (laplace && (!o->from.line || !o->to.line))
-        return app_scene_bad(scene, o->rule.line,
-                             "rule laplace goes from one group of the mesh to another; give from: and to:");
+        return app_scene_bad(scene, o->rule.line, "rule laplace needs two groups of the mesh; give from: and to:");
     if (!laplace && (o->from.line || o->to.line))
         return app_scene_bad(scene, o->from.line ? o->from.line : o->to.line,
-                             "from and to are rule laplace's; write rule: laplace, or leave them out");
+                             "from and to apply only to rule laplace; write rule: laplace, or leave them out");
     if (laplace && strcmp(o->from.s, o->to.s) == 0)
-        return app_scene_bad(scene, o->to.line, "fibres from '%s' to itself; name another group", o->to.s);
+        return app_scene_bad(scene, o->to.line, "from and to are both '%s'; name another group", o->to.s);
     if (o->rule.line && o->rule.index != SPHERICAL && !laplace && !(vnorm(o->direction.v) > 0))
         return app_scene_bad(scene, o->direction.line, "anisotropy.direction is zero; give a direction");
     return 0;
@@ -174,8 +179,8 @@ static tm_status prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_anisotropy = {
     .name = "anisotropy",
-    .doc = "One fibre direction a tetrahedron. The stiffness tensors take it in when the tissue is built; a step costs "
-           "the same with and without.",
+    .doc = "One fibre direction a tetrahedron. It enters the stiffness tensors when the tissue is built, so a "
+           "step costs the same with and without.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_FIBRES,
     .check = check,

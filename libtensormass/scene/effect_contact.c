@@ -10,13 +10,13 @@ typedef struct options {
 static const app_field fields[] = {
     {"contact", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments push the tissue's surface"},
     {"contact.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0,
-     "compliance of each contact row: a soft skin on the tip"},
+     "compliance of each contact row, as of a soft layer on the tip"},
     {"contact.force_cap", APP_NUMBER, "force", "50 N", 0.001, 1e6, offsetof(options, force_cap), 0,
-     "of each row; reaching it is flagged"},
+     "largest force of each row; reaching it sets a flag"},
     {"contact.sweeps", APP_INTEGER, NULL, "10", 1, 1000, offsetof(options, sweeps), 0,
-     "of the projection, each substep"},
+     "Gauss-Seidel sweeps in each substep"},
     {"contact.rows", APP_INTEGER, NULL, "256", 8, 100000, offsetof(options, rows), 0,
-     "at most; the deepest are kept and the loss is flagged"},
+     "largest number of contact rows; if there are more, the deepest are kept and a flag is set"},
 };
 
 /* The array of instruments is filled later; the scene owns it for good. */

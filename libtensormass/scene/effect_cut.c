@@ -13,13 +13,14 @@ typedef struct options {
 APP_CHOICE_CHECK(LOOSE)
 
 static const app_field fields[] = {
-    {"cut", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "active cauteries remove what they touch"},
+    {"cut", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
+     "active cauteries remove the tetrahedra that they touch"},
     {"cut.rate", APP_NUMBER, "rate", "200 /s", 1e-3, 1e9, offsetof(options, rate), 0,
-     "tetrahedra a second that one cautery may remove"},
+     "largest number of tetrahedra that one cautery removes in a second"},
     {"cut.loose", APP_CHOICE, APP_CHOICE_WORDS(LOOSE), "fall", 0, 0, offsetof(options, loose), 0,
-     "pieces that hang on nothing fall out of sight, or vanish"},
+     "detached fragments fall out of sight, or are removed"},
     {"cut.fade", APP_NUMBER, "time", "0 s", 0, 10, offsetof(options, fade), 0,
-     "what an instrument felt on a tetrahedron that goes fades within this time; 50 ms halves the jumps of a cut"},
+     "time in which the force from a removed tetrahedron falls to 0; 50 ms halves the jumps of a cut"},
 };
 
 static tm_status check(const app_scene *scene, const void *own) {
@@ -28,10 +29,11 @@ static tm_status check(const app_scene *scene, const void *own) {
     char where[600];
     if (!line || !(o->fade.si > 0)) return 0;
     app_scene_where(scene, line, where, sizeof where);
-    return app_scene_bad(scene, o->fade.line,
-                         "cut.fade and the hybrid model (%s) exclude each other: its rows do not fade; leave out "
-                         "cut.fade, or write 'model: dynamic'",
-                         where);
+    return app_scene_bad(
+        scene, o->fade.line,
+        "cut.fade and the hybrid model (%s) exclude each other: its contact forces cannot fade; leave out "
+        "cut.fade, or write 'model: dynamic'",
+        where);
 }
 
 static tm_status prepare(sim *s, const void *own) {
@@ -68,12 +70,11 @@ static void frame(sim *s) {
 
 const sim_effect sim_effect_cut = {
     .name = "cut",
-    .doc =
-        "Cauteries (instruments of mode `cautery`) remove tetrahedra while their pedal is down; the mesh stays "
-        "conformal and manifold, and the "
-        "tissue equals a fresh build of what is left, bit for bit. The step is one that each tetrahedron bears when it is "
-        "cut loose alone: with slivers 0.018 to 0.15 of what the whole tissue bears. `tm-mesh info` names the worst; mesh "
-        "the organ anew, or set `time.mass_scaling`.",
+    .doc = "Cauteries (instruments of mode `cautery`) remove tetrahedra while their pedal is down. The mesh "
+           "stays conformal and manifold, and the tissue equals a fresh build of the remaining mesh, bit for "
+           "bit. The step must be stable for each tetrahedron by itself: with slivers it is 0.018 to 0.15 of "
+           "the uncut tissue's step. `tm-mesh info` names the worst tetrahedron; mesh the organ again, or set "
+           "`time.mass_scaling`.",
     .example = "{rate: 100 /s}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_CUTTING,

@@ -7,9 +7,9 @@ typedef struct options {
 } options;
 
 static const app_field fields[] = {
-    {"damping", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "motion dies away"},
+    {"damping", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "motion decays"},
     {"damping.rate", APP_NUMBER, "rate", "20 /s", 0, 1e9, offsetof(options, rate), 0,
-     "d in force = -d m v, of materials that name none; velocities fall as exp(-d t)"},
+     "d in force = -d m v, for materials without their own rate; velocities decay as exp(-d t)"},
 };
 
 static tm_status prepare(sim *s, const void *own) {
@@ -21,7 +21,7 @@ static tm_status prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_damping = {
     .name = "damping",
-    .doc = "Viscous damping in proportion to mass. Without it the integrator is the undamped one, which has fewer "
+    .doc = "Viscous damping proportional to mass. Without it the undamped integrator runs, which has fewer "
            "instructions.",
     .example = "{rate: 40 /s}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},

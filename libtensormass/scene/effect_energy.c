@@ -7,7 +7,7 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"energy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
-     "an account of energy: hands, supports, weight, damping, cuts"},
+     "an energy account: hands, supports, weight, damping, cuts"},
 };
 
 static tm_status build(sim *s, const void *own) {
@@ -18,8 +18,8 @@ static tm_status build(sim *s, const void *own) {
 
 const sim_effect sim_effect_energy = {
     .name = "energy",
-    .doc = "What went into the tissue and what came out, in joules, in the report of a run (`--json FILE`, `energy`). "
-           "It closes to rounding (`residual_J`); `generated_J` says whether contact made any out of nothing.",
+    .doc = "Energy that entered and left the tissue, J, in the report of a run (`--json FILE`, `energy`). It "
+           "balances to rounding (`residual_J`); `generated_J` is the energy that contact generated.",
     .example = "",
     .trial = SIM_TRIAL_KEEP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},

@@ -7,11 +7,11 @@ typedef struct options {
 } options;
 
 static const app_field fields[] = {
-    {"friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments rub on the tissue"},
+    {"friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "friction between instruments and tissue"},
     {"friction.static", APP_NUMBER, "none", "0.3", 0, TM_FRICTION_MAX, offsetof(options, at_rest), 0,
-     "coefficient until an instrument slips, of all that name none of their own"},
+     "coefficient until an instrument slips, for instruments without their own"},
     {"friction.kinetic", APP_NUMBER, "none", "0.2", 0, TM_FRICTION_MAX, offsetof(options, sliding), 0,
-     "coefficient while it slides, at most `static`"},
+     "coefficient while an instrument slides, at most `static`"},
 };
 
 static tm_friction_coefficient of_instrument(const app_instrument *t, const options *o) {
@@ -31,9 +31,8 @@ static tm_status check(const app_scene *scene, const void *own) {
                                                    : o->at_rest.line;
         return app_scene_bad(
             scene, line,
-            "instrument %d slides at %g and sticks at %g; give a sliding coefficient that is not above "
-            "the static one",
-            i, c.mu_kinetic, c.mu_static);
+            "instrument %d: the kinetic coefficient %g is above the static one, %g; give kinetic <= static", i,
+            c.mu_kinetic, c.mu_static);
     }
     return 0;
 }
@@ -48,14 +47,14 @@ static tm_status prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_friction = {
     .name = "friction",
-    .doc = "Coulomb friction of the instruments on the tissue, swept with contact: they stick within the cone of their "
-           "static coefficient, slide at the other, and the hand feels both (docs/friction.md).",
+    .doc = "Coulomb friction of the instruments on the tissue, solved with contact: they stick within the cone "
+           "of the static coefficient and slide at the kinetic one, and the hand feels both (docs/friction.md).",
     .example = "{static: 0.3, kinetic: 0.2}",
     .trial = SIM_TRIAL_DROP_OR_ADD,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .excludes = {{"hybrid",
-                  "its rows are solved without any; write 'model: dynamic' or 'model: precomputed', or remove "
+                  "its contact solver has no friction; write 'model: dynamic' or 'model: precomputed', or remove "
                   "'friction:'"}},
     .check = check,
     .prepare = prepare,

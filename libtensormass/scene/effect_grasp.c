@@ -9,20 +9,21 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"grasp", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "graspers hold the tissue between their jaws"},
-    {"grasp.close", APP_NUMBER, "none", "0.7", 0, 1, offsetof(options, close_grip), 0, "grip that closes the jaw"},
+    {"grasp.close", APP_NUMBER, "none", "0.7", 0, 1, offsetof(options, close_grip), 0, "grip at which the jaws close"},
     {"grasp.open", APP_NUMBER, "none", "0.3", 0, 1, offsetof(options, open_grip), 0,
-     "grip that opens it, below `close`"},
+     "grip at which they open, below `close`"},
     {"grasp.jaw", APP_NUMBER, "length", "10 mm", 1e-4, 0.1, offsetof(options, jaw), 0,
-     "of the shaft behind the tip that takes hold"},
-    {"grasp.reach", APP_NUMBER, "length", "1 mm", 0, 0.1, offsetof(options, reach), 0, "beyond the radius"},
+     "length of shaft behind the tip that grasps"},
+    {"grasp.reach", APP_NUMBER, "length", "1 mm", 0, 0.1, offsetof(options, reach), 0,
+     "distance beyond the radius within which vertices are grasped"},
     {"grasp.compliance", APP_NUMBER, "compliance", "0.2 mm/N", 0, 1, offsetof(options, compliance), 0,
-     "of the hold on each vertex"},
+     "compliance of the spring on each grasped vertex"},
     {"grasp.release_time", APP_NUMBER, "time", "0.1 s", 0, 10, offsetof(options, fade), 0,
-     "after opening, until the force is gone"},
+     "time after opening until the force is 0"},
     {"grasp.force_cap", APP_NUMBER, "force", "20 N", 0.001, 1e6, offsetof(options, force_cap), 0,
-     "of each vertex; what is beyond slips"},
+     "largest force of each spring; beyond it the vertex slips"},
     {"grasp.max_vertices", APP_INTEGER, NULL, "64", 1, 10000, offsetof(options, max_vertices), 0,
-     "held by one instrument, nearest kept"},
+     "largest number of vertices in one instrument's jaws; the nearest are kept"},
 };
 
 static tm_status check(const app_scene *scene, const void *own) {
@@ -50,8 +51,8 @@ static tm_status prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_grasp = {
     .name = "grasp",
-    .doc = "Closing the jaw of an instrument of mode `grasper` ties the tissue between the jaws to it; opening lets go "
-           "within `release_time`.",
+    .doc = "Closed jaws of an instrument of mode `grasper` hold the tissue between them by springs; opening "
+           "releases it within `release_time`.",
     .example = "{compliance: 0.2 mm/N}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},

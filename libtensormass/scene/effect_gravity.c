@@ -20,7 +20,7 @@ static tm_status prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_gravity = {
     .name = "gravity",
-    .doc = "Weight. Added suddenly at the start; `--settle` gives the shape at rest.",
+    .doc = "Weight. It acts from the start at full size; `--settle` gives the shape in equilibrium.",
     .example = "{acceleration: [0, 0, -9.81]}",
     .trial = SIM_TRIAL_DROP_OR_ADD,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},

@@ -12,38 +12,38 @@ APP_CHOICE_CHECK(SENDS)
 
 static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
-     "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same "
-     "process"},
+     "forces are sent to a controller: over LCM in real time; in lockstep controller and virtual device "
+     "run in the same process"},
     {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "adaptive", 0, 0, offsetof(sim_haptics, extrapolator),
-     0, "in lockstep; in real time the controller says what it runs"},
+     0, "extrapolator in lockstep; in real time the controller chooses it"},
     {"haptics.sends", APP_CHOICE, APP_CHOICE_WORDS(SENDS), NULL, 0, 0, offsetof(sim_haptics, sends), 0,
-     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `local_model`: "
-     "patch); left out: what `extrapolator` asks for"},
+     "what may be sent with the force if the controller's extrapolator needs it (`tangent`: stiffness, "
+     "`local_model`: patch); left out: what `extrapolator` needs"},
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
-     "of the dynamic model's stiffness and patches: from a factor kept beside the simulation (opens the module `solve`; a "
-     "thread in real time), exact but where `rotation` turns tissue, or estimated by a few conjugate-gradient iterations a "
-     "frame: none for the first seconds, and few with `rotation`"},
+     "source of the dynamic model's stiffness and patches. `factor`: a Cholesky factor (opens the module "
+     "`solve`; a thread in real time), exact except where `rotation` rotates tissue. `iterations`: a few "
+     "conjugate-gradient iterations a frame; none are ready in the first seconds, and few with `rotation`"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
-     "of a patch; up to 12 with 16 triangles, more with 32"},
+     "largest number of vertices of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,
-     "force samples a second, a whole number of them a frame; `auto`: 500 Hz in lockstep, in real time up to that as "
-     "the machine can; 25 Hz is the paper's way"},
+     "rate of force samples, a multiple of the frame rate; `auto`: 500 Hz in lockstep, in real time up to "
+     "500 Hz as fast as the machine allows; the paper uses 25 Hz"},
     {"haptics.tick_rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, tick_rate), 0,
-     "controller ticks a second, in lockstep"},
+     "rate of controller ticks, in lockstep"},
     {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0,
      "passivity control, in lockstep"},
     {"haptics.profile", APP_PATH, NULL, NULL, 0, 0, offsetof(sim_haptics, profile), 0,
-     "device profile (haptic_rt/device/profiles; `haptic-rt --params`) of all instruments, in lockstep; left out, the "
-     "device's own; where devices differ, give `instruments[].profile`"},
+     "device profile (haptic_rt/device/profiles; `haptic-rt --params`) of all instruments, in lockstep; "
+     "left out: the device's default; for different devices give `instruments[].profile`"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0,
-     "in lockstep: periods of `rate` between a tool sample and the publishing of its force; a warning says when the "
-     "force is then older than the controller goes on with (`stale_us`)"},
+     "in lockstep: periods of `rate` between a tool sample and the sending of its force; a warning "
+     "follows if the force is then older than the controller accepts (`stale_us`)"},
     {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0,
-     "in lockstep: each sample is late by up to this, at random"},
+     "in lockstep: largest random delay of each sample"},
     {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0,
-     "in lockstep: share of force samples lost, at random"},
+     "in lockstep: share of force samples that are lost, at random"},
     {"haptics.seed", APP_INTEGER, NULL, "1", 0, 1e9, offsetof(sim_haptics, seed), 0,
-     "of that randomness; the same seed, the same run"},
+     "seed of `jitter` and `loss`; the same seed gives the same run"},
 };
 
 sim_sends sim_sends_of(int extrapolator) {
@@ -90,8 +90,8 @@ static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     if (!turns || o->compliance.index == 0) return 0;
     return app_scene_warn(
         s->scene, o->compliance.line,
-        "rotation (line %d) changes the stiffness, which 'compliance: iterations' follows slowly: most "
-        "samples will carry no patch; leave it out, and a factor is kept beside the simulation",
+        "with rotation (line %d) the stiffness changes faster than 'compliance: iterations' can follow, so "
+        "most samples will carry no patch; leave 'compliance' out to use a factor",
         turns->line);
 }
 

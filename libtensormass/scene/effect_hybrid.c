@@ -10,29 +10,27 @@
 
 static const app_field fields[] = {
     {"hybrid", APP_SECTION, NULL, NULL, 0, 0, OPTION(here),
-     "which part `model: hybrid` computes how; the section alone asks for nothing"},
-    {"hybrid.region", APP_TEXT, NULL, NULL, 0, 0, OPTION(region), "this region is tensor/mass"},
-    {"hybrid.box", APP_SECTION, NULL, NULL, 0, 0, OPTION(box),
-     "tetrahedra whose centre lies in this box are tensor/mass"},
+     "settings of `model: hybrid`: which part is dynamic; without that model the section has no effect"},
+    {"hybrid.region", APP_TEXT, NULL, NULL, 0, 0, OPTION(region), "this region is dynamic"},
+    {"hybrid.box", APP_SECTION, NULL, NULL, 0, 0, OPTION(box), "tetrahedra with their centre in this box are dynamic"},
     {"hybrid.box.min", APP_VECTOR, "length", "!", 0, 0, OPTION(box_min), "lower corner"},
     {"hybrid.box.max", APP_VECTOR, "length", "!", 0, 0, OPTION(box_max), "upper corner"},
     {"hybrid.smooth", APP_FLAG, NULL, "yes", 0, 0, OPTION(smooth),
-     "where the part's border runs in teeth, what is between them becomes tensor/mass too, if a fifth of the border's "
-     "vertices goes by that; no: the part is what was asked for, to the tetrahedron"},
+     "add tetrahedra to the dynamic part where its interface is jagged, if that removes a fifth of the "
+     "interface's vertices; no: use exactly the region or box"},
     {"hybrid.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, OPTION(precision),
-     "of the condensed part"},
+     "precision of the condensed part's matrices"},
     {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
-     "keep it on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
+     "store the condensed part on disk: in $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
     {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices),
-     "of the contact system on the condensed part"},
+     "largest number of vertices in contact on the condensed part"},
 };
 
 static tm_status check(const app_scene *scene, const void *own) {
     const sim_solve_options *o = own;
     if (!o->region.line == !o->box.line)
-        return app_scene_bad(
-            scene, scene->model.line,
-            "model: hybrid wants to know which part is tensor/mass; give 'hybrid:' either a region or a box");
+        return app_scene_bad(scene, scene->model.line,
+                             "model: hybrid needs a dynamic part; give 'hybrid:' either a region or a box");
     return 0;
 }
 
@@ -53,11 +51,11 @@ static tm_status choose_part(const sim *s, const sim_solve_options *o, uint8_t *
     if (!count)
         return app_scene_bad(
             s->scene, line,
-            "no tetrahedron is in the tensor/mass part; name another region or box (tm-mesh info lists regions)");
+            "no tetrahedron is in the dynamic part; name another region or box (tm-mesh info lists regions)");
     if (count == s->mesh->tet_count)
         return app_scene_bad(
             s->scene, line,
-            "every tetrahedron is in the tensor/mass part; write 'model: dynamic', or make the part smaller");
+            "every tetrahedron is in the dynamic part; write 'model: dynamic', or make the part smaller");
     return 0;
 }
 
@@ -87,11 +85,11 @@ tm_status sim_build_hybrid(sim *s) {
 
 const sim_effect sim_effect_hybrid = {
     .name = "hybrid",
-    .doc = "`model: hybrid` asks for it: tensor/mass where the section says (that part may be cut), everything else "
-           "condensed onto the interface, "
-           "quasi-static, its inside recovered when it is looked at. Opens the module `solve` (CHOLMOD).",
+    .doc = "`model: hybrid` uses it: the named part is dynamic (tensor/mass) and can be cut; the rest is "
+           "quasi-static and condensed onto the interface, its interior computed only when it is read. Opens "
+           "the module `solve` (CHOLMOD).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_solve_options)},
     .model = APP_HYBRID,
     .check = check,
-    .excludes = {{"breathing", "the condensed part's supports stand still; write 'model: dynamic'"}},
+    .excludes = {{"breathing", "the supports of the condensed part cannot move; write 'model: dynamic'"}},
 };

@@ -10,15 +10,15 @@ APP_CHOICE_CHECK(SOLVERS)
 
 static const app_field fields[] = {
     {"precomputed", APP_SECTION, NULL, NULL, 0, 0, OPTION(here),
-     "how `model: precomputed` is computed; the section alone asks for nothing"},
+     "settings of `model: precomputed`; without that model the section has no effect"},
     {"precomputed.solver", APP_CHOICE, APP_CHOICE_WORDS(SOLVERS), "cholesky", 0, 0, OPTION(solver),
-     "CHOLMOD, or conjugate gradients as in the paper"},
+     "`cholesky`: CHOLMOD; `cg`: conjugate gradients, as in the paper"},
     {"precomputed.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, OPTION(precision),
-     "of the stored responses"},
+     "precision of the stored responses"},
     {"precomputed.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
-     "keep them on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
+     "store the responses on disk: in $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
     {"precomputed.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices),
-     "of the on-line contact system"},
+     "largest number of vertices in contact"},
 };
 
 tm_status sim_build_precomputed(sim *s) {
@@ -39,12 +39,13 @@ tm_status sim_build_precomputed(sim *s) {
 
 const sim_effect sim_effect_precomputed = {
     .name = "precomputed",
-    .doc = "`model: precomputed` asks for it: responses of the surface to unit forces, solved once and kept on disk; "
-           "contact on line as a small system. "
-           "Quasi-static: mass and damping play no part. Nothing can be cut. Opens the module `solve` (CHOLMOD).",
+    .doc = "`model: precomputed` uses it: responses of the surface to unit forces, solved once and stored on "
+           "disk; contact is then a small system. Quasi-static: mass and damping have no effect, and nothing "
+           "can be cut. Opens the module `solve` (CHOLMOD).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_solve_options)},
     .model = APP_PRECOMPUTED,
-    .excludes = {{"cut", "responses hold for uncut tissue; write 'model: dynamic', or 'model: hybrid' with the part to "
-                         "cut under 'hybrid:'"},
-                 {"breathing", "its supports stand still; write 'model: dynamic'"}},
+    .excludes = {{"cut",
+                  "its responses are valid only for uncut tissue; write 'model: dynamic', or 'model: hybrid' with the "
+                  "part to cut under 'hybrid:'"},
+                 {"breathing", "its supports cannot move; write 'model: dynamic'"}},
 };

@@ -6,8 +6,8 @@
 
 static const app_field fields[] = {
     {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0,
-     "the surface goes out for pictures, on TISSUE"},
-    {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "one in so many frames"},
+     "send the surface for pictures, on channel TISSUE"},
+    {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "send every n-th frame"},
 };
 
 /* Allocates one block: the message's arrays of rows, the rows, and the numbering. */

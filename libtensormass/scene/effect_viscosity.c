@@ -14,15 +14,15 @@ typedef struct options {
 #define TERM(member) offsetof(term, member)
 static const app_field fields[] = {
     {"viscosity", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
-     "tissue that relaxes; the materials' constants are those of a sudden load"},
+     "stress relaxation; the materials' constants are then the instantaneous moduli"},
     {"viscosity.terms", APP_LIST, NULL, "!", 1, TM_VISCOSITY_TERMS, offsetof(options, term), sizeof(term),
-     "of a Prony series, one to three"},
+     "terms of a Prony series, one to three"},
     {"viscosity.terms[].time", APP_NUMBER, "time", "!", TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S, TERM(time), 0,
-     "in which the term's stress falls to 1/e at constant strain"},
+     "time in which the term's stress falls to 1/e at constant strain"},
     {"viscosity.terms[].shear", APP_NUMBER, "none", "!", 0, TM_VISCOSITY_SHARES_MAX, TERM(shear), 0,
-     "share of the sudden shear modulus (and of all that fibres add) that relaxes with it"},
+     "share of the instantaneous shear modulus (and of the fibres' terms) that relaxes"},
     {"viscosity.terms[].bulk", APP_NUMBER, "none", NULL, 0, TM_VISCOSITY_SHARES_MAX, TERM(bulk), 0,
-     "share of the sudden bulk modulus; left out: that of the shear, so that Poisson's ratio stays, which costs less"},
+     "share of the instantaneous bulk modulus; left out: equal to `shear`, so that Poisson's ratio is constant, which costs less"},
 };
 
 static tm_viscosity_def definition(const options *o) {
@@ -52,14 +52,14 @@ static tm_status build(sim *s, const void *own) {
 
 const sim_effect sim_effect_viscosity = {
     .name = "viscosity",
-    .doc = "Stress that fades at constant strain, and creep at constant load: a Prony series, integrated exactly along "
-           "straight strain paths. The step stays as it is; `--settle` gives the rest after infinite time "
-           "(docs/viscosity.md).",
+    .doc = "Stress relaxation at constant strain and creep at constant load: a Prony series, integrated exactly "
+           "along straight strain paths. The step does not change; `--settle` gives the equilibrium after "
+           "infinite time (docs/viscosity.md).",
     .example = "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}",
-    .of_linear_law = "it keeps histories of the linear law",
+    .of_linear_law = "viscosity supports only the linear law",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
-    .excludes = {{"precomputed", "its responses are of tissue that does not relax; write 'model: dynamic'"},
-                 {"hybrid", "its condensed part does not relax; write 'model: dynamic'"}},
+    .excludes = {{"precomputed", "its responses are of tissue without viscosity; write 'model: dynamic'"},
+                 {"hybrid", "its condensed part has no viscosity; write 'model: dynamic'"}},
     .check = check,
     .build = build,
 };

@@ -78,7 +78,8 @@ bool sim_fibres_from_image(const app_host *host, const tm_mesh *m, const char *p
     char said[IMAGE_WHY] = "";
     void *module = app_host_module(host, "image", &error);
     const image_vectors_api *api = module ? dlsym(module, IMAGE_VECTORS_SYMBOL) : NULL;
-    if (module && !api) tm_fail(&error, TM_ERR_FILE, -1, "the module image is of another version");
+    if (module && !api)
+        tm_fail(&error, TM_ERR_FILE, -1, "the module image has another version; build both again: make, make image");
     if (!api) {
         snprintf(why, SIM_FIBRES_WHY, "%s: %s (make image)", path, error.message);
         return false;
@@ -98,8 +99,8 @@ bool sim_fibres_from_image(const app_host *host, const tm_mesh *m, const char *p
     free(v.vector);
     if (without)
         snprintf(why, SIM_FIBRES_WHY,
-                 "%s: no vector at %d of %d tetrahedra, the first of them %d; give an image that covers the mesh (LPS, "
-                 "as tm-mesh image makes it)",
+                 "%s: it has no vector at %d of %d tetrahedra, the first is %d; give an image that covers the mesh "
+                 "(LPS, as tm-mesh image makes it)",
                  path, without, m->tet_count, first);
     return !without;
 }

@@ -60,15 +60,17 @@ static tm_status insert_above(const sim *s, int instrument, const app_pose *pose
     for (int a = 0; a < 3; a++) along[a] = (along[a] + def->trocar_m[a]) - def->trocar_m[a];
     double way = sim_way_to_touch(s->mesh, def->trocar_m, along, def->radius_m), insertion = way - pose->above.si;
     if (way < 0)
-        return app_scene_bad(s->scene, pose->above.line,
-                             "above: the shaft of instrument %d does not meet the tissue in this direction; turn it "
-                             "(pitch, yaw or tip), or give an insertion",
-                             instrument);
+        return app_scene_bad(
+            s->scene, pose->above.line,
+            "above: the shaft of instrument %d does not meet the tissue in this direction; change pitch, yaw or "
+            "tip, or give an insertion",
+            instrument);
     if (!(insertion > 1e-3 && insertion <= 0.5))
-        return app_scene_bad(s->scene, pose->above.line,
-                             "above: the shaft of instrument %d meets the tissue %.4g m from its trocar, so that this "
-                             "would be an insertion of %.4g m; keep it between 1 mm and 0.5 m",
-                             instrument, way, insertion);
+        return app_scene_bad(
+            s->scene, pose->above.line,
+            "above: the shaft of instrument %d meets the tissue %.4g m from its trocar, which makes the "
+            "insertion %.4g m; keep it between 1 mm and 0.5 m",
+            instrument, way, insertion);
     shaft[2] = insertion;
     return 0;
 }
@@ -139,7 +141,7 @@ static tm_status hang(sim *s, int instrument, const app_instrument *t) {
     }
     if (hrt_axes_along64(&s->axes[instrument], hrt_device_types[type], t->axis.v, t->up.v)) return 0;
     return app_scene_bad(s->scene, t->axis.line ? t->axis.line : t->up.line,
-                         "axis and up give no orientation; give directions of a length near 1 across each other");
+                         "axis and up define no orientation; give perpendicular directions of length near 1");
 }
 
 tm_status sim_build_instruments(sim *s) {
@@ -153,10 +155,11 @@ tm_status sim_build_instruments(sim *s) {
         def->radius_m = t->radius.si;
         def->contact_length_m = t->contact_length.si;
         if (t->friction.line && !sim_has(s, "friction"))
-            return app_scene_bad(s->scene, t->friction.line,
-                                 "instrument %d has coefficients of friction, and the scene does not name the effect; "
-                                 "add 'friction:', or remove it here",
-                                 i);
+            return app_scene_bad(
+                s->scene, t->friction.line,
+                "instrument %d has friction coefficients, and the scene does not name the effect; add 'friction:', "
+                "or remove them",
+                i);
         rc = hang(s, i, t);
         if (rc) return rc;
         for (int h = 0; h < s->scene->hand.count; h++) {

@@ -35,7 +35,7 @@ static tm_status check_pieces(const tm_mesh *m, const uint8_t *low, const uint8_
         if (has[law_root(parent, v)] != 3)
             status = tm_fail(
                 error, TM_ERR_MESH, tm_mesh_original_vertex(m, v),
-                "the piece of the mesh that vertex %d is in has no vertex of '%s'; name groups that every piece has",
+                "the connected piece with vertex %d has no vertex of group '%s'; name groups that every piece has",
                 tm_mesh_original_vertex(m, v), has[law_root(parent, v)] & 1 ? "to" : "from");
     free(parent);
     free(has);
@@ -102,7 +102,7 @@ static tm_status solve(work *w, tm_error *error) {
     }
     return now <= enough ? TM_OK
                          : tm_fail(error, TM_ERR_LIMIT, -1,
-                                   "the rule's potential was not found; repair the mesh (tm-mesh check)");
+                                   "the rule's potential could not be computed; check the mesh (tm-mesh check)");
 }
 
 /* Adds the axis `a` to `sum`, with the sign that agrees with `sum`. */

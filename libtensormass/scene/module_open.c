@@ -24,7 +24,7 @@ static void *open_solve(const char **why) {
 
 void *app_host_module(const app_host *host, const char *name, tm_error *error) {
     if (host->module) return host->module(name, error);
-    const char *why = "only the programs have it; use tm-sim";
+    const char *why = "only programs can open it; use tm-sim";
     void *module = strcmp(name, "solve") == 0 ? open_solve(&why) : NULL;
     if (!module) tm_fail(error, TM_ERR_FILE, -1, "module '%s' cannot be opened: %s", name, why);
     return module;

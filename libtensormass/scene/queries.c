@@ -102,9 +102,10 @@ tm_status sim_check_model(const sim *s, tm_status status, const tm_error *error)
     const int line = line_of(s->scene, invalid_member);
     if (status == TM_OK) return TM_OK;
     if (!strcmp(invalid_member, "precision"))
-        return app_scene_bad(s->scene, line,
-                             "tissue.precision = single, and %s, or take double: rounded tensors would set it turning",
-                             error->message);
+        return app_scene_bad(
+            s->scene, line,
+            "tissue.precision = single needs supports that hold every piece, as rounded tensors would make it rotate: %s, or write 'precision: double'",
+            error->message);
     if (s->scene->mass_scaling.on && !strcmp(invalid_member, "tissue") &&
         (status == TM_ERR_LIMIT || status == TM_ERR_EXCLUDED))
         return app_scene_bad(s->scene, s->scene->mass_scaling.line,

@@ -116,10 +116,17 @@ typedef struct app_select {
         {prefix "box.min", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_min), 0, "lower corner"},  \
         {prefix "box.max", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_max), 0, "upper corner"},  \
         {prefix "plane", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, plane), 0, "vertices on a plane"}, \
-        {prefix "plane.point", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, plane_point), 0,           \
-         "a point of it"},                                                                                             \
-        {prefix "plane.normal",   APP_VECTOR, "none", "!", 0, 0, (at) + offsetof(app_select, plane_normal), 0,         \
-         "its normal, any length"},                                                                                    \
+        {prefix "plane.point",  APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, plane_point), 0,          \
+         "a point of the plane"},                                                                                      \
+        {prefix "plane.normal",                                                                                        \
+         APP_VECTOR,                                                                                                   \
+         "none",                                                                                                       \
+         "!",                                                                                                          \
+         0,                                                                                                            \
+         0,                                                                                                            \
+         (at) + offsetof(app_select, plane_normal),                                                                    \
+         0,                                                                                                            \
+         "normal of the plane, any length"},                                                                           \
         {prefix "plane.within",                                                                                        \
          APP_NUMBER,                                                                                                   \
          "length",                                                                                                     \
@@ -128,7 +135,7 @@ typedef struct app_select {
          1,                                                                                                            \
          (at) + offsetof(app_select, plane_within),                                                                    \
          0,                                                                                                            \
-         "how far from the plane a vertex may lie"},                                                                   \
+         "largest distance of a vertex from the plane"},                                                               \
     {                                                                                                                  \
         prefix "vertex", APP_INTEGERS, NULL, NULL, 0, 2147483647, (at) + offsetof(app_select, vertex), 0,              \
             "vertices by number, counted from 0 in file order; one or a list"                                          \

@@ -56,8 +56,8 @@ tm_status app_scene_law(const app_scene *scene, const app_material *m, app_law *
         }
     for (int i = 0; i < (int)(sizeof families / sizeof families[0]); i++)
         if (bits && !(bits & ~families[i].members))
-            return app_scene_bad(scene, line, "material '%s' has only some of its constants; give all of: %s",
-                                 m->region.s, families[i].name);
+            return app_scene_bad(scene, line, "material '%s' lacks some of its constants; give all of: %s", m->region.s,
+                                 families[i].name);
     if (!bits)
         return app_scene_bad(
             scene, m->region.line,
@@ -86,11 +86,11 @@ tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
         if (row[i].given->line && row[i].law != law)
             return app_scene_bad(
                 scene, row[i].given->line,
-                "material '%s' has '%s' of the law '%s', and its law is '%s'; give 'law: %s', or remove it",
+                "material '%s': '%s' belongs to the law '%s', and its law is '%s'; give 'law: %s', or remove it",
                 m->region.s, row[i].key, tm_law_name(row[i].law), tm_law_name(law), tm_law_name(row[i].law));
         if (!row[i].given->line && row[i].needed && row[i].law == law)
-            return app_scene_bad(scene, m->law.line, "material '%s' has the law '%s' and no '%s'; give it", m->region.s,
-                                 tm_law_name(law), row[i].key);
+            return app_scene_bad(scene, m->law.line, "material '%s' has the law '%s', which needs '%s'; add it",
+                                 m->region.s, tm_law_name(law), row[i].key);
     }
     return 0;
 }
@@ -120,13 +120,14 @@ static tm_status check_supports(const app_scene *scene) {
         tm_status rc = app_select_check(scene, &s->select, s->here.line, "this support");
         if (rc) return rc;
         if (!*s->axes.s || strspn(s->axes.s, "xyz") != strlen(s->axes.s) || strlen(s->axes.s) > 3)
-            return app_scene_bad(scene, s->axes.line, "axes '%s' are not some of x, y and z; write for example xyz",
-                                 s->axes.s);
+            return app_scene_bad(scene, s->axes.line,
+                                 "axes '%s' may contain only x, y and z, each once; write for example xyz", s->axes.s);
         for (int a = 0; a < 3; a++)
             if (s->displace.v[a] != 0 && !strchr(s->axes.s, "xyz"[a]))
-                return app_scene_bad(scene, s->displace.line,
-                                     "the support is moved along %c, which its axes '%s' leave free; add %c to axes",
-                                     "xyz"[a], s -> axes.s, "xyz"[a]);
+                return app_scene_bad(
+                    scene, s->displace.line,
+                    "the support has a displacement along %c, which is not in its axes '%s'; add %c to axes", "xyz"[a],
+                    s -> axes.s, "xyz"[a]);
     }
     return 0;
 }
@@ -137,17 +138,17 @@ static tm_status check_loads(const app_scene *scene) {
         tm_status rc = app_select_check(scene, &l->select, l->here.line, "this load");
         if (rc) return rc;
         if (!l->force.line == !l->traction.line)
-            return app_scene_bad(scene, l->here.line, "a load has either a force or a traction; give one of them");
+            return app_scene_bad(scene, l->here.line, "a load needs either a force or a traction; give one of them");
     }
     return 0;
 }
 
 static tm_status check_pose(const app_scene *scene, const app_pose *pose, const double trocar[3]) {
     if (pose->above.line && pose->insertion.line)
-        return app_scene_bad(scene, pose->above.line, "a pose has either insertion or above; leave one out");
+        return app_scene_bad(scene, pose->above.line, "a pose has both insertion and above; leave one out");
     int joint = pose->pitch.line ? pose->pitch.line : pose->yaw.line ? pose->yaw.line : pose->insertion.line;
     if (!pose->tip.line) return 0;
-    if (joint) return app_scene_bad(scene, joint, "a pose has either tip or pitch, yaw and insertion; leave one out");
+    if (joint) return app_scene_bad(scene, joint, "a pose has tip as well as pitch, yaw or insertion; leave one out");
     double d = 0;
     for (int a = 0; a < 3; a++) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
     if (!(d > 1e-6) || d > 0.25)
@@ -160,15 +161,15 @@ enum { FARTHEST_M = 1000 }; /* no coordinate in millimetres is larger */
 
 static tm_status check_instruments(const app_scene *scene) {
     if (scene->instrument.count > 2)
-        return app_scene_bad(scene, scene->instrument.line,
-                             "%d instruments; a scene has one or two, leave the others out", scene->instrument.count);
+        return app_scene_bad(scene, scene->instrument.line, "the scene has %d instruments; give one or two",
+                             scene->instrument.count);
     for (int i = 0; i < scene->instrument.count; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const double *a = t->axis.v, *u = t->up.v;
         double c[3] = {a[1] * u[2] - a[2] * u[1], a[2] * u[0] - a[0] * u[2], a[0] * u[1] - a[1] * u[0]};
         for (int k = 0; k < 3; k++)
             if (!(fabs(t->trocar.v[k]) <= FARTHEST_M))
-                return app_scene_bad(scene, t->trocar.line, "the trocar is %.3g m away; keep it within %g m",
+                return app_scene_bad(scene, t->trocar.line, "the trocar is %.3g m from the origin; keep it within %g m",
                                      t->trocar.v[k], (double)FARTHEST_M);
         if (!(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] > 0))
             return app_scene_bad(scene, t->axis.line, "axis is zero; give the direction in which the shaft points");
@@ -190,11 +191,11 @@ static tm_status check_hand(const app_scene *scene) {
         if (h->instrument.value >= scene->instrument.count)
             return app_scene_bad(
                 scene, h->instrument.line ? h->instrument.line : h->here.line,
-                "hand for instrument %d, but the scene has %d; add an instrument or correct the number",
+                "hand is for instrument %d, and the scene has %d; add an instrument, or correct the number",
                 (int)h->instrument.value, scene->instrument.count);
         for (int j = 0; j < i; j++)
             if (((const app_hand *)scene->hand.item)[j].instrument.value == h->instrument.value)
-                return app_scene_bad(scene, h->here.line, "a second hand for instrument %d; keep one",
+                return app_scene_bad(scene, h->here.line, "instrument %d has a second hand; keep one",
                                      (int)h->instrument.value);
         if (!h->path.count) return app_scene_bad(scene, h->path.line, "the path is empty; give at least one waypoint");
         const app_instrument *t = (const app_instrument *)scene->instrument.item + h->instrument.value;
@@ -202,7 +203,7 @@ static tm_status check_hand(const app_scene *scene) {
         for (int j = 0; j < h->path.count; j++) {
             if (j && !(w[j].time.si > w[j - 1].time.si))
                 return app_scene_bad(scene, w[j].time.line,
-                                     "waypoint %d is not later than the one before; order them by time", j);
+                                     "waypoint %d is not later than the previous one; order them by time", j);
             tm_status rc = check_pose(scene, &w[j].pose, t->trocar.v);
             if (rc) return rc;
         }
@@ -212,23 +213,23 @@ static tm_status check_hand(const app_scene *scene) {
 
 static tm_status check_time(const app_scene *scene) {
     if (scene->mass_scaling_max.line && !scene->mass_scaling.on)
-        return app_scene_bad(
-            scene, scene->mass_scaling_max.line,
-            "time.mass_scaling_max bounds what mass scaling adds, and nothing adds; write mass_scaling: yes");
+        return app_scene_bad(scene, scene->mass_scaling_max.line,
+                             "time.mass_scaling_max needs mass scaling, which is off; write mass_scaling: yes");
     if (!scene->mass_scaling.on) return 0;
     if (!scene->step.line)
         return app_scene_bad(scene, scene->mass_scaling.line,
-                             "time.mass_scaling without time.step; say which step is to be reached");
+                             "time.mass_scaling needs time.step, which is missing; give the step to reach");
     if (scene->model.index != APP_DYNAMIC)
-        return app_scene_bad(scene, scene->mass_scaling.line,
-                             "time.mass_scaling is for the dynamic model: what is condensed has no step; leave it out");
+        return app_scene_bad(
+            scene, scene->mass_scaling.line,
+            "time.mass_scaling applies only to the dynamic model, as a condensed part has no step; leave it out");
     return 0;
 }
 
 tm_status app_scene_check(const app_scene *scene) {
     tm_status rc = 0;
     if (!scene->material.count)
-        rc = app_scene_bad(scene, scene->material.line, "no materials; name each region, or \"*\" for all");
+        rc = app_scene_bad(scene, scene->material.line, "tissue has no materials; name each region, or \"*\" for all");
     for (int i = 0; i < scene->material.count && !rc; i++) {
         app_law law;
         rc = app_scene_law(scene, (const app_material *)scene->material.item + i, &law);

@@ -45,21 +45,24 @@ static void print_table(FILE *out, const app_schema *schema, const char *heading
 
 void app_scene_reference(FILE *out, const app_schema *effect, const char *const *effect_name,
                          const char *const *effect_doc, int effect_count) {
-    fputs("# Scene reference\n\n"
-          "<!-- Made by `tm-sim --schema markdown`; do not edit. -->\n\n"
-          "A scene is one YAML file. Numbers are SI or carry a unit (`5 kPa`, `3 mm`, `30 deg`, `25 Hz`); a unit of "
-          "another dimension is an error,\n"
-          "and so is an unknown key. `a[].b` is key `b` of each item of the list `a`; `a.*.b` is key `b` of each named "
-          "entry of `a`.\n"
-          "A section or effect that a scene does not name is not there: it costs no memory, no instruction and no "
-          "library.\n"
+    fputs("# Scene reference\n"
+          "\n"
+          "<!-- Made by `tm-sim --schema markdown`; do not edit. -->\n"
+          "\n"
+          "A scene is one YAML file. Numbers are SI or carry a unit (`5 kPa`, `3 mm`, `30 deg`, `25 Hz`); a "
+          "unit of another dimension is an error,\n"
+          "and so is an unknown key. `a[].b` is key `b` of each item of the list `a`; `a.*.b` is key `b` of "
+          "each named entry of `a`.\n"
+          "A section or effect that a scene does not name costs no memory, no instruction and no library.\n"
           "`tm-sim SCENE --set PATH=VALUE` replaces or adds one value (`--set tissue.force=plain`, `--set "
           "hand[0].path[1].time=2`),\n"
           "`--unset PATH` leaves one out.\n",
           out);
     print_table(out, &app_scene_schema, "##", "Scene", NULL);
-    fputs("\n## Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking "
-          "for it.\n",
+    fputs("\n"
+          "## Effects\n"
+          "\n"
+          "Each is a key at the top level; naming it, even with nothing under it, switches it on.\n",
           out);
     for (int i = 0; i < effect_count; i++) print_table(out, &effect[i], "###", effect_name[i], effect_doc[i]);
 }

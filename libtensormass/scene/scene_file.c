@@ -60,7 +60,7 @@ static tm_status app_scene_check_limits(const app_scene *scene, const char *text
         }
         anchors += anchor != NULL;
         if (depth > MAX_DEPTH)
-            rc = too_many(scene, line, "levels of lists and mappings in each other", MAX_DEPTH, "a scene needs five");
+            rc = too_many(scene, line, "nested levels of lists and mappings", MAX_DEPTH, "a scene needs five");
         else if (anchors > MAX_ANCHORS)
             rc = too_many(scene, line, "anchors (&) and aliases (*)", MAX_ANCHORS, "write the values out");
         else if (values > MAX_VALUES)
@@ -87,9 +87,9 @@ static const char *app_scene_yaml_remedy(const char *text, size_t size, size_t l
     if (problem && (strstr(problem, "alphabetic") || strstr(problem, "alias")) && memchr(at, '*', length))
         return "put the asterisk in quotes: \"*\":";
     if (problem && strstr(problem, "mapping values are not allowed"))
-        return "put a text that has a colon in quotes, and a key on a line of its own";
+        return "put text with a colon in quotes, and each key on its own line";
     if (problem && strstr(problem, "did not find expected"))
-        return "look for a bracket, a quote or an indentation that is not closed";
+        return "look for an unclosed bracket or quote, or a wrong indentation";
     return "correct the line";
 }
 
@@ -146,7 +146,7 @@ static tm_status read_scene(const app_host *host, const char *path, char **text,
     if (fstat(fileno(file), &info) || !S_ISREG(info.st_mode))
         rc = app_host_bad(host, path, 0, "is not a regular file; give the path of a scene file");
     else if (info.st_size > SCENE_MAX_BYTES)
-        rc = app_host_bad(host, path, 0, "is larger than a scene may be (4 MB); give a scene, not a mesh");
+        rc = app_host_bad(host, path, 0, "is larger than 4 MB, the limit of a scene; give a scene, not a mesh");
     else if (!(*text = malloc((size_t)info.st_size + 1)))
         rc = app_scene_no_memory(host, path);
     else

@@ -61,7 +61,7 @@ static tm_status choice(const reader *r, int line, const app_field *field, const
     snprintf(all, sizeof all, "%s", field->unit);
     for (char *c = all; *c; c++)
         if (*c == '|') *c = ' ';
-    return app_scene_bad(r->scene, line, "%s: '%.60s' is not a choice; use one of: %s", shown, text, all);
+    return app_scene_bad(r->scene, line, "%s: '%.60s' is not allowed; use one of: %s", shown, text, all);
 }
 
 static tm_status flag(const reader *r, int line, const char *shown, const char *text, bool *on) {
@@ -109,8 +109,7 @@ tm_status app_scene_scalar(reader *r, int line, const app_field *field, const ch
     case APP_TABLE: break;
     }
     /* The table has a default that is invalid for its kind. */
-    return app_scene_bad(r->scene, line, "%s: the schema gives it a default that it cannot have; correct its row",
-                         shown);
+    return app_scene_bad(r->scene, line, "%s: the default in the schema is not a valid value; correct its row", shown);
 }
 
 tm_status app_scene_vector(reader *r, yaml_node_t *node, const app_field *field, const char *shown, app_vector *out) {

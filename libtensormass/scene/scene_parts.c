@@ -41,7 +41,7 @@ tm_status app_select_vertices(const app_scene *scene, const app_select *select, 
         for (int i = 0; i < select->vertex.count; i++) {
             int64_t v = select->vertex.item[i];
             if (v >= mesh->vertex_count)
-                return app_scene_bad(scene, select->vertex.line, "there is no vertex %lld; the mesh has 0 to %d",
+                return app_scene_bad(scene, select->vertex.line, "vertex %lld does not exist; give 0 to %d",
                                      (long long)v, mesh->vertex_count - 1);
             mark[v] = 1;
         }
@@ -50,12 +50,13 @@ tm_status app_select_vertices(const app_scene *scene, const app_select *select, 
     *count = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) *count += mark[v];
     if (!*count)
-        return app_scene_bad(scene,
-                             select->box.line     ? select->box.line
-                             : select->plane.line ? select->plane.line
-                                                  : line,
-                             "the selector finds no vertex of the mesh; widen it, or compare it with `tm-mesh info %s`",
-                             scene->mesh.s);
+        return app_scene_bad(
+            scene,
+            select->box.line     ? select->box.line
+            : select->plane.line ? select->plane.line
+                                 : line,
+            "the selector contains no vertex of the mesh; widen it, or compare it with `tm-mesh info %s`",
+            scene->mesh.s);
     return 0;
 }
 

@@ -15,62 +15,76 @@ APP_CHOICE_CHECK(APP_TOOL_MODES)
 #define MATERIAL(member) offsetof(app_material, member), 0
 #define MAT(key, member, unit, fallback, min, max, doc)                                                                \
     { "tissue.materials.*." key, APP_NUMBER, unit, fallback, min, max, MATERIAL(member), doc }
-#define POSE(prefix, base)                                                                                                                                                                                    \
-    {prefix "pitch",                                                                                                                                                                                          \
-     APP_NUMBER,                                                                                                                                                                                              \
-     "angle",                                                                                                                                                                                                 \
-     "0 rad",                                                                                                                                                                                                 \
-     -1.6,                                                                                                                                                                                                    \
-     1.6,                                                                                                                                                                                                     \
-     (base) + offsetof(app_pose, pitch),                                                                                                                                                                      \
-     0,                                                                                                                                                                                                       \
-     "about the trocar, turning `axis` towards `up`"},                                                                                                                                                        \
-        {prefix "yaw",                                                                                                                                                                                        \
-         APP_NUMBER,                                                                                                                                                                                          \
-         "angle",                                                                                                                                                                                             \
-         "0 rad",                                                                                                                                                                                             \
-         -1.6,                                                                                                                                                                                                \
-         1.6,                                                                                                                                                                                                 \
-         (base) + offsetof(app_pose, yaw),                                                                                                                                                                    \
-         0,                                                                                                                                                                                                   \
-         "about the trocar's `up`"},                                                                                                                                                                          \
-        {prefix "insertion", APP_NUMBER, "length", "0.05 m", 0.0, 0.5, (base) + offsetof(app_pose, insertion), 0,                                                                                             \
-         "trocar to tip"},                                                                                                                                                                                    \
-        {prefix "above",                                                                                                                                                                                      \
-         APP_NUMBER,                                                                                                                                                                                          \
-         "length",                                                                                                                                                                                            \
-         NULL,                                                                                                                                                                                                \
-         -0.5,                                                                                                                                                                                                \
-         0.5,                                                                                                                                                                                                 \
-         (base) + offsetof(app_pose, above),                                                                                                                                                                  \
-         0,                                                                                                                                                                                                   \
-         "instead of `insertion`: how far the tip is drawn back along its shaft from where it would first touch the tissue at rest; negative: pressed in. With `tip`, which then gives the direction alone"}, \
-        {prefix "roll",    APP_NUMBER, "angle", "0 rad", -100, 100, (base) + offsetof(app_pose, roll), 0,                                                                                                     \
-         "about the shaft"},                                                                                                                                                                                  \
-        {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"}, {                                                                                           \
-        prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                                                                                                                  \
-            "where the tip is, instead of pitch, yaw and insertion"                                                                                                                                           \
+#define POSE(prefix, base)                                                                                                                                                                  \
+    {prefix "pitch",                                                                                                                                                                        \
+     APP_NUMBER,                                                                                                                                                                            \
+     "angle",                                                                                                                                                                               \
+     "0 rad",                                                                                                                                                                               \
+     -1.6,                                                                                                                                                                                  \
+     1.6,                                                                                                                                                                                   \
+     (base) + offsetof(app_pose, pitch),                                                                                                                                                    \
+     0,                                                                                                                                                                                     \
+     "rotation about the trocar, from `axis` towards `up`"},                                                                                                                                \
+        {prefix "yaw",                                                                                                                                                                      \
+         APP_NUMBER,                                                                                                                                                                        \
+         "angle",                                                                                                                                                                           \
+         "0 rad",                                                                                                                                                                           \
+         -1.6,                                                                                                                                                                              \
+         1.6,                                                                                                                                                                               \
+         (base) + offsetof(app_pose, yaw),                                                                                                                                                  \
+         0,                                                                                                                                                                                 \
+         "rotation about the trocar's `up`"},                                                                                                                                               \
+        {prefix "insertion",                                                                                                                                                                \
+         APP_NUMBER,                                                                                                                                                                        \
+         "length",                                                                                                                                                                          \
+         "0.05 m",                                                                                                                                                                          \
+         0.0,                                                                                                                                                                               \
+         0.5,                                                                                                                                                                               \
+         (base) + offsetof(app_pose, insertion),                                                                                                                                            \
+         0,                                                                                                                                                                                 \
+         "distance from trocar to tip"},                                                                                                                                                    \
+        {prefix "above",                                                                                                                                                                    \
+         APP_NUMBER,                                                                                                                                                                        \
+         "length",                                                                                                                                                                          \
+         NULL,                                                                                                                                                                              \
+         -0.5,                                                                                                                                                                              \
+         0.5,                                                                                                                                                                               \
+         (base) + offsetof(app_pose, above),                                                                                                                                                \
+         0,                                                                                                                                                                                 \
+         "instead of `insertion`: distance of the tip, along its shaft, from first touching the undeformed tissue; negative: pressed in. With `tip`, which then gives only the direction"}, \
+        {prefix "roll",                                                                                                                                                                     \
+         APP_NUMBER,                                                                                                                                                                        \
+         "angle",                                                                                                                                                                           \
+         "0 rad",                                                                                                                                                                           \
+         -100,                                                                                                                                                                              \
+         100,                                                                                                                                                                               \
+         (base) + offsetof(app_pose, roll),                                                                                                                                                 \
+         0,                                                                                                                                                                                 \
+         "rotation about the shaft"},                                                                                                                                                       \
+        {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"}, {                                                                         \
+        prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                                                                                                \
+            "position of the tip, instead of pitch, yaw and insertion"                                                                                                                      \
     }
 
 static const app_field fields[] = {
-    {"title", APP_TEXT, NULL, NULL, 0, 0, AT(title), "one line for people"},
+    {"title", APP_TEXT, NULL, NULL, 0, 0, AT(title), "title of the scene, one line"},
     {"model", APP_CHOICE, "dynamic|precomputed|hybrid", "dynamic", 0, 0, AT(model),
-     "`dynamic` tensor/mass; `precomputed` quasi-static, no cutting; `hybrid` tensor/mass where `hybrid:` says, the rest condensed"},
+     "`dynamic`: tensor/mass; `precomputed`: quasi-static, no cutting; `hybrid`: dynamic in the part that `hybrid:` names, the rest condensed"},
     {"threads", APP_INTEGER, NULL, "1", 1, TM_MAX_THREADS, AT(threads),
-     "among which a step is divided, and fewer where the tissue is too small for them: no more than cores. The same bits for any number; dynamic and hybrid models"},
+     "threads of a step, at most as many as cores; small tissue uses fewer. Results are the same bits for any number; dynamic and hybrid models"},
 
     {"tissue", APP_SECTION, NULL, "!", 0, 0, AT(tissue), "the mesh and its materials"},
     {"tissue.mesh", APP_PATH, NULL, NULL, 0, 0, AT(mesh),
      "mesh file (.msh, .vtk, .mesh), relative to the scene; required, unless the scene has `bodies`"},
     {"tissue.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, AT(scale), "metres per unit of the mesh file"},
     {"tissue.renumber", APP_FLAG, NULL, "yes", 0, 0, AT(renumber),
-     "where the mesh's numbers jump so that steps are slow, its vertices get better ones inside; what is read and written keeps the file's"},
+     "renumber vertices internally if that makes steps faster; files keep the mesh file's numbers"},
     {"tissue.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, AT(precision),
-     "of the stored stiffness tensors; positions are always double. `single` asks for supports that hold every piece"},
+     "precision of the stored stiffness tensors; positions are always double. `single` needs supports that hold every connected piece"},
     {"tissue.force", APP_CHOICE, APP_CHOICE_WORDS(APP_FORCE_FORMS), "best", 0, 0, AT(force),
-     "form of the force loop: the fastest that the processor has, or the plain C reference whose bits are the same everywhere"},
+     "form of the force loop. `best`: the fastest of this processor; `plain`: the C reference, with the same bits on all machines"},
     {"tissue.materials", APP_TABLE, NULL, "!", 0, 0, offsetof(app_scene, material), sizeof(app_material),
-     "one entry a region (3D physical group) of the mesh; `\"*\"` stands for every region not named. Of `bodies`: `BODY.REGION`, or `\"BODY.*\"` for the rest of that body. Exactly one family of constants each"},
+     "one entry a region (3D physical group) of the mesh; `\"*\"`: every region not named. With `bodies`: `BODY.REGION`, or `\"BODY.*\"` for the rest of that body. Each has exactly one family of constants"},
     MAT("young", young, "pressure", NULL, 0, 1e15, "isotropic: Young's modulus, with `poisson`"),
     MAT("poisson", poisson, "none", NULL, -1, 0.5, "isotropic: Poisson's ratio, below 0.5"),
     MAT("lambda", lambda, "pressure", NULL, -1e15, 1e15, "isotropic: first Lame coefficient, with `mu`"),
@@ -89,18 +103,19 @@ static const app_field fields[] = {
     MAT("nu_TT", nu_TT, "none", NULL, -1, 1, "fibred, engineering: Poisson's ratio in the cross plane"),
     MAT("G_L", G_L, "pressure", NULL, 0, 1e15, "fibred, engineering: axial shear modulus"),
     {"tissue.materials.*.law", APP_CHOICE, APP_CHOICE_WORDS(APP_LAWS), "linear", 0, 0, MATERIAL(law),
-     "what large strains follow; small ones follow the constants above under each law, and all but `linear` turn and bend by themselves. A linear material beside one with a nonlinear law must not turn or bend far ([nonlinear laws](nonlinear-laws.md))"},
+     "law of large strains; at small strains every law follows the constants above. All but `linear` include large rotations. A linear material beside a nonlinear one must not rotate or bend far ([nonlinear laws](nonlinear-laws.md))"},
     MAT("compression", compression, "none", "0.5", 0, 1,
-        "`st-venant-kirchhoff`: share of lambda that resists the change of volume, without which pressed tissue gives way"),
+        "`st-venant-kirchhoff`: share of lambda that resists compression, without which pressed tissue collapses"),
     MAT("second", second, "none", "0", 0, 1, "`mooney-rivlin`: share of mu in the second invariant"),
     MAT("C", C, "pressure", NULL, 0, 1e15,
         "`fung`: W = C/2 (exp(2 w/C) - 1), w the linear law in Green's strain; smaller stiffens sooner"),
-    MAT("k1", k1, "pressure", NULL, 0, 1e15, "`holzapfel`: stiffness of its fibres, which pull alone; with `k2`"),
+    MAT("k1", k1, "pressure", NULL, 0, 1e15,
+        "`holzapfel`: stiffness of its fibres, which act only in tension; with `k2`"),
     MAT("k2", k2, "none", NULL, 0, 1e6, "`holzapfel`: how fast they stiffen"),
     MAT("dispersion", dispersion, "none", "0", 0, 0.33333333333,
         "`holzapfel`: kappa, from 0 (all along the fibre) to 1/3 (any direction)"),
     MAT("stretch", stretch, "none", NULL, TM_STRETCH_LEAST, TM_STRETCH_MOST,
-        "of a nonlinear law: uniaxial stretch up to which it is followed, 1.6 if left out; beyond it force grows linearly. More makes steps shorter"),
+        "largest uniaxial stretch at which a nonlinear law holds, 1.6 if left out; beyond it force grows linearly. A larger limit makes steps shorter"),
     MAT("density", density, "density", "1000 kg/m3", 1e-9, 1e9, "mass per rest volume"),
     MAT("damping", damping, "rate", NULL, 0, 1e9,
         "this region's damping rate d (force -d m v on each mass); needs the effect `damping`, whose `rate` it replaces"),
@@ -117,44 +132,45 @@ static const app_field fields[] = {
      "rotation vector that turns the mesh about the origin of its file, before `move`"},
 
     {"supports", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, support), sizeof(app_support),
-     "vertices whose displacement is prescribed. Each item: one selector (`group box plane vertex`) and what holds"},
+     "vertices with prescribed displacement. Each item: one selector (`group box plane vertex`) and the keys below"},
     {"supports[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_support, name), 0, "name in reports"},
     APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)),
-    {"supports[].axes", APP_TEXT, NULL, "xyz", 0, 0, offsetof(app_support, axes), 0, "which components are held"},
+    {"supports[].axes", APP_TEXT, NULL, "xyz", 0, 0, offsetof(app_support, axes), 0, "prescribed components"},
     {"supports[].displace", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(app_support, displace), 0,
-     "the displacement they are held at; zero fixes them"},
+     "the prescribed displacement; zero fixes them"},
 
     {"loads", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, load), sizeof(app_load),
      "constant forces. Each item: one selector and either `force` or `traction`"},
     {"loads[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_load, name), 0, "name in reports"},
     APP_SELECT_FIELDS("loads[].", offsetof(app_load, select)),
-    {"loads[].force", APP_VECTOR, "force", NULL, 0, 0, offsetof(app_load, force), 0, "on each selected vertex"},
+    {"loads[].force", APP_VECTOR, "force", NULL, 0, 0, offsetof(app_load, force), 0, "force on each selected vertex"},
     {"loads[].traction", APP_VECTOR, "pressure", NULL, 0, 0, offsetof(app_load, traction), 0,
-     "on the surface triangles whose three vertices are selected, per rest area"},
+     "force per undeformed area, on the surface triangles whose three vertices are selected"},
 
     {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument),
      "one or two, numbered 0 and 1"},
     {"instruments[].mode", APP_CHOICE, APP_CHOICE_WORDS(APP_TOOL_MODES), "probe", 0, 0, offsetof(app_instrument, mode),
-     0, "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
+     0, "action on tissue; a grasper needs `grasp`, a cautery `cut`"},
     {"instruments[].device", APP_TEXT, NULL, "impulse_engine", 0, 0, offsetof(app_instrument, device), 0,
-     "what the hand holds; `haptic-rt --list` says which there are"},
+     "haptic device; `haptic-rt --list` lists them"},
     {"instruments[].profile", APP_PATH, NULL, NULL, 0, 0, offsetof(app_instrument, profile), 0,
-     "this one's device profile, in lockstep with `haptics`; left out, `haptics.profile`"},
-    {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0, "the pivot, world"},
+     "device profile of this instrument, in lockstep with `haptics`; left out: `haptics.profile`"},
+    {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0,
+     "pivot of the instrument, in world axes"},
     {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0,
-     "where the shaft points at zero pitch and yaw, any length"},
+     "direction of the shaft at zero pitch and yaw, any length"},
     {"instruments[].up", APP_VECTOR, "none", "[0, 1, 0]", 0, 0, offsetof(app_instrument, up), 0,
-     "yaw turns about it; made perpendicular to `axis`"},
+     "axis of yaw; it is made perpendicular to `axis`"},
     {"instruments[].radius", APP_NUMBER, "length", "2.5 mm", 1e-4, 0.05, offsetof(app_instrument, radius), 0,
-     "of shaft and tip"},
+     "radius of shaft and tip"},
     {"instruments[].contact_length", APP_NUMBER, "length", "0.1 m", 0, 1, offsetof(app_instrument, contact_length), 0,
-     "of shaft behind the tip that can touch"},
+     "length of shaft behind the tip that can touch"},
     {"instruments[].friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_instrument, friction), 0,
-     "its own coefficients, where the effect `friction` is named; what is left out is the effect's"},
+     "friction coefficients of this instrument; needs the effect `friction`, whose values apply to keys left out"},
     {"instruments[].friction.static", APP_NUMBER, "none", NULL, 0, 2, offsetof(app_instrument, friction_static), 0,
-     "until it slips; 0: this one slides freely"},
+     "coefficient until it slips; 0: it slides freely"},
     {"instruments[].friction.kinetic", APP_NUMBER, "none", NULL, 0, 2, offsetof(app_instrument, friction_kinetic), 0,
-     "while it slides, at most `static`"},
+     "coefficient while it slides, at most `static`"},
     {"instruments[].start", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_instrument, start_here), 0,
      "pose at the start"},
     POSE("instruments[].start.", offsetof(app_instrument, start)),
@@ -163,34 +179,35 @@ static const app_field fields[] = {
     {"time.frame_rate", APP_NUMBER, "rate", "25 Hz", 0.5, 2000, AT(frame_rate),
      "frames a second: force samples, pictures"},
     {"time.duration", APP_NUMBER, "time", "10 s", 0, 1e6, AT(duration),
-     "simulated, in lockstep; --duration replaces it"},
+     "simulated time, in lockstep; --duration replaces it"},
     {"time.step", APP_NUMBER, "time", NULL, 1e-12, 1, AT(step),
-     "substep; left out, the guaranteed critical step times `step_fraction`. Above the guaranteed step it is refused"},
+     "substep; left out: the guaranteed critical step times `step_fraction`. A step above the guaranteed one is refused"},
     {"time.step_fraction", APP_NUMBER, "none", "0.9", 0.01, 1, AT(step_fraction),
-     "of the guaranteed critical step, when `step` is left out"},
+     "fraction of the guaranteed critical step, if `step` is left out"},
     {"time.mass_scaling", APP_FLAG, NULL, "no", 0, 0, AT(mass_scaling),
-     "tissue is made heavier where it must be for `step` to be guaranteed, through cuts too; its weight and rest stay. "
-     "Dynamic models; --explain says how much and what it does"},
+     "add mass where `step` would otherwise not be guaranteed, also during cuts; weight and equilibrium "
+     "do not change. Dynamic models only; --explain shows how much and its effect"},
     {"time.mass_scaling_max", APP_NUMBER, "none", "0.2", 0, 100, AT(mass_scaling_max),
-     "share of the tissue's own mass that `mass_scaling` may add; more is refused"},
+     "largest share of the physical mass that `mass_scaling` may add; more is refused"},
     {"time.average", APP_NUMBER, "none", "0.25", 0, 1, AT(average),
-     "share of a frame's last substeps that forces are averaged over; 0: the last alone"},
+     "share of a frame's last substeps over which forces are averaged; 0: only the last"},
 
     {"hand", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, hand), sizeof(app_hand),
-     "what the virtual device's hand does, one item an instrument"},
+     "motion of the virtual device's hand, one item an instrument"},
     {"hand[].instrument", APP_INTEGER, NULL, "0", 0, 1, offsetof(app_hand, instrument), 0, "which one"},
     {"hand[].between", APP_CHOICE, "smooth|straight", "smooth", 0, 0, offsetof(app_hand, between), 0,
-     "from waypoint to waypoint: minimum jerk, or constant speed"},
-    {"hand[].repeat", APP_FLAG, NULL, "no", 0, 0, offsetof(app_hand, repeat), 0, "begin again after the last waypoint"},
+     "interpolation between waypoints: minimum jerk, or constant speed"},
+    {"hand[].repeat", APP_FLAG, NULL, "no", 0, 0, offsetof(app_hand, repeat), 0, "start again after the last waypoint"},
     {"hand[].tremor", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_hand, tremor), 0,
-     "a hand's tremor on top, the same every run"},
+     "amplitude of added tremor, the same in every run"},
     {"hand[].tremor.amplitude", APP_NUMBER, "length", "40 um", 0, 0.01, offsetof(app_hand, tremor_amplitude), 0,
      "of the tip"},
     {"hand[].tremor.frequency", APP_NUMBER, "rate", "9 Hz", 0.1, 100, offsetof(app_hand, tremor_frequency), 0,
-     "mean frequency"},
+     "mean frequency of the tremor"},
     {"hand[].path", APP_LIST, NULL, "!", 0, 0, offsetof(app_hand, path), sizeof(app_waypoint),
-     "waypoints in the order of time"},
-    {"hand[].path[].time", APP_NUMBER, "time", "!", 0, 1e6, offsetof(app_waypoint, time), 0, "when it is reached"},
+     "waypoints, ordered by time"},
+    {"hand[].path[].time", APP_NUMBER, "time", "!", 0, 1e6, offsetof(app_waypoint, time), 0,
+     "time at which it is reached"},
     POSE("hand[].path[].", offsetof(app_waypoint, pose)),
     {"hand[].path[].active", APP_FLAG, NULL, "no", 0, 0, offsetof(app_waypoint, active), 0,
      "cautery pedal, from this waypoint on"},

@@ -68,13 +68,12 @@ static bool is_made(const yaml_node_t *list) { return list->start_mark.line >= S
 static tm_status refuse_item(reader *r, int set, const yaml_node_t *node, const char *rest, long count) {
     const int line = line_of_set(set);
     if (node->type != YAML_SEQUENCE_NODE)
-        return app_scene_bad(r->scene, line, "%s is of %s, not of a list; leave the brackets out", rest,
+        return app_scene_bad(r->scene, line, "%s belongs to %s, not to a list; leave the brackets out", rest,
                              app_scene_node_kind(node));
     if (is_made(node))
-        return app_scene_bad(r->scene, line, "the scene has no such list, and %s is not its next item; write [%ld]",
-                             rest, count);
-    return app_scene_bad(r->scene, line, "there is no list item %s; use one of the %ld there are, counted from 0", rest,
-                         count);
+        return app_scene_bad(r->scene, line, "the list has no item %s, nor is it the next one; write [%ld]", rest,
+                             count);
+    return app_scene_bad(r->scene, line, "list item %s does not exist; give an index below %ld", rest, count);
 }
 
 /* "[2].rest": descends into the list's item, or replaces it at the end of the path. Appends to a list that --set
@@ -124,7 +123,7 @@ static tm_status enter_key(reader *r, int set, int value, bool remove, char **re
     yaml_node_pair_t *found = find_pair(r, node, name);
     *rest += length + (next == '.');
     if (remove && !found)
-        return app_scene_bad(r->scene, line, "there is no '%s' to leave out; name a key that the scene has", name);
+        return app_scene_bad(r->scene, line, "the scene has no '%s' to leave out; name one of its keys", name);
     if (remove && !next)
         *found = *--node->data.mapping.pairs.top;
     else if (found && next && !app_scene_null(node_at(r, found->value)))

@@ -76,9 +76,9 @@ static tm_status unknown_key(const reader *r, const app_schema *only, int line, 
     const char *now = app_scene_renamed(path);
     if (now) return app_scene_bad(r->scene, line, "'%.60s' is called '%s' since 0.2; write '%s'", name, now, now);
     if (name[0] >= '0' && name[0] <= '9')
-        return app_scene_bad(r->scene, line,
-                             "unknown key '%.60s'%s: a comma separates entries; write a decimal point, such as 5.0 kPa",
-                             name, in);
+        return app_scene_bad(
+            r->scene, line,
+            "unknown key '%.60s'%s, as a comma separates entries; write a decimal point, such as 5.0 kPa", name, in);
     if (nearest) return app_scene_bad(r->scene, line, "unknown key '%.60s'%s; did you mean '%s'?", name, in, nearest);
     return app_scene_bad(r->scene, line, "unknown key '%.60s'%s; use one of: %s", name, in, known);
 }
@@ -183,7 +183,8 @@ static tm_status default_value(reader *r, const app_schema *schema, const app_fi
     case APP_VECTOR:
         if (text && sscanf(text, "[%lf, %lf, %lf]", &((app_vector *)at)->v[0], &((app_vector *)at)->v[1],
                            &((app_vector *)at)->v[2]) != 3)
-            return app_scene_bad(r->scene, 0, "%s: the schema's default is no vector; correct its row", field->path);
+            return app_scene_bad(r->scene, 0, "%s: the default in the schema is not a vector; correct its row",
+                                 field->path);
         return 0;
     case APP_TEXT:
     case APP_PATH: *(app_text *)at = (app_text){text ? text : "", 0}; return 0;

@@ -62,8 +62,8 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
         if (m->stretch.line)
             return app_scene_bad(
                 scene, m->stretch.line,
-                "material '%s' has a stretch, and the linear law has no limit; give a nonlinear 'law:', "
-                "or remove 'stretch:'",
+                "material '%s' has 'stretch:', and the linear law has no limit; give a nonlinear 'law:', or remove "
+                "'stretch:'",
                 m->region.s);
         return 0;
     }
@@ -73,9 +73,10 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
                                  tm_law_name((tm_law_kind)m->law.index), sim_effects[i]->name,
                                  sim_effects[i]->of_linear_law);
     if (scene->model.index != APP_DYNAMIC)
-        return app_scene_bad(scene, m->law.line,
-                             "law '%s' needs 'model: dynamic': responses are computed for the linear law",
-                             tm_law_name((tm_law_kind)m->law.index));
+        return app_scene_bad(
+            scene, m->law.line,
+            "law '%s' needs 'model: dynamic', as the other models support only the linear law; write 'model: dynamic'",
+            tm_law_name((tm_law_kind)m->law.index));
     if (scene->precision.index == TM_SINGLE)
         return app_scene_bad(scene, m->law.line,
                              "law '%s' and tissue.precision = single exclude each other; write 'precision: double'",

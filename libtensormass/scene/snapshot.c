@@ -74,17 +74,17 @@ tm_status sim_snapshot_restore(sim *s, const char *path) {
     char *bytes = read_file(path, &size);
     if (!bytes) {
         char why[200];
-        snprintf(why, sizeof why, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
+        snprintf(why, sizeof why, "cannot be read: %m; give a file that --snapshot-at wrote");
         return refuse(host, path, why);
     }
     header h;
     tm_status rc = 0;
     if (size < sizeof h || memcmp(bytes, magic, sizeof magic))
-        rc = refuse(host, path, "is not a snapshot of this version; give one that --snapshot-at wrote");
+        rc = refuse(host, path, "is not a snapshot of this version; give a file that --snapshot-at wrote");
     else {
         memcpy(&h, bytes, sizeof h);
         if (h.checksum != checksum(&h) || h.world_bytes < 0 || (uint64_t)h.world_bytes != size - sizeof h)
-            rc = refuse(host, path, "is damaged or cut short; save it again");
+            rc = refuse(host, path, "is damaged or truncated; save it again");
     }
     if (!rc) {
         /* The library requires aligned data. */

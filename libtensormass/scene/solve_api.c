@@ -64,15 +64,16 @@ bool sim_solve_open(const app_host *host, sim_solve_api *api, tm_error *error) {
     void **pointer = (void **)api;
     if (!has_capacity(blas_bytes())) {
         tm_fail(error, TM_ERR_MEMORY, -1,
-                "this process may not have the %zu MB of address space that the module solve wants; raise the limit "
-                "(ulimit -v)",
+                "the module solve needs %zu MB of address space, more than the limit of this process; raise the "
+                "limit (ulimit -v)",
                 blas_bytes() >> 20);
         return false;
     }
     void *module = app_host_module(host, "solve", error);
     for (size_t i = 0; module && i < sizeof name / sizeof *name; i++)
         if (!(pointer[i] = dlsym(module, name[i]))) {
-            tm_fail(error, TM_ERR_FILE, -1, "the module solve has no %s; install one of this version", name[i]);
+            tm_fail(error, TM_ERR_FILE, -1, "the module solve has no function %s; install the module of this version",
+                    name[i]);
             return false;
         }
     return module != NULL;

@@ -96,7 +96,7 @@ static bool find_unit(const char *text, const char *dimension, double *factor, c
             return false;
         }
     if (!strcmp(dimension, "none"))
-        snprintf(why, (size_t)why_size, "'%s' is a unit where a plain number is expected; leave it out", text);
+        snprintf(why, (size_t)why_size, "'%s' is a unit, and a number without unit is expected; leave it out", text);
     else if (other)
         snprintf(why, (size_t)why_size, "'%s' is %s %s where %s %s is expected; write it in %s", text, article(other),
                  other, article(dimension), dimension, known);
@@ -126,7 +126,7 @@ bool app_parse_quantity(const char *text, const char *dimension, double *si, cha
         return false;
     }
     if (*end == ',' && isdigit((unsigned char)end[1])) {
-        snprintf(why, (size_t)why_size, "'%.60s' has a comma in its number; write a point: %.*s.%.40s", text,
+        snprintf(why, (size_t)why_size, "'%.60s' has a decimal comma; write a point: %.*s.%.40s", text,
                  (int)(end - text), text, end + 1);
         return false;
     }

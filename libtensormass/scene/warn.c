@@ -26,7 +26,7 @@ static tm_status warn_size(const sim *s) {
         return app_scene_warn(s->scene, line, "the mesh is %.4g m across; if its file is in millimetres, write %s: %g",
                               size, s->body_count ? "bodies.NAME.scale" : "tissue.scale", 1e-3 * s->scene->scale.si);
     if (size < smallest_organ_m)
-        return app_scene_warn(s->scene, line, "the mesh is %.4g mm across; look at tissue.scale (metres per unit)",
+        return app_scene_warn(s->scene, line, "the mesh is %.4g mm across; check tissue.scale (metres per unit)",
                               1e3 * size);
     return 0;
 }
@@ -42,16 +42,17 @@ static tm_status warn_materials(const sim *s) {
         fibred |= app_law_fibred(law) || m->law.index == TM_LAW_HOLZAPFEL;
         for (int k = 0; k < 7 && !rc; k++)
             if (stiffness[k]->line && stiffness[k]->si < softest_Pa)
-                rc = app_scene_warn(s->scene, stiffness[k]->line,
-                                    "%g Pa is softer than any tissue; a number without a unit is in Pa: write kPa if "
-                                    "that is meant",
-                                    stiffness[k]->si);
+                rc = app_scene_warn(
+                    s->scene, stiffness[k]->line,
+                    "%g Pa is softer than any tissue, and a number without a unit is in Pa; write kPa if that is meant",
+                    stiffness[k]->si);
     }
     const int index = sim_effect_find(s->scene, "anisotropy"), line = index < 0 ? 0 : sim_effect_line(s->scene, index);
     if (!rc && line && !fibred)
-        rc = app_scene_warn(s->scene, line,
-                            "fibres, but every material is isotropic: they change nothing; give one of them lambda_T "
-                            "mu_T lambda_L mu_L or E_L E_T nu_LT nu_TT G_L, or leave 'anisotropy:' out");
+        rc = app_scene_warn(
+            s->scene, line,
+            "fibres have no effect, because every material is isotropic; give a material lambda_T mu_T lambda_L "
+            "mu_L or E_L E_T nu_LT nu_TT G_L, or leave 'anisotropy:' out");
     return rc;
 }
 
@@ -59,7 +60,7 @@ static tm_status warn_supports(const sim *s) {
     const int index = sim_effect_find(s->scene, "gravity");
     if (s->scene->support.count || index < 0 || !sim_effect_line(s->scene, index)) return 0;
     return app_scene_warn(s->scene, sim_effect_line(s->scene, index),
-                          "nothing holds the tissue: it falls for ever; add 'supports:'");
+                          "gravity acts and nothing holds the tissue, so it falls without end; add 'supports:'");
 }
 
 static tm_status warn_instrument(const sim *s, int i) {
@@ -71,15 +72,17 @@ static tm_status warn_instrument(const sim *s, int i) {
         away += d * d;
     }
     if (sqrt(away) > longest_shaft_m)
-        return app_scene_warn(s->scene, t->trocar.line,
-                              "the trocar of instrument %d is %.3g m from the tissue, its shaft %g m long; move it, or "
-                              "look at units",
-                              i, sqrt(away), longest_shaft_m);
+        return app_scene_warn(
+            s->scene, t->trocar.line,
+            "the trocar of instrument %d is %.3g m from the tissue and its shaft is %g m long; move it, or check "
+            "the units",
+            i, sqrt(away), longest_shaft_m);
     if (sim_has(s, "contact") && sim_is_inside(s->mesh, s->pose[i].tip_m))
-        return app_scene_warn(s->scene, t->start_here.line ? t->start_here.line : t->here.line,
-                              "instrument %d starts inside the tissue and touches nothing until it has come out; start "
-                              "it outside ('above: 5 mm')",
-                              i);
+        return app_scene_warn(
+            s->scene, t->start_here.line ? t->start_here.line : t->here.line,
+            "instrument %d starts inside the tissue and makes no contact until it has come out; start it outside "
+            "('above: 5 mm')",
+            i);
     return 0;
 }
 
@@ -88,8 +91,9 @@ tm_status sim_warn(const sim *s) {
     if (!rc) rc = warn_materials(s);
     if (!rc) rc = warn_supports(s);
     if (!rc && s->instrument_count && !sim_has(s, "contact"))
-        rc = app_scene_warn(s->scene, s->scene->instrument.line,
-                            "instruments that touch nothing: the scene does not name the effect; add 'contact:'");
+        rc = app_scene_warn(
+            s->scene, s->scene->instrument.line,
+            "instruments cannot touch the tissue: the scene does not name the effect 'contact'; add 'contact:'");
     for (int i = 0; i < s->instrument_count && !rc; i++) rc = warn_instrument(s, i);
     return rc;
 }
@@ -102,10 +106,11 @@ static tm_status warn_rate(const sim *s) {
     if (!haptics || haptics->rate.si == 0 || s->scene->pace == SIM_FRAMES) return 0;
     const double asked_Hz = haptics->rate.si, rate_Hz = s->samples * s->scene->frame_rate.si;
     if (fabs(rate_Hz - asked_Hz) <= 0.01 * asked_Hz) return 0;
-    return app_scene_warn(s->scene, haptics->rate.line,
-                          "haptics.rate = %.4g Hz is no multiple of time.frame_rate = %.4g Hz; forces are sent at %.4g "
-                          "Hz: choose a multiple",
-                          asked_Hz, s->scene->frame_rate.si, rate_Hz);
+    return app_scene_warn(
+        s->scene, haptics->rate.line,
+        "haptics.rate = %.4g Hz is not a multiple of time.frame_rate = %.4g Hz, so forces are sent at %.4g "
+        "Hz; choose a multiple",
+        asked_Hz, s->scene->frame_rate.si, rate_Hz);
 }
 
 tm_status sim_warn_timing(const sim *s) {
@@ -115,13 +120,15 @@ tm_status sim_warn_timing(const sim *s) {
     const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
     const double substeps = (double)s->samples * pace->substeps;
     if (substeps > MAX_SUBSTEPS) /* the model refuses as many per force sample */
-        return app_scene_bad(s->scene, line,
-                             "a frame would take %.3g substeps of %.3g s, set by tetrahedron %lld; look at its "
-                             "material (Young's modulus, density) and its shape (tm-mesh info)",
-                             substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+        return app_scene_bad(
+            s->scene, line,
+            "a frame would take %.3g substeps of %.3g s because of tetrahedron %lld; check its material (Young's "
+            "modulus, density) and its shape (tm-mesh info)",
+            substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
     if (substeps <= MANY_SUBSTEPS) return 0;
-    return app_scene_warn(s->scene, line,
-                          "a frame takes %.3g substeps of %.3g s, set by tetrahedron %lld; look at its material "
-                          "(Young's modulus, density) and its shape (tm-mesh info)",
-                          substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+    return app_scene_warn(
+        s->scene, line,
+        "a frame takes %.3g substeps of %.3g s because of tetrahedron %lld; check its material (Young's "
+        "modulus, density) and its shape (tm-mesh info)",
+        substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
 }

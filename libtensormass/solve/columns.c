@@ -54,8 +54,9 @@ static int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
 }
 
 tm_status tms_ranks_barrier(const tm_solve_ranks *rank_group, tm_error *error) {
-    return !rank_group || rank_group->barrier(rank_group->user) ? TM_OK
-                                                                : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    return !rank_group || rank_group->barrier(rank_group->user)
+               ? TM_OK
+               : tm_fail(error, TM_ERR_FILE, -1, "a rank of this run has ended; start all ranks again");
 }
 
 /* Reports the progress before block `first` of `count`, begun at `start_s`; fails if the caller requests a stop. */
@@ -74,10 +75,10 @@ static tm_status tms_columns_barrier(const tms_columns *c, const tm_solve_ranks 
     for (int32_t b = 0; c->partial_file && (!rank_group || rank_group->rank == 0) && b < c->partial_file->block_count;
          b++)
         if (!c->partial_file->done[b])
-            return tm_fail(error, TM_ERR_FILE, -1,
-                           "block %d of the columns was not written by its rank; name a folder that "
-                           "all ranks share",
-                           (int)b);
+            return tm_fail(
+                error, TM_ERR_FILE, -1,
+                "block %d of the columns was not written by its rank; put the file into a folder that all ranks share",
+                (int)b);
     return TM_OK;
 }
 
@@ -153,9 +154,10 @@ static tm_status run_round(worker *workers, int32_t threads, const tms_columns *
     }
     if (failed)
         return tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                       "a column did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
+                       "a column did not reach the tolerance; raise cg_max_iterations, or use the Cholesky solver");
     if (lost)
-        return tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; is the disk full?", (int)rank);
+        return tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; check the disk, which may be full",
+                       (int)rank);
     return TM_OK;
 }
 
@@ -256,9 +258,12 @@ tm_status tms_distributed_columns(const tms_columns *c, const tm_solve_def *def,
         if (status != TM_OK) break;
         ask(c, todo + first, count - first, rank_group->count, unit);
         if (!rank_group->distributed->solve(rank_group->user, unit, TMS_BLOCK, row, c->kept_count, x))
-            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "the shared factor did not solve a block of columns");
+            status = tm_fail(
+                error, TM_ERR_CONVERGENCE, -1,
+                "the distributed factor did not solve a block of columns; start the run again, or use --factor each");
         else if (mine < count && !deliver(c, rank_group->rank, todo[mine], x, own))
-            status = tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; is the disk full?",
+            status = tm_fail(error, TM_ERR_FILE, -1,
+                             "rank %d could not write its columns; check the disk, which may be full",
                              (int)rank_group->rank);
     }
     if (status == TM_OK) status = tms_columns_barrier(c, rank_group, error);

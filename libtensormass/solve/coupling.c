@@ -240,7 +240,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
     int32_t *count = tms_alloc(4 * (size_t)(c->n + 1));
     tms_system K = {0};
     tm_status status =
-        others && count ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the border; use a coarser mesh");
+        others && count ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     if (status == TM_OK) {
         memset(others, 1, dofs);
         for (int32_t i = 0; i < c->n; i++) others[border[i]] = 0;
@@ -257,7 +257,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
             for (int64_t i = 0; c->rank && i < (int64_t)c->n * (c->n + 1) / 2; i++) c->single[i] = (float)c->schur[i];
         }
         if (!c->history || (c->rank && !make_smooth(c, &K, mesh->rest_m, border)))
-            status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the border; use a coarser mesh");
+            status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     }
     tms_system_destroy(&K);
     tms_free(others);

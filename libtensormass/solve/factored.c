@@ -79,14 +79,16 @@ tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_co
     TM_REQUIRE_DEF(def, TMS_COOKIE_FACTORED, TM_ERR_ARGUMENT);
     TM_REQUIRE(factored && def->tissue && def->fixed, "factored, def->tissue or def->fixed is null", TM_ERR_ARGUMENT);
     if (def->corotated && !(tm_tissue_rotation(def->tissue) > 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "compliance of tissue that turns, and its definition has no rotation; give it a threshold");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "the compliance factor is to be corotational, and the tissue has no rotation; set rotation in the tissue's definition");
     if (tm_tissue_tet_material(def->tissue, 0)->law != TM_LAW_LINEAR)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "compliance of tissue with the law %s: a factor is of the linear law; leave the source out",
-                       tm_law_name((tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law));
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "a compliance factor supports only the linear law, and the tissue has the law %s; leave the source out",
+            tm_law_name((tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law));
     tm_compliance_factor *f = tm_allocate(sizeof *f);
-    if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+    if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance factor; use a coarser mesh");
     memset(f, 0, sizeof *f);
     f->tissue = def->tissue;
     f->corotated = def->corotated;
@@ -96,7 +98,7 @@ tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_co
     f->engine = tms_engine_create(def->tissue, def->fixed, def->corotated);
     if (!take_memory(f, def->condensed) || !f->engine) {
         tm_compliance_factor_destroy(f);
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance factor; use a coarser mesh");
     }
     *factored = f;
     return TM_OK;
@@ -156,7 +158,8 @@ tm_status tm_compliance_factor_start(tm_compliance_factor *f, tm_error *error) {
     TM_REQUIRE(f, "factored is null", TM_ERR_ARGUMENT);
     if (f->live) return TM_OK;
     if (pthread_create(&f->thread, NULL, work, f))
-        return tm_fail(error, TM_ERR_LIMIT, -1, "no thread for the compliance; allow this user more processes");
+        return tm_fail(error, TM_ERR_LIMIT, -1,
+                       "no thread can be started for the compliance factor; raise the process limit (ulimit -u)");
     f->live = true;
     return TM_OK;
 }
@@ -203,7 +206,7 @@ static const tm_compliance *exchange(void *self, int32_t owner, const tm_complia
                    request->count <= TM_COMPLIANCE_REQUEST_MAX && request->needed >= 0 &&
                    request->needed <= request->count && (request->vertex || request->count == 0) &&
                    (request->u_m || !f->corotated),
-               "self, wish, its vertex or u_m is null, or owner, count or needed is out of range", NULL);
+               "self, request, its vertex or u_m is null, or owner, count or needed is out of range", NULL);
     for (int32_t i = 0; i < request->count; i++)
         TM_REQUIRE(request->vertex[i] >= 0 && request->vertex[i] < tm_tissue_mesh(f->tissue)->vertex_count,
                    "no such vertex", NULL);

@@ -102,21 +102,21 @@ static bool check_head(const tms_file_head *head, size_t size, uint64_t key, cha
     if (size < sizeof *head || memcmp(head->magic, MAGIC, 8)) return refuse(why, "not a response file");
     if (head->byte_order != BYTE_ORDER_MARK) return refuse(why, "written on a machine of the other byte order");
     if (head->version != FORMAT_VERSION) return refuse(why, "written by another version of this library");
-    if (head->key != key) return refuse(why, "of another mesh, material, support, load or setting");
+    if (head->key != key) return refuse(why, "made for another mesh, material, support, load or setting");
     if (head->kept_count < 0 || head->kept_count > TMS_MAX_COLUMNS || head->interface_count < 0 ||
         head->interface_count > TMS_MAX_COLUMNS || (head->precision != TM_DOUBLE && head->precision != TM_SINGLE) ||
         head->block != TMS_BLOCK)
-        return refuse(why, "its head is damaged");
+        return refuse(why, "its header is damaged");
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     if ((size_t)head->bytes != l.bytes || size != l.bytes || (size_t)head->column_offset != l.column)
-        return refuse(why, "truncated, or longer than it says");
+        return refuse(why, "truncated, or longer than its header says");
     return true;
 }
 
 static bool check_sums(const char *map, const tms_file_head *head, int32_t threads, char why[160]) {
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     if (head_checksum(map, l.column) != head->head_checksum)
-        return refuse(why, "damaged: the checksum of its head differs");
+        return refuse(why, "damaged: the checksum of its header differs");
     uint64_t *sum = tms_alloc(8 * (size_t)(l.blocks ? l.blocks : 1));
     if (!sum) return refuse(why, "no memory to check it");
     checksum_columns(map + l.column, l.bytes - l.column, sum, l.blocks, threads);
@@ -133,7 +133,7 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0)
         m = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_SHARED, fd, 0);
     close(fd);
-    if (m == MAP_FAILED) return refuse(why, "empty, or not a file that can be mapped");
+    if (m == MAP_FAILED) return refuse(why, "empty, or not a regular file");
     if (!check_head(m, (size_t)st.st_size, key, why) || !check_sums(m, m, threads, why)) {
         munmap(m, (size_t)st.st_size);
         return false;
@@ -150,8 +150,9 @@ static tm_status file_fail(const tms_file_write *file, tm_error *error, const ch
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
     return tm_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->partial_file, what, size, strerror(number),
-                   number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
-                                    : "name a place that can be written");
+                   number == ENOSPC
+                       ? "free some space, store the responses in single precision, or choose another folder"
+                       : "choose a folder that can be written");
 }
 
 /* Opens the partial file; never through a link, never anything but a regular file of this user. */
@@ -163,7 +164,8 @@ static int open_part(const tms_file_write *file, tm_error *error) {
         return -1;
     }
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_nlink < 2) return fd;
-    tm_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->partial_file);
+    tm_fail(error, TM_ERR_FILE, -1, "%s: is not a regular file, or has a second name (hard link); remove it",
+            file->partial_file);
     close(fd);
     return -1;
 }
@@ -199,9 +201,10 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
         if (!tms_progress(def, "waiting for another run", 0, -1))
             return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
         if (tms_clock_s() - start > wait_s)
-            return tm_fail(error, TM_ERR_FILE, -1,
-                           "%s: another run has been computing this file for %.0f s; wait for it, or end it",
-                           file->partial_file, wait_s);
+            return tm_fail(
+                error, TM_ERR_FILE, -1,
+                "%s: another run is computing this file, and %.0f s of waiting did not suffice; wait until it ends, or end it",
+                file->partial_file, wait_s);
         nanosleep(&(struct timespec){.tv_nsec = failed ? 20000000 : 0}, NULL);
     }
 }
@@ -215,7 +218,7 @@ tm_status tms_file_reserve(tms_file_write *file, size_t bytes, tm_error *error) 
 tm_status tms_file_map(tms_file_write *file, size_t bytes, tm_error *error) {
     file->bytes = bytes;
     const int failed = posix_fallocate(file->fd, 0, (off_t)bytes);
-    if (failed) return file_fail(file, error, "no room on the disk", failed);
+    if (failed) return file_fail(file, error, "the disk is full", failed);
     file->map = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, file->fd, 0);
     return file->map == MAP_FAILED ? file_fail(file, error, "cannot be mapped", errno) : TM_OK;
 }

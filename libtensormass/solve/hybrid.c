@@ -87,9 +87,10 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
     int32_t dynamic = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         if (!whole[t])
-            return tm_fail(error, TM_ERR_ARGUMENT, t,
-                           "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
-                           (int)t);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, t,
+                "tetrahedron %d of the complete tissue has been removed; make the hybrid model from uncut tissue",
+                (int)t);
         h->alive[t] = def->dynamic[t] != 0;
     }
     if (!def->as_marked && !tms_hybrid_smooth(mesh, h->alive))
@@ -101,10 +102,9 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
             h->vertex_kind[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
     }
     if (dynamic == 0 || dynamic == mesh->tet_count)
-        return tm_fail(
-            error, TM_ERR_ARGUMENT, -1,
-            "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some",
-            dynamic ? "every" : "no");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "%s tetrahedron is in the dynamic part; choose a region or box with some of them",
+                       dynamic ? "every" : "no");
     for (int32_t v = 0; v < mesh->vertex_count; v++) h->interface_count += h->vertex_kind[v] == TMS_INTERFACE ? 3 : 0;
     h->interface = tms_alloc((size_t)(h->interface_count + 1) * sizeof *h->interface);
     if (!h->interface) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
@@ -116,8 +116,9 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
         h->interface[h->interface_count++] = d;
     }
     if (h->interface_count == 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "the tensor/mass part and the rest do not touch; nothing is condensed onto anything");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "the dynamic part and the rest share no vertex, so there is no interface; choose a part that touches the rest");
     return TM_OK;
 }
 
@@ -222,7 +223,7 @@ static tm_status check(const tm_hybrid_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
     if (status == TM_OK && (def->max_contact_vertices < 4 || def->max_contact_vertices > 4096))
-        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "max_contact_vertices is %d; give 4 to 4096",
                          (int)def->max_contact_vertices);
     return status;
 }

@@ -35,7 +35,8 @@ static inline int tms_ascending(const void *a, const void *b) {
 #define TMS_REQUIRE_PROBLEM(problem)                                                                                   \
     do {                                                                                                               \
         TM_REQUIRE_DEF(problem, TMS_COOKIE_PROBLEM, TM_ERR_ARGUMENT);                                                  \
-        TM_REQUIRE((problem)->tissue && (problem)->fixed, #problem " has no tissue or no fixed", TM_ERR_ARGUMENT);     \
+        TM_REQUIRE((problem)->tissue && (problem)->fixed, #problem " has no tissue, or no fixed components",           \
+                   TM_ERR_ARGUMENT);                                                                                   \
     } while (0)
 /* Checks a problem's data: solver, tolerances and counts in range, values and loads finite; `entity` is the invalid
  * vertex. */

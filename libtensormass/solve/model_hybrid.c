@@ -78,7 +78,8 @@ static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error
     const tm_hybrid *h = p->hybrid;
     const uint8_t *now = tm_tissue_alive(p->is.tissue), *condensed = tm_tissue_alive(h->condensed);
     uint8_t *alive = tms_alloc((size_t)h->mesh->tet_count + 1);
-    if (!alive) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
+    if (!alive)
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the equilibrium of the organ; use a coarser mesh");
     for (int32_t t = 0; t < h->mesh->tet_count; t++) alive[t] = condensed[t] || (uncut ? h->alive[t] : now[t]);
     const tm_status status = tms_sub_tissue(p->is.tissue, alive, whole, error);
     tms_free(alive);
@@ -95,7 +96,8 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     tm_solve_report report;
     double *load = tms_alloc(n * sizeof *load);
     tm_status status =
-        load ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
+        load ? TM_OK
+             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the equilibrium of the organ; use a coarser mesh");
     (void)def;
     if (status == TM_OK) status = whole_of(p, false, &whole, error);
     if (status == TM_OK) status = whole_of(p, true, &uncut, error);
@@ -192,11 +194,12 @@ tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_
         status = tms_invalid_member(
             def, "friction",
             tm_fail(error, TM_ERR_EXCLUDED, -1,
-                    "its rows are solved without any; take the dynamic model, or the precomputed one"));
+                    "its contact solver has no friction; choose the dynamic or the precomputed model"));
     if (status == TM_OK && def->cut && def->cut->fade_s > 0)
-        status = tms_invalid_member(
-            def, "cut",
-            tm_fail(error, TM_ERR_EXCLUDED, -1, "its rows do not fade; set fade_s to 0, or take the dynamic model"));
+        status =
+            tms_invalid_member(def, "cut",
+                               tm_fail(error, TM_ERR_EXCLUDED, -1,
+                                       "its contact forces cannot fade; set fade_s to 0, or choose the dynamic model"));
     if (status != TM_OK) return status;
     part *p = tms_alloc_zeroed(1, sizeof *p);
     if (!p) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");

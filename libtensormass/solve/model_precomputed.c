@@ -131,7 +131,8 @@ static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *
     const quasi *q = of(m);
     saved k = {.time_s = q->time_s};
     if (bytes < snapshot_bytes(m))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "the buffer has %lld bytes and the snapshot needs %lld; allocate tm_model_snapshot_bytes()",
                        (long long)bytes, (long long)snapshot_bytes(m));
     tms_precomputed_snapshot(q->model, (char *)buffer + sizeof k);
     memcpy(k.magic, magic, sizeof magic);
@@ -148,8 +149,9 @@ static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_erro
     saved k;
     if (bytes >= (int64_t)sizeof k) memcpy(&k, buffer, sizeof k);
     if (bytes < (int64_t)sizeof k || memcmp(k.magic, magic, sizeof magic) || k.checksum != checksum(buffer, bytes))
-        return tm_fail(error, TM_ERR_FILE, -1,
-                       "not a snapshot of a precomputed model, or damaged; give one that tm_model_save made");
+        return tm_fail(
+            error, TM_ERR_FILE, -1,
+            "this is not a snapshot of a precomputed model, or it is damaged; give one that tm_model_save wrote");
     const tm_status status =
         tms_precomputed_restore(q->model, (const char *)buffer + sizeof k, bytes - (int64_t)sizeof k, error);
     if (status != TM_OK) return status;
@@ -213,9 +215,10 @@ static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, 
 static tm_status check(const tm_model_def *def, tm_error *error) {
     const tm_status status = tm_model_check(def, error);
     if (status != TM_OK || !def->cut) return status;
-    return tms_invalid_member(def, "cut",
-                              tm_fail(error, TM_ERR_EXCLUDED, -1,
-                                      "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
+    return tms_invalid_member(
+        def, "cut",
+        tm_fail(error, TM_ERR_EXCLUDED, -1,
+                "its responses are valid only for uncut tissue; choose the dynamic or the hybrid model"));
 }
 
 static tm_status make(const tm_model_def *def, const tm_precomputed_def *how, quasi *q, tm_solve_report *report,

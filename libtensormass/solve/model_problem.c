@@ -7,15 +7,15 @@ tm_status tms_problem_build(const tm_model_def *def, const tm_tissue *whole, tms
     const size_t n = 3 * (size_t)vertices;
     if (def->tissue.scaled_step_s > 0)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "mass scaling with a quasi-static part, which has no step; leave it out");
+                       "mass scaling needs a time step, and the quasi-static part has none; leave mass scaling out");
     *p = (tms_problem){tms_alloc_zeroed(n, 1), tms_alloc_zeroed(n, 8), tms_alloc_zeroed(n, 8)};
     if (!p->fixed || !p->value_m || !p->load_N)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the static problem; use a coarser mesh");
     for (int32_t i = 0; i < def->support_count; i++) {
         const int32_t dof = def->support_dof[i];
         if (dof < 0 || (size_t)dof >= n)
-            return tm_fail(error, TM_ERR_ARGUMENT, i, "supported component %d is none of the %zu; give 3*vertex + axis",
-                           (int)dof, n);
+            return tm_fail(error, TM_ERR_ARGUMENT, i,
+                           "supported component %d is outside 0 to %zu; give 3*vertex + axis", (int)dof, n);
         p->fixed[dof] = 1;
         p->value_m[dof] = def->support_m[i];
     }

@@ -84,7 +84,7 @@ tm_status tms_partial_file_join(tms_partial_file *part, const char *path, const 
     tms_free(part->done);
     *part = (tms_partial_file){.fd = -1};
     return tm_fail(error, TM_ERR_FILE, -1,
-                   "%s: is not the file that rank 0 made (%s); name a folder that all ranks share", name,
+                   "%s: is not the file that rank 0 made (%s); put it into a folder that all ranks share", name,
                    number ? strerror(number) : "another one");
 }
 

@@ -46,7 +46,7 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     m->surface = tms_alloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
     m->sum = tms_alloc_zeroed((size_t)(r->kept_count + 1), sizeof *m->sum);
     if (!m->kept_index || !m->surface || !m->sum)
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the online contact solver; use a coarser mesh");
     tm_status status = tms_contact_solver_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
                                                  def->max_contact_vertices, &m->solver, error);
     if (status != TM_OK) return status;
@@ -60,7 +60,7 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     }
     m->solver.self = m;
     if (def->contact && !(m->yield = tms_alloc((size_t)(3 * TMS_FELT) * 24 * (size_t)m->solver.capacity)))
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the online contact solver; use a coarser mesh");
     if (def->contact && def->grasp && (status = tm_patch_solver_create(&m->patch_solver, error)) != TM_OK)
         return status;
     m->solver.compliance = tms_precomputed_compliance;
@@ -84,19 +84,20 @@ static tm_status check(const tm_precomputed_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
     if (status == TM_OK && def->ranks && def->ranks->distributed && def->problem.solver != TM_SOLVER_CHOLESKY)
-        status =
-            tm_fail(error, TM_ERR_ARGUMENT, -1, "conjugate gradients need no factor to share; leave one of both out");
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1,
+                         "conjugate gradients have no factor to distribute; leave one of the two out");
     if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
-        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
+        status =
+            tm_fail(error, TM_ERR_ARGUMENT, -1, "the update interval is %g s; give a positive time", def->update_s);
     for (int32_t t = 0; status == TM_OK && def->contact && def->friction && t < def->contact->instrument_count; t++) {
         const tm_friction_coefficient *c = &def->friction->instrument[t];
         if (!(c->mu_kinetic >= 0 && c->mu_kinetic <= c->mu_static && c->mu_static <= TM_FRICTION_MAX))
             status = tm_fail(error, TM_ERR_ARGUMENT, t,
-                             "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g",
+                             "friction of instrument %d: static %g, kinetic %g; give 0 <= kinetic <= static <= %g",
                              (int)t, c->mu_static, c->mu_kinetic, TM_FRICTION_MAX);
     }
     if (status == TM_OK && (def->max_contact_vertices < 4 || def->max_contact_vertices > 4096))
-        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "max_contact_vertices is %d; give 4 to 4096",
                          (int)def->max_contact_vertices);
     return status;
 }
@@ -106,7 +107,7 @@ tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **
     TM_REQUIRE_DEF(def, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
     TMS_REQUIRE_PROBLEM(&def->problem);
     TM_REQUIRE(model && (!def->ranks || def->ranks->count == 1),
-               "model is null, or there are ranks that have nothing to open", TM_ERR_ARGUMENT);
+               "model is null, or the run has ranks, which a model cannot use", TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status != TM_OK) return status;
     tm_solve_report mine = {0};
@@ -271,26 +272,28 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
                                 double compliance_m_N, tm_error *error) {
     TM_REQUIRE(m && ((vertex && u_m) || count <= 0), "model, vertex or u_m is null", TM_ERR_ARGUMENT);
     tms_contact_solver *l = &m->solver;
-    if (count < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d vertices imposed; give 0 or more", (int)count);
+    if (count < 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the number of imposed vertices is %d; give 0 or more", (int)count);
     if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity)
-        return tm_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_contact_vertices",
+        return tm_fail(error, TM_ERR_LIMIT, count, "%d vertices are imposed and %d fit; raise max_contact_vertices",
                        (int)count, (int)l->capacity);
     if (!(compliance_m_N >= 0) || !isfinite(compliance_m_N))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
-                       compliance_m_N);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "the compliance of the imposed displacements is %g m/N; give 0 or more", compliance_m_N);
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
         const int32_t given = given_number(m, vertex[i]);
         if (!has_response(m, vertex[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, given,
-                           "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
-                           (int)given);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, given,
+                "vertex %d is not on the free surface, so it has no responses; impose vertices of the free surface",
+                (int)given);
         if (!tm_are_places(u_m + 3 * (int64_t)i))
             return tm_fail(error, TM_ERR_ARGUMENT, given,
-                           "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)given,
+                           "the imposed displacement of vertex %d is (%g %g %g) m; give finite numbers", (int)given,
                            u_m[3 * (int64_t)i], u_m[3 * (int64_t)i + 1], u_m[3 * (int64_t)i + 2]);
         if (l->stamp[vertex[i]] == l->stamp_now)
-            return tm_fail(error, TM_ERR_ARGUMENT, given, "vertex %d is imposed twice", (int)given);
+            return tm_fail(error, TM_ERR_ARGUMENT, given, "vertex %d is imposed twice; give it once", (int)given);
         l->stamp[vertex[i]] = l->stamp_now;
     }
     for (int32_t i = 0; i < count; i++) {

@@ -120,7 +120,7 @@ static bool remove_friction(const tms_contact_solver *l, int32_t instrument, tm_
 bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double velocity_m_s[3], double horizon_s,
                           int32_t max_vertices, int32_t max_triangles, tm_patch *patch) {
     TM_REQUIRE(m && patch && velocity_m_s && instrument >= 0 && instrument < m->solver.tool_count,
-               "something is null, or instrument is not one of the model's", false);
+               "an argument is null, or instrument is not one of the model's", false);
     TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
                    max_triangles <= TM_PATCH_TRIANGLES && horizon_s >= 0 && tm_are_places(velocity_m_s),
                "max_vertices, max_triangles, horizon_s or velocity_m_s is out of range", false);

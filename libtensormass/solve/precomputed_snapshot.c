@@ -239,13 +239,14 @@ static bool read_from(tm_precomputed *m, const void *buffer, int64_t bytes) {
 tm_status tms_precomputed_restore(tm_precomputed *m, const void *buffer, int64_t bytes, tm_error *error) {
     const int64_t own_bytes = tms_precomputed_snapshot(m, NULL);
     void *own = tms_alloc((size_t)own_bytes);
-    if (!own) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to look at a snapshot; use a coarser mesh");
+    if (!own) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to check a snapshot; use a coarser mesh");
     tms_precomputed_snapshot(m, own);
     const bool good = read_from(m, buffer, bytes);
     if (!good) read_from(m, own, own_bytes);
     tms_free(own);
     return good ? TM_OK
-                : tm_fail(error, TM_ERR_ARGUMENT, -1,
-                          "not a snapshot of this precomputed model, or damaged; give one of the same organ, supports "
-                          "and instruments");
+                : tm_fail(
+                      error, TM_ERR_ARGUMENT, -1,
+                      "this is not a snapshot of this precomputed model, or it is damaged; give one of the same organ, "
+                      "supports and instruments");
 }

@@ -90,7 +90,7 @@ static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32
     }
     if (solved) return TM_OK;
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                   "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
+                   "the loaded shape did not reach the tolerance; raise cg_max_iterations, or use the Cholesky solver");
 }
 
 /* Computes the displacement under the loads and prescribed values with the interface fixed at 0, and the force on the
@@ -250,7 +250,7 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
     if (status != TM_OK) goto done;
     for (int32_t i = 0; i < system.n; i++) kept_count += q->wanted[system.dof[i] / 3];
     if (kept_count > TMS_MAX_COLUMNS || q->interface_count > TMS_MAX_COLUMNS) {
-        status = tm_fail(error, TM_ERR_MEMORY, -1, "too large: %d columns; use a coarser mesh",
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "%d columns are too many; use a coarser mesh",
                          (int)(kept_count > q->interface_count ? kept_count : q->interface_count));
         goto done;
     }
@@ -309,7 +309,7 @@ static bool from_file(const tms_request *q, uint64_t key, tms_responses *r, tm_s
     view(r, r->map, (char *)r->map + head->column_offset);
     if (!lists_fit(q, r)) {
         tms_responses_release(r);
-        snprintf(report->why, sizeof report->why, "its lists are another problem's");
+        snprintf(report->why, sizeof report->why, "its vertices are of another problem");
         return false;
     }
     report->from_file = true;
@@ -328,7 +328,7 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
     tm_status status = TM_OK;
     *r = (tms_responses){0};
     report->interface_dofs = q->interface_count;
-    snprintf(report->why, sizeof report->why, "%s", q->file ? "asked for anew" : "no file named");
+    snprintf(report->why, sizeof report->why, "%s", q->file ? "a new computation was requested" : "no file is named");
     bool found = q->file && !force && from_file(q, key, r, report);
     if (writes && !found) {
         tm_error lack;

@@ -97,10 +97,11 @@ static tm_status ask_address_space(const tm_solve_def *def, int64_t need, tm_err
     tms_bytes_text(need, t_need);
     tms_bytes_text(blas, t_blas);
     if (limit < INT64_MAX) tms_bytes_text(limit, t_limit);
-    return tm_fail(error, TM_ERR_MEMORY, -1,
-                   "too large: %s needed and %s of address space for BLAS in %d threads, and this process may have %s "
-                   "in all (ulimit -v); raise that limit, or choose fewer threads%s, or a coarser mesh",
-                   t_need, t_blas, (int)threads, t_limit, blas ? ", conjugate gradients (slower)" : "");
+    return tm_fail(
+        error, TM_ERR_MEMORY, -1,
+        "too large: %s of memory and %s of address space for BLAS in %d threads are needed, and the limit of "
+        "this process is %s (ulimit -v); raise the limit, or choose fewer threads%s, or a coarser mesh",
+        t_need, t_blas, (int)threads, t_limit, blas ? ", conjugate gradients (slower)" : "");
 }
 
 static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single,
@@ -122,8 +123,8 @@ static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, 
         snprintf(choices + strlen(choices), sizeof choices - strlen(choices), "conjugate gradients (%s, slower), ",
                  t_cg);
     return tm_fail(error, TM_ERR_MEMORY, -1,
-                   "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
-                   "choose %sfewer threads, or a coarser mesh",
+                   "too large: %s is needed (factor %s, responses %s, working memory of %d threads %s) and %s is "
+                   "allowed; choose %sfewer threads, or a coarser mesh",
                    t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
 }
 
@@ -132,8 +133,8 @@ static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_
     const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
     const int32_t vertex = tm_mesh_original_vertex(system->mesh, system->dof[free_index] / 3);
     return tm_fail(error, TM_ERR_SUPPORT, vertex,
-                   "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
-                   "join it through faces, or support it",
+                   "the tissue can move without force near vertex %d (a part connected by one vertex or one edge); "
+                   "connect it through faces, or support it",
                    (int)vertex);
 }
 
@@ -160,10 +161,9 @@ static tm_status fill(tms_solver *s, cholmod_sparse *a, const tms_system *system
     if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
     /* Rounding can hide a mechanism from the pivots, but not from the condition number. */
     if (cholmod_rcond(s->factor, &s->common) < 1e-14)
-        return tm_fail(
-            error, TM_ERR_SUPPORT, -1,
-            "the tissue can all but move without force (pivots differ by more than 1e14); "
-            "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
+        return tm_fail(error, TM_ERR_SUPPORT, -1,
+                       "the tissue can almost move without force (pivots differ by more than 1e14); look for parts "
+                       "connected by one vertex or one edge, or materials of very different stiffness");
     return TM_OK;
 }
 
@@ -217,7 +217,8 @@ tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, i
 }
 
 tm_status tms_solver_renew(tms_solver *s, const tms_system *system, tm_error *error) {
-    if (s->kind == TM_SOLVER_CG) return tm_fail(error, TM_ERR_ARGUMENT, -1, "only a factor has numbers to renew");
+    if (s->kind == TM_SOLVER_CG)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "only a Cholesky factor can be updated; use that solver");
     cholmod_sparse a = lower_of(system);
     tms_process_enter();
     const tm_status status = fill(s, &a, system, error);

@@ -109,13 +109,13 @@ static void detach(void *self) {
 }
 
 tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm_error *error) {
-    TM_REQUIRE(world && h && !h->world, "world or hybrid is null, or hybrid is in a world already", TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && h && !h->world, "world or hybrid is null, or hybrid is already in a world", TM_ERR_ARGUMENT);
     if (tm_tissue_mesh(tm_world_tissue(world)) != h->mesh)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "the world's tissue is of another mesh than the hybrid model; make it with tm_hybrid_tissue");
+                       "the world's tissue has another mesh than the hybrid model; make it with tm_hybrid_tissue");
     if (contact && !h->has_contact)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "the hybrid model was made without contact, and its world has some; give tm_hybrid_def.contact");
+                       "the world has contact, and the hybrid model was made without; give tm_hybrid_def.contact");
     if (tm_world_step_s(world) > h->step_s)
         return tm_fail(
             error, TM_ERR_STEP, h->step_tet,
@@ -127,7 +127,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
         if (alive[t] && !h->alive[t])
             return tm_fail(
                 error, TM_ERR_ARGUMENT, t,
-                "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue",
+                "tetrahedron %d is condensed, and active in the world's tissue; make that tissue with tm_hybrid_tissue",
                 (int)t);
     h->world = world;
     h->stale = true;
@@ -144,22 +144,23 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
         detach(h);
         return status;
     }
-    const tm_stage stage = {.size = sizeof(tm_stage),
-                            .name = "hybrid",
-                            .phase = TM_PHASE_LOAD,
-                            .run = run,
-                            .destroy = detach,
-                            .step_changed = changed,
-                            .self = h,
-                            .snapshot = snapshot,
-                            .restore = restore,
-                            .checkpoint = checkpoint,
-                            .rollback = rollback,
-                            .needs = {contact ? "contact" : NULL},
-                            .step_limit_s = h->step_s,
-                            .settle_refusal = "the condensed part is no world's to relax; solve the whole organ "
-                                              "(tm_solve_static), which has the same rest",
-                            .snapshot_max = snapshot_max(h)};
+    const tm_stage stage = {
+        .size = sizeof(tm_stage),
+        .name = "hybrid",
+        .phase = TM_PHASE_LOAD,
+        .run = run,
+        .destroy = detach,
+        .step_changed = changed,
+        .self = h,
+        .snapshot = snapshot,
+        .restore = restore,
+        .checkpoint = checkpoint,
+        .rollback = rollback,
+        .needs = {contact ? "contact" : NULL},
+        .step_limit_s = h->step_s,
+        .settle_refusal = "the world cannot settle the condensed part; solve the complete organ (tm_model_settle, "
+                          "tm_solve_static), which has the same equilibrium",
+        .snapshot_max = snapshot_max(h)};
     status = tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
     if (status != TM_OK)
         detach(h);
@@ -202,7 +203,7 @@ tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {
 }
 
 tm_surface_view tm_hybrid_surface(tm_hybrid *h) {
-    TM_REQUIRE(h && h->world, "hybrid is null or in no world", (tm_surface_view){0});
+    TM_REQUIRE(h && h->world, "hybrid is null, or not in a world", (tm_surface_view){0});
     tms_hybrid_rebuild_surface(h);
     return h->surface;
 }

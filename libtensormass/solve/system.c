@@ -75,7 +75,7 @@ tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, t
     part *parts = tms_alloc_zeroed((size_t)n, sizeof *parts);
     tm_status status = TM_OK;
     if (!parent || !parts) {
-        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory to look for loose parts; use a smaller mesh");
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory to find detached parts; use a coarser mesh");
         goto done;
     }
     find_parts(tissue, parent, parts);
@@ -94,17 +94,19 @@ tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, t
         const int32_t given = tm_mesh_original_vertex(mesh, v);
         if (!total)
             status = tm_fail(error, TM_ERR_SUPPORT, given,
-                             "no vertex of the tissue is fixed, so it has no rest; name a support");
+                             "no vertex of the tissue is fixed, so it has no equilibrium; add a support");
         else if (!held)
-            status = tm_fail(error, TM_ERR_SUPPORT, given,
-                             "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
-                             "support it, or join it to the rest of the mesh",
-                             (int)p->tets, (int)given);
+            status = tm_fail(
+                error, TM_ERR_SUPPORT, given,
+                "the connected piece of %d tetrahedra with vertex %d has no fixed vertex; support it, or connect it "
+                "to the rest of the mesh",
+                (int)p->tets, (int)given);
         else
-            status = tm_fail(error, TM_ERR_SUPPORT, given,
-                             "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
-                             "(%d components of it are fixed); fix three vertices that are not in one line, all axes",
-                             (int)p->tets, (int)given, (int)held);
+            status = tm_fail(
+                error, TM_ERR_SUPPORT, given,
+                "the connected piece of %d tetrahedra with vertex %d can move as a rigid body (%d of its components "
+                "are fixed); fix all axes of three vertices that are not in one line",
+                (int)p->tets, (int)given, (int)held);
         break;
     }
 done:
@@ -181,7 +183,7 @@ tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms
     return TM_OK;
 no_memory:
     tms_system_destroy(&s);
-    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a smaller mesh",
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a coarser mesh",
                    (int)n);
 }
 
@@ -228,5 +230,5 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     return status;
 done:
     tms_free(material);
-    return tm_fail(error, status, -1, "no memory for a part of the tissue; use a smaller mesh");
+    return tm_fail(error, status, -1, "no memory for a part of the tissue; use a coarser mesh");
 }

@@ -9,32 +9,33 @@
 
 tm_status tms_check_precision(tm_precision precision, tm_error *error) {
     if (precision == TM_DOUBLE || precision == TM_SINGLE) return TM_OK;
-    return tm_fail(error, TM_ERR_ARGUMENT, -1, "precision %d; give one of tm_precision", (int)precision);
+    return tm_fail(error, TM_ERR_ARGUMENT, -1, "precision is %d; give a value of tm_precision", (int)precision);
 }
 
 tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
     if (def->solver != TM_SOLVER_CHOLESKY && def->solver != TM_SOLVER_CG)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "solver %d; give one of tm_solver", (int)def->solver);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "solver is %d; give a value of tm_solver", (int)def->solver);
     if (!(def->cg_tolerance > 0) || !isfinite(def->cg_tolerance) || def->cg_max_iterations < 1 || def->threads < 0 ||
         def->memory_limit_bytes < 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "tolerance %g, %d iterations, %d threads, %lld bytes; give a positive tolerance and number of "
-                       "iterations, and none negative",
-                       def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads,
-                       (long long)def->memory_limit_bytes);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "tolerance %g, %d iterations, %d threads, memory limit %lld bytes; give a positive tolerance and "
+            "number of iterations, and nothing negative",
+            def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads, (long long)def->memory_limit_bytes);
     const tm_mesh *mesh = tm_tissue_mesh(def->tissue);
     const tm_law_kind law = (tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law;
     if (law != TM_LAW_LINEAR)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "law %s: responses and solutions are those of the linear law; take the dynamic model",
-                       tm_law_name(law));
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "static solutions and responses support only the linear law, and a material has the law %s; choose the dynamic model",
+            tm_law_name(law));
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
         const int32_t vertex = tm_mesh_original_vertex(mesh, d / 3);
         if (def->fixed[d] && def->fixed_value_m && !tm_is_place(def->fixed_value_m[d]))
-            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "vertex %d is held at %g m; give a finite displacement",
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "vertex %d is fixed at %g m; give a finite displacement",
                            (int)vertex, def->fixed_value_m[d]);
         if (def->load_N && !isfinite(def->load_N[d]))
-            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "the load on vertex %d is %g N; give a finite one",
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "the load on vertex %d is %g N; give a finite force",
                            (int)vertex, def->load_N[d]);
     }
     return TM_OK;

@@ -56,21 +56,21 @@ static size_t lay_out(tms_contact_solver *l, char *memory) {
 
 static tm_status check(const tm_contact_def *def, tm_error *error) {
     if (def->instrument_count < 0 || def->instrument_count > TM_MAX_INSTRUMENTS)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give at most %d",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact has %d instruments; give at most %d",
                        (int)def->instrument_count, TM_MAX_INSTRUMENTS);
     if (!(def->contact_compliance_m_N >= 1e-7))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "contact: skin compliance %g m/N; the quasi-static models need at least 1e-7 (0.5e-3 is usual)",
+                       "contact compliance is %g m/N; the quasi-static models need at least 1e-7 (0.5e-3 is usual)",
                        def->contact_compliance_m_N);
     if (def->max_rows < 1 || !(def->force_cap_N > 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "contact: %d rows and a cap of %g N; give at least one row and a positive cap",
+                       "contact has %d rows and a force cap of %g N; give at least one row and a positive cap",
                        (int)def->max_rows, def->force_cap_N);
     for (int32_t t = 0; t < def->instrument_count; t++)
         if (!(def->instrument[t].radius_m > 0) || !(def->instrument[t].contact_length_m >= 0))
             return tm_fail(
                 error, TM_ERR_ARGUMENT, t,
-                "instrument %d: radius %g m, contact length %g m; give a positive radius and a length of 0 or more",
+                "instrument %d has radius %g m and contact length %g m; give a positive radius and a length of 0 or more",
                 (int)t, def->instrument[t].radius_m, def->instrument[t].contact_length_m);
     return TM_OK;
 }
@@ -87,14 +87,14 @@ tm_status tms_contact_solver_create(const tm_mesh *mesh, tm_surface_view surface
     if (!contact) l.def.instrument_count = 0;
     if (grasp) l.grasp = *grasp;
     if (capacity < 4 || capacity > 4096)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096", (int)capacity);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "max_contact_vertices is %d; give 4 to 4096", (int)capacity);
     const tm_status status = check(&l.def, error);
     if (status != TM_OK) return status;
     l.tool_count = l.def.instrument_count;
     l.bytes = (int64_t)lay_out(&l, NULL);
     l.allocation = tms_alloc((size_t)l.bytes);
     if (!l.allocation)
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for %d vertices on line; lower max_contact_vertices",
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for %d contact vertices; lower max_contact_vertices",
                        (int)capacity);
     memset(l.allocation, 0, (size_t)l.bytes);
     lay_out(&l, l.allocation);

@@ -166,7 +166,7 @@ static void no_files(void **state) {
     app_output output;
     tm_error error;
     assert_false(app_output_begin(&output, folder, &error));
-    assert_non_null(strstr(error.message, "is a folder; name a file in it"));
+    assert_non_null(strstr(error.message, "is a folder; give a file name in that folder"));
     assert_false(app_output_begin(&output, "nowhere/a", &error));
     assert_non_null(strstr(error.message, "No such file"));
     assert_int_equal(files(), 0);

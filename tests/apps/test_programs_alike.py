@@ -36,7 +36,7 @@ def test_stdout_is_a_file_and_holds_nothing_else(bin, scene, mesh):
         assert "2 frames" in out.stderr  # what is for people
     assert json.loads(run(bin / "tm-mesh", "info", "--json", "-", mesh).stdout)["tets"] > 1000
     out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--csv", "-", "--json", "-")
-    assert out.returncode == 2 and "two outputs to stdout; give one of them a file" in out.stderr
+    assert out.returncode == 2 and "two outputs go to stdout; write one of them to a file" in out.stderr
 
 
 def test_what_others_wrote_into_the_same_file_stays(bin, scene, tmp_path):
@@ -81,7 +81,7 @@ def test_a_folder_is_refused_before_the_run(bin, root, scene, mesh, tmp_path, co
     folder.mkdir()
     words = command.format(scene=scene, mesh=mesh, tmp=tmp_path).split()
     out = run(bin / words[0], *words[1:], folder, cwd=root, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)))
-    assert out.returncode == 2 and f"{folder}: is a folder; name a file in it" in out.stderr
+    assert out.returncode == 2 and f"{folder}: is a folder; give a file name in that folder" in out.stderr
 
 
 @pytest.mark.parametrize("words", ["tm-view {mesh} --png {tmp}/x.jpg", "tm-view {mesh} --video {tmp}/x.avi", "tm-play --png {tmp}/x.jpg", "tm-sim {scene} --settle 1e-3 --write {tmp}/x.txt"])
@@ -163,11 +163,11 @@ def test_a_signal_ends_what_computes_ahead(bin, root, tmp_path, words):
 
 def test_absurd_numbers_of_substeps_are_told_or_refused(bin, scene):
     out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e13")
-    assert out.returncode == 0 and re.search(r"warning: a frame takes 1\.\d+e\+06 substeps of 3\.\d+e-08 s, set by tetrahedron \d+; look at its material", out.stderr)
+    assert out.returncode == 0 and re.search(r"warning: a frame takes 1\.\d+e\+06 substeps of 3\.\d+e-08 s because of tetrahedron \d+; check its material", out.stderr)
     out = run(bin / "tm-sim", scene, "--check", "--strict", "--set", "tissue.materials.*.young=1e13")
     assert out.returncode == 2
     out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e15", "--set", "time.frame_rate=1")
-    assert out.returncode == 2 and "a frame would take 2.6" in out.stderr and "e+08 substeps of " in out.stderr and "look at its material" in out.stderr
+    assert out.returncode == 2 and "a frame would take 2.6" in out.stderr and "e+08 substeps of " in out.stderr and "check its material" in out.stderr
 
 
 # --- options ---

@@ -50,6 +50,6 @@ def test_a_mesh_and_its_fibres_come_from_files(root, build, tmp_path, compiler):
     out = example(root / "meshes/cylinder_1k.msh", fibres)
     assert re.match(r"1134 tetrahedra, 1 regions \(\w+\), \d+ groups; fibre 0 0 1\n", out), out
     lines = whole[:len(whole) // 2].count("\n") + 1
-    assert re.match(rf"{damaged}:{lines}: .*; .*write it anew\n$", example(damaged, fibres, code=1))
+    assert re.match(rf"{damaged}:{lines}: .*; .*save it again\n$", example(damaged, fibres, code=1))
     fibres.write_text("tet,ax,ay,az\n0,0,0,1\n1,0,0,zero\n")
     assert f"{fibres}:3: tetrahedron 1 expected here: a row is tet,ax,ay,az; correct the row" in example(root / "meshes/cylinder_1k.msh", fibres, code=1)

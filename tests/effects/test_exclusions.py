@@ -83,7 +83,7 @@ def test_a_law_runs_with_averaged_changes_of_volume(bin, root, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("law,said", [("fung", "no 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' of the law 'fung'"),
+@pytest.mark.parametrize("law,said", [("fung", "needs 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' belongs to the law 'fung'"),
                                       ("holzapfel, k1: 1 kPa, k2: 1", "add 'anisotropy:'"), ("mooney-rivlin, second: 0.3", ""), ("fung, C: 5 kPa", "")])
 def test_a_law_asks_for_its_constants(bin, root, tmp_path, law, said):
     scene = tmp_path / "scene.yaml"

@@ -138,7 +138,7 @@ def test_the_page_shows_that_program(root):
     assert len(shown) == 2 and all(" ".join(text.split()) in source for text in shown)
 
 
-@pytest.mark.parametrize("changed, says", [("young: 5 kPa", r"scene.yaml:7: .*young.*; .+"), ("mode: prod", r"scene.yaml:13: .*'prod' is not a choice; use one of: probe grasper cautery"), ("", r"scene.yaml:1: the scene is empty; .+")])
+@pytest.mark.parametrize("changed, says", [("young: 5 kPa", r"scene.yaml:7: .*young.*; .+"), ("mode: prod", r"scene.yaml:13: .*'prod' is not allowed; use one of: probe grasper cautery"), ("", r"scene.yaml:1: the scene is empty; .+")])
 def test_a_fault_is_a_line_and_no_more(root, bin, press, tmp_path, changed, says):
     """With the program's own place and remedy, status 1, and nothing but what the program prints itself."""
     text = (root / "apps/scenes/block-press.yaml").read_text().replace("../../meshes", str(root / "meshes"))
@@ -162,7 +162,7 @@ def test_warnings_are_diagnostics(root, face):
     out = run(face, root / "apps/scenes/block-press.yaml", "haptics", "time.duration=0.04 s", "anisotropy={rule: constant}")
     severity, file, line, what, remedy = out.stdout.splitlines()[0].split("|")
     assert (severity, file, line) == ("1", "--set anisotropy={rule: constant}", "0") and out.stderr == ""
-    assert what.startswith("fibres, but every material is isotropic") and remedy.startswith("give one of them")
+    assert what.startswith("fibres have no effect") and remedy.startswith("give a material")
 
 
 def test_an_exception_is_the_fault(root, face):

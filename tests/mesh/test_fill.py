@@ -78,7 +78,7 @@ def vtk_of(tm_mesh, path, env, tmp_path):
     return meshlib.read_vtk(tmp_path / "v.vtk")
 
 
-@pytest.mark.parametrize("name,what", [("s.vtp", "no <VTKFile> in it; write it anew"), ("s.xyz", "no kind of surface"), ("s.stl", "neither text nor binary")])
+@pytest.mark.parametrize("name,what", [("s.vtp", "it has no <VTKFile> element; save it again"), ("s.xyz", "no kind of surface"), ("s.stl", "neither text nor binary")])
 def test_other_kinds_are_named(name, what, tm_mesh, env, tmp_path):
     (tmp_path / name).write_text("ply\nformat ascii 1.0\n")
     result = meshlib.run(tm_mesh, "fill", "--size", "5mm", "--unit", "mm", tmp_path / name, "-o", tmp_path / "out.msh", env=env)

@@ -123,7 +123,7 @@ def test_every_way_that_vtk_writes_xml(how, tm_mesh, env, tmp_path):
     for share in (0.2, 0.5, 0.8):
         path.write_bytes(data[:int(share * len(data))])
         cut = meshlib.run(tm_mesh, "convert", path, "-o", tmp_path / "cut.msh", env=env)
-        assert cut.returncode == 2 and "write it anew" in cut.stderr and not (tmp_path / "cut.msh").exists(), (share, cut.stderr)
+        assert cut.returncode == 2 and "save it again" in cut.stderr and not (tmp_path / "cut.msh").exists(), (share, cut.stderr)
 
 
 def test_damaged_packed_data_end_with_a_message(tm_mesh, env, tmp_path):
@@ -173,8 +173,8 @@ def test_fibres_go_out(tm_mesh, env, tmp_path):
 
 
 @pytest.mark.parametrize("kind,change,said", [
-    ("vtu", (b'type="UnstructuredGrid"', b'type="ImageData"'), "holds 'ImageData'"), ("vtu", (b"vtkZLib", b"vtkLZ4"), "packed by vtkLZ4DataCompressor"), ("vtu", (b'NumberOfCells="49"', b'NumberOfCells="999999999"'), "cut short|no counts"),
-    ("vtp", (b'NumberOfStrips="0"', b'NumberOfStrips="3"'), "strips"), ("vtp", (b"</Piece>", b'</Piece>\n<Piece NumberOfPoints="0">\n</Piece>'), "several pieces"), ("vtp", (b'Name="offsets"', b'Name="ends"'), "no array 'offsets'")])
+    ("vtu", (b'type="UnstructuredGrid"', b'type="ImageData"'), "contains 'ImageData'"), ("vtu", (b"vtkZLib", b"vtkLZ4"), "compressed by vtkLZ4DataCompressor"), ("vtu", (b'NumberOfCells="49"', b'NumberOfCells="999999999"'), "truncated|not numbers"),
+    ("vtp", (b'NumberOfStrips="0"', b'NumberOfStrips="3"'), "strips"), ("vtp", (b"</Piece>", b'</Piece>\n<Piece NumberOfPoints="0">\n</Piece>'), "several pieces"), ("vtp", (b'Name="offsets"', b'Name="ends"'), "array 'offsets' is missing")])
 def test_other_xml_is_refused(kind, change, said, tm_mesh, env, tmp_path):
     path, out = tmp_path / ("m." + kind), tmp_path / "m.msh"
     data = vtk_xml.vtu(named_block(), how="binary", packed=True) if kind == "vtu" else vtk_xml.vtp(*indexed(sphere(3, 50)))
@@ -193,6 +193,6 @@ def test_polygons_and_strips_of_legacy_surfaces(tm_mesh, env, tmp_path):
         (tmp_path / "c.vtk").write_text(vtk_xml.polydata(points, sides, version))
         done = meshlib.run(tm_mesh, "fill", "--size", "20mm", "--unit", "mm", tmp_path / "c.vtk", "-o", tmp_path / "c.msh", env=env)
         assert done.returncode == 0 and info(tm_mesh, tmp_path / "c.msh", env)[0]["volume_m3"] > 0.9 * 0.05 ** 3, done.stderr
-    for words, file, said in ((["fill", "--size", "20mm", "--unit", "mm"], write(tmp_path / "t.vtk", meshlib.vtk(named_block())), "no triangle or polygon"), (["convert"], tmp_path / "c.vtk", "a surface, not a volume")):
+    for words, file, said in ((["fill", "--size", "20mm", "--unit", "mm"], write(tmp_path / "t.vtk", meshlib.vtk(named_block())), "neither triangle nor polygon"), (["convert"], tmp_path / "c.vtk", "is a surface, not a volume")):
         done = meshlib.run(tm_mesh, *words, file, "-o", tmp_path / "no.msh", env=env)
         assert done.returncode == 2 and said in done.stderr, done.stderr

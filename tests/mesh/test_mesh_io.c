@@ -27,8 +27,8 @@ static void a_message_names_its_place(void **state) {
     assert_int_equal(
         parse("a/b.mesh", "MeshVersionFormatted 2\nDimension 3\nVertices\n2\n0 0 0 0\n1 x 0 0\n", &file, &error),
         TM_ERR_FILE);
-    assert_string_equal(error.message,
-                        "a/b.mesh:6: has 1 of the 2 vertices that it announces; the file is cut short, write it anew");
+    assert_string_equal(
+        error.message, "a/b.mesh:6: has 1 of the 2 vertices that its header counts, so it is truncated; save it again");
     assert_null(file.vertex_m);
     assert_int_equal(parse("a/b.stl", "solid", &file, &error), TM_ERR_FILE);
     assert_memory_equal(error.message, "a/b.stl: .stl is a surface", 26);
@@ -40,7 +40,7 @@ static void a_message_names_its_place(void **state) {
     strcpy(path + sizeof path - 8, "/z.mesh");
     assert_int_equal(parse(path, "MeshVersionFormatted 2\nDimension 3\n", &file, &error), TM_ERR_FILE);
     assert_memory_equal(error.message, "...ppp", 6);
-    assert_non_null(strstr(error.message, "/z.mesh:3: its Vertices cannot be read; write it anew"));
+    assert_non_null(strstr(error.message, "/z.mesh:3: its Vertices cannot be read; save it again"));
     /* A flat tetrahedron is found when the mesh is built, in the file's own numbers. */
     tm_mesh *mesh = NULL;
     assert_int_equal(parse("flat.mesh",
@@ -126,7 +126,7 @@ static void what_a_full_disk_did_not_take_is_an_error(void **state) {
     FILE *full = fopen("/dev/full", "w");
     if (!full) skip();
     assert_int_equal(tm_mesh_file_write(&file, "out.vtk", full, &error), TM_ERR_FILE);
-    assert_memory_equal(error.message, "out.vtk: cannot be written to its end; ", 39);
+    assert_memory_equal(error.message, "out.vtk: cannot be written completely; ", 39);
     fclose(full);
     assert_int_equal(tm_mesh_file_write(&file, "out.obj", stdout, &error), TM_ERR_FILE);
     assert_non_null(strstr(error.message, ".msh .vtk .mesh"));

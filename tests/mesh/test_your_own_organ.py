@@ -40,4 +40,4 @@ def test_its_troubleshooting_says_what_the_programs_say(bin, root, env, tmp_path
     scene = tmp_path / "organ.yaml"
     scene.write_text(re.sub(r"plane: {.*}}", "plane: {point: [9, 9, 9], normal: [1, 0, 0]}}", scene.read_text()))
     result = meshlib.run(bin / "tm-sim", scene, "--check", env=env)
-    assert result.returncode == 2 and re.search(r"`(the selector finds no vertex[^`]*)`", page).group(1) in result.stderr
+    assert result.returncode == 2 and re.search(r"`(the selector contains no vertex[^`]*)`", page).group(1) in result.stderr

@@ -81,7 +81,7 @@ static void averaged_shears_that_turn_are_refused(void **state) {
     tissue_def.mesh = mesh, tissue_def.material_count = 1, tissue_def.material = &material;
     tissue_def.strain_smoothing = true, tissue_def.rotation = TM_ROTATION_THRESHOLD;
     assert_int_equal(tm_tissue_create(&tissue_def, &tissue, &error), TM_ERR_ARGUMENT);
-    assert_non_null(strstr(error.message, "rotation with smoothed_shear_share = 0.4"));
+    assert_non_null(strstr(error.message, "rotation excludes smoothed_shear_share = 0.4"));
     tissue_def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&tissue_def, &tissue, &error), &error);
     tm_tissue_destroy(tissue);

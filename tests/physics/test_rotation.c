@@ -382,7 +382,7 @@ static void test_refusals(void **state) {
         def.precision = k == 2 ? TM_SINGLE : TM_DOUBLE;
         def.strain_smoothing = k == 3;
         assert_int_equal(tm_tissue_create(&def, &tissue, &error), TM_ERR_ARGUMENT);
-        assert_non_null(strstr(error.message, k == 2 ? "take" : "give 0"));
+        assert_non_null(strstr(error.message, k == 2 ? "set precision" : "give 0"));
     }
     def.rotation = 0, def.strain_smoothing = false;
     fix_ok(tm_tissue_create(&def, &tissue, &error), &error);

@@ -176,7 +176,7 @@ static void refused(void **state) {
     tm_error error;
     s.def.material = &s.material;
     assert_int_equal(tm_tissue_create(&s.def, &s.tissue, &error), TM_ERR_LIMIT);
-    assert_non_null(strstr(error.message, "own mass"));
+    assert_non_null(strstr(error.message, "physical mass"));
     assert_in_range(error.entity, 0, s.mesh->vertex_count - 1);
     s.def.scaled_share = 1e9;
     s.def.scaled_step_s = -1;

@@ -194,7 +194,7 @@ static void mass_and_views(void **state) {
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = m + 1;
     assert_int_equal(tm_tissue_create(&def, &tissue, &error), TM_ERR_ARGUMENT);
-    assert_non_null(strstr(error.message, "no fibres"));
+    assert_non_null(strstr(error.message, "no fibre"));
     double *fibre = fix_fibres(mesh, FIBRE);
     fibre[3 * 17] = 5;
     def.fibre = fibre;

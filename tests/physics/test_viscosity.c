@@ -595,7 +595,7 @@ static void what_cannot_be_is_refused(void **state) {
     refuses(terms(&(tm_viscosity_term){0, 0.5, 0.5}, 1), "term 0");
     refuses(terms(&(tm_viscosity_term){1, -0.5, 0.5}, 1), "term 0");
     refuses(terms(&(tm_viscosity_term){1, 0.5, NAN}, 1), "term 0");
-    refuses(terms((tm_viscosity_term[]){{1, 0.6, 0}, {2, 0.6, 0}}, 2), "something to rest on");
+    refuses(terms((tm_viscosity_term[]){{1, 0.6, 0}, {2, 0.6, 0}}, 2), "so that some stiffness does not relax");
 }
 
 int main(void) {

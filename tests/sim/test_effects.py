@@ -336,9 +336,9 @@ def test_the_hand_feels_friction(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("more,says", [
-    (["--set", "friction={static: 0.2, kinetic: 0.3}"], "slides at 0.3 and sticks at 0.2"),
+    (["--set", "friction={static: 0.2, kinetic: 0.3}"], "coefficient 0.3 is above the static one, 0.2"),
     (["--set", "instruments[0].friction={static: 0.2}"], "add 'friction:'"),
-    (["--set", "friction=", "--set", "instruments[0].friction={kinetic: 0.5}"], "slides at 0.5 and sticks at 0.3"),
+    (["--set", "friction=", "--set", "instruments[0].friction={kinetic: 0.5}"], "coefficient 0.5 is above the static one, 0.3"),
     (["--set", "friction={static: 3}"], "friction.static"),
     (["--set", "friction=", "--unset", "contact", "--unset", "haptics"], "friction needs contact"),
 ])

@@ -78,8 +78,8 @@ def test_smoothing_takes_noise_away(bin, folder):
 
 
 @pytest.mark.parametrize("fibres,said", [
-    ("rule: laplace, from: begin", "give from: and to:"), ("rule: laplace, from: begin, to: begin", "to itself; name another group"), ("rule: laplace, from: begin, to: apex", "no group 'apex'"),
-    ("rule: radial, from: begin", "are rule laplace's"), ("file: short.csv", "ends after 1 rows, the mesh has 343 vertices"), ("file: other.csv", "write tet,ax,ay,az or vertex,ax,ay,az"),
+    ("rule: laplace, from: begin", "give from: and to:"), ("rule: laplace, from: begin, to: begin", "are both 'begin'; name another group"), ("rule: laplace, from: begin, to: apex", "no group 'apex'"),
+    ("rule: radial, from: begin", "apply only to rule laplace"), ("file: short.csv", "ends after 1 rows, the mesh has 343 vertices"), ("file: other.csv", "write tet,ax,ay,az or vertex,ax,ay,az"),
     ("file: row.csv", "a row is vertex,ax,ay,az"), ("rule: laplace, from: begin, to: end, smooth: -1", "outside 0 to 1000")])
 def test_bad_input(bin, folder, fibres, said):
     write(folder / "short.csv", "vertex", [(1, 0, 0)])
@@ -95,4 +95,4 @@ def test_a_piece_without_an_end_is_named(bin, tmp_path):
     m.points += lone.points
     m.vertex_tag = list(range(1, len(m.points) + 1))
     (tmp_path / "arc.msh").write_text(meshlib.msh2(m))
-    assert "has no vertex of 'from'" in run(bin, tmp_path, "rule: laplace, from: begin, to: end", code=2)
+    assert "has no vertex of group 'from'" in run(bin, tmp_path, "rule: laplace, from: begin, to: end", code=2)

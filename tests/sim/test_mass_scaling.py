@@ -24,7 +24,7 @@ def test_a_longer_step_with_its_price_told(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("step, more, extra, line, words", [
-    (4, "", "", 11, "own mass"),
+    (4, "", "", 11, "physical mass"),
     (1, ", mass_scaling_max: 2", "model: precomputed\n", 11, "dynamic model"),
 ])
 def test_refused(bin, root, tmp_path, step, more, extra, line, words):
@@ -40,7 +40,7 @@ def test_goes_with_tissue_that_turns_and_averages(bin, root, tmp_path):
     assert step < scaled["dt_s"] <= scaled["critical_step"]["guaranteed_s"] == pytest.approx(1.2 * step)
 
 
-@pytest.mark.parametrize("time, words", [("{mass_scaling: yes}", "without time.step"), ("{mass_scaling_max: 0.1}", "nothing adds")])
+@pytest.mark.parametrize("time, words", [("{mass_scaling: yes}", "needs time.step"), ("{mass_scaling_max: 0.1}", "needs mass scaling")])
 def test_needs(bin, root, tmp_path, time, words):
     scene = block_scene(tmp_path, root, f"time: {time}\n")
     _, err = run(bin / "tm-sim", scene, "--check", code=2)

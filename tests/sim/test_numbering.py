@@ -160,7 +160,7 @@ def test_a_computed_file_is_found_again(bin, scenes, tmp_path):
     assert "computed in" not in "".join(run(*sim, env=env))
     run(bin / "tm-precompute", scenes[1], "--out", file, "--set", "tissue.renumber=no", env=env)
     said = "".join(run(*sim, env=env))
-    assert "computed in" in said and "of another mesh" in said
+    assert "computed in" in said and "made for another mesh" in said
     assert "computed in" not in "".join(run(*sim, env=env))
 
 
@@ -192,4 +192,4 @@ def test_errors_name_the_files_vertex(bin, scenes):
     """Of the scene's reader, and of the library."""
     twice = ["--set", "supports=[{group: z_min}, {vertex: 100, displace: [1 mm, 0, 0]}, {vertex: 100, displace: [2 mm, 0, 0]}]"]
     _, err = run(bin / "tm-sim", scenes[1], "--check", *twice, code=2)
-    assert "vertex 100 is already held at 0.001 m along x" in err
+    assert "vertex 100 is already fixed at 0.001 m along x" in err

@@ -13,13 +13,13 @@ TOOL = "instruments:\n  - trocar: [0.05, 0.05, 0.2]\n    start: {{tip: [0.05, 0.
 # (scene text with {mesh}, line, words)
 WARN = {
     "millimetres": (BASE.replace("  force: plain", "  scale: 1000"), 3, "the mesh is 100 m across; if its file is in millimetres, write tissue.scale: 1"),
-    "micrometres": (BASE.replace("  force: plain", "  scale: 5e-3"), 3, "the mesh is 0.5 mm across; look at tissue.scale"),
-    "pascal": (BASE.replace("10 kPa", "10"), 5, "10 Pa is softer than any tissue; a number without a unit is in Pa: write kPa"),
-    "falls": (BASE[:BASE.index("supports")] + "gravity:\n", 6, "nothing holds the tissue: it falls for ever; add 'supports:'"),
-    "fibres of nothing": (BASE + "anisotropy: {{rule: constant}}\n", 8, "every material is isotropic: they change nothing; give one of them"),
-    "no contact": (BASE + TOOL, 9, "instruments that touch nothing: the scene does not name the effect; add 'contact:'"),
-    "starts inside": (BASE + "contact:\n" + TOOL.replace("0.1]", "0.03]"), 11, "instrument 0 starts inside the tissue and touches nothing until it has come out; start it outside"),
-    "far trocar": (BASE + "contact:\n" + TOOL.replace("0.2]", "8]").replace("    start: {{tip: [0.05, 0.05, 0.1]}}\n", ""), 10, "the trocar of instrument 0 is 7.95 m from the tissue, its shaft 0.5 m long; move it"),
+    "micrometres": (BASE.replace("  force: plain", "  scale: 5e-3"), 3, "the mesh is 0.5 mm across; check tissue.scale"),
+    "pascal": (BASE.replace("10 kPa", "10"), 5, "10 Pa is softer than any tissue, and a number without a unit is in Pa; write kPa"),
+    "falls": (BASE[:BASE.index("supports")] + "gravity:\n", 6, "gravity acts and nothing holds the tissue, so it falls without end; add 'supports:'"),
+    "fibres of nothing": (BASE + "anisotropy: {{rule: constant}}\n", 8, "fibres have no effect, because every material is isotropic; give a material"),
+    "no contact": (BASE + TOOL, 9, "instruments cannot touch the tissue: the scene does not name the effect 'contact'; add 'contact:'"),
+    "starts inside": (BASE + "contact:\n" + TOOL.replace("0.1]", "0.03]"), 11, "instrument 0 starts inside the tissue and makes no contact until it has come out; start it outside"),
+    "far trocar": (BASE + "contact:\n" + TOOL.replace("0.2]", "8]").replace("    start: {{tip: [0.05, 0.05, 0.1]}}\n", ""), 10, "the trocar of instrument 0 is 7.95 m from the tissue and its shaft is 0.5 m long; move it"),
 }
 
 
@@ -106,9 +106,9 @@ def test_the_start_above_the_surface(bin, root, tmp_path):
 
 
 BAD = {
-    "misses": ("yaw: 80 deg, above: 1 mm", "does not meet the tissue in this direction; turn it"),
-    "with insertion": ("insertion: 5 cm, above: 1 mm", "a pose has either insertion or above; leave one out"),
-    "out of reach": ("above: -0.4 m", "would be an insertion of 0.5475 m; keep it between"),
+    "misses": ("yaw: 80 deg, above: 1 mm", "does not meet the tissue in this direction; change pitch"),
+    "with insertion": ("insertion: 5 cm, above: 1 mm", "a pose has both insertion and above; leave one out"),
+    "out of reach": ("above: -0.4 m", "which makes the insertion 0.5475 m; keep it between"),
     "behind the trocar": ("above: 0.2 m", "keep it between 1 mm and 0.5 m"),
     "unit": ("above: 2 kPa", "is a pressure where a length is expected"),
     "too much": ("above: 2", "outside -0.5 to 0.5"),
@@ -127,14 +127,14 @@ def test_bad_waypoints(bin, root, tmp_path, what):
 
 MESH = "tissue:\n  mesh: nowhere.msh\n  materials:\n"
 HUGE = {
-    "depth": ("[" * 100000, 1, "more than 16 levels"),
-    "depth of mappings": ("a: " + "{a: " * 50000, 1, "more than 16 levels"),
-    "depth by keys": ("? " * 100000, 1, "more than 16 levels"),
+    "depth": ("[" * 100000, 1, "more than 16 nested levels"),
+    "depth of mappings": ("a: " + "{a: " * 50000, 1, "more than 16 nested levels"),
+    "depth by keys": ("? " * 100000, 1, "more than 16 nested levels"),
     "anchors": ("".join(f"a{i}: &a{i} 1\n" for i in range(150000)), 65, "more than 64 anchors (&) and aliases (*); write"),
     "aliases": ("a: &a 1\nb: [" + "*a," * 150000 + "]\n", 2, "more than 64 anchors"),
     "directives": ("%TAG !a! x\n" * 300000, 5, "more than 4 lines that begin with %"),
     "materials": (MESH + "".join(f"    m{i}: {{young: 1}}\n" for i in range(150000)), 4, "has 150000 entries, more than 1000; write fewer"),
-    "bytes": ("# " + "x" * (5 << 20), None, "larger than a scene may be (4 MB)"),
+    "bytes": ("# " + "x" * (5 << 20), None, "is larger than 4 MB, the limit of a scene"),
 }
 
 

@@ -118,7 +118,7 @@ static void cached(void **state) {
         if (change == 2) t.def.problem.load_N = load;
         if (change == 3) t.def.precision = TM_SINGLE;
         assert_false(opens(&t, why));
-        assert_non_null(strstr(why, "of another mesh, material"));
+        assert_non_null(strstr(why, "made for another mesh, material"));
         assert_true(opens(&t, why));
         t.fixed[n - 1] = 0;
     }
@@ -432,7 +432,7 @@ static void counts_that_wrap_are_refused(void **state) {
     spit(s.path, (const unsigned char *)&head, sizeof head);
     assert_int_equal(truncate(s.path, (off_t)l.bytes), 0);
     assert_false(tms_file_open(s.path, 7, 1, &map, &bytes, why));
-    assert_string_equal(why, "its head is damaged");
+    assert_string_equal(why, "its header is damaged");
     /* lists that lie, under sums that are right */
     tms_file_write file;
     tm_error error;
@@ -447,7 +447,7 @@ static void counts_that_wrap_are_refused(void **state) {
         kept[1] = lie == 0 ? 1 << 30 : lie == 1 ? -5 : kept[0];
         fix_ok(tms_file_commit(&file, ((tms_file_head *)file.map)->key, 1, &error), &error);
         assert_false(opens(&s, why));
-        assert_string_equal(why, "its lists are another problem's");
+        assert_string_equal(why, "its vertices are of another problem");
         assert_true(opens(&s, why));
     }
     free(good);

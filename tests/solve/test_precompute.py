@@ -131,7 +131,7 @@ def test_ranks_share_one_factor(bin, root, place):
     assert "computed" not in run([bin / "tm-sim", "--lockstep", scene, "--frames", 2], env).stderr
     loose = run([*mpirun(bin, 2), scene, "--factor", "distributed", "--set", "supports=[]", "--out", folder / "x.tms"], env, code=2, timeout=300)
     assert "support" in loose.stderr and not (folder / "x.tms").exists()
-    for wrong, words in ((["--factor", "both"], "each or distributed"), (["--factor", "distributed", "--solver", "cg"], "no factor to share")):
+    for wrong, words in ((["--factor", "both"], "each or distributed"), (["--factor", "distributed", "--solver", "cg"], "no factor to distribute")):
         assert words in run([*mpirun(bin, 2), scene, *wrong, "--out", folder / "x.tms"], env, code=2).stderr
     assert "without MUMPS or without ranks" in run([bin / "tm-precompute", scene, "--factor", "distributed"], env, code=2).stderr
 

@@ -105,10 +105,10 @@ static void refusals(void **state) {
     refuse(4, 2, cube, good, 1, "vertex 4 of 4");
     refuse(4, 1, cube, (int32_t[4]){0, 1, -2, 3}, 0, "vertex -2");
     refuse(4, 1, cube, (int32_t[4]){0, 1, 1, 3}, 0, "vertex 1 twice");
-    refuse(4, 1, cube, (int32_t[4]){0, 2, 1, 3}, 0, "negative volume");
+    refuse(4, 1, cube, (int32_t[4]){0, 2, 1, 3}, 0, "in negative order");
     refuse(6, 1, cube, good, 4, "no tetrahedron");
-    refuse(4, 2, cube, (int32_t[8]){0, 1, 2, 3, 1, 2, 0, 3}, 1, "same four vertices as tetrahedron 0");
-    refuse(6, 3, cube, (int32_t[12]){0, 1, 2, 3, 1, 2, 3, 4, 1, 2, 3, 5}, 2, "shared with tetrahedra 0 and 1");
+    refuse(4, 2, cube, (int32_t[8]){0, 1, 2, 3, 1, 2, 0, 3}, 1, "same vertices as tetrahedron 0");
+    refuse(6, 3, cube, (int32_t[12]){0, 1, 2, 3, 1, 2, 3, 4, 1, 2, 3, 5}, 2, "tetrahedra 0 and 1 share its face");
     refuse(5, 2, cube, (int32_t[8]){0, 1, 2, 3, 0, 1, 2, 4}, 1, "overlaps tetrahedron 0");
     double bad[12];
     memcpy(bad, cube, sizeof bad);

@@ -158,7 +158,7 @@ static void messages_name_the_given_number(void **state) {
     b.tet[4 * 5] = b.tet[4 * 5 + 1];
     const tm_mesh_def def = def_of(&b, TM_NUMBERING_IMPROVED);
     tm_mesh *none = NULL;
-    snprintf(named, sizeof named, "names vertex %d twice", b.tet[4 * 5]);
+    snprintf(named, sizeof named, "it has vertex %d twice", b.tet[4 * 5]);
     assert_int_equal(tm_mesh_create(&def, &none, &error), TM_ERR_MESH);
     assert_non_null(strstr(error.message, named));
     assert_null(none);
@@ -173,7 +173,7 @@ static void bad_value_is_refused(void **state) {
     tm_mesh *mesh = NULL;
     tm_error error;
     assert_int_equal(tm_mesh_create(&def, &mesh, &error), TM_ERR_ARGUMENT);
-    assert_non_null(strstr(error.message, "renumber = 7"));
+    assert_non_null(strstr(error.message, "renumber is 7"));
     assert_null(mesh);
     give(&b);
 }

@@ -136,7 +136,7 @@ void *tm_allocate(size_t bytes) {
     if (!memory) return NULL;
     if ((uintptr_t)memory % 64) { /* SIMD loads from it would fault */
         hook.free(memory, size, hook.user);
-        tm_contract_broken("tm_set_allocator", "its alloc gave memory that is not aligned to 64 bytes");
+        tm_contract_broken("tm_set_allocator", "the allocator returned memory that is not aligned to 64 bytes");
         return NULL;
     }
     const int64_t now = atomic_fetch_add(&in_use, (int64_t)size) + (int64_t)size;
@@ -211,7 +211,7 @@ void tm_diagonalise6(double A[36]) {
 
 static void default_contract_handler(const char *function, const char *sentence, void *user) {
     (void)user;
-    fprintf(stderr, "%s: %s; this is a fault of the program that calls it\n", function, sentence);
+    fprintf(stderr, "%s: %s; this is an error in the calling program\n", function, sentence);
     abort();
 }
 

@@ -62,16 +62,17 @@ static void changed(void *self, tm_world *world) {
 
 static tm_status check(const tm_contact_def *def, tm_error *error) {
     if (def->instrument_count < 1 || def->instrument_count > TM_MAX_INSTRUMENTS)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give 1 to %d", def->instrument_count,
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact has %d instruments; give 1 to %d", def->instrument_count,
                        TM_MAX_INSTRUMENTS);
     if (!(def->contact_compliance_m_N >= 0) || !isfinite(def->contact_compliance_m_N))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; give 0 or more",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact compliance is %g m/N; give 0 or more",
                        def->contact_compliance_m_N);
     if (def->sweeps < 1 || def->max_rows < 1 || def->max_rows > TM_LOCAL_HITS || !(def->force_cap_N > 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "contact: %d sweeps, %d rows, force cap %g N; give at least one sweep, 1 to %d rows "
-                       "and a positive cap",
-                       def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "contact has %d sweeps, %d rows and a force cap of %g N; give at least one sweep, 1 to %d rows and a "
+            "positive cap",
+            def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
     for (int32_t i = 0; i < def->instrument_count; i++) {
         const tm_instrument_def *tool = def->instrument + i;
         if (tool->mode != TM_TOOL_PROBE && tool->mode != TM_TOOL_GRASPER && tool->mode != TM_TOOL_CAUTERY)
@@ -81,10 +82,11 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
         for (int c = 0; c < 3; c++) finite = finite && isfinite(tool->trocar_m[c]) && isfinite(tool->pose.tip_m[c]);
         if (!finite || !(tool->radius_m > 0) || !isfinite(tool->radius_m) || !(tool->contact_length_m >= 0) ||
             !isfinite(tool->contact_length_m))
-            return tm_fail(error, TM_ERR_ARGUMENT, i,
-                           "instrument %d: radius %g m, contact length %g m; give a positive radius, a "
-                           "length of 0 or more and finite places",
-                           i, tool->radius_m, tool->contact_length_m);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, i,
+                "instrument %d has radius %g m and contact length %g m; give a positive radius, a length of 0 or "
+                "more and finite positions",
+                i, tool->radius_m, tool->contact_length_m);
     }
     return TM_OK;
 }

@@ -88,7 +88,7 @@ int32_t tm_contact_find(tm_contact_search *work, const double *rest_m, const dou
                         const tm_capsule *capsule, double margin_m, tm_contact_row *row, int32_t max_rows,
                         bool *overflowed) {
     TM_REQUIRE(work && rest_m && u_m && triangle && face && capsule && candidate_count >= 0 && row && max_rows >= 0,
-               "something is null, or a count is negative", 0);
+               "an argument is null, or a count is negative", 0);
     TM_REQUIRE(capsule->radius_m > 0, "the capsule's radius is not positive", 0);
     bool too_many;
     work->surface.edge_m = 0; /* an estimate from before may gather more than these */

@@ -118,7 +118,7 @@ bool tm_tool_is_outside(const tm_tool *tool, const double *rest_m, const double 
 
 void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
                   double tip_force_N[3]) {
-    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "something is null", );
+    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "an argument is null", );
     double e[3], arm[3], torque[3], across[3];
     double length = law_max(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
     vsub(point_m, trocar_m, arm);

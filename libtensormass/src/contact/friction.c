@@ -233,7 +233,7 @@ static void destroy(void *self) {
 
 static tm_status check(const tm_contact *contact, const tm_friction_def *def, tm_error *error) {
     if (contact->friction)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world already has friction; remove it first");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world already has friction; remove that first");
     for (int32_t t = 0; t < contact->tool_count; t++) {
         const tm_friction_coefficient *c = def->instrument + t;
         if (!(c->mu_kinetic >= 0 && c->mu_kinetic <= c->mu_static && c->mu_static <= TM_FRICTION_MAX))

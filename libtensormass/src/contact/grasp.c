@@ -241,8 +241,8 @@ static tm_status check(const tm_grasp_def *def, tm_error *error) {
         !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->release_time_s))
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
-            "grasp: jaw %g m, reach %g m, compliance %g m/N, release time %g s, cap %g N, %d vertices; give a "
-            "positive compliance, cap and number, and none negative",
+            "grasp has jaw length %g m, reach %g m, compliance %g m/N, release time %g s, force cap %g N, %d "
+            "vertices; give positive compliance, cap and number of vertices, and nothing negative",
             def->jaw_length_m, def->reach_m, def->compliance_m_N, def->release_time_s, def->force_cap_N,
             def->max_vertices);
     return TM_OK;

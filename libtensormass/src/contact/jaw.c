@@ -122,7 +122,8 @@ static void take_vertex(catch *h, int32_t vertex, double distance_m) {
 int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_instrument_def *tool,
                        const tm_tool_pose *pose, const double *rest_m, const double *u_m,
                        const tm_surface_view *surface, int32_t *vertex, double *distance_m) {
-    TM_REQUIRE(jaw && def && tool && pose && rest_m && u_m && surface, "something that is read is null", 0);
+    TM_REQUIRE(jaw && def && tool && pose && rest_m && u_m && surface,
+               "jaw, def, tool, pose, rest_m, u_m or surface is null", 0);
     TM_REQUIRE(def->max_vertices >= 0 && (def->max_vertices == 0 || (vertex && distance_m)),
                "def->max_vertices is negative, or vertex or distance_m is null", 0);
     catch h = {.max = def->max_vertices, .vertex = vertex, .distance_m = distance_m};

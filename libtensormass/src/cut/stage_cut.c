@@ -288,15 +288,14 @@ static tm_status add_stages(tm_world *world, tm_cut_stage *self, int64_t bytes, 
 
 static tm_status check(const tm_world *world, const tm_contact *contact, const tm_cut_def *def, tm_error *error) {
     if (def->loose != TM_LOOSE_FALL && def->loose != TM_LOOSE_REMOVE)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: loose is %d; give one of tm_cut_loose", (int)def->loose);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: loose is %d; give a value of tm_cut_loose", (int)def->loose);
     if (!world->tissue->cuttable)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "cut: the tissue was not made cuttable; set cuttable in its definition");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: the tissue is not cuttable; set cuttable in its definition");
     if (!isfinite(def->rate_1_s) || !(def->rate_1_s > 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a rate of %g tetrahedra per second; give a positive one",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: the rate is %g tetrahedra per second; give a positive rate",
                        def->rate_1_s);
     if (!isfinite(def->fade_s) || !(def->fade_s >= 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a fade of %g s; give 0 or more", def->fade_s);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: the fade time is %g s; give 0 or more", def->fade_s);
     if (def->fade_s > 0 && contact->others.solve)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "cut: fade_s %g s is not supported by a hybrid model; set fade_s to 0", def->fade_s);

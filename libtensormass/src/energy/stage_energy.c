@@ -318,8 +318,7 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
     const account *a = NULL;
     for (int32_t i = 0; i < world->stage_count; i++)
         if (world->entry[i].stage.run == run) a = &((const energy *)world->entry[i].stage.self)->now;
-    if (!a)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world keeps no account of energy; add the stage \"energy\"");
+    if (!a) return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world has no energy account; add it with tm_stage_energy");
     tm_energy *s = account_of;
     *s = a->sum;
     double tools = 0, hands = 0;

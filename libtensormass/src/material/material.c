@@ -104,8 +104,8 @@ static tm_status check_holzapfel(const tm_material *m, tm_error *error) {
 static tm_status check_law(const tm_material *m, tm_error *error) {
     if (m->law == TM_LAW_LINEAR) return TM_OK;
     if (!(m->law > 0 && m->law < TM_LAW_COUNT))
-        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %lld; give one below %d (tm_law_kind)", (long long)m->law,
-                       TM_LAW_COUNT);
+        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %lld does not exist; give a value of tm_law_kind, below %d",
+                       (long long)m->law, TM_LAW_COUNT);
     const char *name = law_name[m->law];
     if (!(m->stretch_max >= TM_STRETCH_LEAST && m->stretch_max <= TM_STRETCH_MOST))
         return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s up to a stretch of %g: %g <= stretch <= %g is violated",

@@ -10,24 +10,26 @@ tm_viscosity_def tm_viscosity_def_default(void) {
 tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_VISCOSITY, TM_ERR_ARGUMENT);
     if (def->count < 1 || def->count > TM_VISCOSITY_TERMS)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "viscosity: %d terms; give 1 to %d", (int)def->count,
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "viscosity has %d terms; give 1 to %d", (int)def->count,
                        TM_VISCOSITY_TERMS);
     double shear = 0, volume = 0;
     for (int32_t i = 0; i < def->count; i++) {
         const tm_viscosity_term *t = def->term + i;
         if (!(t->time_s >= TM_VISCOSITY_TIME_MIN_S && t->time_s <= TM_VISCOSITY_TIME_MAX_S) || !(t->shear >= 0) ||
             !(t->bulk >= 0))
-            return tm_fail(error, TM_ERR_ARGUMENT, i,
-                           "viscosity: term %d relaxes %g of the shear and %g of the volume in %g s; give shares from "
-                           "0 to 1 and %g to %g s",
-                           (int)i, t->shear, t->bulk, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, i,
+                "viscosity: term %d has shear share %g, bulk share %g, time %g s; give shares from 0 to 1 and a time "
+                "from %g to %g s",
+                (int)i, t->shear, t->bulk, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
         shear += t->shear, volume += t->bulk;
     }
     if (!(shear <= TM_VISCOSITY_SHARES_MAX && volume <= TM_VISCOSITY_SHARES_MAX))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "viscosity: its terms relax %g of the shear and %g of the volume; leave something to rest on, "
-                       "each sum at most %g",
-                       shear, volume, TM_VISCOSITY_SHARES_MAX);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "viscosity: the shares add up to %g for shear and %g for bulk; keep each sum at or below %g, so that "
+            "some stiffness does not relax",
+            shear, volume, TM_VISCOSITY_SHARES_MAX);
     return TM_OK;
 }
 

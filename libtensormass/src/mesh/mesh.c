@@ -48,26 +48,26 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
     const int32_t *v = def->tet + 4 * (int64_t)t;
     for (int i = 0; i < 4; i++) {
         if (v[i] < 0 || v[i] >= def->vertex_count)
-            return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: names vertex %d of %d; give indices from 0 to %d", t,
-                           v[i], def->vertex_count, def->vertex_count - 1);
+            return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: it has vertex %d of %d; give indices from 0 to %d",
+                           t, v[i], def->vertex_count, def->vertex_count - 1);
         for (int j = 0; j < i; j++)
             if (v[i] == v[j])
                 return tm_fail(error, TM_ERR_MESH, t,
-                               "tetrahedron %d: names vertex %d twice; remove it or repair the mesh", t, v[i]);
+                               "tetrahedron %d: it has vertex %d twice; remove it or repair the mesh", t, v[i]);
     }
     double noise;
     const double d = six_volume(def->vertex_m + 3 * (int64_t)v[0], def->vertex_m + 3 * (int64_t)v[1],
                                 def->vertex_m + 3 * (int64_t)v[2], def->vertex_m + 3 * (int64_t)v[3], &noise);
     if (!(fabs(d) > noise) || !(fabs(d) > DBL_MIN))
         return tm_fail(error, TM_ERR_MESH, t,
-                       "tetrahedron %d (vertices %d %d %d %d): flat, its volume is zero; remove it or "
-                       "mesh again",
+                       "tetrahedron %d (vertices %d %d %d %d): it is flat, its volume is zero; remove it or mesh again",
                        t, v[0], v[1], v[2], v[3]);
     if (d < 0)
-        return tm_fail(error, TM_ERR_MESH, t,
-                       "tetrahedron %d (vertices %d %d %d %d): negative volume %g m3, its vertices are "
-                       "in negative order; swap two of them",
-                       t, v[0], v[1], v[2], v[3], d / 6);
+        return tm_fail(
+            error, TM_ERR_MESH, t,
+            "tetrahedron %d (vertices %d %d %d %d): its volume is %g m3, as its vertices are in negative order; "
+            "swap two",
+            t, v[0], v[1], v[2], v[3], d / 6);
     if (def->region && (def->region[t] < 0 || def->region[t] >= TM_MAX_REGIONS))
         return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: region %d; number regions from 0 to %d", t,
                        def->region[t], TM_MAX_REGIONS - 1);
@@ -126,17 +126,16 @@ static tm_status join_faces(tm_mesh *mesh, const int32_t face[], int32_t count, 
     const int32_t t1 = face[1] / 4;
     if (same_tet(mesh->tet + 4 * (int64_t)t0, mesh->tet + 4 * (int64_t)t1))
         return tm_fail(error, TM_ERR_MESH, t1,
-                       "tetrahedron %d: has the same four vertices as tetrahedron %d; remove one", t1, t0);
+                       "tetrahedron %d: it has the same vertices as tetrahedron %d; remove one of them", t1, t0);
     if (count > 2)
         return tm_fail(error, TM_ERR_MESH, face[2] / 4,
-                       "tetrahedron %d: its face is shared with tetrahedra %d and %d, and a face "
-                       "has two sides; remove the one that overlaps",
+                       "tetrahedron %d: tetrahedra %d and %d share its face, which has two sides; remove the one that "
+                       "overlaps",
                        face[2] / 4, t0, t1);
     if (even(mesh->tet + 4 * (int64_t)t0, face[0] % 4) == even(mesh->tet + 4 * (int64_t)t1, face[1] % 4))
         return tm_fail(error, TM_ERR_MESH, t1,
-                       "tetrahedron %d: overlaps tetrahedron %d, both on one side of their common face; "
-                       "remove one",
-                       t1, t0);
+                       "tetrahedron %d: it overlaps tetrahedron %d, on one side of their common face; remove one", t1,
+                       t0);
     mesh->tet_neighbour[face[0]] = t1;
     mesh->tet_neighbour[face[1]] = t0;
     return TM_OK;
@@ -283,7 +282,7 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
     invert(mesh->tet, mesh->tet_count, 4, mesh->vertex_count, mesh->vertex_tet_begin, mesh->vertex_tet);
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         if (mesh->vertex_tet_begin[v] == mesh->vertex_tet_begin[v + 1])
-            return tm_fail(error, TM_ERR_MESH, v, "vertex %d: belongs to no tetrahedron; remove it from the mesh", v);
+            return tm_fail(error, TM_ERR_MESH, v, "vertex %d: it is in no tetrahedron; remove it from the mesh", v);
     status = build_neighbours(mesh, w, error);
     if (!status) status = build_edges(mesh, pool, w, error);
     if (!status) status = build_surface(mesh, pool, error);
@@ -333,13 +332,14 @@ static tm_status renumber(const tm_mesh_def *def, tm_mesh **mesh, tm_error *erro
 
 static tm_status check_def(const tm_mesh_def *def, tm_error *error) {
     if (def->renumber != TM_NUMBERING_ORIGINAL && def->renumber != TM_NUMBERING_IMPROVED)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "renumber = %d; give one of tm_numbering", (int)def->renumber);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "renumber is %d; give a value of tm_numbering", (int)def->renumber);
     if (def->vertex_count < 4 || def->tet_count < 1)
         return tm_fail(error, TM_ERR_MESH, -1,
-                       "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron", def->vertex_count,
-                       def->tet_count);
+                       "the mesh is empty: %d vertices, %d tetrahedra; give at least one tetrahedron",
+                       def->vertex_count, def->tet_count);
     if (def->tet_count > INT32_MAX / 16 || def->vertex_count > INT32_MAX / 16)
-        return tm_fail(error, TM_ERR_MESH, -1, "%d vertices and %d tetrahedra are more than %d; use a coarser mesh",
+        return tm_fail(error, TM_ERR_MESH, -1,
+                       "the mesh has %d vertices and %d tetrahedra, and %d is the limit; use a coarser mesh",
                        def->vertex_count, def->tet_count, INT32_MAX / 16);
     return TM_OK;
 }

@@ -39,8 +39,8 @@ static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *e
         return set_invalid_member(
             def, "frame_s",
             tm_fail(error, TM_ERR_LIMIT, p->critical_tet,
-                    "a frame would take %.3g substeps of %.3g s, set by tetrahedron %d; look at its material "
-                    "(Young's modulus, density) and its shape",
+                    "a frame would take %.3g substeps of %.3g s because of tetrahedron %d; check its material (Young's "
+                    "modulus, density) and its shape",
                     count, largest, (int)p->critical_tet));
     p->frame_s = def->frame_s;
     p->substeps = count < 1 ? 1 : (int32_t)count;
@@ -203,18 +203,21 @@ tm_status tm_model_check(const tm_model_def *def, tm_error *error) {
         return set_invalid_member(
             def, "frame_s",
             tm_fail(error, TM_ERR_ARGUMENT, -1,
-                    "frames of %g s, steps of %g s, fraction %g, average %g; give positive times, and shares "
-                    "from 0 to 1",
+                    "frame %g s, step %g s, step fraction %g, average %g; give positive times, and shares from 0 to 1",
                     def->frame_s, def->step_s, def->step_fraction, def->average));
     if (!def->contact && (def->grasp || def->friction || def->cut)) {
         const char *what = def->grasp ? "grasp" : def->friction ? "friction" : "cut";
-        return set_invalid_member(
-            def, what, tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact", what));
+        return set_invalid_member(def, what,
+                                  tm_fail(error, TM_ERR_ARGUMENT, -1,
+                                          "%s needs contact, and this model has none; give tm_model_def.contact",
+                                          what));
     }
     if (def->support_count < 0 || (def->support_count > 0 && (!def->support_dof || !def->support_m)))
-        return set_invalid_member(def, "support",
-                                  tm_fail(error, TM_ERR_ARGUMENT, -1, "%d supported components and no list of them",
-                                          (int)def->support_count));
+        return set_invalid_member(
+            def, "support",
+            tm_fail(error, TM_ERR_ARGUMENT, -1,
+                    "%d supported components without a list; give tm_model_def.support_dof and support_m",
+                    (int)def->support_count));
     return TM_OK;
 }
 

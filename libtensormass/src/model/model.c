@@ -48,7 +48,7 @@ tm_status tm_model_step(tm_model *model, int32_t substeps) {
 }
 
 void tm_model_end(tm_model *model) {
-    TM_REQUIRE(model && !model->failed, "model is null, or its frame failed", );
+    TM_REQUIRE(model && !model->failed, "model is null, or its last frame failed", );
     if (model->kind->end)
         model->kind->end(model);
     else if (model->inner)
@@ -120,7 +120,7 @@ tm_status tm_model_allow_patches(tm_model *model, const tm_patch_def *def, tm_er
     TM_REQUIRE_DEF(def, TM_COOKIE_PATCH, TM_ERR_ARGUMENT);
     if (model->instrument_count == 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "patches of a model that nothing touches; give tm_model_def.contact");
+                       "patches need contact, and this model has none; give tm_model_def.contact");
     return model->kind->allow_patches(model, def, error);
 }
 

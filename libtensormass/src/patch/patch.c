@@ -185,16 +185,18 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1 ||
         def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0 ||
         !(def->tolerance > 0) || !(def->horizon_s >= 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "patch: %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give "
-                       "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
-                       def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
-                       def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "patch has %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give 3 "
+            "to %d vertices, 1 to %d triangles, at least as many columns as vertices, and nothing negative",
+            def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
+            def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
     const bool turns = world->nonlinear != NULL;
     if (def->source && turns && !def->source->corotated)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "patch: its source of compliance knows tissue that does not turn, and the world has the stage "
-                       "rotation; leave source null");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "patch: the compliance source is for linear tissue, and this world is corotational or nonlinear; "
+            "leave source null");
     tm_pool pool = {0};
     tm_patch_builder *builder = TM_ALLOC(&pool, tm_patch_builder, 1);
     tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);

@@ -183,10 +183,10 @@ bool tm_patch_fill_grasped(tm_patch_solver *solver, tm_patch *patch, const tm_pa
                            tm_patch_block block, void *self, const tm_contact_row *row, int32_t row_count) {
     TM_REQUIRE(solver && patch && grasp && tip_m && block && (row || row_count <= 0) && grasp->vertex &&
                    grasp->target_m && grasp->force_N,
-               "something is null", false);
+               "an argument is null", false);
     TM_REQUIRE(patch->vertex_count >= 0 && patch->vertex_count < TM_PATCH_VERTICES && grasp->count > 0 &&
                    grasp->count <= TM_GRASP_VERTICES && grasp->compliance_m_N > 0,
-               "the patch or the hold has too many vertices or none, or the hold no compliance", false);
+               "the patch or the grasp has no vertices or too many, or the grasp has no compliance", false);
     double force[TM_PATCH_DOFS];
     if (!fill_compliance(patch, block, self) ||
         !condense(tm_patch_solver_work(solver), patch, grasp, tip_m, block, self) || !make_semidefinite(patch))

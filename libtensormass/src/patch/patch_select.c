@@ -190,7 +190,7 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
                         const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                         tm_patch *patch) {
     TM_REQUIRE(rest_m && u_m && surface && capsule && velocity_m_s && patch && (row || row_count <= 0),
-               "something is null", 0);
+               "an argument is null", 0);
     TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
                    max_triangles <= TM_PATCH_TRIANGLES,
                "max_vertices or max_triangles is out of range", 0);

@@ -328,7 +328,7 @@ static bool snapped(const double change[3], int along, double force_N, double ra
  * of the other. */
 void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
     TM_REQUIRE(s && patch && tip_m && stiffness_N_m && is_whole(patch) && tm_are_places(tip_m),
-               "something is null, or the patch or tip_m is out of range", );
+               "an argument is null, or the patch or tip_m is out of range", );
     const double h = 2e-5;
     double here[3];
     tm_patch_force(s, patch, tip_m, here, NULL);

@@ -192,7 +192,7 @@ tm_status tm_critical_step_estimate(const tm_tissue *tissue, const uint8_t *fixe
                                     int32_t max_iterations, double *step_s, tm_error *error) {
     TM_REQUIRE(tissue && step_s, "tissue or step_s is null", TM_ERR_ARGUMENT);
     if (!(tolerance > 0) || max_iterations < 1)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %d iterations; give positive numbers", tolerance,
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g and %d iterations; give positive numbers", tolerance,
                        max_iterations);
     iteration it = {0};
     if (!take_iteration(&it, tissue, fixed)) {

@@ -70,20 +70,19 @@ bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *
     const tm_deformation *d = deformation;
     const bool mixed = is_mixed(tissue), turns = tissue->rotation > 0 || (tissue->stiffest_Pa && !mixed);
     const char *linear = turns   ? ""
-                         : mixed ? "; give that material a nonlinear 'law:' too, st-venant-kirchhoff if it only turns"
-                                 : "; give the tissue 'rotation', without which it must not turn or bend far";
+                         : mixed ? "; give that material a nonlinear 'law:' too, st-venant-kirchhoff if it only rotates"
+                                 : "; add 'rotation': without it tissue must not rotate or bend far";
     sentence[0] = 0;
     if (d->inverted > 0)
         snprintf(sentence, TM_ERROR_MESSAGE_MAX,
-                 "%d tetrahedra are inside out (least det F %.3g, tetrahedron %d): this shape is not to be believed%s",
+                 "%d tetrahedra are inverted (smallest det F %.3g, tetrahedron %d), so this shape is not valid%s",
                  (int)d->inverted, d->min_det, (int)d->min_det_tet,
-                 turns ? "; let supports and tools go a shorter way, or refine the mesh there" : linear);
+                 turns ? "; move supports and tools less, or refine the mesh there" : linear);
     else if (!turns && d->nonlinear_share > DOUBTFUL_SHARE)
-        snprintf(
-            sentence, TM_ERROR_MESSAGE_MAX,
-            "linear tissue far outside its range: in %.0f %% of its volume the law leaves out more than %.0f %% of "
-            "strain (at most %.3g %%, tetrahedron %d)%s",
-            100 * d->nonlinear_share, 100 * TM_LINEAR_STRAIN_MAX, 100 * d->nonlinear_strain, (int)d->nonlinear_tet,
-            linear);
+        snprintf(sentence, TM_ERROR_MESSAGE_MAX,
+                 "linear tissue far outside its range: in %.0f %% of its volume the law neglects more than %.0f %% of "
+                 "strain (at most %.3g %%, tetrahedron %d)%s",
+                 100 * d->nonlinear_share, 100 * TM_LINEAR_STRAIN_MAX, 100 * d->nonlinear_strain, (int)d->nonlinear_tet,
+                 linear);
     return sentence[0] != 0;
 }

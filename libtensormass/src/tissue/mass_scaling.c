@@ -130,11 +130,10 @@ tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *
     tm_mass_scaling m;
     if (!tm_tissue_mass_scaling(tissue, &m) || m.added_kg <= most_share * m.physical_kg) return TM_OK;
     const int32_t most = m.max_factor_vertex < 0 ? -1 : tm_mesh_original_vertex(tissue->mesh, m.max_factor_vertex);
-    return tm_fail(
-        error, TM_ERR_LIMIT, most,
-        "a step of %.4g s would add %.3g of the tissue's own mass, most at vertex %d (%.3g times its own); at "
-        "most %.3g may be added: take a shorter step, repair the mesh there, or allow more",
-        m.step_s, m.added_kg / m.physical_kg, most, m.max_factor, most_share);
+    return tm_fail(error, TM_ERR_LIMIT, most,
+                   "a step of %.4g s would add %.3g of the physical mass, most at vertex %d (%.3g times its own), and "
+                   "%.3g is allowed; take a shorter step, repair the mesh there, or allow more",
+                   m.step_s, m.added_kg / m.physical_kg, most, m.max_factor, most_share);
 }
 
 /* Effect of mass scaling on the lowest frequencies: Rayleigh quotients of the shapes of tissue under its own weight
@@ -217,9 +216,10 @@ tm_status tm_mass_scaling_frequencies(const tm_tissue *tissue, const uint8_t *fi
             own_Hz[axis] = frequency(&g, tissue->physical_mass_kg);
             scaled_Hz[axis] = frequency(&g, tissue->mass_kg);
         } else
-            status = tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                             "the tissue does not come to rest under its own weight: its supports leave it free to "
-                             "move; hold every piece of it");
+            status = tm_fail(
+                error, TM_ERR_CONVERGENCE, -1,
+                "the tissue has no equilibrium under its own weight, because its supports leave it free to move; "
+                "support every connected piece");
     }
     tm_pool_release(&g.pool);
     return status;

@@ -235,12 +235,12 @@ tm_status tm_tissue_corotate(tm_tissue *tissue, double threshold, const double *
     TM_REQUIRE(tissue && u_m, "tissue or u_m is null", TM_ERR_ARGUMENT);
     if (!(threshold > 0) || tissue->precision != TM_DOUBLE || tm_tissue_smoothed_shear_share(tissue) > 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "tensors of tissue that turns beyond %g: give a threshold above 0, precision double and no "
-                       "averaged shear",
+                       "corotated tensors with threshold %g; give a threshold above 0, double precision and a smoothed "
+                       "shear share of 0",
                        threshold);
     tm_pool pool = {0};
     tissue->rotation = threshold;
     const bool good = rotate_one(tissue, u_m, &pool);
     tm_pool_release(&pool);
-    return good ? TM_OK : tm_fail_memory(error, "tensors of tissue that turns");
+    return good ? TM_OK : tm_fail_memory(error, "corotated tensors");
 }

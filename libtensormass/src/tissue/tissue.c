@@ -27,10 +27,13 @@ static tm_status check_volume(const tm_tissue_def *def, tm_error *error) {
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "smoothed_shear_share = %g; give a share from 0 to 1",
                        def->smoothed_shear_share);
     if (def->precision == TM_SINGLE)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "volume with single tensors; take double, or leave volume out");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "strain smoothing needs double precision; set precision to TM_DOUBLE, or leave strain_smoothing out");
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "volume beside a condensed part, over whose border nothing can be averaged; leave one out");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "strain smoothing cannot average across the interface of a condensed part; leave one of them out");
     return TM_OK;
 }
 
@@ -38,7 +41,7 @@ static tm_status check_extra(const tm_mesh *mesh, const double *extra, const cha
     for (int32_t v = 0; extra && v < mesh->vertex_count; v++)
         if (!(extra[v] >= 0) || !isfinite(extra[v]))
             return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, v),
-                           "vertex %d: extra %s of %g; give 0 or more", tm_mesh_original_vertex(mesh, v), what,
+                           "vertex %d: extra %s is %g; give 0 or more", tm_mesh_original_vertex(mesh, v), what,
                            extra[v]);
     return TM_OK;
 }
@@ -47,10 +50,10 @@ static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
     if ((def->precision != TM_DOUBLE && def->precision != TM_SINGLE) ||
         (def->form != TM_FORCE_BEST && def->form != TM_FORCE_PLAIN))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "precision %d, form %d; give one of tm_precision, one of tm_force_form", (int)def->precision,
-                       (int)def->form);
+                       "precision is %d, form is %d; give a value of tm_precision and one of tm_force_form",
+                       (int)def->precision, (int)def->form);
     if (def->material_count < 1 || !def->material)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "no material; give at least one");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the tissue has no material; give at least one");
     for (int32_t i = 0; i < def->material_count; i++) {
         const tm_status status = tm_material_check(def->material + i, error);
         if (status) {
@@ -70,18 +73,19 @@ static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
 static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     if (def->rotation == 0) return TM_OK;
     if (!(def->rotation >= TM_ROTATION_THRESHOLD_MIN && def->rotation <= TM_ROTATION_THRESHOLD_MAX))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "rotation begins at %g; give 0 (none) or %g to %g", def->rotation,
-                       TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the rotation threshold is %g; give 0 (no rotation) or %g to %g",
+                       def->rotation, TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
     if (def->strain_smoothing && def->smoothed_shear_share != 0)
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
-            "rotation with smoothed_shear_share = %g: the average of shears that have turned is not known here; give "
-            "0, or leave rotation or volume out",
+            "rotation excludes smoothed_shear_share = %g: shears of rotated tetrahedra are not averaged; give "
+            "0, or leave rotation or strain_smoothing out",
             def->smoothed_shear_share);
     if (def->precision == TM_SINGLE)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "rotation takes what the linear tensors give away again, which rounded ones do not give to the "
-                       "last digit; take double precision");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "rotation subtracts the linear force, which single precision rounds differently; set precision to "
+            "TM_DOUBLE");
     return TM_OK;
 }
 
@@ -92,12 +96,12 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
         if (def->material[i].law != TM_LAW_LINEAR) other = i;
     if (other < 0) return TM_OK;
     const char *name = tm_law_name((tm_law_kind)def->material[other].law), *with = NULL;
-    if (def->rotation > 0) with = "rotation, which the law needs none of";
+    if (def->rotation > 0) with = "rotation, which a nonlinear law includes";
     if (def->strain_smoothing && def->smoothed_shear_share != 0)
-        with = "averaged shear, whose rotation is not known (give smoothed_shear_share = 0)";
-    if (def->precision == TM_SINGLE) with = "single precision, whose rounding tensors alone bear";
+        with = "averaged shear, which rotated tetrahedra do not support (give smoothed_shear_share = 0)";
+    if (def->precision == TM_SINGLE) with = "single precision, which only the linear law supports";
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed) with = "a condensed part, which is linear";
-    return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s with %s; leave one of them out", name, with) : TM_OK;
+    return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s excludes %s; leave one of them out", name, with) : TM_OK;
 }
 
 static void find_stiffest(tm_tissue *tissue) {
@@ -108,12 +112,13 @@ static void find_stiffest(tm_tissue *tissue) {
 static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
     if (def->scaled_step_s == 0) return TM_OK;
     if (!(def->scaled_step_s > 0 && isfinite(def->scaled_step_s)) || !(def->scaled_share >= 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "mass for a step of %g s, at most %g of the tissue's own; give a positive step and share",
-                       def->scaled_step_s, def->scaled_share);
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "mass scaling to a step of %g s, by at most %g of the physical mass; give a positive step and share",
+            def->scaled_step_s, def->scaled_share);
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "mass scaling beside a condensed part, whose stiffness it does not know; leave one out");
+                       "mass scaling does not support a condensed part; leave one of them out");
     return TM_OK;
 }
 
@@ -125,10 +130,9 @@ static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
         const tm_material *m = def->material + (def->region_material ? def->region_material[r] : r);
         if (!has_direction(m)) continue;
         if (!def->fibre)
-            return tm_fail(error, TM_ERR_ARGUMENT, t,
-                           "tetrahedron %d: region %d is anisotropic and there are no fibres; give a "
-                           "direction for each tetrahedron",
-                           t, r);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, t,
+                "tetrahedron %d: region %d is anisotropic and has no fibre; give a fibre for each tetrahedron", t, r);
         const double length = sqrt(vdot(def->fibre + 3 * (int64_t)t, def->fibre + 3 * (int64_t)t));
         if (!(fabs(length - 1) <= 1e-3))
             return tm_fail(

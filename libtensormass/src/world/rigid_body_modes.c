@@ -73,11 +73,12 @@ tm_status tm_check_constrained(const tm_world *world, const double *load_N, tm_e
         if ((load_N && load_N[i] == 0) || world->tissue->mass_kg[i / 3] == 0 || x.seen[piece]) continue;
         x.seen[piece] = 1;
         if (!component_is_constrained(&x, piece))
-            status = tm_fail(error, TM_ERR_SUPPORT, tm_mesh_original_vertex(x.mesh, i / 3),
-                             "vertex %d: %sthe supports leave its piece a rigid motion%s; hold three vertices that are "
-                             "not in one line",
-                             tm_mesh_original_vertex(x.mesh, i / 3), load_N ? "it bears a load and " : "",
-                             load_N ? ", so there is no rest" : "");
+            status =
+                tm_fail(error, TM_ERR_SUPPORT, tm_mesh_original_vertex(x.mesh, i / 3),
+                        "vertex %d: %sthe supports leave its connected piece free to move as a rigid body%s; fix three "
+                        "vertices that are not in one line",
+                        tm_mesh_original_vertex(x.mesh, i / 3), load_N ? "it carries a load and " : "",
+                        load_N ? ", so there is no equilibrium" : "");
     }
     tm_pool_release(&x.pool);
     return status;

@@ -67,8 +67,8 @@ static bool report(relaxation *x) {
 
 static tm_status not_converged(const relaxation *x, tm_error *error) {
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                   "the residual is %g after %lld steps, not %g; allow more steps, a larger tolerance, or "
-                   "hold the tissue better",
+                   "the residual is %g after %lld steps, above the tolerance of %g; allow more steps or a larger "
+                   "tolerance, or add supports",
                    x->relative, (long long)x->steps, x->def->tolerance);
 }
 
@@ -368,9 +368,10 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
     const tm_mesh *mesh = world->tissue->mesh;
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
         if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, i / 3),
-                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from",
-                           tm_mesh_original_vertex(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, i / 3),
+                "vertex %d: its displacement is %g m now and %g m one step before; start from finite displacements",
+                tm_mesh_original_vertex(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
     tm_relaxed relaxed = {0};
     tm_status status = tm_relaxed_begin(world, &relaxed, error);
     world->settling = true;

@@ -133,10 +133,11 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
         const bool told = w->def->progress && w->steps % 128 == 0;
         if (++w->steps >= w->def->max_steps ||
             (told && !w->def->progress(w->def->user, w->steps, fmax(w->relative, w->def->tolerance))))
-            return tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                           "the residual is %g after %lld steps, not %g; allow more steps, a larger tolerance, or "
-                           "hold the tissue better",
-                           w->relative, (long long)w->steps, w->def->tolerance);
+            return tm_fail(
+                error, TM_ERR_CONVERGENCE, -1,
+                "the residual is %g after %lld steps, above the tolerance of %g; allow more steps or a larger "
+                "tolerance, or add supports",
+                w->relative, (long long)w->steps, w->def->tolerance);
     }
     return TM_OK;
 }
@@ -230,12 +231,12 @@ static tm_status give_up(const newton *w, double at, double tolerance, tm_error 
     if (at == 1 && w->relative < ROUNDING)
         return tm_fail(
             error, TM_ERR_CONVERGENCE, -1,
-            "the residual is %.3g, not %.3g, and rounding lets it fall no further; allow a tolerance of %.1g",
+            "the residual is %.3g, above the tolerance of %.3g, and rounding keeps it from falling further; allow a tolerance of %.1g",
             w->relative, tolerance, 4 * w->relative);
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
-                   "no rest was found beyond %.3g of the way of supports and loads (residual %.3g, not %.3g); let the "
-                   "supports go a shorter way (several calls, each from the rest before), load it less, refine the "
-                   "mesh where it is deformed most, or step the world until it is still",
+                   "no equilibrium was found beyond %.3g of the supports' motion and loads (residual %.3g, tolerance "
+                   "%.3g); move the supports less (several calls, each from the last equilibrium), lower the load, "
+                   "refine the mesh where it deforms most, or step the world until it is at rest",
                    at, w->relative, tolerance);
 }
 

@@ -86,7 +86,8 @@ tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, t
     TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
     const int64_t needed = tm_snapshot_bytes(world);
     if (bytes < needed)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "snapshot: %lld bytes of room for %lld; ask tm_snapshot_bytes",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "snapshot: the buffer has %lld bytes and %lld are needed; allocate tm_snapshot_bytes()",
                        (long long)bytes, (long long)needed);
     const tm_tissue *tissue = world->tissue;
     const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count * (int64_t)sizeof(double);
@@ -129,32 +130,33 @@ tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, t
 static tm_status check_header(const tm_world *world, const void *buffer, int64_t bytes, header *h, tm_error *error) {
     const tm_mesh *mesh = world->tissue->mesh;
     if (bytes < (int64_t)sizeof *h)
-        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: %lld bytes are too few; it is truncated, save it again",
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: it has only %lld bytes and is truncated; save it again",
                        (long long)bytes);
     memcpy(h, buffer, sizeof *h);
     if (memcmp(h->magic, MAGIC, sizeof MAGIC))
-        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: does not begin as one; give a file saved as a snapshot");
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: the data is not a snapshot; give a file saved as one");
     if (h->version != VERSION || h->order != ORDER)
-        return tm_fail(error, TM_ERR_FILE, -1,
-                       "snapshot: version %u or byte order of another library or machine; save it again with this one",
-                       h->version);
+        return tm_fail(
+            error, TM_ERR_FILE, -1,
+            "snapshot: version %u or the byte order is of another library or machine; save it again with this library",
+            h->version);
     if (h->bytes != bytes)
         return tm_fail(
             error, TM_ERR_FILE, -1,
-            "snapshot: holds %lld bytes and says %lld; it is truncated or has something behind it, save it again",
+            "snapshot: it has %lld bytes and its header says %lld, so it is truncated or data follows it; save it again",
             (long long)bytes, (long long)h->bytes);
     if (h->checksum != checksum(buffer, bytes))
-        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its checksum is wrong; it is damaged, save it again");
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its checksum is wrong, so it is damaged; save it again");
     if (h->vertex_count != mesh->vertex_count || h->tet_count != mesh->tet_count ||
         h->scene != scene_hash(world->tissue))
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
-            "snapshot: of another mesh or other materials (%d vertices, %d tetrahedra); open the scene it was "
-            "saved from",
+            "snapshot: it is of another mesh or other materials (%d vertices, %d tetrahedra); open the scene it "
+            "was saved from",
             h->vertex_count, h->tet_count);
     if (tm_world_check_step(world, h->dt_s, NULL) || h->surface_count < 0 ||
         h->surface_count > 4 * (int64_t)h->tet_count || bytes < (int64_t)sizeof *h + body_bytes(mesh, h->surface_count))
-        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its time step or its sizes cannot be; save it again");
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its time step or its sizes are out of range; save it again");
     return TM_OK;
 }
 
@@ -168,24 +170,25 @@ static tm_status stages(tm_world *world, const header *h, const char *at, const 
         stage_header s;
         if (end - at < (int64_t)sizeof s)
             return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "snapshot: has nothing for stage %s; open the scene it was saved from", stage->name);
+                           "snapshot: it has no data for stage %s; open the scene it was saved from", stage->name);
         memcpy(&s, at, sizeof s);
         at += sizeof s;
         if (strncmp(s.name, stage->name, sizeof s.name - 1) || s.bytes < 0 || s.bytes > end - at ||
             padded(s.bytes) > end - at)
-            return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "snapshot: was saved with other stages, not with %s here; open the scene it was saved from",
-                           stage->name);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, -1,
+                "snapshot: it was saved with other stages, without %s at this place; open the scene it was saved from",
+                stage->name);
         if (!stage->restore(stage->self, world, at, s.bytes, apply))
             return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "snapshot: what it has for stage %s does not fit; open the scene it was saved from",
+                           "snapshot: its data for stage %s does not fit; open the scene it was saved from",
                            stage->name);
         at += padded(s.bytes);
         found++;
     }
     if (found != h->stage_count || at != end)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "snapshot: was saved with more stages; open the scene it was saved from");
+                       "snapshot: it was saved with more stages; open the scene it was saved from");
     return TM_OK;
 }
 
@@ -211,11 +214,12 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
                            "snapshot: a displacement is not finite; save it again");
     }
     if (!tm_tissue_surface_fits(tissue, alive, face, h.surface_count))
-        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its surface is not that of its tetrahedra; save it again");
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its surface does not match its tetrahedra; save it again");
     const bool cut = memcmp(alive, tissue->alive, (size_t)h.tet_count) != 0;
     if (cut && !tissue->cuttable)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "snapshot: of a cut tissue, and this one is not cuttable; open the scene it was saved from");
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "snapshot: it is of cut tissue, and this tissue is not cuttable; open the scene it was saved from");
     status = stages(world, &h, rest, (const char *)buffer + bytes, false, error);
     if (status) return status;
 

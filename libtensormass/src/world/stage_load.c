@@ -54,7 +54,7 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
 void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t triangle_count,
                           const double traction_Pa[3], double *force_N) {
     TM_REQUIRE(mesh && traction_Pa && force_N && triangle_count >= 0 && (triangle || triangle_count == 0),
-               "something is null, or triangle_count is negative", );
+               "an argument is null, or triangle_count is negative", );
     for (int64_t i = 0; i < 3 * (int64_t)triangle_count; i++)
         TM_REQUIRE(triangle[i] >= 0 && triangle[i] < mesh->vertex_count, "triangle names no vertex of the mesh", );
     for (int32_t t = 0; t < triangle_count; t++) {

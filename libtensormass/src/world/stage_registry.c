@@ -11,9 +11,8 @@ static bool is_step_allowed(const tm_stage *stage, double dt_s) {
 }
 
 static tm_status above_limit(const tm_stage *stage, double dt_s, tm_error *error) {
-    return tm_fail(error, TM_ERR_STEP, -1,
-                   "time step %.6g s is above %.6g s, the longest that stage %s allows; lower the step", dt_s,
-                   stage->step_limit_s, stage->name);
+    return tm_fail(error, TM_ERR_STEP, -1, "time step %.6g s is above %.6g s, the limit of stage %s; lower the step",
+                   dt_s, stage->step_limit_s, stage->name);
 }
 
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error) {
@@ -65,7 +64,7 @@ static int32_t find_whole(const tm_world *world, const char *name) {
 }
 
 /* Returns the stage that depends on `name`; -1: none. */
-static int32_t find_leaning(const tm_world *world, const char *name) {
+static int32_t find_dependent(const tm_world *world, const char *name) {
     for (int32_t i = 0; i < world->stage_count; i++)
         for (int k = 0; k < TM_MAX_NEEDS && world->entry[i].stage.needs[k]; k++)
             if (!strcmp(world->entry[i].stage.needs[k], name)) return i;
@@ -81,17 +80,16 @@ int32_t tm_world_stage_index(const tm_world *world, const void *self) {
 static tm_status check_needs(const tm_world *world, const tm_stage *stage, tm_error *error) {
     for (int k = 0; k < TM_MAX_NEEDS && stage->needs[k]; k++)
         if (find_whole(world, stage->needs[k]) < 0)
-            return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "stage %s depends on stage %s, which is not there; add that first", stage->name,
-                           stage->needs[k]);
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s requires stage %s, which is missing; add %s first",
+                           stage->name, stage->needs[k], stage->needs[k]);
     if (stage->substage_of && find_whole(world, stage->substage_of) < 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a part of stage %s, which is not there; add that first",
-                       stage->name, stage->substage_of);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a substage of stage %s, which is missing; add %s first",
+                       stage->name, stage->substage_of, stage->substage_of);
     const int32_t before = stage->runs_before ? find_stage(world, stage->runs_before) : -1;
     if (stage->runs_before && (before < 0 || world->entry[before].stage.phase != stage->phase))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "stage %s runs before stage %s, which is not there or of another phase; add that first",
-                       stage->name, stage->runs_before);
+                       "stage %s runs before stage %s, which is missing or in another phase; add %s first", stage->name,
+                       stage->runs_before, stage->runs_before);
     return TM_OK;
 }
 
@@ -106,7 +104,7 @@ static int32_t place_for(const tm_world *world, const tm_stage *stage) {
 tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t bytes, tm_error *error) {
     TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
     TM_REQUIRE(given && given->size >= offsetof(tm_stage, checkpoint) && given->size <= sizeof *given,
-               "stage is null or its size is not sizeof(tm_stage)", TM_ERR_ARGUMENT);
+               "stage is null, or its size is not sizeof(tm_stage)", TM_ERR_ARGUMENT);
     tm_stage mine = {0}, *stage = &mine;
     memcpy(stage, given, given->size);
     TM_REQUIRE(stage->name && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_ON_DEMAND &&
@@ -115,17 +113,18 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
                "stage has no name, no phase, or not one of run and range", TM_ERR_ARGUMENT);
     TM_REQUIRE((!stage->divided || stage->range) && (!stage->overlap || stage->run),
                "stage is divided without range, or overlaps without run", TM_ERR_ARGUMENT);
-    TM_REQUIRE(!stage->substage_of || !stage->destroy, "stage is a part and has a destroy of its own", TM_ERR_ARGUMENT);
+    TM_REQUIRE(!stage->substage_of || !stage->destroy, "stage is a substage and has a destroy function",
+               TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->checkpoint == !stage->rollback && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
     const tm_status status = is_step_allowed(stage, world->state.dt_s) ? check_needs(world, stage, error)
                                                                        : above_limit(stage, world->state.dt_s, error);
     if (status) return status;
     if (find_stage(world, stage->name) >= 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once",
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the world already has stage %s; add it once, with all its settings",
                        stage->name);
     if (world->stage_count == TM_MAX_STAGES)
-        return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out",
+        return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d and %d is the limit; leave an effect out",
                        stage->name, world->stage_count + 1, TM_MAX_STAGES);
     const int32_t at = place_for(world, stage);
     memmove(world->entry + at + 1, world->entry + at, sizeof world->entry[0] * (size_t)(world->stage_count - at));
@@ -204,14 +203,16 @@ tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t co
 tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error) {
     TM_REQUIRE(world && name, "world or name is null", TM_ERR_ARGUMENT);
     const int32_t at = find_stage(world, name);
-    if (at < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "no stage %s; see tm_world_stages", name);
-    const int32_t leaning = find_leaning(world, name);
-    if (leaning >= 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s cannot go: stage %s depends on it; remove %s first", name,
-                       world->entry[leaning].stage.name, world->entry[leaning].stage.name);
+    if (at < 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the world has no stage %s; tm_world_stages lists them", name);
+    const int32_t dependent = find_dependent(world, name);
+    if (dependent >= 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "stage %s cannot be removed, because stage %s requires it; remove %s first", name,
+                       world->entry[dependent].stage.name, world->entry[dependent].stage.name);
     const char *whole = world->entry[at].stage.substage_of;
     if (whole)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a part of stage %s; remove %s", name, whole, whole);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a substage of stage %s; remove %s", name, whole, whole);
     const tm_stage stage = take_whole(world, at);
     if (stage.destroy) stage.destroy(stage.self);
     return TM_OK;
@@ -236,7 +237,7 @@ int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STA
 void tm_world_remove_all_stages(tm_world *world) {
     while (world->stage_count > 0) { /* stages that depend on others first, else the last */
         int32_t at = world->stage_count - 1;
-        while (at > 0 && find_leaning(world, world->entry[at].stage.name) >= 0) at--;
+        while (at > 0 && find_dependent(world, world->entry[at].stage.name) >= 0) at--;
         const tm_stage stage = take_out(world, at);
         if (stage.destroy) stage.destroy(stage.self);
     }

@@ -268,18 +268,20 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
     const tm_tissue *tissue = world->tissue;
     if (!(tissue->rotation > 0))
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "rotation: the tissue's guaranteed step is that of tissue that does not turn; set rotation in "
-                       "its definition");
+                       "rotation: the tissue's guaranteed step is that of linear tissue; set rotation in the tissue's "
+                       "definition");
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!strcmp(world->entry[i].stage.name, "viscosity"))
-            return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "rotation: stage viscosity keeps histories of tissue that does not turn; add rotation "
-                           "before it");
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, -1,
+                "rotation: stage viscosity was added first and has the history variables of linear tissue; add "
+                "rotation before viscosity");
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!strcmp(world->entry[i].stage.name, "patch"))
-            return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                           "rotation: stage patch knows the stiffness of tissue that does not turn; add rotation "
-                           "before it");
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, -1,
+                "rotation: stage patch was added first and has the compliance of linear tissue; add rotation before "
+                "patch");
     tm_pool pool = {0};
     turner *t = TM_ALLOC(&pool, turner, 1);
     if (!t || !init(t, &pool, world)) {

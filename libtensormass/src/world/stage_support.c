@@ -82,7 +82,7 @@ static tm_status check(const tm_world *world, const tm_support_def *def, tm_erro
                            i, def->dof[i], dofs);
         if (!isfinite(def->value_m[i]) || fabs(def->value_m[i]) > 1e6)
             return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, def->dof[i] / 3),
-                           "support: vertex %d is held at %g m; give a finite displacement",
+                           "support: vertex %d is fixed at %g m; give a finite displacement",
                            tm_mesh_original_vertex(mesh, def->dof[i] / 3), def->value_m[i]);
     }
     return TM_OK;
@@ -96,8 +96,7 @@ static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *
         const int32_t d = def->dof[i];
         if (seen[d] && def->value_m[seen[d] - 1] != def->value_m[i])
             return tm_fail(error, TM_ERR_SUPPORT, tm_mesh_original_vertex(mesh, d / 3),
-                           "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
-                           "support",
+                           "support: vertex %d is fixed at %g m and at %g m along %c; remove it from one support",
                            tm_mesh_original_vertex(mesh, d / 3), def->value_m[seen[d] - 1], def->value_m[i],
                            "xyz"[d % 3]);
         if (!seen[d]) seen[d] = i + 1;

@@ -255,11 +255,10 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
     if (status) return status;
     if (world->tissue->extra_mass_kg)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "viscosity beside a condensed part, which does not relax; leave one of them out");
+                       "viscosity does not support a condensed part, which cannot relax; leave one of them out");
     if (world->tissue->stiffest_Pa)
-        return tm_fail(
-            error, TM_ERR_EXCLUDED, -1,
-            "viscosity keeps histories of the linear law, and a material has another; leave one of them out");
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "viscosity supports only the linear law, and a material has another; leave one of them out");
     tm_pool pool = {0};
     viscosity *v = TM_ALLOC(&pool, viscosity, 1);
     if (v) {

@@ -38,17 +38,17 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
             if (tm_tissue_tet_material(def->tissue, t)->damping_1_s > 0)
-                return tm_fail(error, TM_ERR_ARGUMENT, def->tissue->mesh->region[t],
-                               "region %d: damping %g 1/s in an undamped world; ask "
-                               "for a damped world or set the damping to 0",
-                               def->tissue->mesh->region[t], tm_tissue_tet_material(def->tissue, t)->damping_1_s);
+                return tm_fail(
+                    error, TM_ERR_ARGUMENT, def->tissue->mesh->region[t],
+                    "region %d has damping %g 1/s and the world is undamped; make a damped world, or set the damping to 0",
+                    def->tissue->mesh->region[t], tm_tissue_tet_material(def->tissue, t)->damping_1_s);
     if (!tm_critical_step_find(def->tissue, &world->guaranteed_step_s, &world->guaranteed_tet))
         return tm_fail_memory(error, "critical step");
     if (def->dt_s == 0 && !(def->step_fraction > 0 && def->step_fraction <= 1))
-        return tm_fail(error, TM_ERR_STEP, -1, "step fraction %g; give one above 0 and not above 1",
+        return tm_fail(error, TM_ERR_STEP, -1, "the step fraction is %g; give a value above 0, at most 1",
                        def->step_fraction);
     if (def->dt_s == 0 && world->guaranteed_step_s == HUGE_VAL)
-        return tm_fail(error, TM_ERR_STEP, -1, "no living tetrahedron sets a critical step; give a time step");
+        return tm_fail(error, TM_ERR_STEP, -1, "no active tetrahedron sets a critical step; give a time step");
     const double dt_s = def->dt_s == 0 ? world->guaranteed_step_s * def->step_fraction : def->dt_s;
     tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
@@ -70,7 +70,8 @@ tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *e
     TM_REQUIRE_DEF(def, TM_COOKIE_WORLD, TM_ERR_ARGUMENT);
     TM_REQUIRE(world && def->tissue, "world or def->tissue is null", TM_ERR_ARGUMENT);
     if (def->threads < 1 || def->threads > TM_MAX_THREADS)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d threads; give 1 to %d", (int)def->threads, TM_MAX_THREADS);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "the world has %d threads; give 1 to %d", (int)def->threads,
+                       TM_MAX_THREADS);
     tm_pool pool = {0};
     tm_world *w = TM_ALLOC(&pool, tm_world, 1);
     tm_status status = w && init(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
