@@ -89,6 +89,8 @@ void run_report_energy(const sim *s, cJSON *report) {
                {"residual_J", e.residual_J},
                {"drag_J", e.drag_J},
                {"friction_J", e.friction_J},
+               {"touch_J", e.touch_J},
+               {"touch_stored_J", e.touch_stored_J},
                {"contact_stored_J", e.contact_stored_J},
                {"generated_J", e.generated_J}};
     cJSON *to = cJSON_AddObjectToObject(report, "energy");

@@ -16,6 +16,7 @@
 #include "tensormass/patch.h"
 #include "tensormass/rotation.h"
 #include "tensormass/tissue.h"
+#include "tensormass/touch.h"
 #include "tensormass/viscosity.h"
 #include "tensormass/world.h"
 

@@ -146,10 +146,13 @@ const sim_body *sim_body_find(const sim *s, const char *name) {
     return NULL;
 }
 
-int32_t sim_body_of_tet(const sim *s, int32_t tet) {
-    int32_t i = 0;
-    while (i + 1 < s->body_count && tet >= s->body[i].tet_end) i++;
-    return i;
+int32_t *sim_bodies_of_tets(const sim *s) {
+    int32_t *of = tm_allocate(sizeof *of * (size_t)s->mesh->tet_count);
+    for (int32_t t = 0, i = 0; t < s->mesh->tet_count && of; t++) {
+        while (i + 1 < s->body_count && t >= s->body[i].tet_end) i++;
+        of[t] = i;
+    }
+    return of;
 }
 
 /* --- checks before meshes are loaded --- */

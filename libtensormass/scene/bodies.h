@@ -14,7 +14,7 @@ tm_status sim_load_bodies(sim *s);
 
 /* Returns the body with this name, or null. */
 const sim_body *sim_body_find(const sim *s, const char *name);
-/* Returns the index of a tetrahedron's body; 0 without bodies. */
-int32_t sim_body_of_tet(const sim *s, int32_t tet);
+/* Returns the index of each tetrahedron's body, [tet_count], 0 without bodies; null without memory. tm_release it. */
+int32_t *sim_bodies_of_tets(const sim *s);
 
 #endif

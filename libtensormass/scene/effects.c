@@ -14,6 +14,7 @@
     ROW(contact)                                                                                                       \
     ROW(grasp)                                                                                                         \
     ROW(friction)                                                                                                      \
+    ROW(touch)                                                                                                         \
     ROW(cut)                                                                                                           \
     ROW(precomputed)                                                                                                   \
     ROW(hybrid)                                                                                                        \

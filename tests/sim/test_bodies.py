@@ -80,3 +80,40 @@ def test_faulty_bodies_are_refused_with_their_line(bin, block, tmp_path, change,
     scene = write(tmp_path / "bad.yaml", text.replace(*change))
     said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", tmp_path / "o.json", code=2)[1]
     assert said.startswith(f"{scene}:") and words in said and ";" in said and not (tmp_path / "o.json").exists(), said
+
+
+STACK = """\
+tissue:
+  force: plain
+  materials: {"*": {young: 5 kPa, poisson: 0.4}}
+bodies:
+  low: {mesh: %s}
+  high: {mesh: %s, scale: 0.5, move: [20 mm, 20 mm, 41 mm]}
+damping: {rate: 60 /s}
+gravity:
+energy:
+supports: [{group: low.z_min}]
+touch:
+time: {frame_rate: 25 Hz, duration: 0.2 s}
+"""
+
+
+def test_a_body_falls_on_another_and_through_one_it_does_not_touch(bin, block, tmp_path):
+    scene = write(tmp_path / "stack.yaml", STACK % (block, block))
+    said, threads = state(bin, scene, tmp_path), state(bin, scene, tmp_path, "--set", "threads=2")
+    assert said["state_hash"] == threads["state_hash"]
+    assert said["energy"]["touch_J"] < 0 and abs(said["energy"]["residual_J"]) < 1e-12
+    through = state(bin, scene, tmp_path, "--set", "touch.pairs=[{body: low, other: self}, {body: high, other: self}]")
+    assert through["energy"]["touch_J"] == 0 and through["energy"]["gravity_J"] > said["energy"]["gravity_J"] + 0.01
+
+
+@pytest.mark.parametrize("change, words", [
+    ("touch.pairs=[{body: low, other: middle}]", "there is no body 'middle'"),
+    ("touch.friction={static: 0.1, kinetic: 0.2}", "kinetic 0.2 is above static 0.1"),
+    ("model=precomputed", "touch and precomputed"),
+    ("touch.thickness=0 mm", "outside"),
+], ids=["no body", "friction", "precomputed", "thickness"])
+def test_faulty_touch_is_refused(bin, block, tmp_path, change, words):
+    text = (STACK % (block, block)).replace("gravity:\nenergy:\n", "") if "model" in change else STACK % (block, block)
+    said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", text), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
+    assert words in said and ";" in said, said

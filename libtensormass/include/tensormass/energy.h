@@ -11,7 +11,7 @@ extern "C" {
 #endif
 
 /* Energy account, J, summed since the stage was added unless said otherwise. With u, v of the tissue with mass:
- *   start + contact + grasp + support + gravity + load + state_change - damping - cut = kinetic + elastic +
+ *   start + contact + grasp + touch + support + gravity + load + state_change - damping - cut = kinetic + elastic +
  * residual. */
 typedef struct tm_energy {
     double time_s; /* end of the account: the middle of the last step */
@@ -42,6 +42,10 @@ typedef struct tm_energy {
      * lost some (springs are solved implicitly; released tissue slips). A tool placed inside tissue pushes it out: that
      * counts as generated. */
     double generated_J;
+    /* Contact of tissue with tissue (stage "touch"): work of its forces on the tissue, and energy stored now in its
+     * compliance. Below zero, their sum is what friction, drag and impacts dissipated; above zero, touch generated
+     * energy. */
+    double touch_J, touch_stored_J;
 } tm_energy;
 
 /* Adds the stage "energy". It finds the world's other stages by itself, later ones included. */

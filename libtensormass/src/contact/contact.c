@@ -105,7 +105,7 @@ static tm_contact *init(tm_pool *pool, const tm_contact_def *def, int32_t vertex
 }
 
 static void destroy(void *self) {
-    ((tm_contact *)self)->world->notes_travel = false;
+    ((tm_contact *)self)->world->notes_travel--;
     tm_pool pool = ((tm_contact *)self)->pool;
     tm_pool_release(&pool);
 }
@@ -131,7 +131,7 @@ static tm_status add_stages(tm_world *world, tm_contact *contact, int64_t bytes,
         {.name = "contact forces", .phase = TM_PHASE_CONSTRAIN, .run = sum, .substage_of = "contact"}};
     const tm_status status = tm_world_add_stages(world, stage, 4, contact, bytes, error);
     if (status) return status;
-    world->notes_travel = true;
+    world->notes_travel++;
     tm_world_set_few(world, TM_STAGE_CONTACT_DETECT, &tm_changes_none);
     tm_world_set_few(world, "contact solve", &tm_contact_few);
     tm_world_set_few(world, "contact forces", &tm_changes_none);

@@ -4,6 +4,7 @@
  * Here f are all forces besides the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
 #include "tensormass/energy.h"
+#include "touch/touch_internal.h"
 #include "world/world_internal.h"
 
 #include <math.h>
@@ -25,6 +26,7 @@ typedef struct account {
     double stored_J;                         /* kinetic and elastic after the last step */
     double contact_stored_J[2], sprung_at_J; /* in contact compliance and grasp springs at the ends of the last two
                                                 steps; when the account began */
+    double touch_stored_J;                   /* in the compliance of touching tissue after the last step */
     int64_t next_step;                       /* number of the next step; negative: none yet */
     int32_t revision;                        /* revision of the surface then */
     past past[TM_MAX_INSTRUMENTS];
@@ -225,6 +227,29 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
     a->contact_stored_J[1] = sprung;
 }
 
+/* --- tissue on tissue --- */
+
+/* Energy in the compliance at the middle of the last step is the mean of both ends'. */
+static void over_touch(energy *e, tm_world *world) {
+    const tm_touching *touching = tm_world_touching(world);
+    account *a = &e->now;
+    double sprung = 0;
+    const tm_touching_row *row = NULL;
+    const int32_t count = touching ? tm_touching_rows(touching, &row) : 0;
+    for (int32_t i = 0; i < count; i++) {
+        if (row[i].lambda_N == 0) continue;
+        double force[3], share[3];
+        vmadd(row[i].across_N, row[i].lambda_N, row[i].normal, force);
+        for (int j = 0; j < 4; j++) {
+            vscale(row[i].weight[j], force, share);
+            a->sum.touch_J += on_vertex(e, &world->state, row[i].vertex[j], share);
+        }
+        sprung += tm_touching_stored_J(touching, i);
+    }
+    a->sum.touch_stored_J = 0.5 * (a->touch_stored_J + sprung);
+    a->touch_stored_J = sprung;
+}
+
 /* --- the stage --- */
 
 static void run(void *self, tm_world *world) {
@@ -249,6 +274,7 @@ static void run(void *self, tm_world *world) {
     else
         a->sum.state_change_J += p.before_J + p.eased_J - a->stored_J;
     over_tools(e, world, anew);
+    over_touch(e, world);
     a->sum.gravity_J += p.gravity_J;
     a->sum.load_J += p.outer_J - p.gravity_J;
     a->sum.support_J += p.support_J;
@@ -328,7 +354,7 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
     }
     s->contact_stored_J = 0.5 * (a->contact_stored_J[0] + a->contact_stored_J[1]);
     s->generated_J = tools + s->drag_J + s->friction_J + s->contact_stored_J - a->sprung_at_J - hands;
-    s->residual_J = s->start_J + tools + s->support_J + s->gravity_J + s->load_J + s->state_change_J - s->damping_J -
-                    s->cut_J - s->kinetic_J - s->elastic_J;
+    s->residual_J = s->start_J + tools + s->touch_J + s->support_J + s->gravity_J + s->load_J + s->state_change_J -
+                    s->damping_J - s->cut_J - s->kinetic_J - s->elastic_J;
     return TM_OK;
 }

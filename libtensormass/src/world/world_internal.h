@@ -70,11 +70,11 @@ struct tm_world {
     double *saved_u_m, *saved_u_prev_m, *saved_force_N;
     int64_t saved_step;
     double saved_time_s;
-    bool settling;      /* passes over the stages are no steps: no motion, no change of history */
-    bool evaluating;    /* forces are evaluated outside a step: no change of history */
-    bool check_removed; /* in this substep: check removed vertices for unbounded displacements */
-    bool unstable;      /* a stage met a number that is not finite: the step fails */
-    bool notes_travel;  /* the integrator records the travel of vertices (tm_max_increment_m) */
+    bool settling;        /* passes over the stages are no steps: no motion, no change of history */
+    bool evaluating;      /* forces are evaluated outside a step: no change of history */
+    bool check_removed;   /* in this substep: check removed vertices for unbounded displacements */
+    bool unstable;        /* a stage met a number that is not finite: the step fails */
+    int32_t notes_travel; /* stages for which the integrator records the travel of vertices (tm_max_increment_m) */
     tm_force_provider force;
     const tm_nonlinear *nonlinear; /* null: the tissue is linear */
     int32_t partition_count;
