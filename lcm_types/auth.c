@@ -137,7 +137,7 @@ bool app_key_read(const char *path, app_key *key, char *why, int why_size) {
     const mode_t forbidden = about.st_uid == 0 && geteuid() != 0 ? 037 : 077;
     bool good = false;
     if (!S_ISREG(about.st_mode))
-        snprintf(why, (size_t)why_size, "%s: is no regular file; give one that holds the key", path);
+        snprintf(why, (size_t)why_size, "%s: is not a regular file; give the file of the key", path);
     else if (about.st_uid != geteuid() && about.st_uid != 0)
         snprintf(why, (size_t)why_size, "%s: belongs to another user; chown it to the user who runs this", path);
     else if (about.st_mode & forbidden)
@@ -146,7 +146,7 @@ bool app_key_read(const char *path, app_key *key, char *why, int why_size) {
     else if (!(good = read_digits(fd, key)))
         snprintf(
             why, (size_t)why_size,
-            "%s: is no key of 32 hexadecimal digits; make one with: head -c16 /dev/urandom | od -An -tx1 | tr -d ' '",
+            "%s: does not contain a key of 32 hexadecimal digits; make one with: head -c16 /dev/urandom | od -An -tx1 | tr -d ' '",
             path);
     key->known = good;
     close(fd);
@@ -158,8 +158,8 @@ bool app_key_for(const char *url, const char *path, bool no_key, app_key *key, c
     if (path) return app_key_read(path, key, why, why_size);
     if (no_key || !app_url_leaves(url)) return true;
     snprintf(why, (size_t)why_size,
-             "messages at %s leave this machine, and who is on that network could move the hand; give --key FILE "
-             "(docs/trust.md), or --no-key",
+             "messages to %s leave this machine, and any machine on that network could move the hand; give --key "
+             "FILE (docs/trust.md), or --no-key",
              url);
     return false;
 }

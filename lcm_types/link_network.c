@@ -78,7 +78,7 @@ app_link *app_network_open(const char *url, const app_link_def *def, char *why, 
         if (n->lcm) return &n->link;
         snprintf(
             why, (size_t)why_size,
-            "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip route add 224.0.0.0/4 dev lo",
+            "LCM cannot open '%s'; for a multicast route within this machine type: ip link set lo up; ip route add 224.0.0.0/4 dev lo",
             url);
     }
     network_close(&n->link);

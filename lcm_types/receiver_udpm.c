@@ -234,7 +234,7 @@ static bool open_socket(app_receiver *r, const app_udpm_url *url) {
 static bool udpm_open(app_receiver *r, const char *url, char *why, int why_size) {
     app_udpm_url parsed;
     if (!app_udpm_parse(url, &parsed)) {
-        snprintf(why, (size_t)why_size, "'%s' is no multicast URL; write udpm://239.255.76.67:7667?ttl=0", url);
+        snprintf(why, (size_t)why_size, "'%s' is not a multicast URL; write udpm://239.255.76.67:7667?ttl=0", url);
         return false;
     }
     r->local_only = parsed.ttl == 0;
@@ -243,7 +243,7 @@ static bool udpm_open(app_receiver *r, const char *url, char *why, int why_size)
     for (int i = 0; i < APP_FRAGMENTED; i++) r->fragmented[i].data = r->store + (size_t)i * (size_t)r->largest;
     if (!open_socket(r, &parsed)) {
         snprintf(why, (size_t)why_size,
-                 "LCM cannot open '%s' (%s); for a multicast route on this machine alone type: ip link set lo up; ip "
+                 "LCM cannot open '%s' (%s); for a multicast route within this machine type: ip link set lo up; ip "
                  "route add 224.0.0.0/4 dev lo",
                  url, strerror(errno));
         return false;

@@ -17,7 +17,7 @@ void hrt_can_exchange_reset(hrt_can_exchange *exchange, int64_t now_us, hrt_inpu
     input->device_watchdog = false;
 }
 
-_Static_assert((int)HRT_CAN_JOINTS <= (int)HRT_JOINTS, "an input has room for all counts of the frames");
+_Static_assert((int)HRT_CAN_JOINTS <= (int)HRT_JOINTS, "an input has a slot for every count in the frames");
 
 static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const bool whole = exchange->half_waits && exchange->half_counter == m->counter;

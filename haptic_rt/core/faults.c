@@ -12,26 +12,25 @@ static const struct {
         {"device_silent",
          "The device stopped sending its encoders while in use; check its cable and power, then reset."},
     [HRT_FAULT_DEVICE_REPORTED] = {"device_reported",
-                                   "The device reports a fault of its own; clear it there, then reset."},
+                                   "The device reports a fault; clear it on the device, then reset."},
     [HRT_FAULT_DEVICE_RESTARTED] = {"device_restarted",
-                                    "The device started anew while in use; see that the hand is free, then reset."},
+                                    "The device restarted while in use; check that the hand is free, then reset."},
     [HRT_FAULT_BUS_OFF] = {"bus_off",
                            "The CAN controller left the bus; check wiring, termination and bit rate, then reset."},
     [HRT_FAULT_ENCODER_RANGE] =
         {"encoder_range",
          "An encoder reads outside the workspace; calibrate the device or repair the profile, then reset."},
-    [HRT_FAULT_ENCODER_JUMP] = {"encoder_jump",
-                                "An encoder moved faster than is possible; check its cable, then reset."},
+    [HRT_FAULT_ENCODER_JUMP] = {"encoder_jump", "An encoder moved faster than possible; check its cable, then reset."},
     [HRT_FAULT_ENCODER_STUCK] =
         {"encoder_stuck",
          "An encoder did not move while the torque on its joint changed much; check encoder and motor, then reset."},
     [HRT_FAULT_CLOCK] = {"clock", "The clock went backwards; use a monotonic clock, then reset."},
     [HRT_FAULT_TICK_LATE] = {"tick_late",
-                             "The control loop stood still too long; free a processor for it, then reset."},
+                             "The control loop was stopped too long; free a processor for it, then reset."},
     [HRT_FAULT_SELF_TEST] =
         {"self_test", "The self test was not passed in time; check that the device sends without pause, then reset."},
-    [HRT_FAULT_INTERNAL] =
-        {"internal", "A force that is not a number reached the output; keep the recording and report it, then reset."},
+    [HRT_FAULT_INTERNAL] = {"internal",
+                            "A force that is not a number was computed; keep the recording and report it, then reset."},
     [HRT_FAULT_BUS_CONFLICT] = {"bus_conflict",
                                 "Another controller commands this device on the same bus; end it, then reset."},
 };

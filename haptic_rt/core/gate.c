@@ -4,11 +4,11 @@
 static const char *const verdict_text[HRT_GATE_VERDICT_COUNT] = {
     "accepted",
     "accepted, a new session",
-    "the same seq again",
-    "its seq is before the newest; after a second of silence any will do",
-    "its clock went back within its session; after a second of silence any time will do",
-    "another session speaks; this one is taken a second after that one's last word",
-    "another session is in use; this one is taken when that is over",
+    "its seq was sent before",
+    "its seq is older than the newest; any seq is accepted after a second of silence",
+    "its clock went backwards within its session; any time is accepted after a second of silence",
+    "another session is sending; this one is accepted a second after the other's last message",
+    "another session is in use; this one is accepted when that has ended",
 };
 
 const char *hrt_gate_text(hrt_gate_verdict verdict) {

@@ -11,8 +11,8 @@ enum { LAW_ROWS = HRT_CONTACT_ROWS, LAW_DOFS = HRT_PATCH_DOFS, ANDERSON_DEPTH = 
 #define ANDERSON_NOISE 1.0e-12f
 #include "contact_law/anderson.h"
 
-_Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");
-_Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
+_Static_assert(ROUNDS % 2 == 0, "the rows of the last iteration are stored in the extrapolation");
+_Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "one bit for each vertex");
 static const float MAINLY = 0.65f; /* boundary weight of a row, less than two of three corners */
 static const float LITTLE = 0.1f;  /* squared change of the forces */
 

@@ -4,39 +4,42 @@
 
 #define PARAMETERS(ROW, ROWS)                                                                                          \
     ROWS(counts_per_unit, "1/joint unit", 1.0f, 1.0e6f, "encoder counts per joint unit")                               \
-    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero")                                       \
+    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "encoder count at joint value zero")                               \
     ROWS(joint_min, "rad, m or 1", -100.0f, 100.0f, "workspace, lower end")                                            \
     ROWS(joint_max, "rad, m or 1", -100.0f, 100.0f, "workspace, upper end")                                            \
-    ROWS(speed_max, "joint unit/s", 0.01f, 1000.0f, "faster is an encoder jump")                                       \
-    ROWS(torque_max, "N m or N", 0.0f, 100.0f, "of each motor")                                                        \
-    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", 0.0f)                                                  \
-    ROW(axis_power_max_W, "W", 0.01f, 100.0f, "handed to the hand by one joint", 3.0f)                                 \
-    ROW(power_max_W, "W", 0.01f, 100.0f, "handed to the hand by all joints", 5.0f)                                     \
-    ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "change of the force vector", 600.0f)                                    \
-    ROW(axis_slew_max_N_s, "N/s", 10.0f, 20000.0f, "change along one world axis", 450.0f)                              \
-    ROW(stiffness_max_N_m, "N/m", 1.0f, 1.0e6f, "Frobenius norm of a received or estimated stiffness", 5000.0f)        \
-    ROW(horizon_us, "us", 1000.0f, 2.0e6f, "extrapolation in time beyond t_n", 150000.0f)                              \
-    ROW(horizon_m, "m", 1.0e-5f, 0.2f, "extrapolation in position from P_n", 0.02f)                                    \
-    ROW(ratio_max, "1", 0.5f, 100.0f, "largest multiple of the last difference of force", 4.0f)                        \
-    ROW(standstill_m, "m", 1.0e-7f, 0.01f, "displacement that says nothing: about two counts", 5.0e-5f)                \
-    ROW(blend_us, "us", 0.0f, 1.0e6f, "bridge from no force to all of it", 70000.0f)                                   \
-    ROW(patch_stale_us, "us", 1000.0f, 2.0e6f, "age of t_n at which a patch is not used any more", 300000.0f)          \
-    ROW(stale_us, "us", 5000.0f, 2.0e6f, "age of t_n at which the force begins to fade", 100000.0f)                    \
-    ROW(fade_us, "us", 1000.0f, 1.0e6f, "from full force to none", 40000.0f)                                           \
-    ROW(ramp_us, "us", 1000.0f, 5.0e6f, "from no force to full", 200000.0f)                                            \
-    ROW(device_pause_us, "us", 4000.0f, 1.0e6f, "encoder silence that drops the force", 12000.0f)                      \
-    ROW(tick_pause_us, "us", 3000.0f, 1.0e6f, "late tick that drops the force", 15000.0f)                              \
-    ROW(device_timeout_us, "us", 4000.0f, 1.0e6f, "encoder silence that is a fault", 100000.0f)                        \
-    ROW(tick_timeout_us, "us", 3000.0f, 1.0e6f, "late tick that is a fault", 250000.0f)                                \
-    ROW(self_test_us, "us", 2000.0f, 5.0e6f, "good frames wanted before idle", 100000.0f)                              \
-    ROW(self_test_timeout_us, "us", 10000.0f, 6.0e7f, "and no longer than", 3.0e6f)                                    \
-    ROW(stuck_us, "us", 10000.0f, 1.0e7f, "count frozen for so long", 150000.0f)                                       \
-    ROW(stuck_torque, "1", 0.05f, 2.0f, "while the torque varied by this share of its maximum", 0.4f)                  \
-    ROW(passivity_damping_max_N_s_m, "N s/m", 0.0f, 200.0f, "most that the passivity controller may damp", 20.0f)      \
-    ROW(passivity_reset_us, "us", 1000.0f, 1.0e7f, "without force for so long: the energy account starts anew",        \
+    ROWS(speed_max, "joint unit/s", 0.01f, 1000.0f, "largest joint speed; a higher one is an encoder jump")            \
+    ROWS(torque_max, "N m or N", 0.0f, 100.0f, "largest torque of each motor")                                         \
+    ROW(force_max_N, "N", 0.0f, 20.0f, "largest force at the tip, vector sum", 0.0f)                                   \
+    ROW(axis_power_max_W, "W", 0.01f, 100.0f, "largest power that one joint delivers to the hand", 3.0f)               \
+    ROW(power_max_W, "W", 0.01f, 100.0f, "largest power that all joints deliver to the hand", 5.0f)                    \
+    ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "largest rate of change of the force vector", 600.0f)                    \
+    ROW(axis_slew_max_N_s, "N/s", 10.0f, 20000.0f, "largest rate of change along one world axis", 450.0f)              \
+    ROW(stiffness_max_N_m, "N/m", 1.0f, 1.0e6f, "largest Frobenius norm of a received or estimated stiffness",         \
+        5000.0f)                                                                                                       \
+    ROW(horizon_us, "us", 1000.0f, 2.0e6f, "longest extrapolation in time after t_n", 150000.0f)                       \
+    ROW(horizon_m, "m", 1.0e-5f, 0.2f, "longest extrapolation in position from P_n", 0.02f)                            \
+    ROW(ratio_max, "1", 0.5f, 100.0f, "largest extrapolated change of force, as a multiple of the last difference",    \
+        4.0f)                                                                                                          \
+    ROW(standstill_m, "m", 1.0e-7f, 0.01f, "displacement below which no stiffness is estimated: about two counts",     \
+        5.0e-5f)                                                                                                       \
+    ROW(blend_us, "us", 0.0f, 1.0e6f, "time from no force to the complete force", 70000.0f)                            \
+    ROW(patch_stale_us, "us", 1000.0f, 2.0e6f, "age of t_n above which a patch is not used", 300000.0f)                \
+    ROW(stale_us, "us", 5000.0f, 2.0e6f, "age of t_n at which the force begins to ramp down", 100000.0f)               \
+    ROW(fade_us, "us", 1000.0f, 1.0e6f, "time of the ramp down to no force", 40000.0f)                                 \
+    ROW(ramp_us, "us", 1000.0f, 5.0e6f, "time of the ramp up to the complete force", 200000.0f)                        \
+    ROW(device_pause_us, "us", 4000.0f, 1.0e6f, "encoder silence after which the force is set to 0", 12000.0f)         \
+    ROW(tick_pause_us, "us", 3000.0f, 1.0e6f, "lateness of a tick after which the force is set to 0", 15000.0f)        \
+    ROW(device_timeout_us, "us", 4000.0f, 1.0e6f, "encoder silence after which there is a fault", 100000.0f)           \
+    ROW(tick_timeout_us, "us", 3000.0f, 1.0e6f, "lateness of a tick after which there is a fault", 250000.0f)          \
+    ROW(self_test_us, "us", 2000.0f, 5.0e6f, "time of good frames before the self test is passed", 100000.0f)          \
+    ROW(self_test_timeout_us, "us", 10000.0f, 6.0e7f, "time after which the self test has failed", 3.0e6f)             \
+    ROW(stuck_us, "us", 10000.0f, 1.0e7f, "time of an unchanged count after which an encoder is stuck", 150000.0f)     \
+    ROW(stuck_torque, "1", 0.05f, 2.0f, "change of torque in that time, as a share of its maximum", 0.4f)              \
+    ROW(passivity_damping_max_N_s_m, "N s/m", 0.0f, 200.0f, "largest damping of the passivity controller", 20.0f)      \
+    ROW(passivity_reset_us, "us", 1000.0f, 1.0e7f, "time without force after which the energy account is reset",       \
         50000.0f)                                                                                                      \
     ROW(coupling_N_m, "N/m", 50.0f, 1.0e5f, "stiffness above which the virtual coupling carries the force", 2000.0f)   \
-    ROW(coupling_N_s_m, "N s/m", 0.0f, 200.0f, "its damping", 2.0f)                                                    \
+    ROW(coupling_N_s_m, "N s/m", 0.0f, 200.0f, "damping of the virtual coupling", 2.0f)                                \
     ROW(velocity_filter_us, "us", 0.0f, 100000.0f, "time constant of the velocity estimate", 8000.0f)
 
 #define RANGE(field, unit, low, high, ...)                                                                             \

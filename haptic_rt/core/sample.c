@@ -11,12 +11,12 @@ static const float STIFFNESS_HUGE_N_m = 1.0e9f;
 static const char *const reject_text[HRT_REJECT_COUNT] = {
     "accepted",
     "a value is not finite",
-    "a value is beyond any sense",
+    "a value is outside its range",
     "the compliance is not positive semidefinite",
     "a count or an index is out of range",
     "for another controller or instrument",
     "from the future",
-    "overtaken by a newer one",
+    "older than the newest one",
 };
 
 const char *hrt_reject_text(hrt_reject reject) {

@@ -19,7 +19,8 @@ static bool fill(const hrt_table *t, const char *path, const hrt_device_type *de
         key[r].active = active >= 0 && row[active] != 0.0;
         if (row[time] < 0.0 || (r > 0 && row[time] <= key[r - 1].time_s)) {
             app_bad_input(path, t->line[r],
-                          "time %g s is not later than the row before; write rows in ascending time from 0", row[time]);
+                          "time %g s is not later than that of the previous row; write rows in ascending time from 0",
+                          row[time]);
             return false;
         }
     }

@@ -51,15 +51,15 @@ static void usage(void) {
         "\n"
         "  --bus ADDRESS         " HRT_BUS_ADDRESSES "\n"
         "  --instrument N         0 or 1 (0)\n"
-        "  --device-type NAME     what it is; haptic-rt --list says which there are (impulse_engine)\n"
-        "  --hand FILE            CSV: time_s, the joints by name, [active]; `lcm` follows HAND_N; without, it rests\n"
-        "  --start A,B,...        joints at rest: of the Impulse Engine pitch and yaw rad, insertion m, roll rad, grip (0,0,0.1,0,0)\n"
-        "  --repeat               begin the script again at its end\n"
-        "  --straight             straight lines between rows instead of minimum-jerk\n"
-        "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
-        "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
-        "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
-        "  --profile FILE, --set NAME=VALUE   device profile; --params prints it\n"
+        "  --device-type NAME     type of device; haptic-rt --list lists them (impulse_engine)\n"
+        "  --hand FILE            motion of the hand: CSV of time_s, joints by name, [active]; `lcm`: follow HAND_N (at rest)\n"
+        "  --start A,B,...        first joint values; Impulse Engine: pitch, yaw rad, insertion m, roll rad, grip (0,0,0.1,0,0)\n"
+        "  --repeat               repeat the file of --hand\n"
+        "  --straight             interpolate rows by straight lines instead of minimum jerk\n"
+        "  --tremor M             add tremor of this amplitude at the tip, m, about 9 Hz (0)\n"
+        "  --grasp GAIN           strength of the hand: 1 as configured, 0 releases the device (1)\n"
+        "  --noise COUNTS         add noise to the encoders, RMS counts (0), from --seed N (1)\n"
+        "  --profile FILE, --set NAME=VALUE   read a device profile, set one parameter; --params prints all\n"
         "  --lcm-url URL          LCM for --hand lcm (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --key FILE, --no-key   as of haptic-rt, for --hand lcm\n"
         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
@@ -87,8 +87,10 @@ static bool read_start(const char *text, const hrt_device_type *device, double j
         joint[j] = strtod(at, &end);
         const bool good = end != at && fabs(joint[j]) < 100.0 && *end == (j + 1 < device->joints ? ',' : 0);
         if (!good)
-            return app_bad_input("--start", 0, "'%s' is no place; a %s has %d joints, each below 100: write A,B,...",
-                                 text, device->name, device->joints),
+            return app_bad_input(
+                       "--start", 0,
+                       "'%s' is not a list of joint values; a %s has %d joints, each below 100: write A,B,...", text,
+                       device->name, device->joints),
                    false;
         at = end + 1;
     }
@@ -194,16 +196,16 @@ static void log_commands(const program *p, uint32_t *seen, int *quiet_looks, boo
     *quiet_looks = come ? 0 : *quiet_looks + 1;
     *seen = commands;
     if (come && (*told || first))
-        app_say("tm-device: commands come");
+        app_say("tm-device: receiving commands");
     else if (!come && !*told && *quiet_looks >= QUIET_LOOKS)
-        app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->common.bus);
+        app_say("tm-device: waiting for commands on %s; start haptic-rt, in any order", p->common.bus);
     *told = *told ? !come : *quiet_looks >= QUIET_LOOKS;
 }
 
 static void watch(program *p) {
-    static const char *const fault_text[] = {"well again", "commands stopped: torque dropped; waits for \"motors off\"",
-                                             "ten corrupt commands in a row: torque dropped; waits for a reset",
-                                             "the bus is off: torque dropped"};
+    static const char *const fault_text[] = {
+        "well again", "commands stopped: torque set to 0, waiting for the command \"motors off\"",
+        "ten corrupt commands in a row: torque set to 0, waiting for a reset", "the bus is off: torque set to 0"};
     bool told_wait = false;
     int looks = 0, quiet_looks = 0, told_fault = 0;
     uint32_t seen = 0;

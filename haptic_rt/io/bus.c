@@ -17,14 +17,15 @@ bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size) {
         const size_t length = strlen(kinds[k].before);
         if (strncmp(address, kinds[k].before, length) == 0) return kinds[k].open(bus, address + length, why, why_size);
     }
-    snprintf(why, (size_t)why_size, "'%s' names no bus; use %s", address, &HRT_BUSES(OR)[4]);
+    snprintf(why, (size_t)why_size, "'%s' is not a bus address; use %s", address, &HRT_BUSES(OR)[4]);
     return false;
 }
 
 bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size) {
     if (device->joints <= HRT_CAN_JOINTS) return true;
-    snprintf(why, (size_t)why_size, "a %s has %d joints, and the CAN bus carries %d; choose a device of so many",
-             device->name, device->joints, HRT_CAN_JOINTS);
+    snprintf(why, (size_t)why_size,
+             "a %s has %d joints, and the CAN frames carry %d; choose a device with at most that many", device->name,
+             device->joints, HRT_CAN_JOINTS);
     return false;
 }
 

@@ -166,13 +166,13 @@ bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_s
     memset(bus, 0, sizeof *bus);
     bus->fd = bus->claim_fd = -1;
     if (interface[0] == 0 || strlen(interface) >= IFNAMSIZ) {
-        snprintf(why, (size_t)why_size, "'%s' is no interface name; use for example socketcan:can0", interface);
+        snprintf(why, (size_t)why_size, "'%s' is not an interface name; use for example socketcan:can0", interface);
         return false;
     }
     snprintf(bus->name, sizeof bus->name, "%s", interface);
     handover *h = malloc(sizeof *h);
     if (!h) {
-        snprintf(why, (size_t)why_size, "cannot open %s: out of memory", interface);
+        snprintf(why, (size_t)why_size, "cannot open %s: out of memory; close other programs", interface);
         return false;
     }
     *h = (handover){.fresh_fd = -1, .old_fd = -1};

@@ -86,7 +86,7 @@ static bool folder(char *directory, size_t size, char *why, int why_size) {
     else
         default_folder(directory, size);
     if ((mkdir(directory, 0700) != 0 && errno != EEXIST) || stat(directory, &st) != 0 || !S_ISDIR(st.st_mode)) {
-        snprintf(why, (size_t)why_size, "%s is not a directory that can be made (%s); set TM_BUS_DIR to one", directory,
+        snprintf(why, (size_t)why_size, "directory %s cannot be made (%s); set TM_BUS_DIR to another", directory,
                  strerror(errno));
         return false;
     }
@@ -102,7 +102,7 @@ bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, in
     char directory[200];
     if (name[0] == 0 || strchr(name, '/') || strlen(name) > 32) {
         snprintf(why, (size_t)why_size,
-                 "a virtual bus is named by 1 to 32 characters without '/'; use for example virtual:bus0");
+                 "the name of a virtual bus needs 1 to 32 characters without '/'; use for example virtual:bus0");
         return false;
     }
     if (!folder(directory, sizeof directory, why, why_size)) return false;
@@ -223,9 +223,9 @@ static void map_anew(hrt_virtual_hold *hold) {
 }
 
 const char *hrt_virtual_look(hrt_virtual_hold *hold) {
-    static const char *const text[] = {"its file is there again", "its file was cut short under way",
-                                       "its file was removed or replaced under way",
-                                       "somebody else has this program's place on the new file; end one of the two"};
+    static const char *const text[] = {"its file exists again", "its file was truncated while in use",
+                                       "its file was removed or replaced while in use",
+                                       "another program uses this program's slot in the new file; end one of the two"};
     struct stat st = {.st_size = 0};
     int trouble = atomic_load(&hold->trouble);
     if (trouble == HRT_VIRTUAL_WELL) {

@@ -22,7 +22,8 @@ static int whole_number(const char *option, const char *text, double low, double
 /* Selects the device and its default parameters. */
 static int take_device_type(hrt_common *c, const char *name) {
     const int32_t type = hrt_device_type_find(name);
-    if (type < 0) return app_bad_input("--device-type", 0, "'%s' is none; haptic-rt --list says which there are", name);
+    if (type < 0)
+        return app_bad_input("--device-type", 0, "'%s' is not a device type; haptic-rt --list lists them", name);
     if (c->params_read) return app_bad_input("--device-type", 0, "comes after --profile or --set; put it before them");
     hrt_params_of_device(&c->params, hrt_device_types[type]);
     return -1;
@@ -80,7 +81,7 @@ static int take(const hrt_command_line *line, hrt_common *c, int option, const c
 int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc, char **argv) {
     opterr = 0;
     for (int option; (option = getopt_long(argc, argv, ":h", line->option, NULL)) != -1;) {
-        if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see %s --help", line->program);
+        if (option == '?') return app_bad_input(argv[optind - 1], 0, "unknown option; see %s --help", line->program);
         if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see %s --help", line->program);
         const int code = take(line, common, option, optarg);
         if (code >= 0) return code;

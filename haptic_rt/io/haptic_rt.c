@@ -201,7 +201,7 @@ static int write_json(program *p, cJSON *json) {
 static void print_stats(const program *p) {
     printf("haptic-rt: %lld ticks, %lld missed, %s%s\n", (long long)p->loop.ticks, (long long)p->loop.missed,
            p->loop.real_time ? "SCHED_FIFO" : "normal scheduling",
-           p->loop.awake_fd >= 0 ? ", idle states held off" : "");
+           p->loop.awake_fd >= 0 ? ", idle states disabled" : "");
     hrt_print_quantiles("lateness", &p->loop.lateness);
     hrt_print_quantiles("duration", &p->loop.duration);
     for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_print_quantiles(stage_name[i], &p->stage[i]);

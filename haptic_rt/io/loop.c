@@ -87,7 +87,7 @@ static void hold_idle_states(hrt_loop *l) {
     }
     if (errno != ENOENT)
         app_say(
-            "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states",
+            "%s: idle states cannot be disabled (/dev/cpu_dma_latency: %s), so an idle processor wakes late; permit this user to write the file, or add --idle-states",
             l->program, strerror(errno));
     if (fd >= 0) close(fd);
 }
@@ -96,7 +96,7 @@ bool hrt_loop_start(hrt_loop *l) {
     hold_idle_states(l);
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
         app_say(
-            "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK",
+            "%s: memory is not locked (%s), so page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK",
             l->program, strerror(errno));
     if (l->priority > 0) {
         const struct sched_param p = {.sched_priority = l->priority};
@@ -106,7 +106,7 @@ bool hrt_loop_start(hrt_loop *l) {
         sched_getparam(0, &old);
         if (sched_setscheduler(0, SCHED_FIFO, &p) != 0)
             app_say(
-                "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO",
+                "%s: no SCHED_FIFO (%s), so the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO",
                 l->program, strerror(errno));
         else
             sched_setscheduler(0, policy, &old);
@@ -117,7 +117,7 @@ bool hrt_loop_start(hrt_loop *l) {
     int error = pthread_create(&l->thread, &attributes, run, l);
     if (error == EAGAIN) { /* a small lock limit leaves no memory for a stack */
         munlockall();
-        app_say("%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK",
+        app_say("%s: memory is not locked, as the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK",
                 l->program);
         error = pthread_create(&l->thread, &attributes, run, l);
     }

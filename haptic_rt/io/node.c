@@ -106,11 +106,13 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
     struct hrt_slot *slot = &box->slot[box->write];
     if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
     if (m->tool_session == 0) { /* every simulation starts so; not counted as rejected */
-        atomic_store(&node->refusal, "they answer no controller: tm-sim does not hear this one; see what it says");
+        atomic_store(
+            &node->refusal,
+            "they answer no controller, as tm-sim does not receive this one's messages; see the messages of tm-sim");
         return HRT_REJECT_FOREIGN;
     }
     if (m->tool_session != node->config.session)
-        return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see what tm-sim says of this one");
+        return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see the messages of tm-sim");
     hrt_reject verdict = hrt_sample_from_message(m, node->pose_posted.trocar_m, node->config.mode != HRT_MODE_GRASPER,
                                                  &node->config.params, &slot->sample);
     const char *words = NULL;

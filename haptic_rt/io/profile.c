@@ -18,6 +18,18 @@ static int32_t find(const char *name) {
     return r;
 }
 
+/* Checks `device = NAME`: a profile of another device may fit by its counts, and would move this one wrongly. */
+static bool check_device(char *value, const hrt_params *params, const char *file, int line) {
+    char *rest = NULL;
+    const char *name = strtok_r(value, " \t\r\n", &rest);
+    if (name && strcmp(name, params->device->name) == 0) return true;
+    app_bad_input(
+        file, line,
+        "the profile is of device '%s', and this device is '%s'; add --device-type %s, or give a profile of %s",
+        name ? name : "", params->device->name, name ? name : "NAME", params->device->name);
+    return false;
+}
+
 /* Sets a parameter from `text`, "name = value value", which it modifies. */
 static bool set(char *text, hrt_params *params, const char *file, int line) {
     char *value = strchr(text, '='), *rest = NULL;
@@ -27,9 +39,10 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
     }
     *value++ = 0;
     const char *name = strtok_r(text, " \t\r\n", &rest);
+    if (name && strcmp(name, "device") == 0) return check_device(value, params, file, line);
     const int32_t r = name ? find(name) : hrt_param_count;
     if (r == hrt_param_count) {
-        app_bad_input(file, line, "'%s' is no parameter; see haptic-rt --params", name ? name : "");
+        app_bad_input(file, line, "'%s' is not a parameter; see haptic-rt --params", name ? name : "");
         return false;
     }
     const hrt_param_range *row = &hrt_param_table[r];
@@ -41,20 +54,21 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
         char *end;
         const float x = strtof(cell, &end);
         if (*end || i == values_of || !(x >= row->min && x <= row->max)) {
-            app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell, values_of,
-                          (double)row->min, (double)row->max, unit);
+            app_bad_input(file, line, "%s: '%s' is not allowed; give %d value(s) from %g to %g, unit %s", name, cell,
+                          values_of, (double)row->min, (double)row->max, unit);
             return false;
         }
         values(params, row)[i] = x;
     }
-    if (i != values_of) app_bad_input(file, line, "%s: %d value(s), needs %d, in %s", name, i, values_of, unit);
+    if (i != values_of)
+        app_bad_input(file, line, "%s: %d value(s) are given; give %d, unit %s", name, i, values_of, unit);
     return i == values_of;
 }
 
 bool hrt_profile_set(const char *text, hrt_params *params) {
     char copy[1024];
     if (strlen(text) >= sizeof copy) {
-        app_bad_input("--set", 0, "longer than any parameter; write NAME=VALUE");
+        app_bad_input("--set", 0, "it is longer than any parameter; write NAME=VALUE");
         return false;
     }
     strcpy(copy, text);
@@ -71,7 +85,7 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
     hrt_lines_close(&lines);
     const int32_t bad = good ? hrt_params_check(params) : -1;
     if (bad >= 0)
-        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; repair it",
+        app_bad_input(path, 0, "%s is out of range, or its lower end is not below its upper end; correct it",
                       hrt_param_text[bad].name);
     return good && bad < 0;
 }
@@ -79,7 +93,7 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
 void hrt_profile_write(FILE *file, const hrt_params *params) {
     fprintf(file, "# %s. Joints:", params->device->text);
     for (int32_t j = 0; j < params->device->joints; j++) fprintf(file, " %s", params->device->joint[j].name);
-    fputc('\n', file);
+    fprintf(file, "\ndevice = %s\n", params->device->name);
     for (int32_t r = 0; r < hrt_param_count; r++) {
         const hrt_param_range *row = &hrt_param_table[r];
         const hrt_param_words *words = &hrt_param_text[r];

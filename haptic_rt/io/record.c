@@ -68,7 +68,7 @@ int hrt_record_end(hrt_record *r) {
     const uint64_t lost = atomic_load(&r->lost);
     if (lost == 0) return code;
     return app_bad_input(r->output.path, 0,
-                         "%" PRIu64 " ticks are missing: the disk was slower than the loop; record to a faster one",
+                         "%" PRIu64 " ticks are missing, as the disk was slower than the loop; record to a faster disk",
                          lost),
            APP_FAILED;
 }

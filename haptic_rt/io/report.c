@@ -32,12 +32,11 @@ void hrt_report_refused(cJSON *json, hrt_live *live) {
 void hrt_log_refused(const char *program, hrt_live *live, hrt_live_refused *told) {
     const hrt_live_refused now = hrt_live_refusals(live);
     if (memcmp(&now, told, sizeof now) == 0) return;
-    app_say(
-        "%s: refused since the last such line: %lld messages not whole, %lld without the key's tag or heard before, "
-        "%lld commands, %lld packets that are none of ours, %lld of other machines",
-        program, (long long)(now.malformed - told->malformed), (long long)(now.forged - told->forged),
-        (long long)(now.commands - told->commands), (long long)(strange(&now) - strange(told)),
-        (long long)(now.packets.foreign - told->packets.foreign));
+    app_say("%s: refused since the last such message: %lld incomplete messages, %lld without the key's tag or "
+            "repeated, %lld commands, %lld packets of other programs, %lld of other machines",
+            program, (long long)(now.malformed - told->malformed), (long long)(now.forged - told->forged),
+            (long long)(now.commands - told->commands), (long long)(strange(&now) - strange(told)),
+            (long long)(now.packets.foreign - told->packets.foreign));
     *told = now;
 }
 
@@ -78,6 +77,6 @@ bool hrt_option_number(const char *option, const char *text, double low, double 
     char *end;
     *value = strtod(text, &end);
     if (end != text && *end == 0 && *value >= low && *value <= high) return true;
-    app_bad_input(option, 0, "'%s' is no number of %g..%g; give one", text, low, high);
+    app_bad_input(option, 0, "'%s' is not a number from %g to %g; give one", text, low, high);
     return false;
 }

@@ -18,31 +18,31 @@ static void usage(void) {
         "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES ",\n"
         "                          or a device with a service or library of its own: --list says which there are (docs/devices.md)\n"
         "  --workspace SETTINGS     of such a device: scale=S,depth=M,clutch=BUTTON,grip=BUTTON (scale=1,depth=0.1,clutch=0,grip=1)\n"
-        "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
+        "  --instrument N           0 or 1: selects channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and CAN ids (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
         "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (adaptive)\n"
-        "  --no-passivity           passivity control off (it is on; --passivity says so)\n"
-        "  --coupling               virtual coupling on\n"
-        "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
-        "  --device-type NAME       what the device is; --list says which there are (impulse_engine)\n"
-        "  --profile FILE           device profile and parameters, after --device-type\n"
-        "  --set NAME=VALUE         one parameter; may be repeated\n"
+        "  --no-passivity           switch passivity control off (it is on; --passivity)\n"
+        "  --coupling               switch the virtual coupling on\n"
+        "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   set the trocar's pose, m, world axes (that of SIM_STATUS)\n"
+        "  --device-type NAME       type of device; --list lists them (impulse_engine)\n"
+        "  --profile FILE           read a device profile; it follows --device-type\n"
+        "  --set NAME=VALUE         set one parameter; may be repeated\n"
         "  --params                 print all parameters with range and unit, and end\n"
         "  --lcm-url URL            LCM (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
-        "  --key FILE               shared with tm-sim: only messages sealed with it are taken (docs/trust.md)\n"
-        "  --no-key                 take anybody's messages, though the URL lets them come from other machines\n"
-        "  --samples FILE           recorded samples (CSV) instead of LCM; with --lcm-url, beside it\n"
-        "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
+        "  --key FILE               accept only messages authenticated by this key, shared with tm-sim (docs/trust.md)\n"
+        "  --no-key                 accept messages of every sender, even if the URL admits other machines\n"
+        "  --samples FILE           read recorded samples (CSV) instead of LCM; with --lcm-url, as well as LCM\n"
+        "  --replay                 accept samples of lcm-logplayer, which answered another controller\n"
         "  --rate HZ                ticks a second, 100..2000 (500)\n"
-        "  --duration S             end after so long (never)\n"
+        "  --duration S             end after this time (never)\n"
         "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
         "  --idle-states            let idle processors sleep: less power, later ticks\n"
-        "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
-        "  --stats                  timing figures at the end\n"
-        "  --json FILE              all figures at the end\n"
-        "  --record FILE            every tick as CSV\n"
-        "  --quiet                  trouble alone is said, not that all is well\n"
-        "  --list                   names of extrapolators, modes and buses, and the devices that are there\n"
+        "  --auto-reset S           reset a fault after this time; for demonstrations and tests\n"
+        "  --stats                  print timing at the end\n"
+        "  --json FILE              write all figures at the end\n"
+        "  --record FILE            write every tick as CSV\n"
+        "  --quiet                  print warnings and errors only\n"
+        "  --list                   list extrapolators, modes, buses and the devices that are connected\n"
         "  -h, --help, --version\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
@@ -53,13 +53,13 @@ static bool read_vector(const char *option, const char *text, double v[3]) {
     if (sscanf(text, "%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &tail) == 3 && isfinite(v[0]) && isfinite(v[1]) &&
         isfinite(v[2]))
         return true;
-    app_bad_input(option, 0, "'%s' is no vector; write X,Y,Z", text);
+    app_bad_input(option, 0, "'%s' is not a vector; write X,Y,Z", text);
     return false;
 }
 
 static bool read_mode(const char *text, hrt_mode *mode) {
     if (hrt_mode_find(text, mode)) return true;
-    app_bad_input("--mode", 0, "'%s' is no mode; use one of" HRT_MODE_NAMES, text);
+    app_bad_input("--mode", 0, "'%s' is not a mode; use one of" HRT_MODE_NAMES, text);
     return false;
 }
 
@@ -128,7 +128,8 @@ static int take(void *user, int option, const char *text) {
     case O_MODE: return checked(read_mode(text, &s->node.mode));
     case O_EXTRAPOLATOR:
         if (hrt_extrapolator_find(text, &s->node.extrapolator)) return -1;
-        return app_bad_input("--extrapolator", 0, "'%s' is none; use one of" HRT_EXTRAPOLATOR_NAMES, text);
+        return app_bad_input("--extrapolator", 0, "'%s' is not an extrapolator; use one of" HRT_EXTRAPOLATOR_NAMES,
+                             text);
     case O_PASSIVITY:
     case O_NO_PASSIVITY: s->node.passivity = option == O_PASSIVITY; return -1;
     case O_COUPLING: s->node.coupling = true; return -1;
@@ -153,9 +154,10 @@ static int consistent(const hrt_settings *s) {
     const float axis[3] = {(float)a[0], (float)a[1], (float)a[2]}, up[3] = {(float)u[0], (float)u[1], (float)u[2]};
     const int32_t crossed = hrt_params_check(&s->node.params);
     if (!hrt_axes_along(&axes, s->node.params.device, axis, up))
-        return app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
+        return app_bad_input("--axis", 0, "is zero or parallel to --up; give two different directions");
     if (crossed < 0) return -1;
-    return app_bad_input("--set", 0, "%s: lower end not below upper end; repair it", hrt_param_text[crossed].name);
+    return app_bad_input("--set", 0, "%s: its lower end is not below its upper end; correct it",
+                         hrt_param_text[crossed].name);
 }
 
 int hrt_settings_read(hrt_settings *s, int argc, char **argv) {

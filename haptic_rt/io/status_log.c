@@ -22,7 +22,7 @@ void hrt_status_log_line(double time_s, const char *format, ...) {
 
 static void log_now(hrt_status_log_state *said, double time_s) {
     if (said->count > 1)
-        hrt_status_log_line(time_s, "%s (%" PRId64 " times since it was said last)", said->text, said->count);
+        hrt_status_log_line(time_s, "%s (%" PRId64 " times since the last such message)", said->text, said->count);
     else
         hrt_status_log_line(time_s, "%s", said->text);
     said->count = 0;
@@ -72,15 +72,15 @@ static void log_silence(hrt_teller *t, const hrt_facts *f) {
     if (fresh > 0) {
         const int64_t more = t->logged.unsaid + fresh - 1;
         if (more > 0)
-            hrt_status_log_line(f->time_s, "the simulation went silent, and %" PRId64 " times since it was said last",
-                                more);
+            hrt_status_log_line(
+                f->time_s, "no samples from the simulation, and %" PRId64 " times since the last such message", more);
         else
-            hrt_status_log_line(f->time_s, "the simulation went silent; force fades to zero");
+            hrt_status_log_line(f->time_s, "no samples from the simulation; force ramps down to zero");
         t->logged.silent = true;
         t->logged.silent_s = f->time_s;
         t->logged.unsaid = 0;
     } else if (t->logged.silent && f->state == HRT_ENGAGED) {
-        hrt_status_log_line(f->time_s, "the simulation is back");
+        hrt_status_log_line(f->time_s, "samples from the simulation again");
         t->logged.silent = false;
     }
 }
@@ -89,9 +89,9 @@ static void log_state(hrt_teller *t, const hrt_facts *f) {
     const int before = t->logged.state;
     if ((int)f->state == before) return;
     t->logged.state = (int)f->state;
-    if (before == HRT_FAULT) log_kind(t, HRT_LOG_RESET, f, "reset: begins anew");
+    if (before == HRT_FAULT) log_kind(t, HRT_LOG_RESET, f, "fault reset; starting again");
     if (before == HRT_BOOT && f->state != HRT_FAULT && !app_is_quiet())
-        log_kind(t, HRT_LOG_DEVICE, f, "device %d is here", t->instrument);
+        log_kind(t, HRT_LOG_DEVICE, f, "device %d is connected", t->instrument);
     if (f->state == HRT_ENGAGED && before != HRT_STALE && !app_is_quiet()) log_kind(t, HRT_LOG_ENGAGED, f, "engaged");
     if (f->state == HRT_FAULT)
         log_kind(t, HRT_LOG_FAULT, f, "fault %s (%d): %s", hrt_fault_name(f->fault), f->detail,
@@ -114,26 +114,26 @@ static void log_wait(hrt_teller *t, const hrt_facts *f, int wait, bool again) {
     const int64_t come = f->samples - t->logged.samples, taken = f->taken - t->logged.taken;
     if (wait == WAITS_DEVICE && again)
         log_kind(t, HRT_LOG_WAIT + wait, f,
-                 "%" PRId64 " frames came on %s, no encoders of device %d among them; see --instrument",
+                 "%" PRId64 " frames received on %s, none with encoders of device %d; check --instrument",
                  f->frames - t->logged.frames, t->bus, t->instrument);
     else if (wait == WAITS_DEVICE)
-        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for device %d on %s (start tm-device; any order is fine)",
-                 t->instrument, t->bus);
+        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for device %d on %s; start tm-device, in any order", t->instrument,
+                 t->bus);
     else if (wait == WAITS_QUIET)
-        log_kind(t, HRT_LOG_WAIT + wait, f, "device %d stopped speaking: its motors get no torque until it is back",
+        log_kind(t, HRT_LOG_WAIT + wait, f, "device %d stopped sending; its motors get no torque until it sends again",
                  t->instrument);
     else if (wait == WAITS_POSE)
         log_kind(t, HRT_LOG_WAIT + wait, f,
-                 "waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar");
+                 "waiting for the trocar's pose in SIM_STATUS of tm-sim; start tm-sim, or give --trocar");
     else if (wait == WAITS_SAMPLES && again)
         log_kind(t, HRT_LOG_WAIT + wait, f,
-                 "waiting for fresh samples: of %" PRId64 " that came %" PRId64 " were taken; %s", come, taken,
+                 "waiting for new samples: of %" PRId64 " received %" PRId64 " were accepted; %s", come, taken,
                  f->refusal ? f->refusal : "they are too old");
     else if (wait == WAITS_SAMPLES)
-        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for fresh samples: %s",
-                 t->from_file ? "the file's" : "FORCE of tm-sim (any order is fine)");
+        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for new samples: %s",
+                 t->from_file ? "those of the file" : "start tm-sim, or wait for its FORCE messages");
     else if (again)
-        log_kind(t, HRT_LOG_WAIT + wait, f, "still in fault %s: waiting for a reset (%s)", hrt_fault_name(f->fault),
+        log_kind(t, HRT_LOG_WAIT + wait, f, "still in fault %s, waiting for a reset (%s)", hrt_fault_name(f->fault),
                  hrt_fault_text(f->fault));
 }
 
@@ -166,7 +166,7 @@ static void log_refused(hrt_teller *t, const hrt_facts *f) {
 static void log_gaps(hrt_teller *t, const hrt_facts *f) {
     if (f->command_gaps == t->logged.gaps || f->time_s < t->logged.gaps_s + again_s) return;
     hrt_status_log_line(f->time_s,
-                        "the device missed %" PRId64 " commands; look at the bus's load, cable and termination",
+                        "the device missed %" PRId64 " commands; check load, cable and termination of the bus",
                         f->command_gaps - t->logged.gaps);
     t->logged.gaps = f->command_gaps;
     t->logged.gaps_s = f->time_s;
@@ -174,7 +174,7 @@ static void log_gaps(hrt_teller *t, const hrt_facts *f) {
 
 static void log_unstable(hrt_teller *t, const hrt_facts *f) {
     if (f->unstable == t->logged.unstable || f->time_s < t->logged.unstable_s + again_s) return;
-    hrt_status_log_line(f->time_s, "the simulation says that its step failed; force fades to zero");
+    hrt_status_log_line(f->time_s, "the simulation reports that its step failed; force ramps down to zero");
     t->logged.unstable = f->unstable;
     t->logged.unstable_s = f->time_s;
 }

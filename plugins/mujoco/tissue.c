@@ -131,8 +131,9 @@ static void reset(const mjModel *m, mjtNum *state, void *data, int instance) {
 
 static void copy(mjData *to, const mjModel *m, const mjData *from, int instance) {
     (void)m;
-    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames && tissue_of(to, instance))
-        mju_warning("tensormass.tissue: the copy's tissue begins at rest");
+    if (tissue_of(from, instance) && tm_scene_get_info(tissue_of(from, instance)->scene).frames &&
+        tissue_of(to, instance))
+        mju_warning("tensormass.tissue: the tissue of a copied model starts undeformed");
 }
 
 /* Applies the last frame's tip forces to the bodies. */

@@ -67,7 +67,7 @@ cd {ROOT}
 printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,0\\n' > $TMPDIR/s.csv
 {CONTROLLER} 60 --samples $TMPDIR/s.csv --trocar 0,0,0 2> $OUT/c.txt & c=$!
 {DEVICE} 60 2> $OUT/d.txt & d=$!
-until grep -q 'waiting for fresh' $OUT/c.txt; do sleep 0.05; done
+until grep -q 'waiting for new' $OUT/c.txt; do sleep 0.05; done
 {CONTROLLER} 1 --samples $TMPDIR/s.csv 2> $OUT/c2.txt; echo controller $? >> $OUT/codes
 {DEVICE} 1 2> $OUT/d2.txt; echo device $? >> $OUT/codes
 {CONTROLLER} 0.5 --instrument 1 --samples $TMPDIR/s.csv 2> $OUT/other.txt; echo other $? >> $OUT/codes

@@ -170,7 +170,7 @@ try:
         run(0.3)
         run(0.6, forces=False)
         snapshot("simulation_gone", lambda: saw["status"].state in (IDLE, FAULT), forces=False)
-        if saw["status"].state == IDLE and "the simulation went silent" in logs():
+        if saw["status"].state == IDLE and "no samples from the simulation" in logs():
             break
     controller.terminate()
     seen["exit"] = controller.wait(PATIENCE_S)

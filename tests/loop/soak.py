@@ -22,7 +22,7 @@ from tensormass_lcm import controller_status_t, force_sample_t  # noqa: E402
 
 # Beside the second that is promised: what a busy machine may take for starting a program and for scheduling it.
 SECOND, SLACK, AT_LAST = 1.0, 1.0, 15.0
-REASON = re.compile(r"refused|waiting for|fault|is already|went silent|not within|under way")
+REASON = re.compile(r"refused|waiting for|fault|is already|no samples from|not within|while in use")
 YEAR_US = 365 * 86400 * 1000000
 random.seed(seed)
 link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")

@@ -305,12 +305,12 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
         with open(path + ".new", "wb") as file:
             file.truncate(64 + 4096 * 32)
         os.rename(path + ".new", path)
-    what = "its file was cut short" if harm in ("truncate", "shorten") else "its file was removed or replaced"
+    what = "its file was truncated" if harm in ("truncate", "shorten") else "its file was removed or replaced"
     # Whoever comes first makes it whole: the other may find it so, or notice first.
     until(lambda: what in text(controller) + text(device), "it is told", 2)
     watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
     until(lambda: pushing(watch, since), "force on the repaired bus")
-    until(lambda: "its file is there again" in text(controller) + text(device), "that is told too", 2)
+    until(lambda: "its file exists again" in text(controller) + text(device), "that is told too", 2)
     assert device.poll() is None and controller.poll() is None
     until(lambda: refused(ring, controller.args[0], "--trocar", "0,0,0"), "the place is held on the repaired bus", 3)
 
@@ -328,7 +328,7 @@ def test_the_bus_folder_is_the_real_users_and_goes_with_the_last(bin, ring):
         until(lambda: (plain / f"{name}.bus").exists() or first.poll(), "the bus in the folder of who one is outside")
         second = subprocess.run([bin / "haptic-rt", "--bus", bus, "--duration", "0.4" if _ else "1.5"], env=env, capture_output=True, text=True, timeout=120)
         said = first.communicate(timeout=120)[1]
-        assert first.returncode == 0 and second.returncode == 0 and "commands come" in said, said + second.stderr
+        assert first.returncode == 0 and second.returncode == 0 and "receiving commands" in said, said + second.stderr
         assert not (plain / f"{name}.bus").exists()
     assert before or not plain.exists()
 
@@ -344,9 +344,9 @@ def test_the_log_has_times_and_comes_in_pairs(ring):
     assert all(re.fullmatch(r"haptic-rt \d+\.\d{3} s: .+", line) for line in lines), lines
     times = [float(line.split()[1]) for line in lines]
     assert times == sorted(times) and times[-1] < 5.5
-    pairs = [line.split(": ")[1] for line in lines if "went silent" in line or "is back" in line]
+    pairs = [line.split(": ")[1] for line in lines if "no samples from the simulation" in line or "from the simulation again" in line]
     assert len(pairs) >= 6, lines
-    assert all(("went silent" in a) != ("went silent" in b) for a, b in zip(pairs, pairs[1:])), lines
+    assert all(("no samples from the simulation" in a) != ("no samples from the simulation" in b) for a, b in zip(pairs, pairs[1:])), lines
 
 
 def test_a_long_record_takes_no_more_memory_than_a_short_one(bin, ring):
@@ -383,32 +383,32 @@ def test_two_devices_on_one_bus_feel_their_own_forces(ring):
 BAD = [
     ("haptic-rt", [], "--bus"),
     ("haptic-rt", ["--bus", "nonsense"], "virtual:NAME or socketcan:INTERFACE"),
-    ("haptic-rt", ["--bus", "virtual:a/b"], "virtual bus is named by"),
+    ("haptic-rt", ["--bus", "virtual:a/b"], "name of a virtual bus needs"),
     ("haptic-rt", ["--bus", "socketcan:no_such_interface"], "socketcan"),
     ("haptic-rt", ["--bus", "virtual:t", "--extrapolator", "psychic"], "hold time position"),
-    ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "100..2000"),
-    ("haptic-rt", ["--bus", "virtual:t", "--instrument", "2"], "0..1"),
+    ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "from 100 to 2000"),
+    ("haptic-rt", ["--bus", "virtual:t", "--instrument", "2"], "from 0 to 1"),
     ("haptic-rt", ["--bus", "virtual:t", "--trocar", "1,2"], "X,Y,Z"),
     ("haptic-rt", ["--bus", "virtual:t", "--axis", "0,1,0"], "--axis"),
     ("haptic-rt", ["--bus", "virtual:t", "--samples", "missing.csv"], "missing.csv: cannot be read"),
     ("haptic-rt", ["--bus", "virtual:t", "--profile", "missing.profile"], "cannot be read"),
-    ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=99"], "0..20"),
-    ("haptic-rt", ["--bus", "virtual:t", "--set", "farce=1"], "no parameter"),
+    ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=99"], "from 0 to 20"),
+    ("haptic-rt", ["--bus", "virtual:t", "--set", "farce=1"], "not a parameter"),
     ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=3" + " " * 1020 + "9"], "longer than any parameter"),
-    ("haptic-rt", ["--bus", "virtual:t", "--wat"], "no such option"),
+    ("haptic-rt", ["--bus", "virtual:t", "--wat"], "unknown option"),
     ("haptic-rt", ["--bus", "virtual:t", "surplus"], "not an option"),
     ("haptic-rt", ["--bus"], "needs a value"),
     ("tm-device", [], "--bus"),
     ("tm-device", ["--bus", "virtual:t", "--hand", "missing.csv"], "cannot be read"),
-    ("tm-device", ["--bus", "virtual:t", "--tremor", "1"], "0..0.01"),
-    ("tm-device", ["--bus", "virtual:t", "--wat"], "no such option"),
+    ("tm-device", ["--bus", "virtual:t", "--tremor", "1"], "from 0 to 0.01"),
+    ("tm-device", ["--bus", "virtual:t", "--wat"], "unknown option"),
 ]
 
 
 @pytest.mark.parametrize("program,argv,expected", BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else None)
 def test_bad_options(bin, tmp_path, program, argv, expected):
     if any("socketcan:" in a for a in argv):
-        expected = "cannot open no_such_interface" if len("no_such_interface") < 16 else "no interface name"
+        expected = "cannot open no_such_interface" if len("no_such_interface") < 16 else "not an interface name"
     run = subprocess.run([bin / program, *argv], cwd=tmp_path, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=120)
     assert run.returncode == 2 and expected in run.stderr and "; " in run.stderr, run.stderr
     assert [p for p in tmp_path.iterdir() if p.suffix != ".bus"] == []
@@ -421,8 +421,8 @@ def test_bad_options(bin, tmp_path, program, argv, expected):
     ("s.csv", "time_s,fx_N,fy_N,fz_N\n", 0, "holds no rows"),
     ("s.csv", "time_s,fx_N,fy_N,fz_N\n0,0,0,nan\n", 2, "not a finite number"),
     ("h.csv", "time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip\n0,0,0,0.1,0,0\n0,0,0,0.1,0,0\n", 3, "ascending"),
-    ("p.profile", "force_max_N = 8\nfarce = 3\n", 2, "no parameter"),
-    ("p.profile", "# fine\n\njoint_min = 0 0\n", 3, "needs 5"),
+    ("p.profile", "force_max_N = 8\nfarce = 3\n", 2, "not a parameter"),
+    ("p.profile", "# fine\n\njoint_min = 0 0\n", 3, "give 5"),
     ("p.profile", "force_max_N 8\n", 1, "no '='"),
     ("p.profile", "joint_min = 1 1 1 1 1\n", 0, "lower end"),
 ])
@@ -470,6 +470,18 @@ def test_an_unwritable_report_is_told_at_once(bin, tmp_path):
     assert run.returncode == 2 and "such.json" in run.stderr
 
 
+def test_a_profile_of_another_device_is_refused_by_its_name(bin, tmp_path):
+    """Also where all its counts would fit; with the right --device-type it is read."""
+    run = lambda *words: subprocess.run([bin / "haptic-rt", *words, "--params"], capture_output=True, text=True, timeout=120)
+    path = tmp_path / "desk.profile"
+    lines = run("--device-type", "desk").stdout.splitlines(True)
+    path.write_text("".join(line for line in lines if line.startswith(("device", "force_max_N", "torque_max"))))
+    refused = run("--profile", path)
+    assert refused.returncode == 2 and refused.stdout == ""
+    assert refused.stderr.startswith(f"{path}:1: the profile is of device 'desk', and this device is 'impulse_engine'; add --device-type desk, or"), refused.stderr
+    assert run("--device-type", "desk", "--profile", path).stdout == "".join(lines)
+
+
 def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
     plain, profiled = (subprocess.run([bin / "haptic-rt", *more, "--params"], capture_output=True, text=True, timeout=120).stdout
                        for more in ([], ["--profile", root / "haptic_rt/device/profiles/impulse_engine.profile"]))
@@ -512,9 +524,9 @@ def test_a_desk_device_by_name(ring):
 
 
 @pytest.mark.parametrize("program, words, says", [
-    ("haptic-rt", ["--device-type", "desck"], "'desck' is none; haptic-rt --list says which there are"),
+    ("haptic-rt", ["--device-type", "desck"], "'desck' is not a device type; haptic-rt --list lists them"),
     ("haptic-rt", ["--set", "force_max_N=3", "--device-type", "desk"], "comes after --profile or --set; put it before them"),
-    ("haptic-rt", ["--device-type", "desk", "--set", "joint_min=0,0,0,0,0"], "it has 3 value(s)"),
+    ("haptic-rt", ["--device-type", "desk", "--set", "joint_min=0,0,0,0,0"], "give 3 value(s)"),
     ("tm-device", ["--device-type", "desk", "--start", "0,0,0.1,0,0"], "a desk has 3 joints")])
 def test_a_device_type_that_will_not_do(bin, program, words, says):
     run = subprocess.run([bin / program, "--bus", "virtual:t", *words], capture_output=True, text=True, timeout=60)

@@ -55,12 +55,12 @@ static void a_line_a_second_of_each_kind(void **state) {
                                   .device_here = true});
     for (double from_s = 0; from_s < last_s; from_s += 0.05) {
         assert_true(said("engaged", from_s, from_s + 0.999) <= 1);
-        assert_true(said("waiting for fresh samples", from_s, from_s + 0.999) <= 1);
+        assert_true(said("waiting for new samples", from_s, from_s + 0.999) <= 1);
     }
     const int engaged = said("engaged", 0, last_s);
     print_message("  %d lines in %.0f s of 600 changes\n", lines, last_s);
     assert_in_range(engaged, 20, 30);
-    assert_true(strstr(line[lines - 1].text, "times since it was said last"));
+    assert_true(strstr(line[lines - 1].text, "times since the last such message"));
     int64_t counted = 0;
     for (int i = 0; i < lines; i++) {
         const char *count = strstr(line[i].text, "engaged (");
@@ -94,7 +94,7 @@ static void a_silent_device_is_not_a_silent_simulation(void **state) {
                                   .pose_known = true,
                                   .device_quiet = i >= 10});
     assert_int_equal(said("samples", 0, 2), 0);
-    assert_int_equal(said("device 0 stopped speaking", 0.4, 0.6), 1);
+    assert_int_equal(said("device 0 stopped sending", 0.4, 0.6), 1);
     assert_int_equal(said("waiting for device 0", 0.5, 0.8), 1);
 }
 

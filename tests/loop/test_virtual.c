@@ -79,7 +79,7 @@ static void come_back(hrt_bus *bus, const char *path, int64_t *now_us) {
     hrt_bus_recover(bus, *now_us += 200000);
     assert_int_equal(hrt_bus_state_now(bus), HRT_BUS_OK);
     assert_int_equal(open_files(), files);
-    assert_string_equal(hrt_bus_look(bus), "its file is there again");
+    assert_string_equal(hrt_bus_look(bus), "its file exists again");
     assert_null(hrt_bus_look(bus));
     assert_int_equal(open_files(), files); /* the old one is closed */
 }

@@ -10,7 +10,7 @@ import pytest
 from paths import BUILD, ROOT
 
 PROGRAMS = ("haptic-rt", "tm-device", "tm-sim")
-SAYS = "a wide has 6 joints, and the CAN bus carries 5"
+SAYS = "a wide has 6 joints, and the CAN frames carry 5"
 
 
 def run(*argv, code=0):

@@ -62,7 +62,7 @@ def test_one_packet_from_the_future_locks_nobody_out(session):
 def test_refusals_are_told_with_their_reason_once_a_second(session):
     heard, _, _ = session
     lines = [line for line in heard["said"].splitlines() if "refused" in line]
-    assert any("another session speaks" in line for line in lines) and any("seq is before the newest" in line for line in lines)
+    assert any("another session is sending" in line for line in lines) and any("seq is older than the newest" in line for line in lines)
     assert 3 <= len(lines) <= 7  # in six seconds
 
 

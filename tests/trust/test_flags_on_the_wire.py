@@ -31,4 +31,4 @@ def test_rule(seen, flag):
 
 
 def test_it_says_so_and_comes_back(seen):
-    assert "the simulation says that its step failed" in seen["said"] and seen["pressed_at_the_end"]
+    assert "the simulation reports that its step failed" in seen["said"] and seen["pressed_at_the_end"]

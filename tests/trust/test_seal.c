@@ -99,7 +99,7 @@ static void key_files(void **state) {
     assert_false(app_key_read(path, &key, why, sizeof why));
     assert_non_null(strstr(why, "cannot be read"));
     assert_false(app_key_read("/tmp", &key, why, sizeof why));
-    assert_non_null(strstr(why, "no regular file"));
+    assert_non_null(strstr(why, "not a regular file"));
 }
 
 /* Asked for as soon as messages leave the machine. */

@@ -6,23 +6,23 @@ import sys
 
 import help_text
 
-EXITS = "0: done. 2: bad input, told as file:line: what; what to do. 1: anything else."
+EXITS = "0: done. 2: bad input, reported as file:line: what; what to do. 1: anything else."
 FILES = ("FILE", "FOLDER", "DIR", "SCENE", "MESH", "OUT", "IN", "PREFIX", "SURFACE", "LOG")
 PURPOSE = {
     "tm-sim": "soft tissue in real time or in lockstep",
-    "tm-mesh": "look at tetrahedral meshes, make and repair them",
-    "tm-precompute": "responses of a surface for the precomputed model",
-    "tm-view": "pictures and films of tissue and instruments",
-    "tm-play": "a window whose mouse and keys move the instruments",
-    "tm-scene": "write a first scene of a mesh, and look at one",
-    "tm-organ": "from an image to an organ that is felt, by one command",
-    "tm-study": "many runs of tm-sim in one table",
-    "tm-session": "a live session of a scene by one command",
-    "tm-evaluate": "errors of the extrapolators",
-    "tm-accuracy": "what accuracy costs in time",
-    "tm-stability": "hard cases and their verdicts",
-    "haptic-rt": "the controller of a haptic device",
-    "tm-device": "a virtual haptic device on a CAN bus",
+    "tm-mesh": "inspect, make and repair tetrahedral meshes",
+    "tm-precompute": "compute the responses of a surface for the precomputed model",
+    "tm-view": "draw pictures and videos of tissue and instruments",
+    "tm-play": "open a window in which mouse and keys move the instruments",
+    "tm-scene": "write a first scene for a mesh, and check a scene",
+    "tm-organ": "turn an image into an organ with haptic feedback, by one command",
+    "tm-study": "run tm-sim many times, with results in one table",
+    "tm-session": "start a live session of a scene by one command",
+    "tm-evaluate": "measure the errors of the extrapolators",
+    "tm-accuracy": "measure what accuracy costs in time",
+    "tm-stability": "run hard cases and report their verdicts",
+    "haptic-rt": "control a haptic device",
+    "tm-device": "simulate a haptic device on a CAN bus",
 }
 # Values that a program lists itself.
 LISTED = {"--case": "--list", "--knob": "--list"}
