@@ -17,6 +17,11 @@ void explain_stream(const sim *s, cJSON *json) {
     app_scene_where(s->scene, haptics->rate.line ? haptics->rate.line : haptics->here.line, where, sizeof where);
     printf("force samples: %s%.4g Hz of %d substeps, %s (%s)\n\n", haptics->rate.si == 0 ? "up to " : "", rate_Hz,
            s->substeps / s->samples, with[sends], where);
+    if (sends == SIM_SENDS_PATCH && !s->model->kind->knows_compliance &&
+        (sim_has(s, "rotation") || sim_law_line(s->scene)))
+        printf("patches: compliance of the tangent, %s; a summary says how far it aged (age_max)\n\n",
+               s->exact_patches ? "from a factor that is renewed beside the simulation"
+                                : "by iterations, which follow slowly");
     cJSON *out = cJSON_AddObjectToObject(json, "force_samples");
     cJSON_AddNumberToObject(out, "rate_Hz", rate_Hz);
     cJSON_AddBoolToObject(out, "adapts", haptics->rate.si == 0);

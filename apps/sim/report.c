@@ -100,6 +100,9 @@ void run_report_energy(const sim *s, cJSON *report) {
     add_both(to, s, "tool_work_J", e.tool_work_J);
 }
 
+/* Returns whether the compliance of patches belongs to a tangent, which the tissue moves away from. */
+static bool ages(const sim *s) { return sim_has(s, "rotation") || sim_law_line(s->scene); }
+
 void run_report_coverage(const sim *s, cJSON *report) {
     static const char *const what[] = {"force", "stiffness", "patch"}; /* in the order of sim_sends */
     if (s->can_send == SIM_SENDS_FORCE) return;
@@ -110,6 +113,10 @@ void run_report_coverage(const sim *s, cJSON *report) {
         cJSON_AddStringToObject(to, "of", what[s->can_send]);
         cJSON_AddNumberToObject(to, "touched", (double)of->touched);
         cJSON_AddNumberToObject(to, "carried", (double)of->carried);
+        if (s->can_send == SIM_SENDS_PATCH && ages(s)) cJSON_AddNumberToObject(to, "age_max", of->age_max);
         cJSON_AddItemToArray(list, to);
+        if (of->age_max > 0 && !app_is_quiet())
+            printf("patches of instrument %d: compliance at most %.2g %% off the tangent's (age)\n", i,
+                   100 * of->age_max);
     }
 }

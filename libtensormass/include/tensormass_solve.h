@@ -219,12 +219,13 @@ typedef struct tm_compliance_factor_def {
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
     /* [tet_count] 1: always active, also if not in the tissue (the condensed part of a hybrid); copied; null: none. */
     const uint8_t *condensed;
-    bool corotated; /* the world has the stage "rotation" */
+    bool corotated; /* the world has the stage "rotation"; a nonlinear law is read from the tissue */
 } tm_compliance_factor_def;
 
 /* Factor (CHOLMOD) of the tissue's stiffness, with columns of its inverse for the vertices that patches need. Cuts
  * since the factorisation are low-rank updates (Woodbury), so a patch is exact again one block of columns after a cut.
- * Beyond TMS_TOUCHED_VERTICES touched vertices it is factorised again. Computed on first use. */
+ * Beyond TMS_TOUCHED_VERTICES touched vertices it is factorised again. Computed on first use. Under a nonlinear law it
+ * is the factor of the tangent, which is renewed when its compliance is off by 2 % (tm_compliance.age). */
 typedef struct tm_compliance_factor tm_compliance_factor;
 TM_API tm_compliance_factor_def tm_compliance_factor_def_default(void);
 TM_API tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_compliance_factor **factor,

@@ -21,8 +21,8 @@ static const app_field fields[] = {
      "`local_model`: patch); left out: what `extrapolator` needs"},
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
      "source of the dynamic model's stiffness and patches. `factor`: a Cholesky factor (opens the module "
-     "`solve`; a thread in real time), exact except where `rotation` rotates tissue. `iterations`: a few "
-     "conjugate-gradient iterations a frame; none are ready in the first seconds, and few with `rotation`"},
+     "`solve`; a thread in real time), exact except where `rotation` or a `law` changes it. `iterations`: a few "
+     "conjugate-gradient iterations a frame; none are ready in the first seconds, and few with `rotation` or a `law`"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "largest number of vertices of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,
@@ -84,15 +84,15 @@ static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     return 0;
 }
 
-/* Warns of slow patches: by iterations their columns take seconds, and are outdated if the tissue rotates. */
+/* Warns of slow patches: by iterations their columns take seconds, and are outdated where tissue turns or strains. */
 static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     const app_section *turns = sim_options(s->scene, "rotation");
-    if (!turns || o->compliance.index == 0) return 0;
-    return app_scene_warn(
-        s->scene, o->compliance.line,
-        "with rotation (line %d) the stiffness changes faster than 'compliance: iterations' can follow, so "
-        "most samples will carry no patch; leave 'compliance' out to use a factor",
-        turns->line);
+    const int line = turns ? turns->line : sim_law_line(s->scene);
+    if (!line || o->compliance.index == 0) return 0;
+    return app_scene_warn(s->scene, o->compliance.line,
+                          "with %s (line %d) the stiffness changes faster than 'compliance: iterations' can follow, so "
+                          "most samples will carry no patch; leave 'compliance' out to use a factor",
+                          turns ? "rotation" : "the law", line);
 }
 
 /* Adds memory and a stage only for what may be sent. */
@@ -114,10 +114,12 @@ static tm_status build(sim *s, const void *own) {
     tm_compliance_source source;
     tm_status rc = warn_of_coverage(s, o);
     if (rc) return rc;
-    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !sim_law_line(s->scene)) {
+    const bool averaged_law = sim_law_line(s->scene) && sim_options(s->scene, "strain_smoothing");
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !averaged_law) {
         rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;
+        s->exact_patches = true;
     }
     if (!tm_model_allow_patches(s->model, &def, &error)) return 0;
     if (def.source) source.destroy(source.self);

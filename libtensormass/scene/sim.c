@@ -316,6 +316,7 @@ static void feel(sim *s, int i) {
     const bool felt = r->force_N[0] != 0 || r->force_N[1] != 0 || r->force_N[2] != 0;
     if (!felt || (r->flags & TM_REACTION_RELEASING)) return;
     s->coverage[i].touched++;
+    if (s->patch_valid[i]) s->coverage[i].age_max = fmax(s->coverage[i].age_max, s->patch[i].age);
     s->coverage[i].carried += s->wants[i] == SIM_SENDS_PATCH ? s->patch_valid[i] : r->stiffness_kind != 0;
 }
 

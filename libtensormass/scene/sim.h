@@ -13,6 +13,7 @@ enum { SIM_JOINTS = HRT_JOINTS };
  * and how many carried it. */
 typedef struct sim_coverage {
     int64_t touched, carried;
+    double age_max; /* tm_patch.age */
 } sim_coverage;
 
 typedef struct sim sim;
@@ -152,6 +153,7 @@ struct sim {
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* requested by the controller's extrapolator, at most can_send */
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* computed by the last frame */
+    bool exact_patches;                   /* their compliance comes from a factor */
     sim_coverage coverage[TM_MAX_INSTRUMENTS];
     sim_reach reach[TM_MAX_INSTRUMENTS];
     tm_deformation worst; /* over the checked frames: sim_shape_note */

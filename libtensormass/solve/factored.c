@@ -82,20 +82,20 @@ tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_co
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
             "the compliance factor is to be corotational, and the tissue has no rotation; set rotation in the tissue's definition");
-    if (tm_tissue_tet_material(def->tissue, 0)->law != TM_LAW_LINEAR)
-        return tm_fail(
-            error, TM_ERR_EXCLUDED, -1,
-            "a compliance factor supports only the linear law, and the tissue has the law %s; leave the source out",
-            tm_law_name((tm_law_kind)tm_tissue_tet_material(def->tissue, 0)->law));
+    const char *law = tms_nonlinear_law(def->tissue);
+    if (law && tm_tissue_smoothed_shear_share(def->tissue) >= 0)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "a compliance factor does not support the law %s with strain smoothing; leave the source out",
+                       law);
     tm_compliance_factor *f = tm_allocate(sizeof *f);
     if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance factor; use a coarser mesh");
     memset(f, 0, sizeof *f);
     f->tissue = def->tissue;
-    f->corotated = def->corotated;
+    f->corotated = def->corotated || law;
     swap_init(&f->requests);
     swap_init(&f->results);
     sem_init(&f->posted, 0, 0);
-    f->engine = tms_engine_create(def->tissue, def->fixed, def->corotated);
+    f->engine = tms_engine_create(def->tissue, def->fixed, f->corotated);
     if (!take_memory(f, def->condensed) || !f->engine) {
         tm_compliance_factor_destroy(f);
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance factor; use a coarser mesh");

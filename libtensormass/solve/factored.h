@@ -19,7 +19,7 @@ typedef struct tms_compliance_request {
     int64_t frame; /* number of the request */
     int32_t revision;
     uint8_t *alive; /* [tet_count] */
-    double *u_m;    /* [3*vertex_count] for rotating tissue, else null */
+    double *u_m;    /* [3*vertex_count] for rotating tissue or a nonlinear law, else null */
     int32_t count[TM_MAX_INSTRUMENTS], needed[TM_MAX_INSTRUMENTS],
         vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_REQUEST_MAX];
 } tms_compliance_request;
@@ -44,7 +44,7 @@ int64_t tms_engine_bytes(const tms_engine *engine);
 bool tms_engine_advance(tms_engine *engine, const tms_compliance_request *request, bool needed_only,
                         tms_compliance_result *result, bool *more);
 
-/* factored_engine.c: computes R of F = R S, F the mean deformation of the active tetrahedra around the vertex. */
+/* factored_frame.c: computes R of F = R S, F the mean deformation of the active tetrahedra around the vertex. */
 void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
 
 /* factored_update.cpp: let Z = K^-1 E be the columns of the touched components and D the stiffness that the cut
@@ -79,6 +79,10 @@ struct tms_engine {
     int32_t vertex_count, tet_count;
     uint8_t *fixed;       /* [3*vertex_count] */
     double *at_m;         /* [3*vertex_count] displacement of the factor's state; null: the tissue does not rotate */
+    bool has_law;         /* the tissue has a nonlinear law */
+    bool definite;        /* the complete tangent was not: the factor has each tetrahedron's semidefinite part */
+    double *looked_m;     /* [3*vertex_count] displacement at the last comparison; null: no nonlinear law */
+    double age;           /* tm_compliance.age at the last comparison */
     double moved_on_m;    /* displacement beyond which a factor is outdated */
     int64_t frame;        /* of the request that the factor was made for */
     uint8_t *base, *gone; /* [tet_count] active in the factor; cut since, at the last request */
@@ -100,8 +104,13 @@ struct tms_engine {
     double *X;             /* [3*TMS_SLOTS][3*touched] update of the slots' columns by the cut */
 };
 
-/* factored_cut.c: builds a tissue of these tetrahedra; if it rotates, with the tensors of the factor's state. */
-bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tissue **part);
+/* factored_cut.c: builds a tissue of these tetrahedra; with u_m, with the tensors of that state. */
+bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, const double *u_m, tm_tissue **part);
+/* factored_age.c: compares the compliance of the factor with that of the tangent at the request's state, for forces
+ * on the first needed vertices; cuts since the factor are left out. Returns the largest relative difference. */
+double tms_engine_age(const tms_engine *e, const tms_compliance_request *request);
+/* Returns whether a factor of tissue with a nonlinear law is to be renewed: its compliance decides, not the motion. */
+bool tms_engine_has_aged(tms_engine *e, const tms_compliance_request *request);
 /* Updates the set of cut tetrahedra. Returns false if a new factor is needed: too many are cut, one was restored, or
  * now is a good time. */
 bool tms_engine_follow(tms_engine *e, const uint8_t *alive);

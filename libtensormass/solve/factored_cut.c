@@ -7,9 +7,12 @@
  * touched. */
 enum { CALM = 25, WORTH_IT = 32 };
 
-bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, tm_tissue **part) {
+bool tms_engine_partial_tissue(const tms_engine *e, const uint8_t *alive, const double *u_m, tm_tissue **part) {
     if (tms_sub_tissue(e->tissue, alive, part, NULL) != TM_OK) return false;
-    if (!e->at_m || tm_tissue_corotate(*part, tm_tissue_rotation(e->tissue), e->at_m, NULL) == TM_OK) return true;
+    if (!u_m) return true;
+    if (e->has_law ? !tm_tissue_take_tangent(*part, e->tissue, u_m, e->definite, NULL)
+                   : !tm_tissue_corotate(*part, tm_tissue_rotation(e->tissue), u_m, NULL))
+        return true;
     tm_tissue_destroy(*part);
     *part = NULL;
     return false;
@@ -63,7 +66,7 @@ bool tms_engine_follow(tms_engine *e, const uint8_t *alive) {
 static bool add_stiffness(tms_engine *e, const uint8_t *alive, double sign) {
     tm_tissue *part = NULL;
     const int32_t width = 3 * e->touched_count;
-    if (!tms_engine_partial_tissue(e, alive, &part)) return false;
+    if (!tms_engine_partial_tissue(e, alive, e->at_m, &part)) return false;
     const tm_pair_view pairs = tm_tissue_pairs(part);
     for (int32_t a = 0; a < e->touched_count; a++) {
         const int32_t v = e->touched[a];

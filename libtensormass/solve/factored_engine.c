@@ -6,75 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* --- rotation of the tissue around a vertex --- */
-
-/* Adds a tetrahedron's grad u times its volume. */
-static void add_gradient(const tm_mesh *mesh, int32_t tet, const double *u_m, double H[9]) {
-    const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
-    for (int k = 0; k < 4; k++) {
-        const double *u = u_m + 3 * (int64_t)mesh->tet[4 * (int64_t)tet + k];
-        for (int i = 0; i < 9; i++) H[i] += mesh->volume_m3[tet] * u[i / 3] * alpha[3 * k + i % 3];
-    }
-}
-
-/* C := the cofactors of F: det F times the inverse transposed. */
-static double cofactors(const double F[9], double C[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, d = (j + 2) % 3;
-            C[3 * i + j] = F[3 * a + c] * F[3 * b + d] - F[3 * a + d] * F[3 * b + c];
-        }
-    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2];
-}
-
-/* Iterates R := mean of R and its inverse transposed, until it is orthogonal (Higham 1986). Returns false for an
- * inverted or nearly flat R: its rotation is undefined. */
-static bool polar(double R[9]) {
-    enum { ITERATIONS = 12 };
-    const double least = 0.05; /* of the volume */
-    for (int k = 0; k < ITERATIONS; k++) {
-        double C[9], change = 0;
-        const double det = cofactors(R, C);
-        if (!(det > least)) return false;
-        for (int i = 0; i < 9; i++) {
-            const double next = 0.5 * (R[i] + C[i] / det);
-            change = fmax(change, fabs(next - R[i]));
-            R[i] = next;
-        }
-        if (change < 1e-12) break;
-    }
-    return true;
-}
-
-/* Sums volume and grad u times volume of the active tetrahedra around a vertex. */
-static double add_around(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double H[9]) {
-    double volume = 0;
-    for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
-        const int32_t t = mesh->vertex_tet[i];
-        if (!alive[t]) continue;
-        add_gradient(mesh, t, u_m, H);
-        volume += mesh->volume_m3[t];
-    }
-    return volume;
-}
-
-static bool mean_rotation(double volume, double R[9]) {
-    for (int i = 0; i < 9; i++) R[i] = (volume > 0 ? R[i] / volume : 0) + (i % 4 == 0);
-    return polar(R);
-}
-
-void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]) {
-    static const double unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-    memset(R, 0, 9 * sizeof *R);
-    if (mean_rotation(add_around(mesh, alive, u_m, vertex, R), R)) return;
-    double volume = 0; /* crushed, for instance between jaws: uses its neighbours */
-    memset(R, 0, 9 * sizeof *R);
-    for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++)
-        for (int k = 0; k < 4 && alive[mesh->vertex_tet[i]]; k++)
-            volume += add_around(mesh, alive, u_m, mesh->tet[4 * (int64_t)mesh->vertex_tet[i] + k], R);
-    if (!mean_rotation(volume, R)) memcpy(R, unit, sizeof unit);
-}
-
 /* K + sigma M: a little inertia. A detached fragment gets a huge compliance (which no patch uses) instead of failing
  * the factor. A constrained one loses sigma / omega_1^2 of its compliance, 1e-8 at 16 Hz. */
 #define SIGMA_1_S2 1e-4
@@ -108,9 +39,11 @@ tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed, boo
     e->M = tm_allocate(sizeof(double) * MIDDLE * MIDDLE);
     e->column = tm_allocate(sizeof(double) * WIDTH * TMS_BLOCK);
     e->X = tm_allocate(sizeof(double) * WIDTH * MIDDLE);
+    e->has_law = tms_nonlinear_law(tissue) != NULL;
     if (turns) e->at_m = tm_allocate(3 * vertices * sizeof *e->at_m);
-    if ((turns && !e->at_m) || !e->fixed || !e->base || !e->gone || !e->slot_of || !e->G || !e->D || !e->M ||
-        !e->column || !e->X) {
+    if (e->has_law) e->looked_m = tm_allocate(3 * vertices * sizeof *e->looked_m);
+    if ((turns && !e->at_m) || (e->has_law && !e->looked_m) || !e->fixed || !e->base || !e->gone || !e->slot_of ||
+        !e->G || !e->D || !e->M || !e->column || !e->X) {
         tms_engine_destroy(e);
         return NULL;
     }
@@ -137,6 +70,7 @@ void tms_engine_destroy(tms_engine *e) {
     drop_factor(e);
     tm_release(e->fixed, 3 * vertices);
     tm_release(e->at_m, 3 * vertices * sizeof *e->at_m);
+    tm_release(e->looked_m, 3 * vertices * sizeof *e->looked_m);
     tm_release(e->base, tets);
     tm_release(e->gone, tets);
     tm_release(e->slot_of, vertices * sizeof *e->slot_of);
@@ -149,7 +83,8 @@ void tms_engine_destroy(tms_engine *e) {
 }
 
 int64_t tms_engine_bytes(const tms_engine *e) {
-    return (int64_t)sizeof *e + 2 * (int64_t)e->tet_count + (e->at_m ? 31 : 7) * (int64_t)e->vertex_count +
+    return (int64_t)sizeof *e + 2 * (int64_t)e->tet_count +
+           ((e->at_m ? 31 : 7) + (e->looked_m ? 24 : 0)) * (int64_t)e->vertex_count +
            (int64_t)sizeof(double) * (WIDTH * (WIDTH + TMS_BLOCK + MIDDLE) + 2 * MIDDLE * MIDDLE) +
            (e->solver ? tms_solver_bytes(e->solver) : 0) + (e->reach ? tms_reach_bytes(e->reach) : 0);
 }
@@ -178,22 +113,35 @@ static bool take_system(tms_engine *e, tms_system *next) {
            (e->reach = tms_reach_create(e->solver)) != NULL;
 }
 
-static bool factorise(tms_engine *e, const tms_compliance_request *request) {
-    const uint8_t *alive = request->alive;
+/* Makes the factor of the base's stiffness at at_m. Returns false if that is not positive definite. */
+static bool factorise_base(tms_engine *e) {
     tm_tissue *tissue = NULL;
     tms_system next = {0};
-    e->ready = false;
-    memcpy(e->base, alive, (size_t)e->tet_count);
-    memset(e->gone, 0, (size_t)e->tet_count);
-    if (e->at_m) memcpy(e->at_m, request->u_m, 3 * (size_t)e->vertex_count * sizeof *e->at_m);
-    bool good =
-        tms_engine_partial_tissue(e, alive, &tissue) && tms_system_assemble(tissue, e->fixed, &next, NULL) == TM_OK;
+    bool good = tms_engine_partial_tissue(e, e->base, e->at_m, &tissue) &&
+                tms_system_assemble(tissue, e->fixed, &next, NULL) == TM_OK;
     const double *mass = good ? tm_tissue_mass_kg(tissue) : NULL;
     for (int32_t j = 0; good && j < next.n; j++) /* rows ascend: a column's first entry is its diagonal */
         next.value[next.begin[j]] += SIGMA_1_S2 * mass[next.dof[j] / 3];
     tm_tissue_destroy(tissue);
     good = good && take_system(e, &next);
     if (!good) drop_factor(e);
+    return good;
+}
+
+static bool factorise(tms_engine *e, const tms_compliance_request *request) {
+    const size_t bytes = 3 * (size_t)e->vertex_count * sizeof(double);
+    e->ready = false;
+    memcpy(e->base, request->alive, (size_t)e->tet_count);
+    memset(e->gone, 0, (size_t)e->tet_count);
+    if (e->at_m) memcpy(e->at_m, request->u_m, bytes);
+    if (e->has_law) memcpy(e->looked_m, request->u_m, bytes);
+    e->age = 0;
+    e->definite = false;
+    bool good = factorise_base(e);
+    if (!good && e->has_law) {
+        e->definite = true;
+        good = factorise_base(e);
+    }
     for (int32_t v = 0; v < e->vertex_count; v++) e->slot_of[v] = -1;
     for (int32_t i = 0; i < TMS_SLOTS; i++) e->slot[i] = (tms_slot){.vertex = -1};
     e->touched_count = 0;
@@ -308,8 +256,11 @@ static bool write_result(tms_engine *e, const tms_compliance_request *request, b
     for (int32_t i = 0; i < 3 * unique; i++) wanted[i] = 3 * e->slot_of[result->vertex[i / 3]] + i % 3;
     for (int32_t i = 0; i < 3 * e->touched_count; i++) touched[i] = 3 * e->slot_of[e->touched[i / 3]] + i % 3;
     if (unique == 0 || !update_slots(e, wanted, 3 * unique, touched)) return false;
-    result->is = (tm_compliance){
-        .revision = request->revision, .count = unique, .vertex = result->vertex, .C_m_N = result->C_m_N};
+    result->is = (tm_compliance){.revision = request->revision,
+                                 .count = unique,
+                                 .vertex = result->vertex,
+                                 .C_m_N = result->C_m_N,
+                                 .age = e->age};
     for (int32_t i = 0; i < unique && e->at_m; i++)
         tms_vertex_frame(tm_tissue_mesh(e->tissue), request->alive, e->at_m, result->vertex[i], result->frame + 9 * i);
     return tms_update_result(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->X, result->C_m_N);
@@ -324,8 +275,9 @@ static bool has_turned(const tms_engine *e, const tms_compliance_request *reques
     return off > TURNED_ON * TURNED_ON;
 }
 
-static bool has_moved_on(const tms_engine *e, const tms_compliance_request *request) {
+static bool has_moved_on(tms_engine *e, const tms_compliance_request *request) {
     double moved = 0;
+    if (e->has_law) return tms_engine_has_aged(e, request);
     if (!e->at_m || request->frame - e->frame < MOVES_ON_AFTER) return false;
     for (int32_t i = 0; i < 3 * e->vertex_count; i++) moved = fmax(moved, fabs(request->u_m[i] - e->at_m[i]));
     if (!(moved > e->moved_on_m)) return false;
@@ -335,6 +287,7 @@ static bool has_moved_on(const tms_engine *e, const tms_compliance_request *requ
             turned = has_turned(e, request, request->vertex[t][i]);
     for (int32_t v = 0; v < e->vertex_count && !turned; v += 1 + e->vertex_count / LOOKED_AT)
         turned = has_turned(e, request, v);
+    if (turned) e->age = tms_engine_age(e, request);
     return turned;
 }
 

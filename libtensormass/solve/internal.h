@@ -99,7 +99,9 @@ tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_s
 tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
 void tms_system_destroy(tms_system *system);
 int64_t tms_system_bytes(const tms_system *system);
-/* Builds a tissue of the same materials with the marked tetrahedra only, double. */
+/* Returns the name of its first nonlinear law; null: none. */
+const char *tms_nonlinear_law(const tm_tissue *tissue);
+/* Builds a tissue of the same materials with the marked tetrahedra only, linear, double. */
 tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue **tissue, tm_error *error);
 
 /* --- solver.c, cg.cpp: A x = b on the free components, TMS_BLOCK right-hand sides at a time --- */

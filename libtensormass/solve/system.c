@@ -200,6 +200,15 @@ int64_t tms_system_bytes(const tms_system *s) {
     return 4 * (6 * (int64_t)s->vertex_count + s->n + 1) + 12 * (int64_t)(s->begin ? s->begin[s->n] : 0);
 }
 
+const char *tms_nonlinear_law(const tm_tissue *tissue) {
+    const int32_t tets = tm_tissue_mesh(tissue)->tet_count;
+    for (int32_t t = 0; t < tets; t++) {
+        const tm_law_kind law = (tm_law_kind)tm_tissue_tet_material(tissue, t)->law;
+        if (law != TM_LAW_LINEAR) return tm_law_name(law);
+    }
+    return NULL;
+}
+
 tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue **tissue, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(whole);
     tm_material *material = tms_alloc_zeroed((size_t)mesh->region_count, sizeof *material);
@@ -209,6 +218,7 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     if (!material) goto done;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         material[mesh->region[t]] = *tm_tissue_tet_material(whole, t);
+        material[mesh->region[t]].law = TM_LAW_LINEAR;
         any |= tm_tissue_tet_fibre(whole, t) != NULL;
     }
     if (any && !(fibre = tms_alloc_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;

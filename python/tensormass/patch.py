@@ -24,6 +24,8 @@ class Patch:
     vertex_count: int = property(lambda self: self._struct.vertex_count)  # type: ignore[assignment]
     triangle_count: int = property(lambda self: self._struct.triangle_count)  # type: ignore[assignment]
     radius_m: float = property(lambda self: self._struct.radius_m)  # type: ignore[assignment]
+    age: float = property(lambda self: self._struct.age,  # type: ignore[assignment]
+                          doc="Relative difference of the compliance from that of the tangent, 0 or more (nonlinear law, rotation).")
     grasps: bool = property(lambda self: self._struct.grasps, doc="A grasper's hold is folded in.")  # type: ignore[assignment]
 
     @property

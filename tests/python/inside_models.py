@@ -76,7 +76,7 @@ def test_exact_compliance_in_a_world_of_ones_own():
     for z in [*np.linspace(0.034, 0.029, 15), 0.029, 0.029]:
         contact.frame([tm.Pose((0.03, 0.03, z))], 60)
         patch = maker.compute()
-    assert patch is not None and patch.kind == 2 and maker.pending == 0
+    assert patch is not None and patch.kind == 2 and maker.pending == 0 and patch.age == 0
     assert contact.reaction().stiffness_kind == 2
 
 

@@ -11,6 +11,7 @@ EFFECTS = ["--set", "rotation=", "--set", "strain_smoothing=", "--set", "frictio
 RUNS = {
     "block-press": ("block-press", None, []),
     "block-cut": ("block-cut", 4, []),
+    "block-cut, neo-Hooke": ("block-cut", 4, ["--set", "tissue.materials.*.law=neo-hooke"]),
     "block-cut, every effect": ("block-cut", 4, EFFECTS),
     "liver-press": ("liver-press", None if LONG else 3, []),
     "liver-cut": ("liver-cut", None if LONG else 5.4, []),
@@ -32,6 +33,7 @@ def test_samples_on_tissue_carry_a_patch(bin, root, tmp_path, name):
     assert sum(i["touched"] for i in r["coverage"]) > 15
     for instrument in r["coverage"]:  # each alone: a hand that feels nothing of its tissue is not helped by the other's patches
         assert instrument["carried"] >= 0.99 * instrument["touched"], r["coverage"]
+        assert (0 < instrument["age_max"] < 0.1) if "neo-Hooke" in name else ("age_max" in instrument) == ("rotation=" in more or "lift" in name), r["coverage"]
 
 
 def test_lost_patches_are_counted(bin, root, tmp_path):

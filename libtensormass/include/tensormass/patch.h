@@ -46,6 +46,9 @@ typedef struct tm_patch {
     /* Coefficients of the instrument (tensormass/friction.h); 0: none. For the controller, which computes friction;
      * tm_patch_force and tm_patch_stiffness do not. */
     double friction_static, friction_kinetic;
+    /* Of tissue with a nonlinear law or rotation: relative difference of the compliance in use from that of the tangent
+     * at the last comparison, for a force on the four vertices nearest to the tip; at least 0. */
+    double age;
 } tm_patch;
 
 /* Returns entry (i, j) of the compliance matrix, 0 <= i, j < 3*vertex_count. */
@@ -117,6 +120,7 @@ typedef struct tm_compliance {
     const double *C_m_N;   /* [3*count][3*count] symmetric: displacement of component i by a unit force on j */
     const double
         *rotation; /* [9*count] rotation of the tissue at each vertex since C was computed, row-major; null: none */
+    double age;    /* as tm_patch.age */
 } tm_compliance;
 
 /* Request: the vertices whose compliance the patch of an instrument needs. */
@@ -124,7 +128,7 @@ enum { TM_COMPLIANCE_REQUEST_MAX = 64 };
 typedef struct tm_compliance_request {
     int32_t count, needed; /* vertices; the first `needed` are for the present patch, the others may be needed next */
     const int32_t *vertex; /* [count] most urgent first */
-    const double *u_m;     /* [3*vertex_count] displacement of corotated tissue; else null */
+    const double *u_m;     /* [3*vertex_count] displacement, of tissue with a nonlinear law or rotation; else null */
 } tm_compliance_request;
 
 /* Source of compliance outside the world (tm_compliance_factor of libtensormass_solve). It keeps a factor of the
@@ -138,7 +142,7 @@ typedef struct tm_compliance_source {
     /* Called when its stage is destroyed. Null: the caller keeps what `self` points to, which must outlive the
      * world. */
     void (*destroy)(void *self);
-    bool corotated; /* it reads u_m, and so also serves a world with the stage "rotation" */
+    bool corotated; /* it reads u_m, and so also serves a world with the stage "rotation" or a nonlinear law */
 } tm_compliance_source;
 
 /* A surface larger than that of the world's tissue, as the hybrid model has. */

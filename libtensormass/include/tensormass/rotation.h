@@ -49,6 +49,12 @@ TM_API double tm_tissue_rotation(const tm_tissue *tissue);
  * (smoothed_shear_share above 0): TM_ERR_ARGUMENT. Allocates while it runs. */
 TM_API tm_status tm_tissue_corotate(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error);
 
+/* Replaces the tensors of a tissue that is not stepped by the tangent of a nonlinear law at u_m [3*vertex_count] m.
+ * `whole`: a tissue of the same mesh that has the law; `tissue` has the linear one, TM_DOUBLE. `definite`: of each
+ * tetrahedron only the positive semidefinite part. Allocates while it runs. */
+TM_API tm_status tm_tissue_take_tangent(tm_tissue *tissue, const tm_tissue *whole, const double *u_m, bool definite,
+                                        tm_error *error);
+
 #ifdef __cplusplus
 }
 #endif

@@ -48,6 +48,8 @@ struct tm_columns {
     double *at_m;      /* [3*vertex_count] u of the tangent */
     double moved_on_m; /* motion beyond which a tangent is out of date */
     int32_t rotated;   /* tetrahedra whose tangents it contains */
+    bool uncompared;   /* it has just been completed */
+    double age;        /* difference of the columns from it, when it was complete */
     int32_t want[TM_MAX_INSTRUMENTS][TM_PATCH_VERTICES], want_count[TM_MAX_INSTRUMENTS];
 };
 
@@ -309,8 +311,34 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     const int32_t most = TETS_PER_ITERATION * iterations, end = tets - c->rotated < most ? tets : c->rotated + most;
     c->law->add_tangent(c->law->self, c->at_m, c->rotated, end, &c->tangent);
     c->rotated = end;
-    if (end == tets) refresh(c);
+    if (end == tets) refresh(c), c->uncompared = true;
     return false;
+}
+
+/* Compares the columns of one requested vertex, of the tangent before, with the newest: for x = C f, the compliance of
+ * K is (f.x)^2 / (x.K x) but for the second order of the change. */
+static void compare(tm_columns *c) {
+    c->age = 0;
+    for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {
+        const int32_t i = c->want_count[o] > 0 ? find(c, c->want[o][0]) : -1;
+        if (i < 0 || c->column[i].good < 3) continue;
+        for (int axis = 0; axis < 3; axis++) {
+            const float *u = c->column[i].u_m + (int64_t)axis * c->n;
+            for (int32_t k = 0; k < c->n; k++) c->x[k] = c->fixed[k] ? 0 : (double)u[k];
+            apply(c, c->x);
+            const double before = c->x[3 * c->column[i].vertex + axis], stiff = dot_n(c->x, c->q, c->n);
+            if (before > 0) c->age = fmax(c->age, stiff > 0 ? fabs(before / stiff - 1) : 1);
+        }
+    }
+}
+
+double tm_columns_age(const tm_columns *c) {
+    for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++)
+        for (int32_t k = 0; k < c->want_count[o]; k++) {
+            const int32_t i = find(c, c->want[o][k]);
+            if (i >= 0 && c->column[i].good == 3 && c->column[i].newest < 3) return c->age;
+        }
+    return 0;
 }
 
 static void work(tm_columns *c, int32_t iterations) {
@@ -337,6 +365,8 @@ void tm_columns_work(tm_columns *c, int32_t iterations) {
     if (c->law && !tangent_is_there(c, iterations)) return;
     c->world->evaluating = true; /* outside a step: by the world's own threads only */
     tm_partitions_begin(c->world, iterations);
+    if (c->uncompared) compare(c);
+    c->uncompared = false;
     work(c, iterations);
     tm_partitions_end(c->world);
     c->world->evaluating = false;

@@ -46,6 +46,9 @@ static void describe(const tm_patch_builder *builder, int32_t t, tm_patch *patch
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
+    patch->age = builder->columns         ? tm_columns_age(builder->columns)
+                 : builder->columns_known ? builder->columns_known->age
+                                          : 0;
     patch->drag_s_m = contact->others.solve ? 0 : LAW_DRAG_S_M; /* rows of another block have none */
     vset(tool->def.trocar_m, patch->trocar_m);
 }

@@ -83,6 +83,8 @@ void tm_columns_want(tm_columns *columns, int32_t owner, const int32_t *vertex, 
 void tm_columns_work(tm_columns *columns, int32_t iterations);
 /* Handles a cut: present columns become first guesses. */
 void tm_columns_cut(tm_columns *columns);
+/* Returns how far columns of an earlier tangent are from the newest one (tm_patch.age); 0 once all are of that. */
+double tm_columns_age(const tm_columns *columns);
 bool tm_columns_good(const tm_columns *columns, int32_t vertex);
 int32_t tm_columns_pending(const tm_columns *columns);
 bool tm_columns_block(const tm_columns *columns, int32_t a, int32_t b, double C[9]);

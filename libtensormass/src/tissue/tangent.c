@@ -1,9 +1,10 @@
-/* Tangents on the tissue's graph, and those of corotated tissue. */
+/* Tangents on the tissue's graph: of corotated tissue, and of nonlinear laws. */
 #include "base/vec.h"
 
 #include <math.h>
 #include <string.h>
 
+#include "material/hyperelastic.h"
 #include "tissue/tangent.h"
 
 /* --- tangent of averaged dilatation: all pairs of vertices that share a domain --- */
@@ -214,6 +215,13 @@ double tm_tissue_rotation(const tm_tissue *tissue) {
     return tissue->rotation;
 }
 
+static void write_tensors(tm_tissue *tissue, const tm_tangent *tangent) {
+    memcpy(tissue->graph.vertex_tensor, tangent->graph.vertex_tensor,
+           9 * sizeof(double) * (size_t)tissue->mesh->vertex_count);
+    memcpy(tissue->graph.edge_tensor, tangent->graph.edge_tensor, 8 * sizeof(double) * (size_t)tissue->pair_count);
+    memcpy(tissue->graph.edge_last, tangent->graph.edge_last, sizeof(double) * (size_t)tissue->pair_count);
+}
+
 static bool rotate_one(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
     const tm_material_field field = tm_tissue_field(tissue);
     tm_rotation rotation = {.tissue = tissue};
@@ -224,10 +232,7 @@ static bool rotate_one(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
         return false;
     tangent.definite = true;
     tm_rotation_tangent(&rotation, u_m, &tangent);
-    memcpy(tissue->graph.vertex_tensor, tangent.graph.vertex_tensor,
-           9 * sizeof(double) * (size_t)tissue->mesh->vertex_count);
-    memcpy(tissue->graph.edge_tensor, tangent.graph.edge_tensor, 8 * sizeof(double) * (size_t)tissue->pair_count);
-    memcpy(tissue->graph.edge_last, tangent.graph.edge_last, sizeof(double) * (size_t)tissue->pair_count);
+    write_tensors(tissue, &tangent);
     return true;
 }
 
@@ -243,4 +248,65 @@ tm_status tm_tissue_corotate(tm_tissue *tissue, double threshold, const double *
     const bool good = rotate_one(tissue, u_m, &pool);
     tm_pool_release(&pool);
     return good ? TM_OK : tm_fail_memory(error, "corotated tensors");
+}
+
+/* A := its positive semidefinite part. */
+static void drop_negative(double A[81]) {
+    double V[81] = {0}, D[81];
+    memcpy(D, A, sizeof D);
+    for (int i = 0; i < 81; i += 10) V[i] = 1;
+    for (int sweep = 0; sweep < 12; sweep++) {
+        double off = 0, diagonal = 0;
+        for (int i = 0; i < 81; i++) *(i % 10 ? &off : &diagonal) += D[i] * D[i];
+        if (off <= 1e-20 * diagonal) break;
+        for (int p = 0; p < 8; p++)
+            for (int q = p + 1; q < 9; q++) {
+                double c, s;
+                tm_jacobi(D, 9, p, q, &c, &s);
+                for (int k = 0; k < 9; k++) {
+                    const double a = V[9 * k + p], b = V[9 * k + q];
+                    V[9 * k + p] = c * a - s * b, V[9 * k + q] = s * a + c * b;
+                }
+            }
+    }
+    for (int i = 0; i < 81; i++) {
+        A[i] = 0;
+        for (int k = 0; k < 9; k++) A[i] += fmax(D[10 * k], 0) * V[9 * (i / 9) + k] * V[9 * (i % 9) + k];
+    }
+}
+
+static bool take_law(tm_tissue *tissue, const tm_tissue *whole, const double *u_m, bool definite, tm_pool *pool) {
+    tm_material_field field = tm_tissue_field(whole);
+    tm_hyperelastic hyper;
+    tm_tangent tangent = {0};
+    field.alive = tissue->alive;
+    if (!tm_hyperelastic_take(&hyper, pool, &field) || !tm_tangent_take_tensors(&tangent, pool, tissue)) return false;
+    tm_tangent_begin(tissue, &tangent);
+    for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {
+        double A[81], linear[81];
+        tm_corotated_lane lane;
+        if (!tissue->alive[t]) continue;
+        tm_hyperelastic_hessian(&hyper, t, u_m, A);
+        if (definite) drop_negative(A);
+        tm_rotation_lane_law(&hyper.packs, t, &lane);
+        tm_rotation_linear(&lane, linear);
+        for (int i = 0; i < 81; i++) A[i] -= linear[i];
+        tm_tangent_add_tet(tissue, t, A, &tangent);
+    }
+    write_tensors(tissue, &tangent);
+    return true;
+}
+
+tm_status tm_tissue_take_tangent(tm_tissue *tissue, const tm_tissue *whole, const double *u_m, bool definite,
+                                 tm_error *error) {
+    TM_REQUIRE(tissue && whole && u_m && tissue->mesh == whole->mesh,
+               "tissue, whole or u_m is null, or the two have different meshes", TM_ERR_ARGUMENT);
+    if (!whole->stiffest_Pa || tissue->stiffest_Pa || tissue->smoothed || tissue->precision != TM_DOUBLE)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "tangent of a nonlinear law: give linear tissue in double, without strain smoothing, and the "
+                       "tissue that has the law");
+    tm_pool pool = {0};
+    const bool good = take_law(tissue, whole, u_m, definite, &pool);
+    tm_pool_release(&pool);
+    return good ? TM_OK : tm_fail_memory(error, "tangent of a nonlinear law");
 }
