@@ -51,9 +51,9 @@ def commands(path):
 class Controller:
     """haptic-rt, recording."""
 
-    def __init__(self, tmp, device, *arguments, env=None):
+    def __init__(self, tmp, device, *arguments, env=None, under=()):
         self.tmp = tmp
-        self.child = subprocess.Popen([str(BUILD / "bin/haptic-rt"), "--device", device, "--trocar", "0,0,0", "--record", str(tmp / "r.csv"), "--json", str(tmp / "r.json"),
+        self.child = subprocess.Popen([*under, str(BUILD / "bin/haptic-rt"), "--device", device, "--trocar", "0,0,0", "--record", str(tmp / "r.csv"), "--json", str(tmp / "r.json"),
                                        *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **(env or {})})
 
     def end(self, code=0):

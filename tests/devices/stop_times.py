@@ -1,0 +1,30 @@
+"""Prints the table of docs/devices.md: how long the force lasts in each trouble of each driver. Run it with the tests' Python."""
+import pathlib
+import sys
+import tempfile
+
+sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[1]), str(pathlib.Path(__file__).resolve().parent)]
+import test_haply  # noqa: E402
+import test_libraries  # noqa: E402
+
+SAYS = {"killed": "killed", "frozen": "stands still 0.4 s", "flood": "floods states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "answers nonsense",
+        "silent": "is silent", "close": "closes", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force"}
+
+
+def row(device, trouble, result):
+    controller_ms, device_ms, report, _, _ = result
+    print(f"| {device} | {SAYS[trouble]} | {controller_ms:.1f} | {device_ms:.1f} | {report['state'] if report['fault'] == 'none' else report['fault']} |", flush=True)
+
+
+print("| device | trouble | controller, ms | at the device, ms | afterwards |\n|---|---|---|---|---|")
+with tempfile.TemporaryDirectory() as top:
+    top = pathlib.Path(top)
+    test_libraries.build_stubs(top)
+    for k, trouble in enumerate(test_haply.TROUBLES if test_haply.built_in() else ()):
+        (top / f"h{k}").mkdir()
+        row("haply", trouble, test_haply.in_trouble(top / f"h{k}", trouble))
+    for device in ("touch:0", "omega:0"):
+        for trouble in test_libraries.TROUBLES:
+            tmp = top / (device[:-2] + trouble)
+            tmp.mkdir()
+            row(device[:-2], trouble, test_libraries.in_trouble(tmp, top, device, trouble))
