@@ -31,7 +31,7 @@ static int take_device_type(hrt_common *c, const char *name) {
 
 /* Takes the address; a drive's selects the device that it drives. */
 static int take_address(const hrt_command_line *line, hrt_common *c, const char *text) {
-    const char *device = line->drive_device ? line->drive_device(text) : NULL;
+    const char *device = line->drive_device ? line->drive_device(text, &c->joints) : NULL;
     c->bus = text;
     c->drive = device != NULL;
     return device && !c->typed ? take_device_type(c, device) : -1;
@@ -41,7 +41,7 @@ static int take_address(const hrt_command_line *line, hrt_common *c, const char 
  */
 static int refine_counts(hrt_common *c) {
     const hrt_device_type *device = c->params.device;
-    if (!device->slides)
+    if (!device->slides && !c->joints)
         return app_bad_input("--device-type", 0, "%s is not driven so; leave it out, or choose a cursor's (--list)",
                              device->name);
     for (int32_t j = 0; j < device->motors; j++)

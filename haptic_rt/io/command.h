@@ -14,6 +14,7 @@ typedef struct hrt_common {
     bool params_read;  /* --profile or --set has changed them */
     bool typed;        /* --device-type was given */
     bool drive;        /* the address is that of a drive (drive.h) */
+    bool joints;       /* and that drives the motors of joints */
     int rate, priority;
     double duration_s; /* 0: no limit */
     bool stats, no_key;
@@ -61,7 +62,7 @@ typedef struct hrt_command_line {
     int (*take)(void *user, int option, const char *text);
     void *user;
     /* Returns the device of a drive's address, null if it is none. Null: there are no drives. */
-    const char *(*drive_device)(const char *address);
+    const char *(*drive_device)(const char *address, bool *joints);
 } hrt_command_line;
 
 /* Reads the command line into `common`, which holds the defaults. Returns -1 to continue, else the exit code. */

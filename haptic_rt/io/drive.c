@@ -5,12 +5,13 @@
 #include <string.h>
 
 enum { UNREAD = 4 };
-static const double REACH_MAX_M = 1.0;
+static const double REACH_MAX_M = 1.0, JOINT_MAX = 100.0;
 
 /* ---------------------------------------------------------------------------------------------- the driver's thread */
 
-void hrt_drive_start(hrt_drive *d, float force_max_N) {
-    d->force_max_N = force_max_N;
+void hrt_drive_start(hrt_drive *d, const hrt_device_type *device) {
+    d->type = device;
+    d->force_max_N = device->force_max_N;
     d->state_write = d->command_write = 0;
     d->state_read = d->command_read = 1;
     atomic_store(&d->state_between, 2);
@@ -23,26 +24,29 @@ void hrt_drive_up(hrt_drive *d, bool up, const char *event) {
     if (event) atomic_store(&d->event, event);
 }
 
-static void fail(hrt_drive *d, hrt_drive_fault fault) {
+void hrt_drive_fail(hrt_drive *d, hrt_drive_fault fault, const char *event) {
     int none = HRT_DRIVE_FINE;
     atomic_compare_exchange_strong(&d->fault, &none, (int)fault);
+    if (event) atomic_store(&d->event, event);
 }
+
+static bool has_joints(const hrt_drive *d) { return d->driver && d->driver->joints; }
 
 void hrt_drive_refuse(hrt_drive *d) {
     atomic_fetch_add(&d->refused, 1);
-    if (++d->refused_in_a_row >= HRT_DRIVE_REFUSED_MAX) fail(d, HRT_DRIVE_NONSENSE);
+    if (++d->refused_in_a_row >= HRT_DRIVE_REFUSED_MAX) hrt_drive_fail(d, HRT_DRIVE_NONSENSE, NULL);
 }
 
-static bool plausible(const hrt_drive_state *s) {
+static bool plausible(const hrt_drive *d, const hrt_drive_state *s) {
     for (int i = 0; i < 3; i++)
-        if (!(fabs(s->cursor_m[i]) <= REACH_MAX_M)) return false;
+        if (!(fabs(s->cursor_m[i]) <= (has_joints(d) ? JOINT_MAX : REACH_MAX_M))) return false;
     for (int i = 0; i < 4; i++)
         if (!(fabs(s->orientation[i]) <= 1.01)) return false;
     return s->time_us > 0 && s->trigger <= 1.0;
 }
 
 bool hrt_drive_post(hrt_drive *d, const hrt_drive_state *state) {
-    if (!plausible(state)) return hrt_drive_refuse(d), false;
+    if (!plausible(d, state)) return hrt_drive_refuse(d), false;
     d->refused_in_a_row = 0;
     d->state[d->state_write] = *state;
     d->state_write = atomic_exchange(&d->state_between, d->state_write | UNREAD) & 3u;
@@ -62,7 +66,11 @@ void hrt_drive_force(hrt_drive *d, int64_t now_us, float force_N[3]) {
     const bool good = isfinite(size2) && !silent;
     if (!good && size2 > 0.0f) atomic_fetch_add(&d->withheld, 1);
     /* Shrinks the vector and keeps its direction: a force cut to zero at a limit is a step under the hand. */
-    const float most = d->force_max_N, share = size2 > most * most ? most / sqrtf(size2) : 1.0f;
+    const float most = d->force_max_N, size = sqrtf(size2);
+    float share = !has_joints(d) && size > most ? most / size : 1.0f;
+    for (int i = 0; i < 3 && has_joints(d); i++)
+        if (share * fabsf(c->force_N[i]) > d->type->torque_max[i])
+            share = d->type->torque_max[i] / fabsf(c->force_N[i]);
     for (int i = 0; i < 3; i++) force_N[i] = good ? share * c->force_N[i] : 0.0f;
     atomic_fetch_add(&d->commands, 1);
 }
@@ -72,9 +80,10 @@ void hrt_drive_force(hrt_drive *d, int64_t now_us, float force_N[3]) {
 static void take_joints(hrt_drive *d, const hrt_controller *c, const hrt_drive_state *s, hrt_input *in) {
     const hrt_device_type *type = c->params.device;
     double joint[HRT_JOINTS] = {0};
-    for (int i = 0; i < 3; i++) joint[i] = d->workspace.tip_m[i];
-    if (type->roll >= 0) joint[type->roll] = d->workspace.roll_rad;
-    if (type->grip >= 0) joint[type->grip] = d->workspace.grip_now;
+    const bool own = has_joints(d);
+    for (int i = 0; i < type->motors; i++) joint[i] = own ? s->cursor_m[i] : d->workspace.tip_m[i];
+    if (type->roll >= 0 && !own) joint[type->roll] = d->workspace.roll_rad;
+    if (type->grip >= 0 && !own) joint[type->grip] = d->workspace.grip_now;
     for (int j = 0; j < type->joints; j++) {
         const double count = joint[j] * (double)c->params.counts_per_unit[j] + (double)c->params.count_zero[j];
         in->count[j] = (int32_t)lrint(fmin(fmax(count, -2.0e9), 2.0e9));
@@ -98,7 +107,7 @@ void hrt_drive_take(hrt_drive *d, int64_t now_us, const hrt_controller *c, hrt_i
     d->taken_us = now_us;
     if (s->orientation[2] != 0.0 || s->orientation[3] != 0.0) hrt_workspace_roll(w, s->orientation);
     hrt_workspace_grip(w, s->trigger >= 0.0 ? s->trigger : w->grip >= 0 && s->button[w->grip] ? 1.0 : 0.0, dt_s);
-    if (!hrt_workspace_follow(w, s->cursor_m, pressed, force_on)) in->enable = false;
+    if (!has_joints(d) && !hrt_workspace_follow(w, s->cursor_m, pressed, force_on)) in->enable = false;
     in->pedal = w->grip >= 0 && s->button[w->grip];
     take_joints(d, c, s, in);
 }
@@ -106,7 +115,9 @@ void hrt_drive_take(hrt_drive *d, int64_t now_us, const hrt_controller *c, hrt_i
 void hrt_drive_give(hrt_drive *d, int64_t now_us, const hrt_result *result, bool reset) {
     hrt_drive_command *c = &d->command[d->command_write];
     c->time_us = now_us;
-    if (result->motors_on)
+    if (result->motors_on && has_joints(d))
+        memcpy(c->force_N, result->torque, sizeof c->force_N);
+    else if (result->motors_on)
         hrt_workspace_force(&d->workspace, result->torque, c->force_N);
     else
         memset(c->force_N, 0, sizeof c->force_N);

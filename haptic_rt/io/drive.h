@@ -33,7 +33,8 @@ typedef enum hrt_drive_fault {
     HRT_DRIVE_FAILS = 23     /* a call of the device's library failed */
 } hrt_drive_fault;
 
-/* State of a device. Axes: x right, y away, z up. */
+/* State of a device. Axes of a cursor: x right, y away, z up. Of a device of joints, cursor_m holds the driven joints
+ * in their units. */
 typedef struct hrt_drive_state {
     int64_t time_us; /* of the measurement, never later than it; 0: none */
     double cursor_m[3];
@@ -44,7 +45,7 @@ typedef struct hrt_drive_state {
 
 typedef struct hrt_drive_command {
     int64_t time_us;
-    float force_N[3]; /* at the cursor, in its axes */
+    float force_N[3]; /* at the cursor, in its axes; of a device of joints, the torques */
 } hrt_drive_command;
 
 typedef struct hrt_drive hrt_drive;
@@ -52,6 +53,7 @@ typedef struct hrt_drive hrt_drive;
 /* A kind of device: row of HRT_DRIVES in drive_table.c. */
 typedef struct hrt_drive_driver {
     const char *kind, *address, *device; /* address "KIND:NUMBER"; device: of hrt_device_types */
+    bool joints; /* motors of joints: no workspace, and any device of hrt_device_types may be built with them */
     const char *text;
     /* Starts the device of this name (after "KIND:"); it then posts states until `close`. Returns false with `why`. */
     bool (*open)(hrt_drive *drive, const char *name, char *why, int why_size);
@@ -63,10 +65,10 @@ typedef struct hrt_drive_driver {
 
 struct hrt_drive {
     const hrt_drive_driver *driver;
-    const char *device; /* device found on opening, of hrt_device_types */
     char name[HRT_DRIVE_NAME];
-    float force_max_N; /* last limit, at the cursor */
-    void *own;         /* the driver's */
+    float force_max_N;           /* last limit, at the cursor */
+    const hrt_device_type *type; /* what is driven */
+    void *own;                   /* the driver's */
     int claim_fd;
     pthread_t thread;
     _Atomic bool stop;
@@ -111,7 +113,10 @@ void hrt_drive_give(hrt_drive *drive, int64_t now_us, const hrt_result *result, 
 
 /* --- the driver's thread --- */
 
-void hrt_drive_start(hrt_drive *drive, float force_max_N);
+/* Prepares a drive for this device; call it before hrt_drive_open. */
+void hrt_drive_start(hrt_drive *drive, const hrt_device_type *device);
+/* Sets a fault, with the words for the log; the first stays until a reset. */
+void hrt_drive_fail(hrt_drive *drive, hrt_drive_fault fault, const char *event);
 /* Posts a state. Refuses one that is not finite or a metre from the device's origin; ten in a row are a fault. Returns
  * whether it was taken. */
 bool hrt_drive_post(hrt_drive *drive, const hrt_drive_state *state);

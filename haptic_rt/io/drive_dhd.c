@@ -74,8 +74,7 @@ static void give_up(delta *t, const char *what) {
     hrt_drive *d = t->drive;
     const struct timespec wait = {0, 10000000};
     snprintf(t->why, sizeof t->why, "libdhd: %s: %s", what, dhd.error_text());
-    int fine = HRT_DRIVE_FINE;
-    atomic_compare_exchange_strong(&d->fault, &fine, HRT_DRIVE_FAILS);
+    hrt_drive_fail(d, HRT_DRIVE_FAILS, NULL);
     hrt_drive_up(d, false, t->why);
     dhd.enable_force(DHD_OFF, t->id);
     while (atomic_load(&d->fault) && !atomic_load(&d->stop)) nanosleep(&wait, NULL);

@@ -79,8 +79,7 @@ static int take_state(haply *h) {
     const char *trouble;
     const bool asked = under_way(h) > 0;
     if (!asked && ++h->unasked > UNASKED_MAX) {
-        int fine = HRT_DRIVE_FINE;
-        atomic_compare_exchange_strong(&h->drive->fault, &fine, HRT_DRIVE_FLOODS);
+        hrt_drive_fail(h->drive, HRT_DRIVE_FLOODS, NULL);
         return -1;
     }
     if (!asked) return 0; /* of unknown age */

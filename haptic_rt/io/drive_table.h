@@ -5,6 +5,6 @@
 
 #include "drive.h"
 
-#define HRT_DRIVES(ROW) ROW(haply) ROW(touch) ROW(omega) ROW(falcon)
+#define HRT_DRIVES(ROW) ROW(haply) ROW(touch) ROW(omega) ROW(falcon) ROW(odrive)
 
 #endif

@@ -84,8 +84,7 @@ static bool load(char *why, int why_size) {
 
 static void fail(touch *t, const char *what, unsigned code) {
     snprintf(t->why, sizeof t->why, "libHD: %s: %s", what, hd.error_text(code));
-    int fine = HRT_DRIVE_FINE;
-    atomic_compare_exchange_strong(&t->drive->fault, &fine, HRT_DRIVE_FAILS);
+    hrt_drive_fail(t->drive, HRT_DRIVE_FAILS, NULL);
     hrt_drive_up(t->drive, false, t->why);
 }
 

@@ -235,7 +235,7 @@ static int open_drive(program *p) {
     const bool raised = priority > 1 && hrt_priority(priority > 10 ? priority - 10 : 1);
     p->drive.workspace = p->set.workspace;
     p->drive.period_us = 1000000 / (2 * p->set.common.rate);
-    hrt_drive_start(&p->drive, p->set.node.params.device->force_max_N);
+    hrt_drive_start(&p->drive, p->set.node.params.device);
     const bool good = hrt_drive_open(&p->drive, p->set.common.bus, why, sizeof why);
     if (raised) hrt_priority(0);
     return good ? APP_DONE : app_bad_input("--device", 0, "%s", why);

@@ -109,8 +109,9 @@ static void list(void) {
     hrt_drive_list(stdout);
 }
 
-static const char *drive_device(const char *address) {
+static const char *drive_device(const char *address, bool *joints) {
     const hrt_drive_driver *driver = hrt_drive_find(address);
+    *joints = driver && driver->joints;
     return driver ? driver->device : NULL;
 }
 

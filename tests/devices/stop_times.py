@@ -6,9 +6,10 @@ import tempfile
 sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[1]), str(pathlib.Path(__file__).resolve().parent)]
 import test_haply  # noqa: E402
 import test_libraries  # noqa: E402
+import test_odrive  # noqa: E402
 
 SAYS = {"killed": "killed", "frozen": "stands still 0.4 s", "flood": "floods states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "answers nonsense",
-        "silent": "is silent", "close": "closes", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force"}
+        "silent": "is silent", "close": "closes", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "an axis reports an error", "short": "frames cut short"}
 
 
 def row(device, trouble, result):
@@ -28,3 +29,11 @@ with tempfile.TemporaryDirectory() as top:
             tmp = top / (device[:-2] + trouble)
             tmp.mkdir()
             row(device[:-2], trouble, test_libraries.in_trouble(tmp, top, device, trouble))
+    for trouble in test_odrive.TROUBLES:
+        if trouble == "flood":
+            continue  # true frames, fifty times over: no trouble
+        tmp = top / ("odrive" + trouble)
+        tmp.mkdir()
+        bench = test_odrive.Axes(tmp, "--trouble", trouble, "--after", "0.5")
+        row("odrive", trouble, test_odrive.in_trouble(bench, trouble))
+        bench.end()

@@ -36,7 +36,7 @@ static void start(double scale, const char *device) {
     config.extrapolator = HRT_HOLD;
     b.drive.workspace = hrt_workspace_default();
     b.drive.workspace.scale = scale;
-    hrt_drive_start(&b.drive, config.params.force_max_N);
+    hrt_drive_start(&b.drive, config.params.device);
     hrt_drive_up(&b.drive, true, NULL);
     hrt_node_init(&b.node, &config, &b.none);
     b.node.drive = &b.drive;
