@@ -36,12 +36,14 @@ static double badness(const growing *m, const growing_fans *f, int v, double sca
     return sum;
 }
 
+/* Returns whether none of the vertex's tetrahedra is one that must not arise (growing_hold.wanted). */
 static bool allowed(const growing *m, const growing_fans *f, const growing_hold *h, int v) {
     for (int i = f->begin[v]; h && i < f->begin[v + 1]; i++)
         if (h->wanted(m, f->tet[i], growing_longest_edge_m(m, f->tet[i]), h->context)) return false;
     return true;
 }
 
+/* Reduces a direction to what the vertex may do: ALONG its held direction, or ACROSS it (in the plane normal to it). */
 static void keep_to(const growing_hold *h, int v, double d[3]) {
     const double *n = h->direction + 3 * (size_t)v;
     double along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2];

@@ -16,16 +16,19 @@ typedef struct lattice {
     int *vertex;      /* vertex of the mesh, -1: none yet */
 } lattice;
 
+/* Returns the index of a lattice point. */
 static size_t at(const lattice *l, const int i[3]) {
     return ((size_t)i[2] * (size_t)l->n[1] + (size_t)i[1]) * (size_t)l->n[0] + (size_t)i[0];
 }
 
+/* Returns whether i is a point of the lattice: within it, and all coordinates even or all odd. */
 static bool is_point(const lattice *l, const int i[3]) {
     for (int k = 0; k < 3; k++)
         if (i[k] < 0 || i[k] >= l->n[k] || ((i[k] ^ i[0]) & 1)) return false;
     return true;
 }
 
+/* Finds where the segment from `in` (inside the body) to `out` crosses the surface, by bisection. */
 static void cut_point(const growing_solid *body, const double *in, const double *out, double p[3]) {
     double low = 0, high = 1;
     for (int step = 0; step < 50; step++) {
@@ -82,11 +85,14 @@ typedef struct builder {
     int cut_count, cut_capacity, *bucket, buckets;
 } builder;
 
+/* Returns the mesh vertex of a lattice point, and adds it at the first use. */
 static int lattice_vertex(builder *b, size_t p) {
     if (b->l->vertex[p] < 0) b->l->vertex[p] = growing_add_vertex(b->m, b->l->position + 3 * p);
     return b->l->vertex[p];
 }
 
+/* Returns the mesh vertex where a lattice edge crosses the surface: one for all tetrahedra around the edge. -1: no
+ * memory. */
 static int cut_vertex(builder *b, size_t in, size_t out) {
     size_t low = in < out ? in : out, high = in < out ? out : in;
     int *slot = &b->bucket[(low * 31 + high * 17) % (size_t)b->buckets];

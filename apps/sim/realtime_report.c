@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 
+/* Reports frames and simulated time against the wall clock. */
 static void report_rate(const realtime *r, double wall_s, cJSON *json) {
     cJSON *rate = cJSON_AddObjectToObject(json, "force_samples");
     cJSON_AddNumberToObject(rate, "count", (double)r->samples);
@@ -14,6 +15,7 @@ static void report_rate(const realtime *r, double wall_s, cJSON *json) {
     cJSON_AddNumberToObject(rate, "merged", (double)r->merged);
 }
 
+/* Reports how many messages were refused, by reason. */
 static void report_refused(const realtime *r, cJSON *json) {
     if (r->haptics) {
         cJSON *row = cJSON_AddObjectToObject(json, "refused");
@@ -24,6 +26,7 @@ static void report_refused(const realtime *r, cJSON *json) {
     }
 }
 
+/* Reports each controller's samples and lateness. */
 static void report_controllers(const realtime *r, cJSON *json) {
     int64_t ticks = 0, missed = 0;
     double late[4] = {0};

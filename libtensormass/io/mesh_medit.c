@@ -28,6 +28,7 @@ static void skip_spaces(reader *r) {
             while (r->at < r->end && *r->at != '\n') r->at++;
 }
 
+/* Reads an integer. */
 static bool whole(reader *r, int64_t *out) {
     char *after;
     skip_spaces(r);
@@ -37,6 +38,7 @@ static bool whole(reader *r, int64_t *out) {
     return true;
 }
 
+/* Reads a number. */
 static bool real(reader *r, double *out) {
     char *after;
     skip_spaces(r);
@@ -55,6 +57,7 @@ static bool next_word(reader *r, const char **word, size_t *length) {
     return *length > 0;
 }
 
+/* Reports a list that ends before its announced count. */
 static tm_status cut_short(reader *r, int64_t found, int64_t announced, const char *what) {
     return tm_fail(r->error, TM_ERR_FILE, -1,
                    "has %lld of the %lld %s that its header counts, so it is truncated; save it again",
@@ -98,6 +101,7 @@ static bool is(const char *word, size_t length, const char *wanted) {
     return strlen(wanted) == length && memcmp(word, wanted, length) == 0;
 }
 
+/* Reads what follows a keyword: vertices or a kind of elements. Others are skipped word by word. */
 static tm_status read_section(reader *r, const char *word, size_t length) {
     int64_t number;
     if (is(word, length, "Dimension") && (!whole(r, &number) || number != 3))

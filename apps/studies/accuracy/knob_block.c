@@ -1,6 +1,6 @@
-/* Knobs that share one matrix of pressed blocks, compared with CalculiX's ten-node tetrahedra (reference.json):
- *   mesh       error against the number of tetrahedra, and its two costs: more of them per step, more steps per second
- *   precision  the same press with single and with double stored tensors, with the mesh's own error
+/* Studies of one setting each ("knobs") on the same set of pressed blocks, compared with CalculiX's ten-node tetrahedra
+ * (reference.json): mesh       error against the number of tetrahedra, and its two costs: more of them per step, more
+ * steps per second precision  the same press with single and with double stored tensors, with the mesh's own error
  *   model      linear elasticity against large displacements (neo-Hookean, "neo"), pressed by 1 % to 40 % of the edge;
  *              our three models are linear and agree at rest, so one scaled solution serves all
  *   fibre      fibred tissue treated as isotropic, with Young's moduli from E_T to E_L, against the cost of fibres:
@@ -22,6 +22,7 @@ typedef struct price {
     int64_t bytes;
 } price;
 
+/* Runs a scene of one model: presses 3 mm in FRAMES frames, waits REST frames, and measures what a frame costs. */
 static bool measure(const char *scene_file, price *out) {
     char rate[] = "time.frame_rate=30", sends[] = "haptics.sends=force", extrapolator[] = "haptics.extrapolator=hold";
     char *set[] = {rate, sends, extrapolator}, found[2048];
@@ -74,6 +75,7 @@ static void model_prices(cJSON *rows, void (*progress)(const char *, double)) {
 
 static const double along_x[3] = {1, 0, 0};
 
+/* Measures error and cost of the block on ever finer meshes, isotropic or fibred. */
 static tm_status one_law(const run *r, bool fibred, cJSON *rows, tm_error *error) {
     static const int cells[] = {3, 6, 9, 12, 15, 18, 24, 30};
     const int count = r->quick ? 3 : 8;

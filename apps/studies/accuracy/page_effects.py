@@ -1,4 +1,4 @@
-"""Sections of the four effects in the page of page.py, which has put the shared Page on the path: cost and gain of each."""
+"""Sections on strain smoothing, rotation, viscosity and friction in the accuracy report: what each costs and gains. page.py calls them, after it has put the module `page` on the path."""
 import math
 
 import matplotlib.pyplot as plt
@@ -7,7 +7,7 @@ from page import draw_frontier, label_line, label_upright, loglog, series, times
 
 
 def volume_words(rows, beams):
-    """Describes cost and gain of tissue without locking on the finest mesh, and the cost of equal accuracy by refinement."""
+    """Describes strain smoothing on the finest mesh: its error and cost against linear tetrahedra, and what refining these would cost for the same error."""
     tets = max(r["tets"] for r in rows)
     own = {r["shear"] if r["form"] == "volume" else None: r for r in rows if r["tets"] == tets}
     linear, best = own[None], min((r for s, r in own.items() if s is not None), key=lambda r: r["displacement"])
@@ -26,6 +26,7 @@ def volume_words(rows, beams):
 
 
 def volume(page, data):
+    """Adds the section on strain smoothing: error against cost of a pressed block, and a bent cantilever as nu nears 0.5."""
     rows, beams = data["rows"], data["cantilever"]
     forms = sorted({(r["form"], r["shear"]) for r in rows})
     page.section("Volume", "The effect <code>volume</code> (averaged changes of volume, and a share of the shear averaged over edges) beside linear tetrahedra, on the block of above (ν = 0.45), "
@@ -58,6 +59,7 @@ def volume(page, data):
 
 
 def rotation(page, data):
+    """Adds the section on corotational elasticity: displacement error against the depth of a press, and cost."""
     rows, price = data["rows"], data["price"]
     page.section("Rotation", f"The effect <code>rotation</code> on {data['tets']:,.0f} tetrahedra, without <code>volume</code> and with it (shear 0), against CalculiX with large displacements: neo-Hookean, "
                  "and of St. Venant and Kirchhoff, whose block has no rest beyond 15 %. The mesh's own error (dotted) is that of linear tissue against linear CalculiX.")
@@ -82,6 +84,7 @@ def rotation(page, data):
 
 
 def viscosity(page, data):
+    """Adds the section on viscosity: error of the complex modulus, cost of a step, and a ramp that is held."""
     rows, prices = data["rows"], data["price"]
     page.section("Viscosity", "The effect <code>viscosity</code>. Error: the complex modulus of one term at the frequency where it loses most, against the closed form, by steps a cycle; "
                  "a step is far shorter than any strain that a hand makes. Price: a step of the same block, beside the same without the effect.")
@@ -100,6 +103,7 @@ def viscosity(page, data):
 
 
 def ramp(page, data):
+    """Adds stress over time of a ramp and hold, against the closed form."""
     rows, terms = data["rows"], data["terms"]
     page.text(f"A ramp of {100 * data['strain']:.0f} % in {1e3 * data['ramp_s']:g} ms, then a hold, of tissue with the constants of a perfused liver under fast compression (Sato et al., IRCOBI 2013, as the open human body model VIVA+ of February 2021 "
               f"has them: {1e-3 * data['sudden_shear_Pa']:.1f} kPa of shear modulus at once, "
@@ -120,6 +124,7 @@ def ramp(page, data):
 
 
 def friction(page, data):
+    """Adds the section on friction: error of leaving it out while a tool slides, and its cost."""
     rows = data["rows"]
     page.section("Friction", f"The effect <code>friction</code>: a tool 3 mm deep in {data['tets']:,.0f} tetrahedra slides 8 mm at {1e3 * data['speed_m_s']:.0f} mm/s and back. Error: what leaving it out changes of the force at the hand, "
                  "along the slide and altogether. Price: a step of that slide, beside the same without the effect.")

@@ -1,4 +1,4 @@
-"""One page of what `tm-accuracy --scene` measured: what to change in a scene, what that costs, and what hides behind the material's own uncertainty."""
+"""One page of what `tm-accuracy --scene` measured: what to change in a scene, what that costs, and which errors are smaller than those of uncertain material constants."""
 import argparse
 import html
 import json
@@ -14,10 +14,12 @@ NUMBERS = ("step", "mass", "precision", "model")
 
 
 def percent(value):
+    """Formats a share in per cent; None: a dash."""
     return "–" if value is None else f"{100 * value:.3g} %"
 
 
 def done(study, *knobs):
+    """Returns the runs that varied one of these settings and succeeded."""
     return [r for r in study["runs"] if r["knob"] in knobs and "cannot" not in r]
 
 
@@ -42,6 +44,7 @@ def improvements(study):
 
 
 def doubt(study):
+    """Describes the reference that errors are measured from, and how uncertain it is."""
     truth = study["truth"]
     if truth["extrapolated"]:
         return (f"Errors are distances of the force at the hand, RMS over its path, from Richardson's estimate (order {truth['order']:.2f}, {'observed' if truth['order_observed'] else 'assumed'}) "
@@ -53,6 +56,7 @@ def doubt(study):
 
 
 def frontier_figure(page, study):
+    """Draws error against cost of all runs, and the line of those that no other run beats in both."""
     own, choice = study["runs"][0], study.get("recommendation")
     rows = [r for r in done(study, *MESHES, *NUMBERS) if r.get("force_error", 0) > 0]
     figure, axis = plt.subplots()

@@ -121,6 +121,7 @@ static void build_edges(tm_local_surface *s) {
     }
 }
 
+/* Builds the fan of each vertex: the list of its edges, as offsets and one array. */
 static void build_fans(tm_local_surface *s) {
     memset(s->vertex_edge_begin, 0, sizeof(int32_t) * (size_t)(s->vertex_count + 1));
     for (int32_t e = 0; e < s->edge_count; e++)

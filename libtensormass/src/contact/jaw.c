@@ -99,6 +99,7 @@ typedef struct catch {
 }
 catch;
 
+/* Adds a captured vertex, or shortens its distance; drops the farthest if there are too many. */
 static void take_vertex(catch *h, int32_t vertex, double distance_m) {
     int32_t farthest = 0;
     for (int32_t i = 0; i < h->count; i++) {

@@ -13,6 +13,7 @@ enum { MAX_SUBSTEPS = 10000000 }; /* per frame */
 
 /* --- creation --- */
 
+/* Records which member of the definition is invalid, and returns `status`. */
 static tm_status set_invalid_member(const tm_model_def *def, const char *member, tm_status status) {
     if (status != TM_OK && def->invalid_member) *def->invalid_member = member;
     return status;
@@ -50,6 +51,7 @@ static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *e
     return TM_OK;
 }
 
+/* Creates the world on the tissue, with supports, loads and gravity. */
 static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *error) {
     tm_world_def world = tm_world_def_default();
     world.tissue = m->tissue;
@@ -76,6 +78,7 @@ static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *erro
     return status;
 }
 
+/* Adds contact and the stages that need it: grasp, friction, cut. */
 static tm_status make_contact(const tm_model_def *def, tm_model *m, tm_error *error) {
     tm_grasp *grasp;
     tm_status status = TM_OK;
