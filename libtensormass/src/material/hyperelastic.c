@@ -281,9 +281,8 @@ static double climb(search *s, double x[PLACE], double best) {
     return best;
 }
 
-double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
+static double search_stiffest_Pa(const tm_material *m, bool averaged) {
     enum { TOPS = 8 };
-    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
     const double stretch = m->stretch_max, pi = acos(-1);
     const bool fibred = m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m);
     const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
@@ -313,4 +312,24 @@ double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
     }
     for (int q = 0; q < TOPS; q++) most = fmax(most, climb(&s, at[q], top[q]));
     return TM_BOUND_MARGIN * most;
+}
+
+/* A search takes 50 ms or more, and programs that fit or compare build the same materials again and again: each thread
+ * remembers its last bounds. */
+double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
+    enum { REMEMBERED = 16 };
+    static _Thread_local struct {
+        tm_material material; /* without padding: material.h */
+        bool averaged;
+        double stiffest_Pa;
+    } known[REMEMBERED];
+    static _Thread_local int next;
+    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
+    for (int i = 0; i < REMEMBERED; i++)
+        if (known[i].stiffest_Pa > 0 && known[i].averaged == averaged && !memcmp(&known[i].material, m, sizeof *m))
+            return known[i].stiffest_Pa;
+    const double found = search_stiffest_Pa(m, averaged);
+    known[next].material = *m, known[next].averaged = averaged, known[next].stiffest_Pa = found;
+    next = (next + 1) % REMEMBERED;
+    return found;
 }
