@@ -17,6 +17,7 @@ IN = {
     "cut/": "unit",
     "devices/": "system",
     "docs/": "unit", "docs/test_adding": "system", "docs/test_commands": "system", "docs/test_library_guide": "system", "docs/test_newcomer": "system", "docs/test_page_lengths": "system", "docs/test_tutorial": "system",
+    "reality/": "physics", "fit/": "system",
     "effects/": "physics", "hash/": "physics", "organ/": "system", "organ/test_pressing": "physics", "stability/": "physics",
     "loop/": "unit", "loop/test_messages": "system", "loop/test_processes": "system", "loop/test_release.py": "physics", "loop/test_rows": "system", "loop/test_soak": "system",
     "loop/test_two_hosts": "system",

@@ -23,6 +23,7 @@ static const char help[] =
     "out\n"
     "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings "
     "to PREFIX.json\n"
+    "  --trials FILE         answer requests of programs that fit, a line of JSON each, on stdout (docs/fitting.md)\n"
     "  --check               read and build the scene, no more\n"
     "  --list                scenes that come with the programs, models, effects\n"
     "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
@@ -79,6 +80,7 @@ enum {
     OPT_KEY,
     OPT_NO_KEY,
     OPT_HANDS,
+    OPT_TRIALS,
     OPT_SNAPSHOT_AT,
     OPT_SNAPSHOT,
     OPT_RESTORE,
@@ -116,6 +118,7 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"key", required_argument, NULL, OPT_KEY},
                                              {"no-key", no_argument, NULL, OPT_NO_KEY},
                                              {"hands", required_argument, NULL, OPT_HANDS},
+                                             {"trials", required_argument, NULL, OPT_TRIALS},
                                              {"help", no_argument, NULL, OPT_HELP},
                                              {"strict", no_argument, NULL, OPT_STRICT},
                                              {"list", no_argument, NULL, OPT_LIST},
@@ -164,7 +167,8 @@ static int take_whole(const char *name, const char *text, double low, int64_t *o
 
 static int choose_mode(run_options *o, run_mode mode) {
     if (o->mode != RUN_NONE && o->mode != mode)
-        return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --check%s", "");
+        return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --trials --check%s",
+                     "");
     o->mode = mode;
     return 0;
 }
@@ -176,6 +180,7 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_REALTIME: return choose_mode(o, RUN_REALTIME);
     case OPT_EXPLAIN: return choose_mode(o, RUN_EXPLAIN);
     case OPT_CHECK: return choose_mode(o, RUN_CHECK);
+    case OPT_TRIALS: o->trials = optarg; return choose_mode(o, RUN_TRIALS);
     case OPT_HANDS: o->hands = optarg; return choose_mode(o, RUN_HANDS);
     case OPT_SETTLE:
         rc = take_number("--settle", optarg, "none", 1e-15, &o->tolerance);
@@ -282,6 +287,7 @@ static int run(run_options *o) {
     sim *s;
     if (o->schema) return print_schema();
     if (o->list) return run_list();
+    if (o->mode == RUN_TRIALS) return run_trials(o);
     int rc = app_exit_code(sim_scene_load(o->scene, o->set, o->set_count, app_program_host(), &scene));
     if (rc) return rc;
     scene->strict = o->strict;
@@ -300,6 +306,7 @@ static int run(run_options *o) {
         printf("%s: %d tetrahedra, %d substep%s of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps,
                s->substeps == 1 ? "" : "s", s->dt_s);
         break;
+    case RUN_TRIALS:
     case RUN_NONE: break;
     }
     sim_destroy(s);

@@ -12,13 +12,15 @@ typedef enum run_mode {
     RUN_SETTLE,
     RUN_EXPLAIN,
     RUN_CHECK,
-    RUN_HANDS
+    RUN_HANDS,
+    RUN_TRIALS
 } run_mode;
 
 enum { RUN_MAX_SETS = 64 };
 
 typedef struct run_options {
-    const char *scene, *schema, *csv, *samples, *write, *json, *url, *key, *hands, *paraview, *snapshot, *restore;
+    const char *scene, *schema, *csv, *samples, *write, *json, *url, *key, *hands, *paraview, *snapshot, *restore,
+        *trials;
     int64_t paraview_every;
     bool no_key;
     run_mode mode;
@@ -34,6 +36,11 @@ int run_realtime(sim *s, const run_options *o);
 int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
+/* Answers the requests of o->trials on stdout; builds the scene anew for each. */
+int run_trials(const run_options *o);
+/* Moves every instrument to its start along its shaft, from the trocar. Placed there at once, it could be inside the
+ * tissue without having touched it. */
+tm_status run_insert_tools(sim *s);
 /* Prints the scenes that come with the programs, the models and the effects on stdout. */
 int run_list(void);
 

@@ -90,9 +90,7 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     }
 }
 
-/* Moves every instrument to its start along its shaft, from the trocar. Placed there at once, it could be inside the
- * tissue without having touched it. */
-static tm_status insert_tools(sim *s) {
+tm_status run_insert_tools(sim *s) {
     enum { STEPS = 400 };
     if (!s->model->instrument_count) return TM_OK;
     for (int i = 0; i < s->model->instrument_count; i++) {
@@ -115,7 +113,7 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
     def.tolerance = o->tolerance;
     def.progress = on_progress;
     def.user = &w;
-    tm_status status = is_relaxed(s) ? insert_tools(s) : TM_OK;
+    tm_status status = is_relaxed(s) ? run_insert_tools(s) : TM_OK;
     if (!status)
         status = tm_model_settle(s->model, &def, u, reaction, result, &error);
     else

@@ -77,6 +77,18 @@ def stability(out):
     save(figure, out, "stability-outcomes")
 
 
+def reality(out):
+    rows = [r for r in table("reality.md", "body and figure") if not r[5].startswith("fitted")]
+    figure, axes = plt.subplots(figsize=(8.6, 0.9 + 0.36 * len(rows)))
+    at = list(range(len(rows)))[::-1]
+    axes.axvspan(-5, 5, color="#eeeeee")
+    axes.errorbar([0] * len(rows), at, xerr=[100 * number(r[2]) / number(r[1]) for r in rows], fmt="none", color=INK, capsize=4)
+    axes.plot([number(r[4]) for r in rows], at, "s", color=RED)
+    axes.set_yticks(at, [r[0].replace("`", "") + (f" ({r[5]})" if r[5] != "predicted" else "") for r in rows], fontsize=9)
+    axes.set(xlabel="simulated less measured, %")
+    save(figure, out, "reality-differences")
+
+
 def extrapolation(out):
     rows = table("extrapolation.md", "scene, instrument")
     columns = ((1, "25 Hz, `hold`", GREY), (2, "25 Hz, `position`", RED), (4, "25 Hz, `adaptive`", BLUE), (5, "100 Hz, `adaptive`", GREEN), (6, "500 Hz, `adaptive`", INK))
@@ -93,7 +105,7 @@ def extrapolation(out):
 def main():
     out = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs/images"
     with matplotlib.rc_context(STYLE):
-        for draw in (performance, stability, extrapolation):
+        for draw in (performance, stability, extrapolation, reality):
             draw(out)
 
 
