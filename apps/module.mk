@@ -41,6 +41,8 @@ endif
 # Python scripts and their library, run from a prefix as from here. tm-session's scripts are in the same folder.
 $(call script,bin/tm-organ,apps/organ/tm_organ.py)
 $(call script,bin/tm-study,apps/study/tm_study.py)
+$(call script,bin/tm-fit,apps/fit/tm_fit.py)
+$(foreach f,fit_page.py model.py statistics_of_fit.py trials.py,$(call script,lib/tensormass/fit/$(f),apps/fit/$(f)))
 $(call script,bin/tm-session,apps/session/tm_session.py)
 $(foreach f,session.py netns.sh display.py,$(call script,lib/tensormass/session/$(f),apps/demo/$(f)))
 
@@ -69,6 +71,10 @@ organ:
 	@$(if $(IMAGE),,echo "make organ: no IMAGE; make organ IMAGE=seg.nii.gz (or .stl, .msh; tm-organ --help)" >&2; exit 2)
 	$(call ready,build,programs)
 	@$(OUT)/bin/tm-organ '$(IMAGE)' -o $(OUT)/organ $(ORGAN_ARGS)
+#: make reality               what was measured beside what is simulated: build/reality/index.html (QUICK=1: the short form; REALITY_ARGS='--predict 0.3': another load)
+reality:
+	$(call ready,build,venv programs)
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/reality/reality.py -o $(OUT)/reality --sim $(OUT)/bin/tm-sim $(if $(QUICK),--quick) $(REALITY_ARGS)
 # $(call draw,STUDY,FIGURES,OPTIONS): draws the page of a study.
 draw = TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/$(1)/page.py $(OUT)/$(1)/$(2).json -o $(OUT)/$(1) $(3)
 accuracy:

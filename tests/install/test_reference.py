@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-NAMES = ["tm-sim", "tm-mesh", "tm-scene", "tm-view", "tm-play", "tm-precompute", "tm-session", "tm-organ", "tm-study", "tm-evaluate", "tm-accuracy", "tm-stability", "haptic-rt", "tm-device"]
+NAMES = ["tm-sim", "tm-mesh", "tm-scene", "tm-view", "tm-play", "tm-precompute", "tm-session", "tm-organ", "tm-study", "tm-fit", "tm-evaluate", "tm-accuracy", "tm-stability", "haptic-rt", "tm-device"]
 
 
 @pytest.fixture(scope="module")

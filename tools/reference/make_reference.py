@@ -17,6 +17,7 @@ PURPOSE = {
     "tm-scene": "write a first scene for a mesh, and check a scene",
     "tm-organ": "turn an image into an organ with haptic feedback, by one command",
     "tm-study": "run tm-sim many times, with results in one table",
+    "tm-fit": "fit constants of materials to what was measured",
     "tm-session": "start a live session of a scene by one command",
     "tm-evaluate": "measure the errors of the extrapolators",
     "tm-accuracy": "measure what accuracy costs in time",

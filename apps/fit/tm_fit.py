@@ -1,0 +1,267 @@
+#!/usr/bin/python3
+"""Constants of a scene's materials from what was measured: least squares with 95 % intervals, their correlation, and a verdict where the data do not determine a constant."""
+import argparse
+import hashlib
+import json
+import os
+import pathlib
+import signal
+import sys
+import time
+
+BIN = pathlib.Path(__file__).resolve().parent
+for folder in (BIN.parent / "lib/tensormass/fit", BIN):
+    sys.path.insert(0, str(folder))
+try:
+    import numpy as np
+    import scipy  # noqa: F401
+except ImportError:
+    own = BIN.parent / "venv/bin/python"  # of a build; `make venv` makes it
+    if own.exists() and pathlib.Path(sys.prefix) != own.parents[1]:
+        os.execv(own, [str(own), str(pathlib.Path(__file__).resolve()), *sys.argv[1:]])
+    print("tm-fit: this Python has no numpy or no scipy; install python3-scipy (Debian) or scipy (pip), or run it with a Python that has them", file=sys.stderr)
+    sys.exit(2)
+
+SIM = BIN / "tm-sim"
+EPILOG = """Data are CSV files with a head line, SI units. A curve: each row is a rest of the scene that --row makes of it.
+  tm-fit press.yaml --data press.csv --row 'supports[1].displace=[0, 0, -{depth_m}]' --compare 'force_N=-support top z' \\
+         --fit 'tissue.materials.*.young=1 kPa..50 kPa' -o fit
+A series over time: --time names its column; the scene runs once for each trial.
+  tm-fit beam.yaml --data swing.csv --time t_s --compare 'tip_m=point tip z' --point tip=0.1,0.015,0.03 \\
+         --fit 'viscosity.terms[0].shear=0.02..0.5' -o fit
+WHAT of --compare: support NAME AXIS (force on the tissue, N), point NAME AXIS (displacement, m), instrument N AXIS (N); '-' before it turns the sign.
+FOLDER gets index.html, fit.json and state.json. Interrupted, the same command goes on where it was (docs/fitting.md)."""
+
+
+def arguments(words=None):
+    p = argparse.ArgumentParser(prog="tm-fit", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="a scene, with the law whose constants are sought")
+    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="where all of it goes")
+    p.add_argument("--fit", action="append", default=[], metavar="PATH=LOW..HIGH", help="a constant by its path in the scene, and its range; LOW..START..HIGH names where to begin; up to eight")
+    p.add_argument("--data", type=pathlib.Path, metavar="FILE", required=True, help="measured values, CSV with a head line")
+    p.add_argument("--row", action="append", default=[], metavar="PATH=TEXT", help="what a row of a curve sets in the scene; {column} stands for its value")
+    p.add_argument("--time", metavar="COLUMN", help="the data are a series over this column, s")
+    p.add_argument("--compare", action="append", default=[], metavar="COLUMN=WHAT", help="a measured column and what of the simulation it is")
+    p.add_argument("--point", action="append", default=[], metavar="NAME=X,Y,Z", help="a marker by its place at rest, m; it may stand off the tissue")
+    p.add_argument("--from-first", action="store_true", help="compare differences from the first row")
+    p.add_argument("--noise", action="append", default=[], metavar="COLUMN=SD", help="standard deviation of a column, 0.02 or 1%% of each value: what the values weigh [alike; columns by their size]")
+    p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="of every trial, as tm-sim's")
+    p.add_argument("--robust", action="store_true", help="outliers count less (soft L1)")
+    p.add_argument("--profile", action="store_true", help="profile the likelihood at the ends of all intervals [of badly determined ones]")
+    p.add_argument("--tolerance", type=float, default=1e-7, metavar="TOL", help="of each rest, relative residual [1e-7]")
+    p.add_argument("--again", action="store_true", help="forget what an earlier call has done")
+    p.add_argument("--quiet", action="store_true", help="no progress")
+    p.add_argument("--version", action="version", version="tm-fit @VERSION@")
+    return p.parse_args(words)
+
+
+class State:
+    """Evaluations by their constants, in FOLDER/state.json: the same command finds them again."""
+
+    def __init__(self, path, key, again):
+        self.path, self.key, self.known = path, key, {}
+        if path.exists() and not again:
+            try:
+                found = json.loads(path.read_text())
+                self.known = found["known"] if found["key"] == key else {}
+            except (OSError, ValueError, KeyError, TypeError):
+                self.known = {}
+
+    def evaluate(self, name, compute):
+        if name not in self.known:
+            values, slopes = compute()
+            self.known[name] = [values.tolist(), slopes.tolist()]
+            part = self.path.with_suffix(".part")
+            part.write_text(json.dumps({"key": self.key, "known": self.known}))
+            part.replace(self.path)
+        return tuple(np.array(v) for v in self.known[name])
+
+
+class Fit:
+    """One fit: the problem, its state, progress."""
+
+    def __init__(self, a, problem, trials):
+        self.a, self.problem, self.trials, self.begun, self.calls = a, problem, trials, time.monotonic(), 0
+        text = json.dumps([str(a.scene.resolve()), a.scene.read_text(), a.data.read_text(), a.fit, a.row, a.time, a.compare, a.point, a.from_first, a.noise, a.set, a.tolerance])
+        self.state = State(a.out / "state.json", hashlib.sha256(text.encode()).hexdigest()[:16], a.again)
+        self.low = np.array([c.inner(c.low) for c in problem.constants])
+        self.high = np.array([c.inner(c.high) for c in problem.constants])
+
+    def told(self, x):
+        values = ", ".join(f"{c.outer(v):.5g}{' ' + c.unit if c.unit else ''}" for c, v in zip(self.problem.constants, x))
+
+        def tell(share):
+            if not self.a.quiet and sys.stderr.isatty():
+                print(f"\r{self.calls} {values}  {100 * share:3.0f} %  {time.monotonic() - self.begun:.0f} s ", end="", file=sys.stderr, flush=True)
+        return tell
+
+    def evaluate(self, x):
+        """Returns the scaled residuals and their Jacobian at inner constants x."""
+        x = np.clip(x, self.low, self.high)
+        self.calls += 1
+        name = " ".join(f"{v:.12g}" for v in x)
+        values, slopes = self.state.evaluate(name, lambda: self.problem.at(self.trials, x, self.told(x)))
+        residual = ((values - self.problem.measured) / self.problem.scale).ravel()
+        if not self.a.quiet:
+            print(f"{chr(13) if sys.stderr.isatty() else ''}{self.calls:3d}  {', '.join(c.words(v) for c, v in zip(self.problem.constants, x))}  off by {np.sqrt(np.mean(residual**2)):.3g}", file=sys.stderr)
+        return residual, (slopes / self.problem.scale[..., None]).reshape(len(residual), -1)
+
+
+def interval(constant, inner):
+    return [constant.outer(v) if abs(v) < 700 else float("inf") for v in inner]
+
+
+def more_to_measure(fit, x, found, jacobian):
+    """Ranks further measurements: each row once more, and a curve's last row half as far again. Returns a list of dicts, best first."""
+    from statistics_of_fit import gain
+    problem, m = fit.problem, len(fit.problem.compared)
+    choices = []
+    if problem.time is None:
+        blocks = jacobian.reshape(problem.count, m, -1)
+        choices = [(f"row {i + 1} once more ({', '.join(f'{n} {c[i]:.4g}' for n, c in problem.data.items() if any('{' + n + '}' in s for s in problem.row_sets))})", blocks[i]) for i in range(problem.count)]
+        choices += [choice for choice in [farther(fit, x)] if choice]
+    else:
+        choices = [("the whole series once more", jacobian)]
+    ranked = []
+    for name, rows in choices:
+        deviation = gain(jacobian, found["variance"], rows)
+        ranked.append({"what": name, "shrinks_to": (deviation / found["deviation"]).tolist()})
+    return sorted(ranked, key=lambda r: np.prod(r["shrinks_to"]))[:5]
+
+
+def farther(fit, x):
+    """Returns (name, derivatives) of a row whose varied columns go half as far again as the farthest row; None if the scene does not bear it."""
+    from trials import Refused
+    problem = fit.problem
+    varied = [n for n in problem.data if any("{" + n + "}" in s for s in problem.row_sets)]
+    if not varied or problem.from_first:
+        return None
+    last = int(np.argmax(np.abs(problem.data[varied[0]])))
+    kept = {n: np.array(c) for n, c in problem.data.items()}
+    try:
+        for n in problem.data:
+            problem.data[n] = np.append(kept[n], (1.5 if n in varied else 1.0) * kept[n][last])
+        name = ", ".join(f"{n} {problem.data[n][-1]:.4g}" for n in varied)
+        _, slopes = fit.state.evaluate("farther " + " ".join(f"{v:.12g}" for v in x), lambda: problem.at(fit.trials, x, data_rows=[len(kept[varied[0]])]))
+        return f"a new row with {name}", slopes[0] / problem.scale[last][:, None]
+    except Refused:
+        return None
+    finally:
+        problem.data.update(kept)
+
+
+def run(a, problem, trials):
+    from statistics_of_fit import fit as least_squares, outliers, profile, summary, verdict
+    fit = Fit(a, problem, trials)
+    start = [c.inner(c.start) for c in problem.constants]
+    x, residual, jacobian = least_squares(fit.evaluate, start, fit.low, fit.high, a.robust)
+    found = summary(x, residual, jacobian, fit.low, fit.high)
+    square, limit, constants = float(residual @ residual), found["t"]**2 * found["variance"], []
+    for k, c in enumerate(problem.constants):
+        why = verdict(k, x, found, fit.low, fit.high, c.log)
+        profiled = []
+        if a.profile or why.startswith("badly"):
+            for end in np.clip(found["interval"][k], fit.low[k], fit.high[k]):
+                profiled.append((profile(fit.evaluate, x, k, end, fit.low, fit.high) - square) / limit if limit > 0 else float("inf"))
+            if min(profiled) < 0.25:
+                why = "not identifiable from this: at an end of its interval the others make up for it"
+        constants.append({"path": c.path, "unit": c.unit, "value": c.outer(x[k]), "interval": interval(c, found["interval"][k]), "verdict": why, "profile": profiled})
+    odd = outliers(residual)
+    values = problem.measured + residual.reshape(problem.measured.shape) * problem.scale
+    return {"scene": str(a.scene), "data": str(a.data), "constants": constants, "correlation": found["correlation"].tolist(), "condition": found["condition"],
+            "rms": [float(v) for v in np.sqrt(np.mean((values - problem.measured)**2, 0))], "columns": [c.column for c in problem.compared],
+            "measured": problem.measured.tolist(), "fitted": values.tolist(), "along": along(a, problem),
+            "outliers": [{"row": i // len(problem.compared) + 1, "column": problem.compared[i % len(problem.compared)].column} for i in odd],
+            "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "seconds": time.monotonic() - fit.begun}
+
+
+def along(a, problem):
+    """Returns the name and values that the page draws the columns over."""
+    for name in problem.data:
+        if name == a.time or any("{" + name + "}" in s for s in a.row):
+            return [name, problem.data[name].tolist()]
+    return ["row", list(range(1, problem.count + 1))]
+
+
+def report(found):
+    print(f"{len(found['measured'])} rows, {found['trials']} trials, {found['seconds']:.0f} s; root mean square off: "
+          + ", ".join(f"{n} {v:.3g}" for n, v in zip(found["columns"], found["rms"])))
+    for c in found["constants"]:
+        unit = f" {c['unit']}" if c["unit"] else ""
+        print(f"  {c['path']} = {c['value']:.5g}{unit}   95 %: {c['interval'][0]:.5g} to {c['interval'][1]:.5g}{unit}" + (f"   {c['verdict']}" if c["verdict"] else ""))
+    for i, c in enumerate(found["constants"]):
+        for j in range(i):
+            if abs(found["correlation"][i][j]) > 0.95:
+                print(f"  {c['path']} and {found['constants'][j]['path']} are correlated ({found['correlation'][i][j]:.3f}): the data determine a combination better than each")
+    for o in found["outliers"]:
+        print(f"  row {o['row']}, {o['column']}: far from the others; check it, or use --robust")
+    if found["more"]:
+        best = found["more"][0]
+        print(f"  measure more: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
+
+
+def prepare(a):
+    from model import Bad, Compared, Constant, Problem, read_csv
+    if not a.scene.is_file():
+        raise Bad(f"{a.scene}: is not there; name a scene")
+    if not 1 <= len(a.fit) <= 8:
+        raise Bad(f"{len(a.fit)} times --fit; name one to eight constants, as --fit 'tissue.materials.*.young=1 kPa..50 kPa'")
+    constants = [Constant(t) for t in a.fit]
+    if not a.compare:
+        raise Bad("no --compare; name a column and what it is, as --compare 'force_N=-support top z'")
+    if a.time and a.row:
+        raise Bad("--time and --row: a series runs one scene; leave --row out, or fit a curve")
+    if a.out.exists() and not a.out.is_dir():
+        raise Bad(f"{a.out}: is a file; name a folder")
+    points = {}
+    for text in a.point:
+        name, _, place = text.partition("=")
+        try:
+            points[name] = [float(v) for v in place.split(",")]
+        except ValueError:
+            points[name] = []
+        if len(points[name]) != 3 or not name:
+            raise Bad(f"--point {text}: not NAME=X,Y,Z; write --point tip=0.1,0,0.03, in m")
+    noise = {}
+    for text in a.noise:
+        name, _, value = text.partition("=")
+        try:
+            size = float(value.rstrip("% "))
+        except ValueError:
+            size = 0.0
+        if not 0 < size < float("inf"):
+            raise Bad(f"--noise {text}: no number above 0; write --noise force_N=0.02, or force_N=1% of each value")
+        noise[name] = ("%", size / 100) if value.strip().endswith("%") else size
+    return Problem(constants, read_csv(a.data), a.row, [Compared(t, points) for t in a.compare], points, a.time, a.tolerance, a.from_first, noise)
+
+
+def main():
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    a = arguments()
+    from fit_page import write_page
+    from model import Bad
+    from trials import Refused, Trials
+    try:
+        problem = prepare(a)
+        a.out.mkdir(parents=True, exist_ok=True)
+        with Trials(SIM, a.scene, a.set) as trials:
+            found = run(a, problem, trials)
+        (a.out / "fit.json").write_text(json.dumps(found, indent=1) + "\n")
+        write_page(a.out / "index.html", found)
+        report(found)
+        if not a.quiet:
+            print(a.out / "index.html")
+        return 0
+    except (Bad, Refused) as error:
+        print(error if isinstance(error, Refused) else f"tm-fit: {error}", file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f"tm-fit: {error}; check the path and the disk", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ntm-fit: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
