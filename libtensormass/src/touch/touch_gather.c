@@ -26,6 +26,7 @@ bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
     g->sorted_key = TM_ALLOC(pool, int64_t, g->capacity);
     g->item = TM_ALLOC(pool, int32_t, g->capacity);
     g->sorted = TM_ALLOC(pool, int32_t, g->capacity);
+    g->box = TM_ALLOC(pool, tm_touch_box, mesh->edge_count);
     t->vf.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->ee.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->gathered_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
@@ -34,12 +35,8 @@ bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
 
 /* --- the grid --- */
 
-typedef struct box {
-    double low[3], high[3];
-} box;
-
-static box around(const tm_touching *t, const int32_t *vertex, int count, double grow_m) {
-    box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+static tm_touch_box around(const tm_touching *t, const int32_t *vertex, int count, double grow_m) {
+    tm_touch_box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int j = 0; j < count; j++) {
         double x[3];
         tm_touch_at(t->world, vertex[j], x);
@@ -59,7 +56,7 @@ static int32_t bucket_of(const tm_touch_grid *g, int64_t key) {
 }
 
 /* Adds an item to all cells of its box. Returns false if the grid is full. */
-static bool insert(tm_touch_grid *g, int32_t *count, int32_t item, const box *b) {
+static bool insert(tm_touch_grid *g, int32_t *count, int32_t item, const tm_touch_box *b) {
     int64_t low[3], high[3];
     for (int c = 0; c < 3; c++) low[c] = cell_of(g, b->low[c]), high[c] = cell_of(g, b->high[c]);
     const double cells =
@@ -191,17 +188,18 @@ static bool coarsen(tm_touching *t) {
     return false;
 }
 
+static bool is_in(const tm_touch_box *b, const double p[3]) {
+    return p[0] >= b->low[0] && p[0] <= b->high[0] && p[1] >= b->low[1] && p[1] <= b->high[1] && p[2] >= b->low[2] &&
+           p[2] <= b->high[2];
+}
+
 static void gather_faces(tm_touching *t) {
     tm_touch_grid *g = &t->grid;
     const tm_touch_surface *s = &t->surface;
-    const double grow_m = t->reach_m + t->margin_m;
     int32_t count = 0;
-    for (int32_t f = 0; f < s->face_count; f++) {
-        const box b = around(t, s->triangle + 3 * f, 3, grow_m);
-        if (insert(g, &count, f, &b)) continue;
-        if (!coarsen(t)) continue;
-        count = 0, f = -1;
-    }
+    for (int32_t f = 0; f < s->face_count; f++) g->box[f] = around(t, s->triangle + 3 * f, 3, t->reach_m + t->margin_m);
+    for (int32_t f = 0; f < s->face_count; f++)
+        if (!insert(g, &count, f, g->box + f) && coarsen(t)) count = 0, f = -1;
     sort_cells(g, count);
     for (int32_t i = 0; i < s->vertex_count; i++) {
         double p[3];
@@ -209,13 +207,14 @@ static void gather_faces(tm_touching *t) {
         const int64_t key = key_of(cell_of(g, p[0]), cell_of(g, p[1]), cell_of(g, p[2]));
         const int32_t bucket = bucket_of(g, key);
         for (int32_t k = g->begin[bucket]; k < g->begin[bucket + 1]; k++)
-            if (g->sorted_key[k] == key) try_vertex_face(t, s->vertex[i], g->sorted[k]);
+            if (g->sorted_key[k] == key && is_in(g->box + g->sorted[k], p))
+                try_vertex_face(t, s->vertex[i], g->sorted[k]);
     }
     sort(&t->vf);
 }
 
 /* Returns whether this is the lowest cell that both boxes share: each pair is tried there alone. */
-static bool is_first_cell(const tm_touch_grid *g, int64_t key, const box *a, const box *b) {
+static bool is_first_cell(const tm_touch_grid *g, int64_t key, const tm_touch_box *a, const tm_touch_box *b) {
     int64_t cell[3];
     for (int c = 0; c < 3; c++) {
         if (a->high[c] < b->low[c] || b->high[c] < a->low[c]) return false;
@@ -230,22 +229,17 @@ static void gather_edges(tm_touching *t) {
     const int32_t *end = t->world->tissue->mesh->edge;
     const double grow_m = 0.5 * (t->reach_m + t->margin_m);
     int32_t count = 0;
-    for (int32_t i = 0; i < s->edge_count; i++) {
-        const box b = around(t, end + 2 * s->edge[i], 2, grow_m);
-        if (insert(g, &count, s->edge[i], &b)) continue;
-        if (!coarsen(t)) continue;
-        count = 0, i = -1;
-    }
+    for (int32_t i = 0; i < s->edge_count; i++) g->box[i] = around(t, end + 2 * s->edge[i], 2, grow_m);
+    for (int32_t i = 0; i < s->edge_count; i++)
+        if (!insert(g, &count, i, g->box + i) && coarsen(t)) count = 0, i = -1;
     sort_cells(g, count);
     for (int32_t bucket = 0; bucket < g->buckets; bucket++)
-        for (int32_t i = g->begin[bucket]; i < g->begin[bucket + 1]; i++) {
-            const box a = around(t, end + 2 * g->sorted[i], 2, grow_m);
+        for (int32_t i = g->begin[bucket]; i < g->begin[bucket + 1]; i++)
             for (int32_t k = i + 1; k < g->begin[bucket + 1]; k++) {
-                if (g->sorted_key[k] != g->sorted_key[i]) continue;
-                const box b = around(t, end + 2 * g->sorted[k], 2, grow_m);
-                if (is_first_cell(g, g->sorted_key[i], &a, &b)) try_edges(t, g->sorted[i], g->sorted[k]);
+                const int32_t a = g->sorted[i], b = g->sorted[k];
+                if (g->sorted_key[k] == g->sorted_key[i] && is_first_cell(g, g->sorted_key[i], g->box + a, g->box + b))
+                    try_edges(t, s->edge[a], s->edge[b]);
             }
-        }
     sort(&t->ee);
 }
 
@@ -258,7 +252,16 @@ static void gather_all(tm_touching *t) {
         for (int32_t k = i + 1; k < s->edge_count; k++) try_edges(t, s->edge[i], s->edge[k]);
 }
 
+/* Widens the margin while gatherings follow each other closely. Rows do not depend on it. */
+static void adapt_margin(tm_touching *t) {
+    const double least_m = law_max(2 * t->def.thickness_m, 0.25 * t->surface.mean_edge_m);
+    const bool often = t->gathered && t->since < 8, seldom = !t->gathered || t->since > 64;
+    t->margin_m = law_clamp(t->margin_m * (often ? 2 : seldom ? 0.5 : 1), least_m, 4 * least_m);
+    t->since = 0;
+}
+
 static void gather(tm_touching *t) {
+    adapt_margin(t);
     memcpy(t->gathered_u_m, t->world->state.u_m, sizeof(double) * 3 * (size_t)t->world->tissue->mesh->vertex_count);
     t->vf.count = t->ee.count = 0;
     t->odometer_m = t->moved_m = 0;
@@ -300,6 +303,7 @@ void tm_touch_update(tm_touching *t) {
         t->odometer_m += 2 * travel_m;
         t->moved_m += travel_m;
     }
+    t->since++;
     if (t->gathered && t->moved_m > 0.5 * t->margin_m) t->moved_m = farthest_m(t);
     if (!t->gathered || !(t->moved_m <= 0.5 * t->margin_m)) gather(t);
 }

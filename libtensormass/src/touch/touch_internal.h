@@ -47,8 +47,13 @@ typedef struct tm_touch_memory {
     double lambda_N, drag_N[3], rub_N[3];
 } tm_touch_memory;
 
+typedef struct tm_touch_box {
+    double low[3], high[3];
+} tm_touch_box;
+
 /* Cells of a hashed grid and what is in them. */
 typedef struct tm_touch_grid {
+    tm_touch_box *box; /* [mesh edges] of each edge or face of the surface, which has fewer faces than edges */
     double cell_m;
     int32_t buckets, capacity; /* buckets: a power of two */
     int32_t *begin;            /* [buckets+1] */
@@ -67,6 +72,7 @@ struct tm_touching {
     int32_t revision; /* of the tissue's surface that `surface` was made of */
     /* broad phase */
     bool gathered;    /* the lists are valid */
+    int32_t since;    /* substeps since the last gathering */
     bool maybe_moved; /* the caller may have moved tissue since the last substep */
     double reach_m, margin_m, odometer_m, moved_m;
     double *gathered_u_m; /* [3*mesh vertices] displacements at the last gathering */
