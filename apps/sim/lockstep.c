@@ -261,6 +261,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);
     cJSON_AddStringToObject(json, "state_hash", hash);
     run_report_coverage(s, json);
+    run_report_ties(s, json);
     run_report_energy(s, json);
     report_controllers(l, json);
     if (app_is_quiet()) return;

@@ -10,12 +10,20 @@
 
 /* --- cuts: one message per cutting instrument, in the frame's order --- */
 
+/* Lists the ties that an instrument cut in this frame; -1: those that broke or went with their tissue. */
+static int32_t list_ties(const sim *s, int who, int32_t tie[SIM_TIES_TOLD]) {
+    int32_t count = 0;
+    for (int32_t i = 0; i < s->ties_cut.count; i++)
+        if (s->ties_cut.why[i] == who || (who < 0 && s->ties_cut.why[i] < 0)) tie[count++] = s->ties_cut.tie[i];
+    return count;
+}
+
 static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
-    for (int who = -1; who < s->instrument_count && s->cuts.count; who++) {
-        int32_t count = 0;
+    for (int who = -1; who < s->instrument_count && s->cuts.count + s->ties_cut.count > 0; who++) {
+        int32_t count = 0, tie[SIM_TIES_TOLD], ties = list_ties(s, who, tie);
         for (int32_t i = 0; i < s->cuts.count; i++)
             if (s->cuts.instrument[i] == who) p->removed[count++] = s->cuts.tet[i];
-        if (!count) continue;
+        if (!count && !ties) continue;
         tensormass_cut_event_t m = {.utime = utime,
                                     .seq = p->cut_seq++,
                                     .session = p->session,
@@ -23,7 +31,9 @@ static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
                                     .topology_revision = sim_surface(s).revision,
                                     .removed_count = count,
                                     .removed_tet = p->removed,
-                                    .alive_count = sim_alive(s)};
+                                    .alive_count = sim_alive(s),
+                                    .tie_count = ties,
+                                    .cut_tie = tie};
         app_link_publish(p->link, APP_CUT, 0, utime, &m);
     }
 }

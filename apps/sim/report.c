@@ -71,6 +71,16 @@ static void add_both(cJSON *to, const sim *s, const char *name, const double *va
     cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(value, s->instrument_count));
 }
 
+void run_report_ties(const sim *s, cJSON *report) {
+    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
+    if (!ties) return;
+    cJSON *to = cJSON_AddObjectToObject(report, "ties");
+    int32_t whole = 0;
+    for (int32_t i = 0; i < tm_ties_count(ties); i++) whole += tm_ties_is_whole(ties, i);
+    cJSON_AddNumberToObject(to, "whole", whole);
+    cJSON_AddNumberToObject(to, "gone", (double)s->ties_cut.total);
+}
+
 void run_report_energy(const sim *s, cJSON *report) {
     tm_energy e;
     if (!sim_has(s, "energy") || tm_world_energy(s->model->world, &e, NULL)) return;

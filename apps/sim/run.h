@@ -55,9 +55,11 @@ int run_say_interrupted(int64_t frame, int64_t total);
 /* Creates the cJSON object with the part common to all reports: scene, mesh, step, memory. */
 struct cJSON;
 struct cJSON *run_report_begin(const sim *s, const char *mode);
-/* Adds the figures of the effect `energy` if the scene has it. */
 /* Adds, for scenes that send more than forces, how many samples on tissue had those contents. */
 void run_report_coverage(const sim *s, struct cJSON *report);
+/* Adds how many ties between bodies are whole and how many went, if the scene has any. */
+void run_report_ties(const sim *s, struct cJSON *report);
+/* Adds the figures of the effect `energy` if the scene has it. */
 void run_report_energy(const sim *s, struct cJSON *report);
 
 #endif

@@ -15,6 +15,7 @@
 #include "tensormass/model.h"
 #include "tensormass/patch.h"
 #include "tensormass/rotation.h"
+#include "tensormass/ties.h"
 #include "tensormass/tissue.h"
 #include "tensormass/touch.h"
 #include "tensormass/viscosity.h"

@@ -15,6 +15,7 @@
     ROW(grasp)                                                                                                         \
     ROW(friction)                                                                                                      \
     ROW(touch)                                                                                                         \
+    ROW(ties)                                                                                                          \
     ROW(cut)                                                                                                           \
     ROW(precomputed)                                                                                                   \
     ROW(hybrid)                                                                                                        \

@@ -88,6 +88,14 @@ typedef struct sim_cuts {
     int64_t total;
 } sim_cuts;
 
+/* Ties that went in the last frame, and the instrument that cut each, or why it went (tm_ties_fetch_cut). Those beyond
+ * the capacity come with the next frame. */
+enum { SIM_TIES_TOLD = 256 };
+typedef struct sim_ties_cut {
+    int32_t count, tie[SIM_TIES_TOLD], why[SIM_TIES_TOLD];
+    int64_t total;
+} sim_ties_cut;
+
 /* One body of the tissue, in the numbers of s->file: [begin, end). */
 typedef struct sim_body {
     const char *name;
@@ -136,6 +144,7 @@ struct sim {
     void *between_user;
     int64_t frames;
     sim_cuts cuts;
+    sim_ties_cut ties_cut;
     struct sim_picture *picture;           /* of the effect rendering, else null */
     tm_tool_pose pose[TM_MAX_INSTRUMENTS]; /* at the end of the last frame */
     tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];

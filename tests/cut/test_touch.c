@@ -350,6 +350,100 @@ static void lips_of_a_cut_close_and_open_without_gaining_energy(void **state) {
     }
 }
 
+/* --- ties --- */
+
+enum { TIES = 16 };
+
+/* A block under a held one: ties lead from its top's vertices up to the other's base. */
+static int32_t tie_up(bodies *b, double stiffness_N_m, double break_N, tm_ties **ties) {
+    int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)b->mesh->surface_count), triangles = 0;
+    for (int32_t i = 0; i < b->mesh->surface_count; i++)
+        if (b->tet_body[b->mesh->surface_face[i] / 4] == 0)
+            memcpy(triangle + 3 * triangles++, b->mesh->surface + 3 * i, 3 * sizeof *triangle);
+    tm_tie tie[TIES];
+    tm_ties_def def = tm_ties_def_default();
+    for (int32_t v = b->body_begin[1]; v < b->body_begin[2]; v++) {
+        if (b->mesh->rest_m[3 * v + 2] < -0.0051 || def.count == TIES) continue;
+        tie[def.count] = (tm_tie){.stiffness_N_m = stiffness_N_m, .break_N = break_N};
+        assert_true(tm_tie_lead(b->mesh, v, triangle, triangles, tie + def.count));
+        assert_true(fabs(tie[def.count++].rest_m - 0.005) < 1e-12);
+    }
+    def.tie = tie;
+    tm_error error;
+    fix_ok(tm_stage_ties(b->world, &def, ties, &error), &error);
+    free(triangle);
+    return def.count;
+}
+
+static const part hung[] = {{{5, 5, 2}, {0.05, 0.05, 0.02}, {0, 0, 0}, 0},
+                            {{3, 3, 2}, {0.03, 0.03, 0.02}, {0.01, 0.01, -0.025}, 0}};
+
+static void ties_bear_a_weight_and_break_at_their_load(void **state) {
+    (void)state;
+    for (int breaks = 0; breaks < 2; breaks++) {
+        setup s = plain();
+        s.gravity_m_s2 = 9.81, s.fixed_base = true, s.damping_1_s = 30;
+        bodies b = make(hung, 2, &s);
+        tm_ties *ties = NULL;
+        tm_error error;
+        fix_ok(tm_stage_energy(b.world, &error), &error);
+        const int32_t count = tie_up(&b, 20, breaks ? 0.005 : 0, &ties);
+        assert_int_equal(count, TIES);
+        run(&b, 1.5);
+        double force = 0, weight = 0, from[3], to[3];
+        int32_t gone[TIES], why[TIES];
+        for (int32_t i = 0; i < count; i++) {
+            const double one = tm_ties_force_N(ties, i, from, to);
+            force += one * (to[2] - from[2]) /
+                     sqrt(pow(to[0] - from[0], 2) + pow(to[1] - from[1], 2) + pow(to[2] - from[2], 2));
+        }
+        for (int32_t v = b.body_begin[1]; v < b.body_begin[2]; v++) weight += 9.81 * tm_tissue_mass_kg(b.tissue)[v];
+        const int32_t went = tm_ties_fetch_cut(ties, gone, why, TIES);
+        tm_energy e;
+        fix_ok(tm_world_energy(b.world, &e, &error), &error);
+        printf("ties bear %.9f N of %.9f N; %d went; residual %.1e J of %.2e J\n", force, weight, went, e.residual_J,
+               e.gravity_J);
+        assert_true(fabs(e.residual_J) < 1e-10 && e.touch_J + e.touch_stored_J < 1e-12);
+        assert_true(breaks ? went == TIES && why[0] == TM_TIE_BROKE && !tm_ties_is_whole(ties, gone[0])
+                           : went == 0 && fabs(force - weight) < 1e-6 * weight);
+        assert_int_equal(tm_ties_fetch_cut(ties, gone, why, TIES), 0);
+        drop(&b);
+    }
+}
+
+/* A cautery that is led through them cuts them one by one, and only while it is active. */
+static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
+    (void)state;
+    setup s = plain();
+    s.fixed_base = true, s.cuttable = true;
+    bodies b = make(hung, 2, &s);
+    tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY, .radius_m = 1e-3, .contact_length_m = 0.1};
+    memcpy(tool.trocar_m, (double[3]){0.02, -0.2, -0.0025}, sizeof tool.trocar_m);
+    memcpy(tool.pose.tip_m, (double[3]){0.02, -0.05, -0.0025}, sizeof tool.pose.tip_m);
+    tm_contact_def contact_def = tm_contact_def_default();
+    contact_def.instrument_count = 1, contact_def.instrument = &tool;
+    tm_contact *contact;
+    tm_error error;
+    fix_ok(tm_stage_contact(b.world, &contact_def, &contact, &error), &error);
+    tm_ties *ties;
+    tie_up(&b, 20, 0, &ties);
+    int32_t went = 0, most = 0, gone[TIES], why[TIES];
+    for (int active = 0; active < 2; active++)
+        for (int k = 0; k <= 40; k++) { /* from the side through the gap, there and back */
+            const tm_tool_pose to = {.tip_m = {0.02, -0.05 + 0.1 * k / 40, -0.0025}, .active = active == 1};
+            tm_contact_begin_frame(contact, 5, 5);
+            tm_contact_set_target(contact, 0, &to, 5);
+            assert_int_equal(tm_world_step(b.world, 5), TM_OK);
+            const int32_t now = tm_ties_fetch_cut(ties, gone, why, TIES);
+            for (int32_t i = 0; i < now; i++) assert_int_equal(why[i], 0);
+            went += now, most = now > most ? now : most;
+            if (!active) assert_int_equal(now, 0);
+        }
+    printf("the cautery cut %d of %d ties, at most %d at a time\n", went, TIES, most);
+    assert_true(went > 0 && went < TIES && most < went);
+    drop(&b);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(block_at_rest_weighs_on_the_other),
@@ -357,6 +451,8 @@ int main(void) {
         cmocka_unit_test(nothing_passes_through_at_half_a_metre_a_second),
         cmocka_unit_test(rows_are_those_of_all_pairs_for_any_threads),
         cmocka_unit_test(snapshots_continue_bit_for_bit),
+        cmocka_unit_test(ties_bear_a_weight_and_break_at_their_load),
+        cmocka_unit_test(a_cautery_cuts_the_ties_that_it_touches),
         cmocka_unit_test(lips_of_a_cut_close_and_open_without_gaining_energy),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

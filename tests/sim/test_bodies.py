@@ -117,3 +117,35 @@ def test_faulty_touch_is_refused(bin, block, tmp_path, change, words):
     text = (STACK % (block, block)).replace("gravity:\nenergy:\n", "") if "model" in change else STACK % (block, block)
     said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", text), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
     assert words in said and ";" in said, said
+
+
+HUNG = """\
+tissue:
+  force: plain
+  materials: {"*": {young: 5 kPa, poisson: 0.4}}
+bodies:
+  low: {mesh: %s, scale: 0.5, move: [20 mm, 20 mm, 0]}
+  high: {mesh: %s, move: [0, 0, 30 mm]}
+damping: {rate: 60 /s}
+gravity:
+energy:
+supports: [{group: high.z_max}]
+ties:
+  between:
+    - {from: low.z_max, to: high.z_min, stiffness: 30 N/m, break: 1 N, spacing: 12 mm}
+time: {frame_rate: 25 Hz, duration: 0.4 s}
+"""
+
+
+def test_ties_hold_a_body_until_they_break(bin, block, types, tmp_path):
+    scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
+    said, threads = state(bin, scene, tmp_path), state(bin, scene, tmp_path, "--set", "threads=2")
+    assert said["state_hash"] == threads["state_hash"] and said["ties"]["whole"] > 4 and said["ties"]["gone"] == 0
+    loose = state(bin, scene, tmp_path, "--set", "ties.between[0].break=1 mN", "--record", tmp_path / "log.lcm")
+    assert loose["ties"] == {"whole": 0, "gone": said["ties"]["whole"]} and loose["energy"]["gravity_J"] > 2 * said["energy"]["gravity_J"]
+    import lcm
+    told = [types.cut_event_t.decode(e.data) for e in lcm.EventLog(str(tmp_path / "log.lcm"), "r") if e.channel == "CUT"]
+    assert sorted(i for m in told for i in m.cut_tie) == list(range(said["ties"]["whole"]))
+    assert all(m.instrument == -1 and m.removed_count == 0 and m.tie_count == len(m.cut_tie) > 0 for m in told)
+    said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", "ties.between[0].within=1 mm", code=2)[1]
+    assert "no vertex of 'low.z_max' on the surface is within 1 mm" in said

@@ -42,8 +42,8 @@ typedef struct tm_energy {
      * lost some (springs are solved implicitly; released tissue slips). A tool placed inside tissue pushes it out: that
      * counts as generated. */
     double generated_J;
-    /* Contact of tissue with tissue (stage "touch"): work of its forces on the tissue, and energy stored now in its
-     * compliance. Below zero, their sum is what friction, drag and impacts dissipated; above zero, touch generated
+    /* Stages "touch" and "ties": work of their forces on the tissue, and energy stored now in compliance and springs.
+     * Below zero, their sum is what friction, drag, impacts and ties that went dissipated; above zero, they generated
      * energy. */
     double touch_J, touch_stored_J;
 } tm_energy;

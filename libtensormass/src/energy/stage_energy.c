@@ -229,6 +229,11 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
 
 /* --- tissue on tissue --- */
 
+static void on_tie(void *self, int32_t vertex, const double force_N[3]) {
+    energy *e = self;
+    e->now.sum.touch_J += on_vertex(e, &e->world->state, vertex, force_N);
+}
+
 /* Energy in the compliance at the middle of the last step is the mean of both ends'. */
 static void over_touch(energy *e, tm_world *world) {
     const tm_touching *touching = tm_world_touching(world);
@@ -246,6 +251,7 @@ static void over_touch(energy *e, tm_world *world) {
         }
         sprung += tm_touching_stored_J(touching, i);
     }
+    sprung += tm_ties_energy(world, e, on_tie);
     a->sum.touch_stored_J = 0.5 * (a->touch_stored_J + sprung);
     a->touch_stored_J = sprung;
 }

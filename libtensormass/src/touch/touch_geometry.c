@@ -28,7 +28,7 @@ tm_touch_closest tm_touch_point_triangle(const double p[3], const double a[3], c
     vcross(ab, ap, cross);
     const double t = nn > 0 ? vdot(cross, n) / nn : -1;
     if (s >= 0 && t >= 0 && s + t <= 1) {
-        tm_touch_closest inside = {.weight = {1 - s - t, s, t}, .inside = true};
+        tm_touch_closest inside = {.weight = {law_max(1 - s - t, 0), s, t}, .inside = true};
         vscale(vdot(ap, n) / nn, n, inside.offset);
         inside.distance_m = vnorm(inside.offset);
         return inside;

@@ -127,6 +127,9 @@ void tm_touch_prepare(tm_touching *touching);
 void tm_touch_sweep(tm_touching *touching, int32_t sweep);
 void tm_touch_remember(tm_touching *touching);
 
+/* ties.c: calls `work` with each force of the ties in this substep; returns the energy that they store, J. */
+double tm_ties_energy(tm_world *world, void *self, void (*work)(void *self, int32_t vertex, const double force_N[3]));
+
 static inline void tm_touch_at(const tm_world *world, int32_t vertex, double x[3]) {
     for (int c = 0; c < 3; c++) x[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];
 }
