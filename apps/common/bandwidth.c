@@ -10,7 +10,7 @@ double app_processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 void *app_zeroed(size_t count, size_t size) {
     void *memory = calloc(count + 1, size);
     if (memory) return memory;
-    fprintf(stderr, "no memory for %zu bytes; take a smaller mesh or --quick\n", count * size);
+    fprintf(stderr, "no memory for %zu bytes; use a coarser mesh or --quick\n", count * size);
     exit(1);
 }
 

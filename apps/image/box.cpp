@@ -84,21 +84,24 @@ struct verdict {
 // Explains why a child ended by a signal.
 image_end tell_signal(const box_limits &limits, int number, char why[IMAGE_WHY]) {
     if (number == SIGXCPU)
-        snprintf(why, IMAGE_WHY,
-                 "%s did not finish within %.0f s of processor time; the file is damaged or too large: write it anew",
-                 limits.library, limits.processor_s);
+        snprintf(
+            why, IMAGE_WHY,
+            "%s did not finish within %.0f s of processor time, so the file is damaged or too large; save it again",
+            limits.library, limits.processor_s);
     else if (number == SIGXFSZ)
-        snprintf(why, IMAGE_WHY, "%s tried to write a file; the file is damaged: write it anew", limits.library);
+        snprintf(why, IMAGE_WHY, "%s tried to write a file, so the image is damaged; save it again", limits.library);
     else
-        snprintf(why, IMAGE_WHY, "%s cannot read it (signal %d, %s); the file is cut short or damaged: copy it anew",
+        snprintf(why, IMAGE_WHY,
+                 "%s cannot read it (signal %d, %s), so the file is truncated or damaged; copy it again",
                  limits.library, number, strsignal(number));
     return IMAGE_BAD_INPUT;
 }
 
 image_end tell_memory(const box_limits &limits, char why[IMAGE_WHY]) {
-    snprintf(why, IMAGE_WHY,
-             "%s takes more than %.0f MB of memory for it; the file is damaged or too large: write it anew, or smaller",
-             limits.library, 1e-6 * limits.memory_bytes);
+    snprintf(
+        why, IMAGE_WHY,
+        "%s needs more than %.0f MB of memory for it, so the file is damaged or too large; save it again, or smaller",
+        limits.library, 1e-6 * limits.memory_bytes);
     return IMAGE_BAD_INPUT;
 }
 
@@ -111,9 +114,10 @@ image_end hear(const box_limits &limits, int from, const sigset_t *open, char wh
     const bool whole = in.take(&said, sizeof said) && (said.end != IMAGE_DONE || take(in));
     if (in.stopped) return IMAGE_STOPPED;
     if (in.late) {
-        snprintf(why, IMAGE_WHY,
-                 "%s did not finish within %.0f s; the file is damaged or too large, or the machine is busy",
-                 limits.library, wait_s);
+        snprintf(
+            why, IMAGE_WHY,
+            "%s did not finish within %.0f s, so the file is damaged or too large, or the machine is busy; try again, or save the file again",
+            limits.library, wait_s);
         return IMAGE_BAD_INPUT;
     }
     if (!whole) return IMAGE_FAILED;
@@ -175,7 +179,7 @@ image_end image_box(const box_limits &limits, char why[IMAGE_WHY], const std::fu
     sigset_t watched, before;
     why[0] = 0;
     if (pipe2(pipes, O_CLOEXEC) != 0) {
-        snprintf(why, IMAGE_WHY, "it cannot be tried in a process of its own: %s", strerror(errno));
+        snprintf(why, IMAGE_WHY, "no process can be started to read it: %s; close other programs", strerror(errno));
         return IMAGE_FAILED;
     }
     sigemptyset(&watched);
@@ -190,7 +194,7 @@ image_end image_box(const box_limits &limits, char why[IMAGE_WHY], const std::fu
     close(pipes[1]);
     image_end end = IMAGE_FAILED;
     if (child < 0)
-        snprintf(why, IMAGE_WHY, "it cannot be tried in a process of its own: %s", strerror(errno));
+        snprintf(why, IMAGE_WHY, "no process can be started to read it: %s; close other programs", strerror(errno));
     else
         end = hear(limits, pipes[0], &before, why, take);
     close(pipes[0]);
@@ -205,7 +209,7 @@ image_end image_box(const box_limits &limits, char why[IMAGE_WHY], const std::fu
     sigprocmask(SIG_SETMASK, &before, nullptr);
     if (end != IMAGE_FAILED || why[0]) return end;
     if (WIFSIGNALED(status)) return tell_signal(limits, WTERMSIG(status), why);
-    snprintf(why, IMAGE_WHY, "%s ended without a word; the file is cut short or damaged: write it anew",
+    snprintf(why, IMAGE_WHY, "%s ended without a message, so the file is truncated or damaged; save it again",
              limits.library);
     return IMAGE_BAD_INPUT;
 }

@@ -98,11 +98,11 @@ void take_frames(seg &s, const Set &all) {
         for (const Set *p : items(*one, 0x0062, 0x000a, s.keep)) number<0x0062, 0x000b>(*p, &segment);
         f.segment = int(segment);
         if (!placed || (!s.labels && f.segment < 1))
-            throw refusal("frame %zu has no place or no segment; write it anew", s.frame_of.size() + 1);
+            throw refusal("frame %zu has no position or no segment; save it again", s.frame_of.size() + 1);
         s.frame_of.push_back(f);
     }
     if (double(s.frame_of.size()) != s.frames || s.frame_of.empty())
-        throw refusal("%zu frames are described, %.0f are said to be there; the file is damaged: copy it anew",
+        throw refusal("%zu frames are described and the header counts %.0f, so the file is damaged; copy it again",
                       s.frame_of.size(), s.frames);
 }
 
@@ -118,7 +118,7 @@ void place(seg &s, image_volume *out) {
     for (size_t i = 0; i < along.size(); i++) {
         const double slice = (along[i] - along[first]) / s.spacing_mm[2];
         if (!(std::fabs(slice - std::round(slice)) < 0.05) || slice > 65535)
-            throw refusal("its frames are not as far apart as it says (%.4g mm); resample it", s.spacing_mm[2]);
+            throw refusal("the distance of its frames differs from its header (%.4g mm); resample it", s.spacing_mm[2]);
         s.frame_of[i].slice = int(std::lround(slice));
         most = std::max(most, std::round(slice));
     }
@@ -131,8 +131,8 @@ void place(seg &s, image_volume *out) {
         out->origin_m[k] = 1e-3 * (s.frame_of[first].position_mm[k] - margin * normal[k] * s.spacing_mm[2]);
         out->direction[3 * k] = o[k], out->direction[3 * k + 1] = o[3 + k], out->direction[3 * k + 2] = normal[k];
         if (!(s.spacing_mm[k] > 0) || !std::isfinite(s.spacing_mm[k]) || !std::isfinite(out->origin_m[k]))
-            throw refusal("it does not say its spacing and place; write it anew");
-        if (out->size[k] < 2) throw refusal("one voxel thick along axis %d; a volume needs two at least", k + 1);
+            throw refusal("it has no spacing or no position; save it again");
+        if (out->size[k] < 2) throw refusal("it is one voxel thick along axis %d; a volume needs at least two", k + 1);
     }
     for (int a = 0; a < 3; a++)
         for (int b = 0; b <= a; b++) {
@@ -176,16 +176,16 @@ void take_names(seg &s, const Set &all, image_volume *out) {
 void check_header(seg &s, const Set &all) {
     const std::string kind = text(all, 0x0062, 0x0001);
     if (text(all, 0x0008, 0x0060) != "SEG" || kind.empty())
-        throw refusal("DICOM, but no segmentation (its modality is '%.16s'); give a DICOM-SEG file",
+        throw refusal("it is DICOM, but not a segmentation (its modality is '%.16s'); give a DICOM-SEG file",
                       text(all, 0x0008, 0x0060).c_str());
     s.labels = kind == "LABELMAP";
     if (!s.labels && kind != "BINARY")
-        throw refusal("a %.16s segmentation, not BINARY or LABELMAP; save it with a threshold", kind.c_str());
+        throw refusal("it is a %.16s segmentation, not BINARY or LABELMAP; save it with a threshold", kind.c_str());
     if (!number<0x0028, 0x0010>(all, &s.rows) || !number<0x0028, 0x0011>(all, &s.columns) ||
         !number<0x0028, 0x0008>(all, &s.frames) || !number<0x0028, 0x0100>(all, &s.bits))
-        throw refusal("it does not say how large it is; write it anew");
+        throw refusal("its header has no size; save it again");
     if (s.labels ? s.bits != 8 && s.bits != 16 : s.bits != 1 && s.bits != 8)
-        throw refusal("%.0f bits a voxel; BINARY has 1 or 8, LABELMAP 8 or 16", s.bits);
+        throw refusal("it has %.0f bits a voxel; save BINARY with 1 or 8, or LABELMAP with 8 or 16", s.bits);
 }
 
 } // namespace
@@ -212,7 +212,7 @@ static bool is_whole(const char *path, size_t length) {
 static void read_here(const char *path, image_volume *out) {
     gdcm::Reader reader;
     reader.SetFileName(path);
-    if (!reader.Read()) throw refusal("GDCM cannot read it; the file is cut short or damaged: copy it anew");
+    if (!reader.Read()) throw refusal("GDCM cannot read it, so the file is truncated or damaged; copy it again");
     const Set &all = reader.GetFile().GetDataSet();
     seg s;
     check_header(s, all);
@@ -220,16 +220,17 @@ static void read_here(const char *path, image_volume *out) {
     place(s, out);
     const gdcm::Tag pixels(0x7fe0, 0x0010);
     const gdcm::ByteValue *bytes = all.FindDataElement(pixels) ? all.GetDataElement(pixels).GetByteValue() : nullptr;
-    if (!bytes) throw refusal("its voxels are packed, or not there; write it uncompressed (explicit VR little endian)");
+    if (!bytes) throw refusal("its voxels are compressed or missing; save it uncompressed (explicit VR little endian)");
     const double wanted = std::ceil(s.rows * s.columns * s.frames * s.bits / 8),
                  voxels = s.rows * s.columns * out->size[2];
     if (!is_whole(path, bytes->GetLength()))
-        throw refusal("it ends within its voxels; the file is cut short: copy it anew");
+        throw refusal("it ends within its voxels, so the file is truncated; copy it again");
     if (double(size_t(bytes->GetLength())) < wanted)
-        throw refusal("%.0f bytes of voxels, its header says %.0f; the file is cut short or damaged: copy it anew",
-                      double(size_t(bytes->GetLength())), wanted);
+        throw refusal(
+            "it has %.0f bytes of voxels and its header says %.0f, so the file is truncated or damaged; copy it again",
+            double(size_t(bytes->GetLength())), wanted);
     if (voxels > MAX_VOXELS)
-        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
+        throw refusal("it has %.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
     snprintf(out->kind, sizeof out->kind, "DICOM-SEG");
     snprintf(out->unit, sizeof out->unit, "mm");
     out->label = (uint16_t *)calloc(size_t(voxels) + 1, sizeof *out->label);

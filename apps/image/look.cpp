@@ -11,7 +11,7 @@
 double look_file_bytes(const char *path, const char *wanted) {
     struct stat info;
     if (stat(path, &info) != 0) throw refusal("cannot open: %s; check the path", strerror(errno));
-    if (!S_ISREG(info.st_mode)) throw refusal("not a file; name a %s file", wanted);
+    if (!S_ISREG(info.st_mode)) throw refusal("not a regular file; give a %s file", wanted);
     return double(info.st_size);
 }
 
@@ -27,8 +27,8 @@ bool look_lines::next(std::string *line) {
     const size_t end = text.find('\n', at), stop = end == std::string::npos ? text.size() : end;
     number++;
     if (stop - at > longest)
-        throw refusal("line %d of its header has more than %zu characters; the file is damaged: write it anew", number,
-                      longest);
+        throw refusal("line %d of its header has more than %zu characters, so the file is damaged; save it again",
+                      number, longest);
     line->assign(text, at, stop - at);
     if (!line->empty() && line->back() == '\r') line->pop_back();
     at = stop + 1;

@@ -34,8 +34,8 @@ double whole(const char *key, const std::string &text, double least, double most
     if (end == text.c_str() || trimmed(end) != "" || !(value >= least) || !(value <= most) ||
         value != std::floor(value))
         throw refusal(
-            "its header says %s %.40s, not a whole number from %.0f to %.0f; the file is damaged: write it anew", key,
-            text.c_str(), least, most);
+            "its header has %s %.40s, which is not a whole number from %.0f to %.0f, so the file is damaged; save it again",
+            key, text.c_str(), least, most);
     return value;
 }
 
@@ -47,7 +47,7 @@ double product(const char *key, const std::string &text, double count) {
     int found = 0;
     for (; words >> word; found++) all *= whole(key, word, 1, VOXELS_MAX);
     if (found != count)
-        throw refusal("its header says %d numbers as %s, and %.0f dimensions; the file is damaged: write it anew",
+        throw refusal("its header has %d numbers as %s and %.0f dimensions, so the file is damaged; save it again",
                       found, key, count);
     return all;
 }
@@ -67,8 +67,7 @@ double voxel_bytes(const std::string &type) {
                  {"MET_LONG_LONG", 8}, {"MET_ULONG_LONG", 8}, {"MET_FLOAT", 4}, {"MET_DOUBLE", 8}};
     for (const auto &k : known)
         if (type == k.name) return k.bytes;
-    throw refusal("its header says ElementType %.40s; a label image has MET_UCHAR, MET_SHORT or MET_USHORT",
-                  type.c_str());
+    throw refusal("its header has ElementType %.40s; save labels as MET_UCHAR, MET_SHORT or MET_USHORT", type.c_str());
 }
 
 struct meta {
@@ -94,17 +93,17 @@ double check_meta(const char *path, double file_bytes) {
     while (lines.next(&line)) {
         const size_t equals = line.find('=');
         if (equals == std::string::npos)
-            throw refusal("line %d of its header is no 'key = value'; the file is damaged: write it anew",
+            throw refusal("line %d of its header is not 'key = value', so the file is damaged; save it again",
                           lines.number);
         const std::string key = trimmed(line.substr(0, equals)), value = trimmed(line.substr(equals + 1));
         if (key.size() > 80)
-            throw refusal("line %d of its header names no key; the file is damaged: write it anew", lines.number);
+            throw refusal("line %d of its header has no key, so the file is damaged; save it again", lines.number);
         take_meta(key, value, file_bytes, &m);
         if (key != "ElementDataFile") continue;
-        if (!(m.dimensions > 0)) throw refusal("its header has no NDims; the file is damaged: write it anew");
+        if (!(m.dimensions > 0)) throw refusal("its header has no NDims, so the file is damaged; save it again");
         return product("DimSize", m.size, m.dimensions) * m.bytes * m.channels;
     }
-    throw refusal("its header has no ElementDataFile; the file is cut short or damaged: copy it anew");
+    throw refusal("its header has no ElementDataFile, so the file is truncated or damaged; copy it again");
 }
 
 struct nrrd {
@@ -115,7 +114,7 @@ struct nrrd {
 void take_nrrd(const std::string &key, const std::string &value, double file_bytes, nrrd *n) {
     if (key == "dimension") n->dimensions = whole("dimension", value, 1, DIMENSIONS_MAX);
     if (key == "sizes") {
-        if (!(n->dimensions > 0)) throw refusal("its header has 'sizes' before 'dimension'; write it anew");
+        if (!(n->dimensions > 0)) throw refusal("its header has 'sizes' before 'dimension'; save it again");
         n->voxels = product("sizes", value, n->dimensions);
         n->sized = true;
     }
@@ -135,15 +134,16 @@ double check_nrrd(const char *path, double file_bytes) {
         const bool pair = colon != std::string::npos && line.compare(colon, 2, ":=") == 0, comment = line[0] == '#';
         if (comment || pair) continue;
         if (line.size() > LINE_BYTES_MAX)
-            throw refusal("line %d of its header has more than %d characters; the file is damaged: write it anew",
+            throw refusal("line %d of its header has more than %d characters, so the file is damaged; save it again",
                           lines.number, int(LINE_BYTES_MAX));
         if (lines.number == 1) continue;
         if (colon == std::string::npos || line.compare(colon, 2, ": ") != 0)
-            throw refusal("line %d of its header is no 'key: value'; the file is damaged: write it anew", lines.number);
+            throw refusal("line %d of its header is not 'key: value', so the file is damaged; save it again",
+                          lines.number);
         take_nrrd(line.substr(0, colon), trimmed(line.substr(colon + 1)), file_bytes, &n);
     }
     if (!n.sized)
-        throw refusal("its header has no 'dimension' and 'sizes'; the file is cut short or damaged: copy it anew");
+        throw refusal("its header has no 'dimension' and 'sizes', so the file is truncated or damaged; copy it again");
     return n.voxels * 8;
 }
 
@@ -153,7 +153,7 @@ double check_nifti(const char *path) {
     gzFile file = gzopen(path, "rb");
     const int got = file ? gzread(file, header, sizeof header) : 0;
     if (file) gzclose(file);
-    if (got != int(sizeof header)) throw refusal("no image that can be read: it ends within its header; copy it anew");
+    if (got != int(sizeof header)) throw refusal("it ends within its header, so the file is truncated; copy it again");
     const auto at16 = [&](int at, bool turned) {
         return int16_t(turned ? header[at] << 8 | header[at + 1] : header[at + 1] << 8 | header[at]);
     };
@@ -164,11 +164,11 @@ double check_nifti(const char *path) {
     };
     const bool turned = at32(0, false) != 348;
     if (at32(0, turned) != 348 || at16(40, turned) < 1 || at16(40, turned) > 7)
-        throw refusal("no image that can be read: its header is no NIfTI's; the file is damaged: write it anew");
+        throw refusal("its header is not that of a NIfTI image, so the file is damaged; save it again");
     double voxels = 1;
     for (int k = 1; k <= at16(40, turned); k++) {
         if (at16(40 + 2 * k, turned) < 1)
-            throw refusal("its header says %d voxels along axis %d; the file is damaged: write it anew",
+            throw refusal("its header has %d voxels along axis %d, so the file is damaged; save it again",
                           at16(40 + 2 * k, turned), k);
         voxels *= at16(40 + 2 * k, turned);
     }
@@ -176,7 +176,7 @@ double check_nifti(const char *path) {
     const uint32_t bits = at32(108, turned);
     memcpy(&offset, &bits, sizeof offset);
     if (!(offset >= 0 && offset < 1e9f))
-        throw refusal("its header says that voxels begin at byte %g; the file is damaged: write it anew",
+        throw refusal("its header says that voxels begin at byte %g, so the file is damaged; save it again",
                       double(offset));
     return voxels * std::fmax(1, at16(72, turned) / 8);
 }

@@ -13,13 +13,15 @@ namespace {
 
 enum { HEADER_MAX = 1 << 16, LINE_BYTES_MAX = 1000, ELEMENTS_MAX = 20, PROPERTIES_MAX = 200, OFF_LINES = 100 };
 
-[[noreturn]] void lies() { throw refusal("its header counts more than the file holds: cut short; write it anew"); }
+[[noreturn]] void lies() {
+    throw refusal("its header counts more than the file contains, so it is truncated; save it again");
+}
 
 double count_of(const std::string &word, double file_bytes) {
     char *end;
     const double count = strtod(word.c_str(), &end);
     if (word.empty() || *end || !(count >= 0) || count != std::floor(count))
-        throw refusal("its header counts '%.40s'; the file is damaged: write it anew", word.c_str());
+        throw refusal("its header counts '%.40s', so the file is damaged; save it again", word.c_str());
     if (count > file_bytes) lies();
     return count;
 }
@@ -38,10 +40,10 @@ void take_property(std::istringstream &words, int elements, int *properties) {
     words >> type;
     if (type == "list") words >> count >> item;
     words >> name;
-    if (!elements) throw refusal("its header has a property before any element; the file is damaged: write it anew");
+    if (!elements) throw refusal("its header has a property before any element, so the file is damaged; save it again");
     if (++*properties > PROPERTIES_MAX || name.empty() || (type != "list" && !is_ply_number(type)) ||
         (type == "list" && (!is_ply_number(count) || !is_ply_number(item))))
-        throw refusal("its header has a property of an unknown kind ('%.40s'); write the surface anew", type.c_str());
+        throw refusal("its header has a property of unknown type ('%.40s'); save the surface again", type.c_str());
 }
 
 void check_ply(const char *path, double file_bytes) {
@@ -50,14 +52,14 @@ void check_ply(const char *path, double file_bytes) {
     int elements = 0, properties = 0;
     bool vertices = false, faces = false;
     if (!lines.next(&line) || line != "ply")
-        throw refusal("no PLY: its first line is not 'ply'; give it its right ending");
+        throw refusal("its first line is not 'ply', so it is not a PLY file; correct its file name extension");
     while (lines.next(&line)) {
         std::istringstream words(line);
         std::string word, name, count;
         words >> word;
         if (word == "end_header") {
             if (!vertices || !faces)
-                throw refusal("its header has no %s; write the surface anew",
+                throw refusal("its header has no %s; save the surface again",
                               vertices ? "element face" : "element vertex");
             return;
         }
@@ -65,12 +67,12 @@ void check_ply(const char *path, double file_bytes) {
         if (word != "element") continue;
         words >> name >> count;
         if (++elements > ELEMENTS_MAX)
-            throw refusal("its header has more than %d elements; write it anew", int(ELEMENTS_MAX));
+            throw refusal("its header has more than %d elements; save it again", int(ELEMENTS_MAX));
         count_of(count, file_bytes);
         vertices |= name == "vertex";
         faces |= name == "face";
     }
-    throw refusal("its header has no end_header; the file is cut short or damaged: write it anew");
+    throw refusal("its header has no end_header, so the file is truncated or damaged; save it again");
 }
 
 // Checks OFF and its three counts, between comments and empty lines. CGAL checks the counts of binary files.

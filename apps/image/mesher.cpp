@@ -170,10 +170,10 @@ image_end mesh_here(const image_domain *domain, const image_wish *wish, image_te
     } catch (const stopped &) {
         return IMAGE_STOPPED;
     } catch (const std::bad_alloc &) {
-        snprintf(why, IMAGE_WHY, "no memory for so many tetrahedra; choose a larger --size");
+        snprintf(why, IMAGE_WHY, "no memory for that many tetrahedra; choose a larger --size");
         return IMAGE_NO_MEMORY;
     } catch (const std::exception &e) {
-        snprintf(why, IMAGE_WHY, "CGAL cannot mesh this: %.300s; choose another --size or --smooth", e.what());
+        snprintf(why, IMAGE_WHY, "CGAL cannot mesh it: %.300s; choose another --size or --smooth", e.what());
         return IMAGE_FAILED;
     }
 }

@@ -39,7 +39,7 @@ itk::ImageIOBase::Pointer reader_of(const char *path) {
             return io;
         }
     throw refusal(
-        "no image that can be read; give NIfTI (.nii .nii.gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd) or DICOM-SEG (.dcm)");
+        "unknown type of image; give NIfTI (.nii .nii.gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd) or DICOM-SEG (.dcm)");
 }
 
 std::string dictionary(const itk::ImageIOBase &io, const std::string &key) {
@@ -92,7 +92,7 @@ void take_place(const itk::ImageIOBase &io, const char *path, double unit_m, ima
         for (unsigned i = 0; i < 3; i++) out->direction[3 * i + k] = io.GetDirection(k)[i];
         product *= out->spacing_m[k];
         if (!std::isfinite(out->spacing_m[k]) || !(out->spacing_m[k] > 0) || !std::isfinite(out->origin_m[k]))
-            throw refusal("its spacing or origin is no length; write the image anew");
+            throw refusal("its spacing or origin is not a length; save the image again");
     }
     const double *d = out->direction;
     for (int a = 0; a < 3; a++)
@@ -106,17 +106,18 @@ void check_shape(const itk::ImageIOBase &io, image_volume *out) {
     while (dims > 3 && io.GetDimensions(dims - 1) == 1) dims--;
     if (dims > 3)
         throw refusal(
-            "%u dimensions; give one label image of three (a .seg.nrrd whose segments overlap: save it as a label map)",
+            "it has %u dimensions; give one label image of three (if segments of a .seg.nrrd overlap, save it as a label map)",
             dims);
-    if (dims < 3) throw refusal("%u dimensions; a volume has three", dims);
+    if (dims < 3) throw refusal("it has %u dimensions; give a volume of three", dims);
     for (unsigned k = 0; k < 3; k++) {
-        if (io.GetDimensions(k) < 2) throw refusal("one voxel thick along axis %u; a volume needs two at least", k + 1);
+        if (io.GetDimensions(k) < 2)
+            throw refusal("it is one voxel thick along axis %u; a volume needs at least two", k + 1);
         if (io.GetDimensions(k) > MAX_VOXELS)
-            throw refusal("%zu voxels along axis %u; crop it", (size_t)io.GetDimensions(k), k + 1);
+            throw refusal("it has %zu voxels along axis %u; crop it", (size_t)io.GetDimensions(k), k + 1);
         out->size[k] = (int)io.GetDimensions(k);
     }
     if (io.GetNumberOfComponents() != 1)
-        throw refusal("%u numbers a voxel; a label image has one", io.GetNumberOfComponents());
+        throw refusal("it has %u numbers a voxel; give a label image, which has one", io.GetNumberOfComponents());
     const auto type = io.GetComponentType();
     if (type == itk::IOComponentEnum::FLOAT || type == itk::IOComponentEnum::DOUBLE)
         throw refusal(
@@ -129,13 +130,13 @@ void check_size(const itk::ImageIOBase &io, const char *path, const image_volume
     const double voxels = double(out.size[0]) * out.size[1] * out.size[2],
                  bytes = voxels * double(io.GetComponentSize());
     if (voxels > MAX_VOXELS)
-        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
+        throw refusal("it has %.3g voxels; crop or resample it to %.3g at most", voxels, double(MAX_VOXELS));
     struct stat info;
     const char *dot = strrchr(path, '.');
     const bool apart = dot && (!strcmp(dot, ".mhd") || !strcmp(dot, ".nhdr") || !strcmp(dot, ".hdr"));
     if (!apart && stat(path, &info) == 0 && bytes > 1032.0 * double(info.st_size))
         throw refusal(
-            "its header says %.3g MB of voxels, its %.3g MB cannot hold them; the file is cut short or damaged",
+            "its header says %.3g MB of voxels and the file has %.3g MB, so it is truncated or damaged; copy it again",
             1e-6 * bytes, 1e-6 * double(info.st_size));
 }
 
@@ -153,8 +154,9 @@ void check_nifti_end(const itk::ImageIOBase &io, const char *path, double bytes)
     const bool whole = file && got == 0 && gzclose(file) == Z_OK;
     if (file && got != 0) gzclose(file);
     if (!whole || seen < expected)
-        throw refusal("%.0f bytes of the %.0f that its header says; the file is cut short or damaged: copy it anew",
-                      seen, expected);
+        throw refusal(
+            "it has %.0f bytes of the %.0f that its header says, so the file is truncated or damaged; copy it again",
+            seen, expected);
 }
 
 // Reads voxels. MetaImage leaves unread ones unchanged: two readings into different contents must agree. It also
@@ -170,7 +172,7 @@ void read_voxels(itk::ImageIOBase &io, const char *path, char *bytes, size_t siz
             memset(again.get(), 0x55, size);
             io.Read(again.get());
             if (memcmp(bytes, again.get(), size) != 0)
-                throw refusal("it ends before its last voxel; the file is cut short or damaged: copy it anew");
+                throw refusal("it ends before its last voxel, so the file is truncated or damaged; copy it again");
         }
     } catch (...) {
         std::cerr.rdbuf(said);
@@ -183,7 +185,7 @@ template <typename T> void take(const void *from, size_t count, uint16_t *to) {
     const T *value = static_cast<const T *>(from);
     for (size_t i = 0; i < count; i++) {
         if (value[i] < T(0) || (std::numeric_limits<T>::max() > T(100) && double(value[i]) > 65535))
-            throw refusal("label %.0f; labels are 0 (nothing) to 65535", double(value[i]));
+            throw refusal("it has label %.0f; use labels 0 (nothing) to 65535", double(value[i]));
         to[i] = static_cast<uint16_t>(value[i]);
     }
 }
@@ -201,7 +203,7 @@ void take_labels(const itk::ImageIOBase &io, const void *from, size_t count, uin
     case type::LONG: return take<long>(from, count, to);
     case type::ULONGLONG: return take<unsigned long long>(from, count, to);
     case type::LONGLONG: return take<long long>(from, count, to);
-    default: throw refusal("its voxels are of an unknown type; save the segmentation as uint8 or uint16");
+    default: throw refusal("its voxels have an unknown type; save the segmentation as uint8 or uint16");
     }
 }
 
@@ -230,11 +232,11 @@ void check_place(const image_volume &v) {
     const double *s = v.spacing_m, least = std::fmin(s[0], std::fmin(s[1], s[2])),
                  longest = std::fmax(s[0], std::fmax(s[1], s[2]));
     if (!(least > 1e-9) || !(longest < 1000 * least))
-        throw refusal("voxels of %.3g x %.3g x %.3g mm; correct its spacing", 1e3 * s[0], 1e3 * s[1], 1e3 * s[2]);
+        throw refusal("its voxels have %.3g x %.3g x %.3g mm; correct its spacing", 1e3 * s[0], 1e3 * s[1], 1e3 * s[2]);
     for (int i = 0; i < 3; i++) {
         double most = std::fabs(v.origin_m[i]);
         for (int k = 0; k < 3; k++) most += std::fabs(v.direction[3 * i + k]) * v.spacing_m[k] * v.size[k];
-        if (!(most < 1e6)) throw refusal("it reaches beyond 1000 km; correct its spacing, origin or unit");
+        if (!(most < 1e6)) throw refusal("it extends beyond 1000 km; correct its spacing, origin or unit");
     }
 }
 
@@ -266,7 +268,7 @@ bool has_components(const itk::ImageIOBase &io) {
     const bool fifth = dims == 3 && io.GetNumberOfComponents() == 3;
     if (!fifth && !(dims == 4 && io.GetNumberOfComponents() == 1 && io.GetDimensions(3) == 3))
         throw refusal(
-            "%u dimensions of %u number%s a voxel; fibres are an image of 3 numbers a voxel (a fourth axis of 3, or vectors)",
+            "it has %u dimensions of %u number%s a voxel; give fibres as an image of 3 numbers a voxel (a fourth axis of 3, or vectors)",
             dims, io.GetNumberOfComponents(), io.GetNumberOfComponents() == 1 ? "" : "s");
     return fifth;
 }
@@ -285,15 +287,15 @@ template <typename T> void take_vectors(const char *bytes, size_t voxels, bool c
 void read_whole_vectors(const char *path, image_vectors *out) {
     const itk::ImageIOBase::Pointer io = reader_of(path);
     if (std::string(io->GetNameOfClass()) != "NiftiImageIO")
-        throw refusal("fibres are read from NIfTI alone; convert it");
+        throw refusal("fibres can be read only from NIfTI; convert it");
     io->ReadImageInformation();
     const bool components = has_components(*io), wide = io->GetComponentType() == itk::IOComponentEnum::DOUBLE;
     if (!wide && io->GetComponentType() != itk::IOComponentEnum::FLOAT)
-        throw refusal("its numbers are not float32 or float64; write directions so");
+        throw refusal("its numbers are not float32 or float64; save directions as one of these");
     image_volume place = {};
     for (unsigned k = 0; k < 3; k++) {
         if (io->GetDimensions(k) < 1 || io->GetDimensions(k) > MAX_VOXELS / 8)
-            throw refusal("%zu voxels along axis %u; crop it", (size_t)io->GetDimensions(k), k + 1);
+            throw refusal("it has %zu voxels along axis %u; crop it", (size_t)io->GetDimensions(k), k + 1);
         place.size[k] = out->size[k] = (int)io->GetDimensions(k);
     }
     take_place(*io, path, 0, &place);
@@ -322,11 +324,9 @@ void last_line(const char *text, char why[IMAGE_WHY]) {
     size_t line = all.rfind('\n');
     last = line == std::string::npos ? all : all.substr(line + 1);
     if (last.find("orthonormal") != std::string::npos)
-        snprintf(
-            why, IMAGE_WHY,
-            "its axes are not at right angles (a NIfTI's sform must be, and in mm); resample it, or write it anew in mm");
+        snprintf(why, IMAGE_WHY, "its axes are not at right angles (in a NIfTI by sform, mm); resample it");
     else
-        snprintf(why, IMAGE_WHY, "ITK cannot read it: %.300s; the file is cut short or damaged: write it anew",
+        snprintf(why, IMAGE_WHY, "ITK cannot read it: %.300s, so the file is truncated or damaged; save it again",
                  last.c_str());
 }
 

@@ -47,7 +47,7 @@ image_end check(const soup &s, char why[IMAGE_WHY]) {
     for (std::size_t v = 0; v < s.points.size(); v++)
         for (int k = 0; k < 3; k++)
             if (!std::isfinite(s.points[v][k])) {
-                snprintf(why, IMAGE_WHY, "vertex %zu has a coordinate that is nan or infinite; write the surface anew",
+                snprintf(why, IMAGE_WHY, "vertex %zu has a coordinate that is nan or infinite; save the surface again",
                          v + 1);
                 return IMAGE_BAD_INPUT;
             }
@@ -55,16 +55,16 @@ image_end check(const soup &s, char why[IMAGE_WHY]) {
         for (const std::size_t v : s.polygons[f])
             if (v >= s.points.size() || s.polygons[f].size() < 3) {
                 snprintf(why, IMAGE_WHY,
-                         "face %zu has fewer than three corners or one that is not there; write the surface anew",
+                         "face %zu has fewer than three vertices, or one that does not exist; save the surface again",
                          f + 1);
                 return IMAGE_BAD_INPUT;
             }
     if (s.polygons.size() > INT_MAX / 64 || s.points.size() > INT_MAX / 64) {
-        snprintf(why, IMAGE_WHY, "%zu faces are too many; decimate the surface", s.polygons.size());
+        snprintf(why, IMAGE_WHY, "it has too many faces, %zu; decimate the surface", s.polygons.size());
         return IMAGE_BAD_INPUT;
     }
     if (!s.polygons.empty()) return IMAGE_DONE;
-    snprintf(why, IMAGE_WHY, "no faces in it; write the surface anew");
+    snprintf(why, IMAGE_WHY, "it has no faces; save the surface again");
     return IMAGE_BAD_INPUT;
 }
 
@@ -163,7 +163,7 @@ template <class Work> image_end guarded(char why[IMAGE_WHY], Work work) {
         snprintf(why, IMAGE_WHY, "no memory for the surface; decimate it");
         return IMAGE_NO_MEMORY;
     } catch (const std::exception &e) {
-        snprintf(why, IMAGE_WHY, "CGAL cannot work on this: %.300s; repair it in MeshLab or Blender", e.what());
+        snprintf(why, IMAGE_WHY, "CGAL cannot process it: %.300s; repair it in MeshLab or Blender", e.what());
         return IMAGE_FAILED;
     }
 }
@@ -189,7 +189,7 @@ image_end read_here(const char *path, image_surface *out, char *why) {
     return guarded(why, [&]() {
         soup s;
         if (!CGAL::IO::read_polygon_soup(path, s.points, s.polygons)) {
-            snprintf(why, IMAGE_WHY, "no such surface, damaged or cut short; write it anew");
+            snprintf(why, IMAGE_WHY, "it is not a surface of this type, or damaged or truncated; save it again");
             return IMAGE_BAD_INPUT;
         }
         const image_end end = check(s, why);

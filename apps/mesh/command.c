@@ -29,7 +29,7 @@ bool command_unit(const char *command, const char *text, double *scale) {
 
 bool command_scale(const char *command, int option, const char *text, bool *sized, double *scale) {
     if (*sized) {
-        command_usage(command, "--unit and --scale say the same; give one");
+        command_usage(command, "--unit and --scale both set the unit; give one");
         return false;
     }
     *sized = true;

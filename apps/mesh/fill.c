@@ -18,23 +18,26 @@ typedef struct options {
 } options;
 
 static void usage(void) {
-    printf(
-        "usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
-        "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: a "
-        "lattice, cut and pulled to the\n"
-        "surface, then smoothed so that the smallest tetrahedron, which sets the time step, is as large as may be. "
-        "Several, or one inside\n"
-        "another: each a region, named by its file, those inside others cut out of them, faces shared. Details and "
-        "ridges finer than SIZE\n"
-        "are rounded off. All but one STL needs the module 'image' (make image).\n\n"
-        "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many [a fourteenth of the longest\n"
-        "               side of the box around them]\n"
-        "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
-        "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
-        "  --repair     close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
-        "               named and refused\n"
-        "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
-        tm_mesh_file_endings(true));
+    printf("usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
+           "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: "
+           "a lattice is fitted to it and\n"
+           "smoothed, so that the smallest tetrahedron, which sets the time step, is as large as possible. "
+           "Several surfaces, or one inside\n"
+           "another: each becomes a region, named by its file; inner ones are cut out of outer ones, and faces "
+           "are shared. Details and ridges\n"
+           "finer than SIZE are rounded. All but a single STL needs the module 'image' (make image).\n"
+           "\n"
+           "  --size SIZE  longest inner edge, e.g. 5mm; half the size makes eight times as many tetrahedra [a "
+           "fourteenth of the\n"
+           "               longest side of the surfaces' box]\n"
+           "  --unit UNIT  unit of the file's coordinates, which the formats do not store: m, cm, mm, um or "
+           "inch\n"
+           "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
+           "  --repair     close holes, stitch edges, orient triangles, remove intersecting ones; without it "
+           "such defects are\n"
+           "               named and refused\n"
+           "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
+           tm_mesh_file_endings(true));
 }
 
 static int parse(int argc, char **argv, options *o) {
@@ -51,7 +54,7 @@ static int parse(int argc, char **argv, options *o) {
     for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
         bool good = true;
         if ((c == 's' || c == 'u') && o->scale > 0)
-            return command_usage("fill", "--unit and --scale say the same; give one");
+            return command_usage("fill", "--unit and --scale both set the unit; give one");
         switch (c) {
         case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
         case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
@@ -62,7 +65,7 @@ static int parse(int argc, char **argv, options *o) {
         default:
             if (!strcmp(argv[optind - 1], "--mend"))
                 return command_usage("fill", "--mend is called --repair since 0.2; write --repair");
-            return command_usage("fill", "bad option '%s'", argv[optind - 1]);
+            return command_usage("fill", "unknown option, or its value is missing: '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
         if (c == 'z' && !(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
@@ -75,8 +78,8 @@ static int parse(int argc, char **argv, options *o) {
     if (!o->out) return command_usage("fill", "no output; give -o OUT");
     const int bad = command_output(o->out);
     if (bad || o->scale > 0) return bad;
-    return app_bad_input(o->in[0], 0,
-                         "no surface says the unit of its coordinates; give --unit mm (or m, cm, um, inch)");
+    return app_bad_input(
+        o->in[0], 0, "surface files do not store the unit of their coordinates; give --unit mm (or m, cm, um, inch)");
 }
 
 /* Makes the file's mesh: one region 'tissue', one group 'surface', numbers from 1. */
@@ -135,7 +138,7 @@ static int write_out(const options *o, const tm_mesh_file *out, const shell *sur
     else if (!app_is_quiet()) {
         printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3", o->out, out->tet_count, out->vertex_count,
                1e6 * volume_of(built));
-        if (surface) printf(", the surface's is %.4g cm3", 1e6 * shell_volume_m3(surface));
+        if (surface) printf(", the surface encloses %.4g cm3", 1e6 * shell_volume_m3(surface));
         printf("\n");
     }
     tm_mesh_destroy(built);
@@ -147,9 +150,10 @@ static int fill_one(const options *o, const shell *surface, tm_mesh_file *out) {
     const growing_solid body = shell_solid(surface);
     int exit = APP_DONE;
     if (!fill_manifold(&m, &body, o->size_m) && !m.no_memory)
-        exit = app_bad_input(o->in[0], 0,
-                             "details as fine as %g mm pinch the mesh; choose a smaller --size, or smooth the surface",
-                             1e3 * o->size_m);
+        exit = app_bad_input(
+            o->in[0], 0,
+            "the surface has details of %g mm that the mesh cannot represent; choose a smaller --size, or smooth the surface",
+            1e3 * o->size_m);
     else {
         growing_improve(&m, &body, NULL, 40);
         if (m.no_memory || !to_file(&m, out)) exit = command_no_memory(o->in[0]);
@@ -185,10 +189,10 @@ static int check_size(const options *o, const surfaces *s) {
                              side_m, SIDE_MAX);
     if (expected > LIMIT)
         return app_bad_input(
-            o->in[0], 0, "about %.2g tetrahedra would come of it; choose a larger --size, or another --unit", expected);
+            o->in[0], 0, "it would have about %.2g tetrahedra; choose a larger --size, or another --unit", expected);
     if (expected < 20)
         return app_bad_input(o->in[0], 0,
-                             "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --unit");
+                             "it would have fewer than 20 tetrahedra; choose a smaller --size, or another --unit");
     return APP_DONE;
 }
 

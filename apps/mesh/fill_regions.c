@@ -85,7 +85,7 @@ static int set_domain(job *j, image_domain *domain) {
         if (!s->piece[i].region) continue;
         if (!find_seed(s, i, j->seed_m + 3 * (size_t)j->seeds))
             return app_bad_input(j->path, 0,
-                                 "region '%s': nothing of a piece is left beside the other surfaces; leave it out",
+                                 "region '%s': a piece of it is completely inside the other surfaces; leave it out",
                                  s->name[s->piece[i].region]);
         j->seeds++;
     }
@@ -189,7 +189,7 @@ static int report(const job *j, const image_tets *m) {
     for (int t = 0; t < m->tets; t++) count[m->label[t]]++, volume[m->label[t]] += tet_m3(m, t);
     for (int r = 1; r <= j->s->regions; r++) {
         if (!count[r])
-            return app_bad_input(j->path, 0, "region '%s' vanished; choose a smaller --size, or leave it out",
+            return app_bad_input(j->path, 0, "region '%s' has no tetrahedra; choose a smaller --size, or leave it out",
                                  j->s->name[r]);
         if (!app_is_quiet())
             printf("region %-20s %8d tetrahedra, edges about %.3g mm; volume %.4g cm3\n", j->s->name[r], count[r],

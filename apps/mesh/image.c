@@ -13,30 +13,41 @@
 static void usage(void) {
     printf(
         "usage: tm-mesh image [options] SEG.nii.gz -o ORGAN.msh\n"
-        "Makes tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage, DICOM-SEG), those of neighbours sharing their\n"
-        "faces. Lengths come out in metres, in the image's own world (DICOM's axes: left, posterior, superior).\n\n"
-        "  --label N[=NAME][:SIZE]  this label alone, its region's name, its tetrahedra; once for each [all but 0]\n"
-        "  --label all        the others as well as those named\n"
-        "  --budget N | realtime    so many tetrahedra at most, or as many as half a core of this machine steps in real\n"
-        "                           time where cut (realtime:0.8: 0.8 of a core) [10000, unless --size is given]\n"
-        "  --size SIZE        edges of tetrahedra, about; less in a label thinner than that\n"
-        "  --distance D       of the facets from the smoothed surface [an eighth of the label's size]\n"
-        "  --smooth S         Gaussian that removes the voxels' steps, in voxels [1, and 0.28 of a thinner\n"
-        "                     label's thickness]; 0: none. Volumes are kept\n"
-        "  --specks N         pieces and holes of fewer voxels join what is around them [8]; 0: all stay\n"
-        "  --optimise LIST    of lloyd, perturb, exude (CGAL's), improve (vertices move, the smallest grows),\n"
-        "                     volumes (surfaces move until each label has its volume), or none\n"
+        "Makes tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage, DICOM-SEG); "
+        "neighbouring labels share faces.\n"
+        "Lengths are written in metres, in the image's own axes (DICOM's: left, posterior, superior).\n"
+        "\n"
+        "  --label N[=NAME][:SIZE]  mesh only this label, with this name and edge length; may be repeated "
+        "[all but 0]\n"
+        "  --label all        mesh the other labels as well\n"
+        "  --budget N | realtime    largest number of tetrahedra, or as many as half a core of this machine "
+        "steps in real\n"
+        "                           time with cutting (realtime:0.8: 0.8 of a core) [10000, unless --size is "
+        "given]\n"
+        "  --size SIZE        edge length of tetrahedra; less in a thinner label\n"
+        "  --distance D       largest distance of facets from the smoothed surface [an eighth of the label's "
+        "size]\n"
+        "  --smooth S         width of the Gaussian that removes the voxels' steps, in voxels [1, and 0.28 "
+        "of a thinner\n"
+        "                     label's thickness]; 0: none. Volumes are preserved\n"
+        "  --specks N         merge pieces and holes of fewer voxels with their surroundings [8]; 0: keep "
+        "all\n"
+        "  --optimise LIST    any of lloyd, perturb, exude (CGAL's), improve (move vertices, enlarge the "
+        "smallest tetrahedron),\n"
+        "                     volumes (move surfaces until each label has its volume), or none\n"
         "                     [exude,improve,volumes]; perturb and lloyd take seconds to minutes\n"
         "  --sliver ANGLE     dihedral angle that perturb and exude try to reach [12 deg]\n"
-        "  --strict           refuse what is only told otherwise: a label that vanished, or is in more or fewer pieces\n"
-        "                     than in the image, one voxel thick, or takes more tetrahedra than --budget\n"
-        "  --allow LIST       of vanish, apart, thin: told all the same with --strict\n"
+        "  --strict           refuse what is otherwise a warning: a label that vanished, is in more or fewer "
+        "pieces than in\n"
+        "                     the image, is one voxel thick, or needs more tetrahedra than --budget\n"
+        "  --allow LIST       any of vanish, apart, thin: these stay warnings with --strict\n"
         "  --space lps | ras  axes of the result [lps]\n"
-        "  --unit UNIT        m, mm or um, where the file says none [mm]\n"
-        "  --young E --poisson NU --density RHO   that steps are told for [5 kPa, 0.45, 1060 kg/m3]\n"
-        "  --json FILE        the report as JSON\n"
-        "  -o OUT             %s\n\n"
-        "Needs the module 'image' (make image; CGAL's mesher is under the GPL, and so is what links it).\n",
+        "  --unit UNIT        m, mm or um, if the file has no unit [mm]\n"
+        "  --young E --poisson NU --density RHO   material for the reported steps [5 kPa, 0.45, 1060 kg/m3]\n"
+        "  --json FILE        write the report as JSON\n"
+        "  -o OUT             %s\n"
+        "\n"
+        "Needs the module 'image' (make image; CGAL's mesher is under the GPL, and so is a program that links it).\n",
         tm_mesh_file_endings(true));
 }
 
@@ -47,22 +58,23 @@ static int parse_label(const char *text, image_options *o) {
     if (strcmp(text, "all") == 0) return o->all = true, APP_DONE;
     const long value = strtol(text, &end, 10);
     if (end == text || value < 1 || value > 65535)
-        return command_usage("image", "--label %s: a label is a number from 1 to 65535, or all", text);
+        return command_usage("image", "--label %s: this is not a label; give a number from 1 to 65535, or all", text);
     if (o->regions == LABEL_MAX) return command_usage("image", "--label %s: more than %d labels", text, LABEL_MAX);
     image_region *r = &o->region[o->regions + 1];
     *r = (image_region){.value = (int)value};
     for (int i = 1; i <= o->regions; i++)
-        if (o->region[i].value == value) return command_usage("image", "--label %s: this label was named before", text);
+        if (o->region[i].value == value)
+            return command_usage("image", "--label %s: this label is given twice; give it once", text);
     const char *colon = strchr(end, ':');
     if (*end == '=') {
         const size_t length = colon ? (size_t)(colon - end - 1) : strlen(end + 1);
         if (length == 0 || length >= sizeof r->name || memchr(end, '"', length))
-            return command_usage("image", "--label %s: a name is 1 to 63 letters", text);
+            return command_usage("image", "--label %s: the name is empty or too long; give 1 to 63 characters", text);
         memcpy(r->name, end + 1, length);
         for (const char *at = r->name; *at; at++)
             if (iscntrl((unsigned char)*at))
-                return command_usage("image", "--label %d: a control character in its name; use letters and digits",
-                                     r->value);
+                return command_usage(
+                    "image", "--label %d: its name contains a control character; use letters and digits", r->value);
     } else if (*end && *end != ':')
         return command_usage("image", "--label %s: give N, N=NAME or N=NAME:SIZE", text);
     if (colon && !command_quantity("label", colon + 1, "length", &r->size_m)) return APP_BAD_INPUT;
@@ -95,7 +107,9 @@ static int parse_words(const char *option, const char *text, const char *const *
     for (char *one; (one = strsep(&rest, ","));) {
         int w = 0;
         while (w < count && strcmp(word[w], one) != 0) w++;
-        if (w == count) return command_usage("image", "--%s %s: '%s' is none of its words", option, text, one);
+        if (w == count)
+            return command_usage("image", "--%s %s: '%s' is not one of its values; see tm-mesh image --help", option,
+                                 text, one);
         if (flag[w]) *flag[w] = true;
     }
     return APP_DONE;
@@ -191,14 +205,15 @@ static int parse(int argc, char **argv, image_options *o) {
         case 'o': end = APP_DONE, o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
         case 't': end = APP_DONE, o->strict = true; break;
-        case '?': return command_usage("image", "bad option '%s'", argv[optind - 1]);
+        case '?': return command_usage("image", "unknown option, or its value is missing: '%s'", argv[optind - 1]);
         default: end = parse_number(c, optarg, o);
         }
         if (end) return end;
     }
     if (optind + 1 != argc) return command_usage("image", "name one image");
     if (!o->out) return command_usage("image", "no output; give -o OUT");
-    if (o->budget && o->size_m > 0) return command_usage("image", "--size and --budget both say how fine; give one");
+    if (o->budget && o->size_m > 0)
+        return command_usage("image", "--size and --budget both set the fineness; give one");
     o->budget_said = o->budget != 0;
     if (!o->budget && !(o->size_m > 0)) o->budget = 10000;
     o->in = argv[optind];
@@ -249,8 +264,10 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     for (size_t i = 0; i < voxels; i++)
         if (!most[volume->label[i]]) most[volume->label[i]] = true, values += volume->label[i] != 0;
     if (!chooses(o) && values > LABEL_MAX)
-        return app_bad_input(o->in, 0, "%d labels; choose up to %d of them with --label (or is it no segmentation?)",
-                             values, LABEL_MAX);
+        return app_bad_input(
+            o->in, 0,
+            "it has %d labels, which may mean that it is not a segmentation; choose up to %d of them with --label",
+            values, LABEL_MAX);
     for (int l = 1; l <= f->labels; l++) {
         const image_region *r = &o->region[l];
         if (f->voxels[l] == 0)
@@ -265,9 +282,10 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     }
     if (o->trial) return APP_DONE;
     if (f->specks)
-        app_remark("%s: %lld specks and holes (%lld voxels) joined what is around them; --specks 0 keeps them\n", o->in,
-                   (long long)f->specks, (long long)f->speck_voxels);
-    if (f->at_border) app_remark("%s: a label reaches the image's end and is cut off flat there\n", o->in);
+        app_remark(
+            "%s: %lld specks and holes (%lld voxels) were merged with their surroundings; --specks 0 keeps them\n",
+            o->in, (long long)f->specks, (long long)f->speck_voxels);
+    if (f->at_border) app_remark("%s: a label extends to the edge of the image and ends there in a flat face\n", o->in);
     return APP_DONE;
 }
 
@@ -293,7 +311,7 @@ static int check_mesh(const image_options *o, const label_field *f, const image_
             exit = app_bad_input(o->in, 0, "%s; mesh it finer, smooth less, or leave out --strict", text);
     }
     if (m->loose)
-        app_remark("%s: %d loose part%s of the mesh (%.2g %% of its volume) dropped\n", o->in, m->loose,
+        app_remark("%s: %d detached piece%s of the mesh (%.2g %% of its volume) removed\n", o->in, m->loose,
                    m->loose == 1 ? " was" : "s were", 100 * m->loose_m3 / m->of[0].volume_m3);
     return exit;
 }
@@ -305,7 +323,7 @@ const image_api *image_open_module(tm_error *error) {
     const image_api *api = module ? app_module_symbol(module, IMAGE_API_SYMBOL, error) : NULL;
     if (module && !api)
         tm_fail(error, TM_ERR_FILE, -1,
-                "module 'image' is of another version than this program; build both anew: make, make image");
+                "module 'image' has another version than this program; build both again: make, make image");
     return api;
 }
 
@@ -360,7 +378,7 @@ int command_image(int argc, char **argv) {
         return end == IMAGE_BAD_INPUT ? APP_BAD_INPUT : APP_FAILED;
     }
     if (!volume.unit[0] && !(o.unit_m > 0))
-        app_remark("%s: it says no unit of length; taken as millimetres (--unit)\n", o.in);
+        app_remark("%s: it has no unit of length; millimetres are assumed (--unit)\n", o.in);
     exit = make_mesh(api, &o, &volume);
     free(volume.label);
     return exit;

@@ -185,7 +185,7 @@ static int check_count(const pass *p, double size_m) {
         count += 6 * (double)p->field->voxels[l] * s[0] * s[1] * s[2] / pow(sizes.edge_m[l], 3);
     if (!(count > TETS_MAX)) return APP_DONE;
     if (p->o->trial) return APP_FAILED;
-    return app_bad_input(p->o->in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or a --budget",
+    return app_bad_input(p->o->in, 0, "it would have about %.2g tetrahedra; choose a larger --size, or a --budget",
                          count);
 }
 
@@ -196,15 +196,16 @@ static int check_budget(const pass *p, const image_mesh *mesh) {
     if (!(o->budget > 0) || mesh->tets.tets <= o->budget) return APP_DONE;
     if (o->trial) return own > count_low * o->budget && o->budget_said ? APP_FAILED : APP_DONE;
     if (own > count_low * o->budget && o->budget_said)
-        return app_bad_input(o->in, 0,
-                             "labels of a size of their own take %d tetrahedra, all %d, more than --budget %d; leave "
-                             "out --budget, or the size",
-                             own, mesh->tets.tets, o->budget);
+        return app_bad_input(
+            o->in, 0,
+            "labels with their own size need %d tetrahedra, all labels %d, more than --budget %d; leave out "
+            "--budget, or the size",
+            own, mesh->tets.tets, o->budget);
     if (o->strict)
-        return app_bad_input(o->in, 0, "its labels take %d tetrahedra at least, more than --budget %d", mesh->tets.tets,
+        return app_bad_input(o->in, 0, "its labels need at least %d tetrahedra, more than --budget %d", mesh->tets.tets,
                              o->budget);
-    app_remark("%s: %d tetrahedra, more than the budget of %d: its labels take so many\n", o->in, mesh->tets.tets,
-               o->budget);
+    app_remark("%s: %d tetrahedra, more than the budget of %d, because its labels need that many\n", o->in,
+               mesh->tets.tets, o->budget);
     return APP_DONE;
 }
 

@@ -94,7 +94,7 @@ void image_propose(const image_api *api, image_attempt_fn *attempt, const image_
             ask_finer(field, m, way == 1 ? 0.7 : 0.45, &trial);
         to_words(asked, &trial, field, m, found, sizeof found);
         if (strlen(found) + 1 == sizeof found || !try(api, attempt, &trial, volume, &tets)) continue;
-        snprintf(words, IMAGE_WHY, "nothing of it is lost with%s (tried: %d tetrahedra)", found, tets);
+        snprintf(words, IMAGE_WHY, "all labels are kept with%s (tried: %d tetrahedra)", found, tets);
         return;
     }
 }

@@ -134,10 +134,11 @@ static void warn_of_losses(const image_options *o, const label_field *field, con
         if (fabs(differ) > volume_told && r->pieces)
             app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image%s\n", o->in,
                        o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more",
-                       o->volumes ? ": its tetrahedra are too coarse for it" : ": --optimise leaves out volumes");
+                       o->volumes ? ", because its tetrahedra are too coarse"
+                                  : ", because --optimise leaves out volumes");
         if (r->hausdorff_m > fmax(m->edge_m[l], 2 * cbrt(s[0] * s[1] * s[2])))
-            app_remark("%s: warning: label %d ('%s') has its surface up to %.2g mm from the image's (mean %.2g mm): a "
-                       "part was lost or filled\n",
+            app_remark("%s: warning: the surface of label %d ('%s') is up to %.2g mm from the image's (mean %.2g mm), "
+                       "because a part was lost or filled\n",
                        o->in, o->region[l].value, o->region[l].name, 1e3 * r->hausdorff_m, 1e3 * r->mean_m);
     }
 }
@@ -152,14 +153,14 @@ static void print(const image_options *o, const image_volume *v, const label_fie
     print_labels(o, field, m);
     printf("worst dihedral angle: %.3g degrees, tetrahedron %d in '%s'\n", f->dihedral_deg, f->dihedral_tet + 1,
            file->region_name[file->region[f->dihedral_tet]]);
-    printf(
-        "critical step: %.4g ms whole, %.4g ms where cut (E %g Pa, nu %g, %g kg/m3), set by tetrahedron %d (vertices %d %d %d %d) in '%s' at "
-        "%.4g %.4g %.4g mm; median %.4g ms, %.2f of it; %.0f substeps in a frame of 1/30 s where cut\n",
-        1e3 * f->step.guaranteed_s, 1e3 * f->step.cut_s, o->young_Pa, o->poisson, o->density_kg_m3, f->step.cut_tet + 1,
-        c[0] + 1, c[1] + 1, c[2] + 1, c[3] + 1, file->region_name[file->region[f->step.cut_tet]], f->middle_mm[0],
-        f->middle_mm[1], f->middle_mm[2], 1e3 * f->step.median_s, f->step.cut_s / f->step.median_s,
-        ceil(1 / (30 * f->step.cut_s)));
-    if (m->load > 0) printf("real time: %.2f of one core of this machine, %.2f asked for\n", m->load, o->budget_load);
+    printf("critical step: %.4g ms uncut, %.4g ms with cutting (E %g Pa, nu %g, %g kg/m3), set by tetrahedron "
+           "%d (vertices %d %d %d %d) in '%s' at %.4g %.4g %.4g mm; median %.4g ms, ratio %.2f; with cutting "
+           "%.0f substeps in a frame of 1/30 s\n",
+           1e3 * f->step.guaranteed_s, 1e3 * f->step.cut_s, o->young_Pa, o->poisson, o->density_kg_m3,
+           f->step.cut_tet + 1, c[0] + 1, c[1] + 1, c[2] + 1, c[3] + 1,
+           file->region_name[file->region[f->step.cut_tet]], f->middle_mm[0], f->middle_mm[1], f->middle_mm[2],
+           1e3 * f->step.median_s, f->step.cut_s / f->step.median_s, ceil(1 / (30 * f->step.cut_s)));
+    if (m->load > 0) printf("real time: %.2f of one core of this machine, %.2f requested\n", m->load, o->budget_load);
 }
 
 static cJSON *to_json(const image_options *o, const image_volume *v, const label_field *field, const image_mesh *m,

@@ -71,18 +71,18 @@ static void usage(FILE *to, const char *command) {
     fprintf(to,
             "usage: tm-mesh %s [--unit UNIT] [--young E] [--poisson NU] [--density RHO] [--json FILE] MESH\n"
             "%s\n\n"
-            "  --unit UNIT    of the file's coordinates: m, cm, mm, um or inch [m]\n"
+            "  --unit UNIT    unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
             "  --scale S      the same as metres per unit of the file: 1e-3 for millimetres\n"
-            "  --young E      Young's modulus that the critical step is told for [5 kPa]\n"
-            "  --poisson NU   its Poisson ratio [0.45]\n"
-            "  --density RHO  its density [1060 kg/m3]\n"
-            "  --json FILE    the figures as JSON\n"
+            "  --young E      Young's modulus for the critical step [5 kPa]\n"
+            "  --poisson NU   Poisson's ratio for it [0.45]\n"
+            "  --density RHO  density for it [1060 kg/m3]\n"
+            "  --json FILE    write the figures as JSON\n"
             "  --help\n",
             command,
             strcmp(command, "info") == 0
-                ? "Tells counts, size, quality, regions, groups, the worst element and the time step it causes."
-                : "Exit 0: can be simulated. Exit 2: every defect with the number of its tetrahedron or vertex in the "
-                  "file, and what to do.");
+                ? "Prints counts, size, quality, regions, groups, the worst element and the time step that it causes."
+                : "Exit 0: the mesh can be simulated. Exit 2: prints each defect with the number of its tetrahedron or "
+                  "vertex in the file, and what to do.");
 }
 
 static int parse(const char *command, int argc, char **argv, options *o) {
@@ -105,7 +105,7 @@ static int parse(const char *command, int argc, char **argv, options *o) {
         case 'd': good = command_quantity("density", optarg, "density", &o->density_kg_m3); break;
         case 'j': o->json = optarg; break;
         case 'h': usage(stdout, command); exit(APP_DONE);
-        default: return command_usage(command, "bad option '%s'", argv[optind - 1]);
+        default: return command_usage(command, "unknown option, or its value is missing: '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
     }
@@ -125,7 +125,7 @@ static int refuse(const tm_mesh_file *file, const char *path, const tm_error *er
         app_bad_input(path, 0, "%s", text);
     }
     if (count > LISTED)
-        app_bad_input(path, 0, "and %lld defects more; run tm-mesh repair, or mesh the organ anew",
+        app_bad_input(path, 0, "%lld more defects; run tm-mesh repair, or mesh the organ again",
                       (long long)count - LISTED);
     return APP_BAD_INPUT;
 }
@@ -216,10 +216,10 @@ static void print_tet(const tm_mesh_file *file, int32_t t) {
 
 static void print_numbering(const options *o, const tm_numbering_stats *n) {
     if (n->should_renumber)
-        printf(
-            "note: numbers jump: the two vertices of an edge are %.0f apart on average; scenes renumber them inside, "
-            "which makes it %.0f and steps quicker, and for other programs there is tm-mesh renumber %s -o OUT\n",
-            n->distance, n->renumbered, o->file);
+        printf("note: large bandwidth: the numbers of an edge's two vertices differ by %.0f on average; scenes "
+               "renumber internally to %.0f, which makes steps faster; for other programs use tm-mesh renumber %s "
+               "-o OUT\n",
+               n->distance, n->renumbered, o->file);
 }
 
 static void print_statistics(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
@@ -237,7 +237,7 @@ static void print_statistics(const tm_mesh_file *file, const tm_mesh *mesh, cons
     char empty[REGIONS_WITHOUT][64];
     const int32_t count = find_empty_regions(file, o->file, empty);
     for (int32_t i = 0; i < count; i++)
-        printf("note: region '%s' is named and has no tetrahedra: a scene cannot give it a material\n", empty[i]);
+        printf("note: region '%s' has a name and no tetrahedra, so a scene cannot give it a material\n", empty[i]);
     for (int32_t g = 0; g < file->group_count; g++)
         printf("group '%s': %d vertices\n", file->group_name[g], file->group_begin[g + 1] - file->group_begin[g]);
     print_histogram("aspect (1: regular)", f->aspect, aspect_bound);
@@ -249,14 +249,14 @@ static void print_statistics(const tm_mesh_file *file, const tm_mesh *mesh, cons
            o->density_kg_m3);
     print_tet(file, f->step_tet);
     printf("; %.0f substeps in a frame of 1/30 s\n", ceil(1 / (30 * f->step_s)));
-    printf("where the scene cuts: %.4g ms, the worst element's, ", 1e3 * f->cut_step_s);
+    printf("with cutting: %.4g ms, that of the worst element, ", 1e3 * f->cut_step_s);
     print_tet(file, f->cut_step_tet);
-    printf("; median element %.4g ms, %.2f of it; %.0f substeps\n", 1e3 * f->median_step_s,
+    printf("; median element %.4g ms, ratio %.2f; %.0f substeps\n", 1e3 * f->median_step_s,
            f->cut_step_s / f->median_step_s, ceil(1 / (30 * f->cut_step_s)));
     if (fmax(fmax(f->high_m[0] - f->low_m[0], f->high_m[1] - f->low_m[1]), f->high_m[2] - f->low_m[2]) > 2)
-        printf("note: larger than 2 m; is it in millimetres? then --unit mm\n");
+        printf("note: larger than 2 m; if it is in millimetres, give --unit mm\n");
     print_numbering(o, &f->numbering);
-    if (f->pieces > 1) printf("note: %d pieces that share no face; each needs a support of its own\n", f->pieces);
+    if (f->pieces > 1) printf("note: %d connected pieces that share no face; each needs its own support\n", f->pieces);
 }
 
 static void add_three(cJSON *to, const char *name, const double v[3]) {
@@ -352,7 +352,7 @@ static int run(const char *command, int argc, char **argv) {
     if (exit == APP_DONE && strcmp(command, "info") == 0)
         print_statistics(&file, mesh, &o, &f);
     else if (exit == APP_DONE && !app_is_quiet()) {
-        printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
+        printf("%s: no defects: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
                mesh->vertex_count, 1e3 * f.step_s);
         print_numbering(&o, &f.numbering);
     }

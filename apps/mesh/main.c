@@ -8,14 +8,14 @@ static const struct {
     command_fn *run;
     const char *what;
 } commands[] = {
-    {"info", command_info, "counts, size, quality, regions, groups, worst element and the step it causes"},
-    {"check", command_check, "whether it can be simulated; exit 2 and every defect by its number if not"},
-    {"fill", command_fill, "tetrahedra inside closed surfaces (STL, OBJ, PLY, OFF)"},
-    {"image", command_image, "tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage)"},
-    {"refine", command_refine, "smaller tetrahedra in a box or a region"},
-    {"repair", command_repair, "turn inverted, drop flat, double and unused"},
-    {"renumber", command_renumber, "vertices near each other get numbers near each other: quicker steps"},
-    {"convert", command_convert, "between .msh, .vtk, .vtu and .mesh, scaled"},
+    {"info", command_info, "print counts, size, quality, regions, groups, the worst element and its step"},
+    {"check", command_check, "check whether a mesh can be simulated; if not, exit 2 and print each defect"},
+    {"fill", command_fill, "fill closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra"},
+    {"image", command_image, "make tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage)"},
+    {"refine", command_refine, "refine tetrahedra in a box or a region"},
+    {"repair", command_repair, "reverse inverted tetrahedra, remove flat, double and unused ones"},
+    {"renumber", command_renumber, "renumber vertices by position, which makes steps faster"},
+    {"convert", command_convert, "convert between .msh, .vtk, .vtu and .mesh, and scale"},
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };
 
@@ -41,7 +41,7 @@ static int take_quiet(int argc, char **argv) {
 static void usage(FILE *to) {
     fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
     list(to);
-    fprintf(to, "\n  tm-mesh COMMAND -h, --help; --list, --version; --quiet: nothing is said where all is well\n");
+    fprintf(to, "\n  tm-mesh COMMAND -h, --help; --list, --version; --quiet: print warnings and errors only\n");
 }
 
 int main(int argc, char **argv) {
@@ -64,7 +64,7 @@ int main(int argc, char **argv) {
     for (int i = 0; i < COMMANDS; i++)
         if (strcmp(name, commands[i].name) == 0) return commands[i].run(argc - 1, argv + 1);
     if (!*name)
-        app_bad_input(NULL, 0, "tm-mesh: no command; use one of these");
+        app_bad_input(NULL, 0, "tm-mesh: the command is missing; use one of these");
     else
         app_bad_input(NULL, 0, "tm-mesh: unknown command '%s'; use one of these", name);
     usage(stderr);

@@ -16,18 +16,21 @@ typedef struct options {
 } options;
 
 static void usage(void) {
-    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--unit UNIT] [--fibres IN.csv "
-           "--write-fibres OUT.csv] IN -o OUT\n"
-           "Halves longest edges until none of a tetrahedron that reaches into the box (or belongs to the region) is "
-           "longer than SIZE, then moves\n"
-           "inner vertices so that the smallest tetrahedron, which sets the time step, grows. Old vertices keep their "
-           "numbers, vertices on the\n"
-           "surface, between regions and in groups their places; new ones join the groups of both their neighbours.\n\n"
+    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--unit UNIT] [--fibres "
+           "IN.csv --write-fibres OUT.csv] IN -o OUT\n"
+           "Bisects longest edges until no tetrahedron in the box or region has an edge longer than SIZE, then "
+           "moves inner vertices so that\n"
+           "the smallest tetrahedron, which sets the time step, grows. Old vertices keep their numbers; "
+           "vertices on the surface, between\n"
+           "regions and in groups keep their positions; a new vertex joins the groups that both ends of its "
+           "edge share.\n"
+           "\n"
            "  --box ...           two corners, e.g. -20mm,-60mm,0,20mm,-30mm,40mm\n"
-           "  --region NAME       a physical volume of the file\n"
-           "  --size SIZE         the longest edge wanted there, e.g. 3mm\n"
-           "  --fibres IN.csv     fibres of IN; --write-fibres OUT.csv those of OUT (each piece has its parent's)\n"
-           "  --unit UNIT         of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "  --region NAME       region of the file (physical volume)\n"
+           "  --size SIZE         longest edge there, e.g. 3mm\n"
+           "  --fibres IN.csv     read fibres of IN; --write-fibres OUT.csv writes those of OUT (each part has "
+           "its parent's)\n"
+           "  --unit UNIT         unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
            "  --scale S           the same as metres per unit of the file: 1e-3 for millimetres\n"
            "  -o OUT              .msh, .vtk or .mesh\n");
 }
@@ -71,13 +74,13 @@ static int parse(int argc, char **argv, options *o) {
         case 'w': o->out_fibres = optarg; break;
         case 'o': o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
-        default: return command_usage("refine", "bad option '%s'", argv[optind - 1]);
+        default: return command_usage("refine", "unknown option, or its value is missing: '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
     }
     if (optind + 1 != argc) return command_usage("refine", "name one mesh file");
     if (!o->out) return command_usage("refine", "no output; give -o OUT");
-    if (o->boxed == (o->region != NULL)) return command_usage("refine", "say where: either --box or --region");
+    if (o->boxed == (o->region != NULL)) return command_usage("refine", "give either --box or --region");
     if (!(o->size_m > 0)) return command_usage("refine", "--size must be above 0");
     if (!o->fibres != !o->out_fibres) return command_usage("refine", "--fibres and --write-fibres go together");
     o->in = argv[optind];
@@ -120,10 +123,11 @@ static int check_box(const options *o, const tm_mesh_file *file) {
         low[i % 3] = fmin(low[i % 3], file->vertex_m[i]);
         high[i % 3] = fmax(high[i % 3], file->vertex_m[i]);
     }
-    return app_bad_input("--box", 0,
-                         "no tetrahedron reaches into it; the mesh lies within %.4g,%.4g,%.4g,%.4g,%.4g,%.4g m: write "
-                         "units (-20mm,...), or give the mesh's --scale",
-                         low[0], low[1], low[2], high[0], high[1], high[2]);
+    return app_bad_input(
+        "--box", 0,
+        "no tetrahedron is inside it, and the mesh is within %.4g,%.4g,%.4g,%.4g,%.4g,%.4g m; write units "
+        "(-20mm,...), or give the mesh's --scale",
+        low[0], low[1], low[2], high[0], high[1], high[2]);
 }
 
 static bool is_region_name(const tm_mesh_file *file, const char *name, int32_t *region) {
@@ -299,11 +303,11 @@ static int write_all(const options *o, const tm_mesh_file *file, const growing *
         exit = carry_fibres(o, file, m, parent);
     if (exit == APP_DONE && app_mesh_write(&out, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && !app_is_quiet())
-        printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and "
-               "so is the critical step, about\n",
+        printf("%s: %d tetrahedra (before: %d), %d vertices (before: %d); smallest tetrahedron and critical step "
+               "are about %.2f of those before\n",
                o->out, m->tet_count, file->tet_count, m->vertex_count, file->vertex_count, smallest_size(m) / before_m);
     if (exit == APP_DONE && m->tet_count == file->tet_count)
-        printf("note: no edge there is longer than %g mm, nothing was split; choose a smaller --size\n",
+        printf("note: no edge there is longer than %g mm, so nothing was refined; choose a smaller --size\n",
                1e3 * o->size_m);
     tm_mesh_destroy(built);
     tm_mesh_file_free(&out);
@@ -322,7 +326,7 @@ static int refine(const options *o, const tm_mesh_file *file, int32_t region) {
     double before_m = m.no_memory ? 0 : smallest_size(&m);
     bool finer = !m.no_memory && growing_bisect(&m, too_large, &where, LIMIT, &parent, &midpoint);
     if (!finer && !m.no_memory) {
-        exit = app_bad_input(o->in, 0, "more than %d tetrahedra would come of it; choose a larger --size", LIMIT);
+        exit = app_bad_input(o->in, 0, "it would have more than %d tetrahedra; choose a larger --size", LIMIT);
     } else if (finer) {
         growing_find_surface(&m);
         outer = calloc((size_t)m.vertex_count + 1, 1);

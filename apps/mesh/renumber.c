@@ -11,18 +11,19 @@ typedef struct options {
 } options;
 
 static void usage(void) {
-    printf(
-        "usage: tm-mesh renumber [--unit UNIT] [--fibres IN.csv --write-fibres OUT.csv] [--write-numbers OUT.csv] IN "
-        "-o OUT\n"
-        "Numbers vertices by the order of Cuthill and McKee, reversed, and tetrahedra after them, from 1: neighbours "
-        "come near each other, and a step\n"
-        "waits less for memory. Places, regions and groups stay; the order that was there does not matter.\n\n"
-        "  --fibres IN.csv     fibres of IN, a row a tetrahedron or a vertex; --write-fibres OUT.csv those of OUT\n"
-        "  --write-numbers OUT.csv  'vertex,was': for each vertex of OUT its place in IN, both from 0, as scenes "
-        "count\n"
-        "  --unit UNIT         of the file's coordinates: m, cm, mm, um or inch [m]\n"
-        "  --scale S           the same as metres per unit of the file: 1e-3 for millimetres\n"
-        "  -o OUT              .msh, .vtk, .vtu or .mesh\n");
+    printf("usage: tm-mesh renumber [--unit UNIT] [--fibres IN.csv --write-fibres OUT.csv] [--write-numbers "
+           "OUT.csv] IN -o OUT\n"
+           "Renumbers vertices by the reverse Cuthill-McKee order, and tetrahedra after them, from 1. "
+           "Neighbours then have close numbers, and a\n"
+           "step waits less for memory. Positions, regions and groups do not change.\n"
+           "\n"
+           "  --fibres IN.csv     read fibres of IN, a row a tetrahedron or vertex; --write-fibres OUT.csv "
+           "writes those of OUT\n"
+           "  --write-numbers OUT.csv  write 'vertex,was': index of each vertex of OUT in IN, both from 0, as "
+           "in scenes\n"
+           "  --unit UNIT         unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "  --scale S           the same as metres per unit of the file: 1e-3 for millimetres\n"
+           "  -o OUT              .msh, .vtk, .vtu or .mesh\n");
 }
 
 static int parse(int argc, char **argv, options *o) {
@@ -48,7 +49,7 @@ static int parse(int argc, char **argv, options *o) {
         case 'n': o->out_numbers = optarg; break;
         case 'o': o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
-        default: return command_usage("renumber", "bad option '%s'", argv[optind - 1]);
+        default: return command_usage("renumber", "unknown option, or its value is missing: '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
     }
@@ -139,8 +140,9 @@ static int write_all(const options *o, const tm_mesh *mesh, const numbers *was, 
     if (exit == APP_DONE && o->out_numbers) exit = write_numbers(was->vertex, mesh->vertex_count, o->out_numbers);
     if (exit == APP_DONE && app_mesh_write(out, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && !app_is_quiet())
-        printf("%s: %d tetrahedra, %d vertices; the two of an edge are %.0f numbers apart on average (were %.0f)\n",
-               o->out, out->tet_count, out->vertex_count, f.renumbered, f.distance);
+        printf(
+            "%s: %d tetrahedra, %d vertices; the numbers of an edge's two vertices differ by %.0f on average (before: %.0f)\n",
+            o->out, out->tet_count, out->vertex_count, f.renumbered, f.distance);
     return exit;
 }
 

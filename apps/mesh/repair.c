@@ -14,26 +14,26 @@ typedef struct options {
 
 static void repair_usage(void) {
     printf("usage: tm-mesh repair [--unit UNIT] [--merge DISTANCE] [--largest] IN -o OUT\n"
-           "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie "
-           "over others, and vertices\n"
-           "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be "
-           "repaired.\n\n"
-           "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
-           "  --largest         keep only the largest of several pieces\n"
-           "  --unit UNIT       of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "Reverses inverted tetrahedra; removes tetrahedra that are flat, double, have a vertex twice or "
+           "overlap others, and unused vertices.\n"
+           "Prints what it did. Numbers stay those of the file. A coordinate that is nan cannot be repaired.\n"
+           "\n"
+           "  --merge DISTANCE  merge vertices that are closer than this, e.g. 1um\n"
+           "  --largest         keep only the largest connected piece\n"
+           "  --unit UNIT       unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
            "  --scale S         the same as metres per unit of the file: 1e-3 for millimetres\n"
            "  -o OUT            .msh, .vtk, .mesh or .vtu\n");
 }
 
 static void convert_usage(void) {
-    printf(
-        "usage: tm-mesh convert [--unit UNIT] [--fibres IN.csv] IN -o OUT\n"
-        "Between .msh (2.2, 4.1 read; 2.2 written), .vtk, .vtu (ParaView, meshio) and .mesh. .mesh carries regions as "
-        "numbers, and no vertex groups; the others both, with their names.\n\n"
-        "  --unit UNIT      of the file's coordinates: m, cm, mm, um or inch [m]\n"
-        "  --scale S        the same as metres per unit of the file: 1e-3 for millimetres\n"
-        "  --fibres IN.csv  of IN, into .vtk or .vtu: 'fibre' of each cell\n"
-        "  -o OUT           .msh, .vtk, .mesh or .vtu\n");
+    printf("usage: tm-mesh convert [--unit UNIT] [--fibres IN.csv] IN -o OUT\n"
+           "Converts between .msh (2.2, 4.1 read; 2.2 written), .vtk, .vtu (ParaView, meshio) and .mesh. .mesh "
+           "stores regions as numbers and no vertex groups; the others store both with their names.\n"
+           "\n"
+           "  --unit UNIT      unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
+           "  --scale S        the same as metres per unit of the file: 1e-3 for millimetres\n"
+           "  --fibres IN.csv  read fibres of IN and write them into .vtk or .vtu, as 'fibre' of each cell\n"
+           "  -o OUT           .msh, .vtk, .mesh or .vtu\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
@@ -61,14 +61,15 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
             usage();
             exit(APP_DONE);
         } else
-            return command_usage(command, "bad option '%s'", argv[optind - 1]);
+            return command_usage(command, "unknown option, or its value is missing: '%s'", argv[optind - 1]);
     }
     if (optind + 1 != argc) return command_usage(command, "name one mesh file");
     if (!o->out) return command_usage(command, "no output; give -o OUT");
     o->in = argv[optind];
     const char *dot = strrchr(o->out, '.');
     if (o->fibres && !(dot && (strcmp(dot, ".vtk") == 0 || strcmp(dot, ".vtu") == 0)))
-        return command_usage(command, "--fibres go into .vtk and .vtu alone; tm-mesh refine --write-fibres writes CSV");
+        return command_usage(command,
+                             "--fibres works only with .vtk and .vtu; for CSV use tm-mesh refine --write-fibres");
     return command_output(o->out);
 }
 
@@ -237,26 +238,26 @@ static int repair_mesh(tm_mesh_file *mesh, const options *o, outcome *out) {
     if (out->merged < 0 || left < 0 || out->far < 0)
         return app_bad_input(o->in, 0, "no memory; use a coarser mesh"), APP_FAILED;
     if (left > 0)
-        return app_bad_input(o->in, 0, "%lld defects are left after 20 rounds; mesh the organ anew", (long long)left);
-    if (mesh->tet_count == 0) return app_bad_input(o->in, 0, "no tetrahedron is left; mesh the organ anew");
+        return app_bad_input(o->in, 0, "%lld defects remain after 20 passes; mesh the organ again", (long long)left);
+    if (mesh->tet_count == 0) return app_bad_input(o->in, 0, "no tetrahedron remains; mesh the organ again");
     return APP_DONE;
 }
 
 static void tell(const tm_mesh_file *mesh, const char *path, const outcome *out) {
     static const char *const did[TM_DEFECT_KINDS] = {"",
-                                                     "tetrahedra dropped: a vertex twice",
-                                                     "tetrahedra dropped: flat",
-                                                     "tetrahedra turned: inverted",
-                                                     "tetrahedra dropped: double",
-                                                     "tetrahedra dropped: third on a face",
-                                                     "tetrahedra dropped: over another",
-                                                     "vertices dropped: unused"};
+                                                     "tetrahedra removed: a vertex twice",
+                                                     "tetrahedra removed: flat",
+                                                     "tetrahedra reversed: inverted",
+                                                     "tetrahedra removed: double",
+                                                     "tetrahedra removed: third on a face",
+                                                     "tetrahedra removed: overlapping",
+                                                     "vertices removed: unused"};
     if (app_is_quiet()) return;
     printf("%s: %d tetrahedra, %d vertices\n", path, mesh->tet_count, mesh->vertex_count);
     if (out->merged) printf("  %d vertices merged\n", out->merged);
     for (int k = 1; k < TM_DEFECT_KINDS; k++)
         if (out->done[k]) printf("  %lld %s\n", (long long)out->done[k], did[k]);
-    if (out->far) printf("  %d tetrahedra of smaller pieces dropped\n", out->far);
+    if (out->far) printf("  %d tetrahedra of smaller pieces removed\n", out->far);
 }
 
 static int take_fibres(const char *path, const tm_mesh *built, tm_mesh_file *mesh) {

@@ -113,8 +113,8 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
     if (open)
         return tm_fail(
             error, TM_ERR_MESH, first,
-            "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
-            "what is turned (--repair, or MeshLab, Blender)",
+            "the surface is not closed: %d edges have only one triangle, one at triangle %d; close its holes and "
+            "orient its triangles (--repair, or MeshLab, Blender)",
             open, first + 1);
     return TM_OK;
 }
@@ -202,11 +202,11 @@ static tm_status orient(shell *s, bool closed, tm_error *error) {
 
 /* Checks that every coordinate is finite, and small enough for squares of differences. */
 static tm_status check_corners(const double *corner_m, int triangles, tm_error *error) {
-    if (triangles < 1) return tm_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+    if (triangles < 1) return tm_fail(error, TM_ERR_MESH, -1, "it has no triangles; save the surface again");
     for (size_t i = 0; i < 9 * (size_t)triangles; i++)
         if (!(fabs(corner_m[i]) < 1e100))
             return tm_fail(error, TM_ERR_MESH, (int64_t)(i / 9),
-                           "triangle %zu has a coordinate that is nan or infinite; write the surface anew", i / 9 + 1);
+                           "triangle %zu has a coordinate that is nan or infinite; save the surface again", i / 9 + 1);
     return TM_OK;
 }
 

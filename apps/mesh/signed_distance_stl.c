@@ -23,7 +23,7 @@ static tm_status add_triangle(stl *s, const double p[9], double scale, int *room
     for (int i = 0; i < 9; i++) {
         if (!isfinite(p[i]))
             return tm_fail(error, TM_ERR_MESH, s->triangle_count,
-                           "triangle %d has a coordinate that is nan or infinite; write the surface anew",
+                           "triangle %d has a coordinate that is nan or infinite; save the surface again",
                            s->triangle_count + 1);
         s->corner[9 * (size_t)s->triangle_count + (size_t)i] = scale * p[i];
     }
@@ -52,8 +52,8 @@ static tm_status read_text(stl *s, char *text, double scale, tm_error *error) {
         row += strspn(row, " \t");
         if (strncmp(row, "vertex", 6) != 0) continue;
         if (sscanf(row + 6, "%lf %lf %lf", &p[3 * corner], &p[3 * corner + 1], &p[3 * corner + 2]) != 3)
-            return tm_fail(error, TM_ERR_FILE, -1, "line %d: vertex and three numbers wanted; write the surface anew",
-                           line);
+            return tm_fail(error, TM_ERR_FILE, -1,
+                           "line %d: 'vertex' and three numbers are expected; save the surface again", line);
         if (++corner < 3) continue;
         corner = 0;
         tm_status status = add_triangle(s, p, scale, &room, error);
@@ -78,18 +78,19 @@ tm_status shell_read_stl(const char *path, double scale, double **corner_m, int 
     if (whole) bytes[size] = 0;
     if (whole && size >= 84) memcpy(&triangles, bytes + 80, 4);
     if (!whole)
-        status = tm_fail(error, TM_ERR_FILE, -1, "cannot be read; check the file");
+        status = tm_fail(error, TM_ERR_FILE, -1, "cannot be read; check the disk");
     else if (size >= 84 && size == 84 + 50 * (size_t)triangles && triangles > 0)
         status = read_binary(s, (unsigned char *)bytes, triangles, scale, error);
     else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
         status = read_text(s, bytes, scale, error);
     else
-        status = tm_fail(error, TM_ERR_FILE, -1,
-                         "neither text nor binary STL, or cut short; write the surface anew, or give it its right "
-                         "ending");
+        status =
+            tm_fail(error, TM_ERR_FILE, -1,
+                    "it is neither text nor binary STL, or truncated; save the surface again, or correct its file name "
+                    "extension");
     free(bytes);
     if (!status && s->triangle_count == 0)
-        status = tm_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+        status = tm_fail(error, TM_ERR_MESH, -1, "it has no triangles; save the surface again");
     *corner_m = s->corner;
     *triangles_read = s->triangle_count;
     return status;

@@ -29,8 +29,7 @@ static int read_file(const char *path, const image_api *api, image_surface *out)
     if (ends(path, ".vtp") || ends(path, ".vtu") || ends(path, ".vtk"))
         return tm_surface_load(path, &out->corner, &out->triangles, &error) ? app_report(NULL, 0, &error) : APP_DONE;
     if (!ends(path, ".obj") && !ends(path, ".ply") && !ends(path, ".off"))
-        return app_bad_input(path, 0,
-                             "no kind of surface that is read; give .stl, .obj, .ply, .off, .vtp, .vtu or .vtk");
+        return app_bad_input(path, 0, "unknown type of surface file; give .stl, .obj, .ply, .off, .vtp, .vtu or .vtk");
     if (!api && !(api = image_open_module(&error))) return app_report(path, 0, &error);
     FILE *file = fopen(path, "rb");
     if (!file) return app_bad_input(path, 0, "cannot open; check the path");
@@ -45,11 +44,11 @@ static void describe(const image_defects *d, double scale, char *text, size_t si
     size_t at = 0;
     text[0] = 0;
     if (d->holes)
-        at += (size_t)snprintf(text, size, "%d hole%s, the largest of %d edges about %.4g %.4g %.4g mm", d->holes,
+        at += (size_t)snprintf(text, size, "%d hole%s, the largest of %d edges near %.4g %.4g %.4g mm", d->holes,
                                d->holes == 1 ? "" : "s", d->hole_edges, mm * d->hole_at[0], mm * d->hole_at[1],
                                mm * d->hole_at[2]);
     if (d->crossings && at < size)
-        snprintf(text + at, size - at, "%s%d pair%s of triangles that cut each other, one about %.4g %.4g %.4g mm",
+        snprintf(text + at, size - at, "%s%d pair%s of triangles that intersect, one near %.4g %.4g %.4g mm",
                  at ? "; " : "", d->crossings, d->crossings == 1 ? "" : "s", mm * d->crossing_at[0],
                  mm * d->crossing_at[1], mm * d->crossing_at[2]);
 }
@@ -61,8 +60,8 @@ static int examine(const char *path, const image_api *api, double scale, bool re
     if (exit) return exit;
     describe(&left, scale, text, sizeof text);
     if (left.holes || left.crossings)
-        return app_bad_input(path, 0, "%s%s; %s", repair ? "cannot be repaired wholly: " : "", text,
-                             repair ? "repair it in MeshLab or Blender" : "--repair repairs what can be");
+        return app_bad_input(path, 0, "%s%s; %s", repair ? "cannot be repaired completely: " : "", text,
+                             repair ? "repair it in MeshLab or Blender" : "give --repair, which repairs most of it");
     describe(&found, scale, text, sizeof text);
     if (found.holes || found.crossings) app_remark("%s: repaired: %s\n", path, text);
     return APP_DONE;
@@ -94,8 +93,8 @@ static tm_status split(const shell *all, int file, surfaces *out, tm_error *erro
     const int pieces = piece ? shell_pieces(all, piece) : -1;
     tm_status status = pieces < 0 ? tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface") : TM_OK;
     if (pieces > SURFACES_MAX - out->pieces)
-        status = tm_fail(error, TM_ERR_MESH, -1, "%d pieces, more than %d; drop the small ones (MeshLab)", pieces,
-                         SURFACES_MAX);
+        status = tm_fail(error, TM_ERR_MESH, -1,
+                         "it has %d pieces and %d is the limit; remove the small ones (MeshLab)", pieces, SURFACES_MAX);
     for (int i = 0; i < pieces && !status; i++) {
         int triangles;
         double *corner = corners_of(all, piece, i, &triangles);

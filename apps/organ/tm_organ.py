@@ -153,7 +153,7 @@ def mesh(a, kind, coarser, w):
             raise Stop(f"{a.source}: this tm-mesh reads no images; take one that does (tm-mesh image), or give a surface")
         try:
             for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
-                if "warning:" in line or "nothing of it is lost" in line:
+                if "warning:" in line or "all labels are kept" in line:
                     w.warn(line)
         except Stop as stop:  # a missing module's message does not name the image
             raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)

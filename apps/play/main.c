@@ -19,24 +19,33 @@
 
 static const char help[] =
     "usage: tm-play [options]\n"
-    "A window on a running tm-sim --realtime: shows the tissue, draws the forces, and moves the instruments of\n"
-    "tm-device --hand lcm with mouse and keys. `make play` starts all of them.\n\n"
-    "  --size WxH          of the picture [960x600]\n"
-    "  --quality N         0 fast, 1 smooth edges [0]\n"
-    "  --azimuth DEG --elevation DEG --zoom X   where the eye is at the start [-110, 40, 1]\n"
-    "  --renderer NAME     auto, opengl (the display's), osmesa (software) [auto: the display's if it can]\n"
-    "  --scene FILE        the scene that is simulated: its title, supports and regions' colours are shown then, too\n"
-    "  --through X         its largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
-    "  --fibres            its fibres, as lines on the surface   --no-supports   without marks where tissue is held\n"
-    "  --watch             show only, move nothing\n"
-    "  --duration S        close after so long [never]\n"
-    "  --png FILE          the last picture, when the window closes\n"
-    "  --json FILE         figures: pictures a second, hand messages sent, messages taken and refused\n"
+    "Opens a window on a running tm-sim --realtime: shows tissue and forces, and moves the instruments "
+    "of\n"
+    "tm-device --hand lcm by mouse and keys. `make play` starts all of them.\n"
+    "\n"
+    "  --size WxH          size of the picture [960x600]\n"
+    "  --quality N         0: fast, 1: smooth edges [0]\n"
+    "  --azimuth DEG --elevation DEG --zoom X   first view [-110, 40, 1]\n"
+    "  --renderer NAME     auto, opengl (the display's), osmesa (software) [auto: the display's if "
+    "possible]\n"
+    "  --scene FILE        show title, supports and colours of regions of this scene, which is "
+    "simulated\n"
+    "  --through X         transparency of its largest region, 0 to 0.95, to show the regions inside "
+    "[0]\n"
+    "  --fibres            draw its fibres, as lines on the surface   --no-supports   do not mark "
+    "supports\n"
+    "  --watch             show only; do not move instruments\n"
+    "  --duration S        close after this time [never]\n"
+    "  --png FILE          write the last picture when the window closes\n"
+    "  --json FILE         write figures: pictures a second, hand messages sent, messages accepted and "
+    "refused\n"
     "  --lcm-url URL       [LCM_DEFAULT_URL, else LCM's default]\n"
-    "  --key FILE          shared with tm-sim, haptic-rt and tm-device: what is sent is sealed with it (docs/trust.md)\n"
-    "  --no-key            send without, though the URL lets messages leave this machine\n"
-    "  --quiet             no remarks\n"
-    "  -h, --help, --version\n\n"
+    "  --key FILE          authenticate sent messages by this key, shared with all programs "
+    "(docs/trust.md)\n"
+    "  --no-key            send without key, even if messages leave this machine\n"
+    "  --quiet             print warnings and errors only\n"
+    "  -h, --help, --version\n"
+    "\n"
     "Keys and mouse: see the window's own list (H), or docs/viewing.md.\n";
 
 typedef struct play {
@@ -191,7 +200,7 @@ static int parse(play *p, int argc, char **argv) {
  * whose functions have the same names, out of this process. */
 static bool display_draws(const play *p, char *why, size_t size) {
     int ends[2];
-    snprintf(why, size, "its OpenGL ended the program that tried it");
+    snprintf(why, size, "its OpenGL crashed in a test");
     if (pipe(ends)) return false;
     pid_t child = fork();
     if (!child) {
@@ -222,7 +231,7 @@ static int open_all(play *p) {
         return app_bad_input("tm-play", 0, "%s", error.message);
     if (p->display_only && !p->studio_def.display)
         return app_bad_input("tm-play", 0, "%s; choose --renderer auto or osmesa", why);
-    if (asked && !p->studio_def.display) app_remark("tm-play: drawn in software, slower: %s", why);
+    if (asked && !p->studio_def.display) app_remark("tm-play: drawing in software, which is slower: %s", why);
     if (view_studio_open(&p->studio, &p->studio_def, &error)) return app_report("tm-play", 0, &error);
     const view_live_key key = {.path = p->key, .none = p->no_key || p->watch};
     if (view_feed_open_live(p->url, &key, &p->feed, &error)) return app_report("tm-play", 0, &error);

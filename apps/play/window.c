@@ -25,7 +25,7 @@ static void window_close(play_window *w) {
 static bool seen_by_people(void) {
     const char *driver = SDL_GetCurrentVideoDriver();
     if (driver && (!strcmp(driver, "x11") || !strcmp(driver, "wayland"))) return true;
-    if (driver) SDL_SetError("no display: neither DISPLAY nor WAYLAND_DISPLAY leads to one");
+    if (driver) SDL_SetError("no display: neither DISPLAY nor WAYLAND_DISPLAY gives one");
     return false;
 }
 

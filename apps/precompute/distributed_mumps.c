@@ -59,8 +59,8 @@ static tm_status fail(tm_error *error, int64_t code) {
     const bool memory = code == -9 || code == -8 || code == -13 || code == -7 || code == -19;
     const bool floats = code == -10 || code == 0; /* 0: negative pivots */
     static const char *const what[3] = {
-        "no memory for this rank's piece of the factor; use more ranks, on more machines",
-        "the tissue can move without force; support it, and look for parts that hang on one vertex or one edge",
+        "no memory for this rank's part of the factor; use more ranks, on more machines",
+        "the tissue can move without force; support it, and look for parts connected by one vertex or one edge",
         "MUMPS failed"};
     return tm_fail(error,
                    memory   ? TM_ERR_MEMORY

@@ -253,7 +253,7 @@ def test_every_defect_is_listed(tm_mesh, env, tmp_path):
     assert result.returncode == 2 and len(lines) == 21
     for i in range(20):
         assert f"tetrahedron {i + 1} " in lines[i] and "inverted" in lines[i]
-    assert "and 10 defects more" in lines[20]
+    assert "10 more defects" in lines[20]
 
 
 EXTRA = os.environ.get("TM_EXTRA_MESHES")

@@ -85,7 +85,7 @@ void what_it_exceeds_is_told(void **) {
         for (;;) pause();
         return IMAGE_DONE;
     };
-    assert_told(of(sleep_on, short_time), "did not finish within 2 s;");
+    assert_told(of(sleep_on, short_time), "did not finish within 2 s,");
     const auto write_file = [](char *) {
         FILE *file = tmpfile();
         if (file) fputs("a", file), fflush(file);
@@ -101,7 +101,7 @@ void what_it_exceeds_is_told(void **) {
         }
         return IMAGE_DONE;
     };
-    assert_told(of(fill), "takes more than 300 MB of memory");
+    assert_told(of(fill), "needs more than 300 MB of memory");
 }
 
 void how_it_ends_is_told(void **) {
@@ -112,7 +112,7 @@ void how_it_ends_is_told(void **) {
     };
     assert_told(of(crash), "cannot read it (signal 11");
     const auto leave = [](char *) -> image_end { _exit(0); };
-    assert_told(of(leave), "ended without a word");
+    assert_told(of(leave), "ended without a message");
     const auto refuse = [](char *why) {
         strcpy(why, "a sentence");
         return IMAGE_BAD_INPUT;

@@ -69,7 +69,7 @@ def test_fibres_are_unit_and_one_a_tetrahedron(shape, size, root):
     (lambda r: r[:5] + ["4,0,0,0"] + r[6:], 6, "no length"),
     (lambda r: r[:5] + ["4,nan,0,0"] + r[6:], 6, "not finite"),
     (lambda r: r[:5] + ["4,1,0"] + r[6:], 6, "tet,ax,ay,az"),
-    (lambda r: r[:5] + ["4,1,0,0,7"] + r[6:], 6, "fourth"),
+    (lambda r: r[:5] + ["4,1,0,0,7"] + r[6:], 6, "more than four columns"),
     (lambda r: r[:5] + ["5,1,0,0"] + r[6:], 6, "in file order"),
 ])
 def test_bad_fibres_are_refused_with_their_line(change, line, expected, tm_mesh, env, root, tmp_path):

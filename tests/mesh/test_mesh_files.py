@@ -90,7 +90,7 @@ def test_a_region_without_tetrahedra_is_told(name, tm_mesh, env, tmp_path):
     path.write_bytes(head + b'$PhysicalNames\n%d\n3 77 "lost vein"\n' % (int(count) + 1) + names)
     figures, text = info(tm_mesh, path, env)
     assert figures["regions_without_tetrahedra"] == ["lost vein"] and len(figures["regions"]) == 2
-    assert "note: region 'lost vein' is named and has no tetrahedra" in text
+    assert "note: region 'lost vein' has a name and no tetrahedra" in text
 
 
 @pytest.mark.parametrize("name", ["2.2.msh", "4.1.msh", "2.2b.msh", "4.1b.msh"])
@@ -161,7 +161,7 @@ def test_isolated_vertices_are_repaired(tm_mesh, env, tmp_path):
     m.vertex_tag.append(900)
     path, out = write(tmp_path / "b.msh", meshlib.msh4(m)), tmp_path / "out.msh"
     result = meshlib.run(tm_mesh, "repair", path, "-o", out, env=env)
-    assert result.returncode == 0 and "1 vertices dropped: unused" in result.stdout
+    assert result.returncode == 0 and "1 vertices removed: unused" in result.stdout
     assert info(tm_mesh, out, env)[0]["vertices"] == 27
 
 

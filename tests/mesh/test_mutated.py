@@ -152,12 +152,12 @@ def try_all(files):
 
 # Small files that once crashed a library or never ended: name, bytes, words of the sentence.
 KNOWN = [
-    ("dims.mha", b"ObjectType = Image\nNDims = 18446744073709551615\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 18446744073709551615, not a whole number"),
-    ("dims2.mha", b"ObjectType = Image\nNDims = 2000000000\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 2000000000, not a whole number"),
+    ("dims.mha", b"ObjectType = Image\nNDims = 18446744073709551615\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 18446744073709551615, which is not a whole number"),
+    ("dims2.mha", b"ObjectType = Image\nNDims = 2000000000\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 2000000000, which is not a whole number"),
     ("none.ply", b"ply\nformat ascii 1.0\nproperty float x\nend_header\n", "a property before any element"),
     ("space.nrrd", b"NRRD0005\ntype: uint8\ndimension: 3\nspace: " + b"x" * 9000 + b"\nsizes: 8 8 8\nencoding: raw\n\n" + bytes(512), "line 4 of its header has more than 1000 characters"),
     ("type.nrrd", b"NRRD0005\ntype: " + b"x" * 9000 + b"\ndimension: 3\nsizes: 8 8 8\nencoding: raw\n\n" + bytes(512), "line 2 of its header has more than 1000 characters"),
-    ("escape.mha", b"ObjectType = Image\nNDims = \x1b[31m\x07\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims ?[31m?, not a whole number"),
+    ("escape.mha", b"ObjectType = Image\nNDims = \x1b[31m\x07\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims ?[31m?, which is not a whole number"),
     ("many.mhd", b"ObjectType = Image\nNDims = 3\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = %s%n 1 9 1\n", "its voxels are in several files"),
 ]
 

@@ -55,7 +55,7 @@ def test_every_command_takes_a_unit(words, tm_mesh, env, tmp_path):
         return out.read_bytes(), info(tm_mesh, out, env)[0]["volume_m3"]
 
     assert made("--unit", "mm") == made("--scale", "1e-3") and made("--unit", "mm")[1] == pytest.approx(1e-12)
-    for scale, said in ((["--unit", "mm", "--scale", "1"], "--unit and --scale say the same; give one"), (["--unit", "mile"], "--unit mile: give m, cm, mm, um or inch")):
+    for scale, said in ((["--unit", "mm", "--scale", "1"], "--unit and --scale both set the unit; give one"), (["--unit", "mile"], "--unit mile: give m, cm, mm, um or inch")):
         result = meshlib.run(tm_mesh, *words, *scale, path, "-o", out, env=env)
         assert result.returncode == 2 and said in result.stderr, result.stderr
 
@@ -151,9 +151,9 @@ def test_refine_says_that_nothing_is_in_the_box(tm_mesh, env, tmp_path):
     path, out = write(tmp_path / "a.msh", meshlib.msh2(meshlib.block())), tmp_path / "b.msh"
     result = meshlib.run(tm_mesh, "refine", "--box", "20,20,20,40,40,40", "--size", "10mm", path, "-o", out, env=env)  # millimetres, meant
     assert result.returncode == 2 and not out.exists()
-    assert "no tetrahedron reaches into it; the mesh lies within 0,0,0,0.1,0.1,0.1 m: write units" in result.stderr
+    assert "no tetrahedron is inside it, and the mesh is within 0,0,0,0.1,0.1,0.1 m; write units" in result.stderr
     result = meshlib.run(tm_mesh, "refine", "--box", "20mm,20mm,20mm,40mm,40mm,40mm", "--size", "1", path, "-o", out, env=env)
-    assert result.returncode == 0 and "nothing was split; choose a smaller --size" in result.stdout
+    assert result.returncode == 0 and "so nothing was refined; choose a smaller --size" in result.stdout
 
 
 def test_outputs_are_refused_before_the_work(tm_mesh, env, tmp_path):
@@ -206,7 +206,7 @@ def test_repair(tm_mesh, env, tmp_path):
     assert meshlib.run(tm_mesh, "check", path, env=env).returncode == 2
     result = meshlib.run(tm_mesh, "repair", path, "-o", out, env=env)
     assert result.returncode == 0, result.stderr
-    for said in ("1 tetrahedra dropped: a vertex twice", "1 tetrahedra dropped: flat", "1 tetrahedra dropped: double", "1 vertices dropped: unused"):
+    for said in ("1 tetrahedra removed: a vertex twice", "1 tetrahedra removed: flat", "1 tetrahedra removed: double", "1 vertices removed: unused"):
         assert said in result.stdout, result.stdout
     fixed = figures(tm_mesh, out, env, tmp_path)
     assert (fixed["tets"], fixed["vertices"]) == (48, 27) and fixed["volume_m3"] == pytest.approx(1e-3)

@@ -52,9 +52,9 @@ def lies(header):
 
 @pytest.mark.parametrize("said,words,make", [
     ("give axes: image, lps or ras", "file: v.nii", write), ("leave them out", "rule: constant, axes: lps", write), ("no vector at", "file: v.nii, axes: lps", lambda p: write(p, change=half)),
-    ("cannot hold them", "file: v.nii, axes: lps", lambda p: write(p, header=lies)), ("of 1 number a voxel", "file: v.nii, axes: lps", lambda p: phantom.write(p, np.zeros((9, 9, 9), "f4"), SPACING)),
+    ("so it is truncated or damaged", "file: v.nii, axes: lps", lambda p: write(p, header=lies)), ("of 1 number a voxel", "file: v.nii, axes: lps", lambda p: phantom.write(p, np.zeros((9, 9, 9), "f4"), SPACING)),
     ("not float32", "file: v.nii, axes: lps", lambda p: phantom.write(p, np.zeros((9, 9, 9, 3), "i2"), SPACING)), ("no vector at", "file: v.nii, axes: lps", lambda p: write(p, change=lambda v: v * np.nan)), ("no finite vector", "file: v.nii, axes: lps", lambda p: write(p, change=lambda v: v * 1e20)),
-    ("can be read", "file: v.nii, axes: lps", lambda p: p.write_text("nothing")), ("no such file", "file: w.nii, axes: lps", write)])
+    ("ends within its header", "file: v.nii, axes: lps", lambda p: p.write_text("nothing")), ("no such file", "file: w.nii, axes: lps", write)])
 def test_bad_images(bin, folder, said, words, make):
     make(folder / "v.nii")
     error = run(bin, folder, words, code=2)

@@ -105,7 +105,7 @@ def test_the_displays_opengl_draws_where_it_can(root, bin, display, tmp_path):  
     drawn_by = {name: json.loads((tmp_path / f"{name}.json").read_text()) for name in ("opengl", "osmesa", "auto", "none")}
     assert {name: d["renderer"] for name, d in drawn_by.items()} == {"opengl": "opengl", "osmesa": "osmesa", "auto": "opengl", "none": "osmesa"}
     assert all(d["opengl"] and d["pictures"] > 0 for d in drawn_by.values())
-    assert "drawn in software" in said["none"] and "no OpenGL 3.3" in said["only"] and "drawn in software" not in said["auto"] + said["osmesa"]
+    assert "drawing in software" in said["none"] and "no OpenGL 3.3" in said["only"] and "drawing in software" not in said["auto"] + said["osmesa"]
     picture = {name: pixels(tmp_path / f"{name}.png")[80:240] for name in drawn_by}  # between the panels
     assert share(picture["opengl"], tissue_red) > 0.1
     for name in ("opengl", "auto", "none"):
