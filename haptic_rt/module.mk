@@ -19,7 +19,7 @@ $(OUT)/gen/websockets.txt: FORCE
 FORCE:
 $(call objects,haptic_rt/io/drive_haply.c): $(OUT)/gen/websockets.txt
 $(call objects,haptic_rt/io/drive_haply.c): CFLAGS_EXTRA += $(if $(HRT_WEBSOCKETS),-DHRT_WITH_HAPLY $(call pkg_cflags,libwebsockets))
-$(call program,haptic-rt,$(addprefix haptic_rt/io/,haptic_rt.c record.c samples.c status_log.c settings.c) $(HRT_PROGRAM_SRC) $(HRT_DRIVE_SRC),hrt_io hrt platform tensormass lcm_types,-lcjson $$(if $$(HRT_WEBSOCKETS),-lwebsockets))
+$(call program,haptic-rt,$(addprefix haptic_rt/io/,haptic_rt.c record.c samples.c setup.c status_log.c settings.c) $(HRT_PROGRAM_SRC) $(HRT_DRIVE_SRC),hrt_io hrt platform tensormass lcm_types,-lcjson $$(if $$(HRT_WEBSOCKETS),-lwebsockets))
 $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(DEVICE_LIBS) platform tensormass lcm_types,-lcjson)
 
 #: make lint-core              clang-tidy (cert, bugprone) and cppcheck over the controller's core and codec

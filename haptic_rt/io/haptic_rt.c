@@ -14,6 +14,7 @@
 #include "report.h"
 #include "samples.h"
 #include "settings.h"
+#include "setup.h"
 #include "status_log.h"
 
 enum { STATUS_EVERY_US = 100000, DEVICE_HERE_US = 100000 };
@@ -24,6 +25,7 @@ typedef struct program {
     hrt_drive drive; /* instead of the bus, where the address names one */
     hrt_node node;
     hrt_samples samples;
+    hrt_setup setup;
     hrt_live *live;
     app_key key;
     hrt_live_sent sent;
@@ -90,8 +92,9 @@ static void tick(void *user, int64_t now_us) {
     program *p = user;
     const bool meaningful = hrt_node_tick(&p->node, now_us, &p->tool);
     const int64_t begin_ns = app_monotonic_ns();
-    if (p->set.samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
+    if (!p->set.setup && p->set.samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
         atomic_store(&p->samples_over, true);
+    if (p->set.setup && !hrt_setup_feed(&p->setup, &p->node, &p->tool, now_us)) atomic_store(&p->loop.stop, true);
     if (p->live && meaningful) hrt_live_send_tool(p->live, &p->tool);
     if (p->live && now_us - p->status_us >= STATUS_EVERY_US) {
         publish_status(p);
@@ -216,7 +219,7 @@ static void print_stats(const program *p) {
 
 static int open_link(program *p) {
     hrt_peer_def def = {.instrument = p->set.node.instrument, .node = &p->node, .replay = p->set.replay};
-    if (p->set.samples_path && !p->set.common.url) return APP_DONE; /* without LCM */
+    if (p->set.setup || (p->set.samples_path && !p->set.common.url)) return APP_DONE; /* without LCM */
     return hrt_common_join(&p->set.common, &def, &p->key, &p->live);
 }
 
@@ -285,6 +288,7 @@ int main(int argc, char **argv) {
         return close_device(&p), APP_FAILED;
     }
     watch(&p);
+    const bool proved = !p.set.setup || hrt_setup_print(&p.setup);
     if (p.set.common.stats) print_stats(&p);
     cJSON *json = p.set.common.json ? statistics_json(&p) : NULL;
     if (p.live) hrt_live_close(p.live, &p.sent);
@@ -292,5 +296,5 @@ int main(int argc, char **argv) {
     if (p.set.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;
     close_device(&p);
     hrt_table_free(&p.samples.table);
-    return status;
+    return proved || status != APP_DONE ? status : APP_FAILED;
 }

@@ -42,6 +42,7 @@ static void usage(void) {
         "  --json FILE              write all figures at the end\n"
         "  --record FILE            write every tick as CSV\n"
         "  --quiet                  print warnings and errors only\n"
+        "  --setup                  push the tip along each axis by a growing millinewton ramp: proves units and signs; hold it loosely\n"
         "  --list                   list extrapolators, modes, buses and the devices that are connected\n"
         "  -h, --help, --version\n"
         "\n"
@@ -78,7 +79,8 @@ enum {
     O_REPLAY,
     O_IDLE_STATES,
     O_LIST,
-    O_WORKSPACE
+    O_WORKSPACE,
+    O_SETUP
 };
 static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"device", 1, 0, HRT_OPTION_BUS},
@@ -97,6 +99,7 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"idle-states", 0, 0, O_IDLE_STATES},
                                         {"list", 0, 0, O_LIST},
                                         {"workspace", 1, 0, O_WORKSPACE},
+                                        {"setup", 0, 0, O_SETUP},
                                         {0, 0, 0, 0}};
 
 static void list(void) {
@@ -144,6 +147,7 @@ static int take(void *user, int option, const char *text) {
     case O_RECORD: s->record_path = text; return -1;
     case O_LIST: list(); return APP_DONE;
     case O_WORKSPACE: return take_workspace(s, text);
+    case O_SETUP: s->setup = s->node.pose_known = true; return -1;
     default: return APP_BAD_INPUT;
     }
 }

@@ -13,6 +13,7 @@ typedef struct hrt_settings {
     double auto_reset_s; /* 0: never */
     bool replay, idle_states;
     hrt_workspace workspace; /* of a drive */
+    bool setup;              /* push test instead of a simulation */
 } hrt_settings;
 
 /* Sets the defaults, then reads the command line. Returns -1 to continue, else the exit code. */

@@ -86,3 +86,9 @@ def pushed(log):
 def expected(row):
     """The force at the cursor, of a recorded tick: right, away, up."""
     return [-row["force_x_N"], row["force_y_N"], -row["force_z_N"]]
+
+
+def in_setup(tmp, port):
+    """Runs --setup; returns (exit code, what it printed)."""
+    done = subprocess.run([str(BUILD / "bin/haptic-rt"), "--device", f"haply:0@127.0.0.1:{port}", "--setup", "--duration", "40"], capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stdout

@@ -26,12 +26,15 @@ parser.add_argument("--after", type=float, default=0.5)
 parser.add_argument("--swing", type=float, default=0.0, help="m, of the hand's target downwards, every two seconds")
 parser.add_argument("--move", default="0,0,0", help="m, where the hand wants the cursor after a second, from its start")
 parser.add_argument("--buttons", default="", help="BUTTON:FROM-TO s, comma separated, of the handle")
+parser.add_argument("--hand", type=float, default=300.0, help="N/m")
+parser.add_argument("--wrong", default="1,1,1", help="factors of the force on each axis: -1 a wrong sign, 0.001 a wrong unit")
 parser.add_argument("--stuck-filters", action="store_true", help="the filters cannot be switched off")
 args = parser.parse_args()
 
 IDS = ["049D", "04BA", "05AA"][:args.devices]
 START = (0.0, -0.12, 0.15)
-MASS, VISCOUS, COULOMB, HAND, HAND_DAMPING, STEP = 0.12, 0.3, 0.15, 300.0, 11.0, 5.0e-6
+MASS, VISCOUS, COULOMB, HAND, HAND_DAMPING, STEP = 0.12, 0.3, 0.15, args.hand, 11.0, 5.0e-6
+WRONG = [float(w) for w in args.wrong.split(",")]
 NONSENSE = ['{"inverse3": [', "[]", '{"inverse3":[{"device_id":"049D","state":{}}]}', "\x00\x01", "null",
             '{"inverse3":[{"device_id":"049D","state":{"cursor_position":{"x":"0","y":0,"z":0}}}]}',
             '{"inverse3":[{"device_id":"049D","state":{"cursor_position":{"x":1e99,"y":0,"z":0}}}]}',
@@ -55,7 +58,7 @@ class Device:
         goal = [a + share * float(b) for a, b in zip(START, args.move.split(","))]
         goal[2] -= args.swing * 0.5 * (1 - math.cos(math.pi * time_s))
         for i in range(3):
-            push = self.force[i] + HAND * (goal[i] - self.cursor[i])
+            push = WRONG[i] * self.force[i] + HAND * (goal[i] - self.cursor[i])
             v = (self.speed[i] + dt * push / MASS) / (1 + dt * (HAND_DAMPING + VISCOUS) / MASS)
             least = dt * COULOMB / MASS
             self.speed[i] = v - least if v > least else v + least if v < -least else 0.0

@@ -1,0 +1,118 @@
+#include "setup.h"
+
+#include <math.h>
+#include <stdio.h>
+
+enum { REST_US = 600000, PAUSE_US = 300000 };
+static const float GROWS_N_S = 1.0f, FALLS_N_S = 5.0f, FORCE_MAX_N = 1.0f;
+static const double FAR_M = 1.0e-3;
+
+static const char *const push_name[HRT_SETUP_PUSHES] = {"+x", "-x", "+y", "-y", "+z", "-z"};
+
+static double moved_along(const hrt_setup *s, const double tip_m[3]) {
+    const int axis = s->push / 2;
+    return (s->push % 2 ? -1.0 : 1.0) * (tip_m[axis] - s->start_m[axis]);
+}
+
+/* Returns the largest way across the force. */
+static double moved_across(const hrt_setup *s, const double tip_m[3]) {
+    double most = 0.0;
+    for (int i = 0; i < 3; i++)
+        if (i != s->push / 2) most = fmax(most, fabs(tip_m[i] - s->start_m[i]));
+    return most;
+}
+
+static void judge(hrt_setup *s, const double tip_m[3]) {
+    hrt_setup_push *r = &s->result[s->push];
+    const double along = moved_along(s, tip_m), across = moved_across(s, tip_m);
+    if (along >= FAR_M)
+        r->verdict = across < along ? HRT_SETUP_GOOD : HRT_SETUP_AGAINST;
+    else if (-along >= FAR_M || across >= FAR_M)
+        r->verdict = HRT_SETUP_AGAINST;
+    else if (s->force_N >= FORCE_MAX_N)
+        r->verdict = HRT_SETUP_STILL;
+    if (r->verdict == HRT_SETUP_PENDING) return;
+    r->force_N = s->force_N;
+    for (int i = 0; i < 3; i++) r->moved_m[i] = (float)(tip_m[i] - s->start_m[i]);
+    s->falling = true;
+    s->at_N = s->force_N;
+}
+
+static void post(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool) {
+    tensormass_force_sample_t sample = {.utime = tool->utime,
+                                        .session = 1,
+                                        .tool_session = tool->session,
+                                        .tool_utime = tool->utime,
+                                        .seq = (int32_t)++s->seq,
+                                        .instrument = tool->instrument};
+    for (int i = 0; i < 3; i++) sample.tip_m[i] = tool->tip_m[i];
+    if (s->push < HRT_SETUP_PUSHES) sample.force_N[s->push / 2] = (s->push % 2 ? -1.0 : 1.0) * (double)s->force_N;
+    hrt_node_post_sample(node, &sample);
+}
+
+static void rest(hrt_setup *s, const double tip_m[3]) {
+    for (int i = 0; i < 3; i++) {
+        s->low_m[i] = fmin(s->low_m[i], tip_m[i]);
+        s->high_m[i] = fmax(s->high_m[i], tip_m[i]);
+    }
+}
+
+static void begin(hrt_setup *s, const double tip_m[3], int64_t now_us) {
+    s->since_us = now_us;
+    for (int i = 0; i < 3; i++) s->start_m[i] = tip_m[i];
+    if (s->push > 0 || s->force_N > 0.0f) return;
+    for (int i = 0; i < 3; i++) s->low_m[i] = s->high_m[i] = tip_m[i];
+}
+
+bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
+    if (s->push == HRT_SETUP_PUSHES) return false;
+    if (tool->state != HRT_ENGAGED) { /* a pause takes the force away: the push begins anew */
+        s->since_us = 0;
+        s->force_N = 0.0f;
+        s->falling = false;
+        s->result[s->push].verdict = HRT_SETUP_PENDING;
+        if (tool->state == HRT_IDLE) post(s, node, tool);
+        return true;
+    }
+    if (s->since_us == 0) begin(s, tool->tip_m, now_us);
+    const bool resting = now_us - s->since_us < (s->push == 0 ? REST_US : PAUSE_US);
+    const float tick_s = 0.002f;
+    if (resting && !s->falling && s->force_N <= 0.0f) {
+        if (s->push == 0) rest(s, tool->tip_m);
+        for (int i = 0; i < 3; i++) s->start_m[i] = tool->tip_m[i];
+    } else if (s->falling) {
+        s->force_N -= FALLS_N_S * tick_s;
+        if (s->force_N <= 0.0f) {
+            s->force_N = 0.0f;
+            s->falling = false;
+            s->push++;
+            s->since_us = now_us;
+        }
+    } else {
+        s->force_N = fminf(s->force_N + GROWS_N_S * tick_s, FORCE_MAX_N);
+        judge(s, tool->tip_m);
+    }
+    post(s, node, tool);
+    if (s->push == HRT_SETUP_PUSHES) atomic_store(&s->done, true);
+    return true;
+}
+
+bool hrt_setup_print(const hrt_setup *s) {
+    static const char *const said[] = {"not tried", "as commanded",
+                                       "AGAINST the force or across it: an axis or a sign is wrong",
+                                       "did not move: hold it loosely, or it takes no force in newtons"};
+    bool good = true;
+    printf("at rest the tip moved within %.0f, %.0f, %.0f um\n", 1.0e6 * (s->high_m[0] - s->low_m[0]),
+           1.0e6 * (s->high_m[1] - s->low_m[1]), 1.0e6 * (s->high_m[2] - s->low_m[2]));
+    for (int k = 0; k < HRT_SETUP_PUSHES; k++) {
+        const hrt_setup_push *r = &s->result[k];
+        const float way_m = fabsf(r->moved_m[k / 2]);
+        printf("push %s  %4.0f mN moved it by %+.2f, %+.2f, %+.2f mm", push_name[k], 1.0e3 * (double)r->force_N,
+               1.0e3 * (double)r->moved_m[0], 1.0e3 * (double)r->moved_m[1], 1.0e3 * (double)r->moved_m[2]);
+        if (way_m > 0.0f) printf(" (%.0f N/m)", (double)(r->force_N / way_m));
+        printf("  %s\n", said[r->verdict]);
+        good = good && r->verdict == HRT_SETUP_GOOD;
+    }
+    printf(good ? "units and signs are proved\n" : "units and signs are NOT proved\n");
+    return good;
+}

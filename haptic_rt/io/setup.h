@@ -1,0 +1,39 @@
+/* First-time check of a device (haptic-rt --setup): a push test. Along each axis, both ways, a force grows by a
+ * millinewton in a millisecond until the tip has moved by a millimetre, and falls again. The way it moved proves the
+ * signs, the force that it took the units. The controller renders the force, with all its limits. */
+#ifndef HRT_SETUP_H
+#define HRT_SETUP_H
+
+#include "node.h"
+
+enum { HRT_SETUP_PUSHES = 6 };
+
+typedef enum hrt_setup_verdict {
+    HRT_SETUP_PENDING = 0,
+    HRT_SETUP_GOOD,
+    HRT_SETUP_AGAINST, /* moved against the force, or more across it */
+    HRT_SETUP_STILL    /* did not move at the largest force */
+} hrt_setup_verdict;
+
+typedef struct hrt_setup_push {
+    hrt_setup_verdict verdict;
+    float force_N, moved_m[3];
+} hrt_setup_push;
+
+typedef struct hrt_setup {
+    int64_t since_us; /* of the phase; 0: not begun */
+    int32_t push;     /* number of the push; HRT_SETUP_PUSHES: done */
+    bool falling;
+    float force_N, at_N;                    /* now, and where the fall began */
+    double start_m[3], low_m[3], high_m[3]; /* tip before the push; its range at rest */
+    uint32_t seq;
+    hrt_setup_push result[HRT_SETUP_PUSHES];
+    _Atomic bool done;
+} hrt_setup;
+
+/* Continues the test by a tick: posts a sample. Returns false once it is done. */
+bool hrt_setup_feed(hrt_setup *setup, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us);
+/* Prints what was found. Returns whether all pushes moved the tip as commanded. */
+bool hrt_setup_print(const hrt_setup *setup);
+
+#endif
