@@ -225,6 +225,13 @@ def test_streaming_widens_what_a_hand_can_touch(page):
     assert at[500, 0]["stiffness_N_m"] < at[500, 6]["stiffness_N_m"] < 4 * at[500, 0]["stiffness_N_m"]
 
 
+def test_each_desk_device_carries_what_theory_says(page):
+    """By its twin, at 500 samples a second; theory suffices for any passive hand, this one may be stable beyond it."""
+    rows = {r["device"]: r for r in page[1]["loop"]["devices"]}
+    assert set(rows) == {"inverse3", "omega"}
+    assert all(0.5 < r["stiffness_N_m"] / r["theory_N_m"] < 2.5 for r in rows.values()), rows
+
+
 def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     """Measured 13.7 times hold's stiffness."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)

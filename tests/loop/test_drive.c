@@ -127,10 +127,13 @@ static void the_clutch_recentres_without_a_jump(void **state) {
     float last = b.force_N[2];
     double tip = 0.0;
     for (int k = 0; k < 250; k++) {
+        const double before_m = b.tool.tip_m[2];
         b.cursor_m[2] += 0.002 * 0.1; /* up by 5 cm */
         tick();
-        assert_true(b.force_N[2] <= last + 1e-6f); /* it fades */
-        assert_true(last - b.force_N[2] < 1.3f);   /* and is not cut off */
+        if (k > 0 && b.force_N[2] > 0.0f)
+            assert_true(fabs(b.tool.tip_m[2] - before_m + 0.0002) < 1e-5); /* it follows */
+        assert_true(b.force_N[2] <= last + 1e-6f);                         /* it fades */
+        assert_true(last - b.force_N[2] < 1.3f);                           /* and is not cut off */
         last = b.force_N[2];
         if (k == 60) tip = b.tool.tip_m[2];
         if (k > 30) assert_true(b.force_N[2] == 0.0f); /* 40 ms and two ticks */

@@ -235,6 +235,10 @@ def z_width(page, rows):
 def loop(page, data):
     rows = data["rows"]
     z_width(page, data["z_width"])
+    page.section("Desk devices", "The same by the virtual twin of each (docs/devices.md), which differ in mass and viscous friction; their limits are lifted.")
+    page.table("devices", ["device", "samples and ticks a second", "largest stable stiffness, N/m", "theory, N/m"],
+               [[r["device"], r["rate_Hz"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])] for r in data["devices"]],
+               "Largest stable stiffness of a wall by hold.")
     page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
                  f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
     delays = sorted({r["delay_frames"] for r in rows})

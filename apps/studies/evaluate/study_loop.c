@@ -82,9 +82,10 @@ typedef struct loop_case {
     double rate_Hz;
     int delay_frames;
     bool passivity;
-    int model;         /* of the tissue; -1: the exponential surface */
-    int tick_us;       /* period of controller and device */
-    double wall_N_s_m; /* damping of the exponential surface along the shaft, constant between samples */
+    int model;                     /* of the tissue; -1: the exponential surface */
+    int tick_us;                   /* period of controller and device */
+    double wall_N_s_m;             /* damping of the exponential surface along the shaft, constant between samples */
+    const hrt_device_type *device; /* null: the default; else its limits are lifted, so that none is active */
 } loop_case;
 
 /* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/queries.c). */
@@ -128,11 +129,16 @@ static bool set_up(loop *l, const loop_case *c, double compliance) {
     hrt_loopback_init(&l->bus);
     hrt_bus_open_loopback(&l->device_bus, &l->bus);
     hrt_bus_open_loopback(&l->node_bus, &l->bus);
-    hrt_device_config device = hrt_device_config_default(0);
+    hrt_device_config device = hrt_device_config_of(c->device ? c->device : hrt_device_types[0], 0);
     for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
     device.period_us = c->tick_us;
     device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* on tissue the tool starts outside */
     hrt_node_config node = hrt_node_config_default(0);
+    if (c->device) {
+        device.profile.force_max_N = 20;
+        for (int j = 0; j < HRT_MOTORS; j++) device.profile.torque_max[j] = 30;
+        node.params = device.profile;
+    }
     if (l->tissue) node.pose = loop_tissue_pose(l->tissue);
     node.pose_known = true, node.extrapolator = c->which, node.passivity = c->passivity;
     node.params.slew_max_N_s = node.params.axis_slew_max_N_s = 20000, node.params.stiffness_max_N_m = 1e6f;
@@ -307,12 +313,30 @@ static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
         const int tick_us = quick ? brief[k].tick_us : whole[k].tick_us;
         progress("Z-width", (double)k / count);
         for (int w = 0; w < 4; w += quick ? 2 : 1)
-            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, 0, false, -1, tick_us, wall_N_s_m[w]}, quick,
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, 0, false, -1, tick_us, wall_N_s_m[w], NULL}, quick,
                         damping_N_s_m);
         for (int late = 0; late < (quick ? 0 : 3); late++) {
             if (late)
-                add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, false, -1, tick_us, 0}, quick, damping_N_s_m);
-            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, true, -1, tick_us, 0}, quick, damping_N_s_m);
+                add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, false, -1, tick_us, 0, NULL}, quick,
+                            damping_N_s_m);
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, true, -1, tick_us, 0, NULL}, quick, damping_N_s_m);
+        }
+    }
+}
+
+/* Adds the Z-width of each desk device, by its virtual twin, which differ in mass and friction: `hold` at a sample each
+ * tick. */
+static void add_devices(cJSON *rows, bool quick) {
+    for (int32_t d = 0; d < hrt_device_type_count; d++) {
+        const hrt_device_type *device = hrt_device_types[d];
+        if (!device->slides || (quick && d % 2 != 0)) continue; /* the short form: the lightest and the heaviest */
+        const hrt_device_config config = hrt_device_config_of(device, 0);
+        progress("desk devices", (double)d / hrt_device_type_count);
+        for (int rate = 500; rate <= (quick ? 500 : 2000); rate *= 2) {
+            const int tick_us = 1000000 / rate;
+            add_largest(rows, &(loop_case){HRT_HOLD, rate, 0, false, -1, tick_us, 0, device}, quick,
+                        config.viscous[2] + config.hand_damping[2]);
+            cJSON_AddStringToObject(cJSON_GetArrayItem(rows, cJSON_GetArraySize(rows) - 1), "device", device->name);
         }
     }
 }
@@ -328,10 +352,12 @@ int study_loop(const study_run *run, cJSON *out) {
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
             for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell++)
-                add_largest(rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0},
+                add_largest(rows,
+                            &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0, NULL},
                             run->quick, b);
         }
     add_z_width(cJSON_AddArrayToObject(out, "z_width"), run->quick, b);
+    add_devices(cJSON_AddArrayToObject(out, "devices"), run->quick);
     app_json_add(out, "damping_N_s_m %g hand_stiffness_N_m %g mass_kg %g", b, device.hand_stiffness[HRT_INSERTION],
                  device.inertia[HRT_INSERTION]);
     return 0;
@@ -342,7 +368,7 @@ int study_tissue_loop(const study_run *run, cJSON *rows) {
     static const model tissue[] = {MODEL_ISOTROPIC, MODEL_CUT};
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
-            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0};
+            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0, NULL};
             bool beyond;
             progress("closed loop on tissue", (4.0 * i + x) / 8);
             const loop_result r = largest(&c, run->quick, &beyond);
