@@ -173,6 +173,11 @@ static int list_tissues(void) {
         printf("%-15s %10.4g %8.4g %8.4g  %s\n", t->name, t->young_Pa / 1e3, t->poisson, t->density_kg_m3, t->source);
     }
     printf("densities: %s\n", tissue_density_source);
+    printf("\nlarge strains (docs/nonlinear-laws.md): material of a scene; up to this stretch; source\n");
+    for (int i = 0; tissue_large_row(i); i++) {
+        const tissue_large *t = tissue_large_row(i);
+        printf("%s: %s\n    %s, stretch %g; %s\n", t->name, t->material, t->species, t->stretch, t->source);
+    }
     return 0;
 }
 

@@ -28,4 +28,14 @@ extern const char tissue_density_source[];
 /* Returns a row of the table, or null after the last. */
 const tissue_constants *tissue_row(int index);
 
+/* Constants of a nonlinear law for one tissue or silicone. */
+typedef struct tissue_large {
+    const char *name, *species;
+    const char *material; /* value of tissue.materials.NAME */
+    double stretch;       /* uniaxial, up to which the source holds */
+    const char *source;
+} tissue_large;
+/* Returns a row of their table, or null after the last. */
+const tissue_large *tissue_large_row(int index);
+
 #endif

@@ -38,6 +38,8 @@ int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
 /* Answers the requests of o->trials on stdout; builds the scene anew for each. */
 int run_trials(const run_options *o);
+/* Sums the force of a support on the tissue over the components that it holds: vertices may have several supports. */
+void run_support_force(const sim *s, int support, const double *reaction, double sum[3]);
 /* Moves every instrument to its start along its shaft, from the trocar. Placed there at once, it could be inside the
  * tissue without having touched it. */
 tm_status run_insert_tools(sim *s);

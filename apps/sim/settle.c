@@ -63,18 +63,21 @@ static void write_vtk(FILE *out, const sim *s, const double *u, const double *re
     if (s->fibre) write_vectors(out, "fibre", s->fibre, mesh->tet_count);
 }
 
+void run_support_force(const sim *s, int support, const double *reaction, double sum[3]) {
+    for (int a = 0; a < 3; a++) sum[a] = 0;
+    for (int32_t i = 0; i < s->fixed_count; i++)
+        if (s->fixed_by[i] == support + 1) sum[s->fixed_dof[i] % 3] += reaction[s->fixed_dof[i]];
+}
+
 /* Reports one row per support: the force that it exerts on the tissue. */
 static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "supports");
     for (int i = 0; i < s->scene->support.count; i++) {
         const app_support *support = (const app_support *)s->scene->support.item + i;
-        double sum[3] = {0, 0, 0};
+        double sum[3];
         int count = 0;
-        for (int32_t v = 0; v < s->mesh->vertex_count; v++) {
-            if (s->support_of[v] != i + 1) continue;
-            count++;
-            for (int a = 0; a < 3; a++) sum[a] += reaction[3 * v + a];
-        }
+        for (int32_t v = 0; v < s->mesh->vertex_count; v++) count += s->support_of[v] == i + 1;
+        run_support_force(s, i, reaction, sum);
         char name[160];
         if (*support->name.s)
             snprintf(name, sizeof name, "%s", support->name.s);

@@ -125,9 +125,8 @@ static void add_state(const sim *s, const point *at, int count, const double *re
     add_vectors(cJSON_GetObjectItem(answer, "points_m"), (const double(*)[3])moved, count);
     cJSON *forces = cJSON_CreateArray();
     for (int i = 0; i < s->scene->support.count; i++) {
-        double sum[3] = {0, 0, 0};
-        for (int32_t v = 0; v < s->mesh->vertex_count; v++)
-            for (int a = 0; a < 3; a++) sum[a] += s->support_of[v] == i + 1 ? reaction[3 * (int64_t)v + a] : 0;
+        double sum[3];
+        run_support_force(s, i, reaction, sum);
         cJSON_AddItemToArray(forces, cJSON_CreateDoubleArray(sum, 3));
     }
     cJSON_AddItemToArray(cJSON_GetObjectItem(answer, "supports_N"), forces);

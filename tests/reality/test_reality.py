@@ -12,6 +12,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "apps/studies/reality"), str(ROOT / "apps/fit")]
 import beam  # noqa: E402
 import bodies  # noqa: E402
+import samples  # noqa: E402
 from trials import Refused, Trials  # noqa: E402
 
 
@@ -74,6 +75,15 @@ def test_one_load_predicts_the_other(bin, tmp_path, measured):
     period, decrement = model.swings(0.0, young_Pa, 0.49, 3, terms, 0.8)
     assert abs(period / np.mean(of["weight"]["period_s"]) - 1) < 0.03
     assert abs(decrement / np.mean(of["weight"]["decrement"]) - 1) < 0.10
+
+
+def test_a_strip_has_its_modulus_at_small_strain_and_its_curve(bin, tmp_path, measured):
+    """Its grips share vertices with planes of symmetry: each support's force is that of the components that it holds."""
+    assert abs(samples.strip(bin / "tm-sim", tmp_path, "law: neo-hooke", [1.001])[0] / 100 - 1) < 0.005
+    of = measured["ecoflex"]
+    middle, near, far = samples.strip(bin / "tm-sim", tmp_path, "law: neo-hooke", [1.5, 1.25, 2.0])
+    scale = of["stress_kPa"][2] / middle
+    assert abs(scale * near / of["stress_kPa"][1] - 1) < 0.05 and abs(scale * far / of["stress_kPa"][3] - 1) < 0.05
 
 
 def test_trials_answer_in_order_and_refuse_by_name(bin, tmp_path, measured):

@@ -10,9 +10,11 @@ import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.optimize import brentq
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "fit"), str(HERE.parents[1] / "pages")]
+import samples  # noqa: E402
 from beam import MARKERS, Beam, spectrum  # noqa: E402
 from page import Page, series  # noqa: E402
 
@@ -77,6 +79,42 @@ def beam_by_law(rows, sim, folder, of, young_Pa, meshes):
         row(rows, "beam", f"0.510 N, rest to rest, {name}", "mm", bar(apart(of).mean(0)), loaded - weight, f"the same E, nu {poisson:g}")
 
 
+def strips(rows, a, measured):
+    """Fits E to the stress at stretch 1.5 and predicts the others."""
+    for name in ("ecoflex", "dragon"):
+        of = measured[name]
+        for law, words in (("neo-hooke", "law: neo-hooke"), ("mooney-rivlin, second 0.5", "law: mooney-rivlin, second: 0.5")):
+            stress = samples.strip(a.sim, a.out, words, of["stretch"])
+            scale = of["stress_kPa"][2] / (stress[2] / 1e3)
+            print(f"{name}: E {100 * scale:.1f} kPa by {law}")
+            for stretch, kPa, Pa in zip(of["stretch"], of["stress_kPa"], stress):
+                if stretch != 1.5 and (stretch in (1.25, 2.0) or not a.quick):
+                    row(rows, name, f"stress at stretch {stretch:g}, {law}", "kPa", (kPa, of["noise_kPa"]), scale * Pa / 1e3, "predicted from 1.5")
+
+
+def brain(rows, a, of):
+    """Fits E to a cube pressed by a tenth, for the exponential law C too to half of that, and predicts the other moves."""
+    moves = [(-of["pressed"]["strain"][1], 0), (-of["pressed"]["strain"][0], 0), *((e, 0) for e in of["pulled"]["strain"]), *((0, e) for e in of["sheared"]["strain"])]
+    kPa = [of["pressed"]["stress_kPa"][1], of["pressed"]["stress_kPa"][0], *of["pulled"]["stress_kPa"], *of["sheared"]["stress_kPa"]]
+    names = ["pressed by 0.1", "pressed by 0.05", "pulled by 0.05", "pulled by 0.1", "sheared by 0.1", "sheared by 0.2"]
+    laws = [("neo-hooke", "law: neo-hooke", "pressed by 0.1")]
+
+    def fung(share):
+        return f"law: fung, C: {3e3 * share:.6g} Pa, stretch: 1.2"
+
+    def too_straight(log_share):
+        deep, shallow = samples.cube(a.sim, a.out, fung(np.exp(log_share)), moves[:2], meshes=(6,))
+        return deep / shallow - kPa[0] / kPa[1]
+    share = float(np.exp(brentq(too_straight, np.log(0.011), np.log(3), xtol=0.02)))
+    laws.append((f"fung, C {share:.3f} E", fung(share), "pressed by 0.05 and 0.1"))
+    for law, words, by in laws:
+        stress = [abs(s) for s in samples.cube(a.sim, a.out, words, moves)]
+        scale = kPa[0] / (stress[0] / 1e3)
+        print(f"cortex: E {3 * scale:.2f} kPa by {law}")
+        for name, measured_kPa, Pa in list(zip(names, kPa, stress))[1:]:
+            row(rows, "cortex", f"{name}, {law}", "kPa", (measured_kPa, 0), scale * Pa / 1e3, ("fitted to " if name in by else "predicted from ") + by)
+
+
 def study(a):
     a.out.mkdir(parents=True, exist_ok=True)
     measured = json.loads((HERE / "measured.json").read_text())
@@ -87,6 +125,8 @@ def study(a):
     facts["fitted"] = beam_fitted(rows, model, meshes, 3 if a.quick else 4, a.predict)
     if not a.quick:
         beam_by_law(rows, a.sim, a.out, measured["beam"], facts["fitted"]["young_Pa"], meshes)
+    strips(rows, a, measured)
+    brain(rows, a, measured["cortex"])
     fit = facts["fitted"]
     terms = ", ".join(f"{1e3 * t:.1f}" for t, _ in fit["terms"])
     print(f"beam: E {fit['young_Pa']:,.0f} Pa, terms of {terms} ms with a share of {fit['terms'][0][1]:.3f} each; held {fit['held_below_straight_mm']['weight']:.2f} mm below "

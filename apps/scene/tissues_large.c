@@ -1,0 +1,31 @@
+/* Constants of nonlinear laws from the cited papers, and up to which stretch they hold. */
+#include "tissues.h"
+
+#include <stddef.h>
+
+/* Where a paper's law has terms that no law here has, they are left out, and the stretch says up to where that is less
+ * than a tenth of the stress. E = 3 mu. */
+static const tissue_large rows[] = {
+    {"myocardium", "benchmark",
+     "{lambda_T: 100 kPa, mu_T: 2 kPa, lambda_L: 100 kPa, mu_L: 4 kPa, beta: 4 kPa, law: fung, C: 2 kPa, stretch: 1.2}",
+     1.2,
+     "Guccione's law, C 2 kPa, bf 8, bt 2, bfs 4, of the benchmark of Land 2015, Proc R Soc A 471:20150641; bulk modulus chosen"},
+    {"myocardium_ho", "dog",
+     "{young: 6.84 kPa, poisson: 0.45, law: holzapfel, k1: 1.685 kPa, k2: 15.779, stretch: 1.2}", 1.05,
+     "Holzapfel and Ogden 2009, Phil Trans R Soc A 367:3445, table 1, a 2.280, af 1.685 kPa, bf 15.779; exp of I1 (b 9.726) left out"},
+    {"skin", "human", "{young: 56.4 kPa, poisson: 0.45, law: neo-hooke}", 1.04,
+     "Hendriks 2005 as in Xu and Lu 2011, c0 9.4 kPa; c1 82 kPa (I1 - 3)(I2 - 3) left out"},
+    {"brain_cortex", "human", "{young: 5.41 kPa, poisson: 0.45, law: fung, C: 130 Pa, stretch: 1.2}", 1.1,
+     "fitted by make reality to pressed cubes of Budday 2017, Acta Biomater 48:319; pulled, they are two thirds softer"},
+    {"ecoflex_00_30", "silicone", "{young: 48.7 kPa, poisson: 0.45, law: neo-hooke, stretch: 3}", 3.0,
+     "fitted by make reality to a strip of Marechal 2021, Soft Robotics 8:284, within 6 %"},
+    {"dragon_skin_10_medium", "silicone", "{young: 149 kPa, poisson: 0.45, law: neo-hooke}", 1.6,
+     "fitted by make reality to a strip of Marechal 2021, Soft Robotics 8:284, within 11 %; stiffens beyond"},
+    {"dragon_skin_10", "silicone", "{young: 217 kPa, poisson: 0.45, law: neo-hooke}", 1.1,
+     "fitted by make reality to the beam of Dubied 2022, IEEE Robot Autom Lett 7:5015, relaxed"},
+    {"ecoflex_00_10_thinned", "silicone", "{young: 15.5 kPa, poisson: 0.45, law: neo-hooke}", 1.1,
+     "with 50 % thinner, 15.52 +- 0.40 kPa (100 %: 5.42 +- 0.77): phantom-material-database, Dawood 2021, CC BY 4.0"},
+};
+enum { ROWS = sizeof rows / sizeof *rows };
+
+const tissue_large *tissue_large_row(int index) { return index >= 0 && index < ROWS ? rows + index : NULL; }
