@@ -128,5 +128,6 @@ $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
 CUT_BOX := 35mm,-70mm,-20mm,75mm,-35mm,60mm
 meshes-committed: $(MESH_GENERATOR) $(OUT)/bin/tm-mesh
 	for s in block cylinder liver; do $(MESH_GENERATOR) $$s 1000 meshes/$${s}_1k && $(MESH_GENERATOR) $$s 10000 meshes/$${s}_10k || exit 1; done
+	$(MESH_GENERATOR) gallbladder 1000 meshes/gallbladder_1k
 	$(OUT)/bin/tm-mesh refine --box $(CUT_BOX) --size 8mm --fibres meshes/liver_10k.fibres.csv --write-fibres $(OUT)/refined.fibres.csv meshes/liver_10k.msh -o $(OUT)/refined.msh
 	$(OUT)/bin/tm-mesh renumber --fibres $(OUT)/refined.fibres.csv --write-fibres meshes/liver_cut.fibres.csv $(OUT)/refined.msh -o meshes/liver_cut.msh

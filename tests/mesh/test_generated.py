@@ -7,11 +7,12 @@ import re
 import meshlib
 import pytest
 
-MESHES = [(shape, size) for shape in ("block", "cylinder", "liver") for size in (1000, 10000)]
+MESHES = [(shape, size) for shape in ("block", "cylinder", "liver") for size in (1000, 10000)] + [("gallbladder", 1000)]
 GROUPS = {
     "block": {"x_min", "x_max", "y_min", "y_max", "z_min", "z_max", "tissue"},
     "cylinder": {"side", "end_0", "end_1", "muscle"},
     "liver": {"free_surface", "vena_cava", "ligament", "gallbladder_fossa", "parenchyma", "gallbladder_bed"},
+    "gallbladder": {"serosa", "bed", "fundus", "neck", "wall"},
 }
 
 

@@ -149,3 +149,12 @@ def test_ties_hold_a_body_until_they_break(bin, block, types, tmp_path):
     assert all(m.instrument == -1 and m.removed_count == 0 and m.tie_count == len(m.cut_tie) > 0 for m in told)
     said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", "ties.between[0].within=1 mm", code=2)[1]
     assert "no vertex of 'low.z_max' on the surface is within 1 mm" in said
+
+
+def test_a_gallbladder_is_drawn_off_its_bed_and_its_ties_are_cut(bin, root, tmp_path):
+    """The scene on a coarse liver and without its rotation, for the time's sake, until the first ties went."""
+    said = state(bin, root / "apps/scenes/cholecystectomy.yaml", tmp_path, "--unset", "rotation", "--unset", "rendering", "--duration", "5",
+                 "--set", f"bodies.liver.mesh={root}/meshes/liver_1k.msh", "--set", "energy=")
+    assert said["ties"]["whole"] >= 10 and said["ties"]["gone"] >= 1 and [b["name"] for b in said["bodies"]] == ["liver", "gallbladder"]
+    e = said["energy"]
+    assert e["tool_work_J"][0] > 1e-3 and e["touch_J"] + e["touch_stored_J"] < 1e-3 * e["tool_work_J"][0] and abs(e["residual_J"]) < 1e-9

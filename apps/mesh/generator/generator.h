@@ -8,6 +8,7 @@
 void make_block(growing *m, int tets);
 void make_cylinder(growing *m, int tets);
 void make_liver(growing *m, int tets);
+void make_gallbladder(growing *m, int tets);
 
 /* Writes PREFIX.msh (Gmsh 2.2 text) and, if it has fibres, PREFIX.fibres.csv. */
 bool write_mesh(const growing *m, const char *prefix);

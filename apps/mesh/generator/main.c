@@ -27,7 +27,8 @@ int main(int argc, char **argv) {
     static const struct {
         const char *name;
         void (*make)(growing *, int);
-    } shape[] = {{"block", make_block}, {"cylinder", make_cylinder}, {"liver", make_liver}};
+    } shape[] = {
+        {"block", make_block}, {"cylinder", make_cylinder}, {"liver", make_liver}, {"gallbladder", make_gallbladder}};
     int tets = argc == 4 ? atoi(argv[2]) : 0;
     for (size_t i = 0; i < sizeof shape / sizeof *shape && tets > 0; i++) {
         if (strcmp(argv[1], shape[i].name) != 0) continue;
@@ -41,6 +42,6 @@ int main(int argc, char **argv) {
         growing_free(&m);
         return 0;
     }
-    fprintf(stderr, "usage: generate block|cylinder|liver TETRAHEDRA PREFIX\n");
+    fprintf(stderr, "usage: generate block|cylinder|liver|gallbladder TETRAHEDRA PREFIX\n");
     return 2;
 }

@@ -1,4 +1,4 @@
-/* Three shapes: a block, a cylinder with rotating fibres, and a liver with two lobes. */
+/* Four shapes: a block, a cylinder with rotating fibres, a liver with two lobes, and its gallbladder. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -187,20 +187,22 @@ static double liver(const void *shape, const double p[3]) {
     return -body;
 }
 
-/* Moves p to the surface by Newton steps along the gradient. */
-static void onto_liver(const void *shape, double p[3]) {
+/* Moves p to the surface of a distance by Newton steps along the gradient. */
+static void onto(double (*distance)(const void *shape, const double p[3]), const void *shape, double p[3]) {
     for (int turn = 0; turn < 4; turn++) {
-        double g[3], value = liver(shape, p), step = 1e-6;
+        double g[3], value = distance(shape, p), step = 1e-6;
         for (int k = 0; k < 3; k++) {
             double a[3] = {p[0], p[1], p[2]}, b[3] = {p[0], p[1], p[2]};
             a[k] -= step;
             b[k] += step;
-            g[k] = (liver(shape, b) - liver(shape, a)) / (2 * step);
+            g[k] = (distance(shape, b) - distance(shape, a)) / (2 * step);
         }
         double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
         for (int k = 0; k < 3; k++) p[k] -= value * g[k] / (square + 1e-12);
     }
 }
+
+static void onto_liver(const void *shape, double p[3]) { onto(liver, shape, p); }
 
 static void name_liver(growing *m) {
     m->region_names = 2;
@@ -247,4 +249,39 @@ void make_liver(growing *m, int tets) {
         centre_of(m, m->tet + 4 * t, 4, c);
         set_fibre(m, t, (double[3]){c[0] - hilum[0], c[1] - hilum[1], c[2] - hilum[2]});
     }
+}
+
+/* ---- gallbladder: in the dent of the liver, with a gap of 2 mm to it; its fundus sticks out in front ---- */
+
+static double gallbladder(const void *shape, const double p[3]) {
+    (void)shape;
+    return -ellipsoid(p, -0.024, -0.046, -0.039, 0.0155, 0.034, 0.0165);
+}
+
+static void onto_gallbladder(const void *shape, double p[3]) { onto(gallbladder, shape, p); }
+
+void make_gallbladder(growing *m, int tets) {
+    const growing_solid organ = {
+        gallbladder, onto_gallbladder, NULL, {-0.045, -0.085, -0.06}, {-0.005, -0.005, -0.015}};
+    double cell = cbrt(12 * 0.000036 / tets) * 1.15;
+    for (;; cell *= 0.99) {
+        growing_free(m);
+        growing_fill(m, &organ, cell);
+        if (m->no_memory) no_memory();
+        if (m->tet_count >= tets && growing_find_surface(m)) break;
+    }
+    growing_improve(m, &organ, NULL, 60);
+    need_surface(m);
+    static const char *const names[4] = {"serosa", "bed", "fundus", "neck"};
+    m->region_names = 1;
+    m->region_name[0] = "wall";
+    m->face_names = 4;
+    for (int g = 0; g < 4; g++) m->face_name[g] = names[g];
+    for (int f = 0; f < m->face_count; f++) {
+        double c[3];
+        centre_of(m, m->face + 3 * f, 3, c);
+        m->face_group[f] = c[1] < -0.068 ? 2 : c[1] > -0.020 ? 3 : gall_bladder(c) < 0 && c[2] > -0.039 ? 1 : 0;
+    }
+    allocate_fibres(m);
+    for (int t = 0; t < m->tet_count; t++) set_fibre(m, t, (double[3]){0, 1, 0});
 }
