@@ -38,6 +38,7 @@ static void add_bodies(const sim *s, cJSON *report) {
         cJSON_AddStringToObject(item, "name", b->name);
         cJSON_AddItemToObject(item, "vertices", cJSON_CreateIntArray((int[]){b->vertex_begin, b->vertex_end}, 2));
         cJSON_AddItemToObject(item, "tets", cJSON_CreateIntArray((int[]){b->tet_begin, b->tet_end}, 2));
+        if (b->rigid) cJSON_AddTrueToObject(item, "rigid");
         cJSON_AddItemToArray(list, item);
     }
 }

@@ -127,6 +127,7 @@ tm_status sim_load_bodies(sim *s) {
     tm_status rc = file && s->body ? 0 : no_memory(scene);
     for (int i = 0; i < count && !rc; i++) {
         s->body[i].name = body[i].name.s;
+        s->body[i].rigid = body[i].rigid.on;
         s->body_count = i + 1;
         rc = load(scene, body + i, count > 1, file + i);
     }
@@ -155,7 +156,106 @@ int32_t *sim_bodies_of_tets(const sim *s) {
     return of;
 }
 
+/* --- rigid bodies: all their vertices are prescribed, so that no other part needs to tell them from tissue --- */
+
+tm_status sim_mark_rigid(sim *s) {
+    bool any = false;
+    for (int32_t i = 0; i < s->body_count; i++) any |= s->body[i].rigid;
+    if (!any) return 0;
+    s->rigid_tet = calloc((size_t)s->mesh->tet_count, 1);
+    if (!s->rigid_tet) return no_memory(s->scene);
+    for (int32_t i = 0; i < s->body_count; i++)
+        if (s->body[i].rigid)
+            memset(s->rigid_tet + s->body[i].tet_begin, 1, (size_t)(s->body[i].tet_end - s->body[i].tet_begin));
+    return 0;
+}
+
+typedef struct body_path {
+    const app_body_waypoint *way;
+    int32_t count;
+    double now_m[3];
+} body_path;
+
+typedef struct moved {
+    int32_t component, body; /* of the stage `support` */
+    int32_t axis;
+} moved;
+
+typedef struct paths {
+    int64_t bytes;
+    int32_t count;
+    body_path body[SIM_MAX_BODIES];
+    moved component[];
+} paths;
+
+/* Sets the body's displacement at a time: minimum jerk between waypoints, still before the first and after the last. */
+static void follow(body_path *p, double time_s) {
+    int32_t k = 0;
+    while (k < p->count && p->way[k].time.si <= time_s) k++;
+    const app_body_waypoint *to = p->way + (k < p->count ? k : p->count - 1), *from = k > 0 ? p->way + k - 1 : to;
+    const double length_s = to->time.si - from->time.si;
+    const double t = length_s > 0 ? (time_s - from->time.si) / length_s : 1;
+    const double share = t * t * t * (10 + t * (6 * t - 15));
+    for (int a = 0; a < 3; a++) p->now_m[a] = from->move.v[a] + share * (to->move.v[a] - from->move.v[a]);
+}
+
+static void move_bodies(void *self, tm_world *world) {
+    paths *p = self;
+    const tm_state *state = tm_world_state(world);
+    for (int32_t i = 0; i < SIM_MAX_BODIES; i++)
+        if (p->body[i].count > 0) follow(p->body + i, state->time_s + state->dt_s);
+    for (int32_t i = 0; i < p->count; i++)
+        tm_support_move(world, p->component[i].component, p->body[p->component[i].body].now_m[p->component[i].axis]);
+}
+
+static void destroy_paths(void *self) { tm_release(self, (size_t)((paths *)self)->bytes); }
+
+tm_status sim_build_paths(sim *s) {
+    const app_body *body = s->scene->body.item;
+    bool any = false;
+    for (int32_t i = 0; i < s->body_count; i++) any |= body[i].path.count > 0;
+    if (!any) return 0;
+    tm_error error = {0};
+    const size_t bytes = sizeof(paths) + sizeof(moved) * (size_t)s->fixed_count;
+    paths *p = tm_allocate(bytes);
+    if (!p) return no_memory(s->scene);
+    *p = (paths){.bytes = (int64_t)bytes};
+    for (int32_t i = 0; i < s->body_count; i++) p->body[i] = (body_path){body[i].path.item, body[i].path.count, {0}};
+    for (int32_t i = 0; i < s->fixed_count; i++) {
+        const int32_t of = s->fixed_by[i] - SIM_RIGID;
+        if (of >= 0 && p->body[of].count > 0) p->component[p->count++] = (moved){i, of, s->fixed_dof[i] % 3};
+    }
+    const tm_stage stage = {.size = sizeof(tm_stage),
+                            .name = "bodies",
+                            .phase = TM_PHASE_BEGIN,
+                            .run = move_bodies,
+                            .destroy = destroy_paths,
+                            .self = p};
+    if (!tm_world_add_stage(s->model->world, &stage, p->bytes, &error)) return 0;
+    destroy_paths(p);
+    return sim_report(s->scene, s->scene->body.line, &error);
+}
+
 /* --- checks before meshes are loaded --- */
+
+static tm_status check_path(const app_scene *scene, const app_body *body) {
+    const app_body_waypoint *way = body->path.item;
+    if (body->path.line && !body->rigid.on)
+        return app_scene_bad(scene, body->path.line,
+                             "body '%s' has a path and is not rigid; add 'rigid: yes', or lead it by its supports",
+                             body->name.s);
+    if (body->path.line && scene->model.index != APP_DYNAMIC)
+        return app_scene_bad(
+            scene, body->path.line,
+            "body '%s' has a path, and only the dynamic model moves bodies; write 'model: dynamic', or "
+            "remove 'path:'",
+            body->name.s);
+    for (int i = 1; i < body->path.count; i++)
+        if (!(way[i].time.si > way[i - 1].time.si))
+            return app_scene_bad(scene, way[i].time.line,
+                                 "waypoint %d is not later than the one before; order them by time", i);
+    return 0;
+}
 
 tm_status sim_check_bodies(const app_scene *scene) {
     const app_body *body = scene->body.item;
@@ -181,6 +281,8 @@ tm_status sim_check_bodies(const app_scene *scene) {
                                  "'%.60s' cannot name a body; give a word of at most 40 characters without dots and "
                                  "spaces, other than self",
                                  name);
+        const tm_status rc = check_path(scene, body + i);
+        if (rc) return rc;
     }
     return 0;
 }

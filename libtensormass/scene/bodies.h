@@ -12,6 +12,10 @@ tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_
 /* Loads all bodies and merges them into s->file; fills s->body. */
 tm_status sim_load_bodies(sim *s);
 
+/* Lists the tetrahedra of rigid bodies in s->rigid_tet; adds the stage that leads them along their paths, if any. */
+tm_status sim_mark_rigid(sim *s);
+tm_status sim_build_paths(sim *s);
+
 /* Returns the body with this name, or null. */
 const sim_body *sim_body_find(const sim *s, const char *name);
 /* Returns the index of each tetrahedron's body, [tet_count], 0 without bodies; null without memory. tm_release it. */

@@ -4,12 +4,30 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Prescribes all components of rigid bodies. */
+static tm_status hold_rigid(const sim *s, uint8_t *held) {
+    for (int32_t v = 0; v < s->mesh->vertex_count && s->rigid_tet; v++) {
+        const int32_t in_file = tm_mesh_original_vertex(s->mesh, v);
+        int32_t i = 0;
+        while (in_file >= s->body[i].vertex_end) i++;
+        for (int32_t d = 3 * v; d < 3 * v + 3 && s->body[i].rigid; d++) {
+            if (held[d])
+                return app_scene_bad(s->scene, ((const app_support *)s->scene->support.item)[held[d] - 1].here.line,
+                                     "this support holds vertices of the body '%s', which is rigid; make the selector "
+                                     "narrower, or give the body a path",
+                                     s->body[i].name);
+            held[d] = (uint8_t)(SIM_RIGID + i);
+        }
+    }
+    return 0;
+}
+
 tm_status sim_build_supports(sim *s) {
     const app_scene *scene = s->scene;
-    if (!scene->support.count) return 0;
+    if (!scene->support.count && !s->rigid_tet) return 0;
     int32_t n = s->mesh->vertex_count, selected;
     uint8_t *mark = malloc((size_t)n);
-    int8_t *held = calloc((size_t)n * 3, 1); /* 1 + support, per component; one byte, since supports are few */
+    uint8_t *held = calloc((size_t)n * 3, 1); /* as fixed_by, per component; one byte, since supports are few */
     double *value = calloc((size_t)n * 3, sizeof *value);
     s->support_of = calloc((size_t)n, 1);
     s->fixed_dof = malloc(sizeof *s->fixed_dof * (size_t)n * 3);
@@ -34,14 +52,15 @@ tm_status sim_build_supports(sim *s) {
                         "vertex %d is already fixed at %g m along %c by the support on line %d; make the selectors disjoint",
                         tm_mesh_original_vertex(s->mesh, v), value[d], "xyz"[a],
                         ((const app_support *)scene->support.item)[held[d] - 1].here.line);
-                if (!held[d]) held[d] = (int8_t)(i + 1);
+                if (!held[d]) held[d] = (uint8_t)(i + 1);
                 value[d] = support->displace.v[a];
                 if (!s->support_of[v]) s->support_of[v] = (uint8_t)(i + 1);
             }
     }
+    if (!rc) rc = hold_rigid(s, held);
     for (int32_t d = 0; d < 3 * n && !rc; d++)
         if (held[d]) {
-            s->fixed_by[s->fixed_count] = (uint8_t)held[d];
+            s->fixed_by[s->fixed_count] = held[d];
             s->fixed_dof[s->fixed_count] = d;
             s->fixed_m[s->fixed_count++] = value[d];
         }

@@ -43,6 +43,7 @@ static tm_status prepare(sim *s, const void *own) {
     s->def.cut.rate_1_s = o->rate.si;
     s->def.cut.loose = (tm_cut_loose)o->loose.index;
     s->def.cut.fade_s = o->fade.si;
+    s->def.cut.keep = s->rigid_tet;
     s->def.model.cut = &s->def.cut;
     return 0;
 }

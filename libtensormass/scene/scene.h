@@ -161,7 +161,15 @@ typedef struct app_body {
     app_text mesh;
     app_number scale;
     app_vector move, turn;
+    app_flag rigid;
+    app_list path; /* app_body_waypoint */
 } app_body;
+
+typedef struct app_body_waypoint {
+    app_section here;
+    app_number time;
+    app_vector move;
+} app_body_waypoint;
 
 typedef struct app_support {
     app_section here;

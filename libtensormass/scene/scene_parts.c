@@ -101,6 +101,29 @@ static const app_material *find_material(const app_scene *scene, const char *reg
     return m;
 }
 
+static bool is_rigid(const app_scene *scene, const char *region) {
+    const app_body *body = scene->body.item;
+    for (int i = 0; i < scene->body.count; i++) {
+        const size_t length = strlen(body[i].name.s);
+        if (body[i].rigid.on && !strncmp(region, body[i].name.s, length) && (region[length] == '.' || !region[length]))
+            return true;
+    }
+    return false;
+}
+
+/* Sets the constants of a rigid body: its vertices are prescribed, so that they bear on nothing; so soft that they do
+ * not limit the step. */
+static tm_status rigid_material(const app_scene *scene, tm_material *out, tm_error *error) {
+    const app_material *all = scene->material.item;
+    const double none[TM_LAW_CONSTANTS] = {0};
+    bool nonlinear = false;
+    for (int i = 0; i < scene->material.count; i++) nonlinear |= all[i].law.index != TM_LAW_LINEAR;
+    tm_status rc = tm_material_young(1, 0.3, out, error);
+    if (!rc && nonlinear) rc = tm_material_set_law(out, TM_LAW_NEO_HOOKE, none, 0, error);
+    out->density_kg_m3 = 1000;
+    return rc;
+}
+
 tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
                               tm_material *out) {
     const app_material *all = scene->material.item;
@@ -121,13 +144,18 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
     }
     for (int32_t r = 0; r < mesh->region_count; r++) {
         const app_material *m = find_material(scene, mesh->region_name[r]);
+        tm_error error = {0};
+        if (is_rigid(scene, mesh->region_name[r])) {
+            if (rigid_material(scene, &out[r], &error))
+                return app_scene_bad(scene, scene->body.line, "rigid body: %s", error.message);
+            continue;
+        }
         if (!m)
             return app_scene_bad(
                 scene, scene->material.line,
                 "region '%s' of the mesh has no material; add it to tissue.materials, or \"*\" for all",
                 mesh->region_name[r]);
         app_law law;
-        tm_error error = {0};
         tm_status rc = app_scene_law(scene, m, &law);
         if (rc) return rc;
         if (make_material(m, law, &out[r], &error))

@@ -180,7 +180,8 @@ static tm_status define_model(sim *s) {
     if (!s->material) return app_scene_fail(s->scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     *def = tm_model_def_default();
     def->damped = false;
-    tm_status rc = run_hook(s, false);
+    tm_status rc = sim_mark_rigid(s);
+    if (!rc) rc = run_hook(s, false);
     if (!rc) rc = app_scene_materials(s->scene, &s->file, s->damping_1_s, s->material);
     if (!rc) rc = sim_build_supports(s);
     if (!rc) rc = sim_build_loads(s);
@@ -244,6 +245,7 @@ tm_status sim_create(app_scene *scene, sim **out) {
     tm_status rc = sim_prepare(scene, &s);
     if (rc) return rc;
     rc = make_model(s);
+    if (!rc) rc = sim_build_paths(s);
     if (!rc) rc = run_hook(s, true);
     if (rc)
         sim_destroy(s);
@@ -264,6 +266,7 @@ void sim_destroy(sim *s) {
     free(s->fixed_dof);
     free(s->fixed_m);
     free(s->fixed_by);
+    free(s->rigid_tet);
     free(s->load_N);
     free(s->fibre);
     free(s->material);

@@ -100,9 +100,10 @@ typedef struct sim_ties_cut {
 typedef struct sim_body {
     const char *name;
     int32_t vertex_begin, vertex_end, tet_begin, tet_end;
+    bool rigid;
 } sim_body;
 
-enum { SIM_MAX_BODIES = 32 };
+enum { SIM_MAX_BODIES = 32, SIM_RIGID = 128 };
 
 struct sim_picture;
 
@@ -156,7 +157,8 @@ struct sim {
     int32_t fixed_count; /* prescribed components, ascending: those of the stage `support` */
     int32_t *fixed_dof;  /* [fixed_count] */
     double *fixed_m;     /* [fixed_count] */
-    uint8_t *fixed_by;   /* [fixed_count] 1 + index of the scene's support */
+    uint8_t *fixed_by;   /* [fixed_count] 1 + index of the scene's support; SIM_RIGID + index of a rigid body */
+    uint8_t *rigid_tet;  /* [tet_count] 1: of a rigid body; null: there is none */
     double *load_N;      /* [3*vertex_count] or null */
     sim_sends can_send;  /* largest that the scene has memory for */
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* requested by the controller's extrapolator, at most can_send */

@@ -124,7 +124,7 @@ int32_t tm_scene_get_bodies(const tm_scene *scene, tm_scene_body *body, int32_t 
     REQUIRE(scene && (body || capacity <= 0), "scene or body is null", 0);
     for (int32_t i = 0; i < scene->s->body_count && i < capacity; i++) {
         const sim_body *b = scene->s->body + i;
-        body[i] = (tm_scene_body){b->name, b->vertex_begin, b->vertex_end, b->tet_begin, b->tet_end};
+        body[i] = (tm_scene_body){b->name, b->vertex_begin, b->vertex_end, b->tet_begin, b->tet_end, b->rigid};
     }
     return scene->s->body_count;
 }

@@ -27,6 +27,7 @@ class Body(NamedTuple):
     name: str
     vertices: range
     tets: range
+    rigid: bool = False
 
 
 class Scene(Object):
@@ -81,7 +82,7 @@ class Scene(Object):
         count = lib.tm_scene_get_bodies(self, None, 0)
         found = (c.tm_scene_body * max(1, count))()
         lib.tm_scene_get_bodies(self, found, count)
-        return {b.name.decode(): Body(b.name.decode(), range(b.vertex_begin, b.vertex_end), range(b.tet_begin, b.tet_end)) for b in found[:count]}
+        return {b.name.decode(): Body(b.name.decode(), range(b.vertex_begin, b.vertex_end), range(b.tet_begin, b.tet_end), bool(b.rigid)) for b in found[:count]}
 
     frame_s: float = property(lambda self: self._about.frame_s, doc="Of a frame, s.")  # type: ignore[assignment]
     dt_s: float = property(lambda self: self._about.dt_s, doc="Of a substep, s.")  # type: ignore[assignment]

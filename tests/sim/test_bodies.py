@@ -158,3 +158,45 @@ def test_a_gallbladder_is_drawn_off_its_bed_and_its_ties_are_cut(bin, root, tmp_
     assert said["ties"]["whole"] >= 10 and said["ties"]["gone"] >= 1 and [b["name"] for b in said["bodies"]] == ["liver", "gallbladder"]
     e = said["energy"]
     assert e["tool_work_J"][0] > 1e-3 and e["touch_J"] + e["touch_stored_J"] < 1e-3 * e["tool_work_J"][0] and abs(e["residual_J"]) < 1e-9
+
+
+LIFT = """\
+tissue:
+  force: plain
+  materials: {"soft.*": {young: 5 kPa, poisson: 0.4}}
+bodies:
+  table: {mesh: %s, rigid: yes, path: [{time: 0.1 s, move: [0, 0, 0]}, {time: 0.5 s, move: [0, 0, 20 mm]}]}
+  soft: {mesh: %s, scale: 0.5, move: [20 mm, 20 mm, 51 mm]}
+damping: {rate: 60 /s}
+gravity:
+energy:
+touch:
+contact:
+cut:
+instruments: [{mode: cautery, trocar: [10 mm, 10 mm, 250 mm]}]
+hand: [{instrument: 0, path: [{time: 0 s, tip: [10 mm, 10 mm, 60 mm], active: yes}, {time: 0.1 s, tip: [10 mm, 10 mm, 50 mm], active: yes}]}]
+time: {frame_rate: 25 Hz, duration: 0.8 s}
+"""
+
+
+def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path):
+    scene = write(tmp_path / "lift.yaml", LIFT % (block, block))
+    said = state(bin, scene, tmp_path)
+    alone = state(bin, write(tmp_path / "soft.yaml", STACK % (block, block)), tmp_path, "--set", "bodies.low.scale=0.5")
+    assert said["bodies"][0]["rigid"] is True and "rigid" not in said["bodies"][1] and said["dt_s"] == pytest.approx(alone["dt_s"], rel=0.05)
+    table_N, weight_N = 9.81 * 1000 * 0.1 * 0.1 * 0.05, 9.81 * 1000 * 0.05 * 0.05 * 0.025
+    # the block fell on the table and was lifted by it (20 mm, less the fall of some 0.5 mm and what it sags)
+    assert -said["energy"]["gravity_J"] == pytest.approx(0.02 * table_N + 0.0192 * weight_N, abs=0.001 * weight_N) and abs(said["energy"]["residual_J"]) < 1e-10
+    assert said["force_N"]["peak"] > 0.05 and said["tets_removed"] == 0  # the cautery pressed on the table
+    still = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0 s, move: [0, 0, 0]}]")
+    assert still["energy"]["gravity_J"] > 0 and still["tets_removed"] == 0
+
+
+@pytest.mark.parametrize("change, words", [
+    ("bodies.soft.path=[{time: 0 s, move: [0, 0, 0]}]", "has a path and is not rigid"),
+    ("bodies.table.path=[{time: 1 s, move: [0, 0, 0]}, {time: 1 s, move: [0, 0, 0]}]", "not later"),
+    ("supports=[{group: table.z_min}]", "which is rigid"),
+], ids=["not rigid", "order", "held"])
+def test_faulty_rigid_bodies_are_refused(bin, block, tmp_path, change, words):
+    said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", LIFT % (block, block)), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
+    assert words in said and ";" in said, said

@@ -12,10 +12,11 @@ typedef enum tm_cut_loose { TM_LOOSE_FALL = 0, TM_LOOSE_REMOVE = 1 } tm_cut_loos
 
 typedef struct tm_cut_def {
     uint32_t cookie, size;
-    double rate_1_s;    /* maximum removal rate of one cautery, tetrahedra per second; 200 */
-    tm_cut_loose loose; /* treatment of fragments without support or grasper; TM_LOOSE_FALL: they fall, and are removed
-                           once out of sight */
-    double fade_s;      /* release time of an instrument's force on a tetrahedron that the stage removes; 0: at once */
+    double rate_1_s;     /* maximum removal rate of one cautery, tetrahedra per second; 200 */
+    tm_cut_loose loose;  /* treatment of fragments without support or grasper; TM_LOOSE_FALL: they fall, and are removed
+                            once out of sight */
+    double fade_s;       /* release time of an instrument's force on a tetrahedron that the stage removes; 0: at once */
+    const uint8_t *keep; /* [tet_count] 1: cauteries do not remove this tetrahedron; copied; null: none */
 } tm_cut_def;
 TM_API tm_cut_def tm_cut_def_default(void);
 /* Adds the stage "cut": active cautery instruments of `contact` remove what they touch. The search for detached

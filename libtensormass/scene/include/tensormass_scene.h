@@ -101,6 +101,7 @@ TM_API tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, 
 typedef struct tm_scene_body {
     const char *name; /* valid as long as the scene */
     int32_t vertex_begin, vertex_end, tet_begin, tet_end;
+    bool rigid;
 } tm_scene_body;
 /* Returns the number of bodies, 0 for a scene with tissue.mesh, and writes up to `capacity` of them. */
 TM_API int32_t tm_scene_get_bodies(const tm_scene *scene, tm_scene_body *body, int32_t capacity);

@@ -12,6 +12,7 @@ typedef struct tm_cut_stage {
     tm_contact *contact;
     double rate_1_s;
     tm_cut_loose loose;
+    uint8_t *keep;                     /* [tet_count] 1: no cautery removes it; or null */
     double credit[TM_MAX_INSTRUMENTS]; /* tetrahedra that it may still remove */
     double removal_distance_m;
     /* removed tetrahedra, for tm_cut_fetch_removed */

@@ -40,7 +40,8 @@ static int32_t deepest(const tm_cut_stage *stage, const tm_world *world, int32_t
     const tm_contact_row *row, *best = NULL;
     const int32_t rows = tm_contact_rows(stage->contact, &row);
     for (int32_t i = 0; i < rows; i++) {
-        if (row[i].instrument != instrument || !(row[i].lambda_N > 0) || !world->tissue->alive[row[i].face / 4])
+        if (row[i].instrument != instrument || !(row[i].lambda_N > 0) || !world->tissue->alive[row[i].face / 4] ||
+            (stage->keep && stage->keep[row[i].face / 4]))
             continue;
         if (!best || row[i].gap_m < best->gap_m || (row[i].gap_m == best->gap_m && row[i].face < best->face))
             best = row + i;
@@ -318,11 +319,14 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
             *fixed = TM_ALLOC(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     tm_fading_row *fading = def->fade_s > 0 ? TM_ALLOC(&pool, tm_fading_row, TM_FADING_MAX) : NULL;
     void *room = TM_ALLOC(&pool, char, snapshot_max(mesh, def->fade_s));
+    uint8_t *keep = def->keep ? TM_ALLOC(&pool, uint8_t, mesh->tet_count) : NULL;
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
     }
+    if (keep) memcpy(keep, def->keep, (size_t)mesh->tet_count);
     *self = (tm_cut_stage){.pool = pool,
+                           .keep = keep,
                            .contact = contact,
                            .rate_1_s = def->rate_1_s,
                            .loose = def->loose,
