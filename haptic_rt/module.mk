@@ -15,8 +15,8 @@ HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c network_peer.c loop.c rep
 HRT_DRIVE_SRC := $(call files,haptic_rt/io/drive_*.c)
 HRT_WEBSOCKETS = $(shell pkg-config --exists libwebsockets && echo 1)
 $(OUT)/gen/websockets.txt: FORCE
-	@mkdir -p $(@D); echo '$(HRT_WEBSOCKETS)' | cmp -s - $@ || echo '$(HRT_WEBSOCKETS)' > $@
-FORCE:
+	@mkdir -p $(@D); echo '$(HRT_WEBSOCKETS)' | cmp -s - $@ || { echo '$(HRT_WEBSOCKETS)' > $@; $(if $(HRT_WEBSOCKETS),:,echo '  haptic-rt: the driver for Haply is left out, since libwebsockets-dev is missing'); }
+.PHONY: FORCE
 $(call objects,haptic_rt/io/drive_haply.c): $(OUT)/gen/websockets.txt
 $(call objects,haptic_rt/io/drive_haply.c): CFLAGS_EXTRA += $(if $(HRT_WEBSOCKETS),-DHRT_WITH_HAPLY $(call pkg_cflags,libwebsockets))
 $(call program,haptic-rt,$(addprefix haptic_rt/io/,haptic_rt.c record.c samples.c setup.c status_log.c settings.c) $(HRT_PROGRAM_SRC) $(HRT_DRIVE_SRC),hrt_io hrt platform tensormass lcm_types,-lcjson $$(if $$(HRT_WEBSOCKETS),-lwebsockets))

@@ -165,6 +165,27 @@ def test_what_is_there_is_listed(tmp_path):
     assert "haply:0          inverse3 049D, service 3.5 or later" in said and "haply:1          inverse3 04BA" in said
 
 
+def test_the_tick_makes_no_system_call_for_it(tmp_path):
+    with emulator(tmp_path) as (_, port, _):
+        subprocess.run(["strace", "-f", "-o", tmp_path / "trace", HAPTIC, "--device", f"haply:0@127.0.0.1:{port}", "--trocar", "0,0,0", "--samples", samples(tmp_path), "--duration", "2"],
+                       check=True, timeout=60, capture_output=True)
+    calls = {}
+    for line in (tmp_path / "trace").read_text(errors="replace").splitlines():
+        thread, _, call = line.partition(" ")
+        calls.setdefault(thread, []).append(call.strip().partition("(")[0])
+    loop = max(calls.values(), key=lambda made: made.count("clock_nanosleep"))
+    first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
+    assert loop.count("clock_nanosleep") > 700 and {call for call in loop[first:last] if call.isidentifier()} <= {"clock_nanosleep", "getrusage"}
+
+
+def test_it_builds_without_the_library(root, tmp_path):
+    """The file without libwebsockets: it compiles, knows no call of that library, and says what is missing."""
+    includes = [f"-I{root / folder}" for folder in ("", "haptic_rt", "haptic_rt/core", "haptic_rt/io", "libtensormass", "libtensormass/platform")]
+    subprocess.run(["gcc", "-std=c11", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", *includes, "-c", root / "haptic_rt/io/drive_haply.c", "-o", tmp_path / "haply.o"], check=True)
+    assert "lws_" not in subprocess.run(["nm", tmp_path / "haply.o"], capture_output=True, text=True, check=True).stdout
+    assert b"built without libwebsockets; install libwebsockets-dev" in (tmp_path / "haply.o").read_bytes()
+
+
 @pytest.mark.parametrize("words, says", [
     (["--device", "haply:x"], "'haply:x' names no device; write haply:0"),
     (["--device", "haply:0", "--device-type", "impulse_engine"], "impulse_engine is not driven so"),
