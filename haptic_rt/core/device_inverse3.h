@@ -1,6 +1,6 @@
 /* Haply Inverse3, by its service (io/drive_haply.c). The cursor's three slides are along the joint axes of
- * io/workspace.h. Resolution 20 um over CAN frames, finer by the service. The force limit is ours, below the maker's
- * peak. Mass and friction of the twin are estimates. */
+ * io/workspace.h. Resolution 20 um over CAN frames, finer by the service. The force limit is ours. Mass and friction of
+ * the twin are estimates. */
 
 #ifdef HRT_DESCRIBE
 static const hrt_device_type inverse3_type = {

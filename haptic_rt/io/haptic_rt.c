@@ -148,6 +148,7 @@ static void watch(program *p) {
         .bus = p->set.common.bus,
         .instrument = p->set.node.instrument,
         .from_file = p->set.samples_path != NULL,
+        .drive = p->set.common.drive,
         .logged = {.state = -1, .silent_s = -1.0e9, .refused_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
     double fault_since_s = 0.0;
     enum { LOOKS_PER_SECOND = 20 };

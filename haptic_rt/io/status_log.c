@@ -117,8 +117,8 @@ static void log_wait(hrt_teller *t, const hrt_facts *f, int wait, bool again) {
                  "%" PRId64 " frames received on %s, none with encoders of device %d; check --instrument",
                  f->frames - t->logged.frames, t->bus, t->instrument);
     else if (wait == WAITS_DEVICE)
-        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for device %d on %s; start tm-device, in any order", t->instrument,
-                 t->bus);
+        log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for device %d on %s; %s", t->instrument, t->bus,
+                 t->drive ? "connect it, or start its service" : "start tm-device, in any order");
     else if (wait == WAITS_QUIET)
         log_kind(t, HRT_LOG_WAIT + wait, f, "device %d stopped sending; its motors get no torque until it sends again",
                  t->instrument);

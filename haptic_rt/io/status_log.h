@@ -40,6 +40,7 @@ typedef struct hrt_teller {
     const char *bus;
     int32_t instrument;
     bool from_file; /* samples come from a file, not a network */
+    bool drive;     /* the device is not on a bus (drive.h) */
     /* internal; start with logged = {.state = -1} */
     struct {
         int state, wait;
