@@ -83,9 +83,13 @@ def reality(out):
     at = list(range(len(rows)))[::-1]
     axes.axvspan(-5, 5, color="#eeeeee")
     axes.errorbar([0] * len(rows), at, xerr=[100 * number(r[2]) / number(r[1]) for r in rows], fmt="none", color=INK, capsize=4)
-    axes.plot([number(r[4]) for r in rows], at, "s", color=RED)
+    shown = [max(-60, min(60, number(r[4]))) for r in rows]
+    axes.plot(shown, at, "s", color=RED)
+    for row, y, x in zip(rows, at, shown):
+        if x != number(row[4]):
+            axes.text(x - 2, y, f"{row[4]} %", ha="right", va="center", fontsize=9)
     axes.set_yticks(at, [r[0].replace("`", "") + (f" ({r[5]})" if r[5] != "predicted" else "") for r in rows], fontsize=9)
-    axes.set(xlabel="simulated less measured, %")
+    axes.set(xlabel="simulated less measured, %", xlim=(-65, 65))
     save(figure, out, "reality-differences")
 
 
