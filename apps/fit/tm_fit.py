@@ -15,12 +15,8 @@ for folder in (BIN.parent / "lib/tensormass/fit", BIN):
 try:
     import numpy as np
     import scipy  # noqa: F401
-except ImportError:
-    own = BIN.parent / "venv/bin/python"  # of a build; `make venv` makes it
-    if own.exists() and pathlib.Path(sys.prefix) != own.parents[1]:
-        os.execv(own, [str(own), str(pathlib.Path(__file__).resolve()), *sys.argv[1:]])
-    print("tm-fit: this Python has no numpy or no scipy; install python3-scipy (Debian) or scipy (pip), or run it with a Python that has them", file=sys.stderr)
-    sys.exit(2)
+except ImportError:  # --help works without
+    np = None
 
 SIM = BIN / "tm-sim"
 EPILOG = """Data are CSV files with a head line, SI units. A curve: each row is a rest of the scene that --row makes of it.
@@ -235,9 +231,20 @@ def prepare(a):
     return Problem(constants, read_csv(a.data), a.row, [Compared(t, points) for t in a.compare], points, a.time, a.tolerance, a.from_first, noise)
 
 
+def without_scipy():
+    """Goes on in the environment of a build (`make venv`), or says what to install."""
+    own = BIN.parent / "venv/bin/python"
+    if own.exists() and pathlib.Path(sys.prefix) != own.parents[1]:
+        os.execv(own, [str(own), str(pathlib.Path(__file__).resolve()), *sys.argv[1:]])
+    print("tm-fit: this Python has no numpy or no scipy; install python3-scipy (Debian) or scipy (pip), or run it with a Python that has them", file=sys.stderr)
+    return 2
+
+
 def main():
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     a = arguments()
+    if np is None:
+        return without_scipy()
     from fit_page import write_page
     from model import Bad
     from trials import Refused, Trials

@@ -237,3 +237,14 @@ def test_a_remembered_bound_is_that_of_its_material(bin, scene):
         with Trials(bin / "tm-sim", scene) as trials:
             assert moves(trials, *a) == found
     assert together[3] == together[0] and together[4] == together[2] != together[1] != together[0]
+
+
+def test_without_scipy_help_works_and_a_fit_says_what_to_install(bin, scene):
+    """make install asks every program for its help, with the system's Python."""
+    (scene.parent / "alone").mkdir()
+    alone = scene.parent / "alone/tm-fit"
+    alone.write_text((bin / "tm-fit").read_text())
+    python = ["/usr/bin/python3", "-S", alone]
+    assert "--compare" in subprocess.run([*python, "--help"], capture_output=True, text=True, check=True, timeout=60).stdout
+    done = subprocess.run([*python, scene, "--data", scene, "-o", scene.parent / "fit"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "has no numpy or no scipy; install" in done.stderr and "Traceback" not in done.stderr
