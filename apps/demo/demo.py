@@ -26,10 +26,10 @@ def arguments():
     p.add_argument("--scene", type=pathlib.Path, default=HERE.parent / "scenes" / "liver-press.yaml")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
     p.add_argument("--duration", type=float, help="seconds of the real-time run [the scene's, and one more]")
-    p.add_argument("--size", default="1280x720", help="of film and pictures")
-    p.add_argument("--camera", default="", help="options of tm-view, in one string")
-    p.add_argument("--no-models", action="store_true", help="without the same scene by each model that can run it")
-    p.add_argument("--no-film", action="store_true", help="figures and pictures alone")
+    p.add_argument("--size", default="1280x720", help="size of video and pictures")
+    p.add_argument("--camera", default="", help="options for tm-view, in one string")
+    p.add_argument("--no-models", action="store_true", help="do not run the scene by each model")
+    p.add_argument("--no-film", action="store_true", help="figures and pictures, no video")
     p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the stage inside the network namespace
     a = p.parse_args()
     a.build = a.build.resolve()
@@ -62,13 +62,13 @@ def realtime(a):
 
 
 def run_realtime(a):
-    say("real time: simulation, controllers and virtual devices, each a program of its own (`make spy` looks on)")
+    say("real time: simulation, controllers and virtual devices, each its own program (`make spy` shows their messages)")
     passed = [x for x in sys.argv[1:]]
     command = [HERE / "netns.sh", "run", a.out / "netns.pid", sys.executable, __file__, *passed, "--realtime-only"]
     code = subprocess.run([str(c) for c in command]).returncode
     (a.out / "netns.pid").unlink(missing_ok=True)
     if code:
-        fail(f"the real-time run failed; the programs' words are in {a.out}/*.txt, and docs/troubleshooting.md helps by symptom")
+        fail(f"the real-time run failed; the programs' messages are in {a.out}/*.txt, and docs/troubleshooting.md helps by symptom")
 
 
 # --- lockstep ---
@@ -279,7 +279,7 @@ def record_begin_us(a, instrument):
 
     lead = [e.timestamp - tensormass_lcm.tool_state_t.decode(e.data).utime for e in lcm.EventLog(str(a.out / "demo.lcm"), "r") if e.channel == f"TOOL_{instrument}"]
     if not lead:
-        fail(f"the log holds no TOOL_{instrument}; haptic-rt's words are in {a.out}/haptic-rt{instrument}.txt")
+        fail(f"the log holds no TOOL_{instrument}; haptic-rt's messages are in {a.out}/haptic-rt{instrument}.txt")
     return min(lead) + load(a.out / f"controller{instrument}.json")["start_us"]
 
 
@@ -360,7 +360,7 @@ def main():
             print(f"demo: {program} is not installed; run `make demo`, which installs what is missing, or tools/setup.sh build demo", file=sys.stderr)
             sys.exit(2)
     if not a.scene.exists():
-        print(f"{a.scene}: no such scene; the scenes are in apps/scenes", file=sys.stderr)
+        print(f"{a.scene}: this scene does not exist; the scenes are in apps/scenes", file=sys.stderr)
         sys.exit(2)
     shutil.rmtree(a.out, ignore_errors=True)
     a.out.mkdir(parents=True)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""display.py COMMAND...: runs COMMAND with a display that it can reach from a network namespace.
+"""display.py COMMAND...: runs COMMAND with a display that can be reached from a network namespace.
 
 In a namespace of its own a window finds its display by the file /tmp/.X11-unix/XN alone. `ssh -X` makes none: DISPLAY is localhost:N there, a port of the
 machine's network. Then such a file is made here, outside of the namespace, and what comes through it is carried to the port; the cookie is taken along.
@@ -96,7 +96,7 @@ def listen(preferred):
         os.chmod(f"{SOCKETS}/X{number}", 0o600)
         listener.listen(16)
         return number, listener
-    return refuse(f"no file can be made in {SOCKETS}; make it writable (chmod 1777 {SOCKETS})")
+    return refuse(f"no file can be made in {SOCKETS}; make that folder writable (chmod 1777 {SOCKETS})")
 
 
 def cookie(display, number, folder):
@@ -131,12 +131,12 @@ def main():
     if not display or (place and not place[0] and has_file(place[1])):
         os.execvp(command[0], command)
     if not place:
-        refuse(f"DISPLAY is '{display}', which names no display; it should look like :0 or localhost:10.0")
+        refuse(f"DISPLAY is '{display}', which is not a display; set it to a value such as :0 or localhost:10.0")
     host, wanted, screen = place
     try:
         reach(host, wanted).close()
     except OSError as why:
-        refuse(f"the display '{display}' does not answer ({why.strerror or why}); log in anew with ssh -X, or run it on a desktop")
+        refuse(f"the display '{display}' does not answer ({why.strerror or why}); log in again with ssh -X, or run it on a desktop")
     number, listener = listen(wanted)
     try:
         with tempfile.TemporaryDirectory(prefix="tensormass-display-") as folder:

@@ -82,7 +82,7 @@ class Session:
         """Returns False, with a message, if a program has ended with an error."""
         for p in self.running:
             if p.poll() not in (None, 0):
-                print(f"{p.name} ended with exit code {p.returncode}; its last words ({self.out}/{p.name}.txt):", file=sys.stderr)
+                print(f"{p.name} ended with exit code {p.returncode}; its last messages ({self.out}/{p.name}.txt):", file=sys.stderr)
                 sys.stderr.write("".join((self.out / f"{p.name}.txt").read_text().splitlines(True)[-5:]))
                 return False
         return True

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, half a core in real time, a press and a cut, a picture and a film."""
+"""Turns a segmented image, a surface or a mesh into an organ with haptic feedback: meshes it, writes a scene, checks it at rest, tunes it to half a core in real time, runs a press and a cut, draws a picture and a video."""
 import argparse
 import hashlib
 import json
@@ -22,7 +22,7 @@ LIVE = 0.5  # share of a core, in the busiest second of the press
 AIM = 0.8  # share of that, so that a busier machine keeps up too
 MASS_GOOD, MASS_MOST = 0.1, 1.0  # added mass relative to the tissue's: accepted before coarsening; maximum
 SUBSTEPS_LEAST = 10  # per frame: 4 ms
-TOO_MUCH = "too much to be felt live"
+TOO_MUCH = "too much for real time"
 COARSER, COARSENINGS = 0.6, 3  # share of tetrahedra kept by each coarsening; number of coarsenings
 SAG_MOST = 0.3  # relative to the organ's size, under its own weight: more means too few supports
 
@@ -36,22 +36,22 @@ class Stop(Exception):
 
 def arguments():
     p = argparse.ArgumentParser(prog="tm-organ", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
-                                epilog="FOLDER gets organ.msh, organ.yaml (yours to edit: it is not written again once you have), press.lcm, force.csv, organ.png,\n"
-                                       "organ.mp4 and the figures of each stage. Run again, it does what is not done yet, or what its inputs changed.\n"
-                                       "Images want the module 'image' (tm-mesh image); surfaces and meshes want nothing more.")
+                                epilog="FOLDER gets organ.msh, organ.yaml (yours to edit: an edited file is not overwritten), press.lcm, force.csv, organ.png,\n"
+                                       "organ.mp4 and the figures of each stage. Run again, it repeats only the stages that are incomplete or whose inputs changed.\n"
+                                       "Images need the module 'image' (tm-mesh image); surfaces and meshes need nothing more.")
     p.add_argument("source", type=pathlib.Path, metavar="SOURCE", help="image (%s), closed surface (%s) or tetrahedra (%s)" % (" ".join(IMAGES), " ".join(SURFACES), " ".join(MESHES)))
-    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="where all of it goes")
-    p.add_argument("--unit", choices=UNITS, help="of a surface's or mesh's numbers [surface: must be said; mesh: m]. Images carry theirs")
-    p.add_argument("--size", metavar="SIZE", help="edges of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
-    p.add_argument("--budget", metavar="N", help="of an image: so many tetrahedra [10000]")
-    p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="of an image: this label, called so; once for each [all]. Materials go by the names")
-    p.add_argument("--smooth", metavar="S", help="of an image: how far voxels' steps are smoothed, in voxels; less keeps thin labels [1, and less in thin ones]")
-    p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
-    p.add_argument("--no-cut", action="store_true", help="pressed alone: no cautery, and the longer steps of tissue that is never cut")
-    p.add_argument("--video", metavar="WxH", default="960x540", help="the film's size [960x540]")
-    p.add_argument("--no-film", action="store_true", help="a picture is enough")
-    p.add_argument("--again", action="store_true", help="do everything again; an edited organ.yaml stays")
-    p.add_argument("--quiet", action="store_true", help="say nothing that is not an error or a warning")
+    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="folder for all results")
+    p.add_argument("--unit", choices=UNITS, help="unit of a surface's or mesh's numbers [surface: required; mesh: m]. Images contain theirs")
+    p.add_argument("--size", metavar="SIZE", help="edge length of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
+    p.add_argument("--budget", metavar="N", help="image: largest number of tetrahedra [10000]")
+    p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="image: use this label under this name; may be repeated [all]. Names select the materials")
+    p.add_argument("--smooth", metavar="S", help="image: width of the smoothing of voxels' steps, in voxels; less keeps thin labels [1, and less in thin ones]")
+    p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="direction towards the surgeon [image: -y, the front of a patient; else z]")
+    p.add_argument("--no-cut", action="store_true", help="only press: no cautery, and the longer steps of uncuttable tissue")
+    p.add_argument("--video", metavar="WxH", default="960x540", help="size of the video [960x540]")
+    p.add_argument("--no-film", action="store_true", help="draw only a picture")
+    p.add_argument("--again", action="store_true", help="repeat all stages; an edited organ.yaml is kept")
+    p.add_argument("--quiet", action="store_true", help="print warnings and errors only")
     p.add_argument("--version", action="version", version="tm-organ @VERSION@")
     return p.parse_args()
 
@@ -150,7 +150,7 @@ def mesh(a, kind, coarser, w):
         budget = str(max(300, int(coarser * int(a.budget or 10000))))
         words = [x for label in a.label for x in ("--label", label)] + (["--size", size] if size else ["--budget", budget])
         if "  image " not in w.call("tm-mesh", "--list")[0]:
-            raise Stop(f"{a.source}: this tm-mesh reads no images; take one that does (tm-mesh image), or give a surface")
+            raise Stop(f"{a.source}: this tm-mesh has no module for images; build it (make image), or give a surface")
         try:
             for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
                 if "warning:" in line or "all labels are kept" in line:
@@ -201,7 +201,7 @@ def scene(a, up, w):
     odd = sum("warning:" in line for line in words.splitlines())
     for line in words.splitlines():
         w.warn(line)
-    return said + (f"{odd} thing{'s' * (odd != 1)} to look at" if odd else "nothing missing, nothing odd")
+    return said + (f"{odd} warning{'s' * (odd != 1)}" if odd else "no warnings")
 
 
 def rest(up, w):
@@ -213,7 +213,7 @@ def rest(up, w):
     sag, f = json.loads(figures.read_text())["largest_displacement_m"], json.loads(w.path("mesh.json").read_text())
     size = max(h - l for h, l in zip(f["high_m"], f["low_m"]))
     if sag > SAG_MOST * size:
-        w.warn(f"{w.path('organ.yaml')}: warning: under its own weight it sags by {1e3 * sag:.3g} of {1e3 * size:.3g} mm: it hangs by too little; give it more supports")
+        w.warn(f"{w.path('organ.yaml')}: warning: under its own weight it sags by {1e3 * sag:.3g} of {1e3 * size:.3g} mm: its supports are too few; add supports")
     return f"at rest under its weight, sags {1e3 * sag:.3g} mm"
 
 
@@ -240,7 +240,7 @@ def make_heavier(w, step_s, share, own_Hz, Hz):
     path = w.path("organ.yaml")
     most = max(0.2, round(1.5 * share + 0.05, 2))
     what = f"{100 * share:.2g} % of mass is added where tetrahedra are small" + (f", lowest frequency {min(own_Hz):.3g} -> {min(Hz):.3g} Hz" if Hz else "")
-    text = re.sub(r"^time: \{frame_rate: 25 Hz,.*$", lambda m: "# So that half a core of this machine steps it live: %s. At rest nothing changes.\n%s" % (
+    text = re.sub(r"^time: \{frame_rate: 25 Hz,.*$", lambda m: "# so that half a core of this machine steps it in real time: %s. At rest nothing changes.\n%s" % (
         what, re.sub(r"\}.*", ", step: %.4g ms, mass_scaling: yes, mass_scaling_max: %g} # tm-sim --explain says where" % (1e3 * step_s, most), m[0])), path.read_text(), flags=re.M)
     path.write_text(text)
     w.done["written"] = digest(path)
@@ -267,7 +267,7 @@ def lighter(w, f, coarsens):
         if substeps == SUBSTEPS_LEAST:
             break
     if coarsens:
-        raise Coarser(f"{first:.2g} s of a core a second are too much to be felt live, and more mass takes it to {load:.2g} s alone")
+        raise Coarser(f"{first:.2g} s of a core a second are too much for real time, and more mass takes it to {load:.2g} s alone")
     return None
 
 
@@ -280,16 +280,16 @@ def live(w, coarsens):
     if load <= LIVE:
         return f"{load:.2g} s of a core a second"
     if w.yours():
-        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core; it is yours, so nothing is changed: time.step with time.mass_scaling, or a coarser mesh, make it lighter")
+        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core; you have edited it, so it is not changed; add time.step with time.mass_scaling, or use a coarser mesh")
         return f"{load:.2g} s of a core a second, {TOO_MUCH}"
     found = lighter(w, f, coarsens)
     if not found:
-        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core, and neither mass nor a coarser mesh repairs it: it is no scene to be felt live; give softer regions, or fewer tetrahedra")
+        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core, and neither mass scaling nor a coarser mesh suffices for real time; use softer regions, or fewer tetrahedra")
         return f"{load:.2g} s of a core a second, {TOO_MUCH}"
     step_s, share, own_Hz, Hz, after = found
     what = make_heavier(w, step_s, share, own_Hz, Hz)
     if share > 3 * MASS_GOOD:
-        w.warn(f"{scene}: warning: {what}: it swings slower; a coarser mesh or softer regions would need less")
+        w.warn(f"{scene}: warning: {what}: its oscillations are slower; a coarser mesh or softer regions would need less")
     return f"{after:.2g} s of a core a second, was {load:.2g}: {what}"
 
 
@@ -299,9 +299,9 @@ def press(cuts, w):
     f = json.loads(figures.read_text())
     peak, removed, load = f["force_N"]["peak"], f.get("tets_removed", 0), f["busiest_second_s"]
     if not peak > 1e-3:
-        raise Stop(f"{w.path('organ.yaml')}: the hand felt nothing; lead the tip in ('above: -5 mm'), tm-scene check says how far it is", 1)
+        raise Stop(f"{w.path('organ.yaml')}: the hand felt nothing; move the tip deeper ('above: -5 mm'); tm-scene check prints its distance", 1)
     if cuts and not removed:
-        w.warn(f"{w.path('organ.yaml')}: warning: the cautery cut nothing; lead its tip deeper while its pedal is down")
+        w.warn(f"{w.path('organ.yaml')}: warning: the cautery cut nothing; move its tip deeper while its pedal is down")
     return f"peak {peak:.3g} N" + (f", {removed} tetrahedra cut" if cuts else "") + f", {load:.2g} s of a core in the busiest second"
 
 
@@ -352,17 +352,17 @@ def check(a):
         raise Stop(f"{a.source}: {'a folder; name a file' if a.source.is_dir() else 'no such file; name an image, a surface or a mesh'}")
     kind = kind_of(a.source)
     if kind == "surface" and not a.unit:
-        raise Stop(f"{a.source}: a surface does not say its unit; add --unit mm (what scanners and segmentation tools write), or m")
+        raise Stop(f"{a.source}: a surface file has no unit; add --unit mm (usual for scanners and segmentation tools), or m")
     if kind == "image" and a.unit:
-        raise Stop("--unit: an image carries its own; leave it out")
+        raise Stop("--unit: an image contains its unit; leave it out")
     for option, value in (("--budget", a.budget), ("--label", a.label), ("--smooth", a.smooth)):
         if value and kind != "image":
-            raise Stop(f"{option} is for images; leave it out")
+            raise Stop(f"{option} applies only to images; leave it out")
     for label in a.label:
         if any(ord(c) < 32 or ord(c) == 127 for c in label):
-            raise Stop(f"--label {label!r}: a control character in a name; use letters and digits")
+            raise Stop(f"--label {label!r}: the name contains a control character; use letters and digits")
     if a.size and kind == "mesh":
-        raise Stop("--size: these are tetrahedra already; tm-mesh refine makes finer ones")
+        raise Stop("--size: this is a mesh already; leave it out, or refine the mesh by tm-mesh refine")
     if a.out.exists() and not a.out.is_dir():
         raise Stop(f"{a.out}: is a file; name a folder")
     if not a.no_film and not shutil.which("ffmpeg"):
@@ -383,7 +383,7 @@ def main():
         print(f"tm-organ: {error}; check the path and the disk", file=sys.stderr)
         return 2 if isinstance(error, PermissionError) else 1
     except KeyboardInterrupt:
-        print("tm-organ: interrupted; the same command goes on from here", file=sys.stderr)
+        print("tm-organ: interrupted; the same command continues from here", file=sys.stderr)
         return 130
     return 0
 

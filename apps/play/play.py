@@ -14,7 +14,7 @@ from session import Session  # noqa: E402
 def arguments():
     p = argparse.ArgumentParser(description="A window on a live session. Keys are listed in the window (H). What follows -- goes to tm-play.")
     p.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build"))
-    p.add_argument("--out", type=pathlib.Path, help="where the programs' words and figures go [BUILD/play]")
+    p.add_argument("--out", type=pathlib.Path, help="folder for the programs' messages and figures [BUILD/play]")
     p.add_argument("--scene", type=pathlib.Path, default=HERE.parent / "scenes" / "liver-press.yaml")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
     p.add_argument("--record", type=pathlib.Path, metavar="FILE", help="LCM log of the session, for tm-view and lcm-logplayer")
@@ -35,9 +35,9 @@ def check(a):
     if not os.environ.get("DISPLAY") and not os.environ.get("WAYLAND_DISPLAY"):
         refuse("no display (neither DISPLAY nor WAYLAND_DISPLAY is set); run it on a desktop or over ssh -X, or use `make demo`, which needs none")
     if not a.scene.exists():
-        refuse(f"{a.scene}: no such scene; the scenes are in apps/scenes")
+        refuse(f"{a.scene}: this scene does not exist; the scenes are in apps/scenes")
     if a.record and not a.record.resolve().parent.is_dir():
-        refuse(f"{a.record}: its folder is not there; make it, or record elsewhere")
+        refuse(f"{a.record}: its folder does not exist; make it, or record to another folder")
     for program in ("lcm-logger", "ip", "unshare"):
         if not shutil.which(program):
             refuse(f"{program} is not installed; run `make play`, which installs what is missing, or tools/setup.sh build demo")
@@ -56,7 +56,7 @@ def inside(a):
     finally:
         session.end()
     for name in dead:
-        print(f"play: {name} had ended by itself; its words are in {a.out}/{name}.txt", file=sys.stderr)
+        print(f"play: {name} has ended unexpectedly; its messages are in {a.out}/{name}.txt", file=sys.stderr)
     if a.record and code == 0:
         print(f"play: recorded {a.record}; draw it with build/bin/tm-view {a.record} --video session.mp4")
     return code or bool(dead)

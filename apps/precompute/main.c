@@ -15,27 +15,28 @@
 enum { MAX_SETS = 64 };
 
 static const char help[] =
-    "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file "
-    "where tm-sim looks for them\n\n"
-    "  --out FILE            write there instead of the cache\n"
-    "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
-    "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
-    "  --factor NAME         of ranks: each (the default) makes one of its own, or they keep one "
-    "in pieces: distributed (MUMPS)\n"
-    "  --threads N           of each process; default: one for each core\n"
-    "  --memory MB           the most to ask for; default: what the machine has available\n"
-    "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
-    "  --keep                leave a file that holds these very responses as it is\n"
-    "  --json FILE           time, sizes, seconds\n"
-    "  --quiet               no progress, no summary\n"
-    "  -h, --help, --version\n\n"
-    "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
-    "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
-    "ranks, which write them into the one file side by side: the same to the last bit, but with "
-    "--factor distributed, where it is the same\n"
-    "within rounding. Stopped or killed in the middle it leaves the old file, and what it had "
-    "done beside it in FILE.part:\n"
-    "the same command, with any number of ranks, goes on from there.\n"
+    "%s SCENE.yaml [options]: computes the responses of the surface for `model: precomputed` and stores "
+    "them where tm-sim finds them\n"
+    "\n"
+    "  --out FILE            write to this file instead of the cache\n"
+    "  --solver NAME         use cholesky or cg instead of the scene's (precomputed.solver)\n"
+    "  --precision NAME      use double or single instead of the scene's (precomputed.precision)\n"
+    "  --factor NAME         each: every rank computes a factor (default); distributed: ranks share one "
+    "(MUMPS)\n"
+    "  --threads N           threads of each process; default: one for each core\n"
+    "  --memory MB           largest memory to use; default: what is available\n"
+    "  --set PATH=VALUE      override a value of the scene; may be repeated\n"
+    "  --keep                keep a file that already contains these responses\n"
+    "  --json FILE           write times and sizes\n"
+    "  --quiet               print warnings and errors only\n"
+    "  -h, --help, --version\n"
+    "\n"
+    "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 tm-precompute-mpi "
+    "SCENE.yaml` distributes the columns over the\n"
+    "ranks, which write them into one file. The result is bit-identical, with --factor distributed equal "
+    "within rounding. A run that is\n"
+    "stopped or killed leaves the old file, and its own columns in FILE.part: the same command, with any "
+    "number of ranks, continues.\n"
     "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
 
 enum { OUT = 1000, SOLVER, FACTOR, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, QUIET, VERSION, HELP = 'h' };
@@ -116,10 +117,10 @@ static int take_option(choice *o, int option, char **all) {
     case KEEP: o->keep = true; return 0;
     case JSON: o->json = optarg; return 0;
     case 1:
-        if (o->scene) return usage("a second scene '%s'; give one", optarg);
+        if (o->scene) return usage("'%s' is a second scene; give one", optarg);
         o->scene = optarg;
         return 0;
-    default: return usage("unknown option or missing argument '%s'; --help lists them", all[optind - 1]);
+    default: return usage("unknown option, or its value is missing: '%s'; --help lists them", all[optind - 1]);
     }
 }
 
@@ -138,7 +139,7 @@ static int parse(choice *o, int count, char **all) {
         const int rc = take_option(o, option, all);
         if (rc) return rc;
     }
-    if (!o->scene) return usage("no scene%s; give one, or --help", "");
+    if (!o->scene) return usage("the scene is missing%s; give one, or --help", "");
     return 0;
 }
 
@@ -188,7 +189,7 @@ static int report(const choice *o, const tm_solve_ranks *team, const tm_solve_re
                r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds,
                (double)r->factor_bytes * 1e-6);
     if (r->columns_found && !app_is_quiet())
-        printf("%d of them were done before, by a run that did not come to its end\n", r->columns_found);
+        printf("%d of them were computed by an earlier run that did not finish\n", r->columns_found);
     tell_ranks(team, r->factor_bytes, cJSON_AddArrayToObject(j, "ranks"));
     return app_file_end_json(json, j);
 }
@@ -212,7 +213,7 @@ static int compute(sim *s, const choice *o, const tm_solve_ranks *team, app_file
     sim_solve_set(s, options, "precomputed", path,
                   &(sim_solve_members){&def.problem, &def.precision, &def.max_contact_vertices, &def.file});
     if (o->out) def.file = o->out;
-    if (!def.file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
+    if (!def.file) rc = usage("the scene has no cache (precomputed.cache)%s; add --out FILE", "");
     const bool first = !team || team->rank == 0;
     def.problem.threads = o->threads;
     def.problem.memory_limit_bytes = o->memory_bytes;
@@ -220,7 +221,7 @@ static int compute(sim *s, const choice *o, const tm_solve_ranks *team, app_file
     def.ranks = team;
     def.resume = true;
     const bool alone = !team || team->count == 1;
-    if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
+    if (!rc && o->keep && !alone) rc = usage("--keep%s works only with one process; leave it out under mpirun", "");
     const tm_status status = rc        ? TM_OK
                              : o->keep ? api.tm_model_precomputed_(&s->def.model, &def, &s->model, &r, &error)
                                        : api.tm_model_precompute_(&s->def.model, &def, &r, &error);

@@ -51,10 +51,10 @@ static void check_size(review *r) {
     const int line = scene->scale.line ? scene->scale.line : app_mesh_line(scene);
     const double size = size_m(r->s->mesh);
     if (size > 1)
-        odd(r, line, "an organ of %.3g m; if the mesh is in millimetres, write tissue.scale: %g", size,
+        odd(r, line, "the organ has %.3g m; if the mesh is in millimetres, write tissue.scale: %g", size,
             1e-3 * scene->scale.si);
     else if (size < 5e-3)
-        odd(r, line, "an organ of %.3g mm; look at tissue.scale (metres per unit of the mesh)", 1e3 * size);
+        odd(r, line, "the organ has %.3g mm; check tissue.scale (metres per unit of the mesh)", 1e3 * size);
 }
 
 /* Returns the scene's entry with the constants of a region. */
@@ -85,24 +85,26 @@ static void check_region(review *r, int32_t region) {
     const int line = entry ? entry->region.line : r->s->scene->material.line;
     const bool held = r->held[region], known = t && t->role != TISSUE_BONE;
     if (known && young > 10 * t->young_Pa)
-        odd(r, line, "region '%s': %.3g kPa is a stone-hard %s; published: %.3g kPa (%s). Is the unit right?", name,
+        odd(r, line, "region '%s': %.3g kPa is far too stiff for %s (published: %.3g kPa, %s); check the unit", name,
             young / 1e3, t->name, t->young_Pa / 1e3, t->source);
     else if (known && young < 0.1 * t->young_Pa)
-        odd(r, line, "region '%s': %.3g kPa is a liquid %s; published: %.3g kPa (%s). Is the unit right?", name,
+        odd(r, line, "region '%s': %.3g kPa is far too soft for %s (published: %.3g kPa, %s); check the unit", name,
             young / 1e3, t->name, t->young_Pa / 1e3, t->source);
     else if (!known && !held && young > 1e6)
         odd(r, line,
-            "region '%s': %.3g MPa is stiffer than soft tissue and sets the step for all; hold it (supports: group: %s) and give it some 50 kPa",
+            "region '%s': %.3g MPa is stiffer than soft tissue and sets the time step; support it (supports: group: %s) and give it about 50 kPa",
             name, young / 1e6, name);
     if (poisson > 0.491 && !sim_has(r->s, "strain_smoothing"))
         odd(r, line,
-            "region '%s': at Poisson's ratio %.4g tetrahedra lock and feel too stiff; add 'strain_smoothing:', or take 0.45",
+            "region '%s': at Poisson's ratio %.4g tetrahedra lock and are too stiff; add 'strain_smoothing:', or write 0.45",
             name, poisson);
     else if (poisson < 0.3 && !held)
-        odd(r, line, "region '%s': Poisson's ratio %.3g gives way like a sponge; tissue has 0.45 to 0.49", name,
+        odd(r, line,
+            "region '%s': Poisson's ratio %.3g makes it compressible like a sponge; give 0.45 to 0.49 for tissue", name,
             poisson);
     if ((m->density_kg_m3 < 200 || m->density_kg_m3 > 2500))
-        odd(r, line, "region '%s': %g kg/m3 is the density of no tissue; fat has 911, liver 1079, bone 1908", name,
+        odd(r, line,
+            "region '%s': no tissue has a density of %g kg/m3; give a value like fat 911, liver 1079, bone 1908", name,
             m->density_kg_m3);
 }
 
@@ -122,10 +124,10 @@ static void check_supports(review *r) {
     }
     if (!held)
         odd(r, s->scene->support.line,
-            "nothing holds the organ: a push sends it away; add 'supports:' (tm-scene new proposes some)");
+            "the organ has no supports and moves away when it is pushed; add 'supports:' (tm-scene new proposes some)");
     else if (soft_held > soft / 2)
         odd(r, s->scene->support.line,
-            "%.0f %% of the vertices of regions that can move are held: little is left to move; make the selectors narrower",
+            "%.0f %% of the vertices of movable regions are fixed; make the selectors narrower",
             100.0 * soft_held / soft);
     if (held && parent && hangs) {
         for (int32_t v = 0; v < m->vertex_count; v++) parent[v] = v;
@@ -135,8 +137,8 @@ static void check_supports(review *r) {
             if (parent[v] == v) pieces++, loose += !hangs[v];
         if (loose)
             odd(r, s->scene->support.line,
-                "%d of the mesh's %d pieces %s held by nothing and will drift; hold each, or mesh them as one", loose,
-                pieces, loose == 1 ? "is" : "are");
+                "%d of the mesh's %d connected pieces %s without support and will drift; support each, or mesh them as one",
+                loose, pieces, loose == 1 ? "is" : "are");
     }
     free(parent);
     free(hangs);
@@ -186,41 +188,38 @@ static void check_depth(review *r, int i) {
             worst = depth / thickness, worst_m = depth, of_m = thickness;
     if (worst > deep)
         odd(r, s->scene->hand.line,
-            "the hand of instrument %d presses %.3g mm into %.3g mm of linear tissue, far outside its range; press less, or add 'rotation:' or a nonlinear 'law:'",
+            "the hand of instrument %d presses %.3g mm into %.3g mm of linear tissue, which is far outside its range; press less, or add 'rotation:' or a nonlinear 'law:'",
             i, 1e3 * worst_m, 1e3 * of_m);
 }
 
 static void check_hands(review *r) {
     const sim *s = r->s;
     const app_instrument *all = s->scene->instrument.item;
-    if (!s->instrument_count)
-        odd(r, 0, "no instruments: nothing touches the tissue; add 'instruments:' (tm-scene new proposes one)");
+    if (!s->instrument_count) odd(r, 0, "the scene has no instruments; add 'instruments:' (tm-scene new proposes one)");
     for (int i = 0; i < s->instrument_count; i++) {
         if (sim_is_inside(s->mesh, all[i].trocar.v))
             odd(r, all[i].trocar.line,
-                "the trocar of instrument %d lies inside the tissue; it is a hole in a wall outside: move it away", i);
+                "the trocar of instrument %d is inside the tissue; move it outside, into the body wall", i);
         if (!s->hand[i].key_count) {
-            odd(r, all[i].here.line,
-                "nobody moves instrument %d: it stays where it starts unless a device is there; add 'hand:'", i);
+            odd(r, all[i].here.line, "instrument %d does not move: no 'hand:' and no device; add one", i);
             continue;
         }
         const double gap_m = sim_has(s, "contact") ? nearest_way_m(s, i) : 0;
         if (gap_m > 0)
             odd(r, s->scene->hand.line,
-                "the hand of instrument %d comes no nearer than %.3g mm to the tissue; lead it in ('above: -3 mm')", i,
+                "the hand of instrument %d stays at least %.3g mm from the tissue; move it nearer ('above: -3 mm')", i,
                 1e3 * gap_m);
         if (sim_has(s, "contact")) check_depth(r, i);
         const double end_s = s->hand[i].key[s->hand[i].key_count - 1].time_s;
         if (s->scene->duration.si < 0.9 * end_s)
             odd(r, s->scene->duration.line,
-                "the run ends at %g s, the hand of instrument %d at %g s; write time.duration: %g s",
+                "the run ends at %g s, before the hand of instrument %d at %g s; write time.duration: %g s",
                 s->scene->duration.si, i, end_s, end_s);
     }
-    if (!sim_has(s, "haptics"))
-        odd(r, 0, "no 'haptics:': the forces are computed and nobody feels them; add it for a device");
-    if (!sim_has(s, "rendering")) odd(r, 0, "no 'rendering:': a session or a log of it has no pictures; add it");
+    if (!sim_has(s, "haptics")) odd(r, 0, "no 'haptics:': forces reach no device; add it");
+    if (!sim_has(s, "rendering")) odd(r, 0, "no 'rendering:': sessions and logs have no pictures; add it");
     if (!sim_has(s, "damping") && !sim_has(s, "viscosity"))
-        odd(r, 0, "no 'damping:': what was touched swings for long; add 'damping: {rate: 40 /s}'");
+        odd(r, 0, "no 'damping:': touched tissue oscillates for a long time; add 'damping: {rate: 40 /s}'");
 }
 
 /* Reports the region that requires the most substeps, and whether one tetrahedron or all of them cause it. */
@@ -244,13 +243,13 @@ static void check_timing(review *r) {
         if (isfinite(others) && worst_s < 0.4 * others) {
             const app_material *entry = entry_of(s->scene, s->file.region_name[g]);
             odd(r, entry ? entry->region.line : 0,
-                "region '%s' alone makes a frame take %d substeps, about %d too many: the others need %.1f times fewer; make it softer (or hold it), or mesh it coarser",
+                "region '%s' makes a frame take %d substeps, about %d too many: the others need %.1f times fewer; make it softer, support it, or mesh it coarser",
                 s->file.region_name[g], s->substeps, (int)(s->substeps * (1 - worst_s / others)), others / worst_s);
         }
         num_sort(step, n);
         if (worst_s < 0.2 * step[n / 100])
             odd(r, app_mesh_line(s->scene),
-                "tetrahedron %lld alone sets the step: %.1f times shorter than what 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
+                "tetrahedron %lld makes the step %.1f times shorter than 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
                 (long long)s->file.tet_tag[worst], step[n / 100] / worst_s,
                 (int)(s->substeps * (1 - worst_s / step[n / 100])));
     }
@@ -290,12 +289,11 @@ int check_scene(const char *path, bool strict) {
     const double share = frame_share(r.s);
     if (share > 0.9)
         odd(&r, r.s->scene->time.line,
-            "a frame takes %.2g times the time that it has on this machine, here and now: %d tetrahedra, %d substeps; mesh it coarser, or take model: precomputed",
+            "a frame takes %.2g times its real time on this machine now: %d tetrahedra, %d substeps; mesh it coarser, or write model: precomputed",
             share, r.s->mesh->tet_count, r.s->substeps);
     if (!app_is_quiet() || r.odd)
         printf("%s: %d tetrahedra, %.3g mm, %d substeps a frame, %.2g of its time; %s\n", path, r.s->mesh->tet_count,
-               1e3 * size_m(r.s->mesh), r.s->substeps, share,
-               r.odd ? "look at what is above" : "nothing missing, nothing odd");
+               1e3 * size_m(r.s->mesh), r.s->substeps, share, r.odd ? "see the warnings above" : "no warnings");
     free(r.held);
     sim_destroy(r.s);
     return r.odd && strict ? APP_BAD_INPUT : 0;

@@ -10,19 +10,23 @@
 #include "organ.h"
 
 static const char help[] =
-    "usage: tm-scene new [options] ORGAN.msh     writes ORGAN.yaml: a commented scene that runs as it is\n"
-    "       tm-scene check [--strict] SCENE.yaml says what is missing, what is odd, and what to do\n"
-    "       tm-scene tissues                     the table of constants that new takes, with their sources\n\n"
-    "new takes materials by the names of the mesh's regions, holds bone, vessels where they leave the organ, flat or low\n"
-    "sides, and has a probe come from above and press; the scene says why.\n"
-    "  -o, --out SCENE   where to write it [the mesh's name with .yaml]\n"
-    "  --unit UNIT       of the mesh's numbers: m, cm, mm, um [m]\n"
-    "  --up AXIS         where the surgeon is: x y z -x -y -z [z; -y is the front of a patient in DICOM's axes]\n"
-    "  --title TEXT      [the mesh's name]\n"
-    "  --cut             a cautery comes beside it when it goes, and cuts\n"
-    "  --force           replace a scene that is there\n"
-    "check: --strict     what is odd is an error, exit 2\n"
-    "  --quiet           nothing is said where all is well\n"
+    "usage: tm-scene new [options] ORGAN.msh     writes ORGAN.yaml: a commented scene that can be run\n"
+    "       tm-scene check [--strict] SCENE.yaml reports what is missing or unusual, and what to do\n"
+    "       tm-scene tissues                     prints the table of constants that `new` uses, with "
+    "sources\n"
+    "\n"
+    "`new` chooses materials by the names of the mesh's regions; supports bone, vessels at the surface, "
+    "flat or low sides;\n"
+    "and lets a probe press from above. Comments in the scene give the reasons.\n"
+    "  -o, --out SCENE   file to write [the mesh's name with .yaml]\n"
+    "  --unit UNIT       unit of the mesh's numbers: m, cm, mm, um [m]\n"
+    "  --up AXIS         direction towards the surgeon: x y z -x -y -z [z; -y is a patient's front in "
+    "DICOM's axes]\n"
+    "  --title TEXT      title of the scene [the mesh's name]\n"
+    "  --cut             add a cautery that cuts after the probe has left\n"
+    "  --force           replace an existing scene\n"
+    "check: --strict     turn warnings into errors, exit 2\n"
+    "  --quiet           print warnings and errors only\n"
     "  -h, --help, --version\n";
 
 typedef struct options {
@@ -47,13 +51,13 @@ static int take_unit(const char *text, double *scale) {
             *scale = units[i].m;
             return 0;
         }
-    return app_bad_input("tm-scene", 0, "--unit %s: not a unit of meshes; use m, cm, mm or um", text);
+    return app_bad_input("tm-scene", 0, "--unit %s: this is not a unit of meshes; use m, cm, mm or um", text);
 }
 
 static int take_up(const char *text, const char **up) {
     const char *axis = text + (*text == '-');
     if (strlen(axis) != 1 || !strchr("xyz", *axis))
-        return app_bad_input("tm-scene", 0, "--up %s: not an axis; use x, y, z, -x, -y or -z", text);
+        return app_bad_input("tm-scene", 0, "--up %s: this is not an axis; use x, y, z, -x, -y or -z", text);
     *up = text;
     return 0;
 }
@@ -138,7 +142,7 @@ static int make_new(const options *o) {
     if (o->title) snprintf(title, sizeof title, "%s", o->title);
     int rc = app_output_check(path);
     if (!rc && !o->force && strcmp(path, "-") != 0 && access(path, F_OK) == 0)
-        rc = app_bad_input(path, 0, "is there already; name another with -o, or add --force");
+        rc = app_bad_input(path, 0, "exists already; give another name with -o, or add --force");
     if (rc) return rc;
     rc = organ_load(o->file, o->scale, o->up, title, o->cut, &made);
     if (!rc && !organ_find_supports(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
@@ -146,17 +150,17 @@ static int make_new(const options *o) {
     if (!rc && !organ_find_trocar(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
     if (!rc && o->cut && !organ_find_cut(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
     if (!rc && o->cut && !made.cut)
-        rc = app_bad_input(o->file, 0, "no room beside the press for a cut; leave --cut out, and write one by hand");
+        rc = app_bad_input(
+            o->file, 0, "there is no space for a cut next to the press; leave --cut out, and write the cut yourself");
     if (!rc) rc = write_scene(&made, o, path, title);
     for (int32_t r = 0; !rc && r < made.file.region_count; r++)
         if (!made.known[r])
             fprintf(
                 stderr,
-                "tm-scene: warning: region '%s' is called like no tissue of the table; its constants are a guess: put your own\n",
+                "tm-scene: warning: the name of region '%s' is not in the table of tissues, so its constants are a guess; write your own\n",
                 made.file.region_name[r]);
     if (!rc && !made.hangs)
-        fprintf(stderr,
-                "tm-scene: warning: it hangs by too little, %d supports were not enough; hold it by more of it\n",
+        fprintf(stderr, "tm-scene: warning: %d supports do not hold the organ firmly enough; support more vertices\n",
                 made.supports);
     if (!rc)
         app_remark("%s: %d tetrahedra, %d region%s, %d support%s, %d substeps a frame; tm-scene check %s", path,
@@ -189,11 +193,14 @@ int main(int argc, char **argv) {
     const bool named = *command && *command != '-';
     int rc = parse(argc - named, argv + named, &o);
     if (rc || o.finished) return rc;
-    if (!named) return app_bad_input("tm-scene", 0, "no command; use new, check or tissues, or tm-scene --help");
+    if (!named)
+        return app_bad_input("tm-scene", 0, "the command is missing; use new, check or tissues, or tm-scene --help");
     if (strcmp(command, "tissues") == 0) return list_tissues();
     const bool is_new = strcmp(command, "new") == 0;
     if (!is_new && strcmp(command, "check") != 0)
         return app_bad_input("tm-scene", 0, "unknown command '%s'; use new, check or tissues", command);
-    if (!o.file) return app_bad_input("tm-scene", 0, "%s what? name one %s", command, is_new ? "mesh" : "scene");
+    if (!o.file)
+        return app_bad_input("tm-scene", 0, "the file for '%s' is missing; name one %s", command,
+                             is_new ? "mesh" : "scene");
     return app_ended("tm-scene", is_new ? make_new(&o) : check_scene(o.file, o.strict));
 }

@@ -28,21 +28,21 @@ def seconds(text):
     try:
         return float(number) * UNITS[unit]
     except (KeyError, ValueError):
-        return refuse(f"--duration {text}: a time is wanted: 10 s, 2 min, 500 ms")
+        return refuse(f"--duration {text}: this is not a time; write 10 s, 2 min, 500 ms")
 
 
 def arguments():
     p = argparse.ArgumentParser(prog="tm-session", description=__doc__ + " Ctrl-C ends all of them.",
                                 epilog="Scenes that come with the programs are found by their names alone: tm-session liver-press. `tm-sim --list` lists them.")
     p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="a scene file, or the name of one that comes with the programs")
-    p.add_argument("--play", action="store_true", help="a window whose mouse and keys are the hands; without it the scene's script is")
-    p.add_argument("--video", type=pathlib.Path, metavar="FILE.mp4", help="tm-view draws the session; give --duration too")
-    p.add_argument("--record", type=pathlib.Path, metavar="FILE.lcm", help="every message, as an LCM log")
+    p.add_argument("--play", action="store_true", help="open a window in which mouse and keys move the hands; without it the scene's script does")
+    p.add_argument("--video", type=pathlib.Path, metavar="FILE.mp4", help="draw the session as a video by tm-view; needs --duration")
+    p.add_argument("--record", type=pathlib.Path, metavar="FILE.lcm", help="write every message to an LCM log")
     p.add_argument("--duration", type=seconds, metavar="TIME", help="10 s, 2 min; a bare number is seconds [until Ctrl-C, or until the window is closed]")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
-    p.add_argument("--out", type=pathlib.Path, metavar="FOLDER", help="what the programs say, and their figures [kept where one failed]")
-    p.add_argument("--no-namespace", action="store_true", help="in this machine's own network (ttl=0: nothing leaves it)")
-    p.add_argument("--quiet", action="store_true", help="say nothing that is not an error")
+    p.add_argument("--out", type=pathlib.Path, metavar="FOLDER", help="folder for the programs' messages and figures [kept if a program fails]")
+    p.add_argument("--no-namespace", action="store_true", help="run in this machine's network (ttl=0: nothing leaves it)")
+    p.add_argument("--quiet", action="store_true", help="print errors only")
     p.add_argument("--version", action="version", version="tm-session @VERSION@")
     p.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     if any(a.split("=")[0] == "--film" for a in sys.argv[1:]):
@@ -60,7 +60,7 @@ def find(scene):
     for path in here:
         if path.is_file():
             return path.resolve()
-    return refuse(f"{scene}: no such scene; give a file, or a name that `tm-sim --list` shows")
+    return refuse(f"{scene}: this scene does not exist; give a file, or a name that `tm-sim --list` shows")
 
 
 def check(a):
@@ -71,9 +71,9 @@ def check(a):
             refuse(f"{program} is not installed; apt-get install {'liblcm-bin' if program == 'lcm-logger' else 'util-linux iproute2'}")
     for option, path in (("--video", a.video), ("--record", a.record)):
         if path and not path.resolve().parent.is_dir():
-            refuse(f"{option} {path}: its folder is not there; make it, or name another")
+            refuse(f"{option} {path}: its folder does not exist; make it, or give another")
     if a.video and not a.duration:
-        refuse("--video draws until the session ends; say how long with --duration")
+        refuse("--video needs the length of the session; give --duration")
     if a.duration is not None and not 0 < a.duration < 1e6:
         refuse(f"--duration {a.duration:g}: give a time above 0, as 10 s or 2 min")
     if a.play and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
@@ -120,7 +120,7 @@ def outside(a, folder):
     if a.play:
         command = [sys.executable, PARTS / "display.py", *command]
     if not a.quiet:
-        print(f"tm-session: {a.scene.name}, {'for %g s' % a.duration if a.duration else 'until the window is closed' if a.play else 'until Ctrl-C'}; to look on:\n"
+        print(f"tm-session: {a.scene.name}, {'for %g s' % a.duration if a.duration else 'until the window is closed' if a.play else 'until Ctrl-C'}; to watch its messages:\n"
               f"  {PARTS}/netns.sh join {pidfile} lcm-logger", flush=True)
     child = subprocess.Popen([str(c) for c in command], start_new_session=True)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -144,7 +144,7 @@ def main():
     if not a.out and code in (0, 130):
         shutil.rmtree(folder, ignore_errors=True)
     elif not a.quiet or code:
-        print(f"tm-session: words and figures of the programs are in {folder}", file=sys.stderr if code else sys.stdout)
+        print(f"tm-session: messages and figures of the programs are in {folder}", file=sys.stderr if code else sys.stdout)
     return code
 
 

@@ -17,15 +17,15 @@ static tm_status warn_age(const sim *s, const sim_haptics *haptics, const hrt_pa
     if (most < 0)
         return app_scene_warn(
             s->scene, line,
-            "force samples of %.3g ms: a force is up to %.3g ms old before the next comes, and the controller "
-            "fades what is older than %.3g ms: the hand feels little or nothing; raise "
-            "haptics.rate",
+            "at a sample period of %.3g ms a force is up to %.3g ms old, and the controller ramps down forces "
+            "older than %.3g ms, so the hand feels little or nothing; raise haptics.rate",
             1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s);
-    return app_scene_warn(s->scene, line,
-                          "haptics.latency = %.3g samples of %.3g ms: a force is up to %.3g ms old before the next "
-                          "comes, and the controller fades what is older than %.3g ms: the hand feels little or "
-                          "nothing; give %.2g at most, or raise haptics.rate",
-                          haptics->latency.si, 1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
+    return app_scene_warn(
+        s->scene, line,
+        "haptics.latency = %.3g samples of %.3g ms: a force is up to %.3g ms old, and the controller ramps "
+        "down forces older than %.3g ms, so the hand feels little or nothing; give %.2g at most, or raise "
+        "haptics.rate",
+        haptics->latency.si, 1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
 }
 
 /* Returns the instrument's own profile, else the common one, else null. */
@@ -41,10 +41,11 @@ static tm_status check_device(const sim *s, int i, const sim_haptics *haptics, c
     if (!hrt_bus_carries(s->axes[i].device, why, sizeof why))
         return app_scene_bad(s->scene, line, "instrument %d: %s, or leave out haptics", i, why);
     if (profile_of(haptics, scene) != &haptics->profile || sim_same_devices(s)) return 0;
-    return app_scene_bad(s->scene, haptics->profile.line,
-                         "haptics.profile is for instruments of one device, and these have a %s and a %s; give each "
-                         "its own: instruments: - profile: FILE",
-                         s->axes[0].device->name, s->axes[1].device->name);
+    return app_scene_bad(
+        s->scene, haptics->profile.line,
+        "haptics.profile applies to one type of device, and the instruments have a %s and a %s; give each "
+        "its own: instruments: - profile: FILE",
+        s->axes[0].device->name, s->axes[1].device->name);
 }
 
 static int set_up(sim_control_loops *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {

@@ -29,7 +29,7 @@ typedef struct row {
     bool timed, in_step; /* timed, but not in the step: runs between frames, its time divided by the steps */
 } row;
 
-static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "between"};
+static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "on demand"};
 
 /* Returns the bytes of the scene's tissue without some features; -1 if it cannot be built. */
 static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume) {
@@ -173,7 +173,7 @@ static void explain_fade(const sim *s, cJSON *json) {
     if (!(fade_s > 0)) return;
     char where[300];
     app_scene_where(s->scene, sim_effect_line(s->scene, sim_effect_find(s->scene, "cut")), where, sizeof where);
-    printf("cut.fade: what is felt on tetrahedra that go fades within %.4g ms (%s)\n\n", 1e3 * fade_s, where);
+    printf("cut.fade: the force from a removed tetrahedron falls to 0 within %.4g ms (%s)\n\n", 1e3 * fade_s, where);
 }
 
 static void explain_bodies(const sim *s) {
@@ -194,14 +194,14 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
            scaled ? (long long)s->scene->mass_scaling.line : (long long)s->file.tet_tag[s->model->timing.critical_tet]);
     const int32_t threads = s->model->world ? tm_world_partitions(s->model->world) : 1;
     if (s->scene->threads.line)
-        printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,
-               threads < s->scene->threads.value ? "; the tissue is worth no more" : "");
+        printf("threads: %d of %lld requested%s\n\n", threads, (long long)s->scene->threads.value,
+               threads < s->scene->threads.value ? "; the tissue is too small for more" : "");
     cJSON_AddNumberToObject(json, "threads", threads);
     explain_stream(s, json);
     explain_numbering(s, json);
     explain_mass(s, json);
     explain_fade(s, json);
-    printf("%-18s %-10s %-8s %12s %10s %7s %s asked for by\n", "stage", "phase", "threads", "bytes", "us/step", "share",
+    printf("%-18s %-10s %-8s %12s %10s %7s %s requested by\n", "stage", "phase", "threads", "bytes", "us/step", "share",
            x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; i++) {
@@ -229,7 +229,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
                    (long long)rows[i].bytes, "-", "-", expected, rows[i].asked);
     }
     double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;
-    printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:",
+    printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nnot in the scene, without cost:",
            total_us, real);
     cJSON_AddNumberToObject(json, "us_per_step", total_us);
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", real);
@@ -251,9 +251,9 @@ static void print_expected(const sim_expected *x, cJSON *json) {
     cJSON_AddStringToObject(out, "study", x->file);
     cJSON_AddNumberToObject(out, "force", x->error);
     if (isfinite(x->uncertainty)) cJSON_AddNumberToObject(out, "uncertainty", x->uncertainty);
-    printf("expected error, of the force at the hand, by %s: of the mesh that of the scene as it is", x->file);
-    if (isfinite(x->uncertainty)) printf(" (its truth is uncertain by %.2g %%)", 100 * x->uncertainty);
-    puts("; of an effect what leaving it out changes; of haptics what its extrapolator errs between frames");
+    printf("expected error of the force at the hand, by %s. Mesh: error of the present scene", x->file);
+    if (isfinite(x->uncertainty)) printf(" (the reference solution is uncertain by %.2g %%)", 100 * x->uncertainty);
+    puts("; effect: change if it is left out; haptics: error of the extrapolator between frames");
     const double mass = sim_expected_mass(x);
     if (!isfinite(mass)) return;
     printf("mass scaling changes the force by %.3g %%\n", 100 * mass);

@@ -43,14 +43,13 @@ static void frequencies(const sim *s, cJSON *json) {
     uint8_t *fixed = calloc(3, (size_t)s->mesh->vertex_count);
     for (int32_t i = 0; fixed && i < s->fixed_count; i++) fixed[s->fixed_dof[i]] = 1;
     if (fixed && !tm_mass_scaling_frequencies(s->model->tissue, fixed, own, scaled, &error)) {
-        printf(
-            "  lowest frequencies, along x, y, z: %.3g, %.3g, %.3g Hz; without it %.3g, %.3g, %.3g Hz (estimates: the "
-            "shapes in which it sags)\n",
-            scaled[0], scaled[1], scaled[2], own[0], own[1], own[2]);
+        printf("  lowest frequencies, along x, y, z: %.3g, %.3g, %.3g Hz; without it %.3g, %.3g, %.3g Hz (estimates "
+               "from the shapes under its own weight)\n",
+               scaled[0], scaled[1], scaled[2], own[0], own[1], own[2]);
         cJSON_AddItemToObject(json, "frequency_Hz", cJSON_CreateDoubleArray(scaled, 3));
         cJSON_AddItemToObject(json, "own_frequency_Hz", cJSON_CreateDoubleArray(own, 3));
     } else
-        puts("  lowest frequencies: none, as the supports leave it free to move");
+        puts("  lowest frequencies: none, because the supports leave it free to move");
     free(fixed);
 }
 
@@ -71,8 +70,9 @@ static void slivers(const sim *s, cJSON *json) {
     if (step) num_sort(step, n);
     if (n && least < SLIVER * step[n / 2]) {
         const long long tag = (long long)s->file.tet_tag[worst];
-        printf("cut: each tetrahedron must bear the step alone; %lld bears %.2g of the median's (tm-mesh info). A mesh "
-               "without slivers, or time.mass_scaling, makes the step longer\n\n",
+        printf("cut: the step must be stable for each tetrahedron by itself; that of %lld is %.2g of the median "
+               "(tm-mesh info). A mesh without slivers, or time.mass_scaling, makes the step longer\n"
+               "\n",
                tag, least / step[n / 2]);
         cJSON *out = cJSON_AddObjectToObject(json, "slivers");
         cJSON_AddNumberToObject(out, "tetrahedron", (double)tag);

@@ -13,11 +13,13 @@ void explain_numbering(const sim *s, cJSON *json) {
     char where[300];
     app_scene_where(s->scene, app_mesh_line(s->scene), where, sizeof where);
     if (s->mesh->original_vertex)
-        printf("%s: the mesh's numbers jump: the two vertices of an edge are %.0f apart on average; renumbered inside, "
-               "they are %.0f apart\n\n",
+        printf("%s: large bandwidth: the numbers of an edge's two vertices differ by %.0f on average; renumbered "
+               "internally, by %.0f\n"
+               "\n",
                where, f.distance, f.renumbered);
     else if (f.should_renumber)
-        printf("%s: the mesh's numbers jump: the two vertices of an edge are %.0f apart on average; without "
-               "tissue.renumber: no it would be %.0f, and steps quicker\n\n",
+        printf("%s: large bandwidth: the numbers of an edge's two vertices differ by %.0f on average; without "
+               "tissue.renumber: no it would be %.0f, and steps faster\n"
+               "\n",
                where, f.distance, f.renumbered);
 }

@@ -283,9 +283,9 @@ static int begin(lockstep *l, const char *log) {
     if (!rc && l->haptics && !l->queue) rc = APP_FAILED;
     if (!rc) rc = sim_publisher_open(&l->publisher, s, &way);
     if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
-        rc = app_exit_code(app_scene_bad(s->scene, l->haptics->here.line,
-                                         "a snapshot holds the simulation, not its controllers; add --unset haptics, "
-                                         "so that instruments follow the hand"));
+        rc = app_exit_code(app_scene_bad(
+            s->scene, l->haptics->here.line,
+            "a snapshot does not contain controllers; add --unset haptics, so that instruments follow the hand"));
     if (!rc && l->o->restore) rc = app_exit_code(sim_snapshot_restore(s, l->o->restore));
     if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;

@@ -11,51 +11,54 @@
 #include "stream.h"
 
 static const char help[] =
-    "tm-sim SCENE.yaml MODE [options]: soft tissue in frames of 25 to 30 a second\n"
+    "tm-sim SCENE.yaml MODE [options]: simulates soft tissue at 25 to 30 frames a second\n"
     "\n"
     "Modes\n"
-    "  --lockstep            virtual clock; simulation, controller and virtual device in one process; the same bits "
-    "every time\n"
-    "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the "
-    "scene asks for them\n"
-    "  --settle TOL          solve to rest, to this relative residual; with --write\n"
-    "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left "
-    "out\n"
-    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings "
-    "to PREFIX.json\n"
+    "  --lockstep            run on a virtual clock: simulation, controller and virtual device in one "
+    "process, bit-identical\n"
+    "  --realtime            run on the wall clock: receive TOOL_i, send FORCE_i PATCH_i TISSUE CUT "
+    "SIM_STATUS over LCM\n"
+    "  --settle TOL          solve for equilibrium to this relative residual; with --write\n"
+    "  --explain             list the step's stages: scene line, memory, time; and the effects that are "
+    "not in the scene\n"
+    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for "
+    "tm-device, its settings to PREFIX.json\n"
     "  --trials FILE         answer requests of programs that fit, a line of JSON each, on stdout (docs/fitting.md)\n"
-    "  --check               read and build the scene, no more\n"
-    "  --list                scenes that come with the programs, models, effects\n"
-    "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
+    "  --check               only read and build the scene\n"
+    "  --list                list installed scenes, models, effects\n"
+    "  --schema markdown     print every key of a scene (docs/scene-reference.md)\n"
     "\n"
     "Options\n"
-    "  --set PATH=VALUE      put this value over the scene's (--set time.frame_rate=50); as often as wanted\n"
+    "  --set PATH=VALUE      override a value of the scene (--set time.frame_rate=50); may be repeated\n"
     "  --unset PATH          leave this key of the scene out (--unset gravity)\n"
-    "  --force plain|best    form of the force loop (--set tissue.force=...); plain has the same bits on every "
-    "machine\n"
-    "  --duration TIME       how long, '5 s'; instead of the scene's\n"
-    "  --frames N            how many frames, instead\n"
-    "  --record FILE         LCM log of every message, lockstep sessions too (--set recording.file=...)\n"
-    "  --csv FILE            one row a controller tick: tool, force, sample (a frame, in scenes without haptics)\n"
-    "  --samples FILE        one row a frame and instrument: the force sample as it was sent\n"
-    "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
-    "  --paraview FOLDER     a time series for ParaView, FOLDER/run.pvd and a .vtu a frame, before the first and after each\n"
-    "  --paraview-every N    after one frame in so many [1]\n"
-    "  --json FILE           figures of the run\n"
+    "  --force plain|best    choose the form of the force loop (tissue.force); plain is bit-identical on "
+    "all machines\n"
+    "  --duration TIME       simulate this time, '5 s', instead of the scene's\n"
+    "  --frames N            simulate this number of frames instead\n"
+    "  --record FILE         write every message to an LCM log, also in lockstep (recording.file)\n"
+    "  --csv FILE            write a row a controller tick: tool, force, sample (a row a frame without "
+    "haptics)\n"
+    "  --samples FILE        write a row a frame and instrument: the force sample as sent\n"
+    "  --write FILE          with --settle: write displacements and reactions, .vtk or .csv\n"
+    "  --paraview FOLDER     write a time series for ParaView, FOLDER/run.pvd and a .vtu a frame, with "
+    "the first state\n"
+    "  --paraview-every N    write only every N-th frame [1]\n"
+    "  --json FILE           write figures of the run\n"
     "  --lcm-url URL         LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
-    "  --key FILE            shared with haptic-rt: messages are sealed with it, and only sealed ones are taken "
-    "(docs/trust.md)\n"
-    "  --no-key              take anybody's, though the URL lets messages come from other machines\n"
-    "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes without haptics)\n"
-    "  --restore FILE        go on from a saved state\n"
-    "  --strict              a warning about the scene is an error\n"
-    "  --quiet               no progress, no remarks: results, warnings and errors alone\n"
+    "  --key FILE            authenticate messages by this key, shared with haptic-rt, and accept no "
+    "others (docs/trust.md)\n"
+    "  --no-key              accept messages of every sender, even if the URL admits other machines\n"
+    "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes "
+    "without haptics)\n"
+    "  --restore FILE        continue from a saved state\n"
+    "  --strict              turn warnings about the scene into errors\n"
+    "  --quiet               print results, warnings and errors only\n"
     "  -h, --help, --version\n"
     "\n"
     "Files: - is stdout; devices, pipes and links are written through.\n"
-    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written: "
-    "130 (SIGTERM:\n"
-    "143) where the run had an end of its own. A second one ends the program at once.\n";
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run with "
+    "its files\n"
+    "written: exit 130 (SIGTERM: 143) if the run had an end. A second Ctrl-C ends the program at once.\n";
 
 enum {
     OPT_LOCKSTEP = 256,
@@ -167,8 +170,9 @@ static int take_whole(const char *name, const char *text, double low, int64_t *o
 
 static int choose_mode(run_options *o, run_mode mode) {
     if (o->mode != RUN_NONE && o->mode != mode)
-        return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --trials --check%s",
-                     "");
+        return usage(
+            "two modes are given; choose one of --lockstep --realtime --settle --explain --hands --trials --check%s",
+            "");
     o->mode = mode;
     return 0;
 }
@@ -207,7 +211,7 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_RESTORE: o->restore = optarg; return 0;
     case OPT_SNAPSHOT: o->snapshot = optarg; return 0;
     case OPT_SNAPSHOT_AT: return take_number("--snapshot-at", optarg, "time", 0, &o->snapshot_s);
-    default: return usage("unknown option or missing argument '%s'; tm-sim --help lists them", all[optind - 1]);
+    default: return usage("unknown option, or its value is missing: '%s'; tm-sim --help lists them", all[optind - 1]);
     }
 }
 
@@ -224,7 +228,7 @@ static int parse(run_options *o, int count, char **all) {
             exit(0);
         }
         if (option == 1) {
-            if (o->scene) return usage("a second scene '%s'; give one", optarg);
+            if (o->scene) return usage("'%s' is a second scene; give one", optarg);
             o->scene = optarg;
             continue;
         }
@@ -235,9 +239,9 @@ static int parse(run_options *o, int count, char **all) {
     if (o->schema)
         return strcmp(o->schema, "markdown") ? usage("--schema '%s' is not known; use markdown", o->schema) : 0;
     if (o->list) return 0;
-    if (!o->scene) return usage("no scene%s; tm-sim SCENE.yaml --lockstep, or tm-sim --help", "");
+    if (!o->scene) return usage("the scene is missing%s; give tm-sim SCENE.yaml --lockstep, or tm-sim --help", "");
     if (o->mode == RUN_NONE)
-        return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
+        return usage("the mode is missing%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
     if (o->write && o->mode != RUN_SETTLE)
         return usage("--write %s goes with --settle; add it, or use --csv", o->write);
     if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)

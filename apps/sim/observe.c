@@ -29,8 +29,8 @@ void sim_reach_report(const sim *s, double seconds) {
         char where[600];
         app_scene_where(s->scene, t->here.line, where, sizeof where);
         fprintf(stderr,
-                "%s: warning: instrument %d never touched the tissue: its tip came within %.3g mm, at %.3g s; lead it "
-                "nearer ('above: -2 mm' is 2 mm into the surface)\n",
+                "%s: warning: instrument %d never touched the tissue: its tip came within %.3g mm, at %.3g s; move "
+                "it nearer ('above: -2 mm' is 2 mm into the surface)\n",
                 where, i, 1e3 * fmax(r->gap_m, 0), r->at_s);
     }
 }
@@ -69,8 +69,8 @@ void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *repor
     if (!(tets > TOLD_SHARE * sim_alive(s))) return;
     app_scene_where(s->scene, line, where, sizeof where);
     fprintf(stderr,
-            "%s: warning: %s%d of %d tetrahedra were beyond a limit of their law, where force grows linearly; allow a "
-            "larger 'stretch:', press less, or refine the mesh there\n",
+            "%s: warning: %s%d of %d tetrahedra were beyond the limit of their law, where force grows linearly; "
+            "allow a larger 'stretch:', press less, or refine the mesh there\n",
             where, when, (int)tets, (int)sim_alive(s));
 }
 

@@ -111,7 +111,7 @@ int run_series_begin(run_series *series, const sim *s, const char *folder, int64
     *series = (run_series){.folder = folder, .every = every};
     if (!folder) return 0;
     if (mkdir(folder, 0777) && errno != EEXIST)
-        return app_bad_input(folder, 0, "the folder cannot be made: %s; name one whose parent is there",
+        return app_bad_input(folder, 0, "the folder cannot be made: %s; give one in an existing folder",
                              strerror(errno));
     if ((size_t)snprintf(path, sizeof path, "%s/run.pvd", folder) >= sizeof path)
         return app_bad_input("--paraview", 0, "the folder's path is too long; choose a shorter one");

@@ -66,7 +66,7 @@ int sim_publisher_open(sim_publisher *p, const sim *s, const sim_way *way) {
     char why[300];
     *p = (sim_publisher){.session = way->session, .forces = way->forces};
     if (!way->url && !way->queue && !way->log) return 0;
-    snprintf(why, sizeof why, "the log %s cannot be written; choose another place", way->log ? way->log : "");
+    snprintf(why, sizeof why, "the log %s cannot be written; choose another folder", way->log ? way->log : "");
     if (way->log && !(p->log = app_link_write_log(way->log, &(app_link_def){.key = way->key})))
         return refuse(p, APP_BAD_INPUT, why);
     snprintf(why, sizeof why, "out of memory for messages; close other programs");

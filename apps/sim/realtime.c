@@ -38,12 +38,12 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
     if (why)
         report_refusals(told, tool, now_us, message, instrument, why);
     else if (!told->here)
-        app_remark("tm-sim: controller of instrument %d is here\n", instrument);
+        app_remark("tm-sim: controller of instrument %d is connected\n", instrument);
     else if (message->session != before)
-        app_say("tm-sim: a new controller of instrument %d is here (session %" PRId64 " after %" PRId64 ")", instrument,
-                message->session, before);
+        app_say("tm-sim: a new controller of instrument %d is connected (session %" PRId64 " after %" PRId64 ")",
+                instrument, message->session, before);
     else if (told->gone)
-        app_say("tm-sim: controller of instrument %d is back", instrument);
+        app_say("tm-sim: controller of instrument %d sends again", instrument);
     if (why) return;
     told->here = true;
     told->gone = false;
@@ -54,7 +54,7 @@ static void report_gone(realtime *r) {
         struct told *told = &r->told[i];
         if (!told->here || told->gone || app_monotonic_us() - r->tools.tool[i].gate.heard_us < HRT_GATE_SILENCE_US)
             continue;
-        app_say("tm-sim: controller of instrument %d went silent; its tool stays where it was", i);
+        app_say("tm-sim: controller of instrument %d stopped sending; its tool keeps its last pose", i);
         told->gone = true;
     }
 }
@@ -64,8 +64,8 @@ static void report_dropped(realtime *r) {
     const sim_refused now = sim_publisher_refused(&r->publisher), *old = &r->thrown_away;
     int64_t now_us = app_monotonic_us();
     if (!memcmp(&now, old, sizeof now) || now_us - r->reported_dropped_us < line_every_us) return;
-    app_say("tm-sim: refused since the last such line: %" PRId64 " messages not whole, %" PRId64
-            " without the key's tag or for another simulation, %" PRId64 " packets that are none of ours, %" PRId64
+    app_say("tm-sim: refused since the last such message: %" PRId64 " incomplete messages, %" PRId64
+            " without the key's tag or for another simulation, %" PRId64 " packets of other programs, %" PRId64
             " of other machines",
             now.malformed - old->malformed, now.forged - old->forged, now.packets - old->packets,
             now.foreign - old->foreign);
@@ -250,8 +250,7 @@ static int loop(realtime *r) {
         if (r->haptics) report_dropped(r);
         if (r->haptics && !r->reported_waiting && r->frame * r->frame_us > 1000000) {
             for (int i = 0; i < r->s->instrument_count; i++)
-                if (!r->tools.tool[i].seen)
-                    app_say("tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)", i);
+                if (!r->tools.tool[i].seen) app_say("tm-sim: waiting for TOOL_%d; start haptic-rt, in any order", i);
             r->reported_waiting = true;
         }
     }
@@ -291,7 +290,8 @@ int run_realtime(sim *s, const run_options *o) {
     app_output log = {0};
     if (o->csv)
         return app_bad_input(
-            "--csv", 0, "a row a controller tick is for --lockstep; use --samples, or record and read CONTROLLER_0");
+            "--csv", 0,
+            "--csv writes controller ticks only with --lockstep; use --samples, or record and read CONTROLLER_0");
     const sim_recording *recording = sim_options(s->scene, "recording");
     if (recording && !app_output_begin(&log, recording->file.s, &error))
         return app_exit_code(sim_report(s->scene, recording->file.line, &error));

@@ -24,8 +24,9 @@ int run_unstable(int64_t frame) {
 int run_say_interrupted(int64_t frame, int64_t total) {
     if (!app_interrupted() || frame >= total) return APP_DONE;
     if (total == INT64_MAX) return APP_DONE; /* the usual end */
-    fprintf(stderr, "tm-sim: interrupted after frame %" PRId64 " of %" PRId64 "; the files hold what was done\n", frame,
-            total);
+    fprintf(stderr,
+            "tm-sim: interrupted after frame %" PRId64 " of %" PRId64 "; the files contain the completed frames\n",
+            frame, total);
     return app_interrupted_exit();
 }
 

@@ -120,7 +120,8 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
     if (!status)
         status = tm_model_settle(s->model, &def, u, reaction, result, &error);
     else
-        snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
+        snprintf(error.message, sizeof error.message,
+                 "the simulation became unstable while the instruments moved in; lower time.step_fraction");
     app_progress("settling", 1, true);
     if (w.stopped) {
         fputs("tm-sim: interrupted; nothing was written\n", stderr);
@@ -137,7 +138,8 @@ static void report_tools(const sim *s, cJSON *json) {
         const tm_tool_reaction r = tm_model_reaction(s->model, i);
         printf("instrument %d: %d rows, tip force %.9g %.9g %.9g N%s\n", i, r.row_count, r.force_N[0], r.force_N[1],
                r.force_N[2],
-               r.flags & TM_REACTION_INSIDE ? " (it is inside the tissue: no contact until it comes out)" : "");
+               r.flags & TM_REACTION_INSIDE ? " (it is inside the tissue and makes no contact until it comes out)"
+                                            : "");
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddNumberToObject(row, "rows", r.row_count);

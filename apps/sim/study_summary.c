@@ -55,7 +55,7 @@ void sim_expected_open(sim_expected *x, const sim *s) {
     x->error = number(own, "force_error");
     x->uncertainty = number(cJSON_GetObjectItem(x->study, "truth"), "uncertainty");
     if (is_of(x->study, s) && isfinite(x->error)) return;
-    app_remark("%s is not of this scene as it now is, or not whole; run tm-accuracy --scene again", x->file);
+    app_remark("%s is incomplete, or of an earlier state of this scene; run tm-accuracy --scene again", x->file);
     sim_expected_close(x);
 }
 

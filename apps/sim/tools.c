@@ -29,15 +29,15 @@ const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const t
     sim_tool *tool = &t->tool[instrument];
     if (m->instrument != instrument) {
         tool->foreign++;
-        return "it names another instrument than its channel";
+        return "its instrument differs from its channel's";
     }
     if (m->device != hrt_device_type_number(t->s->axes[instrument].device)) {
         tool->rejected++;
-        return "its device is not the scene's; see instruments.device there, and haptic-rt --device-type";
+        return "its device differs from the scene's; correct instruments.device of the scene, or haptic-rt --device-type";
     }
     if (!sane(t->s, instrument, m)) {
         tool->rejected++;
-        return "a value is out of range, or its tip is not where its joints put it in this scene; see haptic-rt --trocar";
+        return "a value is out of range, or its tip differs from the position that its joints give in this scene; see haptic-rt --trocar";
     }
     const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};
     const hrt_gate_verdict verdict = hrt_gate_accept(&tool->gate, now_us, false, &mark);

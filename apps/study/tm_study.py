@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Many runs of tm-sim in one table: scenes, a folder of them, or a sweep over their keys, by Slurm where it is, else on this machine's cores."""
+"""Runs tm-sim many times and collects the results in one table: scenes, a folder of them, or a sweep over their keys, by Slurm if it is installed, else on this machine's cores."""
 import argparse
 import concurrent.futures
 import csv
@@ -33,18 +33,18 @@ def arguments():
                                 epilog="FOLDER gets results.csv (and results.parquet, where Python has pyarrow), one row a run: the scene, a hash of it with its files\n"
                                        "and settings, what was varied, and the figures of tm-sim --json, errors too; jobs.sh, which does one run by its number, alike\n"
                                        "for Slurm (an array job) and for cores; and runs/, what each said. Run again, it does what is not done, or what its inputs changed.")
-    p.add_argument("scene", nargs="*", type=pathlib.Path, metavar="SCENE", help="a scene, or a folder: every .yaml in it")
-    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", help="where all of it goes")
-    p.add_argument("--vary", action="append", default=[], metavar="PATH=VALUES", help="as tm-sim's --set names it: a list (20,25,30), or so many values between two (3..9kPa:4); several: every combination")
+    p.add_argument("scene", nargs="*", type=pathlib.Path, metavar="SCENE", help="a scene, or a folder of scenes (.yaml)")
+    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", help="folder for all results")
+    p.add_argument("--vary", action="append", default=[], metavar="PATH=VALUES", help="key as in tm-sim --set, with a list (20,25,30) or a number of values in a range (3..9kPa:4); repeated: every combination")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="of every run")
     p.add_argument("--unset", action="append", default=[], metavar="PATH", help="of every run")
-    p.add_argument("--duration", metavar="TIME", help="of every run [the scene's]")
-    p.add_argument("--frames", metavar="N", type=int, help="of every run, instead")
-    p.add_argument("--jobs", metavar="N", type=int, default=os.cpu_count() or 1, help="so many at once [as many as cores; Slurm: its own]")
-    p.add_argument("--local", action="store_true", help="on this machine, though there is Slurm")
-    p.add_argument("--sbatch", action="append", default=[], metavar="WORD", help="an option for sbatch, such as --sbatch=--partition=long")
-    p.add_argument("--run", nargs=2, metavar=("FOLDER", "NUMBER"), help="do one run of a study that was begun: what jobs.sh calls")
-    p.add_argument("--quiet", action="store_true", help="say nothing that is not an error")
+    p.add_argument("--duration", metavar="TIME", help="duration of every run [the scene's]")
+    p.add_argument("--frames", metavar="N", type=int, help="number of frames of every run, instead")
+    p.add_argument("--jobs", metavar="N", type=int, default=os.cpu_count() or 1, help="number of concurrent runs [as many as cores; Slurm: its own]")
+    p.add_argument("--local", action="store_true", help="run on this machine even if Slurm is installed")
+    p.add_argument("--sbatch", action="append", default=[], metavar="WORD", help="option for sbatch, such as --sbatch=--partition=long")
+    p.add_argument("--run", nargs=2, metavar=("FOLDER", "NUMBER"), help="do one run of an existing study, for jobs.sh")
+    p.add_argument("--quiet", action="store_true", help="print errors only")
     p.add_argument("--version", action="version", version="tm-study @VERSION@")
     return p.parse_args()
 
@@ -58,12 +58,12 @@ def scenes(paths):
         if path.is_dir():
             inside = sorted(path.glob("*.yaml"))
             if not inside:
-                raise Stop(f"{path}: holds no .yaml; name a folder of scenes, or scenes")
+                raise Stop(f"{path}: contains no .yaml; give a folder of scenes, or scenes")
             found += inside
         elif path.is_file():
             found.append(path)
         else:
-            raise Stop(f"{path}: is not there; name a scene or a folder of scenes")
+            raise Stop(f"{path}: does not exist; give a scene or a folder of scenes")
     return found
 
 
@@ -73,7 +73,7 @@ def values(text, option):
     if span:
         low, high, unit, count = span.groups()
         if not count or int(count) < 2:
-            raise Stop(f"{option}: a range wants its number of values, two or more; write {low}..{high}{unit or ''}:4")
+            raise Stop(f"{option}: a range needs its number of values, two or more; write {low}..{high}{unit or ''}:4")
         low, high, count = float(low), float(high), int(count)
         return [f"{low + (high - low) * i / (count - 1):.12g}{' ' + unit.strip() if unit else ''}" for i in range(count)]
     parts, depth = [""], 0
@@ -85,7 +85,7 @@ def values(text, option):
             parts[-1] += c
     parts = [part.strip() for part in parts]
     if depth or not all(parts):
-        raise Stop(f"{option}: an empty value, or a bracket that is not closed; write PATH=20,25,30 or PATH=3..9kPa:4")
+        raise Stop(f"{option}: a value is empty, or a bracket is not closed; write PATH=20,25,30 or PATH=3..9kPa:4")
     return parts
 
 
@@ -145,7 +145,7 @@ def do_one(folder, number):
     try:
         run = json.loads((folder / "jobs.json").read_text())["runs"][int(number)]
     except (OSError, ValueError, LookupError) as error:
-        raise Stop(f"--run {folder} {number}: no such run of a study ({error}); tm-study SCENE -o {folder} begins one") from None
+        raise Stop(f"--run {folder} {number}: this run does not exist ({error}); tm-study SCENE -o {folder} makes a study") from None
     part, failed = place(folder, run, "part"), place(folder, run, "failed")
     done = subprocess.run([SIM, *run["words"], "--lockstep", *run["length"], "--quiet", "--json", str(part)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode == 0 and not json.loads(part.read_text()).get("interrupted"):
@@ -257,9 +257,9 @@ def table(folder, runs):
 
 def study(a):
     if not a.scene or not a.out:
-        raise Stop("tm-study: no scene, or no folder for the results; tm-study SCENE... -o FOLDER")
+        raise Stop("tm-study: the scene or the folder for results is missing; give tm-study SCENE... -o FOLDER")
     if a.jobs < 1:
-        raise Stop(f"--jobs {a.jobs}: none at once is none at all; give 1 or more")
+        raise Stop(f"--jobs {a.jobs}: at least one run is needed; give 1 or more")
     if a.out.exists() and not a.out.is_dir():
         raise Stop(f"{a.out}: is a file; name a folder")
     runs = plan(a)
@@ -294,7 +294,7 @@ def main():
         print(f"tm-study: {error}; check the path and the disk", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("tm-study: interrupted; the same command goes on from here", file=sys.stderr)
+        print("tm-study: interrupted; the same command continues from here", file=sys.stderr)
         return 130
 
 

@@ -124,8 +124,7 @@ static int open_log(job *j) {
     if (view_feed_open_log(j->options.source, &j->feed, &j->facts, &error))
         return app_report(j->options.source, 0, &error);
     if (j->facts.damaged)
-        fprintf(stderr, "%s: is damaged, or ends in the middle of an event; what is whole is shown\n",
-                j->options.source);
+        fprintf(stderr, "%s: is damaged or truncated; only complete messages are shown\n", j->options.source);
     j->studio.peak_force_N = j->facts.peak_force_N;
     if (j->options.from_s > j->facts.seconds || (j->options.has_at && j->options.at_s > j->facts.seconds))
         return app_bad_input(j->options.source, 0, "lasts %.2f s; choose --from and --at before that",
@@ -167,10 +166,11 @@ static int wait_for_tissue(job *j) {
         double waited = now_s() - began;
         if (!said && waited > 0.5) said = true, app_remark("tm-view: %s", j->picture.notice);
         if (waited > j->options.wait_s)
-            return app_bad_input("tm-view", 0,
-                                 "no TISSUE in %g s; start tm-sim --realtime SCENE in the same network namespace, or "
-                                 "raise --wait",
-                                 j->options.wait_s) -
+            return app_bad_input(
+                       "tm-view", 0,
+                       "no TISSUE message within %g s; start tm-sim --realtime SCENE in the same network namespace, or "
+                       "raise --wait",
+                       j->options.wait_s) -
                    1;
     }
     return 0;

@@ -84,7 +84,7 @@ static void read_bytes(view_feed *feed, const char *channel, int64_t utime, cons
     app_link_give(feed->link, channel, utime, bytes, size);
     if (!strcmp(channel, "TISSUE")) give_memory_back(feed, size);
     if (atomic_load(&c->malformed) != malformed && app_channel_find(channel, &kind, &instrument))
-        view_intake_refuse(&feed->intake, channel, "not a whole %s of this version", app_message_type(kind));
+        view_intake_refuse(&feed->intake, channel, "not a complete %s of this version", app_message_type(kind));
     if (atomic_load(&c->forged) != forged) view_intake_refuse(&feed->intake, channel, "without the key's tag");
 }
 
@@ -166,10 +166,10 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     fclose(file);
     if (!begins_like_log(path))
         return tm_fail(error, TM_ERR_FILE, -1,
-                       "is no LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
+                       "is not an LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
     app_topic topic[2 + VIEW_INSTRUMENTS];
     view_feed *feed = feed_new(topic);
-    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
+    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for received messages; close other programs");
     app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS};
     bool readable = read_facts(feed, path, &def, facts);
     if (readable && facts->tissues > 0) {
@@ -185,7 +185,7 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     view_feed_close(feed);
     if (!readable) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to read it; close other programs");
     return tm_fail(error, TM_ERR_FILE, -1,
-                   "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
+                   "contains no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
 }
 
 bool view_feed_advance(view_feed *feed, double time_s, view_picture *picture) {
@@ -218,7 +218,7 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
     app_network_opener *network = hrt_network(error);
     if (!network) return error->status;
     view_feed *feed = feed_new(topic);
-    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
+    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for received messages; close other programs");
     if (!url) url = set && *set ? set : APP_LINK_URL;
     feed->begin_us = app_clock_us(CLOCK_MONOTONIC);
     if (getrandom(&feed->session, sizeof feed->session, 0) < 0) feed->session = feed->begin_us;

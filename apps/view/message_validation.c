@@ -48,7 +48,7 @@ static const char *tissue_fault(const tensormass_tissue_t *m) {
     for (int32_t i = 0; i < m->triangle_count; i++) {
         const int32_t *t = m->triangle[i];
         for (int k = 0; k < 3; k++)
-            if (t[k] < 0 || t[k] >= m->vertex_count) return "a triangle names a vertex that is not there";
+            if (t[k] < 0 || t[k] >= m->vertex_count) return "a triangle has a vertex that does not exist";
         if (m->triangle_kind[i] < 0 || m->triangle_kind[i] > 1) return "a triangle's kind is neither 0 nor 1";
     }
     return NULL;
@@ -90,7 +90,7 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
     if (m->instrument_count < 0 || m->instrument_count > VIEW_INSTRUMENTS) return "instrument_count is not 0, 1 or 2";
     for (int i = 0; i < m->instrument_count; i++) {
         if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M))
-            return "an instrument's place is not finite";
+            return "an instrument's position is not finite";
         if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6))
             return "an instrument's axis is not finite";
         if (!(m->radius_m[i] > 0 && m->radius_m[i] <= 0.1)) return "an instrument's radius is not in (0, 0.1] m";

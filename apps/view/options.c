@@ -10,33 +10,39 @@
 
 static const char help[] =
     "usage: tm-view [SOURCE] --png FILE | --frames FOLDER | --video FILE.mp4 [options]\n"
-    "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh (.msh .vtk "
-    ".mesh);\n"
-    "without one, tm-view listens to a running simulation. A window is tm-play's.\n\n"
-    "  --png FILE         one picture (of a log: at its end, or --at)\n"
-    "  --frames FOLDER    numbered pictures, frame_00000.png ...\n"
-    "  --video FILE       H.264 in MP4, through ffmpeg\n"
+    "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh "
+    "(.msh .vtk .mesh);\n"
+    "without one, tm-view draws a running simulation. For a window use tm-play.\n"
+    "\n"
+    "  --png FILE         write one picture (of a log: at its end, or --at)\n"
+    "  --frames FOLDER    write numbered pictures, frame_00000.png ...\n"
+    "  --video FILE       write H.264 in MP4, by ffmpeg\n"
     "  --size WxH         [1280x720]          --fps N            pictures per second of the source [30]\n"
-    "  --at S             the moment of --png, seconds after the log's first tissue\n"
-    "  --from S --to S    the part of a log that --frames and --video show\n"
-    "  --duration S       how long to record a live source [10]\n"
-    "  --wait S           how long to wait for a live source's first tissue [60]\n"
+    "  --at S             time of --png, seconds after the log's first tissue message\n"
+    "  --from S --to S    part of a log that --frames and --video show\n"
+    "  --duration S       time to record of a live source [10]\n"
+    "  --wait S           time to wait for a live source's first tissue message [60]\n"
     "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z|-x|-y|-z\n"
-    "                     where the eye is, seen from the tissue's middle [-110, 40, 1, 0,0, z]\n"
-    "  --orbit DEG        the eye walks round, degrees per second [0]\n"
-    "  --newton MM        length of an arrow of one newton [chosen to fit]\n"
-    "  --quality N        0 fast, 1 smooth edges, 2 also averages 2x2 [2 for one picture, 1 for many]\n"
-    "  --smooth N         splits of each triangle, 0 to 2 [1]\n"
-    "  --crease DEG       sharper edges stay edges [52]  --no-words    picture alone\n"
-    "  --scene FILE       the scene of a log or a running simulation: its title and supports are shown then too\n"
-    "  --fibres           the scene's fibres, as lines on the surface      --no-supports   without marks where tissue is held\n"
-    "  --clip X,Y,Z[,MM]  of a mesh or a scene: takes away what lies beyond the plane with this normal, so far from the middle [0]\n"
-    "  --through X        of a mesh, a scene, or a log with --scene: the largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
-    "  --scale X          of a mesh file's coordinates [1]\n"
+    "                     view, relative to the tissue's centre [-110, 40, 1, 0,0, z]\n"
+    "  --orbit DEG        rotate the view, degrees per second [0]\n"
+    "  --newton MM        length of the arrow of one newton [chosen to fit]\n"
+    "  --quality N        0: fast, 1: smooth edges, 2: also average 2x2 pixels [2 for one picture, 1 for "
+    "many]\n"
+    "  --smooth N         subdivisions of each triangle, 0 to 2 [1]\n"
+    "  --crease DEG       angle above which edges stay sharp [52]  --no-words    draw no text\n"
+    "  --scene FILE       scene of a log or running simulation, to show its title and supports\n"
+    "  --fibres           draw the scene's fibres, as lines on the surface      --no-supports   do not "
+    "mark supports\n"
+    "  --clip X,Y,Z[,MM]  of a mesh or scene: hide what is beyond the plane with this normal and "
+    "distance from the centre [0]\n"
+    "  --through X        of a mesh, scene, or log with --scene: transparency of the largest region, 0 "
+    "to 0.95, to show inner ones [0]\n"
+    "  --scale X          metres per unit of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
-    "  --key FILE         shared with tm-sim: status messages without its seal are left out (docs/trust.md)\n"
-    "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
-    "  --quiet            no progress, no waiting aloud\n"
+    "  --key FILE         accept only status messages authenticated by this key, shared with tm-sim "
+    "(docs/trust.md)\n"
+    "  --json FILE        write figures: pictures, seconds, pictures per second, messages accepted and refused\n"
+    "  --quiet            print warnings and errors only\n"
     "  -h, --help, --version\n";
 
 enum {
@@ -246,7 +252,7 @@ view_dress view_options_dress(const view_options *o) {
 static int check(const view_options *o) {
     if (!o->png && !o->frames && !o->video)
         return app_bad_input("tm-view", 0,
-                             "no output named; add --png, --frames or --video, or run tm-play for a window");
+                             "the output is missing; add --png, --frames or --video, or run tm-play for a window");
     int wrong = o->png ? app_output_ending("--png", o->png, ".png") : 0;
     if (!wrong && o->video) wrong = app_output_ending("--video", o->video, ".mp4");
     if (!wrong) wrong = app_output_check(o->png);
@@ -254,17 +260,18 @@ static int check(const view_options *o) {
     if (wrong) return wrong;
     if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
     if (o->video && (o->studio.render.width % 2 || o->studio.render.height % 2))
-        return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
+        return app_bad_input("tm-view", 0, "the width and height of a video must be even; choose another --size");
     if (o->scene && o->source && view_is_still(o->source))
-        return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
+        return app_bad_input("tm-view", 0, "--scene applies to a log or a running simulation; give only the scene");
     const bool still = o->source && view_is_still(o->source);
     view_dress dress = view_options_dress(o);
     if (still) dress.through = 0; /* the mesh itself gives the inner regions */
     if (still && view_is_scene(o->source)) dress.scene = o->source;
     if ((wrong = view_dress_check(&dress, "tm-view"))) return wrong;
     if (o->cut.clipped && !still)
-        return app_bad_input("tm-view", 0, "--clip shows a mesh or a scene; a log tells only its surface");
-    if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
+        return app_bad_input("tm-view", 0,
+                             "--clip applies to a mesh or a scene, as a log has only the surface; leave it out");
+    if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at applies only to --png; use --from and --to");
     return 0;
 }
 

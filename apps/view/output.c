@@ -91,12 +91,12 @@ tm_status view_video_begin(view_video *film, const char *path, int width, int he
     memset(film, 0, sizeof *film);
     film->width = width, film->height = height;
     if (width % 2 || height % 2)
-        return failed(error, TM_ERR_ARGUMENT, "a film's width and height must be even", "choose another --size");
+        return failed(error, TM_ERR_ARGUMENT, "the width and height of a video must be even", "choose another --size");
     if (!app_output_begin(&film->output, path, error)) return error->status;
     int end[2];
     if (pipe2(end, O_CLOEXEC)) {
         app_output_abandon(&film->output);
-        return failed(error, TM_ERR_FILE, "no pipe to ffmpeg", strerror(errno));
+        return failed(error, TM_ERR_FILE, "no pipe to ffmpeg can be opened", strerror(errno));
     }
     signal(SIGPIPE, SIG_IGN);
     int wrong = start_ffmpeg(film, end[0], fps);
@@ -104,7 +104,7 @@ tm_status view_video_begin(view_video *film, const char *path, int width, int he
     if (wrong) {
         close(end[1]);
         app_output_abandon(&film->output);
-        return failed(error, TM_ERR_FILE, "a film needs ffmpeg, which cannot be started",
+        return failed(error, TM_ERR_FILE, "a video needs ffmpeg, which cannot be started",
                       wrong == ENOENT ? "it is not installed; apt-get install ffmpeg, or use --frames"
                                       : strerror(wrong));
     }
@@ -114,7 +114,7 @@ tm_status view_video_begin(view_video *film, const char *path, int width, int he
 
 tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error) {
     if (fwrite(rgb, (size_t)film->width * 3, (size_t)film->height, film->pipe) != (size_t)film->height)
-        return failed(error, TM_ERR_FILE, "ffmpeg stopped taking pictures", "its own message is above");
+        return failed(error, TM_ERR_FILE, "ffmpeg ended early", "see its message above");
     film->frames++;
     return TM_OK;
 }
@@ -131,7 +131,7 @@ static bool encoder_done(view_video *film) {
 tm_status view_video_end(view_video *film, tm_error *error) {
     if (!encoder_done(film)) {
         app_output_abandon(&film->output);
-        return failed(error, TM_ERR_FILE, "ffmpeg did not finish the film", "its own message is above");
+        return failed(error, TM_ERR_FILE, "ffmpeg did not finish the video", "see its message above");
     }
     return app_output_commit(&film->output, error) ? TM_OK : error->status;
 }

@@ -95,7 +95,8 @@ static float grain(float radius_m) { return radius_m / 90; }
 
 static tm_status upload(view_renderer *r, const view_picture *p, const view_camera *camera, tm_error *error) {
     if (!view_skin_update(r->skin, &p->surface, grain(camera->radius_m)))
-        return view_render_failed(error, TM_ERR_MEMORY, "no memory for the tissue's skin; choose a smaller --smooth");
+        return view_render_failed(error, TM_ERR_MEMORY,
+                                  "no memory for the tissue's surface; choose a smaller --smooth");
     const view_vertex *vertex;
     const uint32_t *index = NULL;
     bool changed;
@@ -304,7 +305,7 @@ static void gather(const view_renderer *r, uint8_t *rgb) {
 static tm_status renderer_draw(view_renderer *r, const view_picture *p, const view_camera *camera, uint8_t *rgb,
                                tm_error *error) {
     if (!view_context_use(r->context))
-        return view_render_failed(error, TM_ERR_LIMIT, "the drawing context was lost; start anew");
+        return view_render_failed(error, TM_ERR_LIMIT, "the drawing context was lost; start again");
     tm_status status = upload(r, p, camera, error);
     if (status) return status;
     view_light s;

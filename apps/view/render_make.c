@@ -33,8 +33,8 @@ static GLuint link_program(const char *vertex, const char *fragment, tm_error *e
     char log[400] = "";
     glGetProgramInfoLog(id, sizeof log, NULL, log);
     char text[TM_ERROR_MESSAGE_MAX];
-    snprintf(text, sizeof text,
-             "this OpenGL does not take the renderer's shaders (%s); install libosmesa6 22.3 or later", log);
+    snprintf(text, sizeof text, "this OpenGL rejects the renderer's shaders (%s); install libosmesa6 22.3 or later",
+             log);
     view_render_failed(error, TM_ERR_LIMIT, text);
     glDeleteProgram(id);
     return 0;
@@ -155,7 +155,7 @@ tm_status view_renderer_create(const view_render_def *def, view_renderer **out, 
         def->samples > 3)
         return view_render_failed(
             error, TM_ERR_ARGUMENT,
-            "a picture is 16 to 8192 pixels wide and high, with 1 to 3 samples; choose another --size");
+            "the picture's size is out of range; choose a --size of 16 to 8192 pixels with 1 to 3 samples");
     view_renderer *r = calloc(1, sizeof *r);
     if (!r) return view_render_failed(error, TM_ERR_MEMORY, "no memory for the renderer; choose a smaller --size");
     r->def = *def;
@@ -178,7 +178,7 @@ tm_status view_renderer_create(const view_render_def *def, view_renderer **out, 
     if (!picture_target_create(r)) {
         view_renderer_destroy(r);
         return view_render_failed(error, TM_ERR_LIMIT,
-                                  "OpenGL gives no picture with smooth edges; install libosmesa6 22.3 or later");
+                                  "OpenGL cannot draw smooth edges; install libosmesa6 22.3 or later");
     }
     *out = r;
     return TM_OK;

@@ -25,7 +25,7 @@ static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh,
         return app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
     picture->tets = mesh->tet_count;
     if (!picture->surface.triangle_count)
-        return app_bad_input(path, 0, "--clip takes all of it away; move the plane with its offset, or turn it round");
+        return app_bad_input(path, 0, "--clip hides all of it; move the plane by its offset, or reverse it");
     return 0;
 }
 
@@ -42,7 +42,8 @@ static int load_mesh(const char *path, double scale, const view_cutaway *cut, vi
 }
 
 static int read_marks(const sim *s, const char *path, const view_mark_choice *choice, view_marks *marks) {
-    if (choice->fibres && !s->fibre) return app_bad_input(path, 0, "names no fibres (anisotropy); leave --fibres out");
+    if (choice->fibres && !s->fibre)
+        return app_bad_input(path, 0, "the scene has no fibres (anisotropy); leave --fibres out");
     if (view_marks_take(marks, s, choice->supports, choice->fibres)) return 0;
     return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
 }
@@ -110,10 +111,10 @@ int view_still_load(const char *path, double scale, const view_mark_choice *choi
 
 int view_dress_check(const view_dress *d, const char *program) {
     if (d->choice.fibres && !d->scene)
-        return app_bad_input(program, 0, "--fibres wants the scene that names them; add --scene FILE");
+        return app_bad_input(program, 0, "--fibres needs the scene that names them; add --scene FILE");
     if (d->through > 0 && !d->scene)
         return app_bad_input(program, 0,
-                             "messages tell only the tissue's surface; --through wants its scene too: --scene FILE");
+                             "--through needs the scene, as messages contain only the surface; add --scene FILE");
     return 0;
 }
 

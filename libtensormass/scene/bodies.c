@@ -18,8 +18,8 @@ tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_
     struct stat info;
     if (access(path->s, R_OK))
         return app_scene_bad(scene, path->line,
-                             "%s: %s cannot be read: %s; correct the path (it is relative to the scene's folder)", key,
-                             path->s, strerror(errno));
+                             "%s: %s cannot be read: %s; correct the path (it is relative to the %s)", key, path->s,
+                             strerror(errno), path->line < 0 ? "working folder" : "scene's folder");
     if (stat(path->s, &info) || !S_ISREG(info.st_mode))
         return app_scene_bad(scene, path->line, "%s: %s is not a file; name a .msh, .vtk or .mesh file", key, path->s);
     return tm_mesh_file_load(path->s, scale, file, &error) ? sim_report_file(scene, path->line, NULL, 0, &error) : 0;

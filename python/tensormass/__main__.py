@@ -15,7 +15,7 @@ def _arguments(given: Optional[List[str]]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m tensormass", description="Runs a scene and shows it: a line a frame and instrument, or a picture.")
     parser.add_argument("scene", help="a scene file (docs/scene-reference.md)")
     parser.add_argument("--seconds", type=float, help="how long; instead of the scene's")
-    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="put this value over the scene's; as often as wanted")
+    parser.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="override a value of the scene; may be repeated")
     parser.add_argument("--unset", action="append", default=[], metavar="PATH", help="leave this key of the scene out")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="a line after one frame in so many [1]")
     parser.add_argument("--show", action="store_true", help="in a window (pip install 'tensormass[viz]')")

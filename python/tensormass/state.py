@@ -14,7 +14,7 @@ from .tissue import Deformation, Tissue, deformation_of
 
 PHASES = {"begin": c.TM_PHASE_BEGIN, "force": c.TM_PHASE_FORCE, "load": c.TM_PHASE_LOAD, "integrate": c.TM_PHASE_INTEGRATE,
           "constrain": c.TM_PHASE_CONSTRAIN, "end": c.TM_PHASE_END}
-_PHASE_NAMES = {**{v: k for k, v in PHASES.items()}, c.TM_PHASE_ON_DEMAND: "between"}
+_PHASE_NAMES = {**{v: k for k, v in PHASES.items()}, c.TM_PHASE_ON_DEMAND: "on demand"}
 _GUARD = "python-guard"
 _World = TypeVar("_World", bound="WorldState")
 

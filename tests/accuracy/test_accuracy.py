@@ -115,9 +115,9 @@ def test_leaving_fibres_out_is_worse_than_the_mesh(page):
 
 
 @pytest.mark.parametrize("arguments, says", [
-    (["--knob", "nonsense", "--json", "x.json"], "no knob 'nonsense'"),
+    (["--knob", "nonsense", "--json", "x.json"], "parameter 'nonsense' does not exist"),
     (["--quick"], "--json FILE is missing"),
-    (["--bad"], "unknown or incomplete option"),
+    (["--bad"], "unknown option, or its value is missing"),
     (["--reference", "nowhere.json", "--json", "x.json"], "nowhere.json"),
     (["--json", "no/such/folder/x.json", "--quick", "--knob", "precision"], "no/such/folder"),
 ])

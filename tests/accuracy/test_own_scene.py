@@ -170,7 +170,7 @@ def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
     assert process.returncode == 130 or broken["whole"], said
     assert {r["cpu_s"] for r in done["runs"][:1]} <= set(kept) and len(kept) >= 6
     if not broken["whole"]:
-        assert "goes on from there" in said
+        assert "continues from there" in said
         page = subprocess.run([sys.executable, root / "apps/studies/accuracy/scene_page.py", tmp_path / "s.json", "-o", tmp_path / "page"], capture_output=True, text=True)
         assert page.returncode == 1 and "broken off" in page.stderr and not (tmp_path / "page").exists()
 
@@ -297,7 +297,7 @@ def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, t
     text = (root / SCENE).read_text()
     (tmp_path / "block.yaml").write_text(text.replace("../../meshes", str(root / "meshes")))
     run, report = explain(data)  # of the scene's text in its own folder
-    assert "not of this scene" in run.stderr and "expected error" not in run.stdout and "expected_error" not in report
+    assert "earlier state of this scene" in run.stderr and "expected error" not in run.stdout and "expected_error" not in report
     data["scene_hash"] = fnv((tmp_path / "block.yaml").read_bytes())
     run, report = explain(data)
     own = data["runs"][0]["force_error"]
@@ -307,7 +307,7 @@ def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, t
     assert sum(v == pytest.approx(named(data, "damping")["change"]) for v in rows.values() if v is not None) == 1
     assert rows["haptics" if "haptics" in rows else "patch"] == pytest.approx(named(data, f"{own_law(root)} at 500 Hz")["force_error"]), "the scene's rate is auto"
     data["set"] = ["tissue.force=best"]
-    assert "not of this scene" in explain(data)[0].stderr
+    assert "earlier state of this scene" in explain(data)[0].stderr
 
 
 def fnv(data):

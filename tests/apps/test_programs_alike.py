@@ -191,7 +191,7 @@ def test_lists(bin, program):
     if names:  # what is listed is taken
         first = out.stdout.split()[0]
         said = run(bin / program, names, first, "--nonsense").stderr
-        assert "unknown or incomplete option" in said and first not in said
+        assert "unknown option, or its value is missing" in said and first not in said
 
 
 def test_extrapolators_that_are_listed_are_taken(bin, tmp_path):

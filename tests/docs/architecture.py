@@ -35,7 +35,7 @@ class Page:
         self.reach, self.room_reach = self.leans, self.room_leans
 
     def follow(self, found):
-        """Whoever depends on a folder may use what its headers include: found, as includes() yields them."""
+        """A part that depends on a folder may use what its headers include: found, as includes() yields them."""
         shown, found = collections.defaultdict(set), list(found)
         for name, _, target in found:
             a, b = self.folder_of(name), self.folder_of(target)

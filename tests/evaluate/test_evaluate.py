@@ -240,15 +240,15 @@ def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("arguments, says", [
-    ([], "name logs, or --study"),
-    (["--study"], "--study wants --json"),
+    ([], "give logs, --study"),
+    (["--study"], "--study needs --json"),
     (["--model", "jelly", "--study"], "no model 'jelly'"),
     (["nowhere.lcm"], "nowhere.lcm: "),
     (["--loss", "2", "x.lcm"], "--loss 2"),
     (["--latency", "-1", "x.lcm"], "--latency -1"),
     (["--study", "--path", "round"], "no path 'round'"),
     (["--study", "--part", "all"], "no part 'all'"),
-    (["--frobnicate"], "unknown or incomplete option"),
+    (["--frobnicate"], "unknown option, or its value is missing"),
 ])
 def test_bad_use(bin, tmp_path, arguments, says):
     run = subprocess.run([bin / "tm-evaluate", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
@@ -290,7 +290,7 @@ supports: [{{name: bottom, group: z_min}}]
 time: {{frame_rate: 20 Hz, duration: 0.1 s}}
 """)
     run = subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "operating", "--json", "x.json"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
-    assert run.returncode == 2 and "liver-press.yaml: no instrument" in run.stderr and "add 'instruments:'" in run.stderr, run
+    assert run.returncode == 2 and "liver-press.yaml: the scene has no instrument" in run.stderr and "add 'instruments:'" in run.stderr, run
     assert not (tmp_path / "x.json").exists()
 
 

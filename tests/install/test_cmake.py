@@ -85,7 +85,7 @@ def test_versions_and_components(moved, tmp_path, what, pointer, answer):
 
 
 def test_nothing_installed_names_the_first_place(moved):
-    """Of what CMake and the loader go by; pkg-config files are asked for by their place."""
+    """Of what CMake and the loader go by; pkg-config files are looked up by their folder."""
     first = str(moved.parent / "first").encode()
     holders = [p for p in moved.rglob("*") if p.is_file() and p.suffix not in (".pc", "") and "installed" not in p.parts and first in p.read_bytes()]
     assert not holders

@@ -84,7 +84,7 @@ def test_a_signal_ends_all(prefix, build, tmp_path, number):
 @pytest.mark.parametrize("words, said", [
     (["no-such-scene"], "tm-sim --list"),
     (["liver-press", "--video", "a.mp4"], "--duration"),
-    (["liver-press", "--record", "no/a.lcm"], "its folder is not there"),
+    (["liver-press", "--record", "no/a.lcm"], "its folder does not exist"),
     (["liver-press", "--duration", "-1"], "above 0"),
     (["liver-press", "--play"], "no display"),
 ])
@@ -153,4 +153,4 @@ def test_the_window_gets_the_scene_and_durations_have_units(root, monkeypatch, c
     for wrong in ("4 kg", "long", "", "4 h"):
         with pytest.raises(SystemExit, match="2"):
             program.seconds(wrong)
-        assert f"--duration {wrong}: a time is wanted" in capsys.readouterr().err
+        assert f"--duration {wrong}: this is not a time" in capsys.readouterr().err

@@ -167,7 +167,7 @@ def test_warnings_are_diagnostics(root, face):
 
 def test_an_exception_is_the_fault(root, face):
     out = run(face, root / "apps/scenes/block-press.yaml", "tissue.mesh=nowhere.msh", code=1)
-    assert re.match(r"TM_ERR_\w+ --set tissue.mesh=nowhere.msh: tissue.mesh: nowhere.msh cannot be read: .*; correct the path", out.stdout) and out.stderr == ""
+    assert re.match(r"TM_ERR_\w+ --set tissue.mesh=nowhere.msh: tissue.mesh: nowhere.msh cannot be read: .*; correct the path \(it is relative to the working folder\)", out.stdout) and out.stderr == ""
 
 
 def test_broken_contracts_reach_the_handler(root, build, tmp_path):

@@ -55,7 +55,7 @@ static void messages_out_of_order_leave_the_hand(void **state) {
     assert_true(at == 0.3);
     say(1030000, 7, 4, 0.4);
     assert_true(at == 0.4 && moves == 3);
-    say(2030000, 8, 1, -0.1); /* a second of silence: whoever comes */
+    say(2030000, 8, 1, -0.1); /* a second of silence: any session is accepted */
     assert_true(at == -0.1 && moves == 4);
     close_links();
 }

@@ -306,7 +306,7 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
             file.truncate(64 + 4096 * 32)
         os.rename(path + ".new", path)
     what = "its file was truncated" if harm in ("truncate", "shorten") else "its file was removed or replaced"
-    # Whoever comes first makes it whole: the other may find it so, or notice first.
+    # The first of the two repairs it: the other may find it repaired, or notice first.
     until(lambda: what in text(controller) + text(device), "it is told", 2)
     watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
     until(lambda: pushing(watch, since), "force on the repaired bus")

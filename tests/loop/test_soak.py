@@ -14,7 +14,7 @@ from kit import NETWORK, block_scene
 RIGS = 2
 
 
-def test_whoever_comes_back_is_taken_up_within_a_second_or_told_why_not(build, root, long_run):
+def test_a_program_that_comes_back_is_accepted_within_a_second_or_told_why_not(build, root, long_run):
     first, each = int(os.environ.get("TM_SEED", 1)), 500 if long_run else 50
     folders = [pathlib.Path(tempfile.mkdtemp(prefix="tm-soak-", dir="/dev/shm")) for _ in range(RIGS)]
     rigs = []

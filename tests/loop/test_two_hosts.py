@@ -128,7 +128,7 @@ def test_wire_cut_and_mended():
 
 
 def test_simulation_killed_in_contact():
-    """SIGKILL while the hand pushes: what the simulation said last is worth nothing after 150 ms."""
+    """SIGKILL while the hand pushes: the last sample of the simulation has no effect after 150 ms."""
     ticks, controller, directory, _ = play("killed", CLEAN, seconds=5, kill={"at_s": 3.1, "host": "simulation", "command": 0})
     silence = [t for t in ticks if t["sample_age_s"] > 0.3]
     assert silence and silence[-1] is ticks[-1], "the simulation went on"

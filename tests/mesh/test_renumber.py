@@ -130,10 +130,10 @@ def test_it_is_told_where_it_is_worth_it(tm_mesh, bin, env, tmp_path):
         told = meshlib.run(bin / "tm-sim", scene, "--explain", "--set", f"tissue.mesh={tmp_path / name}.msh", "--json", tmp_path / "e.json", env=env)
         assert told.returncode == 0, told.stderr
         explained = json.loads((tmp_path / "e.json").read_text())["numbering"]
-        assert explained == {**figures["numbering"], "inside": poor} and ("renumbered inside" in told.stdout) == poor, name
+        assert explained == {**figures["numbering"], "inside": poor} and ("renumbered internally" in told.stdout) == poor, name
     scene.write_text(scene.read_text().replace("MESH", "poor.msh"))
     told = meshlib.run(bin / "tm-sim", scene, "--explain", env=env).stdout
-    assert re.search(r"scene\.yaml:2: the mesh's numbers jump: .* (\d+) apart on average; renumbered inside, they are (\d+) apart", told)
+    assert re.search(r"scene\.yaml:2: large bandwidth: .* differ by (\d+) on average; renumbered internally, by (\d+)", told)
 
 
 @pytest.mark.parametrize("args,said", [

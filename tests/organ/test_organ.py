@@ -133,7 +133,7 @@ def test_a_scene_that_is_yours_is_measured_and_not_changed(bin, tmp_path):
     scene.write_text(re.sub(r"time: \{frame_rate.*", "time: {frame_rate: 25 Hz, duration: 1.5 s, step: 2e-5 s}", scene.read_text()))
     before = scene.read_text()
     said = organ(bin, *words)
-    assert scene.read_text() == before and "it is yours, so nothing is changed" in said and "too much to be felt live" in said and "feel it" not in said, said
+    assert scene.read_text() == before and "you have edited it, so it is not changed" in said and "too much for real time" in said and "feel it" not in said, said
 
 
 def test_a_surface_of_odd_shape(bin, tmp_path):
@@ -182,8 +182,8 @@ def test_every_kind_of_surface_is_measured_alike(bin, build, tmp_path):
 
 
 @pytest.mark.parametrize("words,said", [
-    (["nowhere.nii.gz"], "no such file"), (["{folder}"], "a folder; name a file"), (["{text}"], "neither an image"), (["{stl}"], "does not say its unit; add --unit mm"),
-    (["{stl}", "--unit", "mm"], "open.stl"), (["{obj}", "--unit", "mm"], "open.obj"), (["{msh}"], "bad.msh"), (["{msh}", "--size", "3mm"], "tetrahedra already"), (["{msh}", "--budget", "9"], "--budget is for images"),
+    (["nowhere.nii.gz"], "no such file"), (["{folder}"], "a folder; name a file"), (["{text}"], "neither an image"), (["{stl}"], "a surface file has no unit; add --unit mm"),
+    (["{stl}", "--unit", "mm"], "open.stl"), (["{obj}", "--unit", "mm"], "open.obj"), (["{msh}"], "bad.msh"), (["{msh}", "--size", "3mm"], "this is a mesh already"), (["{msh}", "--budget", "9"], "--budget applies only to images"),
     (["{image}"], "seg.nii"), (["{big}"], "too large for an organ")])
 def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
     names = {"text": "notes.txt", "stl": "open.stl", "obj": "open.obj", "msh": "bad.msh", "image": "seg.nii", "big": "big.msh"}
@@ -220,7 +220,7 @@ def test_a_source_that_looks_like_an_option(bin, tmp_path, name):
 def test_control_characters_in_names_are_refused(bin, tmp_path, label):
     (tmp_path / "seg.nii").write_text("not much\n")
     said = organ(bin, tmp_path / "seg.nii", "--label", label, "-o", tmp_path / "out", code=2)
-    assert "a control character in a name" in said and label[2:] not in said
+    assert "the name contains a control character" in said and label[2:] not in said
     said = subprocess.run([bin / "tm-mesh", "image", "--label", label, tmp_path / "seg.nii", "-o", tmp_path / "a.msh"], capture_output=True, text=True)
     assert said.returncode == 2 and "its name contains a control character" in said.stderr
 

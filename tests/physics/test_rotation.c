@@ -176,7 +176,7 @@ static void test_the_force_does_not_jump_at_the_threshold(void **state) {
     destroy(&t);
 }
 
-/* However large, plain, AVX2 and AVX-512 lanes and whoever shares a pack: the same bits. */
+/* Rotations of any size give the same bits in plain C, AVX2 and AVX-512, whichever tetrahedra share a batch. */
 static void test_all_forms_give_the_same_bits(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {

@@ -55,7 +55,7 @@ def test_a_table_without_controllers_has_a_column_for_each_joint(bin, root, tmp_
 
 
 @pytest.mark.parametrize("words, says", [
-    (["haptics.profile={profile}"], "haptics.profile is for instruments of one device, and these have a impulse_engine and a desk"),
+    (["haptics.profile={profile}"], "haptics.profile applies to one type of device, and the instruments have a impulse_engine and a desk"),
     (["instruments[0].profile={profile}", "instruments[1].profile={profile}"], "mine.profile:1: joint_max: '7' is not allowed; give 3 value(s)"),
     (["instruments[0].profile={profile}"], None), (["haptics.profile={profile}", "instruments[1].device=impulse_engine"], None)])
 def test_a_profile_is_of_one_device(bin, root, tmp_path, words, says):

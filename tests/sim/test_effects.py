@@ -155,7 +155,7 @@ def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
 
 def test_explain_says_how_long_a_cut_fades(bin, root):
     said, _ = run(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain", "--set", "cut.fade=40 ms")
-    assert "cut.fade: what is felt on tetrahedra that go fades within 40 ms (" in said and "block-cut.yaml:" in said, said
+    assert "cut.fade: the force from a removed tetrahedron falls to 0 within 40 ms (" in said and "block-cut.yaml:" in said, said
     said, _ = run(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain")
     assert "cut.fade" not in said
 
@@ -264,7 +264,7 @@ def test_only_what_may_be_sent_takes_memory(bin, root, tmp_path):
     for e in ("tangent", "local_model"):
         stages, memory = rows[e]
         assert stages["patch"]["line"] == 23 and stages["patch"]["bytes"] == memory - rows["position"][1] > 0
-        assert stages["patch"]["phase"] == "between" and not stages["patch"]["in_step"] and stages["patch"]["us_per_step"] > 0
+        assert stages["patch"]["phase"] == "on demand" and not stages["patch"]["in_step"] and stages["patch"]["us_per_step"] > 0
 
 
 def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path):

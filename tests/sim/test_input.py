@@ -126,9 +126,9 @@ def test_mesh(bin, tmp_path, what):
 
 
 COMMANDS = {
-    "no arguments": ([], "no scene"),
+    "no arguments": ([], "the scene is missing"),
     "unknown option": (["--fast"], "'--fast'"),
-    "no mode": (["{scene}"], "no mode"),
+    "no mode": (["{scene}"], "the mode is missing"),
     "two modes": (["{scene}", "--lockstep", "--realtime"], "two modes"),
     "two scenes": (["{scene}", "{scene}", "--lockstep"], "second scene"),
     "missing file": (["/nowhere/scene.yaml", "--lockstep"], "cannot be read"),

@@ -209,7 +209,7 @@ def test_explain_names_stage_and_line(bin, root, tmp_path):
     assert abs(sum(row.get("share", 0) for row in r["stages"]) - 1) < 1e-9
     assert r["left_out"] == [e for e in r["left_out"] if e not in ("gravity", "contact")] and "damping" in r["left_out"]
     out, _ = run(bin / "tm-sim", scene, "--explain", "--unset", "gravity", "--set", "damping.rate=3 /s")
-    assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy strain_smoothing gravity" in out
+    assert "--set damping.rate=3 /s" in out and "not in the scene, without cost: anisotropy strain_smoothing gravity" in out
 
 
 CONTACT = INSTRUMENT + "contact:\n"

@@ -179,8 +179,8 @@ def test_the_scene_can_keep_the_files_numbers(bin, scenes, tmp_path):
     keep = ["--set", "tissue.renumber=no"]
     runs = [report(bin / "tm-sim", scene, "--lockstep", *more, tmp=tmp_path)["state_hash"] for scene in (ordered, shuffled) for more in ([], keep)]
     assert runs[0] == runs[1] != runs[2] != runs[3]
-    for more, inside, words in (([], True, r"scene\.yaml:3: the mesh's numbers jump: .* \d+ apart on average; renumbered inside, they are (\d+) apart"),
-                                (keep, False, r"without tissue\.renumber: no it would be (\d+), and steps quicker")):
+    for more, inside, words in (([], True, r"scene\.yaml:3: large bandwidth: .* differ by \d+ on average; renumbered internally, by (\d+)"),
+                                (keep, False, r"without tissue\.renumber: no it would be (\d+), and steps faster")):
         path = tmp_path / "explain.json"
         out, _ = run(bin / "tm-sim", shuffled, "--explain", *more, "--json", path)
         told = json.loads(path.read_text())["numbering"]

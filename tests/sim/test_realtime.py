@@ -18,7 +18,7 @@ def session(bin, build, root, tmp_path_factory):
 
 def test_it_ends_cleanly_and_says_who_came(session):
     heard, report, scene = session
-    assert heard["exit"] == 0 and "controller of instrument 0 is here" in heard["said"]
+    assert heard["exit"] == 0 and "controller of instrument 0 is connected" in heard["said"]
     assert heard["scene"] == str(scene) and heard["trocar"] == [0.05, 0.05, 0.18]
     assert heard["others"].get("TISSUE", 0) > 10 and "PATCH_0" not in heard["others"] and "FORCE_1" not in heard["others"]
 
@@ -48,7 +48,7 @@ def test_the_force_is_finite_pushes_back_and_echoes_the_controllers_own_time(ses
 def test_a_controller_restarted_with_an_earlier_clock_is_taken_up(session):
     heard, _, _ = session
     assert heard["forces"][-1][0] == 5000000 - 7
-    assert "a new controller of instrument 0 is here (session 4999993 after 5000000)" in heard["said"]
+    assert "a new controller of instrument 0 is connected (session 4999993 after 5000000)" in heard["said"]
 
 
 def test_one_packet_from_the_future_locks_nobody_out(session):

@@ -11,7 +11,7 @@ def test_the_same_session_on_two_threads(build, root, tmp_path):
 def test_explain_says_how_many(build, root, tmp_path):
     program = build / "bin" / "tm-sim"
     out, _ = run(program, root / "apps/scenes/liver-press.yaml", "--explain", "--set", "threads=8")
-    assert "threads: 5 of the 8 asked for; the tissue is worth no more" in out
+    assert "threads: 5 of 8 requested; the tissue is too small for more" in out
 
 
 def test_no_thread_is_refused(build, root):

@@ -53,7 +53,7 @@ hand:
 def test_a_tool_that_never_touched_is_told_with_how_near_it_came_and_when(bin, root, tmp_path):
     scene = block_scene(tmp_path, root, PATH.format(z=0.0562))
     _, said = run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")
-    assert said.startswith(f"{scene}:10: warning: instrument 0 never touched the tissue: its tip came within 3.7 mm, at 0.4 s; lead it nearer"), said
+    assert said.startswith(f"{scene}:10: warning: instrument 0 never touched the tissue: its tip came within 3.7 mm, at 0.4 s; move it nearer"), said
     assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s")[1] == ""  # it was on its way
     scene = block_scene(tmp_path, root, PATH.format(z=0.05))
     assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")[1] == ""
@@ -149,8 +149,8 @@ def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
 
 
 @pytest.mark.parametrize("latency, rate, words", [
-    (2, "25 Hz", "haptics.latency = 2 samples of 40 ms: a force is up to 122 ms old before the next comes, and the controller fades what is older than 100 ms: the hand feels little or nothing; give 1.4 at most"),
-    (1, "10 Hz", "samples of 100 ms: a force is up to 202 ms old before the next comes, and the controller fades what is older than 100 ms"),
+    (2, "25 Hz", "haptics.latency = 2 samples of 40 ms: a force is up to 122 ms old, and the controller ramps down forces older than 100 ms, so the hand feels little or nothing; give 1.4 at most"),
+    (1, "10 Hz", "at a sample period of 100 ms a force is up to 202 ms old, and the controller ramps down forces older than 100 ms"),
     (1.4, "25 Hz", None),
 ])
 def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
@@ -165,4 +165,4 @@ def test_a_law_says_how_much_went_on_linearly(bin, root, tmp_path):
         _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--quiet", "--frames", 36, "--json", tmp_path / "o.json",
                       "--set", "tissue.materials.*.law=neo-hooke", "--set", "tissue.materials.*.stretch=1.2", *tips)
         tets = json.loads((tmp_path / "o.json").read_text())["limited_tets"]
-        assert (tets > 11) == loud and (f"{tets} of 1176 tetrahedra were beyond a limit of their law" in said) == loud, said
+        assert (tets > 11) == loud and (f"{tets} of 1176 tetrahedra were beyond the limit of their law" in said) == loud, said

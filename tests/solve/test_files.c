@@ -278,7 +278,7 @@ static void lost_race(void **state) {
     fix_ok(tms_file_lock(&s.def.problem, s.path, 5, &file, &error), &error);
     fix_ok(tms_file_reserve(&file, 4096, &error), &error);
     unsigned char *there = slurp(s.path, &size);
-    assert_int_equal(size, sizeof text); /* and not emptied, under whoever has it mapped */
+    assert_int_equal(size, sizeof text); /* not emptied: another program may have it mapped */
     assert_memory_equal(there, text, sizeof text);
     tms_file_abandon(&file);
     free(there);
@@ -400,7 +400,7 @@ static void traps(void **state) {
         free(there);
         unlink(s.part), unlink(target);
     }
-    alarm(60); /* a FIFO that is opened holds up whoever opens it */
+    alarm(60); /* opening a FIFO blocks the program */
     assert_int_equal(mkfifo(s.part, 0644), 0);
     assert_false(opens(&s, why));
     unlink(s.part);

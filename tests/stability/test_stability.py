@@ -52,4 +52,4 @@ def test_the_documentation_counts_them(root):
 
 def test_unknown_case_is_refused(bin):
     run = subprocess.run([bin / "tm-stability", "--case", "nonsense"], capture_output=True, text=True)
-    assert run.returncode == 2 and "--list names them" in run.stderr
+    assert run.returncode == 2 and "--list lists them" in run.stderr

@@ -76,7 +76,7 @@ for span in ${{array//,/ }}; do for i in $(seq ${{span%-*}} ${{span#*-}}); do SL
     (["--vary", "tissue.materials.*.yuong=3..9kPa:4"], "tissue.materials.*.yuong"),
     (["--vary", "time.frame_rate=20..30"], "20..30:4"),
     (["--vary", "time.frame_rate"], "no values"),
-    (["--vary", "time.frame_rate=20,,30"], "an empty value"),
+    (["--vary", "time.frame_rate=20,,30"], "a value is empty"),
     (["--vary", "time.frame_rate=20", "--vary", "time.frame_rate=30"], "varied twice"),
     (["--jobs", "0"], "--jobs 0"),
 ])

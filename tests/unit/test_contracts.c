@@ -57,7 +57,7 @@ static int teardown(void **state) {
     return 0;
 }
 
-/* What finds contact and what jaws hold, for whoever writes a model of his own. */
+/* Functions of contact search and jaws, for models outside the library. */
 static void broken_contract_of_jaws_is_told(void **state) {
     const scene *s = &((whole *)*state)->s;
     const double zero[3] = {0};

@@ -84,7 +84,7 @@ def test_a_session_opens_its_window_there(bin, forwarded, tmp_path):
 
 
 def test_displays_that_cannot_be_reached_are_told(root):
-    for name, text in (("localhost:4999.0", "does not answer"), (":4999", "does not answer"), ("nonsense", "names no display")):
+    for name, text in (("localhost:4999.0", "does not answer"), (":4999", "does not answer"), ("nonsense", "is not a display")):
         run = bridge(root, "true", env={**os.environ, "DISPLAY": name})
         assert run.returncode == 2 and text in run.stderr, (name, run.stderr)
     assert bridge(root, "sh", "-c", "echo ${DISPLAY-none}", env={k: v for k, v in os.environ.items() if k != "DISPLAY"}).stdout == "none\n"

@@ -33,7 +33,7 @@ def test_without_a_display(root, build, bin, tmp_path):
 
 
 @pytest.mark.parametrize("args,said", [(["--size", "9x9"], "--size"), (["--nothing"], "unknown option"), (["stray"], "not an option"), (["--quality", "2"], "--quality"), (["--duration", "x"], "--duration"),
-                                       (["--through", "0.5"], "wants its scene too: --scene FILE"), (["--fibres"], "--fibres wants the scene"), (["--through", "1", "--scene", "a.yaml"], "from 0 to 0.95"), (["--scene", "nowhere.yaml"], "nowhere.yaml")])
+                                       (["--through", "0.5"], "add --scene FILE"), (["--fibres"], "--fibres needs the scene"), (["--through", "1", "--scene", "a.yaml"], "from 0 to 0.95"), (["--scene", "nowhere.yaml"], "nowhere.yaml")])
 def test_bad_options(bin, args, said):
     run = subprocess.run([bin / "tm-play", *args], capture_output=True, text=True, timeout=120, env=NO_DISPLAY)
     assert run.returncode == 2 and said in run.stderr
@@ -48,9 +48,9 @@ def test_help_and_version(bin):
 def test_bad_scene_and_record_folder(root, build, tmp_path):
     env = {**NO_DISPLAY, "DISPLAY": ":4999"}
     run = play(root, build, "--out", tmp_path / "out", "--scene", tmp_path / "no.yaml", env=env)
-    assert run.returncode == 2 and "no such scene" in run.stderr
+    assert run.returncode == 2 and "this scene does not exist" in run.stderr
     run = play(root, build, "--out", tmp_path / "out", "--scene", root / SCENE, "--record", tmp_path / "no" / "x.lcm", env=env)
-    assert run.returncode == 2 and "its folder is not there" in run.stderr
+    assert run.returncode == 2 and "its folder does not exist" in run.stderr
 
 
 def xdotool(display_name, *args):

@@ -50,7 +50,7 @@ def test_a_plane_takes_what_lies_beyond_it(bin, mesh):
     low, none, turned = draw(bin, mesh, "--clip", "0,0,1,-49.9"), draw(bin, mesh, "--clip", "0,0,1,60"), draw(bin, mesh, "--clip", "0,0,-1,-49.9")
     assert none == draw(bin, mesh) and low[0] == 0 and turned[0] == 0
     done = run(bin, mesh, "--png", mesh.with_suffix(".png"), *FLAT, "--clip", "0,0,1,-60")
-    assert done.returncode == 2 and "--clip takes all of it away" in done.stderr
+    assert done.returncode == 2 and "--clip hides all of it" in done.stderr
 
 
 def test_up_is_either_way(bin, mesh):
@@ -67,7 +67,7 @@ def test_bad_input(bin, mesh, args, said):
 
 def test_a_log_is_not_cut(bin, tmp_path):
     done = run(bin, tmp_path / "a.lcm", "--png", tmp_path / "a.png", "--clip", "0,0,1")
-    assert done.returncode == 2 and "a log tells only its surface" in done.stderr
+    assert done.returncode == 2 and "a log has only the surface" in done.stderr
 
 
 def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):

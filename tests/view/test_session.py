@@ -18,7 +18,7 @@ from test_view import needs_namespace, pixels, probe, share, tissue_red
 
 HERE = pathlib.Path(__file__).resolve().parent
 SCENE = "apps/scenes/liver-press.yaml"
-of_the_demo = pytest.mark.xdist_group("demo")  # one after the other: whoever comes second would wait for the demo
+of_the_demo = pytest.mark.xdist_group("demo")  # one after the other: the second would wait for the demo
 
 
 @pytest.fixture(scope="session")
@@ -252,7 +252,7 @@ def test_the_models_are_those_of_the_scene(root, build, tmp_path):
 def test_demo_with_a_bad_scene_says_so(root, build, tmp_path):
     demo = [sys.executable, root / "apps" / "demo" / "demo.py", "--build", build, "--out", tmp_path / "out"]
     run = subprocess.run([*demo, "--scene", tmp_path / "nowhere.yaml"], capture_output=True, text=True, timeout=300)
-    assert run.returncode == 2 and "nowhere.yaml: no such scene" in run.stderr
+    assert run.returncode == 2 and "nowhere.yaml: this scene does not exist" in run.stderr
 
 
 # --- lcm-spy ---

@@ -212,10 +212,10 @@ def test_scene_errors_are_the_scenes(bin, tmp_path):
 
 
 BAD = [
-    (["LOG", "--png", "OUT", "--fibres"], "--fibres wants the scene"),
-    (["any.yaml", "--png", "OUT", "--scene", "x.yaml"], "--scene belongs to a log"),
+    (["LOG", "--png", "OUT", "--fibres"], "--fibres needs the scene"),
+    (["any.yaml", "--png", "OUT", "--scene", "x.yaml"], "--scene applies to a log"),
     (["LOG", "--png", "OUT", "--scene", "nowhere.yaml"], "nowhere.yaml: "),
-    ([], "no output named"),
+    ([], "the output is missing"),
     (["--png"], "--png"),
     (["--colour", "red"], "unknown option"),
     (["LOG", "LOG", "--png", "OUT"], "one source"),
@@ -235,8 +235,8 @@ BAD = [
     (["TEXT/log.lcm", "--png", "OUT"], "cannot be read: Not a directory"),
     (["nowhere.msh", "--png", "OUT"], "nowhere.msh"),
     (["nowhere.yaml", "--png", "OUT"], "nowhere.yaml"),
-    (["TEXT", "--png", "OUT"], "no LCM log"),
-    (["EMPTY", "--png", "OUT"], "no LCM log"),
+    (["TEXT", "--png", "OUT"], "not an LCM log"),
+    (["EMPTY", "--png", "OUT"], "not an LCM log"),
     (["FOREIGN", "--png", "OUT"], "no TISSUE"),
     (["LOG", "--png", "FOLDER/no/p.png"], "cannot write"),
     (["LOG", "--video", "FOLDER/no/p.mp4"], "cannot write"),
@@ -333,7 +333,7 @@ def test_log_cut_off_in_the_middle(bin, log, tmp_path):
     data = log.read_bytes()
     short.write_bytes(data[: len(data) * 2 // 3])
     result = run(bin, short, "--png", tmp_path / "p.png", *SMALL)
-    assert result.returncode == 0 and "ends in the middle" in result.stderr
+    assert result.returncode == 0 and "is damaged or truncated" in result.stderr
     assert (tmp_path / "p.png").exists()
 
 

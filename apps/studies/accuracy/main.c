@@ -17,48 +17,46 @@ static const struct {
     const char *name, *what;
     knob_measure *measure;
 } knobs[] = {
-    {"mesh", "tetrahedra against displacement, reaction and energy, isotropic and fibred", knob_mesh},
-    {"volume", "tissue that does not lock against linear tetrahedra, pressed, and bent towards nu = 0.5", knob_volume},
-    {"step", "time step against trajectory, phase, energy and settling", knob_step},
-    {"mass", "a longer step by selective mass scaling against the force at the indenter", knob_mass},
-    {"precision", "single against double stored tensors", knob_precision},
-    {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
-    {"rotation", "tissue that turns, without volume and with it, against large displacements, and its price",
-     knob_rotation},
-    {"viscosity", "tissue that relaxes: its price, its error at fast strains, and a liver's ramp and hold",
-     knob_viscosity},
-    {"friction", "tools that rub: its price, and the force at the hand of a slide without it", knob_friction},
-    {"fibre", "leaving anisotropy out of fibred tissue", knob_fibre},
+    {"mesh", "number of tetrahedra: error of displacement, reaction and energy, isotropic and fibred", knob_mesh},
+    {"volume", "strain smoothing against linear tetrahedra: pressed, and bent with nu near 0.5", knob_volume},
+    {"step", "time step: error of trajectory, phase, energy and settling", knob_step},
+    {"mass", "mass scaling: length of the step, and error of the force at the indenter", knob_mass},
+    {"precision", "single or double stored tensors: error and speed", knob_precision},
+    {"model", "linear models: error at large displacements, pressed by 1 % to 40 %", knob_model},
+    {"rotation", "rotation, with and without strain smoothing: error at large displacements, and cost", knob_rotation},
+    {"viscosity", "viscosity: cost, error at fast strains, and the ramp and hold of a liver", knob_viscosity},
+    {"friction", "friction: cost, and the error of the force of a slide without it", knob_friction},
+    {"fibre", "fibres: error if anisotropy is left out", knob_fibre},
 };
 enum { KNOBS = sizeof knobs / sizeof *knobs };
 
 static void progress(const char *knob, double fraction) { app_progress(knob, fraction, false); }
 
 static void usage(FILE *to) {
-    fprintf(to,
-            "usage: tm-accuracy [--knob NAME]... [--quick] [--reference FILE] --json FILE\n"
-            "       tm-accuracy --scene SCENE.yaml [--budget CORES] [--page FOLDER] --json FILE\n"
-            "Measures what accuracy costs in time and writes it as JSON: on a pressed block whose solution is known "
-            "(`make accuracy` draws the\n"
-            "page), or on a scene, along its hand's path, against its own finest mesh.\n\n"
-            "  --knob NAME       only this one (may be repeated):\n");
+    fprintf(to, "usage: tm-accuracy [--knob NAME]... [--quick] [--reference FILE] --json FILE\n"
+                "       tm-accuracy --scene SCENE.yaml [--budget CORES] [--page FOLDER] --json FILE\n"
+                "Measures accuracy against computing time and writes JSON: of a pressed block with known solution "
+                "(`make accuracy` draws the page),\n"
+                "or of a scene along its hand's path, against its finest mesh.\n"
+                "\n"
+                "  --knob NAME       measure only this parameter (may be repeated):\n");
     for (int k = 0; k < KNOBS; k++) fprintf(to, "      %-10s %s\n", knobs[k].name, knobs[k].what);
     fputs(
-        "  --quick           smaller meshes, fewer rounds; of a scene: fewer settings\n"
-        "  --reference FILE  the independent solutions [apps/studies/accuracy/reference/reference.json, here or as installed]\n"
-        "  --json FILE       where the figures go; a scene's study that was broken off goes on from there\n"
-        "  --quiet           no progress; --list names the knobs\n"
+        "  --quick           use smaller meshes, fewer repetitions; of a scene: fewer settings\n"
+        "  --reference FILE  read the independent solutions [apps/studies/accuracy/reference/reference.json, or as installed]\n"
+        "  --json FILE       write the figures; an interrupted study of a scene continues from this file\n"
+        "  --quiet           print warnings and errors only; --list lists the parameters\n"
         "  -h, --help, --version\n\n"
-        "  --scene FILE      this scene's meshes, step, mass, precision, model, threads, effects, constants, frame and sample rates, extrapolators\n"
-        "  --set PATH=VALUE, --unset PATH  as tm-sim takes them (may be repeated)\n"
-        "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
-        "  --duration TIME   of the hand's path [the scene's]\n"
-        "  --limit TIME      of the whole study: what it does not hold is left out, and said; a run gets a quarter at most [10 min]\n"
-        "  --finest NUMBER   no finer mesh of more tetrahedra than that; with a long --limit the meshes are then the same on every machine\n"
-        "  --budget CORES    recommend the exactest setting within these processors (0.5, \"2 cores\"), write it as a scene and run it\n"
-        "  --frame RATE      at this frame rate (time.frame_rate)\n"
-        "  --hold TIME       how long the recommendation is run in real time [10 s]\n"
-        "  --page FOLDER     draw index.html there (needs python3 with matplotlib; $TM_PYTHON names another)\n",
+        "  --scene FILE      study this scene: meshes, step, mass, precision, model, threads, effects, constants, rates, extrapolators\n"
+        "  --set PATH=VALUE, --unset PATH  as in tm-sim (may be repeated)\n"
+        "  --mesh FILE       add a mesh of the same organ, with the same groups and unit (at most 4)\n"
+        "  --duration TIME   duration of the hand's path [the scene's]\n"
+        "  --limit TIME      time of the complete study: settings that need more are left out and listed; a run gets a quarter at most [10 min]\n"
+        "  --finest NUMBER   largest number of tetrahedra; with a long --limit the meshes are then the same on every machine\n"
+        "  --budget CORES    recommend the most accurate setting within these processors (0.5, \"2 cores\"), write it as a scene and run it\n"
+        "  --frame RATE      recommend for this frame rate (time.frame_rate)\n"
+        "  --hold TIME       time for which the recommendation is run in real time [10 s]\n"
+        "  --page FOLDER     draw index.html in this folder (needs python3 with matplotlib; $TM_PYTHON names another)\n",
         to);
 }
 
@@ -72,7 +70,7 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     if (!truth)
         return app_bad_input(
             reference_path, 0,
-            "not the JSON of the references; make it with make_inp.py --gather, or name it with --reference");
+            "it is not the JSON of the references; make it with make_inp.py --gather, or give another with --reference");
     run r = {.quick = quick, .rounds = quick ? 5 : 15, .truth = truth, .progress = progress};
     cJSON *root = cJSON_CreateObject();
     app_json_add(root, "quick %hhd", quick);
@@ -101,7 +99,7 @@ typedef struct options {
 
 static int add_set(study *t, const char *text) {
     if (t->set_count >= STUDY_SETS / 2 - 4) /* the study adds its own settings */
-        return app_bad_input("tm-accuracy", 0, "more than %d --set and --unset; write them into the scene",
+        return app_bad_input("tm-accuracy", 0, "there are more than %d --set and --unset; write them into the scene",
                              STUDY_SETS / 2 - 4);
     t->set[t->set_count++] = (char *)(uintptr_t)text;
     return 0;
@@ -110,7 +108,7 @@ static int add_set(study *t, const char *text) {
 static int read_quantity(const char *option, const char *text, const char *dimension, double *si) {
     char why[200];
     if (app_parse_quantity(text, dimension, si, why, sizeof why) && *si > 0) return 0;
-    return app_bad_input("tm-accuracy", 0, "%s %s: a %s above 0 is wanted", option, text,
+    return app_bad_input("tm-accuracy", 0, "%s %s: this is not valid; give a %s above 0", option, text,
                          strcmp(dimension, "none") ? dimension : "number");
 }
 
@@ -123,19 +121,20 @@ static int read_budget(study *t, const char *text) {
     if (length >= sizeof number || (*unit && strcmp(unit, "core") && strcmp(unit, "cores"))) length = 0;
     snprintf(number, sizeof number, "%.*s", (int)length, text);
     return *number ? read_quantity("--budget", number, "none", &t->budget)
-                   : app_bad_input("tm-accuracy", 0, "--budget %s: processors are wanted: 0.5, 2 cores", text);
+                   : app_bad_input("tm-accuracy", 0,
+                                   "--budget %s: this is not a number of processors; give 0.5 or 2 cores", text);
 }
 
 static int read_knob(options *o, const char *name) {
     int k = 0;
     while (k < KNOBS && strcmp(knobs[k].name, name) != 0) k++;
-    if (k == KNOBS) return app_bad_input("tm-accuracy", 0, "no knob '%s'; --help lists them", name);
+    if (k == KNOBS) return app_bad_input("tm-accuracy", 0, "parameter '%s' does not exist; --help lists them", name);
     o->wanted[k] = o->some = true;
     return 0;
 }
 
 static int read_mesh(study *t, const char *file) {
-    if (t->other_count == 4) return app_bad_input("tm-accuracy", 0, "more than 4 --mesh; leave some out");
+    if (t->other_count == 4) return app_bad_input("tm-accuracy", 0, "there are more than 4 --mesh; leave some out");
     t->other_mesh[t->other_count++] = file;
     return 0;
 }
@@ -204,15 +203,16 @@ static int parse(options *o, int argc, char **argv) {
         case 'v': printf("tm-accuracy %s\n", tm_version()); exit(APP_DONE);
         case '?':
         case ':':
-            return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help",
+            return app_bad_input("tm-accuracy", 0,
+                                 "%s: unknown option, or its value is missing; see tm-accuracy --help",
                                  argv[optind - 1]);
         default: rc = read_scene_option(&o->study, c);
         }
         if (rc) return rc;
     }
     if (optind < argc)
-        return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);
-    if (!o->json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; say where the figures go");
+        return app_bad_input("tm-accuracy", 0, "unexpected argument '%s'; see tm-accuracy --help", argv[optind]);
+    if (!o->json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; give a file for the figures");
     return app_output_check(o->json) ? APP_BAD_INPUT : 0;
 }
 
@@ -220,12 +220,13 @@ static int parse(options *o, int argc, char **argv) {
 static int check_kind(const options *o) {
     const study *t = &o->study;
     if (t->file && o->some)
-        return app_bad_input("tm-accuracy", 0, "--knob is of the block's study; a scene's measures all: leave it out");
+        return app_bad_input("tm-accuracy", 0,
+                             "--knob applies only to the block; leave it out, as a scene's study measures all");
     if (!t->file && (t->set_count || t->other_count || t->page || t->choice.wanted || t->frame_Hz > 0 ||
                      t->duration_s > 0 || isfinite(t->finest)))
-        return app_bad_input("tm-accuracy", 0,
-                             "--set, --mesh, --page, --budget, --frame, --finest and --duration are of a "
-                             "scene's study; add --scene FILE");
+        return app_bad_input(
+            "tm-accuracy", 0,
+            "--set, --mesh, --page, --budget, --frame, --finest and --duration apply to a scene; add --scene FILE");
     return 0;
 }
 

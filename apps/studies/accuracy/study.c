@@ -149,7 +149,7 @@ static int draw(const study *t) {
     char script[2048], python[1200];
     const char *asked = getenv("TM_PYTHON");
     if (!app_shared_file("apps/studies/accuracy/scene_page.py", script, sizeof script))
-        return app_bad_input(script, 0, "the program that draws the page is not there; make install puts it there");
+        return app_bad_input(script, 0, "the program that draws the page is missing; make install installs it");
     const ssize_t length = readlink("/proc/self/exe", python, 1000);
     python[length > 0 ? length : 0] = 0;
     char *slash = strrchr(python, '/');
@@ -166,7 +166,7 @@ static void remark_untouched(const study *t) {
     const study_run *own = &t->run[0];
     for (int i = 0; i < own->frames * own->instruments * 3; i++)
         if (own->force_N[i] != 0) return;
-    app_remark("%s: within %.3g s the hand touches nothing: nothing can be said of its force; take a longer --duration",
+    app_remark("%s: within %.3g s the hand touches nothing, so there is no force to judge; give a longer --duration",
                t->file, t->duration_s);
 }
 
@@ -190,7 +190,7 @@ int study_whole(study *t) {
     char *slash = strrchr(folder, '/');
     if (slash) *slash = 0;
     if (!realpath(slash ? (slash == folder ? "/" : folder) : ".", whole))
-        return app_bad_input(t->json, 0, "its folder is not there; make it");
+        return app_bad_input(t->json, 0, "its folder does not exist; make it");
     snprintf(t->folder, sizeof t->folder, "%.800s/%.150s.files", whole, slash ? slash + 1 : folder);
     study_open(t);
     study_time_begin(t);
@@ -201,7 +201,7 @@ int study_whole(study *t) {
     if (!rc) rc = study_plan(t);
     if (!rc) rc = study_measure_all(t);
     if (app_interrupted() && t->run_count)
-        app_remark("tm-accuracy: %s holds what is done; the same command goes on from there", t->json);
+        app_remark("tm-accuracy: %s contains the completed runs; the same command continues from there", t->json);
     if (!rc) study_judge(t);
     if (!rc && t->choice.wanted) rc = study_recommend(t);
     if (!rc) rc = study_save(t, true);

@@ -89,7 +89,7 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]) {
     good = app_link_close(log) && good;
     if (good && app_output_commit(&output, &error)) return 0;
     app_output_abandon(&output);
-    fprintf(stderr, "%s: the log could not be written whole; check the disk\n", file);
+    fprintf(stderr, "%s: the log could not be written completely; check the disk\n", file);
     return APP_FAILED;
 }
 
@@ -316,7 +316,7 @@ int log_read(const char *file, int instrument, recording *out) {
                                {APP_FORCE, instrument, read_force, &g},
                                {APP_TRUTH, instrument, read_truth, &g}};
     if (!read_through(file, topic, sizeof topic / sizeof *topic))
-        return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
+        return app_bad_input(file, 0, "disappeared while it was read; keep it until the program ends");
     free(g.pending);
     if (out->ticks && out->samples) finish(&g);
     free(g.truth);

@@ -10,21 +10,23 @@
 #include "json_file.h"
 
 static void usage(FILE *to) {
-    fprintf(to, "usage: tm-evaluate LOG...            errors of every extrapolator on recorded sessions (LCM logs)\n"
-                "       tm-evaluate --study           the whole study on sessions of its own; make evaluate draws it\n"
-                "       tm-evaluate --generate DIR    write those sessions' logs, at 20 Hz\n\n"
-                "  --json FILE     the figures\n"
-                "  --quick         with --study: fewer rates, speeds and depths\n"
-                "  --model NAME    with --study, --generate: only this one (may be repeated):");
+    fprintf(
+        to,
+        "usage: tm-evaluate LOG...            measures the errors of every extrapolator on recorded sessions (LCM logs)\n"
+        "       tm-evaluate --study           runs the complete study on its own sessions; make evaluate draws it\n"
+        "       tm-evaluate --generate DIR    writes the logs of those sessions, at 20 Hz\n\n"
+        "  --json FILE     write the figures\n"
+        "  --quick         with --study: fewer rates, speeds and depths\n"
+        "  --model NAME    with --study, --generate: only this one (may be repeated):");
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
     fprintf(to, "\n  --path NAME     with --study: rates on this path alone (may be repeated):\n                 ");
     for (int p = 0; p < PATH_NAMED; p++) fprintf(to, " %s", path_name[p]);
     fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated):\n"
                 "                  operating roughness rates loop tissue-loop ready cutting");
-    fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
+    fprintf(to, "\n  --latency N     with LOG: delay samples by N more frames\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
-                "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
-                "  --quiet         no progress; --list names models and extrapolators\n"
+                "  --forces FILE   with LOG: write the force of each extrapolator, tick by tick, as CSV\n"
+                "  --quiet         print warnings and errors only; --list lists models and extrapolators\n"
                 "  -h, --help, --version\n\n"
                 "The studies' scenes are apps/scenes/evaluate-*.yaml, here or as installed.\n");
 }
@@ -128,7 +130,8 @@ static int evaluate_log(const char *file, const conditions *c, FILE *forces, cJS
     for (int i = 0; judged && i < LOG_INSTRUMENTS; i++)
         if (there[i] && why[i][0]) printf("%s: not judged: %s\n", file, why[i]);
     if (judged) return 0;
-    return app_bad_input(file, 0, "no tick can be judged: %s%s%s; record a session that touches, controller included",
+    return app_bad_input(file, 0,
+                         "no tick can be judged: %s%s%s; record a session with contact, its controller included",
                          why[0], there[1] ? "; " : "", there[1] ? why[1] : "");
 }
 
@@ -276,7 +279,7 @@ static int parse(int argc, char **argv, job *j) {
         case 'h': usage(stdout); exit(APP_DONE);
         case 'v': printf("tm-evaluate %s\n", tm_version()); exit(APP_DONE);
         default:
-            return app_bad_input("tm-evaluate", 0, "%s: unknown or incomplete option; see tm-evaluate --help",
+            return app_bad_input("tm-evaluate", 0, "%s: unknown option, or its value is missing; see --help",
                                  argv[optind - 1]);
         }
     }
@@ -292,9 +295,10 @@ int main(int argc, char **argv) {
     for (int p = 0; p < PATH_NAMED; p++) asked.run.path[p] = asked.run.path[p] || asked.every_path;
     for (int i = 0; i < PART_COUNT; i++) asked.part[i] = asked.part[i] || asked.whole;
     if (asked.studying + (asked.folder != NULL) + (optind < argc) != 1)
-        return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
+        return app_bad_input("tm-evaluate", 0,
+                             "the logs are missing; give logs, --study, or --generate DIR (tm-evaluate --help)");
     if (asked.studying && !asked.json)
-        return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
+        return app_bad_input("tm-evaluate", 0, "--study needs --json FILE; give a file for the figures");
     if (app_output_check(asked.json) || app_output_check(asked.forces)) return APP_BAD_INPUT;
     if (asked.studying) return study(&asked.run, asked.part, asked.json);
     if (asked.folder) return generate(asked.folder, &asked.run);

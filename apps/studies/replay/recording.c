@@ -224,7 +224,8 @@ static int check_instruments(const scene_record *of) {
     app_scene *scene = NULL;
     int rc = sim_scene_load(of->scene, NULL, 0, app_program_host(), &scene);
     if (!rc && !scene->instrument.count)
-        rc = app_bad_input(of->scene, 0, "no instrument, so there is no force to replay; add 'instruments:'");
+        rc = app_bad_input(of->scene, 0,
+                           "the scene has no instrument, so there is no force to replay; add 'instruments:'");
     app_scene_free(scene);
     return rc;
 }

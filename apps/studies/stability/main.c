@@ -37,12 +37,12 @@ static void usage(FILE *to) {
     fprintf(
         to,
         "usage: tm-stability [--case NAME]... [--quick] [--json FILE]\n"
-        "Runs hard cases: each stays accurate, stays stable with a stated loss, or is refused with a clear message. Exit 1 if one does not.\n\n"
-        "  --case NAME   only this one (may be repeated)\n"
-        "  --list        names and what they are\n"
-        "  --quick       the short form of each, as make check runs it\n"
-        "  --json FILE   verdicts, figures and curves\n"
-        "  --quiet       only what is not as it should be\n"
+        "Runs hard cases: each must stay accurate, stay stable with a stated loss, or be refused with a clear message. Exit 1 otherwise.\n\n"
+        "  --case NAME   run only this case (may be repeated)\n"
+        "  --list        list the cases\n"
+        "  --quick       run the short form of each, as make check does\n"
+        "  --json FILE   write verdicts, figures and curves\n"
+        "  --quiet       print only cases that fail\n"
         "  -h, --help, --version\n");
 }
 
@@ -86,7 +86,7 @@ static int run_all(char **wanted, int wanted_count, bool quick, const char *json
             if (!is_wanted(c->name, wanted, wanted_count)) continue;
             memset(&o, 0, sizeof o);
             o.verdict = BROKEN;
-            snprintf(o.text, sizeof o.text, "the case came to no verdict");
+            snprintf(o.text, sizeof o.text, "the case ended without a verdict");
             c->run(quick, c->argument, &o);
             bool fine = good(c, &o);
             failed += !fine, ran++;
@@ -95,7 +95,7 @@ static int run_all(char **wanted, int wanted_count, bool quick, const char *json
             fflush(stdout);
             cJSON_AddItemToArray(rows, as_json(c, &o, quick));
         }
-    if (failed || !app_is_quiet()) printf("%d cases, %d not as they should be\n", ran, failed);
+    if (failed || !app_is_quiet()) printf("%d cases, %d failed\n", ran, failed);
     int exit = app_json_save(json, root);
     cJSON_Delete(root);
     return exit != APP_DONE ? exit : failed ? APP_FAILED : APP_DONE;
@@ -122,7 +122,8 @@ int main(int argc, char **argv) {
     opterr = 0; /* the program prints its own message */
     for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) switch (c) {
         case 'c':
-            if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
+            if (!exists(optarg))
+                return app_bad_input("tm-stability", 0, "case '%s' does not exist; --list lists them", optarg);
             if (count < MAX_COUNT) wanted[count++] = optarg;
             break;
         case 'q': quick = true; break;
@@ -132,11 +133,12 @@ int main(int argc, char **argv) {
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-stability %s\n", tm_version()); return APP_DONE;
         default:
-            return app_bad_input("tm-stability", 0, "%s: unknown or incomplete option; see tm-stability --help",
+            return app_bad_input("tm-stability", 0,
+                                 "%s: unknown option, or its value is missing; see tm-stability --help",
                                  argv[optind - 1]);
         }
     if (optind < argc)
-        return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
+        return app_bad_input("tm-stability", 0, "unexpected argument '%s'; see tm-stability --help", argv[optind]);
     if (app_output_check(json)) return APP_BAD_INPUT;
     return run_all(wanted, count, quick, json);
 }
