@@ -169,7 +169,7 @@ static void pressing_flat_ground(void **state) {
         assert_true(force[2] <= last + 1e-6f); /* pushes towards the trocar, more and more */
         last = force[2];
     }
-    /* 4 mm deep less the radius that rests on it: compliance of the point and the skin in series. */
+    /* 4 mm deep, less the radius: compliance of the point and contact compliance in series. */
     assert_true(last < -0.8f && last > -2.0f);
     assert_true(fabsf(force[0]) < 0.05f * fabsf(last) && fabsf(force[1]) < 0.05f * fabsf(last));
 }

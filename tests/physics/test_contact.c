@@ -98,7 +98,7 @@ static int32_t find(const scene *s, const tm_capsule *capsule, double margin, tm
                     row, 64, NULL);
 }
 
-/* On a plane, however it is triangulated, the rows of a sphere act as one: one normal, one gap, one skin, one point. */
+/* On a plane with any triangulation the rows of a sphere act as one row: same normal, gap, compliance and point. */
 static void test_flat_surface_hides_its_triangles(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -426,8 +426,8 @@ static void test_force_is_smooth_and_follows(void **unused) {
     }
 }
 
-/* Deeper than an edge is long, in lightly damped tissue: no flutter (without the film: 46 % of the peak from frame to
- * frame). */
+/* Pressed deeper than an edge, in lightly damped tissue: no oscillation (without viscous drag: 46 % of the peak from
+ * frame to frame). */
 static void test_deep_and_lightly_damped_stays_calm(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();

@@ -189,7 +189,7 @@ static void test_sticks_and_slips(void **unused) {
     assert_true(took[0] < 0.3 && took[1] > took[0] + 0.05 && took[2] > took[1] + 0.05 && took[2] < 0.5);
 }
 
-/* Two tools rub: returns the most that contact made out of nothing. */
+/* Moves two tools with friction; returns the largest energy that contact generated. */
 static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
     rubbing r = open_rubbing(2, at_rest, sliding);
     tm_energy was = {0};

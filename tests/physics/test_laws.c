@@ -266,7 +266,7 @@ static void is_what_a_world_computes(body *b) {
     free(u);
 }
 
-/* Regions of two laws in one pack: each tetrahedron has the bits of a tissue of its own law alone. */
+/* Regions with two laws in one batch: each tetrahedron has the same bits as in a tissue of only its law. */
 static void has_own_laws(tm_material one, tm_material other) {
     fix_random random = {9};
     tm_error error;

@@ -23,7 +23,7 @@ typedef struct how {
     double dt_s, scaled_step_s;
 } how;
 
-/* Two regions, with a border between two laws across x; `poisson` of the first. */
+/* Makes two regions with different laws, divided across x; `poisson` is that of the first. */
 static tm_mesh *regions(const int cells[3], const double size_m[3], double jitter, fix_random *random) {
     tm_mesh *one = fix_block(cells, size_m, jitter, random);
     int32_t *region = calloc((size_t)one->tet_count, sizeof *region);

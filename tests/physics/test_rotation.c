@@ -342,7 +342,7 @@ static void test_cut_equals_a_fresh_build_bit_for_bit(void **state) {
     }
 }
 
-/* A snapshot goes on to the last bit, in a world that has looked at other packs. */
+/* A snapshot continues bit-identically in a world that has evaluated other batches. */
 static void test_a_snapshot_goes_on_to_the_last_bit(void **state) {
     (void)state;
     turning a = block(true, true), b = block(true, true);

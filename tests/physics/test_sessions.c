@@ -226,8 +226,8 @@ static bool drop_effect(session *s, int i) { return (void)s, (void)i, false; }
 
 /* --- the test --- */
 
-/* Seeds that broke a bound before contact kept an account of its own (contact_passivity.c), or when that account
- * thickened the film instead. */
+/* Seeds that broke a bound before contact had a passivity observer (contact_passivity.c), or when that observer raised
+ * the viscous drag instead. */
 static const uint64_t ONCE_BROKE[] = {3403, 4500, 6046, 9356};
 
 typedef struct tally {

@@ -138,7 +138,7 @@ static void patches_have_the_same_bits(void **state) {
 
 /* --- numbering --- */
 
-/* The block with its vertices numbered at random: nearly every edge crosses a border. */
+/* The block with randomly numbered vertices: nearly every edge connects two partitions. */
 static tm_mesh *shuffled(void) {
     fix_random random = {5};
     tm_mesh *block = fix_block((int[3]){14, 14, 14}, (double[3]){0.1, 0.1, 0.1}, 0.2, &random);
@@ -188,7 +188,7 @@ static void any_numbering(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Edges that a part computes, those that cross its borders too, and two for each vertex. */
+/* Counts the edges that a partition computes, those to other partitions included, and two for each vertex. */
 static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *part) {
     int64_t cost = 2 * (int64_t)(part->end - part->begin);
     for (int32_t p = 0; p < tissue->pair_count; p++) {
@@ -198,7 +198,7 @@ static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *p
     return cost;
 }
 
-/* In order a border is crossed by a tenth of the edges, at random by half of them: the later parts had all of those. */
+/* A tenth of the edges connects two partitions in order, half of them at random; the later partitions had them all. */
 static void parts_cost_the_same(void **state) {
     (void)state;
     fix_random random = {5};

@@ -3,7 +3,7 @@
  * full solves continues bit-identically. */
 #include "hybrid_set.h"
 
-/* One substep of the tool's way to `to`; with `whole`, solved in full whatever the span says. */
+/* Advances the tool towards `to` by one substep; with `whole`, by a full contact solve. */
 static void substep(hybrid_set *s, const tm_tool_pose *to, bool whole, double force_N[3]) {
     if (whole) tms_contact_reuse_forget(s->hybrid);
     tm_contact_begin_frame(s->contact, 1, 1);
@@ -21,7 +21,7 @@ static double off(const double a[3], const double b[3]) {
 
 /* --- rows alone --- */
 
-/* Every row bears what its skin does at the gap that all leave it. */
+/* Checks that the force of every row equals that of its contact compliance at its gap. */
 static void each_row_bears_what_its_skin_does(void **state) {
     (void)state;
     static tms_reuse_system s;
@@ -37,7 +37,8 @@ static void each_row_bears_what_its_skin_does(void **state) {
             s.row_compliance_m_N[i] = 0.5e-3 / (0.05 + fix_uniform(&random));
             s.radius_m[i] = 0.004;
             s.lambda_N[i] = fix_uniform(&random);
-            for (int32_t j = 0; j <= i; j++) { /* few shapes of the tissue: nearly singular without the skin */
+            for (int32_t j = 0; j <= i;
+                 j++) { /* few shapes of the tissue: nearly singular without contact compliance */
                 double give = 0;
                 for (int k = 0; k < 4; k++) give += 0.01 * lever[i][k] * lever[j][k];
                 s.delassus_m_N[i][j] = s.delassus_m_N[j][i] = give;
@@ -59,7 +60,7 @@ static void each_row_bears_what_its_skin_does(void **state) {
 
 /* --- at rest --- */
 
-/* A tool far from the border rests in spans as long as they may be, and where the precomputed model has it. */
+/* A resting tool far from the interface reaches the longest reuse interval and the precomputed model's force. */
 static void tool_at_rest_has_the_longest_span(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true},
@@ -117,7 +118,7 @@ static void cut_under(hybrid_set *s, double x_m) {
     assert_true(tm_cut_remove(s->tissue, list, count, NULL, 0) >= count);
 }
 
-/* The same stroke by spans and solved in full in every substep: largest difference of the force, of its peak. */
+/* Returns the largest force difference, of the peak, between a stroke with reuse and one with full solves. */
 static double differ_in(const scene_def *def, const stroke *st, int32_t *followed) {
     double peak = 0, most = 0, force[2][3];
     tm_tool_pose at = {.active = true};
@@ -159,8 +160,8 @@ static void moving(void **state) {
     assert_true(most < 0.03);
 }
 
-/* Slid evenly, what a span misses is the same in each, and the next one lets it in: spans get longer for the same jump
- * of the force, and what two spans did not agree on is left out. */
+/* In a steady slide each reuse interval has the same force drift, which the next one predicts: intervals get longer for
+ * the same jump of the force, and drift that two intervals do not share is not predicted. */
 static void even_slide_lengthens_spans(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, -0.006, 0.05}, .active = true};
@@ -227,8 +228,8 @@ static void surroundings_are_kept_while_nothing_comes_near(void **state) {
     set_free(&s);
 }
 
-/* On tissue with mass, far from the border, so that its rows are looked for in every substep: none of those that bear
- * is missed, however far the tissue swings. */
+/* On dynamic tissue far from the interface, where rows are detected in every substep: no loaded row is missed, however
+ * far the tissue oscillates. */
 static void swinging_tissue_misses_no_row(void **state) {
     (void)state;
     scene_def def = set_def();
@@ -245,7 +246,7 @@ static void swinging_tissue_misses_no_row(void **state) {
     assert_true(most < 0.02);
 }
 
-/* Where a span ends such a tool bears what following has just found: it is not solved for again. */
+/* At the end of a reuse interval such a tool keeps the force just computed; it is not solved again. */
 static void left_as_it_is(void **state) {
     (void)state;
     const scene_def def = set_def();
@@ -269,7 +270,7 @@ static void left_as_it_is(void **state) {
     set_free(&s);
 }
 
-/* On what a cut has left beside the border, with little mass: looked for in every substep. */
+/* On tissue of little mass that a cut has left at the interface: rows are detected in every substep. */
 static void light_remnant_is_searched_every_substep(void **state) {
     (void)state;
     const stroke lip = {{0.006, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.012};
@@ -278,7 +279,7 @@ static void light_remnant_is_searched_every_substep(void **state) {
     print_message("  on what a cut has left: off full solutions by %.2f %% of the peak, %d of 600 substeps followed\n",
                   100 * most, followed);
     assert_true(most < 0.05);
-    /* on the border too, which may be followed while it is whole */
+    /* on the interface too, where rows can be reused until it is cut */
     const stroke border = {{-0.003, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.004};
     const double there = differ(&border, &followed);
     print_message("  on the border, laid open: off by %.2f %% of the peak, %d of 600 substeps followed\n", 100 * there,
@@ -289,7 +290,7 @@ static void light_remnant_is_searched_every_substep(void **state) {
 
 /* --- snapshots --- */
 
-/* Taken at any substep of a span, and gone on with in a world that has been elsewhere. */
+/* A snapshot of any substep of a reuse interval continues in a world with another history. */
 static void snapshot_within_a_span_goes_on_alike(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true};
@@ -321,7 +322,7 @@ static void snapshot_within_a_span_goes_on_alike(void **state) {
     set_free(&a), set_free(&b);
 }
 
-/* A step that fails gives the span back. */
+/* A failed step rolls the reuse interval back. */
 static void failed_step_gives_the_span_back(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
@@ -343,7 +344,7 @@ static void failed_step_gives_the_span_back(void **state) {
     set_free(&s);
 }
 
-/* Put away from where it bore rows, and back: a span keeps none of them. */
+/* A tool that is moved away from its loaded rows and back: reuse keeps none of them. */
 static void tool_put_away_and_back_keeps_no_row(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true},

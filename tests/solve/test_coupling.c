@@ -55,7 +55,7 @@ static void free_set(set *s) {
     free(s->fixed), free(s->dynamic), free(s->x), free(s->y);
 }
 
-/* x^T S x and x^T (K - W W^T) x of the border's part of a displacement. */
+/* Computes x^T S x and x^T (K - W W^T) x for the interface's part of a displacement. */
 static double condensed_form(const set *s, const double *border_x) {
     const int32_t n = s->hybrid->interface_count;
     double *zero = calloc((size_t)n, 8), *f = calloc((size_t)n, 8);
@@ -106,7 +106,7 @@ static void between(void **state) {
     tms_coupling *c = &s.hybrid->coupling;
     assert_true(c->n >= 147 && c->rank > 0 && c->every > 1);
     assert_true(rest_is_positive(&s, 2e-6));
-    /* the softest shapes, which a border moves by as a whole, are followed well; a rough one is not */
+    /* the softest shapes, which move the complete interface, are represented well; a rough one is not */
     fix_random random = {3};
     double *shape = calloc((size_t)c->n, 8);
     double worst = 0;

@@ -101,7 +101,7 @@ static void a_few_teeth_stay(void **state) {
     free_set(&s);
 }
 
-/* What is all there is to condense stays: without it there would be no border. */
+/* The last condensed tetrahedra are kept: without them there would be no interface. */
 static void not_all_of_it(void **state) {
     (void)state;
     set s = make(0);

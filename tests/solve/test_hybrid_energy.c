@@ -60,7 +60,7 @@ static void go_along(hybrid_set *s, const tm_tool_pose *from, const tm_tool_pose
     tell(what, &e);
 }
 
-/* Pressed on the condensed half, slid over the border to the half with mass and back, held, let go. */
+/* Presses on the condensed half, slides over the interface to the dynamic half and back, holds, releases. */
 static void test_account_closes(void **unused) {
     (void)unused;
     const scene_def def = set_def();
@@ -80,7 +80,8 @@ static void test_account_closes(void **unused) {
     const tm_energy e = account(&s);
     print_message("off by %.1e J of %.1e\n", off, e.tool_work_J[0]);
     assert_true(off < 1e-4 * e.tool_work_J[0]);
-    assert_true(e.generated_J < 0.4 * most_hand_J); /* blended normals, while it slides; spans a twentieth of it */
+    assert_true(e.generated_J <
+                0.4 * most_hand_J); /* blended normals, while it slides; reuse intervals a twentieth of it */
     set_free(&s);
 }
 

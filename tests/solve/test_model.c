@@ -323,8 +323,7 @@ static void snapshot_before_letting_go(void **state) {
 /* How far across its normal the only tool is held back. */
 static double held_back_N(tm_model *model) { return fabs(tm_model_reaction(model, 0).force_N[0]); }
 
-/* While the probe sticks and while it slides: what its skin is stretched by goes on with the same bits, in patches
- * too. */
+/* While the probe sticks and while it slides, friction's stretch continues with the same bits, in patches too. */
 static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     (void)state;
     organ o;
@@ -338,7 +337,7 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     static tm_patch a, b;
     tm_tool_pose at = down;
     for (int i = 0; i < 3; i++) allow_patches(&o, i == 0 ? model : i == 1 ? other : third);
-    go(other, &at, 2); /* rubs there too, on its own account */
+    go(other, &at, 2); /* has friction there too, with its own coefficients */
     go(model, &above, 1);
     go(model, &at, 4);
     at.tip_m[0] += 0.0001;
