@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h> /* wants some of the above before it */
+#include <cmocka.h> /* needs some of the headers above */
 
 #include "tensormass.h"
 

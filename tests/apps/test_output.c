@@ -98,7 +98,8 @@ static void whole_or_not_at_all(void **state) {
     unlink("a.json");
 }
 
-/* By SIGKILL, in the middle; the next run finds and removes what is left, but not what another still writes. */
+/* Killed by SIGKILL while writing: the next run removes the remains, but not a file that another process still writes.
+ */
 static void killed(void **state) {
     (void)state;
     pid_t child = fork();

@@ -254,7 +254,7 @@ static void a_stiffness_that_does_not_come_true(void **state) {
         }
 }
 
-/* Samples in every tick, rough by 10 mN: what is told by differences stays as true as at 25 a second. */
+/* With samples in every tick and noise of 10 mN, differences stay as accurate as with 25 samples a second. */
 static void differences_in_every_tick(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {

@@ -50,7 +50,7 @@ static void a_foreign_patch_takes_no_place(void **state) {
     assert_non_null(l.node.controller.extrapolation.patch);
 }
 
-/* A simulation that has heard nobody yet answers nobody: not taken, and no refusal that a person must read of. */
+/* Samples of a simulation that has received no tool yet are not accepted, and not reported as refused. */
 static void an_answer_to_nobody_is_no_refusal(void **state) {
     (void)state;
     loop_press(&l, HRT_HOLD);

@@ -361,7 +361,7 @@ static void gaps_that_the_device_tells(void **state) {
     l.node.exchange.command_counter = (uint8_t)(l.node.exchange.command_counter + 7);
     loop_run(&l, 0.2);
     assert_int_equal(l.node.exchange.can.command_gaps, 7);
-    /* A controller that takes over counts from anywhere, and nobody calls that a gap. */
+    /* A controller that takes over may start at any count; this is not counted as a gap. */
     for (int begin = 0; begin < 128; begin += 9) {
         const hrt_node_config config = l.node.config;
         hrt_node_init(&l.node, &config, &l.node_bus);

@@ -41,7 +41,7 @@ static void open_rubbing(rubbing *r, double at_rest, double sliding) {
     scene_must(tm_stage_patch(r->s.world, r->s.contact, &patch, &r->maker, &error), &error);
 }
 
-/* The patch of now, as the controller gets it; null: there is none. */
+/* Returns the present patch in the controller's form; null if there is none. */
 static const hrt_patch *make_patch(rubbing *r) {
     bool whole = tm_patch_compute(r->maker, 0, &r->made);
     for (int k = 0; k < 500 && tm_patch_pending(r->maker) > 0; k++) whole = tm_patch_compute(r->maker, 0, &r->made);

@@ -26,7 +26,7 @@ static int run(char *line) {
     return strcmp(word[0], "image") == 0 ? command_image(count, word) : command_fill(count, word);
 }
 
-/* The first line of what comes; all of it is read, so that nobody waits for us. False: too late. */
+/* Reads all output, so that the writer never blocks, and keeps its first line. Returns false if the time is over. */
 static bool hear(int from, double until, char said[SAID]) {
     char block[4096];
     size_t at = 0;

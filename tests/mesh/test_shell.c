@@ -2,7 +2,7 @@
 #include "../fixture.h"
 #include "mesh/signed_distance.h"
 
-/* A tetrahedron of 1 m. Takes what is to be one of its coordinates. */
+/* Makes a tetrahedron of 1 m with this value as one of its coordinates. */
 static double *corners(double odd, int at) {
     static const double place[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     static const int side[4][3] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};

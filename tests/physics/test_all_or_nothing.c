@@ -227,7 +227,7 @@ static void beside_a_cautery(void **state) {
     assert_true(cut);
 }
 
-/* Between two steps nothing is set anew: the whole snapshot must be the same. */
+/* Nothing changes between two steps: the complete snapshot must be equal. */
 static void to_the_last_bit(void **state) {
     (void)state;
     for (tm_tool_mode first = TM_TOOL_PROBE; first <= TM_TOOL_CAUTERY; first += TM_TOOL_CAUTERY) {

@@ -21,7 +21,7 @@ static felt story(int effects) {
     tm_error error;
     for (int i = 0; i < COMBINATION_FRAMES; i++) {
         if (!combination_frame(&c)) fail_msg("effects %d: frame %d is unstable", effects, i);
-        /* Touched, held, cut: the size changes, and what is allocated once is room for all. */
+        /* The snapshot's size changes with contact, grasp and cut; the buffer of the largest size is enough for all. */
         if (tm_snapshot_bytes(c.s.world) > largest) largest = tm_snapshot_bytes(c.s.world);
         assert_true(largest <= most && tm_snapshot_bytes_max(c.s.world) == most);
         const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);

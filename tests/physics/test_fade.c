@@ -99,7 +99,7 @@ static void energy_is_accounted_for(void **state) {
     scene_destroy(&s);
 }
 
-/* What fades only yields: a tool that backs off is not followed, one that is put elsewhere feels nothing more. */
+/* A fading force only decreases: it does not follow a tool that moves back, and ends if the tool is set elsewhere. */
 static void it_drives_nothing(void **state) {
     (void)state;
     scene s = fading_scene(10, 1); /* fades for ever, so to speak */
@@ -128,7 +128,7 @@ static void it_drives_nothing(void **state) {
     scene_destroy(&s);
 }
 
-/* A stiffness or patch that does not know what still fades is not sent; before and after it is. */
+/* No stiffness or patch is sent while a force fades, as they do not include it; before and after they are sent. */
 static void no_stiffness_while_it_fades(void **state) {
     (void)state;
     scene s = fading_scene(FADE_S, 1);

@@ -29,7 +29,7 @@ static tm_tool_pose with_grip(tm_tool_pose pose, double grip) {
     return pose;
 }
 
-/* One frame of 5 ms in which both tools go where they are told; forces averaged over the whole of it. */
+/* Runs one frame of 5 ms in which both tools move to their targets; forces are averaged over the complete frame. */
 static void frame(grasp_scene *g, const tm_tool_pose *to, double force_N[2][3]) {
     int32_t n = (int32_t)ceil(0.005 / tm_world_step_s(g->s.world));
     tm_contact_begin_frame(g->s.contact, n, n);
@@ -161,7 +161,7 @@ static void test_two_hold_and_a_cut_between(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* All around what is held is removed: it is let go, and the tool feels nothing. */
+/* All tissue around the grasped vertices is removed: they are released, and the tool's force is 0. */
 static void test_dead_vertices_are_let_go(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
@@ -192,7 +192,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* Put elsewhere at once, a grasper leaves what it held behind: nothing is flung. */
+/* A grasper whose pose is set elsewhere releases its vertices; the tissue is not thrown. */
 static void test_a_leap_lets_go(void **unused) {
     (void)unused;
     scene_def d = small_block(1);

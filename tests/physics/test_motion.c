@@ -337,7 +337,7 @@ static double turned(tm_precision precision, int held, int32_t steps, tm_status 
     return grown;
 }
 
-/* Rounded tensors drive what is free to turn, so single is for what is held, and the library can tell. */
+/* Rounded tensors rotate free tissue, so single precision needs supports, and the library checks them. */
 static void single_is_for_what_is_held(void **state) {
     (void)state;
     tm_status status;

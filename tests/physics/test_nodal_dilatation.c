@@ -106,7 +106,7 @@ static void turn_vector(double angle, const double a[3], double b[3]) {
     }
 }
 
-/* u of what lies at x + d, turned as a whole and moved. */
+/* Computes u of the points x + d under a rigid rotation and translation. */
 static void turn(const turning *t, double angle, double far_m, const double *d, double *u) {
     for (int32_t v = 0; v < t->mesh->vertex_count; v++) {
         double x[3], y[3];
@@ -270,7 +270,7 @@ static void what_hardly_relaxes_has_the_force_of_both_parts(void **state) {
     }
 }
 
-/* M^-1 K of the whole tangent, by power iteration from its norm's side: the most any state has asked for. */
+/* Estimates the largest eigenvalue of M^-1 K of the complete tangent by power iteration: the largest of all states. */
 static double most_of(const tm_tangent *tangent, const double *mass, int32_t n, double shift, double *x, double *y) {
     double value = 0;
     for (int32_t i = 0; i < n; i++) x[i] = sin(1 + (double)i * i);

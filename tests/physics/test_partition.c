@@ -132,7 +132,7 @@ static void what_places_a_tool_before_a_look_is_seen_by_it(void **state) {
     assert_memory_equal(hash[0], hash[1], sizeof hash[0]);
 }
 
-/* --- what is looked at once force is done --- */
+/* --- checks after the force pass --- */
 
 static int32_t first_of_contact(const scene *s) {
     int32_t i = 0;

@@ -61,7 +61,7 @@ static void destroy(turning *t) {
 
 static double *vectors(const turning *t, int count) { return calloc((size_t)(count * t->n), sizeof(double)); }
 
-/* The whole force. */
+/* Computes the complete force. */
 static void force_at(const turning *t, const double *u, double *f, double *scratch) {
     turning_force(t->tissue, t->rotation, u, f, scratch);
 }

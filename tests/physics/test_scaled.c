@@ -145,7 +145,7 @@ static void rest_and_weight_are_untouched(void **state) {
     stop(&heavy);
 }
 
-/* Swinging in gravity, cut on the way: nothing that the account does not know. */
+/* Oscillates under gravity and is cut: the energy account stays closed. */
 static void the_energy_account_closes(void **state) {
     (void)state;
     const double step_s = 2.8 * even_step();

@@ -277,7 +277,7 @@ static void beside_contact_supports_are_led_too(void **state) {
     }
 }
 
-/* Linear tissue: moved as a whole it bears nothing and rests; turned far, that is told, with what to do. */
+/* Linear tissue: a translation gives equilibrium without force; a large rotation gives a warning with a remedy. */
 static void linear_tissue_says_when_it_is_far_outside_its_range(void **state) {
     (void)state;
     bar b = usual(LINEAR);

@@ -110,7 +110,7 @@ static void bulk_pass_of_unlike_shares_is_the_viscositys(void **state) {
     for (int i = 0; i < 3; i++) destroy(&b[i]);
 }
 
-/* What the timers do to know it changes no bit, and takes no history further. */
+/* The timers' extra passes change no bit and advance no history variable. */
 static void timers_change_no_bit(void **state) {
     (void)state;
     body b[2] = {make(true, SHEAR), make(true, SHEAR)};

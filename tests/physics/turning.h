@@ -5,7 +5,7 @@
 #include "../fixture.h"
 #include "tissue/tangent.h"
 
-/* The whole force: of what does not turn and of what does. */
+/* Computes the complete force, linear and corotated parts. */
 static inline void turning_force(const tm_tissue *tissue, const tm_rotation *rotation, const double *u, double *f,
                                  double *scratch) {
     tm_tissue_force(tissue, u, f);

@@ -85,7 +85,7 @@ static void lockstep(void **state) {
     spoilt_step = (int64_t)s->substeps * (SPOILT_FRAME - 1) + s->substeps / 2;
     const run_options o = {.samples = samples, .csv = csv, .frames = -1, .duration_s = -1};
     assert_int_equal(run_lockstep(s, &o), APP_FAILED);
-    /* What was stepped is whole: all before the bad substep, in pieces no smaller than what is stepped at a time. */
+    /* Completed chunks of substeps stay: all those before the bad substep. */
     assert_true(tm_world_state(s->model->world)->step >= (int64_t)s->substeps * (SPOILT_FRAME - 1));
     assert_true(tm_world_state(s->model->world)->step <= spoilt_step);
     assert_int_equal(s->frames, SPOILT_FRAME - 1);

@@ -242,7 +242,7 @@ static double seconds_of(const tm_world *world, const char *name) {
     return -1;
 }
 
-/* What the model does between steps is its own time, and nobody's in a step. */
+/* The model's work between steps is timed separately, not in a stage of the step. */
 static void work_between_steps_is_in_no_step(void **state) {
     (void)state;
     static tm_patch patch;
@@ -311,7 +311,7 @@ static void step_limit(void **state) {
     fix_ok(tm_world_set_step(s.world, limit, &error), &error);
     assert_int_equal(tm_world_set_step(s.world, limit * (1 + 1e-9), &error), TM_ERR_STEP);
     assert_true(tm_world_step_s(s.world) == limit);
-    /* where the whole is stiffer than the part, it is this limit that speaks */
+    /* where the complete organ is stiffer than the dynamic part, this limit applies */
     set_free(&s);
     fix_random random = {23};
     tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
@@ -420,7 +420,7 @@ static void other_division_refuses_the_snapshot(void **state) {
     set_free(&s[0]), set_free(&s[1]);
 }
 
-/* A hostile snapshot is refused, or taken, but never believed: the checksum is made right each time. */
+/* A hostile snapshot with a correct checksum is refused or restored, without an access outside its arrays. */
 static void hostile_snapshot_is_never_believed(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},

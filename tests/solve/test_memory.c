@@ -239,7 +239,7 @@ static void stage_of_hybrid(void **state) {
     tm_set_allocator(NULL);
 }
 
-/* Compliance is made when it is first asked for: what fails then gives no piece, leaks nothing, and disturbs nobody. */
+/* Compliance is computed at the first request: a failure gives no result, leaks nothing and changes nothing else. */
 static void pieces(void **state) {
     (void)state;
     int64_t calls = 0;

@@ -93,7 +93,7 @@ static void go(tm_model *model, const tm_tool_pose *to, int frames) {
     }
 }
 
-/* Exact compliance for the dynamic model; the others know theirs. */
+/* Exact compliance for the dynamic model; the other models have their own. */
 static void allow_patches(organ *o, tm_model *model) {
     tm_error error;
     tm_patch_def def = tm_patch_def_default();
@@ -217,7 +217,7 @@ static void go_on_alike(tm_model *model, tm_model *other, const tm_tool_pose *to
     }
 }
 
-/* From `model` into `other`, which is somewhere else; what is cut short or damaged changes nothing there. */
+/* Restores a snapshot of `model` in `other`, which has another state; a truncated or damaged one changes nothing. */
 static void hand_over(tm_model *model, tm_model *other) {
     tm_error error;
     const int64_t bytes = tm_model_snapshot_bytes(model), own = tm_model_snapshot_bytes(other);
@@ -614,7 +614,7 @@ static void spoil(void *self, tm_world *world) {
     tm_world_state(world)->u_next_m[7] = NAN;
 }
 
-/* A frame that fails is felt by nobody, and has not happened. */
+/* A failed frame sends no force and changes no state. */
 static void failed_frame_has_not_happened(void **state) {
     (void)state;
     organ o;

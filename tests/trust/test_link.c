@@ -139,7 +139,7 @@ static void a_key_is_asked_for(void **state) {
     assert_true(c->taken == 1 && c->forged == 2 && c->malformed == 0);
     app_link_give(to, "FORCE_0", 0, "none of ours", 12);
     assert_int_equal(c->forged, 3);
-    h.verdict = APP_FORGED; /* a listener knows more than a seal: heard before, for somebody else */
+    h.verdict = APP_FORGED; /* a receiver also refuses repeated messages and those for another receiver */
     publish(own, 4, 0, 0);
     app_link_receive(to, 0, 100);
     assert_true(c->forged == 4 && c->taken == 1);

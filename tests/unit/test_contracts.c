@@ -293,7 +293,7 @@ static void data_out_of_range(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Stages know what they depend on. */
+/* A stage with dependents cannot be removed. */
 static void needed_stage_is_not_removed(void **state) {
     (void)state;
     scene_def def = scene_def_default();

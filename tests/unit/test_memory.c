@@ -323,7 +323,7 @@ static void no_allocation_in_a_step(void **state) {
     tm_set_allocator(NULL);
 }
 
-/* Of the mapping that `memory` lies in: is it asked for on large pages? */
+/* Returns whether the mapping that contains `memory` requests large pages. */
 static bool is_on_large_pages(const void *memory) {
     FILE *maps = fopen("/proc/self/smaps", "r");
     assert_non_null(maps);

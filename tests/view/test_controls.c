@@ -38,7 +38,7 @@ static void key(play_controls *c, const view_picture *p, int code, bool down) {
     play_controls_event(c, p, &e);
 }
 
-/* Where the hand wants the tip, in the world. */
+/* Computes the tip position that the hand requests, world axes. */
 static void wanted_tip(const play_controls *c, const view_picture *p, int i, double tip_m[3]) {
     const view_instrument *t = &p->instrument[i];
     hrt_axes axes;

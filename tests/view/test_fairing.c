@@ -52,7 +52,7 @@ static bool gone(const float middle[3]) {
     return vnorm(away) < 0.33f;
 }
 
-/* The block with a bowl cut out of its top, in two regions: x below and above the middle. `cut` false: whole. */
+/* Makes the block with a bowl cut out of its top, in two regions along x; with `cut` false, uncut. */
 static void bowl(view_surface *s, bool cut) {
     static const int outward[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
     static int32_t tet[TETS][4];
