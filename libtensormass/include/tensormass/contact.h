@@ -121,24 +121,26 @@ TM_API bool tm_contact_is_grasped(const tm_contact *contact, const tm_contact_ro
 
 /* --- geometry: shared with the precomputed model and the patch --- */
 
-/* Finds the rows of a capsule against triangles at the positions rest + u, with gaps up to `margin_m`. `candidate`
- * lists triangle slots: any superset of those in reach, each once; null: all of 0..candidate_count-1. At most 1024 in
- * reach are used. Returns the number of rows (<= max_rows, deepest kept), ordered by station, face, feature.
- * `*overflowed` (may be null) is set if triangles or rows were left out, else unchanged. `work` is working memory from
- * tm_contact_search_create; its gathered triangles are lost. No allocation. Needs less than 128 kB of stack, as does
- * every call of the library except those that create objects. */
+/* Triangles around one tool, gathered once and searched many times while iterations move the surface. */
 typedef struct tm_contact_search tm_contact_search;
+/* Part of a tool that can touch: a segment with a radius. */
 typedef struct tm_capsule {
     double tip_m[3];
     double tail_m[3];
     double radius_m;
     int32_t instrument;
 } tm_capsule;
+/* Finds the rows of a capsule against triangles at the positions rest + u, with gaps up to `margin_m`. `candidate`
+ * lists triangle slots: any superset of those in reach, each once; null: all of 0..candidate_count-1. At most 1024 in
+ * reach are used. Returns the number of rows (<= max_rows, deepest kept), ordered by station, face, feature.
+ * `*overflowed` (may be null) is set if triangles or rows were left out, else unchanged. `work` is working memory from
+ * tm_contact_search_create; its gathered triangles are lost. No allocation. Needs less than 128 kB of stack, as does
+ * every call of the library except those that create objects. */
 TM_API int32_t tm_contact_find(tm_contact_search *work, const double *rest_m, const double *u_m,
                                const int32_t *triangle, const int32_t *face, const int32_t *candidate,
                                int32_t candidate_count, const tm_capsule *capsule, double margin_m, tm_contact_row *row,
                                int32_t max_rows, bool *overflowed);
-/* Triangles around one tool, gathered once and searched many times while iterations move the surface. */
+/* Allocates the working memory of a search. */
 TM_API tm_status tm_contact_search_create(tm_contact_search **search, tm_error *error);
 TM_API void tm_contact_search_destroy(tm_contact_search *search);
 /* Gathers all triangles within `reach_m` of the axis, with complete fans around them. Returns false if there are more
