@@ -14,7 +14,8 @@ instruments:
   - trocar: [50 mm, 50 mm, 180 mm]
 contact:
 """
-EFFECT = {**{e.name: f"{e.name}: {e.example}\n" for e in effects() if e.example is not None}, "fade": "cut: {fade: 50 ms}\n"}
+EFFECT = {**{e.name: f"{e.name}: {e.example}\n" for e in effects() if e.example is not None}, "fade": "cut: {fade: 50 ms}\n",
+          "ties": "ties: {between: [{from: z_max, to: z_min, within: 60 mm, stiffness: 10 N/m}]}\n"}
 MODELS = ("precomputed", "hybrid")
 PAIRS = [(e.name, other) for e in effects() for other in e.excludes]
 EXCLUDED = [(one, other) if other in MODELS else (other, one) for one, other in PAIRS] + [("fade", "hybrid")]
