@@ -8,7 +8,7 @@ ALIKE = "viscosity={terms: [{time: 50 ms, shear: 0.3, bulk: 0.3}]}"
 BEGIN = ["contact begin"]
 MOTION = ["force force divided", "integrate integrate divided", "support constrain divided"]
 ROWS = ["contact detect constrain overlap", "contact solve constrain", "contact forces constrain"]
-PLAIN = BEGIN + MOTION + ROWS + ["patch between"]
+PLAIN = BEGIN + MOTION + ROWS + ["patch on demand"]
 
 
 def among(rows, **after):
@@ -26,11 +26,11 @@ CASES = {
     "volume": (PRESS, ["strain_smoothing={}"], PLAIN),
     "rotation": (PRESS, ["rotation={}"], TURNED),
     "rotation and volume": (PRESS, ["rotation={}", "strain_smoothing={}"], law_of("rotation", TURNED)),
-    "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"])),
-    "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch between"],
+    "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch on demand"])),
+    "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch on demand"],
                                                                              force_force_divided=["viscous bulk force"]))),
     "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force=["viscosity force"]))),
-    "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force", *MOTION, *ROWS, "patch between"])),
+    "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force", *MOTION, *ROWS, "patch on demand"])),
     "friction": (PRESS, ["friction={}"], among(PLAIN, support_constrain_divided=["friction constrain"])),
     "energy": (PRESS, ["energy={}"], among(PLAIN, contact_forces_constrain=["energy end"])),
     "cut": (CUT, [], ["cut begin", *among(PLAIN, support_constrain_divided=["cut search constrain overlap", "grasp constrain"])]),
