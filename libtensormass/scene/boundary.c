@@ -70,19 +70,57 @@ tm_status sim_build_supports(sim *s) {
     return rc;
 }
 
-static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark, double *force) {
+/* Lists the surface triangles whose three vertices are marked, in tm_mesh.surface; to free. */
+static tm_status list_triangles(const sim *s, int line, const uint8_t *mark, int32_t **list, int32_t *count) {
     const tm_mesh *mesh = s->mesh;
-    int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)mesh->surface_count), count = 0;
-    if (!triangle) return app_scene_fail(s->scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
+    *list = malloc(sizeof **list * (size_t)mesh->surface_count), *count = 0;
+    if (!*list) return app_scene_fail(s->scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
     for (int32_t t = 0; t < mesh->surface_count; t++) {
         const int32_t *v = &mesh->surface[3 * t];
-        if (mark[v[0]] && mark[v[1]] && mark[v[2]]) memcpy(&triangle[3 * count++], v, 3 * sizeof *v);
+        if (mark[v[0]] && mark[v[1]] && mark[v[2]]) (*list)[(*count)++] = t;
     }
-    tm_status rc = count ? 0
-                         : app_scene_bad(s->scene, load->traction.line,
-                                         "the selector contains no complete surface triangle; widen the selector");
-    if (!rc) tm_load_add_traction(mesh, triangle, count, load->traction.v, force);
-    free(triangle);
+    return *count ? 0
+                  : app_scene_bad(s->scene, line,
+                                  "the selector contains no complete surface triangle; widen the selector");
+}
+
+static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark, double *force) {
+    int32_t *list, count;
+    const tm_status rc = list_triangles(s, load->traction.line, mark, &list, &count);
+    for (int32_t i = 0; i < count && !rc; i++)
+        tm_load_add_traction(s->mesh, s->mesh->surface + 3 * list[i], 1, load->traction.v, force);
+    free(list);
+    return rc;
+}
+
+/* Adds a load's pressure to those of the surface triangles [surface_count]. */
+static tm_status add_pressure(sim *s, const app_load *load, uint8_t *mark, double *pressure_Pa) {
+    int32_t *list = NULL, count = 0, selected;
+    tm_status rc = sim_select(s, &load->select, load->here.line, mark, &selected);
+    if (!rc) rc = list_triangles(s, load->pressure.line, mark, &list, &count);
+    for (int32_t i = 0; i < count && !rc; i++) pressure_Pa[list[i]] += load->pressure.si;
+    free(list);
+    return rc;
+}
+
+tm_status sim_add_pressures(sim *s) {
+    const app_scene *scene = s->scene;
+    const int32_t faces = s->mesh->surface_count;
+    int line = 0;
+    tm_error error = {0};
+    uint8_t *mark = malloc((size_t)s->mesh->vertex_count);
+    double *pressure_Pa = calloc((size_t)faces, sizeof *pressure_Pa);
+    tm_status rc =
+        mark && pressure_Pa ? 0 : app_scene_fail(scene, 0, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
+    for (int i = 0; i < scene->load.count && !rc; i++) {
+        const app_load *load = (const app_load *)scene->load.item + i;
+        if (!load->pressure.line) continue;
+        line = load->pressure.line;
+        rc = add_pressure(s, load, mark, pressure_Pa);
+    }
+    if (!rc && line && tm_stage_pressure(s->model->world, pressure_Pa, &error)) rc = sim_report(scene, line, &error);
+    free(pressure_Pa);
+    free(mark);
     return rc;
 }
 

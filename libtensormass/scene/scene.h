@@ -184,6 +184,7 @@ typedef struct app_load {
     app_text name;
     app_select select;
     app_vector force, traction;
+    app_number pressure;
 } app_load;
 
 /* Either joint values or a tip position. The surface may set the insertion of a tip position. Either may give the other

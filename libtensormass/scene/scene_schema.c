@@ -148,12 +148,14 @@ static const app_field fields[] = {
      "the prescribed displacement; zero fixes them"},
 
     {"loads", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, load), sizeof(app_load),
-     "constant forces. Each item: one selector and either `force` or `traction`"},
+     "constant forces. Each item: one selector and `force`, `traction` or `pressure`"},
     {"loads[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_load, name), 0, "name in reports"},
     APP_SELECT_FIELDS("loads[].", offsetof(app_load, select)),
     {"loads[].force", APP_VECTOR, "force", NULL, 0, 0, offsetof(app_load, force), 0, "force on each selected vertex"},
     {"loads[].traction", APP_VECTOR, "pressure", NULL, 0, 0, offsetof(app_load, traction), 0,
      "force per undeformed area, on the surface triangles whose three vertices are selected"},
+    {"loads[].pressure", APP_NUMBER, "pressure", NULL, -1e9, 1e9, offsetof(app_load, pressure), 0,
+     "pressure on these triangles, along the inward normals of the deformed surface and over its area; `model: dynamic` only. Keep it below a tenth of Young's modulus: the guaranteed step does not include its stiffness"},
 
     {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument),
      "one or two, numbered 0 and 1"},

@@ -151,9 +151,9 @@ static int64_t own_stages(sim *s, int effect) {
         snprintf(whole, sizeof whole, "%.*s", (int)strcspn(report[i].name, " "), report[i].name); /* of a substage */
         if (owner == SIM_OWNER_ALL) owner = sim_effect_find(s->scene, whole);
         if (owner < 0)
-            owner = !strcmp(whole, "support") ? SIM_OWNER_SUPPORTS
-                    : !strcmp(whole, "load")  ? SIM_OWNER_LOADS
-                                              : SIM_OWNER_ALL;
+            owner = !strcmp(whole, "support")                              ? SIM_OWNER_SUPPORTS
+                    : !strcmp(whole, "load") || !strcmp(whole, "pressure") ? SIM_OWNER_LOADS
+                                                                           : SIM_OWNER_ALL;
         s->owner[s->owner_count++] = (sim_owner){report[i].name, owner};
         bytes += report[i].bytes;
     }
@@ -246,6 +246,7 @@ tm_status sim_create(app_scene *scene, sim **out) {
     if (rc) return rc;
     rc = make_model(s);
     if (!rc) rc = sim_build_paths(s);
+    if (!rc) rc = sim_add_pressures(s);
     if (!rc) rc = run_hook(s, true);
     if (rc)
         sim_destroy(s);

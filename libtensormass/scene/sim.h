@@ -212,6 +212,8 @@ void sim_vertices_of_file(const sim *s, int32_t *vertex);
 
 /* Steps of the build that models share. */
 tm_status sim_build_supports(sim *s);
+/* Adds the stage "pressure" to the model's world, if a load has one. */
+tm_status sim_add_pressures(sim *s);
 tm_status sim_build_loads(sim *s);
 tm_status sim_build_instruments(sim *s);
 

@@ -182,6 +182,10 @@ TM_API tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_er
 
 /* Adds constant forces on vertices, including lumped tractions. [3*vertex_count] N, copied. */
 TM_API tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error);
+/* Adds the stage "pressure": pressure_Pa [surface_count] on the triangles of the mesh's surface, along the inward
+ * normals of the deformed surface, over its deformed area. Its stiffness, of the size of pressure
+ * times edge, is not in the guaranteed step. On a surface with a free border a pressure is not conservative. Copied. */
+TM_API tm_status tm_stage_pressure(tm_world *world, const double *pressure_Pa, tm_error *error);
 /* Adds a traction (Pa, over the undeformed area) on surface triangles to force_N, the caller's array. Needs no
  * world. */
 TM_API void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t triangle_count,

@@ -114,6 +114,10 @@ static void block(const double A[81], const double *k, const double *l, double K
         }
 }
 
+void tm_tangent_add_pair(const tm_tissue *tissue, int32_t k, int32_t l, const double K[9], tm_tangent *tangent) {
+    tm_tangent_add(tissue, &tangent->graph, k, l, K);
+}
+
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent) {
     const tm_mesh *mesh = tissue->mesh;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;

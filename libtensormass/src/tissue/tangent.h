@@ -23,6 +23,8 @@ bool tm_tangent_take_averaged(tm_tangent *tangent, tm_pool *pool, const tm_tissu
 void tm_tangent_add_domains(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent);
 /* Sets them to the tissue's own. */
 void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
+/* Adds to the block of vertices k <= l that share a tetrahedron. */
+void tm_tangent_add_pair(const tm_tissue *tissue, int32_t k, int32_t l, const double K[9], tm_tangent *tangent);
 /* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
 bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);

@@ -3,7 +3,10 @@
  * With forces, loads and supports alone equilibrium is a linear system. The relaxation's mass (the 3x3 vertex tensors),
  * damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate gradient
  * method. A nonlinear law takes Newton's method (settle_newton.c). With any further constraint (contact) the stages
- * themselves run, under fictitious masses and a damping taken from the motion. */
+ * themselves run, under fictitious masses and a damping taken from the motion.
+ *
+ * Over 400 lines: the three ways share one state and its end. */
+#include "world/pressure.h"
 #include "world/settle_newton.h"
 #include "world/viscosity.h"
 #include "world/world_internal.h"
@@ -43,8 +46,9 @@ static double largest(const double *a, const uint8_t *fixed, int32_t n) {
 static bool known(const tm_world *world, const tm_stage *stage) {
     return stage->range == tm_stage_force || stage->range == tm_stage_integrate ||
            stage->range == tm_stage_integrate_damped || stage->range == tm_stage_gravity_run ||
-           stage->range == tm_stage_load_run || stage->range == tm_stage_support_run ||
-           (world->nonlinear && stage->self == world->nonlinear->self) || tm_stage_is_viscosity(stage);
+           stage->range == tm_stage_load_run || stage->range == tm_stage_pressure_run ||
+           stage->range == tm_stage_support_run || (world->nonlinear && stage->self == world->nonlinear->self) ||
+           tm_stage_is_viscosity(stage);
 }
 
 /* Returns whether the problem is linear, apart from the tissue's law. */
@@ -59,6 +63,18 @@ static void run_phase(tm_world *world, tm_phase phase) {
         const tm_stage *stage = &world->entry[i].stage;
         if (stage->phase == phase && !stage->skip_in_settle) tm_stage_do(stage, world);
     }
+}
+
+/* Computes the external forces but pressures, which follow the surface. */
+static void find_loads(relaxation *x) {
+    tm_world *world = x->world;
+    memset(world->state.force_N, 0, sizeof(double) * (size_t)x->n);
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->entry[i].stage;
+        if (stage->phase == TM_PHASE_LOAD && !stage->skip_in_settle && stage->range != tm_stage_pressure_run)
+            tm_stage_do(stage, world);
+    }
+    memcpy(x->external, world->state.force_N, sizeof(double) * (size_t)x->n);
 }
 
 static bool report(relaxation *x) {
@@ -154,6 +170,20 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
         const tm_status status = relax_linear_once(x, reference, error);
         if (status) return status;
     }
+}
+
+/* Linear tissue under pressures: solved anew with their forces at the last solution, until that is one. */
+static tm_status relax_pressed(relaxation *x, tm_error *error) {
+    enum { ROUNDS = 100 };
+    tm_status status = TM_OK;
+    for (int round = 0; round < ROUNDS && !status; round++) {
+        find_loads(x);
+        tm_pressure_add(x->world, x->world->state.u_m, x->external);
+        true_residual(x);
+        if (round > 0 && x->relative <= 2 * x->def->tolerance) return TM_OK;
+        status = relax_linear(x, error);
+    }
+    return status ? status : not_converged(x, error);
 }
 
 /* --- nonlinear tissue --- */
@@ -311,9 +341,7 @@ static void prepare(relaxation *x) {
     tm_support_mask(x->world, x->fixed);
     for (int32_t i = 0; i < x->n; i++)
         if (x->world->tissue->mass_kg[i / 3] == 0) x->fixed[i] = 1;
-    memset(s->force_N, 0, bytes);
-    run_phase(x->world, TM_PHASE_LOAD);
-    memcpy(x->external, s->force_N, bytes);
+    find_loads(x);
     tm_support_impose(x->world, s->u_m);
     memcpy(s->u_prev_m, s->u_m, bytes);
 }
@@ -334,11 +362,15 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
         return tm_fail_memory(error, "settling");
     }
     prepare(&x);
+    const bool pressed = tm_world_has_pressure(world);
+    if (pressed && linear) tm_pressure_add(world, world->state.u_m, x.external);
     tm_status status = linear ? tm_check_constrained(world, x.external, error) : TM_OK;
+    if (pressed && linear) find_loads(&x);
     if (!status)
-        status = !linear ? relax_stages(&x, error)
-                 : law   ? relax_corotated(&x, def, false, error)
-                         : relax_linear(&x, error);
+        status = !linear   ? relax_stages(&x, error)
+                 : law     ? relax_corotated(&x, def, false, error)
+                 : pressed ? relax_pressed(&x, error)
+                           : relax_linear(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;
     memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);

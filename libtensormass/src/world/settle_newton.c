@@ -9,6 +9,7 @@
 
 #include "base/vec.h"
 #include "libtensormass/numeric/random.h"
+#include "world/pressure.h"
 #include "world/settle_newton.h"
 
 /* Limits: Newton steps of a load step, those without progress, halvings of one; load steps attempted, doubtful ones
@@ -25,6 +26,9 @@ typedef struct newton {
     tm_pool pool;
     const tm_nonlinear *law;
     const tm_tissue *tissue;
+    const tm_world *world;
+    bool pressed; /* pressures follow the surface */
+    double s;     /* position on the path */
     const tm_newton_rest *rest_args;
     const tm_settle_def *def;
     int32_t n;
@@ -53,6 +57,13 @@ static double product(const double *a, const double *b, int32_t n) {
     return sum;
 }
 
+/* Sets the load at s. Pressures are those at u: constant until the next call, so a Newton step descends an energy. */
+static void set_load(newton *w, double s, const double *u) {
+    w->s = s;
+    for (int32_t i = 0; i < w->n; i++) w->load[i] = w->rest_args->external_N[i] - (1 - s) * w->lack[i];
+    if (w->pressed) tm_pressure_add(w->world, u, w->load);
+}
+
 /* Computes the residual at u, and its size relative to the forces. Returns its norm. */
 static double look(newton *w, const double *u) {
     tm_tissue_force(w->tissue, u, w->force);
@@ -76,6 +87,7 @@ static double potential(const newton *w, const double *u) { return stored(w, u) 
 static void set_tangent(newton *w, const double *u) {
     tm_tangent_begin(w->tissue, &w->tangent);
     w->law->add_tangent(w->law->self, u, 0, w->tissue->mesh->tet_count, &w->tangent);
+    if (w->pressed) tm_pressure_add_tangent(w->world, u, &w->tangent);
 }
 
 static void invert(newton *w) {
@@ -187,6 +199,7 @@ static tm_status settle_here(newton *w, double *u, double tolerance, bool *rests
     double best = HUGE_VAL;
     *rests = w->fell = false;
     for (int k = 0, idle = 0; k < NEWTON_STEPS && idle < IDLE_STEPS; k++) {
+        if (w->pressed) set_load(w, w->s, u);
         look(w, u);
         *rests = w->relative <= tolerance;
         if (*rests || !isfinite(w->relative)) return TM_OK;
@@ -203,7 +216,7 @@ static tm_status settle_here(newton *w, double *u, double tolerance, bool *rests
 /* Predicts u at the next s: the tangent's response to the increments of supports and loads. */
 static tm_status predict(newton *w, double *u, double to, tm_error *error) {
     const tm_newton_rest *rest = w->rest_args;
-    for (int32_t i = 0; i < w->n; i++) w->load[i] = rest->external_N[i] - (1 - to) * w->lack[i];
+    set_load(w, to, u);
     look(w, u);
     set_tangent(w, u);
     tm_settle_path_at(&w->path, to, u);
@@ -343,19 +356,24 @@ static bool init(newton *w) {
 }
 
 static tm_status from_here(newton *w, double *u, tm_error *error) {
-    memcpy(w->load, w->rest_args->external_N, sizeof(double) * (size_t)w->n);
+    set_load(w, 1, u);
     look(w, u);
     memcpy(w->lack, w->residual, sizeof(double) * (size_t)w->n);
     bool moves = false;
     for (int32_t i = 0; i < w->n; i++) moves = moves || (w->rest_args->fixed[i] && w->rest_args->target_m[i] != u[i]);
     if (!moves && w->relative <= w->def->tolerance) return TM_OK;
     const tm_status status = march(w, u, error);
-    return status ? status : leave_saddle(w, u, error);
+    return status || w->pressed ? status : leave_saddle(w, u, error);
 }
 
 tm_status tm_settle_newton(const tm_world *world, const tm_newton_rest *rest, const tm_settle_def *def, double *u_m,
                            tm_settle_result *result, tm_error *error) {
-    newton w = {.law = world->nonlinear, .tissue = world->tissue, .rest_args = rest, .def = def};
+    newton w = {.world = world,
+                .pressed = tm_world_has_pressure(world),
+                .law = world->nonlinear,
+                .tissue = world->tissue,
+                .rest_args = rest,
+                .def = def};
     w.n = 3 * w.tissue->mesh->vertex_count;
     w.scale = tm_force_scale_of(w.tissue);
     if (!init(&w) || !tm_settle_path_build(&w.path, &w.pool, w.tissue, rest->fixed, rest->target_m, u_m)) {
