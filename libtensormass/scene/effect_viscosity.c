@@ -56,7 +56,6 @@ const sim_effect sim_effect_viscosity = {
            "along straight strain paths. The step does not change; `--settle` gives the equilibrium after "
            "infinite time (docs/viscosity.md).",
     .example = "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}",
-    .of_linear_law = "viscosity supports only the linear law",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue without viscosity; write 'model: dynamic'"},
                  {"hybrid", "its condensed part has no viscosity; write 'model: dynamic'"}},

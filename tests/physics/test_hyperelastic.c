@@ -8,7 +8,6 @@
 #include "tensormass/cut.h"
 #include "tensormass/energy.h"
 #include "tensormass/rotation.h"
-#include "tensormass/viscosity.h"
 
 static const double YOUNG_PA = 5e3, SIDE_M = 0.02, JITTER = 0.2;
 
@@ -409,11 +408,6 @@ static void refusals_say_why(void **state) {
         assert_non_null(strstr(error.message, bad[i].violated));
     }
     assert_int_equal(tm_material_set_law(&m, TM_LAW_COUNT, NULL, 0, &error), TM_ERR_MATERIAL);
-    block b = make((int[]){1, 1, 1}, &law, 1, true);
-    tm_viscosity_def relaxing = tm_viscosity_def_default();
-    relaxing.count = 1, relaxing.term[0] = (tm_viscosity_term){.time_s = 1, .shear = 0.5, .bulk = 0.5};
-    assert_int_equal(tm_stage_viscosity(b.world, &relaxing, &error), TM_ERR_EXCLUDED);
-    destroy(&b);
     tm_mesh_destroy(mesh);
 }
 

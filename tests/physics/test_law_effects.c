@@ -1,80 +1,9 @@
 /* Nonlinear laws with other effects: a linear body beside one of another law; averaged dilatation, which does not lock;
  * energy, threads, cuts and snapshots with these. */
-#include <math.h>
-#include <stdlib.h>
-#include <string.h>
-
-#include "../fixture.h"
+#include "law_body.h"
 #include "tensormass/cut.h"
 #include "tensormass/energy.h"
-
-static const double YOUNG_PA = 5e3, SIDE_M = 0.02;
-
-typedef struct body {
-    tm_mesh *mesh;
-    tm_tissue *tissue;
-    tm_world *world;
-    int32_t n, held;
-    int32_t *dof;
-    double *value_m;
-} body;
-
-/* Constants of each law; `fibred` laws with stiff fibres. */
-static tm_material material_of(tm_law_kind law, double poisson, bool fibred) {
-    static const double constant[TM_LAW_COUNT][TM_LAW_CONSTANTS] = {[TM_LAW_ST_VENANT_KIRCHHOFF] = {1},
-                                                                    [TM_LAW_MOONEY_RIVLIN] = {0.3},
-                                                                    [TM_LAW_FUNG] = {20e3},
-                                                                    [TM_LAW_HOLZAPFEL] = {4e3, 0.8, 0.1}};
-    tm_material m;
-    tm_error error;
-    fix_ok(tm_material_young(YOUNG_PA, poisson, &m, &error), &error);
-    if (fibred) m.dmu_Pa = 2 * m.mu_Pa, m.beta_Pa = 3 * m.mu_Pa;
-    fix_ok(tm_material_set_law(&m, law, constant[law], 0, &error), &error);
-    return m;
-}
-
-/* A world of the definition's tissue, with fibres along (1 2 2)/3. */
-static body make(tm_mesh *mesh, tm_tissue_def def, int32_t threads, bool damped) {
-    body b = {.mesh = mesh, .n = 3 * mesh->vertex_count};
-    tm_error error;
-    double *fibre = fix_fibres(mesh, (double[]){1 / 3.0, 2 / 3.0, 2 / 3.0});
-    def.mesh = mesh, def.fibre = fibre;
-    fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
-    free(fibre);
-    tm_world_def world = tm_world_def_default();
-    world.tissue = b.tissue, world.threads = threads, world.damped = damped;
-    fix_ok(tm_world_create(&world, &b.world, &error), &error);
-    b.dof = malloc(sizeof *b.dof * (size_t)b.n);
-    b.value_m = malloc(sizeof *b.value_m * (size_t)b.n);
-    return b;
-}
-
-static void destroy(body *b) {
-    tm_world_destroy(b->world);
-    tm_tissue_destroy(b->tissue);
-    tm_mesh_destroy(b->mesh);
-    free(b->dof);
-    free(b->value_m);
-}
-
-static bool is_at(const body *b, int32_t i, double place_m) { return fabs(b->mesh->rest_m[i] - place_m) < 1e-9; }
-
-static void hold(body *b, int32_t dof, double value_m) { b->dof[b->held] = dof, b->value_m[b->held++] = value_m; }
-
-static void support(body *b) {
-    tm_support_def def = tm_support_def_default();
-    tm_error error;
-    def.count = b->held, def.dof = b->dof, def.value_m = b->value_m;
-    fix_ok(tm_stage_support(b->world, &def, &error), &error);
-}
-
-static void settle(body *b) {
-    tm_settle_def def = tm_settle_def_default();
-    tm_error error;
-    support(b);
-    def.tolerance = 1e-9;
-    fix_ok(tm_world_settle(b->world, &def, NULL, &error), &error);
-}
+#include "tensormass/viscosity.h"
 
 /* --- linear materials beside others --- */
 
@@ -228,12 +157,25 @@ static void does_not_lock_near_incompressible(void **state) {
 /* One law without fibres, one with. */
 static const tm_law_kind TWO[2] = {TM_LAW_NEO_HOOKE, TM_LAW_HOLZAPFEL};
 
-static body block_of(const int cells[3], const tm_material *m, int32_t threads, bool damped) {
-    fix_random random = {11};
+static tm_tissue_def averaged(const tm_material *m) {
     tm_tissue_def def = tm_tissue_def_default();
     def.material_count = 1, def.material = m, def.cuttable = true;
     def.strain_smoothing = true, def.smoothed_shear_share = 0;
+    return def;
+}
+
+static body block_of(const int cells[3], tm_tissue_def def, int32_t threads, bool damped) {
+    fix_random random = {11};
     return make(fix_block(cells, (double[]){SIDE_M, SIDE_M, SIDE_M}, 0.2, &random), def, threads, damped);
+}
+
+static void add_viscosity(body *b) {
+    tm_viscosity_def def = tm_viscosity_def_default();
+    tm_error error;
+    def.count = 2;
+    def.term[0] = (tm_viscosity_term){.time_s = 0.01, .shear = 0.4, .bulk = 0.1};
+    def.term[1] = (tm_viscosity_term){.time_s = 0.1, .shear = 0.2, .bulk = 0.3};
+    fix_ok(tm_stage_viscosity(b->world, &def, &error), &error);
 }
 
 /* Let go from a stretch, undamped: the account closes, and energy stays within the wobble of the scheme. */
@@ -241,7 +183,7 @@ static void keeps_its_energy(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {
         const tm_material m = material_of(TWO[law], 0.49, false);
-        body b = block_of((int[]){3, 3, 3}, &m, 1, false);
+        body b = block_of((int[]){3, 3, 3}, averaged(&m), 1, false);
         tm_error error;
         tm_energy e;
         tm_state *s = tm_world_state(b.world);
@@ -262,10 +204,20 @@ static void keeps_its_energy(void **state) {
     }
 }
 
-/* Shaken, cut on the way, and saved and restored at a step. */
-static uint64_t story(tm_law_kind law, int32_t threads, int32_t snapshot_at) {
+/* How a story is computed; none of it changes its bits. */
+typedef struct how {
+    int32_t threads, snapshot_at;
+    tm_force_form form;
+} how;
+
+/* Shaken, cut on the way, and saved and restored at a step. Averaged dilatation, viscosity, or (2) both. */
+static uint64_t story(tm_law_kind law, int effect, how h) {
+    const int32_t threads = h.threads, snapshot_at = h.snapshot_at;
     const tm_material m = material_of(law, 0.45, false);
-    body b = block_of((int[]){12, 12, 8}, &m, threads, true);
+    tm_tissue_def def = averaged(&m);
+    def.strain_smoothing = effect != 1, def.form = h.form;
+    body b = block_of((int[]){12, 12, 8}, def, threads, true);
+    if (effect > 0) add_viscosity(&b);
     fix_random random = {5};
     tm_error error;
     tm_state *s = tm_world_state(b.world);
@@ -287,13 +239,17 @@ static uint64_t story(tm_law_kind law, int32_t threads, int32_t snapshot_at) {
     return hash;
 }
 
-static void has_the_same_bits_by_threads_and_snapshots(void **state) {
+static void has_the_same_bits_by_threads_forms_and_snapshots(void **state) {
     (void)state;
-    for (int law = 0; law < 2; law++) {
-        const uint64_t one = story(TWO[law], 1, -1);
-        assert_true(one == story(TWO[law], 2, -1));
-        assert_true(one == story(TWO[law], 3, 14));
-    }
+    uint64_t before = 0;
+    for (int law = 0; law < 2; law++)
+        for (int effect = 0; effect < 3; effect++) {
+            const uint64_t one = story(TWO[law], effect, (how){1, -1, TM_FORCE_BEST});
+            assert_true(one != before);
+            before = one;
+            assert_true(one == story(TWO[law], effect, (how){2, -1, TM_FORCE_PLAIN}));
+            assert_true(one == story(TWO[law], effect, (how){3, 14, TM_FORCE_BEST}));
+        }
 }
 
 /* After a cut a step has the bits of a fresh build of what is left. */
@@ -301,14 +257,14 @@ static void a_cut_equals_a_fresh_build(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {
         const tm_material m = material_of(TWO[law], 0.45, false);
-        body b = block_of((int[]){4, 4, 4}, &m, 1, true);
-        fix_random random = {5}, same = {11};
+        body b = block_of((int[]){4, 4, 4}, averaged(&m), 1, true);
+        fix_random random = {5};
         tm_error error;
         assert_true(tm_cut_remove(b.tissue, (int32_t[]){5, 31, 90}, 3, NULL, 0) >= 3);
-        tm_tissue_def def = tm_tissue_def_default();
-        def.material_count = 1, def.material = &m, def.cuttable = true, def.alive = tm_tissue_alive(b.tissue);
-        def.strain_smoothing = true, def.smoothed_shear_share = 0;
-        body fresh = make(fix_block((int[]){4, 4, 4}, (double[]){SIDE_M, SIDE_M, SIDE_M}, 0.2, &same), def, 1, true);
+        tm_tissue_def def = averaged(&m);
+        def.alive = tm_tissue_alive(b.tissue);
+        body fresh = block_of((int[]){4, 4, 4}, def, 1, true);
+        add_viscosity(&b), add_viscosity(&fresh);
         tm_state *s = tm_world_state(b.world), *t = tm_world_state(fresh.world);
         const double dt_s = tm_world_step_s(b.world);
         fix_ok(tm_world_set_step(fresh.world, dt_s, &error), &error);
@@ -325,8 +281,10 @@ static void a_cut_equals_a_fresh_build(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(does_not_lock_near_incompressible),          cmocka_unit_test(keeps_its_energy),
-        cmocka_unit_test(has_the_same_bits_by_threads_and_snapshots), cmocka_unit_test(a_cut_equals_a_fresh_build),
+        cmocka_unit_test(does_not_lock_near_incompressible),
+        cmocka_unit_test(keeps_its_energy),
+        cmocka_unit_test(has_the_same_bits_by_threads_forms_and_snapshots),
+        cmocka_unit_test(a_cut_equals_a_fresh_build),
         cmocka_unit_test(presses_a_linear_body_beside_another),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

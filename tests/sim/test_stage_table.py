@@ -31,6 +31,7 @@ CASES = {
                                                                              force_force_divided=["viscous bulk force"]))),
     "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force=["viscosity force"]))),
     "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force", *MOTION, *ROWS, "patch on demand"])),
+    "law and viscosity": (PRESS, ["tissue.materials.*.law=neo-hooke", ALIKE], law_of("viscosity", [BEGIN[0], "law force", "viscosity force", *MOTION, *ROWS, "patch on demand"])),
     "friction": (PRESS, ["friction={}"], among(PLAIN, support_constrain_divided=["friction constrain"])),
     "energy": (PRESS, ["energy={}"], among(PLAIN, contact_forces_constrain=["energy end"])),
     "cut": (CUT, [], ["cut begin", *among(PLAIN, support_constrain_divided=["cut search constrain overlap", "grasp constrain"])]),

@@ -75,10 +75,22 @@ tm_hyper_strain tm_hyper_strain_choose(bool plain) {
     return tm_plain_hyper_strain;
 }
 
-void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
                               bool plain, const double *u_m) {
-    tm_hyper_strain_choose(plain)(h, averages, stress_J, 0, h->packs.count, u_m);
-    tm_nodal_dilatation_average(averages, NULL, 0, tm_nodal_dilatation_domains(averages));
+    tm_viscous elastic = *v;
+    elastic.terms = 0;
+    tm_hyper_strain_choose(plain)(h, &elastic, averages, 0, h->packs.count, u_m);
+    if (h->averaged) tm_nodal_dilatation_average(averages, NULL, 0, tm_nodal_dilatation_domains(averages));
+}
+
+void tm_hyperelastic_corners(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
+                             bool plain, const double *u_m) {
+    if (!h->averaged && !h->bulk_J) {
+        tm_hyper_force_choose(plain)(h, 0, h->packs.count, u_m, v->corner_N);
+        return;
+    }
+    tm_hyperelastic_evaluate(h, v, averages, plain, u_m);
+    if (h->averaged) tm_viscous_choose(plain).pressure(&h->packs, v, averages, 0, h->packs.count);
 }
 
 /* --- batches --- */
@@ -108,6 +120,7 @@ static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *batch
 }
 
 bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_field *field) {
+    *h = (tm_hyperelastic){.averaged = field->smoothed, .shear = 1, .volume = 1};
     if (!tm_tet_batches_init(&h->packs, pool, field)) return false;
     tm_law_pack *law = TM_ALLOC(pool, tm_law_pack, h->packs.count);
     if (!law) return false;
@@ -154,7 +167,12 @@ double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const d
         tm_plain_strain_of(H, &s);
         spring_J = 2.0 / 3 * w.mu[l] * b.excess[l] * b.excess[l];
     }
-    return energy_of(h->law[p].law[tet % TM_LANES], &w, H, &s, l) + spring_J;
+    const int64_t law = h->law[p].law[tet % TM_LANES];
+    const double own_J = energy_of(law, &w, H, &s, l) + spring_J;
+    if (!h->bulk_J) return own_J;
+    const double grown = law == TM_LAW_LINEAR ? s.trace[l] : s.J1[l], most = TM_VOLUME_MOST - 1;
+    const double within = law == TM_LAW_LINEAR ? grown : fmin(fmax(grown, TM_VOLUME_LEAST - 1), most);
+    return h->shear * own_J + (h->volume - h->shear) * h->bulk_J[tet] * within * (grown - 0.5 * within);
 }
 
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m) {
@@ -203,8 +221,29 @@ static void differentiate_tet(const tm_hyperelastic *h, int32_t tet, const doubl
     differentiate(h->law[p].law[tet % TM_LANES], &one, H, dilatation, A);
 }
 
+/* A := the share of the law, and that of its bulk modulus. */
+static void share_out(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
+    const int32_t p = tet / TM_LANES;
+    const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
+    const bool linear = h->law[p].law[tet % TM_LANES] == TM_LAW_LINEAR;
+    tm_plain_v8 H[9], slope[9], grown;
+    tm_plain_hyper w;
+    double bend[81];
+    tm_plain_gradient(&h->packs, p, at, u_m, H);
+    tm_plain_hyper_of(h, p, at, &w);
+    tm_plain_dilatation(linear ? TM_LAW_LINEAR : TM_LAW_NEO_HOOKE, &w, H, &grown, slope);
+    tm_hyperelastic_dilatation_hessian(h, tet, u_m, bend);
+    const double J1 = grown[l], bulk_J = (h->volume - h->shear) * h->bulk_J[tet];
+    const double within = linear ? J1 : fmin(fmax(J1, TM_VOLUME_LEAST - 1), TM_VOLUME_MOST - 1);
+    for (int i = 0; i < 81; i++) {
+        A[i] = h->shear * A[i] + bulk_J * within * bend[i];
+        if (within == J1) A[i] += bulk_J * slope[i / 9][l] * slope[i % 9][l];
+    }
+}
+
 void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {
     differentiate_tet(h, tet, u_m, false, A);
+    if (h->bulk_J) share_out(h, tet, u_m, A);
 }
 
 void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]) {

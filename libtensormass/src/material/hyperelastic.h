@@ -19,6 +19,11 @@ typedef struct tm_law_pack {
 typedef struct tm_hyperelastic {
     tm_tet_batches packs;
     const tm_law_pack *law; /* [packs.count] */
+    bool averaged;          /* dilatation by domains; the batches have the rest of the law */
+    /* With viscosity, else null: [TM_LANES*packs.count] bulk modulus times volume, 0 where it is averaged; and the
+     * shares of the law and of the bulk modulus, which settling sets to the long-term ones, else 1. */
+    const double *bulk_J;
+    double shear, volume;
 } tm_hyperelastic;
 
 /* Initialises from the pool; returns false without memory. */
@@ -32,14 +37,18 @@ typedef int32_t (*tm_hyper_force)(const tm_hyperelastic *h, int32_t begin, int32
 tm_hyper_force tm_hyper_force_form(int form);
 tm_hyper_force tm_hyper_force_choose(bool plain);
 
-/* The first pass of a law whose dilatation is averaged (nodal_dilatation.h): stress_J [9*TM_LANES*packs.count] of the
- * rest of the law, dilatations, and their derivatives by F in place of rotations. */
-typedef int32_t (*tm_hyper_strain)(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+/* The complete pass, with terms of `v` (none: v->terms is 0): v->corner_N; with averaged dilatation
+ * (nodal_dilatation.h) v->stress_J of the rest of the law, dilatations, and their derivatives by F in place of
+ * rotations. */
+typedef int32_t (*tm_hyper_strain)(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
                                    int32_t begin, int32_t end, const double *u_m);
 tm_hyper_strain tm_hyper_strain_choose(bool plain);
-/* Computes stresses, averages and pressures at u, of all tetrahedra. */
-void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, double *stress_J,
+/* Computes stresses, averages and pressures at u, of all tetrahedra, without terms. */
+void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
                               bool plain, const double *u_m);
+/* Computes the corner forces of all tetrahedra, v->corner_N, without terms. */
+void tm_hyperelastic_corners(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
+                             bool plain, const double *u_m);
 
 /* Returns the energy, J, of all active tetrahedra; of one. Without averaged dilatation. */
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m);

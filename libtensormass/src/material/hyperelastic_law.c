@@ -7,7 +7,7 @@
 static bool averages(const tm_law_state *s) { return tm_nodal_dilatation_is_on(&s->averages); }
 
 static void evaluate(const tm_law_state *s, bool plain, const double *u_m) {
-    tm_hyperelastic_evaluate(&s->hyper, &s->averages, s->work.stress_J, plain, u_m);
+    tm_hyperelastic_evaluate(&s->hyper, &s->work, &s->averages, plain, u_m);
 }
 
 static double energy(const tm_law_state *s, const double *u_m) {
@@ -18,12 +18,7 @@ static double energy(const tm_law_state *s, const double *u_m) {
 }
 
 static void force(const tm_law_state *s, bool plain, const double *u_m, double *force_N) {
-    const int32_t count = s->hyper.packs.count;
-    if (averages(s)) {
-        evaluate(s, plain, u_m);
-        tm_viscous_choose(plain).pressure(&s->hyper.packs, &s->work, &s->averages, 0, count);
-    } else
-        tm_hyper_force_choose(plain)(&s->hyper, 0, count, u_m, s->work.corner_N);
+    tm_hyperelastic_corners(&s->hyper, &s->work, &s->averages, plain, u_m);
     tm_law_gather(s, force_N);
 }
 

@@ -73,10 +73,24 @@ INSIDE void TM_NAME(batch_dilatation)(const tm_hyperelastic *h, int32_t p, int a
     for (int i = 0; i < 9; i++) TM_NAME(choose)(&slope[i], &linear, &unit[i], &slope[i]);
 }
 
-/* Stresses without averaged dilatation, dilatations and their derivatives, for tm_nodal_dilatation_average and the pass
- * over pressures (viscous_kernel.h). */
-TM_TARGET static int32_t TM_NAME(hyper_strain)(const tm_hyperelastic *h, const tm_nodal_dilatation *s, double *stress_J,
-                                               int32_t begin, int32_t end, const double *u_m) {
+#include "material/hyperelastic_terms.h"
+
+INSIDE void TM_NAME(store_corners)(const tm_hyperelastic *h, int32_t p, int at, const M8 *there, const V8 P[9],
+                                   double *corner_N) {
+    V8 f[4][3];
+    TM_NAME(pull)(&h->packs, p, at, P, f);
+    for (int i = 0; i < 12; i++) {
+        const V8 kept = (V8)((M8)f[i / 3][i % 3] & *there);
+        memcpy(corner_N + 12 * TM_LANES * (int64_t)p + TM_LANES * i + at, &kept, sizeof kept);
+    }
+}
+
+/* Stresses with long-term shares and terms. With averaged dilatation they are those of the rest of the law, and
+ * dilatations with their derivatives follow, for tm_nodal_dilatation_average and the pass over pressures
+ * (viscous_kernel.h); without, corner forces. */
+TM_TARGET static int32_t TM_NAME(hyper_strain)(const tm_hyperelastic *h, const tm_viscous *v,
+                                               const tm_nodal_dilatation *s, int32_t begin, int32_t end,
+                                               const double *u_m) {
     int32_t count = 0;
     for (int32_t p = begin; p < end; p++)
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
@@ -88,13 +102,18 @@ TM_TARGET static int32_t TM_NAME(hyper_strain)(const tm_hyperelastic *h, const t
             TM_NAME(batch_stress)(h, p, at, H, P, &outside);
             TM_NAME(batch_dilatation)(h, p, at, &w, H, &grown, slope);
             TM_NAME(living)(&h->packs, p, at, &there);
-            memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
-            grown = (V8)((M8)(quarter * grown) & there);
-            memcpy(s->dilatation + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
-            for (int i = 0; i < 9; i++) {
-                const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
-                memcpy(s->rotation + to, &slope[i], sizeof(V8));
-                memcpy(stress_J + to, &P[i], sizeof(V8));
+            if (h->bulk_J) TM_NAME(relax_stress)(h, v, p, at, &grown, slope, H, P);
+            if (!h->averaged) {
+                TM_NAME(store_corners)(h, p, at, &there, P, v->corner_N);
+            } else {
+                memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
+                grown = (V8)((M8)(quarter * grown) & there);
+                memcpy(s->dilatation + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
+                for (int i = 0; i < 9; i++) {
+                    const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
+                    memcpy(s->rotation + to, &slope[i], sizeof(V8));
+                    memcpy(v->stress_J + to, &P[i], sizeof(V8));
+                }
             }
             if (TM_NAME(any)(&outside))
                 for (int l = 0; l < TM_WIDTH; l++) count += outside[l] != 0;

@@ -169,6 +169,7 @@ struct tm_rotation {
     double *scratch_N;         /* [3*vertex_count] */
     bool done_by_viscosity;    /* the stage "viscosity" computes the complete force */
     struct tm_relaxing *whole; /* with averaged dilatation: the complete law in passes; else null */
+    struct tm_relaxing *terms; /* the stage "viscosity"'s, or null */
     tm_conserving conserving;
     int32_t *reached; /* [2*count] divided among threads: first and last vertex of a batch; else null */
 };

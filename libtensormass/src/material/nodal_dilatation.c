@@ -119,17 +119,30 @@ static void relax(const tm_nodal_dilatation *s, const tm_viscous *v, int32_t i, 
     }
 }
 
+/* The same under nonlinear laws: a share of the pressure itself relaxes (hyperelastic_terms.h). */
+static void relax_law(const tm_nodal_dilatation *s, const tm_viscous *v, int32_t i) {
+    const double tiny = 1e-60, pressure = s->corotated_Pa[i];
+    for (int32_t t = 0; t < v->terms; t++) {
+        double *memory = v->swelling[t] + i;
+        const double q = *memory + v->now[t] * pressure;
+        s->corotated_Pa[i] -= v->volume[t] * q;
+        if (!v->history_frozen) *memory = (v->history_kept[t] * q + v->old[t] * pressure + tiny) - tiny;
+    }
+}
+
 void tm_nodal_dilatation_average(const tm_nodal_dilatation *s, const tm_viscous *relaxing, int32_t begin, int32_t end) {
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     for (int32_t i = begin; i < end; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
         const int32_t law = d->law[i];
-        const double most = relaxing ? relaxing->relaxed_max_Pa[law] : s->max_Pa[law];
+        const bool corotates = relaxing && !s->min_Pa; /* with the long-term law in place */
+        const double most = corotates ? relaxing->relaxed_max_Pa[law] : s->max_Pa[law];
         s->averaged_dilatation[i] = average(s, i, s->dilatation);
-        const double pressure = (relaxing ? relaxing->relaxed_bulk_Pa : s->bulk_Pa)[law] * s->averaged_dilatation[i];
+        const double pressure = (corotates ? relaxing->relaxed_bulk_Pa : s->bulk_Pa)[law] * s->averaged_dilatation[i];
         s->corotated_Pa[i] = pressure < most ? pressure : most;
         if (s->min_Pa && pressure < s->min_Pa[law]) s->corotated_Pa[i] = s->min_Pa[law];
-        if (relaxing) relax(s, relaxing, i, s->bulk_Pa[law], s->max_Pa[law]);
+        if (corotates) relax(s, relaxing, i, s->bulk_Pa[law], s->max_Pa[law]);
+        if (relaxing && !corotates) relax_law(s, relaxing, i);
     }
 }
 

@@ -48,8 +48,10 @@ static void add_domain(const tm_tissue *tissue, const tm_nodal_dilatation *s, in
                        tm_tangent *tangent) {
     const tm_domains *d = tm_nodal_dilatation_domains_of(s);
     const int32_t from = d->member_at[i], to = d->member_at[i + 1];
-    const double stiffness = s->bulk_Pa[d->law[i]] * d->volume_m3[i];
-    const double steep = tangent->definite || tm_nodal_dilatation_grows(s, i, d->law[i]) ? stiffness : 0;
+    /* The tensors' bulk modulus is not the law's while that is the long-term one. */
+    const double stiffness = s->field.smoothed->bulk_Pa[d->law[i]] * d->volume_m3[i];
+    const bool grows = tangent->definite || tm_nodal_dilatation_grows(s, i, d->law[i]);
+    const double steep = grows ? s->bulk_Pa[d->law[i]] * d->volume_m3[i] : 0;
     for (int32_t m = from; m < to; m++)
         for (int32_t n = m; n < to && d->lives[m]; n++) {
             if (!d->lives[n]) continue;

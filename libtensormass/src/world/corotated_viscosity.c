@@ -9,7 +9,8 @@
 
 /* --- memory --- */
 
-int64_t tm_relaxing_kept(const tm_rotation *rotation) {
+static int64_t kept(const void *self) {
+    const tm_rotation *rotation = self;
     return 6 * TM_LANES * (int64_t)rotation->batches.count + tm_nodal_dilatation_domains(&rotation->nodal_dilatation);
 }
 
@@ -39,15 +40,18 @@ bool tm_relaxing_init_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm
     return take_room(r, pool);
 }
 
-bool tm_relaxing_init(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation,
-                      const tm_viscosity_def *def, double *const *kept) {
-    const tm_tissue *tissue = world->tissue;
-    tm_viscous *v = &r->viscous;
-    if (!tm_relaxing_init_elastic(r, pool, world, rotation)) return false;
+static bool begin(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *histories) {
+    tm_rotation *rotation = self;
+    tm_relaxing *r = TM_ALLOC(pool, tm_relaxing, 1);
+    if (!r || !tm_relaxing_init_elastic(r, pool, world, rotation)) return false;
     r->batches = &r->relaxed;
-    const tm_material_field field = tm_tissue_field(tissue);
-    return tm_prony_init(v, &r->relaxed, pool, &field, def, rotation->batches.count, kept);
+    const tm_material_field field = tm_tissue_field(world->tissue);
+    if (!tm_prony_init(&r->viscous, &r->relaxed, pool, &field, def, rotation->batches.count, histories)) return false;
+    rotation->terms = r;
+    return true;
 }
+
+static void end(void *self) { ((tm_rotation *)self)->terms = NULL; }
 
 /* --- the passes --- */
 
@@ -172,7 +176,12 @@ void tm_relaxing_force(tm_relaxing *r) {
     r->rotation->list_count = r->batches->count;
 }
 
-void tm_relaxing_evaluate(const tm_relaxing *r, const tm_fading *fading) {
+/* --- what the stage "viscosity" asks --- */
+
+static void force(void *self) { tm_relaxing_force(((tm_rotation *)self)->terms); }
+
+static void evaluate(void *self, const tm_fading *fading) {
+    const tm_relaxing *r = ((tm_rotation *)self)->terms;
     tm_viscous once = r->viscous;
     once.history_frozen = false;
     for (int32_t t = 0; t < once.terms; t++)
@@ -182,3 +191,47 @@ void tm_relaxing_evaluate(const tm_relaxing *r, const tm_fading *fading) {
         tm_nodal_dilatation_average(&r->rotation->nodal_dilatation, &once, 0,
                                     tm_nodal_dilatation_domains(&r->rotation->nodal_dilatation));
 }
+
+static void set(void *self, tm_world *world, bool relaxes) {
+    tm_rotation *rotation = self;
+    rotation->done_by_viscosity = relaxes;
+    if (relaxes)
+        tm_world_set_force(world, &(tm_force_provider){.stage = "viscosity"});
+    else
+        tm_world_set_force(world, rotation->whole ? &(tm_force_provider){.stage = "rotation"} : NULL);
+}
+
+static void set_step(void *self, const tm_fading *fading) {
+    tm_viscous *v = &((tm_rotation *)self)->terms->viscous;
+    for (int32_t t = 0; t < v->terms; t++)
+        v->history_kept[t] = fading[t].kept_share, v->old[t] = fading[t].old, v->now[t] = fading[t].now;
+}
+
+static bool prepare_rest(void *self, const tm_tissue *tissue, tm_relaxed *relaxed) {
+    const tm_rotation *rotation = self;
+    const tm_material_field field = tm_tissue_field(tissue);
+    relaxed->batches = rotation->terms->relaxed;
+    return tm_nodal_dilatation_init(&relaxed->nodal_dilatation, &relaxed->pool, &field, relaxed->batches.count);
+}
+
+static void rest(void *self, tm_relaxed *relaxed, bool begins) {
+    tm_rotation *rotation = self;
+    const tm_tet_batches batches = rotation->batches;
+    const tm_nodal_dilatation dilatation = rotation->nodal_dilatation;
+    (void)begins; /* both ways */
+    rotation->batches = relaxed->batches;
+    rotation->nodal_dilatation = relaxed->nodal_dilatation;
+    relaxed->batches = batches;
+    relaxed->nodal_dilatation = dilatation;
+}
+
+const struct tm_relaxing_law tm_corotated_relaxing = {.stage = "rotation",
+                                                      .kept = kept,
+                                                      .begin = begin,
+                                                      .end = end,
+                                                      .set = set,
+                                                      .set_step = set_step,
+                                                      .force = force,
+                                                      .evaluate = evaluate,
+                                                      .prepare_rest = prepare_rest,
+                                                      .rest = rest};

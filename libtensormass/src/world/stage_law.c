@@ -5,49 +5,54 @@
 
 #include "material/hyperelastic.h"
 #include "tissue/tangent.h"
-#include "world/world_internal.h"
+#include "world/viscosity.h"
 
 typedef struct law_stage {
     tm_pool pool;
     tm_world *world;
     tm_hyperelastic hyper;
     tm_hyper_force force;
-    double *corner_N; /* [12*TM_LANES*batches] */
-    /* With averaged dilatation: */
     tm_nodal_dilatation averages;
     tm_hyper_strain strain;
-    tm_viscous work;  /* stresses before pressures, and corner_N */
+    tm_viscous work; /* corner_N; with averaged dilatation stress_J; with viscosity the terms */
+    bool relaxes;    /* the terms act, by the stage "viscosity" */
+    /* Limits and moduli of averaged dilatation: the law's, and the long-term ones while the world settles. */
+    const double *sudden_Pa[3];
+    double *long_term_Pa[3];
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
     int32_t *beyond;  /* [partition_count] tetrahedra that continue linearly */
     tm_nonlinear law; /* the interface to other components */
 } law_stage;
 
+#define STAGE "law"
+
 /* --- the step --- */
-
-static void stress_part(void *context, int32_t part) {
-    const law_stage *l = context;
-    const int32_t count = l->hyper.packs.count, partitions = l->world->partition_count;
-    l->beyond[part] = l->force(&l->hyper, tm_tet_batches_before(count, part, partitions),
-                               tm_tet_batches_before(count, part + 1, partitions), l->world->state.u_m, l->corner_N);
-}
-
-static bool is_averaged(const law_stage *l) { return tm_nodal_dilatation_is_on(&l->averages); }
 
 static int32_t batches_before(const law_stage *l, int32_t part) {
     return tm_tet_batches_before(l->hyper.packs.count, part, l->world->partition_count);
 }
 
+static void stress_part(void *context, int32_t part) {
+    const law_stage *l = context;
+    l->beyond[part] = l->force(&l->hyper, batches_before(l, part), batches_before(l, part + 1), l->world->state.u_m,
+                               l->work.corner_N);
+}
+
+static bool is_averaged(const law_stage *l) { return tm_nodal_dilatation_is_on(&l->averages); }
+
 static void strain_part(void *context, int32_t part) {
     const law_stage *l = context;
-    l->beyond[part] = l->strain(&l->hyper, &l->averages, l->work.stress_J, batches_before(l, part),
-                                batches_before(l, part + 1), l->world->state.u_m);
+    tm_viscous v = l->work;
+    if (!l->relaxes) v.terms = 0;
+    l->beyond[part] = l->strain(&l->hyper, &v, &l->averages, batches_before(l, part), batches_before(l, part + 1),
+                                l->world->state.u_m);
 }
 
 static void average_part(void *context, int32_t part) {
     const law_stage *l = context;
     const int32_t *begin = tm_nodal_dilatation_domains_of(&l->averages)->begin;
     const tm_force_partition *own = &l->world->partition[part].force;
-    tm_nodal_dilatation_average(&l->averages, NULL, begin[own->begin], begin[own->end]);
+    tm_nodal_dilatation_average(&l->averages, l->relaxes ? &l->work : NULL, begin[own->begin], begin[own->end]);
 }
 
 static void pressure_part(void *context, int32_t part) {
@@ -56,15 +61,21 @@ static void pressure_part(void *context, int32_t part) {
         .pressure(&l->hyper.packs, &l->work, &l->averages, batches_before(l, part), batches_before(l, part + 1));
 }
 
-static void run(void *self, tm_world *world) {
-    const law_stage *l = self;
-    if (!is_averaged(l)) {
-        tm_partitions_run(world, stress_part, self);
+static void compute(law_stage *l) {
+    if (!is_averaged(l) && !l->hyper.bulk_J) {
+        tm_partitions_run(l->world, stress_part, l);
         return;
     }
-    tm_partitions_run(world, strain_part, self);
-    tm_partitions_run(world, average_part, self);
-    tm_partitions_run(world, pressure_part, self);
+    tm_partitions_run(l->world, strain_part, l);
+    if (!is_averaged(l)) return;
+    tm_partitions_run(l->world, average_part, l);
+    tm_partitions_run(l->world, pressure_part, l);
+}
+
+static void run(void *self, tm_world *world) {
+    law_stage *l = self;
+    (void)world;
+    if (!l->relaxes) compute(l);
 }
 
 static void gather(const law_stage *l, const double *corner_N, int32_t begin, int32_t end, double *TM_RESTRICT force) {
@@ -86,7 +97,7 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
     if (world->internal_N)
         tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end,
                       world->state.u_m, world->internal_N);
-    gather(l, l->corner_N, range->begin, range->end, world->state.force_N);
+    gather(l, l->work.corner_N, range->begin, range->end, world->state.force_N);
 }
 
 /* --- interface to other components: the law minus the tensors, which are its own for small strains --- */
@@ -95,7 +106,7 @@ static double energy(const void *self, const double *u_m) {
     const law_stage *l = self;
     double law_J = tm_hyperelastic_energy(&l->hyper, u_m);
     if (is_averaged(l)) {
-        tm_hyperelastic_evaluate(&l->hyper, &l->averages, l->work.stress_J, l->world->tissue->plain, u_m);
+        tm_hyperelastic_evaluate(&l->hyper, &l->work, &l->averages, l->world->tissue->plain, u_m);
         law_J += tm_nodal_dilatation_stored(&l->averages);
     }
     return law_J - tm_tissue_energy(l->world->tissue, u_m);
@@ -105,13 +116,8 @@ static double energy(const void *self, const double *u_m) {
 static void force(const void *self, const double *u_m, double *force_N) {
     const law_stage *l = self;
     double *tensors_N = l->law.scratch_N + 3 * (int64_t)l->hyper.packs.mesh->vertex_count;
-    const bool plain = l->world->tissue->plain;
-    if (is_averaged(l)) {
-        tm_hyperelastic_evaluate(&l->hyper, &l->averages, l->work.stress_J, plain, u_m);
-        tm_viscous_choose(plain).pressure(&l->hyper.packs, &l->work, &l->averages, 0, l->hyper.packs.count);
-    } else
-        l->force(&l->hyper, 0, l->hyper.packs.count, u_m, l->corner_N);
-    gather(l, l->corner_N, 0, l->hyper.packs.mesh->vertex_count, force_N);
+    tm_hyperelastic_corners(&l->hyper, &l->work, &l->averages, l->world->tissue->plain, u_m);
+    gather(l, l->work.corner_N, 0, l->hyper.packs.mesh->vertex_count, force_N);
     tm_tissue_force(l->world->tissue, u_m, tensors_N);
     for (int32_t i = 0; i < 3 * l->hyper.packs.mesh->vertex_count; i++) force_N[i] -= tensors_N[i];
 }
@@ -133,8 +139,7 @@ static void add_tangent(const void *self, const double *u_m, int32_t begin, int3
     const law_stage *l = self;
     const tm_tissue *tissue = l->world->tissue;
     if (is_averaged(l)) {
-        if (begin == 0)
-            tm_hyperelastic_evaluate(&l->hyper, &tangent->nodal_dilatation, l->work.stress_J, tissue->plain, u_m);
+        if (begin == 0) tm_hyperelastic_evaluate(&l->hyper, &l->work, &tangent->nodal_dilatation, tissue->plain, u_m);
         tm_tangent_add_domains(tissue, begin, end, tangent);
     }
     for (int32_t t = begin; t < end; t++) {
@@ -149,6 +154,91 @@ static void add_tangent(const void *self, const double *u_m, int32_t begin, int3
         tm_tangent_add_tet(tissue, t, A, tangent);
     }
 }
+
+/* --- what the stage "viscosity" asks (hyperelastic_terms.h) --- */
+
+static int64_t kept(const void *self) {
+    const law_stage *l = self;
+    const int64_t lanes = TM_LANES * (int64_t)l->hyper.packs.count;
+    return 6 * lanes + (is_averaged(l) ? tm_nodal_dilatation_domains(&l->averages) : lanes);
+}
+
+static bool begin_terms(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def,
+                        double *const *histories) {
+    law_stage *l = self;
+    const tm_material_field field = tm_tissue_field(world->tissue);
+    const int64_t lanes = TM_LANES * (int64_t)l->hyper.packs.count;
+    double *bulk_J = TM_ALLOC(pool, double, lanes);
+    for (int i = 0; i < 3 && is_averaged(l); i++)
+        l->long_term_Pa[i] = TM_ALLOC(pool, double, world->tissue->mesh->region_count);
+    if (pool->failed) return false;
+    for (int32_t t = 0; !is_averaged(l) && t < field.mesh->tet_count; t++)
+        bulk_J[t] = field.mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(&field, t));
+    l->hyper.bulk_J = bulk_J;
+    l->work.terms = def->count;
+    for (int32_t t = 0; t < def->count; t++) {
+        l->work.shear[t] = def->term[t].shear, l->work.volume[t] = def->term[t].bulk;
+        l->work.history[t] = histories[t], l->work.swelling[t] = histories[t] + 6 * lanes;
+    }
+    return true;
+}
+
+static void end_terms(void *self) {
+    law_stage *l = self;
+    l->hyper.bulk_J = NULL;
+    l->work.terms = 0;
+}
+
+static void set_terms(void *self, tm_world *world, bool relaxes) {
+    law_stage *l = self;
+    l->relaxes = relaxes;
+    tm_world_set_force(world, &(tm_force_provider){relaxes ? "viscosity" : STAGE, l, force_range});
+}
+
+static void set_step(void *self, const tm_fading *fading) {
+    tm_viscous *v = &((law_stage *)self)->work;
+    for (int32_t t = 0; t < v->terms; t++)
+        v->history_kept[t] = fading[t].kept_share, v->old[t] = fading[t].old, v->now[t] = fading[t].now;
+}
+
+static void terms_force(void *self) {
+    law_stage *l = self;
+    l->work.history_frozen = l->world->evaluating;
+    compute(l);
+}
+
+static void evaluate_terms(void *self, const tm_fading *fading) {
+    law_stage *l = self;
+    tm_viscous once = l->work;
+    once.history_frozen = false;
+    for (int32_t t = 0; t < once.terms; t++)
+        once.history_kept[t] = fading[t].kept_share, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
+    l->strain(&l->hyper, &once, &l->averages, 0, l->hyper.packs.count, l->world->state.u_m);
+    if (is_averaged(l)) tm_nodal_dilatation_average(&l->averages, &once, 0, tm_nodal_dilatation_domains(&l->averages));
+}
+
+static void rest(void *self, tm_relaxed *relaxed, bool begins) {
+    law_stage *l = self;
+    const double **at[3] = {&l->averages.bulk_Pa, &l->averages.max_Pa, &l->averages.min_Pa};
+    l->hyper.shear = begins ? relaxed->shear : 1, l->hyper.volume = begins ? relaxed->volume : 1;
+    for (int i = 0; i < 3 && is_averaged(l); i++) {
+        if (begins) l->sudden_Pa[i] = *at[i];
+        for (int32_t r = 0; r < l->world->tissue->mesh->region_count; r++)
+            l->long_term_Pa[i][r] = l->hyper.volume * l->sudden_Pa[i][r];
+        *at[i] = begins ? l->long_term_Pa[i] : l->sudden_Pa[i];
+    }
+}
+
+static const struct tm_relaxing_law relaxing_law = {.stage = STAGE,
+                                                    .before_force = true,
+                                                    .kept = kept,
+                                                    .begin = begin_terms,
+                                                    .end = end_terms,
+                                                    .set = set_terms,
+                                                    .set_step = set_step,
+                                                    .force = terms_force,
+                                                    .evaluate = evaluate_terms,
+                                                    .rest = rest};
 
 /* --- creation --- */
 
@@ -167,7 +257,7 @@ static bool take(law_stage *l, tm_pool *pool) {
     if (!tm_nodal_dilatation_init(&l->averages, pool, &field, l->hyper.packs.count)) return false;
     l->force = tm_hyper_force_choose(tissue->plain);
     l->strain = tm_hyper_strain_choose(tissue->plain);
-    l->corner_N = l->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    l->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
     if (is_averaged(l)) l->work.stress_J = TM_ALLOC(pool, double, 9 * TM_LANES * (int64_t)l->hyper.packs.count);
     l->place = TM_ALLOC(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);
     l->beyond = TM_ALLOC(pool, int32_t, l->world->partition_count);
@@ -176,13 +266,12 @@ static bool take(law_stage *l, tm_pool *pool) {
                             .force = force,
                             .take_tangent = take_tangent,
                             .add_tangent = add_tangent,
+                            .relaxing = &relaxing_law,
                             .scratch_N = TM_ALLOC(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
     if (pool->failed) return false;
     tm_packs_corners(tissue->mesh, l->place);
     return true;
 }
-
-static const char STAGE[] = "law";
 
 tm_status tm_stage_law(tm_world *world, tm_error *error) {
     tm_pool pool = {0};

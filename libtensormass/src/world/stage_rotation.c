@@ -174,12 +174,6 @@ static void destroy(void *self) {
     tm_pool_release(&pool);
 }
 
-tm_rotation *tm_world_rotation(const tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->entry[i].stage.run == run) return world->entry[i].stage.self;
-    return NULL;
-}
-
 /* --- interface to other components --- */
 
 static double law_energy(const void *self, const double *u_m) { return tm_rotation_energy(self, u_m); }
@@ -206,7 +200,8 @@ static tm_nonlinear law_of(tm_rotation *r) {
                           .added_N = law_added,
                           .take_tangent = law_take_tangent,
                           .add_tangent = law_add_tangent,
-                          .scratch_N = r->scratch_N};
+                          .scratch_N = r->scratch_N,
+                          .relaxing = &tm_corotated_relaxing};
 }
 
 /* --- creation --- */

@@ -2,7 +2,8 @@
  * time, and the force is
  *     -K u + sum_i (shear_i D + volume_i W) q_i  =  -K (u - sum_i shear_i q_i) + W sum_i (volume_i - shear_i) q_i,
  * K = D + W, W the bulk modulus' part. The law is linear, so a history of displacements is one of stresses. Equal
- * shares need no second pass. q is updated at the end of a step, along the straight line from u to u_next. */
+ * shares need no second pass. q is updated at the end of a step, along the straight line from u to u_next. A nonlinear
+ * law has terms of its own (viscosity.h). */
 #include "material/bulk.h"
 #include "world/viscosity.h"
 
@@ -20,8 +21,9 @@ typedef struct viscosity {
     double *strained_m;                                            /* [n] u - sum shear_i q_i */
     double *nodal_dilatation_m;                                    /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
     tm_bulk bulk;
-    tm_rotation *rotation; /* corotated tissue: histories per tetrahedron instead, and that stage's work; else null */
-    tm_relaxing relaxing;
+    /* Of a nonlinear law, which computes its terms and has histories per tetrahedron instead; else null. */
+    const struct tm_relaxing_law *law;
+    void *law_self;
 } viscosity;
 
 /* --- the step --- */
@@ -76,24 +78,21 @@ static void follow_range(void *self, tm_world *world, const tm_range *range) {
     }
 }
 
-/* Corotated tissue: strains in axes of each tetrahedron (corotated_viscosity.c). */
-static void run_corotated(void *self, tm_world *world) {
+/* A nonlinear law: its own terms. */
+static void run_law(void *self, tm_world *world) {
+    const viscosity *v = self;
     (void)world;
-    tm_relaxing_force(&((viscosity *)self)->relaxing);
+    v->law->force(v->law_self);
 }
 
 /* --- callbacks --- */
 
 /* Sets the law of the stage "force": the series, or (false) elastic tissue. */
 static void set_force(viscosity *v, bool relaxes) {
-    const bool turned = v->rotation;
-    if (turned) v->rotation->done_by_viscosity = relaxes;
-    if (relaxes)
-        tm_world_set_force(v->world, &(tm_force_provider){"viscosity", v, turned ? NULL : force_range});
+    if (v->law)
+        v->law->set(v->law_self, v->world, relaxes);
     else
-        tm_world_set_force(v->world, turned && tm_nodal_dilatation_is_on(&v->rotation->nodal_dilatation)
-                                         ? &(tm_force_provider){.stage = "rotation"}
-                                         : NULL);
+        tm_world_set_force(v->world, relaxes ? &(tm_force_provider){"viscosity", v, force_range} : NULL);
 }
 
 static void step_changed(void *self, tm_world *world) {
@@ -103,13 +102,13 @@ static void step_changed(void *self, tm_world *world) {
     for (int32_t t = 0; t < v->def.count; t++) {
         const double was = v->fading[t].now;
         const tm_fading f = v->fading[t] = tm_fading_of(world->state.dt_s, v->def.term[t].time_s);
-        v->relaxing.viscous.history_kept[t] = f.kept_share, v->relaxing.viscous.old[t] = f.old,
-        v->relaxing.viscous.now[t] = f.now;
         changed = changed || (was > 0 && was != f.now);
         change[t] = (tm_fading){.kept_share = 1, .old = -f.now, .now = was};
     }
-    if (v->rotation && changed)
-        tm_relaxing_evaluate(&v->relaxing, change); /* the present strain is in the history by its share of a step */
+    if (!v->law) return;
+    v->law->set_step(v->law_self, v->fading);
+    if (changed)
+        v->law->evaluate(v->law_self, change); /* the present strain is in the history by its share of a step */
 }
 
 static int64_t snapshot(void *self, void *buffer) {
@@ -133,7 +132,7 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     for (int32_t t = 0; t < v->def.count; t++) {
         const double *from = (const double *)((const char *)buffer + sizeof v->def + each * (size_t)t);
         for (int64_t i = 0; i < v->saved; i++)
-            if (v->rotation ? !is_number(from[i]) : !tm_is_place(from[i])) return false;
+            if (v->law ? !is_number(from[i]) : !tm_is_place(from[i])) return false;
         if (apply) memcpy(v->q_m[t], from, each);
     }
     return true;
@@ -158,17 +157,18 @@ static void release(viscosity *v) {
 static void destroy(void *self) {
     viscosity *v = self;
     set_force(v, false);
+    if (v->law) v->law->end(v->law_self);
     release(v);
 }
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
-    return stage->range == follow_range || stage->run == run_corotated || stage->run == run_strained ||
+    return stage->range == follow_range || stage->run == run_law || stage->run == run_strained ||
            stage->run == run_bulk;
 }
 
 static viscosity *of(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->entry[i].stage.range == follow_range || world->entry[i].stage.run == run_corotated)
+        if (world->entry[i].stage.range == follow_range || world->entry[i].stage.run == run_law)
             return world->entry[i].stage.self;
     return NULL;
 }
@@ -176,8 +176,8 @@ static viscosity *of(const tm_world *world) {
 static void rest_here(viscosity *v) {
     tm_fading rest[TM_VISCOSITY_TERMS];
     for (int32_t t = 0; t < v->def.count; t++) rest[t] = (tm_fading){.old = 1 - v->fading[t].now};
-    if (v->rotation) {
-        tm_relaxing_evaluate(&v->relaxing, rest);
+    if (v->law) {
+        v->law->evaluate(v->law_self, rest);
         return;
     }
     for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->world->state.u_m, sizeof(double) * (size_t)v->n);
@@ -185,14 +185,14 @@ static void rest_here(viscosity *v) {
 
 static bool init(viscosity *v, tm_pool *pool) {
     bool alike = true;
-    v->saved = v->rotation ? tm_relaxing_kept(v->rotation) : v->n;
+    v->saved = v->law ? v->law->kept(v->law_self) : v->n;
     for (int32_t t = 0; t < v->def.count; t++) {
         v->q_m[t] = TM_ALLOC(pool, double, v->saved);
         v->saved_m[t] = TM_ALLOC(pool, double, v->saved);
         alike = alike && v->def.term[t].bulk == v->def.term[t].shear;
     }
     if (pool->failed) return false;
-    if (v->rotation) return tm_relaxing_init(&v->relaxing, pool, v->world, v->rotation, &v->def, v->q_m);
+    if (v->law) return v->law->begin(v->law_self, pool, v->world, &v->def, v->q_m);
     v->strained_m = TM_ALLOC(pool, double, v->n);
     if (alike) return !pool->failed;
     v->nodal_dilatation_m = TM_ALLOC(pool, double, v->n);
@@ -202,13 +202,13 @@ static bool init(viscosity *v, tm_pool *pool) {
 
 /* Adds the stage; u is the equilibrium from here on. Frees its memory on failure. */
 static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
-    const bool turned = v->rotation;
+    const struct tm_relaxing_law *law = v->law;
     const tm_stage whole = {.size = sizeof whole,
                             .name = "viscosity",
-                            .phase = turned ? TM_PHASE_FORCE : TM_PHASE_END,
-                            .run = turned ? run_corotated : NULL,
-                            .range = turned ? NULL : follow_range,
-                            .divided = !turned,
+                            .phase = law ? TM_PHASE_FORCE : TM_PHASE_END,
+                            .run = law ? run_law : NULL,
+                            .range = law ? NULL : follow_range,
+                            .divided = !law,
                             .destroy = destroy,
                             .step_changed = step_changed,
                             .self = v,
@@ -216,7 +216,8 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
                             .restore = restore,
                             .checkpoint = checkpoint,
                             .rollback = rollback,
-                            .needs = {"force", turned ? "rotation" : NULL},
+                            .needs = {"force", law ? law->stage : NULL},
+                            .runs_before = law && law->before_force ? "force" : NULL,
                             .skip_in_settle = true};
     const tm_stage strain = {.size = sizeof strain,
                              .name = "viscous strain",
@@ -235,11 +236,12 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
                            .skip_in_settle = true};
     tm_status status = tm_world_add_stage(v->world, &whole, bytes, error);
     if (status) {
+        if (law) law->end(v->law_self);
         release(v);
         return status;
     }
-    if (!turned) status = tm_world_add_stage(v->world, &strain, 0, error);
-    if (!turned && !status && v->nodal_dilatation_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
+    if (!law) status = tm_world_add_stage(v->world, &strain, 0, error);
+    if (!law && !status && v->nodal_dilatation_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
     if (status) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;
@@ -256,14 +258,11 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
     if (world->tissue->extra_mass_kg)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "viscosity does not support a condensed part, which cannot relax; leave one of them out");
-    if (world->tissue->stiffest_Pa)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "viscosity supports only the linear law, and a material has another; leave one of them out");
     tm_pool pool = {0};
     viscosity *v = TM_ALLOC(&pool, viscosity, 1);
     if (v) {
         v->world = world, v->n = 3 * world->tissue->mesh->vertex_count;
-        v->rotation = tm_world_rotation(world);
+        if (world->nonlinear) v->law = world->nonlinear->relaxing, v->law_self = world->nonlinear->self;
         v->def = tm_viscosity_def_default();
         v->def.count = def->count;
         memcpy(v->def.term, def->term, sizeof def->term[0] * (size_t)def->count);
@@ -285,43 +284,33 @@ static void swap_tensors(tm_tissue *a, tm_tissue *b) {
     b->graph = graph, b->edge_index = slot;
 }
 
-static void swap_batches(viscosity *v, tm_relaxed *relaxed) {
-    const tm_tet_batches batches = v->rotation->batches;
-    const tm_nodal_dilatation dilatation = v->rotation->nodal_dilatation;
-    v->rotation->batches = relaxed->batches;
-    v->rotation->nodal_dilatation = relaxed->nodal_dilatation;
-    relaxed->batches = batches;
-    relaxed->nodal_dilatation = dilatation;
-}
-
 tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error) {
     viscosity *v = of(world);
     if (!v) return TM_OK;
-    double shear, volume;
-    tm_viscosity_relaxed(&v->def, &shear, &volume);
-    tm_tissue *tissue = NULL;
-    const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
-    if (status) return status;
-    relaxed->batches = v->relaxing.relaxed;
-    const tm_material_field field = tm_tissue_field(tissue);
-    if (v->rotation &&
-        !tm_nodal_dilatation_init(&relaxed->nodal_dilatation, &relaxed->pool, &field, relaxed->batches.count)) {
-        tm_pool_release(&relaxed->pool);
-        tm_tissue_destroy(tissue);
-        return tm_fail_memory(error, "settling");
+    tm_viscosity_relaxed(&v->def, &relaxed->shear, &relaxed->volume);
+    if (!v->law || v->law->prepare_rest) {
+        tm_tissue *tissue = NULL;
+        const tm_status status = tm_tissue_relaxed(world->tissue, relaxed->shear, relaxed->volume, &tissue, error);
+        if (status) return status;
+        if (v->law && !v->law->prepare_rest(v->law_self, tissue, relaxed)) {
+            tm_pool_release(&relaxed->pool);
+            tm_tissue_destroy(tissue);
+            return tm_fail_memory(error, "settling");
+        }
+        relaxed->tissue = tissue;
+        swap_tensors(world->tissue, tissue);
     }
-    relaxed->tissue = tissue;
-    swap_tensors(world->tissue, tissue);
-    if (v->rotation) swap_batches(v, relaxed);
+    if (v->law) v->law->rest(v->law_self, relaxed, true);
     set_force(v, false);
+    relaxed->on = true;
     return TM_OK;
 }
 
 void tm_relaxed_end(tm_world *world, tm_relaxed *relaxed, bool rests) {
-    if (!relaxed->tissue) return;
+    if (!relaxed->on) return;
     viscosity *v = of(world);
-    swap_tensors(world->tissue, relaxed->tissue);
-    if (v->rotation) swap_batches(v, relaxed);
+    if (relaxed->tissue) swap_tensors(world->tissue, relaxed->tissue);
+    if (v->law) v->law->rest(v->law_self, relaxed, false);
     set_force(v, true);
     tm_tissue_destroy(relaxed->tissue);
     tm_pool_release(&relaxed->pool);

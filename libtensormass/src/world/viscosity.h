@@ -21,22 +21,39 @@ typedef struct tm_relaxing {
     int64_t timed;
     double elastic_s, compared_s;
 } tm_relaxing;
-/* Returns how many numbers a term stores. */
-int64_t tm_relaxing_kept(const tm_rotation *rotation);
 /* Returns false without memory. */
 bool tm_relaxing_init_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation);
-/* The same; the stage owns `kept` of each term. */
-bool tm_relaxing_init(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation,
-                      const tm_viscosity_def *def, double *const *kept);
 /* force_N += force of the complete law, long-term law and terms; advances the histories. */
 void tm_relaxing_force(tm_relaxing *r);
-/* Advances the histories alone: keep, old and now of each term for one evaluation at u. */
-void tm_relaxing_evaluate(const tm_relaxing *r, const tm_fading *fading);
+
+struct tm_relaxed;
+/* What the stage "viscosity" asks of a nonlinear law (tm_nonlinear.relaxing): the law itself computes its terms, with
+ * histories of tetrahedra. self: tm_nonlinear.self. */
+struct tm_relaxing_law {
+    const char *stage; /* the law's own */
+    bool before_force; /* the force of its terms is there before the stage "force" gathers it; else it is added after */
+    int64_t (*kept)(const void *self); /* how many numbers a term stores */
+    /* Prepares the terms; the stage owns `kept` of each, and the memory. Returns false without memory. */
+    bool (*begin)(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *kept);
+    void (*end)(void *self); /* the memory is freed after it */
+    /* Sets whether the terms act, by the stage "viscosity"; else the law's own stage computes elastic tissue. */
+    void (*set)(void *self, tm_world *world, bool relaxes);
+    void (*set_step)(void *self, const tm_fading *fading);
+    void (*force)(void *self); /* advances the histories */
+    /* Advances the histories alone: keep, old and now of each term for one evaluation at u. */
+    void (*evaluate)(void *self, const tm_fading *fading);
+    /* Prepares the long-term law of tissue whose tensors relax with it (tm_relaxed.tissue); null: those stay. */
+    bool (*prepare_rest)(void *self, const tm_tissue *tissue, struct tm_relaxed *relaxed);
+    void (*rest)(void *self, struct tm_relaxed *relaxed, bool begins); /* swaps the long-term law in, or out */
+};
+extern const struct tm_relaxing_law tm_corotated_relaxing;
 
 /* While a world settles, its tensors (and corotated law) are the relaxed ones, and the stage is frozen. Without the
  * stage all three do nothing. */
 typedef struct tm_relaxed {
-    tm_tissue *tissue;      /* null: nothing relaxes */
+    bool on;                /* false: nothing relaxes */
+    double shear, volume;   /* long-term shares */
+    tm_tissue *tissue;      /* the relaxed tensors; null: they stay */
     tm_tet_batches batches; /* of corotated tissue: the stage's own */
     tm_nodal_dilatation nodal_dilatation;
     tm_pool pool;

@@ -31,7 +31,7 @@ typedef struct tm_force_provider {
  * interface, so that they depend on no particular law. */
 struct tm_tangent;
 typedef struct tm_nonlinear {
-    void *self; /* its stage's */
+    void *self; /* its stage's, or data that lead there */
     double (*energy)(const void *self, const double *u_m);
     void (*force)(const void *self, const double *u_m, double *force_N); /* force_N := */
     /* [3*vertex_count] added in the last step by no law (conserve.h); null, or returns null: nothing. */
@@ -39,7 +39,8 @@ typedef struct tm_nonlinear {
     bool (*take_tangent)(const void *self, struct tm_tangent *tangent, tm_pool *pool); /* false: no memory */
     /* Adds the tangents of the tetrahedra [begin, end) to the tensors (tm_tangent_begin). */
     void (*add_tangent)(const void *self, const double *u_m, int32_t begin, int32_t end, struct tm_tangent *tangent);
-    double *scratch_N; /* [3*vertex_count] */
+    double *scratch_N;                      /* [3*vertex_count] */
+    const struct tm_relaxing_law *relaxing; /* its viscosity (viscosity.h) */
 } tm_nonlinear;
 
 /* Of a stage after the new displacements that changes few of them, or none. */
@@ -175,8 +176,5 @@ tm_status tm_check_constrained(const tm_world *world, const double *load_N, tm_e
 
 /* stage_law.c: adds the stage "law", for materials with nonlinear laws. */
 tm_status tm_stage_law(tm_world *world, tm_error *error);
-
-/* Returns the stage "rotation" of a world, or null. */
-tm_rotation *tm_world_rotation(const tm_world *world);
 
 #endif
