@@ -19,7 +19,9 @@ typedef struct scene_def {
     int tools;
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
-    double bulge_m; /* the top is raised in the middle by this much, so that it is curved */
+    tm_law_kind law; /* nonlinear: with the constants of scene_law; fibres along x */
+    bool averaged;   /* changes of volume are averaged */
+    double bulge_m;  /* the top is raised in the middle by this much, so that it is curved */
     tm_precision precision;
     tm_force_form form;
     int32_t threads;               /* 0: one */
@@ -127,20 +129,33 @@ static void scene_support(scene *s) {
     free(value);
 }
 
+static inline void scene_law(tm_material *m, tm_law_kind law) {
+    tm_error error;
+    const double holzapfel[TM_LAW_CONSTANTS] = {4e3, 0.8, 0.1};
+    if (law != TM_LAW_LINEAR)
+        scene_must(tm_material_set_law(m, law, law == TM_LAW_HOLZAPFEL ? holzapfel : NULL, 0, &error), &error);
+}
+
 static inline scene scene_create_full(const scene_def *d, bool cuttable, const tm_tool_mode mode[2]) {
     scene s = {.def = *d};
     tm_error error;
     s.mesh = scene_mesh(d);
     scene_must(tm_material_young(d->young_Pa, d->poisson, &s.material, &error), &error);
     s.material.damping_1_s = d->damping_1_s;
+    scene_law(&s.material, d->law);
+    double *fibre = malloc(sizeof(double) * 3 * (size_t)s.mesh->tet_count);
+    for (int32_t i = 0; i < 3 * s.mesh->tet_count; i++) fibre[i] = i % 3 == 0;
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = s.mesh;
+    if (d->law == TM_LAW_HOLZAPFEL) tissue.fibre = fibre;
+    if (d->averaged) tissue.strain_smoothing = true, tissue.smoothed_shear_share = 0;
     tissue.material_count = 1;
     tissue.material = &s.material;
     tissue.cuttable = cuttable;
     tissue.precision = d->precision;
     tissue.form = d->form;
     scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
+    free(fibre);
     tm_world_def world = tm_world_def_default();
     world.tissue = s.tissue;
     if (d->threads > 0) world.threads = d->threads;

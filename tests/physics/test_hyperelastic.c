@@ -398,6 +398,11 @@ static void refusals_say_why(void **state) {
                {TM_LAW_MOONEY_RIVLIN, {-0.1}, "0 <= share <= 1"},
                {TM_LAW_FUNG, {0}, "C > 0"},
                {TM_LAW_FUNG, {100}, "2 w/C <= 6"},
+               {TM_LAW_FUNG, {INFINITY}, "constant 0 = inf is not finite"},
+               {TM_LAW_HOLZAPFEL, {INFINITY, 1, 0}, "constant 0 = inf is not finite"},
+               {TM_LAW_HOLZAPFEL, {1e3, NAN, 0}, "constant 1 ="},
+               {TM_LAW_HOLZAPFEL, {1e3, 1, -0.1}, "0 <= kappa <= 1/3"},
+               {TM_LAW_MOONEY_RIVLIN, {NAN}, "is not finite"},
                {TM_LAW_HOLZAPFEL, {-1, 1, 0}, "k1 >= 0"},
                {TM_LAW_HOLZAPFEL, {1e3, 0, 0}, "k2 > 0"},
                {TM_LAW_HOLZAPFEL, {1e3, 1, 0.4}, "kappa <= 1/3"},
@@ -406,6 +411,30 @@ static void refusals_say_why(void **state) {
         m = linear;
         assert_int_equal(tm_material_set_law(&m, bad[i].law, bad[i].constant, 0, &error), TM_ERR_MATERIAL);
         assert_non_null(strstr(error.message, bad[i].violated));
+    }
+    fix_ok(tm_material_young(YOUNG_PA, -0.45, &m, &error), &error);
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_MOONEY_RIVLIN, (double[4]){1}, 0, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "lambda + (1 - second) mu > 0 is violated"));
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_FUNG, (double[4]){1e4}, 0, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "lambda > 0 is violated"));
+    fix_ok(tm_material_five(6e3, 2e3, 20e3, 2e3, 90e3, &m, &error), &error);
+    m.dlambda_Pa = 14e3, m.beta_Pa = 20e3;
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_FUNG, (double[4]){1e6}, 0, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "> dlambda^2 is violated"));
+    /* Fibres of no length, no number, or none at all, under each law that has them. */
+    static const double none[3] = {0, 0, 0}, nan[3] = {NAN, 0, 0};
+    static const tm_law_kind fibred[] = {TM_LAW_ST_VENANT_KIRCHHOFF, TM_LAW_FUNG, TM_LAW_HOLZAPFEL};
+    for (int i = 0; i < 3; i++) {
+        const sample s = {fibred[i], 0.45, {i == 0 ? 1 : 2e4, 0.5, 0.1}, i < 2, 0};
+        const tm_material of_fibres = sample_material(&s);
+        other = def, other.material = &of_fibres;
+        tissue_is_refused(other, TM_ERR_ARGUMENT, "no fibre");
+        for (int k = 0; k < 2; k++) {
+            double *fibre = fix_fibres(mesh, k ? nan : none);
+            other.fibre = fibre;
+            tissue_is_refused(other, TM_ERR_ARGUMENT, "give unit vectors");
+            free(fibre);
+        }
     }
     assert_int_equal(tm_material_set_law(&m, TM_LAW_COUNT, NULL, 0, &error), TM_ERR_MATERIAL);
     tm_mesh_destroy(mesh);

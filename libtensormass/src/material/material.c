@@ -76,6 +76,13 @@ static tm_status check_fung(const tm_material *m, tm_error *error) {
     const double C = m->law_constant[0];
     if (!(C > 0)) return bad_law(m, "C", C, "C > 0", error);
     if (!(m->lambda_Pa > 0)) return bad_law(m, "lambda", m->lambda_Pa, "lambda > 0", error);
+    const double along = 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
+    if (!(along > 0 && m->mu_Pa * along > m->dlambda_Pa * m->dlambda_Pa))
+        return tm_fail(
+            error, TM_ERR_MATERIAL, -1,
+            "law %s: its exponent is not positive for every strain, mu_T (2 mu_T + 2 dlambda + 4 dmu + beta) > "
+            "dlambda^2 is violated: %g > %g; raise beta or mu_L, or bring lambda_L nearer to lambda_T",
+            law_name[m->law], m->mu_Pa * along, m->dlambda_Pa * m->dlambda_Pa);
     const double exponent = tm_law_exponent_limit(m);
     if (!(exponent > 0)) return bad_law(m, "2 w/C", exponent, "2 w/C > 0 under tension along the fibre", error);
     if (!(exponent <= TM_EXPONENT_MAX))
@@ -101,12 +108,24 @@ static tm_status check_holzapfel(const tm_material *m, tm_error *error) {
     return TM_OK;
 }
 
+static tm_status check_mooney_rivlin(const tm_material *m, tm_error *error) {
+    const double bulk_Pa = m->lambda_Pa + (1 - m->law_constant[0]) * m->mu_Pa;
+    const tm_status status = check_share(m, "second", error);
+    return status || bulk_Pa > 0
+               ? status
+               : bad_law(m, "lambda + (1 - second) mu", bulk_Pa, "lambda + (1 - second) mu > 0", error);
+}
+
 static tm_status check_law(const tm_material *m, tm_error *error) {
     if (m->law == TM_LAW_LINEAR) return TM_OK;
     if (!(m->law > 0 && m->law < TM_LAW_COUNT))
         return tm_fail(error, TM_ERR_MATERIAL, -1, "law %lld does not exist; give a value of tm_law_kind, below %d",
                        (long long)m->law, TM_LAW_COUNT);
     const char *name = law_name[m->law];
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++)
+        if (!isfinite(m->law_constant[i]))
+            return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s: constant %d = %g is not finite; give a number", name, i,
+                           m->law_constant[i]);
     if (!(m->stretch_max >= TM_STRETCH_LEAST && m->stretch_max <= TM_STRETCH_MOST))
         return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s up to a stretch of %g: %g <= stretch <= %g is violated",
                        name, m->stretch_max, TM_STRETCH_LEAST, (double)TM_STRETCH_MOST);
@@ -117,7 +136,7 @@ static tm_status check_law(const tm_material *m, tm_error *error) {
                        name, m->dlambda_Pa, m->dmu_Pa, m->beta_Pa);
     switch (m->law) {
     case TM_LAW_ST_VENANT_KIRCHHOFF: return check_share(m, "compression", error);
-    case TM_LAW_MOONEY_RIVLIN: return check_share(m, "second", error);
+    case TM_LAW_MOONEY_RIVLIN: return check_mooney_rivlin(m, error);
     case TM_LAW_FUNG: return check_fung(m, error);
     case TM_LAW_HOLZAPFEL: return check_holzapfel(m, error);
     default: return TM_OK;
