@@ -183,6 +183,23 @@ static void explain_bodies(const sim *s) {
     if (s->body_count) printf("\n");
 }
 
+static void explain_adaptive(const sim *s, cJSON *json) {
+    tm_adaptive_step a;
+    if (!s->model->world || !tm_world_adaptive(s->model->world, &a)) return;
+    char where[300];
+    app_scene_where(s->scene, s->scene->adaptive.line, where, sizeof where);
+    run_report_adaptive(s, json);
+    printf("time.adaptive (%s): substeps of %.4g s up to a strain of %.3g", where, a.step_s, a.strain[0]);
+    for (int k = 1; k < a.levels - 1; k++) printf(", a %dth of it up to %.3g", 1 << k, a.strain[k]);
+    if (a.levels > 1) printf(", a %dth beyond", 1 << (a.levels - 1));
+    printf("\n\n");
+}
+
+static void explain_times(const sim *s, cJSON *json) {
+    explain_fade(s, json);
+    explain_adaptive(s, json);
+}
+
 static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
     tm_mass_scaling added;
     const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
@@ -200,7 +217,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
     explain_stream(s, json);
     explain_numbering(s, json);
     explain_mass(s, json);
-    explain_fade(s, json);
+    explain_times(s, json);
     printf("%-18s %-10s %-8s %12s %10s %7s %s requested by\n", "stage", "phase", "threads", "bytes", "us/step", "share",
            x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");

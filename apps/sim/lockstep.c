@@ -263,6 +263,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     run_report_coverage(s, json);
     run_report_ties(s, json);
     run_report_energy(s, json);
+    run_report_adaptive(s, json);
     report_controllers(l, json);
     if (app_is_quiet()) return;
     printf("%" PRId64 " frames, %.3g s simulated, %.2f simulated s per s of computing; %" PRId64

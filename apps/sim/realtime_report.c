@@ -76,6 +76,7 @@ void realtime_report(realtime *r, cJSON *json) {
     report_refused(r, json);
     run_report_coverage(r->s, json);
     run_report_energy(r->s, json);
+    run_report_adaptive(r->s, json);
     report_controllers(r, json);
     if (app_is_quiet()) return;
     printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %.3g force samples a second, %" PRId64

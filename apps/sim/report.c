@@ -2,6 +2,7 @@
 #include <cjson/cJSON.h>
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -81,6 +82,22 @@ void run_report_ties(const sim *s, cJSON *report) {
     for (int32_t i = 0; i < tm_ties_count(ties); i++) whole += tm_ties_is_whole(ties, i);
     cJSON_AddNumberToObject(to, "whole", whole);
     cJSON_AddNumberToObject(to, "gone", (double)s->ties_cut.total);
+}
+
+/* How many steps took how many substeps, and the strain from which more are taken. */
+void run_report_adaptive(const sim *s, cJSON *report) {
+    tm_adaptive_step a;
+    if (!s->model->world || !tm_world_adaptive(s->model->world, &a)) return;
+    cJSON *json = cJSON_AddObjectToObject(report, "adaptive"), *levels = cJSON_AddArrayToObject(json, "levels");
+    cJSON_AddNumberToObject(json, "step_s", a.step_s);
+    cJSON_AddNumberToObject(json, "substeps", 1 << a.level);
+    for (int k = 0; k < a.levels; k++) {
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddItemToArray(levels, row);
+        cJSON_AddNumberToObject(row, "substeps", 1 << k);
+        cJSON_AddNumberToObject(row, "steps", (double)a.steps[k]);
+        if (isfinite(a.strain[k])) cJSON_AddNumberToObject(row, "strain_max", a.strain[k]);
+    }
 }
 
 void run_report_energy(const sim *s, cJSON *report) {

@@ -89,7 +89,7 @@ static int line_of(const app_scene *scene, const char *member) {
         {"tissue", scene->tissue.line},       {"support", scene->support.line},
         {"load", scene->load.line},           {"pressure", scene->load.line},
         {"precision", scene->precision.line}, {"frame_s", scene->step.line ? scene->step.line : scene->material.line},
-        {"step_s", scene->step.line}};
+        {"step_s", scene->step.line},         {"adaptive", scene->adaptive.line}};
     for (size_t i = 0; member && i < sizeof row / sizeof *row; i++)
         if (!strcmp(row[i].member, member)) return row[i].line;
     const int effect = member ? sim_effect_find(scene, member) : -1;

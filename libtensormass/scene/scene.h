@@ -250,7 +250,7 @@ typedef struct app_scene {
     app_list hand;        /* app_hand */
     app_section time;
     app_number frame_rate, duration, step, step_fraction, average, mass_scaling_max;
-    app_flag mass_scaling;
+    app_flag mass_scaling, adaptive;
 
     int effect_count;
     void *

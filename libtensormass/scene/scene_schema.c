@@ -194,6 +194,9 @@ static const app_field fields[] = {
      "substep; left out: the guaranteed critical step times `step_fraction`. A step above the guaranteed one is refused"},
     {"time.step_fraction", APP_NUMBER, "none", "0.9", 0.01, 1, AT(step_fraction),
      "fraction of the guaranteed critical step, if `step` is left out"},
+    {"time.adaptive", APP_FLAG, NULL, "no", 0, 0, AT(adaptive),
+     "nonlinear laws: a substep as long as strains up to 0.1 allow, divided by powers of two while a tetrahedron is "
+     "strained more. Left out, one substep holds in every state. `step` is then the long one"},
     {"time.mass_scaling", APP_FLAG, NULL, "no", 0, 0, AT(mass_scaling),
      "add mass where `step` would otherwise not be guaranteed, also during cuts; weight and equilibrium "
      "do not change. Dynamic models only; --explain shows how much and its effect"},

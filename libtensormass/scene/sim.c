@@ -202,6 +202,7 @@ static tm_status define_model(sim *s) {
     def->step_fraction = s->scene->step_fraction.si;
     def->tissue.scaled_step_s = s->scene->mass_scaling.on ? s->scene->step.si : 0;
     def->tissue.scaled_share = s->scene->mass_scaling_max.si;
+    def->adaptive = s->scene->adaptive.on;
     def->average = s->scene->average.si;
     def->threads = (int32_t)s->scene->threads.value;
     def->invalid_member = &s->def.invalid_member;

@@ -20,18 +20,19 @@ def law_of(stage, rows):
     return [f"{row}: law of {stage}" if row.startswith("force ") else row for row in rows]
 
 
-TURNED = among(PLAIN, force_force_divided=["rotation force"])
+TURNED = among(PLAIN, force_force_divided=["rotation force divided"])
 CASES = {
     "press": (PRESS, [], PLAIN),
     "volume": (PRESS, ["strain_smoothing={}"], PLAIN),
     "rotation": (PRESS, ["rotation={}"], TURNED),
     "rotation and volume": (PRESS, ["rotation={}", "strain_smoothing={}"], law_of("rotation", TURNED)),
-    "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch on demand"])),
-    "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force", *MOTION, *ROWS, "viscosity end divided", "patch on demand"],
-                                                                             force_force_divided=["viscous bulk force"]))),
-    "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force=["viscosity force"]))),
-    "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force", *MOTION, *ROWS, "patch on demand"])),
-    "law and viscosity": (PRESS, ["tissue.materials.*.law=neo-hooke", ALIKE], law_of("viscosity", [BEGIN[0], "law force", "viscosity force", *MOTION, *ROWS, "patch on demand"])),
+    "viscosity": (PRESS, [ALIKE], law_of("viscosity", [BEGIN[0], "viscous strain force divided", *MOTION, *ROWS, "viscosity end divided", "patch on demand"])),
+    "viscosity of unlike shares": (PRESS, [SHEAR], law_of("viscosity", among([BEGIN[0], "viscous strain force divided", *MOTION, *ROWS, "viscosity end divided", "patch on demand"],
+                                                                             force_force_divided=["viscous bulk force divided"]))),
+    "rotation and viscosity": (PRESS, ["rotation={}", ALIKE], law_of("viscosity", among(TURNED, rotation_force_divided=["viscosity force divided"]))),
+    "law": (PRESS, ["tissue.materials.*.law=neo-hooke"], law_of("law", [BEGIN[0], "law force divided", *MOTION, *ROWS, "patch on demand"])),
+    "adaptive law": (PRESS, ["tissue.materials.*.law=neo-hooke", "time.adaptive=yes"], law_of("law", ["adaptive step begin divided", *BEGIN, "law force divided", *MOTION, *ROWS, "patch on demand"])),
+    "law and viscosity": (PRESS, ["tissue.materials.*.law=neo-hooke", ALIKE], law_of("viscosity", [BEGIN[0], "law force divided", "viscosity force divided", *MOTION, *ROWS, "patch on demand"])),
     "friction": (PRESS, ["friction={}"], among(PLAIN, support_constrain_divided=["friction constrain"])),
     "energy": (PRESS, ["energy={}"], among(PLAIN, contact_forces_constrain=["energy end"])),
     "cut": (CUT, [], ["cut begin", *among(PLAIN, support_constrain_divided=["cut search constrain overlap", "grasp constrain"])]),

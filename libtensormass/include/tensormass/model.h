@@ -42,6 +42,9 @@ typedef struct tm_model_def {
     tm_parallel_for *parallel_for;
     void *parallel_for_user;
     const char **invalid_member; /* may be null; set on failure: name of the invalid member above */
+    /* The step follows the bound of the present state (tm_world_adapt): step_s, timing.dt_s and substeps are then those
+     * of tissue that is strained by less than 0.1. Dynamic models. false */
+    bool adaptive;
 } tm_model_def;
 
 /* Times, constant for the life of a model. */

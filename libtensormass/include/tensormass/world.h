@@ -109,7 +109,7 @@ typedef struct tm_stage_report {
     /* Time of its own work, wherever it is called from; 0 unless timing is on. With threads: time of the caller's
      * thread, which is its own partition and its share of waiting for the others. */
     double seconds;
-    bool divided, overlaps; /* as in tm_stage */
+    bool divided, overlaps; /* as in tm_stage; divided also: `run` divides its work itself */
     const char *provider;   /* of the stage "force": name of the stage whose law it computes; null: its own tensors */
 } tm_stage_report;
 
@@ -211,6 +211,23 @@ TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 /* Returns the number of tetrahedra that the last force pass found beyond a limit of their nonlinear law, where it
  * continues linearly (tm_material_set_law). */
 TM_API int32_t tm_world_limited_tets(const tm_world *world);
+/* Adaptive step of a tissue with nonlinear laws. A step of tm_world_step is step_s long, and is divided into 2^level
+ * equal substeps as the tetrahedron that is strained most demands: level 0 up to strain[0], the norm of Green's strain,
+ * level k up to strain[k]; at the last level, the step that the world had at the call, everything is allowed. The level
+ * rises at once, by the state one step ahead, and sinks after eight steps that need less. It depends on nothing but the
+ * state: results are bit-identical for any number of threads, and snapshots keep it. */
+enum { TM_ADAPTIVE_LEVELS = 9 };
+typedef struct tm_adaptive_step {
+    double step_s;
+    int32_t levels, level; /* 1 to TM_ADAPTIVE_LEVELS; the present one, 0 .. levels-1 */
+    double strain[TM_ADAPTIVE_LEVELS];
+    int64_t steps[TM_ADAPTIVE_LEVELS]; /* so far, at each level */
+} tm_adaptive_step;
+/* Makes the step adaptive, once, before other stages are added. TM_ERR_STEP: step_s is not guaranteed for strains up to
+ * 0.1. TM_ERR_EXCLUDED: the tissue has no nonlinear law, or averaged dilatation. */
+TM_API tm_status tm_world_adapt(tm_world *world, double step_s, tm_error *error);
+/* Returns whether the step is adaptive; *adaptive: its state. */
+TM_API bool tm_world_adaptive(const tm_world *world, tm_adaptive_step *adaptive);
 /* Checks that the supports leave no connected component of the tissue with rigid-body modes. TM_ERR_SUPPORT, with a
  * vertex, if they do: it has no equilibrium, and in TM_SINGLE rounding drives it (see there). Contact and grasps do not
  * count as supports. */

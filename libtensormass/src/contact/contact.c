@@ -28,7 +28,7 @@ static void move(void *self, tm_world *world) {
     contact->unstable = false;
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
-        tm_tool_advance(tool);
+        tm_tool_advance(tool, world->part, world->parts);
         if (tm_capsule_travel(&tool->capsule, &tool->previous) > TM_TOO_FAST * tool->def.radius_m)
             tool->flags |= TM_REACTION_TOO_FAST;
     }
@@ -53,8 +53,7 @@ static void changed(void *self, tm_world *world) {
     int32_t revision = tm_tissue_surface(world->tissue).revision;
     if (revision == contact->revision) /* a cut moves no support: avoid the cost of the complete mesh */
         refresh_supports(contact);
-    for (int32_t t = 0; t < contact->tool_count && revision != contact->revision; t++)
-        contact->tool[t].gathered_age = -1;
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].gathered_age = -1; /* it counts steps of dt */
     contact->revision = revision;
 }
 

@@ -49,7 +49,7 @@ static void average(tm_contact *contact) {
     const tm_state *state = &contact->world->state;
     bool within = contact->frame_step < contact->frame_steps &&
                   contact->frame_step >= contact->frame_steps - contact->frame_average;
-    contact->frame_step++;
+    if (contact->world->part + 1 == contact->world->parts) contact->frame_step++;
     for (int32_t t = 0; t < contact->tool_count && within; t++) {
         tm_tool *tool = contact->tool + t;
         tool->sum_count++;

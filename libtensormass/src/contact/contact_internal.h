@@ -176,7 +176,8 @@ const char *tm_contact_first_stage(const tm_contact *contact);
 /* contact_tool.c */
 void tm_tool_set_pose(tm_tool *tool, const tm_tool_pose *at);
 void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps);
-void tm_tool_advance(tm_tool *tool);
+/* By one of `parts` equal substeps of a step of its path. */
+void tm_tool_advance(tm_tool *tool, int32_t part, int32_t parts);
 /* Returns whether the tool is in the body; a cautery always is. */
 bool tm_tool_is_present(const tm_tool *tool);
 /* Returns whether the axis is outside: beyond the tip it meets no triangle where it can touch, and an even number in

@@ -66,16 +66,16 @@ void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps) {
 
 bool tm_tool_is_present(const tm_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
 
-void tm_tool_advance(tm_tool *tool) {
+void tm_tool_advance(tm_tool *tool, int32_t part, int32_t parts) {
     bool was_active = tool->pose.active;
     tool->previous = tool->capsule;
     if (tool->path_step < tool->path_steps) {
-        tool->path_step++;
+        const double step = tool->path_step + (part + 1.0) / parts;
+        if (part + 1 == parts) tool->path_step++;
         if (tool->path_step == tool->path_steps)
             tool->pose = tool->to;
         else
-            along_path(tool->def.trocar_m, &tool->from, &tool->to, (double)tool->path_step / tool->path_steps,
-                       &tool->pose);
+            along_path(tool->def.trocar_m, &tool->from, &tool->to, step / tool->path_steps, &tool->pose);
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)

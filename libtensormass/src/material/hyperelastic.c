@@ -1,4 +1,6 @@
-/* Nonlinear laws: forms of their kernel, energies, and tangents by the complex step. */
+/* Nonlinear laws: forms of their kernel, energies, and tangents by the complex step.
+ *
+ * Over 400 lines: the search of bounds differentiates the kernel that is included here. */
 #include "material/hyperelastic.h"
 
 #include <complex.h>
@@ -73,6 +75,16 @@ tm_hyper_strain tm_hyper_strain_choose(bool plain) {
 #endif
     (void)form;
     return tm_plain_hyper_strain;
+}
+
+tm_hyper_green tm_hyper_green_choose(bool plain) {
+    const tm_hyper_force form = tm_hyper_force_choose(plain);
+#ifdef TM_HAS_AVX2
+    if (form == tm_avx512_hyper_force) return tm_avx512_hyper_green;
+    if (form == tm_avx2_hyper_force) return tm_avx2_hyper_green;
+#endif
+    (void)form;
+    return tm_plain_hyper_green;
 }
 
 void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
@@ -266,13 +278,17 @@ static double largest_eigenvalue(double A[81]) {
 }
 
 /* A point of the search: |F| relative to that at the limit, and two angles of the principal stretches, of which the
- * third may be negative. With fibres, two angles of theirs among the principal axes. */
-enum { PLACE = 5 };
+ * third may be negative. Within a range of strain: the norm of Green's strain, and two angles of its principal values.
+ * With fibres, two angles of theirs among the principal axes. */
+enum { PLACE = 5, TOPS = 8 };
 typedef struct search {
     int64_t law;
     tm_complex_hyper w;
     int angles;     /* of the stretches alone, or of the fibre too */
     double bulk_Pa; /* averaged dilatation; 0: none */
+    bool strains;
+    double least, most; /* of x[0] */
+    double top[TOPS], at[TOPS][PLACE];
 } search;
 
 /* The energy of an average is at most the average of the energies: a domain's kappa/2 of the squared dilatation adds at
@@ -294,9 +310,10 @@ static double averaged_stiffness(const search *s, const double H[9], const doubl
 }
 
 static double stiffness_at(search *s, const double x[PLACE]) {
-    const double t = x[0] * sqrt(creal(s->w.I3_max) + 3);
+    const double t = s->strains ? x[0] : x[0] * sqrt(creal(s->w.I3_max) + 3);
+    const double e[3] = {t * sin(x[1]) * cos(x[2]), t * sin(x[1]) * sin(x[2]), t * cos(x[1])};
     double H[9] = {0}, A[81];
-    H[0] = t * sin(x[1]) * cos(x[2]) - 1, H[4] = t * sin(x[1]) * sin(x[2]) - 1, H[8] = t * cos(x[1]) - 1;
+    for (int i = 0; i < 3; i++) H[4 * i] = (s->strains ? sqrt(fmax(1 + 2 * e[i], 0)) : e[i]) - 1;
     s->w.fibre[0] = sin(x[3]) * cos(x[4]), s->w.fibre[1] = sin(x[3]) * sin(x[4]), s->w.fibre[2] = cos(x[3]);
     differentiate(s->law, &s->w, H, false, A);
     if (s->bulk_Pa > 0) return averaged_stiffness(s, H, A);
@@ -312,7 +329,7 @@ static double climb(search *s, double x[PLACE], double best) {
                 double y[PLACE];
                 memcpy(y, x, sizeof y);
                 y[k / 2] += k % 2 ? step : -step;
-                if (!(y[0] > 0 && y[0] < 4)) continue;
+                if (!(y[0] > s->least && y[0] < s->most)) continue;
                 const double there = stiffness_at(s, y);
                 if (there > best * (1 + 1e-9)) best = there, memcpy(x, y, sizeof y), moved = true;
             }
@@ -320,13 +337,13 @@ static double climb(search *s, double x[PLACE], double best) {
     return best;
 }
 
-static double search_stiffest_Pa(const tm_material *m, bool averaged) {
-    enum { TOPS = 8 };
-    const double stretch = m->stretch_max, pi = acos(-1);
-    const bool fibred = m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m);
-    const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
-    search s = {.law = m->law, .angles = fibred ? 4 : 2, .bulk_Pa = averaged ? tm_material_bulk_Pa(m) : 0};
-    double top[TOPS] = {0}, at[TOPS][PLACE] = {{0}}, c[TM_LAW_CONSTANTS], most = 0;
+static bool has_fibres(const tm_material *m) { return m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m); }
+
+static search search_of(const tm_material *m, bool averaged) {
+    const double stretch = m->stretch_max;
+    search s = {
+        .law = m->law, .angles = has_fibres(m) ? 4 : 2, .bulk_Pa = averaged ? tm_material_bulk_Pa(m) : 0, .most = 4};
+    double c[TM_LAW_CONSTANTS];
     tm_law_constants(m, 1, c);
     s.w = (tm_complex_hyper){.mu = m->mu_Pa,
                              .lambda = m->lambda_Pa - s.bulk_Pa,
@@ -335,22 +352,54 @@ static double search_stiffest_Pa(const tm_material *m, bool averaged) {
                              .beta = m->beta_Pa,
                              .I3_max = stretch * stretch + 2 / stretch - 3};
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) s.w.c[i] = c[i];
+    return s;
+}
+
+/* Keeps x if it is among the stiffest. */
+static void try_place(search *s, const double x[PLACE]) {
+    const double a = stiffness_at(s, x);
+    int least = 0;
+    for (int q = 1; q < TOPS; q++)
+        if (s->top[q] < s->top[least]) least = q;
+    if (a > s->top[least]) s->top[least] = a, memcpy(s->at[least], x, PLACE * sizeof *x);
+}
+
+static double climb_all(search *s) {
+    double most = 0;
+    for (int q = 0; q < TOPS; q++) most = fmax(most, climb(s, s->at[q], s->top[q]));
+    return TM_BOUND_MARGIN * most;
+}
+
+static double search_stiffest_Pa(const tm_material *m, bool averaged) {
+    const double pi = acos(-1);
+    const bool fibred = has_fibres(m);
+    const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
+    search s = search_of(m, averaged);
     const int64_t places = (int64_t)lengths * 2 * turns * (turns + 1) * (fibres + 1) * (fibres + 1);
     for (int64_t n = 0; n < places; n++) {
         int64_t left = n;
         const int i = (int)(left % lengths), j = (int)((left /= lengths) % (2 * turns));
         const int k = (int)((left /= 2 * turns) % (turns + 1)), f = (int)((left /= turns + 1) % (fibres + 1));
         const int g = (int)(left / (fibres + 1));
-        const double x[PLACE] = {2.0 * (i + 1) / lengths, pi * (j + 0.5) / (2 * turns), pi / 2 * k / turns,
-                                 fibres ? pi / 2 * f / fibres : 0, fibres ? pi / 2 * g / fibres : 0};
-        const double a = stiffness_at(&s, x);
-        int least = 0;
-        for (int q = 1; q < TOPS; q++)
-            if (top[q] < top[least]) least = q;
-        if (a > top[least]) top[least] = a, memcpy(at[least], x, sizeof x);
+        try_place(&s, (double[PLACE]){2.0 * (i + 1) / lengths, pi * (j + 0.5) / (2 * turns), pi / 2 * k / turns,
+                                      fibres ? pi / 2 * f / fibres : 0, fibres ? pi / 2 * g / fibres : 0});
     }
-    for (int q = 0; q < TOPS; q++) most = fmax(most, climb(&s, at[q], top[q]));
-    return TM_BOUND_MARGIN * most;
+    return climb_all(&s);
+}
+
+double tm_law_stiffest_between_Pa(const tm_material *m, double from, double to) {
+    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
+    enum { TURNS = 8, FIBRES = 4 };
+    const double pi = acos(-1);
+    const int fibres = has_fibres(m) ? FIBRES : 0;
+    search s = search_of(m, false);
+    s.strains = true, s.least = from, s.most = to * (1 + 1e-12);
+    for (int j = 0; j <= TURNS; j++)
+        for (int k = 0; k < 2 * TURNS; k++)
+            for (int f = 0; f < (fibres + 1) * (fibres + 1); f++)
+                try_place(&s, (double[PLACE]){to, pi * j / TURNS, pi * k / TURNS, pi / 2 * (f % (FIBRES + 1)) / FIBRES,
+                                              pi / 2 * (f / (FIBRES + 1)) / FIBRES});
+    return climb_all(&s);
 }
 
 /* A search takes 50 ms or more, and programs that fit or compare build the same materials again and again: each thread

@@ -50,6 +50,11 @@ void tm_hyperelastic_evaluate(const tm_hyperelastic *h, const tm_viscous *v, con
 void tm_hyperelastic_corners(const tm_hyperelastic *h, const tm_viscous *v, const tm_nodal_dilatation *averages,
                              bool plain, const double *u_m);
 
+/* most [packs.count] := largest |E|^2 of each batch [begin, end), E Green's strain; infinite where a tetrahedron is
+ * inside out or a displacement is no number. The same bits in every form. */
+typedef void (*tm_hyper_green)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m, double *most);
+tm_hyper_green tm_hyper_green_choose(bool plain);
+
 /* Returns the energy, J, of all active tetrahedra; of one. Without averaged dilatation. */
 double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m);
 double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const double *u_m);
@@ -62,6 +67,10 @@ void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, c
  * TM_BOUND_MARGIN. `averaged`: over all averaged pressures too. */
 #define TM_BOUND_MARGIN 1.05
 double tm_law_stiffest_Pa(const tm_material *material, bool averaged);
+/* The same, not averaged, over those F, det F > 0, whose Green's strain has a norm between `from` and `to`, at most
+ * TM_STRAIN_MOST. */
+#define TM_STRAIN_MOST 0.45
+double tm_law_stiffest_between_Pa(const tm_material *material, double from, double to);
 /* Computes the constants of the law for a volume: law_constant, and those that follow from the limit of stretch. */
 void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 

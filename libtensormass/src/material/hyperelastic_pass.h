@@ -140,6 +140,27 @@ TM_TARGET static int32_t TM_NAME(hyper_force)(const tm_hyperelastic *h, int32_t 
         }
     return count;
 }
+/* most[p] := largest |E|^2 of the batch, E Green's strain; infinite where a tetrahedron is inside out. */
+TM_TARGET static void TM_NAME(hyper_green)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
+                                           double *most) {
+    for (int32_t p = begin; p < end; p++) {
+        most[p] = 0;
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 H[9], E[9], square, zero = {0}, far = zero + HUGE_VAL;
+            TM_NAME(strain) s;
+            TM_NAME(gradient)(&h->packs, p, at, u_m, H);
+            TM_NAME(green_strain)(H, E);
+            TM_NAME(strain_of)(H, &s);
+            square = E[0] * E[0];
+            for (int i = 1; i < 9; i++) square += E[i] * E[i];
+            const V8 det = s.J1 + 1.0;
+            const M8 inverted = TM_NAME(exceeds)(&zero, &det);
+            TM_NAME(choose)(&square, &inverted, &far, &square);
+            for (int l = 0; l < TM_WIDTH; l++)
+                if (!(square[l] <= most[p])) most[p] = square[l] >= 0 ? square[l] : HUGE_VAL; /* not a number */
+        }
+    }
+}
 #undef V8
 #undef M8
 #undef INSIDE

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "model/model_internal.h"
+#include "world/world_internal.h"
 
 typedef struct dynamic {
     tm_model is;
@@ -27,8 +28,20 @@ static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *e
         p->critical_tet = def->step_limit_tet;
     } else
         p->critical_s = tm_critical_step_guaranteed(m->tissue, &p->critical_tet);
-    const double largest = def->step_s > 0 ? def->step_s : p->critical_s * def->step_fraction;
-    if (largest > p->critical_s)
+    double longest_s = p->critical_s;
+    if (def->adaptive) {
+        tm_status status = tm_adaptive_check(m->tissue, error);
+        if (!status && !(longest_s = tm_adaptive_longest_s(m->tissue))) status = tm_fail_memory(error, "adaptive step");
+        if (status) return set_invalid_member(def, "adaptive", status);
+    }
+    const double largest = def->step_s > 0 ? def->step_s : longest_s * def->step_fraction;
+    if (def->adaptive && largest > longest_s)
+        return set_invalid_member(def, "step_s",
+                                  tm_fail(error, TM_ERR_STEP, p->critical_tet,
+                                          "adaptive step %.4g s is above %.4g s, which is guaranteed for strains up to "
+                                          "%g; lower it or leave it out",
+                                          largest, longest_s, TM_STRAIN_REST));
+    if (largest > longest_s)
         return set_invalid_member(
             def, "step_s",
             tm_fail(error, TM_ERR_STEP, p->critical_tet,
@@ -56,11 +69,14 @@ static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *erro
     tm_world_def world = tm_world_def_default();
     world.tissue = m->tissue;
     world.dt_s = m->timing.dt_s;
+    while (def->adaptive && world.dt_s > m->timing.critical_s * def->step_fraction) world.dt_s *= 0.5;
     world.damped = def->damped;
     world.threads = def->threads;
     world.parallel_for = def->parallel_for;
     world.parallel_for_user = def->parallel_for_user;
     tm_status status = set_invalid_member(def, "step_s", tm_world_create(&world, &m->world, error));
+    if (status == TM_OK && def->adaptive)
+        status = set_invalid_member(def, "adaptive", tm_world_adapt(m->world, m->timing.dt_s, error));
     if (status == TM_OK && def->support_count > 0) {
         tm_support_def support = tm_support_def_default();
         support.count = def->support_count;

@@ -295,8 +295,15 @@ tm_status tm_stage_law(tm_world *world, tm_error *error) {
         return status;
     }
     tm_world_set_force(world, &(tm_force_provider){STAGE, l, force_range});
+    tm_world_set_divides(world, STAGE);
     world->nonlinear = &l->law;
     return TM_OK;
+}
+
+const tm_hyperelastic *tm_world_hyperelastic(const tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->entry[i].stage.run == run) return &((const law_stage *)world->entry[i].stage.self)->hyper;
+    return NULL;
 }
 
 int32_t tm_world_limited_tets(const tm_world *world) {

@@ -18,7 +18,7 @@ static tm_status above_limit(const tm_stage *stage, double dt_s, tm_error *error
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error) {
     if (!isfinite(dt_s) || !(dt_s > 0))
         return tm_fail(error, TM_ERR_STEP, -1, "time step %g s; give a positive one", dt_s);
-    if (dt_s > world->guaranteed_step_s)
+    if (dt_s > world->guaranteed_step_s && !world->adaptive)
         return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet,
                        "time step %.6g s is above the guaranteed critical step %.6g s, set by "
                        "tetrahedron %d; lower the step or repair that tetrahedron",
@@ -139,6 +139,8 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
 
 const tm_few tm_changes_none = {0};
 
+void tm_world_set_divides(tm_world *world, const char *stage) { world->entry[find_stage(world, stage)].divides = true; }
+
 void tm_world_set_few(tm_world *world, const char *stage, const tm_few *few) {
     const int32_t at = find_stage(world, stage);
     if (at >= 0) world->entry[at].few = few;
@@ -227,7 +229,7 @@ int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STA
                                       .bytes = slot->bytes,
                                       .runs = slot->runs,
                                       .seconds = slot->seconds,
-                                      .divided = slot->stage.divided,
+                                      .divided = slot->stage.divided || slot->divides,
                                       .overlaps = slot->stage.overlap,
                                       .provider = slot->stage.range == tm_stage_force ? world->force.stage : NULL};
     }

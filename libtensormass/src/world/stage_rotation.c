@@ -304,6 +304,7 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
         tm_pool_release(&pool);
         return status;
     }
+    tm_world_set_divides(world, stage.name);
     t->law = law_of(r);
     world->nonlinear = &t->law;
     if (r->whole) tm_world_set_force(world, &(tm_force_provider){.stage = "rotation"});

@@ -242,6 +242,9 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     }
     if (!law) status = tm_world_add_stage(v->world, &strain, 0, error);
     if (!law && !status && v->nodal_dilatation_m) status = tm_world_add_stage(v->world, &bulk, 0, error);
+    if (!status && law) tm_world_set_divides(v->world, whole.name);
+    if (!status && !law) tm_world_set_divides(v->world, strain.name);
+    if (!status && !law && v->nodal_dilatation_m) tm_world_set_divides(v->world, bulk.name);
     if (status) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;

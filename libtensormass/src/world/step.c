@@ -88,9 +88,12 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     tm_stage_integrate_freeze_removed(world);
     for (int32_t i = 0; i < count && !world->unstable; i++) {
         world->check_removed = i == 0 || i == count - 1;
-        substep(world);
-        rotate(s);
-        if (s->step % FLUSH_EVERY == 0) flush_denormals(s, n);
+        if (world->adaptive) world->parts = tm_adaptive_begin(world);
+        for (world->part = 0; world->part < world->parts && !world->unstable; world->part++) {
+            substep(world);
+            rotate(s);
+            if (s->step % FLUSH_EVERY == 0) flush_denormals(s, n);
+        }
     }
     tm_partitions_end(world);
     if (world->unstable) {

@@ -34,6 +34,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     world->damped = def->damped;
     world->wide = tm_force_is_wide(def->tissue->force);
     world->profiled = TM_NO_STAGE;
+    world->parts = 1;
     world->largest_m = TM_DISPLACEMENT_MAX * tm_mesh_size_m(def->tissue->mesh);
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
@@ -142,8 +143,15 @@ static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
  * Without this half kick (u_prev merely rescaled) random changes of the step feed energy in. */
 tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     WORLD_IS_GIVEN(TM_ERR_ARGUMENT);
+    if (world->adaptive)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "a world with an adaptive step chooses its own; create one without to set the step");
     const tm_status status = tm_world_check_step(world, dt_s, error);
-    if (status) return status;
+    if (!status) tm_world_change_step(world, dt_s);
+    return status;
+}
+
+void tm_world_change_step(tm_world *world, double dt_s) {
     tm_state *s = &world->state;
     world->evaluating = true;
     run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, for the kick below */
@@ -160,7 +168,6 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     }
     s->dt_s = dt_s;
     tm_world_changed(world);
-    return TM_OK;
 }
 
 uint64_t tm_world_hash(const tm_world *world) {

@@ -59,7 +59,9 @@ struct tm_world {
     int32_t revision;         /* of the tissue's surface for which masses and stages are current */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
-    double largest_m; /* displacement beyond which a step has failed */
+    struct tm_adaptive *adaptive; /* null: all steps have one length */
+    int32_t part, parts;          /* substep of an adaptive step, and their number; else 0 and 1 */
+    double largest_m;             /* displacement beyond which a step has failed */
     double
         *mobility_s2_kg;   /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: displacement per newton in a step */
     double *inertia;       /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
@@ -94,6 +96,7 @@ struct tm_world {
         int64_t bytes, runs;
         double seconds;
         const tm_few *few; /* null: it may change any displacement */
+        bool divides;      /* its `run` divides its work among the step's threads */
     } entry[TM_MAX_STAGES];
     void *support;        /* self of the support stage, or null */
     int32_t supports_set; /* times that it was set or removed */
@@ -104,6 +107,8 @@ tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t co
                               tm_error *error);
 void tm_world_set_few(tm_world *world, const char *stage, const tm_few *few);
 extern const tm_few tm_changes_none;
+/* Notes that the stage's `run` divides its work itself (tm_partitions_run). */
+void tm_world_set_divides(tm_world *world, const char *stage);
 /* Sets the law of the stage "force"; null: the tissue's tensors. */
 void tm_world_set_force(tm_world *world, const tm_force_provider *provider);
 /* Returns whether the stages from this index on change few displacements only; whether those are bounded. */
@@ -150,6 +155,17 @@ int32_t tm_world_stage_index(const tm_world *world, const void *self);
 
 /* TM_ERR_STEP: not positive, above the guaranteed step or above a stage's limit. */
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error);
+/* The same as tm_world_set_step without checks. */
+void tm_world_change_step(tm_world *world, double dt_s);
+/* adaptive_step.c: chooses the substep of the next step, and returns how many make one. */
+int32_t tm_adaptive_begin(tm_world *world);
+/* Returns the longest step that is guaranteed while no tetrahedron is strained by more than TM_STRAIN_REST; 0: no
+ * memory. */
+#define TM_STRAIN_REST 0.1
+double tm_adaptive_longest_s(tm_tissue *tissue);
+tm_status tm_adaptive_check(const tm_tissue *tissue, tm_error *error); /* TM_ERR_EXCLUDED: it cannot be adaptive */
+/* stage_law.c: the batches of the stage "law"; null: the world has none. */
+const struct tm_hyperelastic *tm_world_hyperelastic(const tm_world *world);
 /* Calls every stage's step_changed: dt changed or the tissue was cut. The integrator comes first, whatever its index:
  * others derive values from its new mobilities. */
 void tm_world_changed(tm_world *world);
