@@ -122,7 +122,7 @@ $(OUT)/obj/%.o: $(OUT)/gen/%.c
 	$(Q)$(CC) $(BASE_CFLAGS) -w $(if $(findstring undefined,$(OPT)),-fno-sanitize=nonnull-attribute) $(INCLUDES) -c $< -o $@
 
 # Each folder's module.mk states what is built from it; a folder may be absent (the Python sources).
-include $(wildcard $(addsuffix /module.mk,libtensormass lcm_types haptic_rt haptic_rt/firmware apps python packaging plugins/mujoco tests tests/firmware tests/fuzz))
+include $(wildcard $(addsuffix /module.mk,libtensormass lcm_types haptic_rt haptic_rt/firmware apps python web packaging plugins/mujoco tests tests/firmware tests/fuzz))
 include tools/install.mk tools/site/site.mk
 $(SCRIPTS): Makefile
 	$(call step,COPY)

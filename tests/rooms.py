@@ -32,6 +32,7 @@ IN = {
     "sim/": "physics", "sim/test_diagnostics": "unit", "sim/test_input": "unit", "sim/test_interrupt": "unit", "sim/test_quote": "unit", "sim/test_stream": "unit", "sim/test_unstable": "unit",
     "sim/test_builds": "system", "sim/test_lockstep": "system", "sim/test_memory": "system", "sim/test_realtime": "system", "sim/test_series": "system",
     "trust/": "unit", "trust/test_trust": "system", "trust/test_flags": "system",
+    "web/": "system",
     "view/": "system", "view/test_controls": "unit", "view/test_fairing": "unit", "view/test_marks": "unit", "view/test_skin": "unit",
 }
 
@@ -53,7 +54,7 @@ LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::te
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "devices/", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
          "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
          "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
-         "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
+         "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "web/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
 # Moves a hand in a window for two seconds; ThreadSanitizer makes the simulation ten times slower.
 PLAIN_OF_TSAN = ("view/test_play.py::test_mouse_and_keys",)
 

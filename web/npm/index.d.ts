@@ -1,0 +1,122 @@
+export type Vector = ArrayLike<number> & Iterable<number>;
+
+/** An error of the library: what is wrong; what to do. */
+export class TensormassError extends Error {
+  status: string;
+  entity: number;
+}
+
+/** The loaded library. Only one thread may use it; a worker loads its own. */
+export class Library {
+  readonly form: 'simd' | 'plain';
+  /** Bytes that the library's objects use. */
+  readonly bytesInUse: number;
+  /** Calls a function of the C interface by name. */
+  call(name: string, ...values: unknown[]): any;
+  /** Calls a set-up function, whose last argument is the error, and throws that error. */
+  checked(name: string, ...values: unknown[]): void;
+  /** Returns a zeroed struct of the C interface, with a property for each field. */
+  make(name: string): any;
+}
+
+export function load(options?: { form?: 'best' | 'simd' | 'plain'; wasmBinary?: BufferSource }): Promise<Library>;
+/** Whether this machine's WebAssembly has 128-bit vectors. */
+export function hasSimd(): boolean;
+export const constants: Readonly<Record<string, number>>;
+
+export interface Pose {
+  /** m, world */
+  tip_m: Vector;
+  roll_rad?: number;
+  /** 0 open to 1 closed */
+  grip?: number;
+  active?: boolean;
+}
+
+export interface Reaction {
+  time_s: number;
+  tip_m: number[];
+  /** On the tool, N. */
+  force_N: number[];
+  resultant_N: number[];
+  /** dF/dP, row by row, N/m. */
+  stiffness_N_m: number[];
+  stiffness_kind: number;
+  row_count: number;
+  flags: number;
+}
+
+export interface Instrument {
+  mode: number;
+  trocar_m: number[];
+  radius_m: number;
+  contact_length_m: number;
+  pose: Required<Pose>;
+}
+
+export interface Surface {
+  count: number;
+  /** Increases by one with every change. */
+  revision: number;
+  /** [3 * count] vertices, normals outward. */
+  triangles: Int32Array;
+  /** [count] persistent ids. */
+  faces: Int32Array;
+}
+
+export interface SceneOptions {
+  /** Files that the scene names, by paths relative to it. */
+  files?: Record<string, string | Uint8Array>;
+  /** Values that replace the scene's; null removes a key. */
+  sets?: Record<string, unknown>;
+  name?: string;
+  progress?: (what: string, fraction: number, secondsLeft: number) => boolean | void;
+}
+
+export class Scene {
+  constructor(library: Library, yaml: string, options?: SceneOptions);
+  readonly warnings: string[];
+  readonly title: string;
+  readonly model: string;
+  readonly vertexCount: number;
+  readonly tetCount: number;
+  readonly instrumentCount: number;
+  readonly frame_s: number;
+  readonly dt_s: number;
+  readonly substeps: number;
+  readonly duration_s: number;
+  readonly time_s: number;
+  readonly frames: number;
+  readonly aliveCount: number;
+  readonly displacement_m: Float64Array;
+  readonly rest_m: Float64Array;
+  readonly tets: Int32Array;
+  readonly surface: Surface;
+  readonly hash: string;
+  step(poses?: Pose[] | null): Reaction[];
+  run(seconds?: number, each?: ((scene: Scene) => boolean | void) | null): this;
+  reaction(instrument?: number): Reaction;
+  pose(instrument?: number): Required<Pose>;
+  instrument(instrument?: number): Instrument;
+  /** The struct tm_patch of the last frame, null if there is none. Valid until the next frame. */
+  patch(instrument?: number): any;
+  save(): Uint8Array;
+  restore(bytes: Uint8Array): void;
+  close(): void;
+}
+
+export type Extrapolator = 'hold' | 'time' | 'position' | 'broyden' | 'tangent' | 'local_model' | 'paper_position' | 'adaptive';
+export const extrapolators: Extrapolator[];
+
+export class Controller {
+  constructor(library: Library, options?: {
+    axis?: Vector; up?: Vector; trocar_m?: Vector; extrapolator?: Extrapolator; values?: Record<string, number | number[]>; session?: bigint;
+  });
+  readonly state: 'boot' | 'self_test' | 'idle' | 'engaged' | 'stale' | 'fault';
+  readonly fault: string;
+  select(name: Extrapolator): void;
+  joints(tip_m: Vector): number[] | null;
+  sample(reaction: Reaction, t_us: number, patch?: any, unilateral?: boolean): string;
+  tick(t_us: number, tip_m: number[], options?: { enable?: boolean; passivity?: boolean; coupling?: boolean; reset?: boolean; bus_ok?: boolean }): any;
+  free(): void;
+}

@@ -1,0 +1,4 @@
+// tensormass: soft tissue for haptics and surgical simulation (docs/web.md).
+export { Library, TensormassError, constants, hasSimd, load } from './runtime.js';
+export { Scene } from './scene.js';
+export { Controller, extrapolators } from './controller.js';
