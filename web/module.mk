@@ -50,7 +50,7 @@ $(WEB_NPM): $(WEB)/npm/%: web/npm/%
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB_NPM)
 # The page: one folder of static files. three.js is bundled; the library is copied as it is.
 WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js))
-WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh block_10k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
+WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
 	$(call step,COPY)
 	$(Q)cp $< $@

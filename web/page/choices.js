@@ -1,5 +1,5 @@
 // What the page lets one choose: each choice is a setting of the scene, with the price that was measured here.
-const LIVERS = { '1,180 tetrahedra': 'liver_1k.msh', '10,198 tetrahedra': 'liver_10k.msh' }, BLOCKS = { '1,176 tetrahedra': 'block_1k.msh', '10,368 tetrahedra': 'block_10k.msh' };
+const LIVERS = { '1,180 tetrahedra': 'liver_1k.msh', '10,198 tetrahedra': 'liver_10k.msh' }, BLOCKS = { '1,176 tetrahedra': 'block_1k.msh' };
 export const SCENES = {
   'liver-press': { text: 'A liver pressed by a probe', meshes: LIVERS },
   'liver-cut': { text: 'A liver grasped, pulled and cut', meshes: { '15,238 tetrahedra': 'liver_cut.msh' } },

@@ -44,6 +44,7 @@ const fromTissue = {
   ready({ form }) { state.form = form; begin(); },
   opened(message) {
     state.opened = message;
+    state.ownGood = state.own;
     $('title').textContent = message.title;
     $('status').textContent = message.warnings.join(' ');
     $('tets').textContent = message.tetCount.toLocaleString('en');
@@ -61,7 +62,8 @@ const fromTissue = {
   },
   snapshot({ bytes }) { save(new Blob([bytes]), 'tissue.snapshot'); },
   ran(message) { state.ran = message; },
-  error({ message }) { fail(message); },
+  // What was open stays open.
+  error({ message }) { state.own = state.ownGood ?? null; fail(message); },
 };
 tissue.onmessage = ({ data }) => fromTissue[data.kind](data);
 law.onmessage = ({ data }) => { if (data.kind === 'law') { state.law = data; plot(data); } else begin(); };

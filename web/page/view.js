@@ -125,7 +125,8 @@ export class View {
     if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
     gl.deleteSync(this.fence);
     this.fence = null;
-    if (performance.now() - this.begun > 80 && this.fineness > 0.5) this.fineness *= 0.8;
+    const ms = performance.now() - this.begun;
+    if (ms > 80) this.fineness = Math.max(0.4, this.fineness * (ms > 250 ? 0.5 : 0.8));
     return true;
   }
 }
