@@ -120,7 +120,7 @@ def test_a_bus_is_a_file_and_a_row(root, tmp_path):
     (io / "bus_mine.c").write_text(BUS)
     insert(io / "bus.h", '    ROW(socketcan, "INTERFACE")', '    ROW(mine, "LETTER") \\\n')
     why, addresses = lines_of(tmp_path, OPENS, sorted(io.glob("bus*.c")))
-    assert why == "'other:x' names no bus; use virtual:NAME or mine:LETTER or socketcan:INTERFACE"
+    assert why == "'other:x' is not a bus address; use virtual:NAME or mine:LETTER or socketcan:INTERFACE"
     assert addresses.split() == ["virtual:NAME", "mine:LETTER", "socketcan:INTERFACE"]
 
 

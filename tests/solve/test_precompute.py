@@ -222,7 +222,7 @@ def test_bad_input(bin, root, place):
     folder, env = place
     scene = write_scene(folder, root, bin, env)
     for arguments, text in (
-        ([], "no scene"), ([scene, "--solver", "qr"], "cholesky"), ([scene, "--threads", "none"], "whole number"),
+        ([], "scene is missing"), ([scene, "--solver", "qr"], "cholesky"), ([scene, "--threads", "none"], "whole number"),
         ([scene, "--memory", 1, "--out", folder / "x.tms"], "too large"), ([scene, "--out", folder / "absent/x.tms"], "absent/x.tms"),
         ([scene, "--set", "supports=[]", "--out", folder / "x.tms"], "support"), ([folder / "no.yaml"], "no.yaml"), ([scene, "--what"], "--what"),
     ):

@@ -56,9 +56,9 @@ def without_mesh_error(sizes, values):
 
 
 def swing(time_s, x, periods=5, guess_s=None):
-    """Returns (period, s; logarithmic decrement a period) of x about its rest: a decaying cosine over so many periods from the first trough on."""
+    """Returns (period, s; logarithmic decrement a period) of x about its rest: a decaying cosine over so many periods from the first minimum on."""
     time_s, x = np.asarray(time_s), np.asarray(x)
-    # The first trough: the lowest value until x has come back over its middle.
+    # The first minimum: the lowest value until x has come back over its middle.
     low = int(np.argmin(x))
     if guess_s is None:
         after = low + int(np.argmax(x[low:low + max(4, len(x) // 2)]))

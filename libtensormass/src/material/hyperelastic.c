@@ -6,6 +6,7 @@
 #include <complex.h>
 #undef I
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "base/intrinsics.h"
@@ -402,22 +403,47 @@ double tm_law_stiffest_between_Pa(const tm_material *m, double from, double to) 
     return climb_all(&s);
 }
 
-/* A search takes 50 ms or more, and programs that fit or compare build the same materials again and again: each thread
- * remembers its last bounds. */
-double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
-    enum { REMEMBERED = 16 };
-    static _Thread_local struct {
+enum { REMEMBERED = 16 };
+/* The last bounds that were sought. One thread at a time reads or writes them; another searches instead of waiting.
+ * Not in thread-local storage: that would need more than the C library. */
+static struct {
+    atomic_flag taken;
+    struct {
         tm_material material; /* without padding: material.h */
         bool averaged;
         double stiffest_Pa;
     } known[REMEMBERED];
-    static _Thread_local int next;
-    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
+    int next;
+} remembered = {.taken = ATOMIC_FLAG_INIT};
+
+/* Returns 0 if the bound is unknown. */
+static double recall_Pa(const tm_material *m, bool averaged) {
+    double found = 0;
+    if (atomic_flag_test_and_set_explicit(&remembered.taken, memory_order_acquire)) return 0;
     for (int i = 0; i < REMEMBERED; i++)
-        if (known[i].stiffest_Pa > 0 && known[i].averaged == averaged && !memcmp(&known[i].material, m, sizeof *m))
-            return known[i].stiffest_Pa;
+        if (remembered.known[i].stiffest_Pa > 0 && remembered.known[i].averaged == averaged &&
+            !memcmp(&remembered.known[i].material, m, sizeof *m))
+            found = remembered.known[i].stiffest_Pa;
+    atomic_flag_clear_explicit(&remembered.taken, memory_order_release);
+    return found;
+}
+
+static void remember(const tm_material *m, bool averaged, double stiffest_Pa) {
+    if (atomic_flag_test_and_set_explicit(&remembered.taken, memory_order_acquire)) return;
+    remembered.known[remembered.next].material = *m;
+    remembered.known[remembered.next].averaged = averaged;
+    remembered.known[remembered.next].stiffest_Pa = stiffest_Pa;
+    remembered.next = (remembered.next + 1) % REMEMBERED;
+    atomic_flag_clear_explicit(&remembered.taken, memory_order_release);
+}
+
+/* A search takes 50 ms or more, and programs that fit or compare build the same materials again and again: the last
+ * bounds are remembered. */
+double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
+    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
+    const double known = recall_Pa(m, averaged);
+    if (known > 0) return known;
     const double found = search_stiffest_Pa(m, averaged);
-    known[next].material = *m, known[next].averaged = averaged, known[next].stiffest_Pa = found;
-    next = (next + 1) % REMEMBERED;
+    remember(m, averaged, found);
     return found;
 }
