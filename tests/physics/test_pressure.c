@@ -185,7 +185,7 @@ static double land_tip_mm(const int cells[3], double bulk_Pa, tm_settle_result *
     tm_material m;
     tm_error error;
     fix_ok(tm_material_five(bulk_Pa, 2e3, bulk_Pa, 4e3, 4e3, &m, &error), &error);
-    fix_ok(tm_material_set_law(&m, TM_LAW_FUNG, (double[]){2e3}, 0, &error), &error);
+    fix_ok(tm_material_set_law(&m, TM_LAW_FUNG, (double[TM_LAW_CONSTANTS]){2e3}, 0, &error), &error);
     body b = make(fix_block(cells, (double[]){0.01, 0.001, 0.001}, 0, &random), &m, (double[]){1, 0, 0}, true, 1);
     hold(&b, is_at_wall);
     press(&b, 4, 2, 0);
