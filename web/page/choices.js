@@ -24,7 +24,6 @@ const CHOICES = {
   extrapolator: { text: 'Extrapolator', values: ['adaptive', 'local_model', 'tangent', 'position', 'time', 'hold'], sets: nothing },
 };
 
-// The mesh of this name's own choice: the second of a list, so that the first picture is the demo's.
 const meshesOf = (scene) => Object.keys(SCENES[scene].meshes);
 
 function select(name, { text, values, names = values }, state, changed) {

@@ -114,7 +114,6 @@ function plot({ now, force, sampled, late_ms, state: name, fault }) {
   c.fillStyle = style.getPropertyValue('--soft');
   c.font = '12px system-ui';
   c.fillText(`${top.toFixed(1)} N`, 4, y(top) + 4);
-  c.fillRect(0, y(top), 0, 1);
   c.strokeStyle = style.getPropertyValue('--accent');
   c.lineWidth = 1.5;
   c.beginPath();
@@ -224,7 +223,7 @@ async function take(list) {
   return open();
 }
 
-// A scene for a mesh alone: its lowest tenth is held, a probe stands above it.
+// A scene for a mesh alone: free tissue, without supports and instruments.
 const OWN_MESH = (mesh) => `title: ${mesh}
 tissue:
   mesh: ${mesh}
