@@ -1,4 +1,4 @@
-/* An allocator for tm_set_allocator that counts, and fails on the n-th or every call while armed. */
+/* An allocator for tm_set_allocator that counts, and fails on the n-th or on every call while armed. */
 #ifndef TM_TEST_ALLOCATOR_H
 #define TM_TEST_ALLOCATOR_H
 
@@ -25,14 +25,14 @@ static void hook_free(void *memory, size_t bytes, void *user) {
     free(memory);
 }
 
-/* Nothing may live yet. */
+/* Checks that nothing is allocated. */
 static void hook_install(int64_t fail_at) {
     memset(&hook, 0, sizeof hook);
     hook.fail_at = fail_at;
     tm_set_allocator(&(tm_allocator){hook_alloc, hook_free, &hook});
 }
 
-/* Of all that was made everything was given back, in the sizes in which it was taken. */
+/* Checks that everything allocated was freed, with the size of its allocation. */
 static void hook_check_empty(void) {
     assert_int_equal(hook.live, 0);
     assert_int_equal(hook.live_bytes, 0);

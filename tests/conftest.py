@@ -1,5 +1,5 @@
-"""Fixtures and hooks of all Python tests: the build, components of tests (rooms.py), the last line `N passed, N failed, N skipped, N retried`, and the
-names of failed tests for tests/run.py."""
+"""Fixtures and hooks of all Python tests: the build, components of tests (rooms.py), the last line `N passed, N failed, N skipped, N retried`, and
+the names of failed tests for tests/run.py."""
 import fcntl
 import json
 import os
@@ -55,7 +55,7 @@ def pytest_unconfigure(config):
 
 @pytest.fixture(scope="session")
 def once(tmp_path_factory, pytestconfig):
-    """once(NAME, MAKE): returns the folder that MAKE(folder) filled. The first worker fills it, all share it; tests that run again (patience.py) get a new
+    """once(NAME, MAKE): returns the folder that MAKE(folder) filled. The first worker fills it, all share it; repeated tests (patience.py) get a new
     one."""
     def made(name, make):
         base = tmp_path_factory.getbasetemp()

@@ -56,8 +56,8 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
     tm_tissue_destroy(fresh);
 }
 
-/* Every edge of the surface in two triangles, once each way; around every vertex one fan. Returns 0, or says what is
- * wrong. */
+/* Checks that every edge of the surface is in two triangles, once each way, and that every vertex has one fan.
+ * Returns 0, or describes the defect. */
 static inline const char *cut_view_not_manifold(const tm_surface_view s, int32_t n) {
     int32_t *begin = calloc((size_t)n + 2, sizeof(int32_t)),
             *corner = malloc(sizeof(int32_t) * (size_t)(3 * s.count + 1));
@@ -69,7 +69,7 @@ static inline const char *cut_view_not_manifold(const tm_surface_view s, int32_t
         const int32_t first = begin[v], count = begin[v + 1] - first;
         int32_t at = first, walked = 0;
         while (count > 0 && !wrong) {
-            /* From the triangle (v, a, b) to the one that leaves v towards b. */
+            /* Steps from the triangle (v, a, b) to the one that leaves v towards b. */
             const int32_t c = corner[at], b = s.triangle[c / 3 * 3 + (c % 3 + 2) % 3];
             int32_t next = -1, found = 0;
             for (int32_t i = first; i < first + count; i++)
@@ -96,7 +96,8 @@ static inline void cut_shuffle(int32_t *item, int32_t count, fix_random *random)
     }
 }
 
-/* Tetrahedra by their distance from a point, nearest first, with some noise: how an instrument eats its way. */
+/* Sorts tetrahedra by their distance from a point, nearest first, with some noise, like the progress of an
+ * instrument. */
 static inline void cut_order_from(const tm_mesh *mesh, int32_t *order, fix_random *random) {
     double p[3], *key = malloc(sizeof(double) * (size_t)mesh->tet_count);
     const double *at = mesh->rest_m + 3 * (int32_t)(fix_uniform(random) * mesh->vertex_count);
@@ -114,8 +115,8 @@ static inline void cut_order_from(const tm_mesh *mesh, int32_t *order, fix_rando
     free(key);
 }
 
-/* Removes `fraction` of a tissue in the given order, `batch` at a time, checking everything after each. Returns how
- * many calls. */
+/* Removes `fraction` of a tissue in the given order, `batch` at a time, checking everything after each batch.
+ * Returns the number of calls. */
 static inline int32_t cut_down(tm_tissue *tissue, const tm_tissue_def *def, tm_world *world, const int32_t *order,
                                double fraction, int32_t batch, bool manifold_at_first) {
     const tm_mesh *mesh = def->mesh;

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What tm-accuracy promises of scenes and what is held of it: the demo's and three made from segmented images, each for two budgets, as a table.
+"""Compares what tm-accuracy promises of a scene with a run of its recommendation, as a table. Scenes: the demo's and three made from segmented
+images, each for two budgets.
 
-python tests/accuracy/promises.py FOLDER [NAME...]     (FOLDER keeps what is done; the module `image` is wanted: make image)
-"""
+python tests/accuracy/promises.py FOLDER [NAME...]     (FOLDER keeps finished studies; needs the module `image`: make image)"""
 import json
 import pathlib
 import subprocess
@@ -15,13 +15,13 @@ sys.path.insert(0, str(ROOT / "tests/mesh"))
 import phantom  # noqa: E402
 
 BUDGETS = {"half": "0.5", "two": "2 cores"}
-# Which meshes are run is told by their size: --limit would ask how fast the machine is.
+# The meshes to run are limited by size: --limit would depend on the machine's speed.
 def most(tets):
     return ["--limit", "7200 s", "--finest", str(tets)]
 
 
 SHORT = ["--duration", "2.6 s"]
-# Scene, or image and what tm-organ is told of it; what bounds the study.
+# Scene, or image with its options for tm-organ; then the limits of the study.
 SCENES = {
     "block-press": ("apps/scenes/block-press.yaml", None, most(15000)),
     "liver-press": ("apps/scenes/liver-press.yaml", None, ["--quick", "--duration", "2 s", *most(70000)]),
@@ -31,7 +31,7 @@ SCENES = {
     "liver": ("liver.nrrd", "--budget 4500 --smooth 0.5 --label 1=liver --label 2=vessels --label 3=tumour", [*SHORT, *most(30000)]),
     "tube": ("tube.mha", "--budget 5500 --label 1=kidney --label 2=vessels", [*SHORT, *most(30000)]),
 }
-# Nothing keeps half a processor there: its coarser mesh takes more (docs/accuracy.md).
+# No setting fits half a processor there: even the coarser mesh takes more (docs/accuracy.md).
 TOO_DEAR = {("liver-lift", "half")}
 HEAD = ("scene", "tetrahedra", "budget", "recommended", "error promised", "error held", "of a processor, promised", "held", "above the budget", "machine slower", "late", "promise")
 
@@ -41,7 +41,7 @@ def grid(count, spacing):
 
 
 def kidney():
-    """A bean with its pelvis."""
+    """Returns a bean with its pelvis as a label image."""
     p = grid((44, 40, 60), 2.0)
     body = (phantom.ellipsoid(p, (0, 0, 0), (30, 24, 52)) < 0) & (phantom.ellipsoid(p, (30, 0, 0), (16, 14, 22)) > 0)
     out = body.astype(np.uint8)
@@ -55,7 +55,7 @@ def liver():
 
 
 def tube():
-    """A bent one with a core."""
+    """Returns a bent tube with a core as a label image."""
     p = grid((70, 36, 44), 2.0)
     off, long = np.hypot(p[..., 1], p[..., 2] - 18 * np.cos(p[..., 0] / 40) + 8), abs(p[..., 0]) < 62
     out = ((off < 15) & long).astype(np.uint8)
@@ -64,7 +64,7 @@ def tube():
 
 
 def scene_of(name, bin, folder):
-    """A scene's path; images go through tm-organ."""
+    """Returns the path of a scene; makes it from its image with tm-organ if it has one."""
     source, words, _ = SCENES[name]
     if words is None:
         return ROOT / source
@@ -76,7 +76,7 @@ def scene_of(name, bin, folder):
 
 
 def promise(name, budget, bin, folder):
-    """The study, finished; its JSON. Both budgets share what was run."""
+    """Runs the study to its end and returns its JSON. Both budgets share its runs."""
     folder.mkdir(parents=True, exist_ok=True)
     scene, study = scene_of(name, bin, folder), folder / f"{name}.json"
     subprocess.run([bin / "tm-accuracy", "--quiet", "--scene", scene, "--json", study, "--budget", BUDGETS[budget], *SCENES[name][2]], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)

@@ -1,5 +1,5 @@
-/* Start and continuation of a study within its time limit, with given times: no simulation runs, and the real clock
- * matters only by many seconds. */
+/* Start and continuation of a study within its time limit, with prescribed run times. No simulation runs; the real
+ * clock matters only by many seconds. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -16,7 +16,7 @@
 #include "scene/solve_api.h"
 #include "studies/accuracy/study.h"
 
-/* Ten minutes, the scene as it is took 4 s for 100 frames; so much of the limit is over. */
+/* A study of ten minutes whose scene took 4 s for 100 frames; over_s of the limit has passed. */
 static study *plan(double over_s, bool recommends) {
     study *t = calloc(1, sizeof *t);
     assert_non_null(t);
@@ -44,7 +44,7 @@ static void a_run_starts_only_where_it_fits(void **state) {
     assert_true(study_may_start(t, &t->run[1], 30));
     assert_false(study_may_start(t, &t->run[1], 50));
     free(t);
-    t = plan(560, true); /* two tries of 8 s and 10 s of holding are kept back */
+    t = plan(560, true); /* reserved: two attempts of 8 s and 10 s of verification */
     assert_true(study_may_start(t, &t->run[1], 5));
     assert_false(study_may_start(t, &t->run[1], 20));
     free(t);
@@ -58,11 +58,11 @@ static void a_run_is_given_up_by_its_own_beginning(void **state) {
     (void)state;
     study *t = plan(100, false);
     t->time.run_began_s = app_seconds() - 10, t->time.run_allowed_s = 60;
-    assert_true(study_goes_on(t, &t->run[1], 2)); /* too few frames to tell */
+    assert_true(study_goes_on(t, &t->run[1], 2)); /* too few frames for an estimate */
     assert_true(study_goes_on(t, &t->run[1], 50));
-    assert_false(study_goes_on(t, &t->run[1], 10)); /* 100 s, by an even path */
+    assert_false(study_goes_on(t, &t->run[1], 10)); /* 100 s if all frames cost the same */
     assert_non_null(strstr(t->run[1].why, "by its own first frames it needs about 1 min 40 s, and has 1 min"));
-    /* Where the scene's own first tenth took half of its time it is 20 s. */
+    /* The scene's own first tenth took half of its time: the estimate is then 20 s. */
     t->time.path = calloc(100, sizeof *t->time.path);
     for (int k = 0; k < 100; k++) t->time.path[k] = k < 10 ? 0.2 * (k + 1) : 2 + 2.0 * (k - 9) / 90;
     assert_true(study_goes_on(t, &t->run[1], 10));
@@ -78,7 +78,7 @@ static void the_path_ends_where_the_scene_alone_takes_too_long(void **state) {
     t->time.run_began_s = app_seconds() - 10;
     assert_true(study_goes_on(t, &t->run[0], 20)); /* a fortieth is 15 s */
     t->time.run_began_s = app_seconds() - 30;
-    assert_true(study_goes_on(t, &t->run[0], 40)); /* it has touched nothing yet: up to a tenth */
+    assert_true(study_goes_on(t, &t->run[0], 40)); /* no contact yet: up to a tenth is allowed */
     force_N[3 * 30 + 2] = 0.1;
     assert_false(study_goes_on(t, &t->run[0], 41));
     assert_int_equal(t->time.cut_at, 41);

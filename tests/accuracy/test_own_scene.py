@@ -1,4 +1,4 @@
-"""tm-accuracy --scene in its short form: a study, its recommendation, its page, interruption and continuation, and planted errors. Never times."""
+"""tm-accuracy --scene in its short form: a study, its recommendation, its page, interruption and continuation, and planted errors. Asserts no times."""
 import json
 import os
 import re
@@ -10,9 +10,9 @@ import time
 import pytest
 
 SCENE = "apps/scenes/block-press.yaml"
-# Which meshes are run is told, not left to what this machine does within a time.
+# The meshes to run are given, so they do not depend on this machine's speed.
 SHORT = ["--quick", "--duration", "1 s", "--limit", "1000 s", "--finest", "6000"]
-OWN = ["--finest", "1"]  # no finer mesh at all
+OWN = ["--finest", "1"]  # the scene's own mesh only
 
 
 def study(bin, root, out, *more, scene=SCENE, good=0):
@@ -34,18 +34,18 @@ def whole(bin, root, once):
 
 
 def laws(root):
-    """The extrapolators' names, as core and scenes know them."""
+    """Names of the extrapolators, as core and scenes know them."""
     return re.findall(r'ROW\(\w+, "(\w+)"', (root / "haptic_rt/core/hrt.h").read_text())
 
 
 def own_law(root):
-    """The extrapolator of SCENE."""
+    """Returns the extrapolator of SCENE."""
     named_there = re.search(r"extrapolator: (\w+)", (root / SCENE).read_text())
     return (named_there or re.search(r'HRT_EXTRAPOLATOR_CHOICE, "(\w+)"', (root / "libtensormass/scene/effect_haptics.c").read_text()))[1]
 
 
 def plant_frame_samples(data):
-    """Higher sample rates come out bad, so that a frame's one sample is recommended: its force is that of the study's runs to the bit."""
+    """Makes higher sample rates look bad, so that one sample a frame is recommended: its force then equals the study's runs bit for bit."""
     for r in data["runs"]:
         if r["knob"] == "rate":
             r["felt"] = [9, 9, 9]
@@ -72,7 +72,8 @@ def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
 
 
 def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tmp_path):
-    """What they make of the samples between frames; `hold` is worked out here as well, from tm-sim's forces at 25 and at 500 Hz."""
+    """Compares extrapolators between frames with the truth at 500 Hz; the result of `hold` is also computed here, from tm-sim's forces at 25 and 500
+    Hz."""
     felt = {r["name"]: r["felt"] for r in whole[1]["runs"] if r["knob"] == "extrapolator"}
     assert list(felt) == laws(root) and len(felt) >= 7
     assert all(f[0] < f[1] < f[2] for name, f in felt.items() if name in ("hold", "time", "position", "tangent"))
@@ -88,7 +89,7 @@ def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tm
     for name, rate in (("hold", 25), ("hold at 50 Hz", 50)):
         slow = forces(rate)
         error2 = truth2 = 0
-        for k, true in enumerate(truth):  # truth[k] is of the tick at (k + 1) * 2 ms; slow[n] comes with its sample's end
+        for k, true in enumerate(truth):  # truth[k] belongs to the tick at (k + 1) * 2 ms; slow[n] arrives at the end of its sample
             n = (k + 1) * 2 * rate // 1000 - 1
             shown = slow[n] if n >= 0 else [0, 0, 0]
             error2 += sum((a - b) ** 2 for a, b in zip(shown, true))
@@ -97,7 +98,7 @@ def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tm
 
 
 def test_sample_rates_are_judged_and_leave_frames_alone(whole, root):
-    """The error falls to nothing at the tick rate; the force at frames' ends stays; patches go with samples up to 50 Hz."""
+    """The error falls to zero at the tick rate; the force at frame ends is unchanged; patches are sent up to 50 Hz."""
     rows = [r for r in whole[1]["runs"] if r["knob"] in ("extrapolator", "rate")]
     assert {r["sample_rate_Hz"] for r in rows} == {25, 50, 500} and all(r["frame_s"] == 0.04 and r["frames"] == 25 for r in rows)
     assert not [r["name"] for r in rows if any("frame_rate" in s for s in r["set"])] and all(f"haptics.rate={r['sample_rate_Hz']:g} Hz" in r["set"] for r in rows)
@@ -137,7 +138,7 @@ def test_recommendation_is_a_scene_and_was_held(whole, bin, root):
     assert [line[:3] for line in said] == [["500", "Hz", choice["extrapolator"]]]
     run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--lockstep", "--duration", "0.2", "--samples", out / "f.csv"], cwd=out, capture_output=True, text=True)
     assert run.returncode == 0 and len((out / "f.csv").read_text().splitlines()) == 1 + 100, run
-    # The path's end is deep in the tissue: were the second time round no new beginning, its forces would be others.
+    # At the path's end the tool is deep in the tissue: if the second pass did not start anew, its forces would differ.
     assert choice["held_frames"] == 60 and choice["held_error"] == pytest.approx(choice["error"], abs=1e-9)
     assert choice["worse"] == 0 and choice["held_share"] > 0 and choice["held_slower"] >= 1
     assert choice["held_dearer"] <= choice["held_over"] and choice["verdict"] in (out / "said.txt").read_text()
@@ -176,13 +177,13 @@ def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
 
 
 def test_a_setting_that_came_out_worse_is_not_taken(whole, bin, root, tmp_path):
-    """A run in the file that claims the truth itself: measured before it is promised, it loses to others, and that is counted."""
+    """A run in the file claims the reference's error: it is measured before it is recommended, loses to others, and that is reported."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     lie, own = named(data, "single"), data["runs"][0]
     for r in data["runs"]:
         if r["knob"] in ("mesh", "volume", "step", "mass"):
-            r["cpu_p95_s"] = r["busy_p95_s"] = 1e30  # out of any budget
+            r["cpu_p95_s"] = r["busy_p95_s"] = 1e30  # outside every budget
     lie["force_N"] = data["truth"]["force_N"]
     plant_frame_samples(data)
     (tmp_path / "s.json").write_text(json.dumps(data))
@@ -193,13 +194,13 @@ def test_a_setting_that_came_out_worse_is_not_taken(whole, bin, root, tmp_path):
 
 
 def test_what_is_promised_was_measured(whole, bin, root, tmp_path):
-    """Predicted from another mesh or run, an error may be many times what comes out: planted as four times, promised as it is."""
+    """A prediction from another mesh or run may be far too low: planted as a quarter of the error, but the promise states the measured one."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     own, single, truth = data["runs"][0], named(data, "single"), data["truth"]["force_N"]
     for r in data["runs"]:
         r["cpu_p95_s"] = r["busy_p95_s"] = 1e9 if r is own or r["knob"] not in ("mesh", "volume") else 1e30
-    single["cpu_p95_s"] = single["busy_p95_s"] = 1e-3  # the scene's own mesh so is all there is to be had
+    single["cpu_p95_s"] = single["busy_p95_s"] = 1e-3  # the scene's own mesh is then the only one available
     single["force_N"] = [f + 3 * (f - t) for f, t in zip(own["force_N"], truth)]
     plant_frame_samples(data)
     (tmp_path / "s.json").write_text(json.dumps(data))
@@ -217,7 +218,7 @@ def test_no_setting_within_the_budget_is_said(whole, bin, root, tmp_path):
 
 
 def test_a_price_of_a_faster_machine_is_not_promised(whole, bin, root, tmp_path):
-    """Runs that claim a millionth of their time: the choice is run for its price, and what then fits is nothing."""
+    """Runs claim a millionth of their time: the choice is run to measure its cost, and then nothing fits the budget."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     for r in data["runs"]:
@@ -228,7 +229,7 @@ def test_a_price_of_a_faster_machine_is_not_promised(whole, bin, root, tmp_path)
 
 
 def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
-    """Runs are known by what they were run on: a softer block is run anew."""
+    """A finished run is reused only for the same scene: a softer block is run again."""
     text = (root / SCENE).read_text().replace("5 kPa", "4 kPa").replace("../../meshes", str(root / "meshes"))
     (tmp_path / "soft.yaml").write_text(text)
     (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
@@ -238,7 +239,7 @@ def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
 
 
 def test_supports_by_vertex_number_are_held_on_other_meshes_too(whole, bin, root, tmp_path):
-    """What tm-scene new writes: on a finer mesh the vertices between them are held as well, as those of a group are."""
+    """Supports that tm-scene new writes by vertex number also hold the vertices between them on a finer mesh, as a group's do."""
     mesh = (root / "meshes/block_1k.msh").read_text().split("$Nodes")[1].split("$EndNodes")[0].split("\n")[2:-1]
     points = [[float(x) for x in line.split()[1:]] for line in mesh]
     base = [i for i, p in enumerate(points) if p[2] < 1e-9]
@@ -260,7 +261,7 @@ def test_supports_by_vertex_number_are_held_on_other_meshes_too(whole, bin, root
 
 
 def test_shapes_are_compared_by_the_files_vertices(bin, root, tmp_path):
-    """The finest mesh, numbered last where it was refined, is renumbered inside, the scene's own is not: errors as where both keep their numbers."""
+    """The finest mesh, whose refined vertices are numbered last, is renumbered internally; the scene's own is not. Errors are as without renumbering."""
     for name, more in (("inside", []), ("kept", ["--set", "tissue.renumber=no"])):
         (tmp_path / name).mkdir()
         study(bin, root, tmp_path / name, "--duration", "1.6 s", *more)
@@ -282,7 +283,7 @@ def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root,
     assert {r["name"] for r in data["runs"] if r["knob"] == "constant"} >= {"fibres turned by +18 deg", "fibres turned by -18 deg"}
     assert named(data, "anisotropy")["change"] > 0.01
     assert "grasper, but the scene does not name" in named(data, "grasp")["cannot"]
-    # Volume on the finest mesh is the exactest, and volume excludes single: what cannot be together is not recommended.
+    # Strain smoothing on the finest mesh is the most accurate, but excludes single precision: the combination is not recommended.
     assert data["recommendation"]["kept"], data["recommendation"]
 
 
@@ -296,7 +297,7 @@ def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, t
 
     text = (root / SCENE).read_text()
     (tmp_path / "block.yaml").write_text(text.replace("../../meshes", str(root / "meshes")))
-    run, report = explain(data)  # of the scene's text in its own folder
+    run, report = explain(data)  # paths are relative to the folder of the scene's text
     assert "earlier state of this scene" in run.stderr and "expected error" not in run.stdout and "expected_error" not in report
     data["scene_hash"] = fnv((tmp_path / "block.yaml").read_bytes())
     run, report = explain(data)
@@ -345,7 +346,7 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
         return
     own, two = data["runs"][0], named(data, "2 threads")
     assert two["force_N"] == own["force_N"] and (two["threads"], own["threads"]) == (2, 1)
-    for r in data["runs"]:  # planted: a slow machine, on which two threads alone are in time
+    for r in data["runs"]:  # planted: a slow machine, in time only with two threads
         if "cannot" not in r:
             r["cpu_s"] = r["cpu_p95_s"] = r["busy_p95_s"] = 1.2 * r["frame_s"]
     two["busy_p95_s"] = 0.7 * two["frame_s"]
@@ -356,14 +357,14 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
 
 
 def test_one_thread_where_several_wait_for_each_other(bin, root, tmp_path):
-    """A scene with two threads is run with one, too, which is taken where other programs have the second processor."""
+    """A scene with two threads is also run with one, which is chosen if other programs occupy the second processor."""
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one processor")
     short, liver = ["--duration", "0.08 s", *OWN, "--set", "threads=2"], "apps/scenes/liver-press.yaml"
     _, data = study(bin, root, tmp_path, *short, scene=liver)
     own, one = data["runs"][0], named(data, "1 thread")
     assert one["force_N"] == own["force_N"] and (one["threads"], own["threads"]) == (1, 2)
-    for r in data["runs"]:  # planted: both of them half of the time without their processor
+    for r in data["runs"]:  # planted: either needs twice its processor time
         if "cannot" not in r:
             r["cpu_p95_s"], r["busy_p95_s"] = 0.6 * r["frame_s"], 1.3 * r["frame_s"]
     one["busy_p95_s"] = 0.4 * one["frame_s"]
@@ -373,7 +374,8 @@ def test_one_thread_where_several_wait_for_each_other(bin, root, tmp_path):
 
 
 def test_a_scene_with_a_step_of_its_own_gets_finer_meshes_with_theirs(bin, root, tmp_path):
-    """1.8 ms are too long for half the edges: the mesh's step is shorter as its smallest height is, and no other step goes with it."""
+    """1.8 ms is too long for half the edge length: a finer mesh's step is shortened in proportion to its smallest height, and no other step is
+    combined with it."""
     _, data = study(bin, root, tmp_path, "--duration", "0.6 s", "--set", "time.step=1.8ms", "--budget", "20", "--hold", "0.1 s")
     own, finest = data["runs"][0], next(r for r in data["runs"] if r["name"].startswith("finest"))
     assert "cannot" not in finest and finest["tets"] > 2 * own["tets"] and finest["dt_s"] == pytest.approx(own["dt_s"] / 2, rel=0.03)
@@ -387,11 +389,12 @@ def test_a_budget_is_processors(bin, root, tmp_path, budget):
 
 
 def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bin, root, tmp_path):
-    """`hold` at 50 Hz, planted as exact, in place of patches; tried, promised and held with two samples a frame. Paths are relative, and other laws follow them."""
+    """`hold` at 50 Hz is planted as exact, in place of patches: it is tried, promised and verified with two samples a frame. Paths are relative;
+    other extrapolators are compared too."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     named(data, "hold at 50 Hz")["felt"] = [1e-4, 1e-4, 1e-4]
-    named(data, "broyden at 500 Hz")["felt"] = [5e-5, 5e-5, 5e-5]  # no hand feels that it is truer, and it is costlier
+    named(data, "broyden at 500 Hz")["felt"] = [5e-5, 5e-5, 5e-5]  # no hand feels that it is more accurate, and it costs more
     for r in data["runs"]:
         if r["knob"] in ("mesh", "volume", "step", "mass", "precision"):
             r["cpu_p95_s"] = r["busy_p95_s"] = 1e30
@@ -408,7 +411,8 @@ def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bi
 
 
 def test_what_a_scene_says_of_its_samples_is_run_too(bin, root, tmp_path):
-    """Its own rate and law beside the others, at the frame rate that is asked for; what it sends is written anew where the recommended rate sends something else."""
+    """The scene's own rate and extrapolator are run too, at the requested frame rate; what it sends is rewritten if the recommended rate sends
+    something else."""
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes"))
     text = re.sub(r"(?m)^haptics:.*$", "haptics: {extrapolator: tangent, rate: 200 Hz, sends: patch}", text)
     (tmp_path / "own.yaml").write_text(text)
@@ -424,7 +428,8 @@ def test_what_a_scene_says_of_its_samples_is_run_too(bin, root, tmp_path):
 
 
 def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
-    """Two seconds hold neither the path nor all settings: the path's beginning, for all of them alike; what is left out is said; the scene as it is is what there is time for."""
+    """Two seconds suffice neither for the complete path nor for all settings. All settings get the same beginning of the path; omissions are
+    reported; the scene as it is gets the remaining time."""
     began = time.monotonic()
     liver = "apps/scenes/liver-press.yaml"
     run, data = study(bin, root, tmp_path, *OWN, "--duration", "8 s", "--limit", "2 s", "--budget", "20", scene=liver)
@@ -444,7 +449,7 @@ def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
 
 
 def test_a_path_of_any_number_of_frames_is_gone_on_with(bin, root, tmp_path):
-    """41 frames of 40 ms are 1.6400000000000001 s in a study, and 1.64 in its file: the same path, of which nothing is run again."""
+    """41 frames of 40 ms are 1.6400000000000001 s in a study and 1.64 s in its file: the same path, so nothing is run again."""
     _, data = study(bin, root, tmp_path, *OWN, "--duration", f"{41 * 0.04!r} s")
     _, again = study(bin, root, tmp_path, *OWN, "--duration", "1.64 s")
     assert data["duration_s"] == again["duration_s"] == 1.64 and data["runs"][0]["frames"] == 41

@@ -1,5 +1,5 @@
-/* A promised cost on simulated machines: costlier frames because the machine was slower, or because the setting is. The
- * clock is read in only one check. */
+/* Verdicts on a promised cost on simulated machines: frames cost more because the machine was slower, or because the
+ * setting is costlier. Only one check reads the clock. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,8 +15,8 @@ enum { FRAMES = 250 };
 static const double WORK_S = 2e-4, ALLOWED_S = 0.02;
 static double cost_s[FRAMES], work_s[FRAMES];
 
-/* Frames of `share` of what is allowed; from `from` to `to` the machine is `slower`, the setting `costlier`. Every
- * fortieth piece of work is interrupted. */
+/* Judges FRAMES frames that cost `share` of the budget. In frames `from` to `to` the machine is `slower` and the
+ * setting `costlier` by these factors. Every fortieth timed piece of work is interrupted. */
 static study_speed plant(double share, int from, int to, double slower, double costlier) {
     for (int k = 0; k < FRAMES; k++) {
         const bool within = k >= from && k < to;
@@ -26,7 +26,7 @@ static study_speed plant(double share, int from, int to, double slower, double c
     return study_judge_pace(cost_s, work_s, FRAMES, WORK_S, ALLOWED_S);
 }
 
-/* In words, of a promise that else holds. */
+/* Returns the verdict's text, for a promise that holds otherwise. */
 static const char *said(study_speed held, bool in_time) {
     static char text[500];
     study_choice c = {.fits = true, .held = held, .real_time = in_time, .kept = held.costlier <= STUDY_OVER};
@@ -52,7 +52,7 @@ static void test_a_slower_machine_is_no_dearer_setting(void **state) {
                            "slower"));
     assert_non_null(strstr(said(held, false), "REAL TIME WAS NOT KEPT"));
     assert_null(strstr(said(held, true), "REAL TIME"));
-    const study_speed milder = plant(0.5, 100, 220, 1.8, 1); /* within the budget all the same, but late */
+    const study_speed milder = plant(0.5, 100, 220, 1.8, 1); /* within the budget, but late */
     assert_true(milder.over == 0);
     assert_non_null(strstr(said(milder, false), "when the machine is itself. The machine was 1.8 times slower"));
 }
@@ -79,7 +79,7 @@ static void test_a_faster_machine_and_an_unknown_one_change_nothing(void **state
     assert_true(none.over == 1 && none.costlier == 1);
 }
 
-/* Not how long: that it is work, and goes on being the same. */
+/* Checks only that the work takes time and is repeatable, not how long it takes. */
 static void test_work_is_timed(void **state) {
     (void)state;
     for (int i = 0; i < 50; i++) assert_true(study_work_s() > 0);

@@ -1,5 +1,5 @@
-"""Each recommendation for the demo's scenes and for three from images keeps its promise: error within a factor of two, and at most a twentieth of the
-frames above the budget on an equally fast machine."""
+"""Each recommendation for the demo's scenes and for three from images keeps its promise. The error is within a factor of two; at most a twentieth of
+the frames exceed the budget on an equally fast machine."""
 import sys
 
 import pytest

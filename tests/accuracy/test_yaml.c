@@ -1,5 +1,5 @@
-/* A recommended scene is the scene's text with some values changed (study_write_yaml): blocks and braces, list items,
- * missing and removed keys; comments and multi-byte letters stay. */
+/* study_write_yaml: a recommended scene is the scene's text with some values changed. Blocks and braces, list items,
+ * missing and removed keys; comments and multi-byte characters stay. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,7 @@ static const char SCENE[] = "title: \"l\xc3\xa9"
 
 static char folder[] = "/tmp/tm-yaml-XXXXXX";
 
-/* Returns the scene after the edits, without the evidence. */
+/* Returns the scene's text after the edits, without the comment on the evidence. */
 static char *after(const char *const *edit, int count) {
     static char text[4000];
     static study s;
@@ -51,7 +51,7 @@ static char *after(const char *const *edit, int count) {
     return text + 6;
 }
 
-/* `was`, which stands in the scene once, has become `is`, and nothing else has changed. */
+/* Checks that `was`, which the scene contains once, became `is`, and that nothing else changed. */
 static void changes(const char *edit, const char *was, const char *is) {
     char wanted[4000];
     const char *at = strstr(SCENE, was);

@@ -1,4 +1,4 @@
-/* The first signal is left to the program; the second ends it at once. */
+/* Signals: the program handles the first one; the second ends the process at once. */
 #include <setjmp.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -17,7 +17,7 @@ static _Atomic bool stop;
 static int first(void) { return app_interrupted(); }
 static int first_of_controller(void) { return atomic_load(&stop); }
 
-/* The child never listens. It says that it is ready, and when it has seen the first. */
+/* The child ignores the request. It reports when it is ready, and when it has received the first signal. */
 static void ended_by(void (*catch_signals)(void), int (*seen)(void), int one, int other) {
     int said[2], status = 0;
     char word;

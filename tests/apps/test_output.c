@@ -1,4 +1,4 @@
-/* Output files: complete or absent, also if the file system has no unnamed files, and paths that are no regular
+/* Output files are complete or absent, also if the file system has no unnamed files; and paths that are no regular
  * file. */
 #include <errno.h>
 #include <fcntl.h>
@@ -20,7 +20,7 @@
 
 static bool no_unnamed_files;
 
-/* Takes libc's place in this program: a file system without O_TMPFILE. */
+/* Replaces libc's open in this program: simulates a file system without O_TMPFILE. */
 int open(const char *path, int flags, ...) {
     va_list list;
     va_start(list, flags);
@@ -98,8 +98,8 @@ static void whole_or_not_at_all(void **state) {
     unlink("a.json");
 }
 
-/* Killed by SIGKILL while writing: the next run removes the remains, but not a file that another process still writes.
- */
+/* Killed by SIGKILL while writing: the next run removes the remains, but not a file that another process is still
+ * writing. */
 static void killed(void **state) {
     (void)state;
     pid_t child = fork();
@@ -133,7 +133,7 @@ static void links_stay(void **state) {
     lstat("link", &info);
     assert_true(S_ISLNK(info.st_mode));
     assert_string_equal(get("sub/target"), "new");
-    unlink("sub/target"); /* where the link leads is made */
+    unlink("sub/target"); /* the link's target is created */
     write_out("link", "again", true);
     assert_string_equal(get("sub/target"), "again");
     assert_int_equal(system("rm -r sub link"), 0);
@@ -155,7 +155,7 @@ static void no_files(void **state) {
     write_out("/dev/null", "nowhere", true);
     stat("/dev/null", &info);
     assert_true(S_ISCHR(info.st_mode));
-    /* An open file by its number: goes on where it was. */
+    /* A path that names an open file descriptor: writing continues at its position. */
     char name[40];
     int fd = open("open", O_CREAT | O_WRONLY | O_TRUNC, 0666);
     assert_int_equal(write(fd, "one ", 4), 4);
@@ -184,7 +184,7 @@ static void endings(void **state) {
     assert_int_equal(app_output_ending("--png", "a.pn", ".png"), APP_BAD_INPUT);
 }
 
-/* Also what nobody filled in: a step fails without words. */
+/* Also with an empty description of the error: the step fails without a message. */
 static void reports(void **state) {
     (void)state;
     assert_int_equal(app_report(NULL, 0, &(tm_error){0}), APP_FAILED);

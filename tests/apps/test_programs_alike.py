@@ -33,7 +33,7 @@ def test_stdout_is_a_file_and_holds_nothing_else(bin, scene, mesh):
     for path in ("-", "/dev/stdout"):
         out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--json", path)
         assert out.returncode == 0 and json.loads(out.stdout)["frames"] == 2
-        assert "2 frames" in out.stderr  # what is for people
+        assert "2 frames" in out.stderr  # messages for people
     assert json.loads(run(bin / "tm-mesh", "info", "--json", "-", mesh).stdout)["tets"] > 1000
     out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--csv", "-", "--json", "-")
     assert out.returncode == 2 and "two outputs go to stdout; write one of them to a file" in out.stderr
@@ -65,7 +65,7 @@ def test_a_device_stays_a_device(bin, scene, tmp_path):
     try:
         os.mknod(node, stat.S_IFCHR | 0o666, os.makedev(1, 3))
     except PermissionError:
-        node = "/dev/null"  # which an ordinary user cannot replace, nor make another
+        node = "/dev/null"  # an ordinary user can neither replace it nor create files beside it
     assert run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", node).returncode == 0
     assert stat.S_ISCHR(os.stat(node).st_mode)
     lost = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", "/dev/full")
@@ -112,7 +112,7 @@ def test_a_full_disk_under_stdout_is_told(bin, words):
 # --- signals ---
 
 def slow(bin, scene, *more):
-    """In the middle of a frame of a million substeps."""
+    """The signal arrives inside a frame of a million substeps."""
     p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--set", "tissue.materials.*.young=1e13", *more], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     time.sleep(1)
     assert p.poll() is None
@@ -131,7 +131,7 @@ def test_a_signal_ends_a_run_inside_a_frame(bin, scene, tmp_path, number):
 
 
 def test_half_a_frame_is_nobodys(bin, scene, tmp_path):
-    """A snapshot of frame 1 stays that of frame 1 when the run is ended inside frame 2."""
+    """A snapshot of frame 1 stays as it is if the run is ended inside frame 2."""
     snapshot = tmp_path / "s.tms"
     p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--unset", "haptics", "--set", "tissue.materials.*.young=2e11", "--json", tmp_path / "o.json",
                           "--snapshot-at", "0.04 s", "--snapshot", snapshot], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
@@ -150,7 +150,7 @@ def test_half_a_frame_is_nobodys(bin, scene, tmp_path):
 def test_a_signal_ends_what_computes_ahead(bin, root, tmp_path, words):
     words = words.format(scenes=root / "apps/scenes", tmp=tmp_path).split()
     p = subprocess.Popen([bin / words[0], *words[1:]], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache")))
-    for _ in range(1000):  # as soon as it listens
+    for _ in range(1000):  # as soon as it receives
         caught = next(line for line in open(f"/proc/{p.pid}/status") if line.startswith("SigCgt"))
         if int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1):
             break
@@ -188,7 +188,7 @@ def test_lists(bin, program):
     out = run(bin / program, "--list")
     assert out.returncode == 0 and out.stderr == "" and all(word in out.stdout for word in LISTS[program])
     names = {"tm-accuracy": "--knob", "tm-stability": "--case"}.get(program)
-    if names:  # what is listed is taken
+    if names:  # every listed name is accepted
         first = out.stdout.split()[0]
         said = run(bin / program, names, first, "--nonsense").stderr
         assert "unknown option, or its value is missing" in said and first not in said
@@ -198,7 +198,7 @@ def test_extrapolators_that_are_listed_are_taken(bin, tmp_path):
     names = run(bin / "haptic-rt", "--list").stdout.splitlines()[0].split()[1:]
     assert len(names) > 5
     for name in names:
-        assert "--extrapolator" not in run(bin / "haptic-rt", "--extrapolator", name).stderr  # it goes on to ask for a bus
+        assert "--extrapolator" not in run(bin / "haptic-rt", "--extrapolator", name).stderr  # the name is accepted: the program goes on to ask for a bus
 
 
 def test_quiet(bin, scene, mesh, tmp_path):
@@ -211,7 +211,7 @@ def test_quiet(bin, scene, mesh, tmp_path):
         loud, still = run(bin / command[0], *command[1:], env=env), run(bin / command[0], *command[1:], "--quiet", env=env)
         assert loud.returncode == still.returncode == 0 and still.stdout == "", still
         assert loud.stdout or command[0] == "tm-device"
-    assert run(bin / "tm-mesh", "check", "--quiet", tmp_path / "none.msh").returncode == 2  # trouble is still told
+    assert run(bin / "tm-mesh", "check", "--quiet", tmp_path / "none.msh").returncode == 2  # warnings and errors are still printed
     assert run(bin / "tm-mesh", "check", "--quiet", tmp_path / "none.msh").stderr
     for program in PROGRAMS:
         assert "--quiet" in run(bin / program, "--help").stdout

@@ -1,4 +1,4 @@
-/* Shared by the benchmark's parts. Every part warms up, interleaves the compared cases, and reports quantiles. */
+/* Shared by the parts of the benchmark. Every part warms up, interleaves the compared cases, and reports quantiles. */
 #ifndef TM_BENCH_H
 #define TM_BENCH_H
 
@@ -12,13 +12,13 @@ typedef struct bench_run {
     const int *cells; /* [size_count] cubes along each edge of the block, six tetrahedra each */
 } bench_run;
 
-/* min, p50, p99, max (and mean) of `count` values as an object; sorts them. */
+/* Writes min, p50, p99, max (and mean) of `count` values as an object; sorts them. */
 cJSON *bench_quantiles(double *value, int count);
-/* A block of cells^3 cubes; stops the program when memory is short. */
+/* Makes a block of cells^3 cubes; stops the program if memory is exhausted. */
 tm_mesh *bench_block(int cells);
 tm_mesh *bench_block_of(int cells, double side_m); /* bench_block: 0.1 m */
 tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_form form, bool cuttable);
-/* With everything a plain scene has: force, gravity, damping, the lowest vertices held. */
+/* Makes a world with what every plain scene has: force, gravity, damping, the lowest vertices fixed. */
 tm_world *bench_world(tm_tissue *tissue, int threads);
 void bench_must(tm_status status, const tm_error *error);
 

@@ -1,5 +1,5 @@
-/* Capacity of this machine: the largest organ in real time with a probe pressed into it. A block of a liver's volume, E
- * 5 kPa, nu 0.45, 1060 kg/m3, double precision, at its own critical step. */
+/* Capacity of this machine: the largest organ that runs in real time with a probe pressed into it. A block of a
+ * liver's volume, E 5 kPa, nu 0.45, 1060 kg/m3, double precision, at its own critical step. */
 #include <math.h>
 #include <stdio.h>
 
@@ -21,7 +21,7 @@ static tm_tissue *make_tissue(const tm_mesh *mesh) {
     return tissue;
 }
 
-/* Held below, heavy, with a probe over its middle. */
+/* Makes the world: bottom fixed, gravity, a probe over the middle. */
 static tm_world *make_world(tm_tissue *tissue, int threads, tm_contact **contact) {
     tm_world *world = bench_world(tissue, threads);
     tm_error error;
@@ -36,7 +36,7 @@ static tm_world *make_world(tm_tissue *tissue, int threads, tm_contact **contact
     return world;
 }
 
-/* Seconds of the quickest of a few frames in which the probe is 4 mm inside. */
+/* Returns the seconds of the fastest of a few frames in which the probe is 4 mm deep. */
 static double frame_s(int cells, int threads, bool quick, int32_t *tets) {
     tm_mesh *mesh = bench_block_of(cells, SIDE_M);
     tm_tissue *tissue = make_tissue(mesh);
@@ -59,7 +59,8 @@ static double frame_s(int cells, int threads, bool quick, int32_t *tets) {
     return least;
 }
 
-/* The largest that fits, between the fewest cells and the most; frames grow with both size and critical step. */
+/* Finds the largest block that fits, between the smallest and largest cell counts; both size and critical step make
+ * a frame costlier. */
 static cJSON *largest(double cores, bool quick) {
     const int threads = cores > 1 ? (int)cores : 1;
     int low = FEWEST - 1, high = (quick ? QUICK_MAX : MAX_COUNT) + 1;

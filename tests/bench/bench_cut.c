@@ -1,5 +1,5 @@
-/* Cost of removing tetrahedra one a call: in a cautery's order from a corner, and scattered, the worst case for caches
- * and repair. Includes surface, repair, tensors and masses. */
+/* Cost of removing tetrahedra one per call: in a cautery's order from a corner, and scattered, the worst case for
+ * caches and repair. Includes surface, repair, tensors and masses. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -8,7 +8,7 @@
 #include "libtensormass/numeric/order.h"
 #include "libtensormass/numeric/random.h"
 
-/* Keys with their tetrahedra: by distance from a corner, or at random. */
+/* Sort keys with their tetrahedra: distance from a corner, or random. */
 static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
     struct {
         double key;

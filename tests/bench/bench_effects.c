@@ -35,7 +35,7 @@ static tm_tissue *tissue_with(const tm_mesh *mesh, int with) {
     return tissue;
 }
 
-/* Free, turned by 40 degrees. */
+/* Not supported, rotated by 40 degrees. */
 static tm_world *world_with(tm_tissue *tissue, int with, int threads) {
     tm_world_def def = tm_world_def_default();
     tm_viscosity_def viscosity = tm_viscosity_def_default();

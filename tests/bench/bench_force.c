@@ -33,7 +33,7 @@ typedef struct subject {
 
 static bool is_single(int kind) { return kind >= FORMS; }
 
-/* What one pass must move at the least: tensors, neighbours, u read, force zeroed and written. */
+/* Minimum bytes that one pass moves: tensors, neighbours, u read, force zeroed and written. */
 static double pass_bytes(const tm_mesh *mesh, int kind) {
     const double real = is_single(kind) ? 4 : 8, neighbours = kind % FORMS >= NAIVE ? 8 : 4;
     return mesh->edge_count * (9 * real + neighbours) + mesh->vertex_count * (9 * 8 + 8 + 3 * 8 * 3.0);
@@ -67,7 +67,7 @@ static void pass(const subject *s, int kind) {
         (wide ? naive_wide_double : naive_plain_double)(vertices, s->naive.block, edges, s->naive.edge, s->u, s->f);
 }
 
-/* The largest difference from the library's own force, over the largest force: it is the same work. */
+/* Returns the largest difference from the library's force, relative to the largest force: both do the same work. */
 static double difference(const subject *s, int kind) {
     double worst = 0, most = 0;
     double *truth = malloc(sizeof(double) * 3 * (size_t)s->mesh->vertex_count);
@@ -154,7 +154,7 @@ cJSON *bench_force(const bench_run *run) {
         for (int r = -2; r < rounds; r++) /* two rounds warm up */
             for (int k = 0; k < KINDS; k++) {
                 if (k % FORMS == WIDE && !has_wide()) continue;
-                pass(&s, k); /* the other kinds' arrays filled the caches; a simulation has one */
+                pass(&s, k); /* the other kinds' arrays filled the caches; a simulation has only one kind */
                 const double begin = app_seconds();
                 for (int p = 0; p < passes; p++) pass(&s, k);
                 if (r >= 0) s.seconds[k][r] = (app_seconds() - begin) / passes;

@@ -1,5 +1,5 @@
-/* Cost of a frame of the hybrid and the dynamic model: the same block, a probe pressed into either part and slid along
- * it. Processor time of one thread. */
+/* Cost of a frame of the hybrid and the dynamic model: the same block, with a probe pressed into either part and
+ * slid along it. Processor time of one thread. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -87,7 +87,7 @@ static cJSON *one_share(int cells, double share, int frames) {
     tm_error error = {.message = "a frame failed"};
     for (int m = 0; m < MODELS; m++)
         model[m] = make_model(&o, m, &report), ms[m] = malloc(sizeof(double) * (size_t)frames);
-    for (int f = -8; f < frames; f++) /* eight to come down */
+    for (int f = -8; f < frames; f++) /* eight frames to come down */
         for (int m = 0; m < MODELS; m++) {
             for (int i = 0; i < PROBES; i++) {
                 to[i] = o.probe[i].pose;

@@ -1,5 +1,5 @@
-/* Cost of nonlinear laws: stress of a tetrahedron and gathering of its corner forces, by the timers of the stages, and
- * the complete step on one and several threads, beside the linear and the rotated law in the same rounds. */
+/* Cost of nonlinear laws: stress of a tetrahedron and gathering of its corner forces, by the timers of the stages,
+ * and the complete step on one and several threads. The linear and the corotational law run in the same rounds. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -46,7 +46,7 @@ static tm_tissue *tissue_of(const tm_mesh *mesh, const struct subject *s, bool t
     return tissue;
 }
 
-/* Turned by a tenth of a radian and bent, so that every tetrahedron follows its law. */
+/* Rotated by a tenth of a radian and bent, so that every tetrahedron is computed by its law. */
 static void deform(tm_world *world) {
     const tm_mesh *mesh = tm_tissue_mesh(tm_world_tissue(world));
     tm_state *s = tm_world_state(world);
@@ -61,7 +61,7 @@ typedef struct measured {
     tm_tissue *tissue;
     tm_world *world[2]; /* one thread, all cores */
     double step_s[2], law_s, force_s, form_s[FORMS];
-    tm_hyperelastic hyper; /* for passes of each form */
+    tm_hyperelastic hyper; /* times of the passes of each form */
     double *corner_N;
     tm_pool pool;
 } measured;
@@ -73,7 +73,7 @@ static double stage_s(const tm_stage_report *report, int32_t count, const char *
     return seconds;
 }
 
-/* One round: a few steps, then as many with timers on. */
+/* Runs one round: a few steps, then as many with timers on. */
 static void round_of(measured *m, int32_t steps) {
     tm_stage_report before[TM_MAX_STAGES], after[TM_MAX_STAGES];
     for (int k = 0; k < 2; k++) {
@@ -91,7 +91,7 @@ static void round_of(measured *m, int32_t steps) {
     m->force_s = fmin(m->force_s, (stage_s(after, count, "force") - stage_s(before, count, "force")) / steps);
 }
 
-/* The stress pass alone, in every form that this processor has. */
+/* Measures the stress pass alone, in every form that this processor supports. */
 static void forms_of(measured *m, int32_t passes) {
     for (int f = 0; f < FORMS && m->corner_N; f++) {
         const tm_hyper_force pass = tm_hyper_force_form(f);
@@ -169,7 +169,7 @@ static void one_size(const tm_mesh *mesh, bool quick, cJSON *rows) {
 cJSON *bench_law(const bench_run *run) {
     cJSON *rows = cJSON_CreateArray();
     for (int i = 0; i < run->size_count; i++) {
-        if (run->cells[i] < 5) continue; /* two threads need 4,000 tetrahedra */
+        if (run->cells[i] < 5) continue; /* two threads require 4,000 tetrahedra */
         tm_mesh *mesh = bench_block(run->cells[i]);
         one_size(mesh, run->quick, rows);
         tm_mesh_destroy(mesh);

@@ -7,9 +7,9 @@
 #include "bench.h"
 #include "libtensormass/numeric/random.h"
 
-enum { ORDERS = 3 }; /* as made, at random, that one renumbered inside */
+enum { ORDERS = 3 }; /* in order, numbered at random, the random one renumbered internally */
 
-/* The same tetrahedra; vertex `was[v]` becomes v. */
+/* Renumbers the mesh: vertex `was[v]` becomes v. */
 static tm_mesh *ordered(const tm_mesh *mesh, const int32_t *was, tm_numbering renumber) {
     const int32_t n = mesh->vertex_count;
     int32_t *now = malloc(sizeof *now * (size_t)n), *tet = malloc(sizeof *tet * 4 * (size_t)mesh->tet_count);

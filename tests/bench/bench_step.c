@@ -8,7 +8,7 @@
 #include "bench.h"
 
 static const double FRAME_S = 1.0 / 25;
-enum { FORCE, ONE, MANY, KINDS }; /* a force pass, a step on one thread, on as many as there are cores */
+enum { FORCE, ONE, MANY, KINDS }; /* a force pass, a step on one thread, a step on all cores */
 
 static void add_settling(cJSON *row, tm_world *world) {
     tm_settle_def settle = tm_settle_def_default();
@@ -22,7 +22,7 @@ static void add_settling(cJSON *row, tm_world *world) {
 }
 
 static cJSON *one_step(const tm_mesh *mesh, tm_tissue *tissue, tm_world *one, tm_world *many, const bench_run *run) {
-    /* What a call does once (keeping what it may have to give back, waking threads) is shared by a frame's steps. */
+    /* Work that a call does once (saving the state for a rollback, waking threads) is shared by a frame's steps. */
     const int rounds = run->quick ? 11 : 101, steps = (int)ceil(FRAME_S / tm_world_step_s(one));
     double *us[KINDS], *force = malloc(sizeof(double) * 3 * (size_t)mesh->vertex_count);
     for (int k = 0; k < KINDS; k++) us[k] = malloc(sizeof(double) * (size_t)rounds);

@@ -1,7 +1,6 @@
-"""Ratios of two runs of the benchmark: `compare.py OLD.json NEW.json`. Each ratio is within one run, whose parts took turns, so that two machines, or one that was busy, compare.
+"""Compares two runs of the benchmark: `compare.py OLD.json NEW.json`.
 
-Exit 1: something is a tenth slower than it was, beside what it is held against.
-"""
+Each ratio is within one run, whose parts were interleaved, so that different or busy machines compare. Exit 1: a ratio has become a tenth slower."""
 import json
 import sys
 
@@ -9,9 +8,9 @@ WORSE = 1.1
 
 
 def ratios(figures):
-    """By what it is called: smaller is better."""
+    """Returns whether smaller is better, by the figure's name."""
     least = {(r["tets"], r["precision"], r["form"]): r["us_per_pass"]["min"] for r in figures["force"]}
-    yardstick = "naive" if any(form == "naive" for _, _, form in least) else "plain"  # files of before have no naive loop
+    yardstick = "naive" if any(form == "naive" for _, _, form in least) else "plain"  # older files have no naive loop
     found = {f"force, {tets} tetrahedra, {precision}: best over {yardstick} double": us / least[tets, "double", yardstick]
              for (tets, precision, form), us in least.items() if form == "best"}
     for row in figures["step"]:

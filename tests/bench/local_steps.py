@@ -1,19 +1,20 @@
 #!/usr/bin/env python3
-"""The most that local time steps could save on a mesh: every vertex at its own step, rounded down to a power of two times the shortest, a tetrahedron's force as often as
-the fastest of its vertices asks, nothing lost where steps meet.
+"""Estimates the most that local time steps could save on a mesh.
 
-python tests/bench/local_steps.py MESH.msh... [--young 5e3] [--poisson 0.4] [--density 1050]
-"""
+Every vertex has its own step, rounded down to the shortest step times a power of two. A tetrahedron's force is computed as often as its fastest
+vertex needs; nothing is lost where steps meet.
+
+python tests/bench/local_steps.py MESH.msh... [--young 5e3] [--poisson 0.4] [--density 1050]"""
 import argparse
 from pathlib import Path
 
 import numpy as np
 
-FORCE = 0.8  # share of a substep that is the force pass; the rest goes with the vertices (tm-sim --explain)
+FORCE = 0.8  # share of a substep that is the force pass; the remainder is work per vertex (tm-sim --explain)
 
 
 def read(path):
-    """Vertices [n, 3] m and tetrahedra [m, 4] of a .msh of version 2.2."""
+    """Reads vertices [n, 3] m and tetrahedra [m, 4] of a .msh of version 2.2."""
     text = Path(path).read_text()
     points = np.array([line.split()[1:] for line in text.split("$Nodes\n")[1].split("$EndNodes")[0].splitlines()[1:]], float)
     elements = [line.split() for line in text.split("$Elements\n")[1].split("$EndElements")[0].splitlines()[1:]]
@@ -21,7 +22,7 @@ def read(path):
 
 
 def own_steps(x, tet, young, poisson, density):
-    """Critical step of each tetrahedron alone, s (Irons' bound; a cut may leave it alone)."""
+    """Returns the critical step of each tetrahedron alone, s (Irons' bound; a cut may leave it alone)."""
     lam, mu = young * poisson / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
     edges = np.stack([x[tet[:, k]] - x[tet[:, 0]] for k in (1, 2, 3)], 2)
     rows = np.linalg.inv(edges)
@@ -29,11 +30,11 @@ def own_steps(x, tet, young, poisson, density):
     stiffness = lam * np.einsum("nai,nbj->naibj", shape, shape) + mu * np.einsum("naj,nbi->naibj", shape, shape)
     stiffness += mu * np.einsum("nak,nbk,ij->naibj", shape, shape, np.eye(3))
     highest = np.linalg.eigvalsh(stiffness.reshape(-1, 12, 12))[:, -1]
-    return 2 / np.sqrt(highest / (density / 4))  # both by volume
+    return 2 / np.sqrt(highest / (density / 4))  # both proportional to volume
 
 
 def ceiling(tet, steps, levels):
-    """Shortest step, s; share of the work that is left with so many levels."""
+    """Returns the shortest step, s, and the remaining share of the work with that many levels."""
     vertex = np.full(tet.max() + 1, np.inf)
     np.minimum.at(vertex, tet.ravel(), np.repeat(steps, 4))
     shortest, used = vertex.min(), np.isfinite(vertex)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What the models cost on a scene as it runs, patches for its controllers with it: computing seconds of the whole path in lockstep, in turns, the least of several, as a table.
+"""Measures what the models cost on a scene, with patches for its controllers: computing seconds of the complete path in lockstep, interleaved, least
+of several, as a table.
 
-python tests/bench/models.py [SCENE] [--runs 5] [--duration "8 s"] [--bin build/bin]
-"""
+python tests/bench/models.py [SCENE] [--runs 5] [--duration "8 s"] [--bin build/bin]"""
 import argparse
 import json
 import pathlib
@@ -21,7 +21,8 @@ def compute_s(tm_sim, scene, model, more):
 
 
 def measure(tm_sim, scene, runs, duration):
-    """Least computing seconds by model, with haptics as the scene has it and without; the machine's slow spells hit all alike."""
+    """Returns the least computing seconds by model, with haptics as in the scene and without. Runs are interleaved, so slow periods of the machine
+    affect all alike."""
     length = ["--duration", duration] if duration else []
     least = {}
     for _ in range(runs):

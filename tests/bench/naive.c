@@ -1,4 +1,4 @@
-/* The reference loop with the flags of any other file. */
+/* The reference loop, compiled with the flags of any other file. */
 #include "naive.h"
 
 #define NAIVE(name) naive_plain_##name

@@ -1,5 +1,5 @@
-/* The loop itself, included by naive.c and naive_wide.c, which define NAIVE(name). The fastest here of several variants
- * (without the sum in registers, loops over components, differences of displacements, separate arrays, no
+/* The loop itself, included by naive.c and naive_wide.c, which define NAIVE(name). The fastest of several variants
+ * tried (without the sum in registers, loops over components, differences of displacements, separate arrays, no
  * `restrict`). */
 static void multiply_blocks(int vertices, const double *block, const double *restrict u, double *restrict force) {
     for (int v = 0; v < vertices; v++) {
@@ -10,7 +10,7 @@ static void multiply_blocks(int vertices, const double *block, const double *res
     }
 }
 
-/* All edges that follow each other with the same first end; what they give to that end stays in registers. */
+/* Processes consecutive edges with the same first end; the force on that end stays in registers. */
 #define NAIVE_LOOP(real)                                                                                               \
     for (int e = 0; e < edges;) {                                                                                      \
         const int a = edge[e].a;                                                                                       \

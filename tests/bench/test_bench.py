@@ -59,7 +59,7 @@ def test_one_row_alone(build, tmp_path):
 
 
 def test_what_local_steps_could_save(bin, root):
-    """Their shortest step is that of a scene that cuts; regular tetrahedra beside some of half the size save what can be counted by hand."""
+    """The shortest step equals that of a scene that cuts. Regular tetrahedra together with some of half the size save what can be counted by hand."""
     sys.path.insert(0, str(root / "tests/bench"))
     import local_steps
     import numpy as np
@@ -67,10 +67,10 @@ def test_what_local_steps_could_save(bin, root):
     x, tet = local_steps.read(root / "meshes/block_1k.msh")
     step = float(re.search(r"guaranteed critical step (\S+) s", told).group(1))
     assert abs(local_steps.own_steps(x, tet, 5e3, 0.4, 1000).min() / step - 1) < 1e-3
-    apart = np.arange(16).reshape(4, 4)  # four tetrahedra that share nothing
+    apart = np.arange(16).reshape(4, 4)  # four tetrahedra without common vertices
     assert local_steps.ceiling(apart, np.array([1.0, 2.1, 4.5, 1.9]), 2) == (1.0, 0.75)
     assert local_steps.ceiling(apart, np.array([1.0, 2.1, 4.5, 1.9]), 3) == (1.0, 0.6875)
-    joined = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # by the slow one's fast vertex
+    joined = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # by the fast vertex of the slow one
     assert local_steps.ceiling(joined, np.array([1.0, 4.0]), 3)[1] == 0.8 * 1 + 0.2 * (4 + 3 / 4) / 7
 
 

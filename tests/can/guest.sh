@@ -1,9 +1,9 @@
 #!/bin/bash
-# Runs a shell script under a kernel that has CAN, whatever the host's kernel has: Debian's, in QEMU.
+# Runs a shell script under a kernel with CAN, independent of the host's kernel: Debian's, in QEMU.
 #   tests/can/guest.sh SECONDS RUN_DIR JOB.sh
-# The guest sees the host's tree and has a bus vcan0, and another with two controllers on it, can0 and can1. The job finds OUT in its environment; what it leaves there
+# The guest sees the host's tree and has a bus vcan0, and another with two controllers on it, can0 and can1. The job finds OUT in its environment; files that it leaves there
 # is in RUN_DIR/out afterwards. RUN_DIR/console.log is the guest's console.
-# Exit: the job's own status, 124 time-out, 125 the guest did not start. The console is printed when it is not 0.
+# Exit: the job's own status, 124 time-out, 125 the guest did not start. The console is printed if it is not 0.
 set -uo pipefail
 limit=$1 run=$2 job=$3
 here=$(cd "$(dirname "$0")" && pwd)
@@ -12,7 +12,7 @@ rm -rf "$run" && mkdir -p "$run" || exit 125
 run=$(cd "$run" && pwd)
 cp "$here/guest/inside.sh" "$run/" && cp "$job" "$run/job.sh" || exit 125
 "$here/guest/kernel.sh" "$kernel" || exit 125
-# icount: the guest's time is its instructions', whatever else the host does. -smp 2 and shift=auto do not work with it.
+# icount: the guest's time is counted in its instructions, independent of the host's load. -smp 2 and shift=auto do not work with it.
 timeout -k 5 "$limit" qemu-system-x86_64 -M q35 -accel tcg -cpu max -smp 1 -m 512 -icount shift=1,sleep=off -nodefaults -no-reboot \
     -display none -serial stdio -kernel "$kernel/vmlinuz" -initrd "$kernel/initramfs.gz" \
     -append "console=ttyS0 quiet panic=-1 tm_run=$run" \

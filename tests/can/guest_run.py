@@ -1,4 +1,4 @@
-"""Runs a shell job in a guest that has CAN (tests/can/guest.sh) and reads what stock candump saw there."""
+"""Runs a shell job in a guest that has CAN (tests/can/guest.sh) and reads what stock candump recorded there."""
 import pathlib
 import re
 import subprocess
@@ -6,7 +6,7 @@ import subprocess
 from paths import BUILD, ROOT
 
 RUNS = BUILD / "tests" / "can"
-# Shell functions of every job: a listener is there once it wrote down a frame of ours, and has heard all once it wrote down a later one.
+# Shell functions of every job: a listener is ready once it recorded a frame of ours, and complete once it recorded a later one.
 LISTENERS = """
 listening() { until [ -s $1 ]; do cansend $CAN_B 7FF#; sleep 0.05; done; }
 heard() { cansend $CAN_B 7FE#; for try in 1 2 3 4 5 6 7 8 9 10; do tail -n 5 $1 | grep -q " 7FE#" && break; sleep 0.05; done; }
@@ -16,18 +16,18 @@ LINE = re.compile(r"^\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: ([TR]))
 
 
 def run(name, job, limit_s):
-    """The finished process of guest.sh and the directory of what the job left. `job` is shell text."""
+    """Returns the finished process of guest.sh and the directory with the job's files. `job` is shell text."""
     directory = RUNS / name
     script = RUNS / f"{name}.sh"
     RUNS.mkdir(parents=True, exist_ok=True)
     script.write_text(LISTENERS + job)
-    # The guest's own limit ends it; fetching its kernel comes on top.
+    # The guest has its own limit; fetching its kernel takes additional time.
     done = subprocess.run([ROOT / "tests/can/guest.sh", str(limit_s), directory, script], capture_output=True, text=True, timeout=limit_s + 1800, stdin=subprocess.DEVNULL)
     return done, directory / "out"
 
 
 def candump(path):
-    """[(time in us, interface, identifier, data)] of a `candump -L` log, less what LISTENERS sent. Every line must be one."""
+    """Returns [(time in us, interface, identifier, data)] of a `candump -L` log without the frames of LISTENERS. Every line must be a frame."""
     frames = []
     for number, line in enumerate(pathlib.Path(path).read_text().splitlines(), 1):
         match = LINE.match(line)

@@ -6,13 +6,13 @@ import guest_run
 from paths import BUILD, LONG, ROOT
 
 STEADY_S = 60 if LONG else 4
-# For what hangs: a busy host is none.
+# Limit for a hang, long enough for a busy host.
 LIMIT_S = 1500 + (600 if LONG else 0)
 
-# Steps of a tenth of a newton every 40 ms, so that each sample shows in the torques: along the shaft, out of the body.
+# Force steps of 0.1 N every 40 ms, so that each sample is visible in the torques: along the shaft, out of the body.
 FORCE_N = (1.5, 1.6)
 
-# scene NAME SECONDS SAMPLE_SECONDS BODY: both devices and both controllers for SECONDS, samples for SAMPLE_SECONDS of it, BODY meanwhile, with their
+# scene NAME SECONDS SAMPLE_SECONDS BODY: runs both devices and both controllers for SECONDS, samples for the first SAMPLE_SECONDS, and BODY meanwhile, with their
 # process ids in d0 d1 c0 c1. All must end in time.
 SCENE = f"""
 cd {ROOT}
@@ -40,7 +40,7 @@ scene() {{
 }}
 """
 SCENES = {
-    "steady": (STEADY_S, 2 * STEADY_S, ""), # missed ticks lengthen it
+    "steady": (STEADY_S, 2 * STEADY_S, ""), # missed ticks prolong it
     "silent": (3, 1.6, ""),
     "unplugged": (3, 4, "sleep 1.6; kill -9 $d0"),
     "orphaned": (3, 4, "sleep 1.6; kill -9 $c0"),
@@ -50,7 +50,7 @@ ONLY = {
     "controllers": {"down": (4, 5, "sleep 1.6; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; "
                                    "candump -L $CAN_A,0:0,#FFFFFFFF > $out/c.log & listeners=\\\"$listeners $!\\\"")},
 }
-# Stock tools talk to each other.
+# Stock tools communicate with each other.
 TRAFFIC = """
 candump -L $CAN_A > $OUT/a.log &
 listener=$!
@@ -59,7 +59,7 @@ cangen $CAN_B -g 2 -I 123 -L 8 -D i -n 500
 heard $OUT/a.log
 kill $listener
 """
-# A second controller or device on an interface.
+# Starts a second controller or device on an interface.
 CONTROLLER, DEVICE = (f"{BUILD}/bin/{p} --bus socketcan:$CAN_A --priority 0 --duration" for p in ("haptic-rt", "tm-device"))
 PLACES = f"""
 cd {ROOT}
@@ -76,7 +76,7 @@ kill -9 $c $d; wait $c $d
 {CONTROLLER} 0.5 --samples $TMPDIR/s.csv 2> $OUT/again.txt; echo again $? >> $OUT/codes
 true
 """
-# What the loop's thread asks of the kernel.
+# System calls of the loop's thread.
 CALLS = f"""
 cd {ROOT}
 printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
@@ -84,9 +84,9 @@ printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
 strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 3 || exit 1
 wait
 """
-# Scenes that are told apart by what the programs do, not by the bus: on emulated controllers in the long form alone.
+# Scenes judged by what the programs do, not by the bus: on emulated controllers only in the long form.
 PLAYED = {"vcan": SCENES, "controllers": SCENES if LONG else {"steady": SCENES["steady"]}}
-# By bus: jobs with a folder each as OUT, whose status is left in it; then the scenes.
+# Per bus: jobs, each with a folder as OUT that also receives its status; then the scenes.
 PARTS = {"vcan": {"traffic": TRAFFIC, "places": PLACES, "calls": CALLS}, "controllers": {"traffic": TRAFFIC}}
 INTERFACES = {"vcan": "CAN_A=vcan0 CAN_B=vcan0", "controllers": "CAN_A=can0 CAN_B=can1"}
 
@@ -102,7 +102,7 @@ def job():
 
 
 def scene(bus, name):
-    """The directory of what the scene or part left."""
+    """Returns the directory with the files of the scene or part."""
     this_run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
     guest_run.RUNS.mkdir(parents=True, exist_ok=True)
     stamp = guest_run.RUNS / "loop.run"
@@ -117,7 +117,7 @@ def scene(bus, name):
 
 
 def part(name, bus="vcan"):
-    """The directory of what the part left, which ended well."""
+    """Returns the directory of a part that ended successfully."""
     out = scene(bus, name)
     assert (out / "status").read_text() == "0\n"
     return out

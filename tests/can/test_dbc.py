@@ -53,7 +53,7 @@ def random_message(rng, name, instrument):
 
 
 def signals(name, m):
-    """What cantools should read out of the frame of this message, checksum left out."""
+    """Returns the signals that cantools should read from this message's frame, without the checksum."""
     if name == "MotorCommand":
         return {"TorquePitch": m.torque[0], "TorqueYaw": m.torque[1], "ForceInsertion": m.torque[2], "Counter": m.counter, "MotorsOn": int(m.motors_on)}
     if name == "EncoderA":
@@ -122,7 +122,7 @@ def test_any_truncation_and_any_noise_is_refused_or_ours(codec):
         out = Message()
         codec.hrt_can_unpack(ctypes.byref(frame), ctypes.byref(out))
         taken += out.kind > 1
-    assert taken < 20000 / 8 / 256 * 3  # the checksum's one in 256, where the length is right
+    assert taken < 20000 / 8 / 256 * 3  # one in 256 passes the checksum by chance, if the length is right
 
 
 def test_every_message_of_the_dbc_is_packed_and_compared(dbc):

@@ -1,4 +1,4 @@
-"""The guest itself: its buses start, stock tools communicate, and a job's failure or hang fails the runner."""
+"""The guest itself: its buses start, stock tools communicate, and a failing or hanging job fails the runner."""
 import guest_run
 import pytest
 from guest_scenes import LIMIT_S, part
@@ -18,7 +18,7 @@ def test_failure_and_hang_are_told():
 
 
 def test_one_controller_and_one_device_an_interface():
-    """A second one is refused with its reason, of the other instrument not; after a kill the place is free."""
+    """A second program on an interface is refused with its reason; one on the other interface is not. After a kill the interface is free."""
     out = part("places")
     codes = dict(line.split() for line in (out / "codes").read_text().splitlines())
     assert codes == {"first": "2", "controller": "2", "device": "2", "other": "0", "fault": "1", "again": "0"}, codes

@@ -1,5 +1,5 @@
-"""haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: vcan, and two emulated SJA1000 controllers. Its time is counted in instructions.
-What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at."""
+"""haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: vcan, and two emulated SJA1000 controllers. Its time is counted in
+instructions. Events are read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not judged."""
 import json
 
 import cantools
@@ -12,8 +12,8 @@ DATABASE = cantools.database.load_file(ROOT / "haptic_rt" / "can" / "impulse_eng
 MESSAGE = {message.frame_id: message for message in DATABASE.messages}
 ZERO_WITHIN_US = 150000
 WATCHDOG_US = 20000
-SLACK_US = 6000  # a step of the device, a tick, the frame's way
-HOLE_US = 8000   # 24 frames that everybody owes
+SLACK_US = 6000  # a step of the device, a tick, the frame's transmission
+HOLE_US = 8000   # 24 frames that every participant must send
 
 
 def buses(scene):
@@ -21,7 +21,7 @@ def buses(scene):
 
 
 class Log:
-    """candump's log, decoded by the DBC file; messages by name, as (time in us, signals)."""
+    """Decodes candump's log by the DBC file; returns messages by name, as (time in us, signals)."""
 
     def __init__(self, path):
         self.frames = guest_run.candump(path)
@@ -38,7 +38,7 @@ class Log:
         return self.named.get(name, [])
 
     def awake_us(self, begin_us, end_us):
-        """Time between, less that in which the whole guest stood still."""
+        """Returns the time between two instants, without the time in which the complete guest was stopped."""
         times = [begin_us] + [t for t, _, _, _ in self.frames if begin_us < t < end_us] + [end_us]
         return sum(min(b - a, 2000) for a, b in zip(times, times[1:]))
 
@@ -74,7 +74,7 @@ def test_two_devices_without_a_lost_command(bus):
         assert not [t for t, _ in log.all(f"DeviceFault{i}")]
         beats = log.all(f"DeviceHeartbeat{i}") + log.all(f"ControllerHeartbeat{i}")
         assert beats and all(s["Fault"] == 0 for t, s in beats)
-        # What was asked for is what the motors get: the force along the shaft, once it is ramped in.
+        # The motors get the requested force: along the shaft, after ramping up.
         settled = [s for t, s in commands if commands[0][0] + 2000000 < t < commands[-1][0]]
         assert settled and all(s["MotorsOn"] for s in settled)
         assert all(FORCE_N[0] - 0.02 < -s["ForceInsertion"] < FORCE_N[1] + 0.02 for s in settled)
@@ -86,7 +86,7 @@ def test_two_devices_without_a_lost_command(bus):
 
 @pytest.mark.parametrize("bus", buses("silent"))
 def test_simulation_killed(bus):
-    """The samples stop. The last one shows as the last step of the force."""
+    """The samples stop. The last one is visible as the last step of the force."""
     out = scene(bus, "silent")
     log = Log(out / "a.log")
     assert not log.holes
@@ -119,7 +119,7 @@ def test_device_unplugged(bus):
 
 @pytest.mark.parametrize("bus", buses("orphaned"))
 def test_controller_killed(bus):
-    """The device's watchdog drops the torque within 20 ms and says so."""
+    """The device's watchdog drops the torque within 20 ms and reports it."""
     out = scene(bus, "orphaned")
     log = Log(out / "a.log")
     assert not log.holes
@@ -134,7 +134,7 @@ def test_controller_killed(bus):
 
 
 def test_bus_off():
-    """An error frame says bus-off; nothing else can on vcan. Both controllers let go, and come back only by a reset."""
+    """Bus-off is announced by an error frame, the only possible way on vcan. Both controllers drop the force and return only after a reset."""
     out = scene("vcan", "bus_off")
     log = Log(out / "a.log")
     assert not log.holes
@@ -150,7 +150,7 @@ def test_bus_off():
 
 
 def test_interface_down():
-    """The controller's own interface goes down and up again: the device hears nothing and its watchdog acts."""
+    """The controller's own interface goes down and up again: the device receives nothing and its watchdog acts."""
     out = scene("controllers", "down")
     log = Log(out / "b.log")
     for i in (0, 1):

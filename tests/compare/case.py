@@ -1,7 +1,7 @@
-"""The work that every program of `make compare` is given, and what its runner hands back. numpy alone: each runner has an environment of its own.
+"""The case that every program of `make compare` computes, and the result that its runner returns. Needs only numpy: each runner has its own
+environment.
 
-A block of soft tissue, held at its floor; the middle of its top is pressed down by a prescribed, smooth displacement, then held until it rests.
-"""
+A block of soft tissue with a fixed floor. A prescribed, smooth displacement presses the middle of its top, then holds it until the block is at rest."""
 import json
 import sys
 import time
@@ -9,19 +9,20 @@ import time
 import numpy as np
 
 SIZE_M = (0.06, 0.06, 0.03)
-PATCH_M = 0.015  # half the width of what is pressed
+PATCH_M = 0.015  # half the width of the pressed square
 YOUNG_PA, POISSON, DENSITY = 5e3, 0.45, 1060.0
 DRAG_1_S = 60.0  # gamma_i = 60 /s times lumped mass: half critical for the block's lowest mode
-RAMP_S, TOTAL_S = 0.1, 0.6  # what remains of the swing at the end is e^-15 of it
+RAMP_S, TOTAL_S = 0.1, 0.6  # e^-15 of the oscillation is left at the end
 
 
 def cells(k):
-    """Of the mesh k, 192 k^3 tetrahedra."""
+    """Mesh k has 192 k^3 tetrahedra."""
     return 4 * k, 4 * k, 2 * k
 
 
 def make(rest_m, tets, press):
-    """The case as arrays. press: deepest displacement over the block's height. held: vertices all of whose components are prescribed; patch: those under the press."""
+    """The case as arrays. press: deepest displacement over the block's height. held: vertices with all components prescribed; patch: those under the
+    press."""
     x, y, z = np.asarray(rest_m, float).T
     x, y = x - SIZE_M[0] / 2, y - SIZE_M[1] / 2
     patch = (z > SIZE_M[2] - 1e-9) & (np.abs(x) < PATCH_M + 1e-9) & (np.abs(y) < PATCH_M + 1e-9)
@@ -32,12 +33,12 @@ def make(rest_m, tets, press):
 
 
 def lame():
-    """(lambda, mu), Pa."""
+    """Returns (lambda, mu), Pa."""
     return YOUNG_PA * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG_PA / (2 * (1 + POISSON))
 
 
 def mass_kg(case):
-    """(V,) lumped masses."""
+    """Returns (V,) lumped masses, kg."""
     rest, tets = case["rest_m"], case["tets"]
     corner = rest[tets]
     volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6
@@ -45,22 +46,23 @@ def mass_kg(case):
 
 
 def ramp(t_s):
-    """How far the press has come, 0 to 1."""
+    """Returns the progress of the press, 0 to 1."""
     return 0.5 - 0.5 * np.cos(np.pi * min(t_s / RAMP_S, 1.0))
 
 
 def steps(dt_s):
-    """(while the press moves, while it rests), at least ten of these."""
+    """Returns (steps while the press moves, steps at rest), at least ten of each."""
     moving = int(np.ceil(RAMP_S / dt_s - 1e-9))
     return moving, max(10, int(np.ceil((TOTAL_S - RAMP_S) / dt_s - 1e-9)))
 
 
-WORTH_S = 0.5  # of processor: its clock may go by hundredths of a second
+WORTH_S = 0.5  # of processor time: its clock may have a resolution of 0.01 s
 
 
 def march(dt_s, move, rest, read):
-    """Runs a program through the press. move(t): one step, the press at the end of it where it is at t. rest(n): n steps more. The processor's seconds a step, at rest, and what
-    read() says at TOTAL_S: what a program does in steps beyond it, which only make the time worth measuring, is not part of the case."""
+    """Runs a program through the press. move(t): one step, with the press at its position of time t at the end. rest(n): n steps more. Returns
+    processor seconds per step, at rest, and the result of read() at TOTAL_S. Steps beyond TOTAL_S only prolong the timing and are not part of the
+    case."""
     moving, still = steps(dt_s)
     for i in range(moving):
         move(min((i + 1) * dt_s, RAMP_S))
@@ -77,8 +79,8 @@ def march(dt_s, move, rest, read):
 
 
 def runner(run, version):
-    """A runner's main: RUNNER CASE.npz SETTINGS OUT.npz. run(case, settings) -> dict of u_m (V, 3), known (V,) bool, force_N of the press, dt_s, step_s (of processor),
-    prepare_s."""
+    """Main function of a runner: RUNNER CASE.npz SETTINGS OUT.npz. run(case, settings) -> dict of u_m (V, 3), known (V,) bool, force_N of the press,
+    dt_s, step_s (of processor time), prepare_s."""
     case, settings, out = dict(np.load(sys.argv[1])), json.loads(sys.argv[2]), sys.argv[3]
     done = run(case, settings)
     np.savez(out, u_m=done.pop("u_m"), known=done.pop("known", np.ones(len(case["rest_m"]), bool)))

@@ -1,11 +1,11 @@
 """make compare: one block, one press, in tensormass, MuJoCo's flex and Newton on the processor, each on one core; one table, a picture.
 
-Every program runs in a process of its own (run_*.py), gets the same vertices, tetrahedra, constants, support and press (case.py), and is held against the same
-reference: the linear law at rest on a mesh that is finer than all, with `volume`. Times are the processor's, of the steps while the press is held.
+Every program runs in a process of its own (run_*.py) and gets the same vertices, tetrahedra, constants, support and press (case.py). All are compared
+with the same reference: the linear law at rest on the finest mesh, with strain smoothing. Times are processor times of the steps while the press is
+held.
 
-Exit status: 0 all ran, 1 a program is missing, failed, gave no numbers or took too long (the table says which, the others stand), 2 a wrong option or no reference,
-130 stopped with Ctrl-C (what was done is written).
-"""
+Exit status: 0 all ran, 1 a program is missing, failed, gave no numbers or took too long (the table says which; the other rows stand), 2 a wrong
+option or no reference, 130 stopped with Ctrl-C (finished rows are written)."""
 import argparse
 import json
 import math
@@ -25,9 +25,9 @@ from scipy.interpolate import RegularGridInterpolator
 HERE = pathlib.Path(__file__).resolve().parent
 STVK = "Saint Venant-Kirchhoff law"
 NEO = "stable neo-Hookean law; single; force computed from positions"
-EXPLICIT = "explicit"  # the step: 0.9 of what ours guarantees for this mesh
+EXPLICIT = "explicit"  # the step: 0.9 of the one that tensormass guarantees for this mesh
 
-# Program, setting, settings of its runner, what is not the same work.
+# Program, setting, settings of its runner, remarks on work that is not the same.
 PLAN = [
     ("tensormass", "dynamic", {"do": "dynamic"}, ""),
     ("tensormass", "dynamic, single", {"do": "dynamic", "precision": "single"}, "single tensors"),
@@ -45,7 +45,7 @@ RUNNER = {"tensormass": "run_ours.py", "MuJoCo": "run_mujoco.py", "Newton": "run
 
 
 class Failed(Exception):
-    """(kind, sentence) of a run that gave nothing."""
+    """Returns (kind, sentence) for a run without a result."""
 
 
 def arguments(words):
@@ -85,7 +85,7 @@ class Bench:
         self.compiled = set()
 
     def run(self, program, case, settings):
-        """(what the runner said, its arrays). Failed: it gave nothing."""
+        """Returns (the runner's output, its arrays); raises Failed if it has no result."""
         out = self.work / "out.npz"
         out.unlink(missing_ok=True)
         interpreter = sys.executable if program == "tensormass" else self.given.peers
@@ -118,14 +118,14 @@ class Bench:
         return path
 
     def rest(self, k, volume):
-        """(case, what was said, displacements at rest)."""
+        """Returns (case, the runner's output, displacements at rest)."""
         path = self.case(k)
         said, arrays = self.run("tensormass", path, {"do": "static", "volume": volume})
         return dict(np.load(path)), said, arrays["u_m"]
 
 
 def on_grid(case, u):
-    """Displacements as a function of the place, linear in between."""
+    """Returns displacements as a function of the place, linearly interpolated."""
     rest = case["rest_m"]
     axes = [np.unique(np.round(rest[:, k], 9)) for k in range(3)]
     place = [np.searchsorted(axes[k], np.round(rest[:, k], 9)) for k in range(3)]
@@ -139,7 +139,7 @@ def relative(found, wanted):
 
 
 def row_of(program, setting, differs, case, said, arrays, reference, own):
-    """A row of the table. reference: (function of place, N); own: (displacements, N) of the linear law at rest on this mesh."""
+    """Returns a row of the table. reference: (function of place, N); own: (displacements, N) of the linear law at rest on this mesh."""
     free = ~case["held"] & arrays["known"]
     u, force = arrays["u_m"][free], said["force_N"]
     row = {"program": program, "setting": setting, "tets": len(case["tets"]), "version": said["version"], "differs": differs + said.get("note", ""), "dt_s": said["dt_s"],
@@ -157,7 +157,7 @@ def failure(program, setting, tets, kind, why):
 
 
 def measure(bench, given, found, say):
-    """Fills found["rows"], one run at a time, so that what is done stays when it is stopped."""
+    """Fills found["rows"] run by run, so that finished rows remain if it is stopped."""
     say(f"reference: the linear law at rest, mesh {given.reference}, {192 * given.reference ** 3} tetrahedra")
     case, said, u = bench.rest(given.reference, True)
     reference = (on_grid(case, u), said["force_N"])

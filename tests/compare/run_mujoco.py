@@ -1,8 +1,8 @@
-"""MuJoCo's flex in `make compare`: RUNNER CASE.npz SETTINGS OUT.npz (case.py). SETTINGS: {"integrator": "Euler" | "discrete", "dt_s": ...}.
+"""MuJoCo's flex in `make compare`: RUNNER CASE.npz SETTINGS OUT.npz (case.py).
 
-The pressed vertices get an armature of ten tonnes and the velocity that takes them where they shall be: the flex cannot hold them back, and an implicit
-integrator knows where they go. The force is that of the flex's springs on them (qfrc_spring).
-"""
+SETTINGS: {"integrator": "Euler" | "discrete", "dt_s": ...}. The pressed vertices get an armature of ten tonnes and the velocity that leads to their
+prescribed positions: the flex cannot slow them, and an implicit integrator knows their motion. The force is that of the flex's springs on them
+(qfrc_spring)."""
 import time
 
 import case as c
@@ -21,7 +21,7 @@ def words(array):
 
 
 def build(case, settings):
-    """(model, data, (F,) free or pressed vertices, (F, 3) their degrees of freedom)."""
+    """Returns (model, data, (F,) free or pressed vertices, (F, 3) their degrees of freedom)."""
     floor = case["held"] & ~case["patch"]
     text = MODEL.format(dt=settings["dt_s"], integrator=settings["integrator"], points=words(case["rest_m"]), elements=words(case["tets"]), young=c.YOUNG_PA,
                         poisson=c.POISSON, pins=words(np.flatnonzero(floor)))

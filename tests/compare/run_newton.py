@@ -1,9 +1,8 @@
-"""Newton on the processor in `make compare`: RUNNER CASE.npz SETTINGS OUT.npz (case.py). SETTINGS: {"solver": "semi-implicit" | "VBD", "dt_s": ..., "iterations": ...}.
+"""Newton on the processor in `make compare`: RUNNER CASE.npz SETTINGS OUT.npz (case.py).
 
-Both solvers have the stable neo-Hookean law of Smith, de Goes and Kim (ACM Trans. Graph. 37, 2018). VBD takes Lame's constants; the semi-implicit solver takes the
-law's own, so that it is given 4/3 mu and lambda + 5/6 mu. Prescribed vertices have no mass. Forces are not told by either: they are computed here, from where the
-vertices are, by the same law.
-"""
+SETTINGS: {"solver": "semi-implicit" | "VBD", "dt_s": ..., "iterations": ...}. Both solvers have the stable neo-Hookean law of Smith, de Goes and Kim
+(ACM Trans. Graph. 37, 2018). VBD takes Lame's constants. The semi-implicit solver takes the law's own, so it gets 4/3 mu and lambda + 5/6 mu.
+Prescribed vertices have no mass. Neither solver reports forces: they are computed here, from the positions, by the same law."""
 import contextlib
 import sys
 import time
@@ -11,7 +10,7 @@ import time
 import case as c
 import numpy as np
 
-with contextlib.redirect_stdout(sys.stderr):  # warp greets
+with contextlib.redirect_stdout(sys.stderr):  # suppresses warp's banner
     import newton
     import warp as wp
 
@@ -32,7 +31,7 @@ def place(vertex: wp.array(dtype=int), where: wp.array(dtype=wp.vec3), position:
 
 
 def elastic_force(case, x, mu, lam, log):
-    """(V, 3) N of Psi = mu/2 (I - 3) + lam/2 (J - a)^2, less mu/2 ln(I + 1) if `log`."""
+    """Returns (V, 3) N of Psi = mu/2 (I - 3) + lam/2 (J - a)^2, less mu/2 ln(I + 1) if `log`."""
     tets = case["tets"]
     rest, now = (np.stack([p[tets[:, k]] - p[tets[:, 0]] for k in (1, 2, 3)], -1) for p in (case["rest_m"], x))
     inverse, volume = np.linalg.inv(rest), np.linalg.det(rest) / 6
@@ -50,7 +49,7 @@ def elastic_force(case, x, mu, lam, log):
 
 
 def build(case, settings):
-    """(model, solver, mu and lambda of its law's form)."""
+    """Returns (model, solver, mu and lambda of its form of the law)."""
     lam, mu = c.lame()
     semi = settings["solver"] == "semi-implicit"
     given = (4 / 3 * mu, lam + 5 / 6 * mu) if semi else (mu, lam)

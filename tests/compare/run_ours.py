@@ -61,7 +61,7 @@ def precomputed(case, settings):
         model.update([])
 
     def rest(count):
-        for i in range(count):  # a hair's breadth to and fro: nothing may be left out because nothing moved
+        for i in range(count):  # a tiny oscillation: no program may skip work because nothing moves
             model.impose(patch, case["value_m"][patch] * (1 - 1e-9 * (i % 2)))
             model.update([])
 

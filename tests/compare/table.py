@@ -11,7 +11,7 @@ u, force: error against the reference, displacements (all free vertices) and for
 
 
 def processor():
-    """What this machine calls its processor."""
+    """Returns the processor's name."""
     try:
         lines = pathlib.Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -20,7 +20,7 @@ def processor():
 
 
 def line(row):
-    """One row as text."""
+    """Formats one row as text."""
     head = f"{row['program']:10} {row['setting']:26} {row['tets']:6}"
     if row["kind"] != "ran":
         return f"{head} {row['kind']}: {row['why']}"
@@ -29,7 +29,7 @@ def line(row):
 
 
 def text(found):
-    """The whole table."""
+    """Formats the complete table."""
     said = [HEAD, *(line(row) for row in found["rows"]), LEGEND]
     reference = found.get("reference")
     if reference:
@@ -43,7 +43,7 @@ def text(found):
 
 
 def draw(found, path):
-    """Error against time, a line a setting, a point a mesh."""
+    """Draws error against time: a line per setting, a point per mesh."""
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
@@ -69,7 +69,7 @@ def draw(found, path):
 
 
 def write(found, out):
-    """compare.json, .csv and .png in the folder; the table."""
+    """Writes compare.json, .csv and .png into the folder; returns the table."""
     out = pathlib.Path(out)
     (out / "compare.json").write_text(json.dumps(found, indent=1) + "\n")
     with open(out / "compare.csv", "w", newline="") as file:

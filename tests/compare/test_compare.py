@@ -1,5 +1,5 @@
-"""`make compare`: the case is the one that is stated, programs that are missing, stop, give no numbers or take too long are told of without losing the others, and a
-table can be formed of what was recorded. The programs themselves only with TM_LONG, where they can be had."""
+"""`make compare`: the case is as documented. Programs that are missing, stop, give no numbers or take too long are reported without losing the
+others. A table is formed from recorded results. The programs themselves run only with TM_LONG, where they can be installed."""
 import csv
 import importlib
 import json
@@ -14,7 +14,7 @@ MINE = "tests/compare"
 
 @pytest.fixture
 def modules(root, monkeypatch):
-    """(compare, table, case) of this folder; other folders have programs of these names."""
+    """Returns (compare, table, case) of this folder; other folders have programs of these names."""
     monkeypatch.syspath_prepend(str(root / MINE))
     for name in ("compare", "table", "case"):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -25,7 +25,8 @@ def modules(root, monkeypatch):
 
 @pytest.fixture
 def run(modules, tmp_path, monkeypatch, capsys):
-    """run(OPTION..., PROGRAM=HOW): the harness with stand-ins for the programs: 1 % and 10 % off, missing, slow, without numbers or stopped by a hand."""
+    """run(OPTION..., PROGRAM=HOW): runs the harness with stand-ins for the programs: 1 % and 10 % off, missing, slow, without numbers or stopped by
+    hand."""
     compare, table, case = modules
     monkeypatch.setattr(table, "draw", lambda found, path: path.write_text("drawn"))
 
@@ -111,7 +112,7 @@ def test_wrong_options(run, wrong, said, capsys):
     (None, 60, "missing", "was it installed?"),
 ])
 def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, said):
-    """In a process of its own, as the programs are."""
+    """Runs in a process of its own, like the programs."""
     compare, _, _ = modules
     (tmp_path / "run_mujoco.py").write_text(runner or "")
     peers = sys.executable if runner else str(tmp_path / "none/bin/python")
@@ -121,7 +122,7 @@ def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, sai
     assert failed.value.args[0] == kind and said in failed.value.args[1]
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of what matplotlib depends on
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # modules on which matplotlib depends
 def test_a_recorded_table(modules, tmp_path, capsys):
     recorded = tmp_path / "then.json"
     row = {"program": "tensormass", "setting": "dynamic", "tets": 1536, "version": "9", "differs": "a word", "dt_s": 1e-3, "step_s": 1e-5, "per_second": 0.01, "prepare_s": 1,
@@ -155,7 +156,7 @@ def test_the_case(modules):
 
 @pytest.mark.long
 def test_the_programs_themselves(root, build, tmp_path):
-    """A small mesh: at rest each is where its law on that mesh is; a press ten times smaller brings the laws together."""
+    """On a small mesh each program is at rest at the solution of its law on that mesh; with a press ten times smaller the laws agree."""
     made = subprocess.run(["make", "--no-print-directory", "compare", f"ARGS=--meshes 1 --reference 2 --press 0.002 --out {tmp_path / 'out'}"], cwd=root, capture_output=True, text=True,
                           timeout=1800)
     found = rows(tmp_path / "out")

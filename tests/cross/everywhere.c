@@ -1,5 +1,5 @@
-/* Checks on another machine than the builder's: alignment of memory, a mesh written and read, the SIMD form against the
- * plain one, and the controller's core. Prints the same text everywhere. */
+/* Checks on another machine than the builder's: alignment of memory, a mesh written and read, the SIMD form against
+ * the plain one, and the controller's core. Prints the same text on all platforms. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,7 +14,7 @@ static int fail(const char *what) {
     return 1;
 }
 
-/* Four by four by four boxes of six tetrahedra, written as `path` and read from there. */
+/* Writes four by four by four boxes of six tetrahedra as `path` and reads them back. */
 static tm_mesh *mesh_through(const char *path) {
     static const int way[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 0}},
                      step[3] = {1, 5, 25};
@@ -28,7 +28,7 @@ static tm_mesh *mesh_through(const char *path) {
             int32_t *at = made.tet + 4 * t;
             at[0] = v;
             for (int i = 0; i < 3; i++) at[i + 1] = at[i] + step[way[w][i]];
-            if (w > 2) { /* these go the other way round */
+            if (w > 2) { /* odd permutations have the opposite orientation */
                 const int32_t odd = at[1];
                 at[1] = at[2], at[2] = odd;
             }
@@ -47,7 +47,7 @@ static tm_mesh *mesh_through(const char *path) {
     return mesh;
 }
 
-/* Forces of a stretched tissue, by this form of the loop. */
+/* Computes forces of a stretched tissue by this form of the loop. */
 static int forces(const tm_mesh *mesh, tm_force_form form, tm_precision precision, double *force_N) {
     tm_error error;
     tm_material material;
@@ -93,13 +93,13 @@ int main(int count, char **word) {
     tm_mesh *mesh = mesh_through(word[1]);
     if (!mesh) return fail("mesh");
     double plain[375], best[375];
-    for (int p = 0; p < 2; p++) { /* single first: what is printed is double's */
+    for (int p = 0; p < 2; p++) { /* single first: the printed figures are those of double */
         const tm_precision precision = p ? TM_DOUBLE : TM_SINGLE;
         double most = 0, apart = 0;
         if (!forces(mesh, TM_FORCE_PLAIN, precision, plain) || !forces(mesh, TM_FORCE_BEST, precision, best))
             return fail("forces");
         for (int i = 0; i < 375; i++) most = fmax(most, fabs(plain[i])), apart = fmax(apart, fabs(plain[i] - best[i]));
-        if (!(apart < 1e-12 * most)) return fail("forms of the force loop"); /* sums are double in both */
+        if (!(apart < 1e-12 * most)) return fail("forms of the force loop"); /* sums are computed in double in both */
     }
     printf("version %s, forces %016llx\n", tm_version(),
            (unsigned long long)tm_hash(plain, sizeof plain, TM_HASH_SEED));

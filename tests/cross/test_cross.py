@@ -22,7 +22,7 @@ def said(command, cwd, wine=None):
 
 @pytest.fixture(scope="module")
 def here(root, build, tmp_path_factory):
-    """What this machine says: the one program and the stories of the golden hash."""
+    """Returns this machine's output: the one program and the sequences of the golden hash."""
     folder = tmp_path_factory.mktemp("here")
     libraries = [build / "lib" / name for name in ("libtensormass_io.a", "libtensormass.a", "libhrt.a")]
     for source in ("tests/cross/everywhere.c", "tests/hash/state_hash.c"):
@@ -53,7 +53,7 @@ def test_another_machine_says_the_same_to_the_bit(here, crossed, target, tmp_pat
     assert said([runner, *words, crossed / target / f"everywhere{ending}", "scratch.msh"], tmp_path, tmp_path / "wine") == lines
     for story in STORIES:
         there = [runner, *words, crossed / target / f"state_hash{ending}", *story]
-        if runner == "wine":  # another C library's sine turns the tool: not the same bits, but always the same
+        if runner == "wine":  # another C library's sine rotates the tool: other bits, but always the same
             assert re.fullmatch("[0-9a-f]{16}", said(there, tmp_path, tmp_path / "wine")[0]) and said(there, tmp_path, tmp_path / "wine") == said(there, tmp_path, tmp_path / "wine")
         else:
             assert said(there, tmp_path) == said([folder / "state_hash", *story], folder), story
@@ -62,7 +62,7 @@ def test_another_machine_says_the_same_to_the_bit(here, crossed, target, tmp_pat
 @pytest.mark.long
 @pytest.mark.parametrize("target, triple", [("aarch64-linux", "aarch64-linux-gnu.2.28"), ("x86_64-windows", "x86_64-windows-gnu")])
 def test_structs_lie_there_as_python_takes_them(root, crossed, target, triple, tmp_path):
-    """What python/bind.py measures here and writes into every wheel, measured by the other machine's compiler and run there."""
+    """Struct sizes, which python/bind.py measures here and writes into every wheel, as measured by the other machine's compiler and run there."""
     runner, words, ending = RUNNERS[target]
     if not shutil.which(runner):
         pytest.skip(f"{runner} is not here; apt-get install qemu-user-static libc6-arm64-cross wine wine64")
@@ -116,7 +116,7 @@ def wheels(root, crossed, make_once):
 @pytest.mark.long
 @pytest.mark.parametrize("tag", WHEELS)
 def test_a_wheel_for_each(wheels, tag):
-    """Three libraries under the names by which they ask for each other, and the package."""
+    """Three libraries under the names by which they load each other, and the package."""
     with zipfile.ZipFile(wheels[tag]) as wheel:
         names = wheel.namelist()
     assert {n for n in names if "/lib/" in n} == {f"tensormass/lib/lib{n}{WHEELS[tag]}" for n in ("tensormass", "tensormass_io", "tensormass_controller")}
@@ -125,7 +125,7 @@ def test_a_wheel_for_each(wheels, tag):
 
 @pytest.mark.long
 def test_the_arm64_wheel_says_what_this_one_says(root, wheels, tmp_path):
-    """In a Python of Debian's for arm64, unpacked beside this system and run by qemu-user: same displacements to the bit."""
+    """Runs in Debian's Python for arm64, unpacked into a folder and run by qemu-user: bit-identical displacements."""
     if not shutil.which("qemu-aarch64-static"):
         pytest.skip("qemu-aarch64-static is not here; apt-get install qemu-user-static")
     system = arm64_python(tmp_path)
@@ -144,7 +144,7 @@ def test_the_arm64_wheel_says_what_this_one_says(root, wheels, tmp_path):
 
 
 def arm64_python(folder):
-    """Debian's packages of python3-numpy and what it needs, unpacked; the apt that fetches them is its own, not this system's."""
+    """Unpacks Debian's packages of python3-numpy and its dependencies; fetches them by an apt configuration of its own, not this system's."""
     apt = folder / "apt"
     for part in ("state/lists/partial", "cache/archives/partial", "dpkg"):
         (apt / part).mkdir(parents=True)

@@ -1,6 +1,6 @@
-/* Property test of cutting on an organ from a file: removes 95 % of the tetrahedra in random orders; after every batch
- * the bits are those of a fresh build, the surface is manifold, and steps are finite. A mesh that no tissue can use is
- * reported and not counted. */
+/* Property test of cutting on an organ from a file: removes 95 % of the tetrahedra in random orders. After every
+ * batch the bits equal a fresh build, the surface is manifold, and steps are finite. A mesh that no tissue can use
+ * is reported and not counted. */
 #ifndef TM_TEST_ORGAN_H
 #define TM_TEST_ORGAN_H
 
@@ -33,7 +33,7 @@ static inline bool organ_cut_down(const char *path, int orders, int batches, boo
     material.damping_1_s = 20;
     int32_t *same = calloc((size_t)mesh->region_count, sizeof *same); /* one material in every region */
     def.region_material = same;
-    /* A foreign surface need not be a manifold to begin with; then only bits are held against it. */
+    /* A foreign surface need not be a manifold at the start; then only bits are compared. */
     int32_t *order = malloc(sizeof(int32_t) * (size_t)mesh->tet_count), calls = 0;
     bool manifold = true;
     for (int k = 0; k < orders; k++) {

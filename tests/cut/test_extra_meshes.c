@@ -1,4 +1,4 @@
-/* Cuts the meshes of the folder TM_EXTRA_MESHES down in 20 random orders. Skipped without it. */
+/* Removes the meshes of the folder TM_EXTRA_MESHES piece by piece in 20 random orders. Skipped without that folder. */
 #include "organ.h"
 
 #include <dirent.h>

@@ -1,4 +1,4 @@
-/* Cuts the generated organs down in 20 random orders. */
+/* Removes the generated organs piece by piece in 20 random orders. */
 #include "../long.h"
 #include "organ.h"
 

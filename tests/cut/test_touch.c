@@ -184,7 +184,7 @@ static double det(const double a[3], const double b[3], const double c[3]) {
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-/* Returns whether a vertex of one body is inside a tetrahedron of another. Knows nothing of rows. */
+/* Returns whether a vertex of one body is inside a tetrahedron of another. Independent of contact rows. */
 static bool is_inside_another(const bodies *b) {
     const double *u = tm_world_state(b->world)->u_m, *rest = b->mesh->rest_m;
     for (int32_t t = 0; t < b->mesh->tet_count; t++) {
@@ -207,7 +207,7 @@ static bool is_inside_another(const bodies *b) {
     return false;
 }
 
-/* The upper block was above the lower one and is above it. */
+/* Checks that the upper block is still above the lower one. */
 static void nothing_passes_through_at_half_a_metre_a_second(void **state) {
     (void)state;
     const int count = test_is_long() ? 60 : 6;
@@ -290,7 +290,7 @@ static void snapshots_continue_bit_for_bit(void **state) {
 
 /* --- one body that touches itself --- */
 
-/* A block that a cut opens like a mouth: a layer of cells goes, all but where they are joined. */
+/* A block that a cut opens like a mouth: a layer of cells is removed, except where the lips are joined. */
 static bodies mouth(const setup *s) {
     const part p = {{12, 3, 5}, {0.06, 0.015, 0.025}, {0, 0, 0}, 0};
     bodies b = make(&p, 1, s);
@@ -312,7 +312,7 @@ static void push_upper_lip(bodies *b, double acceleration_m_s2) {
         if (b->mesh->rest_m[3 * v + 2] > 0.0149) s->u_prev_m[3 * v + 2] += acceleration_m_s2 * s->dt_s * s->dt_s * 20;
 }
 
-/* Closed by a push and let go: the lips touch, do not cross, and open again without energy of their own. */
+/* Closed by a push and released: the lips touch, do not cross, and open again without generated energy. */
 static void lips_of_a_cut_close_and_open_without_gaining_energy(void **state) {
     (void)state;
     double left_J[2];
@@ -343,7 +343,7 @@ static void lips_of_a_cut_close_and_open_without_gaining_energy(void **state) {
             touching, 1e3 * lowest_m, stored_J, most_J, left_J[touching], e.residual_J, 1e3 * deepest);
         assert_true(fabs(e.residual_J) < 1e-9 * stored_J);
         assert_true(!touching || (most_J < 0.01 * stored_J && deepest < 0.05e-3 && lowest_m > 0.009));
-        assert_true(touching || lowest_m < 0.008); /* or it proves nothing */
+        assert_true(touching || lowest_m < 0.008); /* otherwise the test proves nothing */
         assert_true(touching || most_J == 0);
         assert_false(tm_touching_get_report(b.touching).overflowed);
         drop(&b);
@@ -354,7 +354,7 @@ static void lips_of_a_cut_close_and_open_without_gaining_energy(void **state) {
 
 enum { TIES = 16 };
 
-/* A block under a held one: ties lead from its top's vertices up to the other's base. */
+/* A block below a fixed one: ties connect its top vertices to the base of the upper one. */
 static int32_t tie_up(bodies *b, double stiffness_N_m, double break_N, tm_ties **ties) {
     int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)b->mesh->surface_count), triangles = 0;
     for (int32_t i = 0; i < b->mesh->surface_count; i++)
@@ -411,7 +411,7 @@ static void ties_bear_a_weight_and_break_at_their_load(void **state) {
     }
 }
 
-/* A cautery that is led through them cuts them one by one, and only while it is active. */
+/* A cautery that passes through the ties cuts them one by one, and only while it is active. */
 static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
     (void)state;
     setup s = plain();
@@ -429,7 +429,7 @@ static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
     tie_up(&b, 20, 0, &ties);
     int32_t went = 0, most = 0, gone[TIES], why[TIES];
     for (int active = 0; active < 2; active++)
-        for (int k = 0; k <= 40; k++) { /* from the side through the gap, there and back */
+        for (int k = 0; k <= 40; k++) { /* from the side through the gap and back */
             const tm_tool_pose to = {.tip_m = {0.02, -0.05 + 0.1 * k / 40, -0.0025}, .active = active == 1};
             tm_contact_begin_frame(contact, 5, 5);
             tm_contact_set_target(contact, 0, &to, 5);

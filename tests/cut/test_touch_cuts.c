@@ -1,4 +1,4 @@
-/* Random cuts with self-contact: lips that are thrown about do not cross and get no energy. 10,000 cuts in the long
+/* Random cuts with self-contact: lips that are thrown about do not cross and gain no energy. 10,000 cuts in the long
  * form. */
 #include "../fixture.h"
 #include "../long.h"
@@ -14,7 +14,7 @@ typedef struct body {
     tm_touching *touching;
 } body;
 
-/* Edges of 2 mm, held at its base. */
+/* Edges of 2 mm, base fixed. */
 static body make(void) {
     const int32_t cells[3] = {7, 7, 4};
     const double size_m[3] = {0.014, 0.014, 0.008};
@@ -56,8 +56,7 @@ static double kinetic_J(const body *b) {
     return sum;
 }
 
-/* Throws what is above a random height sideways, and down, at up to 0.6 m/s. Returns the energy
- * put in, J. */
+/* Throws the part above a random height sideways and down, at up to 0.6 m/s. Returns the added energy, J. */
 static double throw_top(body *b, fix_random *random) {
     tm_state *s = tm_world_state(b->world);
     const double before_J = kinetic_J(b);

@@ -1,4 +1,4 @@
-"""Runs haptic-rt with a device's emulator, and reads what both have logged."""
+"""Runs haptic-rt with a device's emulator, and reads the logs of both."""
 import contextlib
 import csv
 import json
@@ -35,7 +35,7 @@ def emulator(tmp, *arguments, name="service"):
 
 
 def commands(path):
-    """Rows of the emulator's log as (time in us, requested force, applied force, cursor), and the time of trouble, or None."""
+    """Returns the rows of the emulator's log as (time in us, requested force, applied force, cursor), and the time of trouble, or None."""
     rows, trouble = [], None
     for line in path.read_text().splitlines():
         if line.startswith("# trouble"):
@@ -49,7 +49,7 @@ def commands(path):
 
 
 class Controller:
-    """haptic-rt, recording."""
+    """Starts haptic-rt, recording."""
 
     def __init__(self, tmp, device, *arguments, env=None, under=()):
         self.tmp = tmp
@@ -57,7 +57,7 @@ class Controller:
                                        *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **(env or {})})
 
     def end(self, code=0):
-        """Ends it; returns (its report, rows as dictionaries with `t_us`, what it said)."""
+        """Ends it; returns (its report, rows as dictionaries with `t_us`, its output)."""
         if self.child.poll() is None:
             self.child.send_signal(signal.SIGTERM)
         _, said = self.child.communicate(timeout=20)
@@ -79,16 +79,16 @@ def wait_for(what, seconds=8.0):
 
 
 def pushed(log):
-    """Whether the emulator has received a force near the whole one."""
+    """Returns whether the emulator has received nearly the full force."""
     return log.exists() and any(abs(row[1][2]) > 0.9 * abs(FORCE[2]) for row in commands(log)[0][-20:])
 
 
 def expected(row):
-    """The force at the cursor, of a recorded tick: right, away, up."""
+    """Returns the force at the cursor in a recorded tick: right, away, up."""
     return [-row["force_x_N"], row["force_y_N"], -row["force_z_N"]]
 
 
 def in_setup(tmp, port):
-    """Runs --setup; returns (exit code, what it printed)."""
+    """Runs --setup; returns (exit code, its output)."""
     done = subprocess.run([str(BUILD / "bin/haptic-rt"), "--device", f"haply:0@127.0.0.1:{port}", "--setup", "--duration", "40"], capture_output=True, text=True, timeout=60)
     return done.returncode, done.stdout

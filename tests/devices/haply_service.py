@@ -1,8 +1,9 @@
-"""An emulator of Haply's Inverse Service, written from its published messages (docs.haply.co, "WebSocket Protocol", 3.5; the tutorials of 3.1 to 3.4).
+"""An emulator of Haply's Inverse Service, written from its published messages (docs.haply.co, "WebSocket Protocol", 3.5; the tutorials of 3.1 to
+3.4).
 
-The service speaks first (an inventory with config, state and status) and then answers each message with one state. Stricter than the service: a version
-takes its own key alone (`vector` since 3.5, `values` before), so that a driver that sends the other one feels no force. Its filters change the force until
-they are switched off. The cursor is a mass with friction that a hand holds: a spring and a damper to a target that moves up and down.
+The service speaks first (an inventory with config, state and status) and then answers each message with one state. Stricter than the service: each
+version accepts only its own key (`vector` since 3.5, `values` before), so a driver that sends the other one gets no force. Its filters change the
+force until they are switched off. The cursor is a mass with friction that a hand holds: a spring and a damper to a target that moves up and down.
 
     haply_service.py --port 0 --log FILE [--version 3.4] [--trouble late:50 --after 0.5] ...
 
@@ -112,7 +113,7 @@ def message(whole, begin_us):
 
 
 def obey(text):
-    """Carries out a message; returns whether the configuration is asked for."""
+    """Carries out a message; returns whether it requests the configuration."""
     global first_force_us
     told = json.loads(text)
     for entry in told.get("inverse3", []):

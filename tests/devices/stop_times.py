@@ -31,7 +31,7 @@ with tempfile.TemporaryDirectory() as top:
             row(device[:-2], trouble, test_libraries.in_trouble(tmp, top, device, trouble))
     for trouble in test_odrive.TROUBLES:
         if trouble == "flood":
-            continue  # true frames, fifty times over: no trouble
+            continue  # valid frames, fifty times as many: no trouble
         tmp = top / ("odrive" + trouble)
         tmp.mkdir()
         bench = test_odrive.Axes(tmp, "--trouble", trouble, "--after", "0.5")

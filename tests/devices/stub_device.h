@@ -1,5 +1,5 @@
-/* What both stub libraries share: a cursor that a hand holds, troubles by environment, a log. User axes: right, away,
- * up; m and N.
+/* Shared by both stub libraries: a cursor that a hand holds, troubles selected by environment variables, a log. User
+ * axes: right, away, up; m and N.
  *
  * STUB_LOG: file; lines "time_us,force x,y,z (N, user axes),cursor x,y,z (m)", "# broken RULE", "# trouble TIME".
  * STUB_TROUBLE: open, start, position, force, frozen, late, nonsense, still; STUB_AFTER: s from the first force. */
@@ -40,7 +40,7 @@ static int is_trouble(const char *name) {
     return set && strcmp(set, name) == 0;
 }
 
-/* Whether a trouble of the run has begun; the first time notes it. */
+/* Returns whether the selected trouble has begun; the first call after that logs its time. */
 static int in_trouble(const char *name) {
     static int noted;
     const double after_s = getenv("STUB_AFTER") ? atof(getenv("STUB_AFTER")) : 0.5;
@@ -54,7 +54,7 @@ static void pause_ms(long ms) {
     nanosleep(&t, NULL);
 }
 
-/* Stands still for 0.4 s, once. */
+/* Blocks for 0.4 s, once. */
 static void freeze(void) {
     if (!in_trouble("frozen") || frozen_us) return;
     frozen_us = now_us();

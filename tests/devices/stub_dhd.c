@@ -1,4 +1,5 @@
-/* A stub of libdhd: the documented calls. x towards the user, y right, z up; m. STUB_FALCON: the device is one. */
+/* A stub of libdhd with the documented calls. x towards the user, y right, z up; m. STUB_FALCON: the device is a
+ * Falcon. */
 #include <pthread.h>
 
 #include "stub_device.h"

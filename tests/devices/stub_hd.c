@@ -1,5 +1,5 @@
-/* A stub of libHD: the documented calls, of the order and the threads that OpenHaptics' manual asks for. x right, y up,
- * z towards the user; mm. */
+/* A stub of libHD with the documented calls; checks the order and the threads that OpenHaptics' manual requires. x
+ * right, y up, z towards the user; mm. */
 #include <pthread.h>
 #include <stdatomic.h>
 

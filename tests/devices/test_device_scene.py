@@ -1,4 +1,4 @@
-"""The demo's scene with a desk device: in lockstep with the twin of each, in real time with the emulator of Haply's service."""
+"""The demo's scene with a desk device: in lockstep with the virtual form of each device, and in real time with the emulator of Haply's service."""
 import csv
 import json
 import subprocess
@@ -32,7 +32,7 @@ kill -INT $sim; kill $service; wait
 
 @pytest.mark.skipif(not built_in(), reason="haptic-rt was built without libwebsockets (libwebsockets-dev)")
 def test_real_time_with_the_emulator(tmp_path):
-    """The force at the emulator is that of the controller's ticks, one after the other, to the last digit of the message."""
+    """The emulator's forces equal those of the controller's ticks, in order, to the last digit of the message."""
     text = RUN.format(bin=BUILD / "bin", scene=SCENE, tmp=tmp_path, python=sys.executable, here=HERE)
     subprocess.run([*NETWORK, "sh", "-c", text], timeout=60, check=False, capture_output=True)
     told = json.loads((tmp_path / "r.json").read_text())

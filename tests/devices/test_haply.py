@@ -9,7 +9,7 @@ from paths import BUILD
 
 HAPTIC = BUILD / "bin/haptic-rt"
 ENGAGED, FAULT = 3, 5
-QUANTUM_N = 0.5e-5 + 2e-6  # half the last digit of a command, and float
+QUANTUM_N = 0.5e-5 + 2e-6  # half the last digit of a command, and of a float
 STOP_MS = 50               # stated: docs/devices.md
 
 
@@ -29,7 +29,7 @@ def test_force_and_motion_arrive_with_their_units_and_signs(tmp_path, version):
     sent, _ = commands(log)
     ticks = iter(rows)
     tick, checked = next(ticks), 0
-    for time_us, wanted, _, _ in sent[:-1]:  # each is the force of a tick, of one after the other, and of none to come
+    for time_us, wanted, _, _ in sent[:-1]:  # each is the force of a tick, of increasing time, none from a later tick
         if not any(wanted):
             continue
         while max(abs(a - b) for a, b in zip(wanted, expected(tick))) > QUANTUM_N:
@@ -69,7 +69,7 @@ TROUBLES = ("killed", "frozen", "flood", "late:50", "nonsense", "silent", "close
 
 
 def in_trouble(tmp_path, trouble):
-    """Plays one; returns (ms until the controller's force is zero, ms until the last force at the emulator, report, rows, said)."""
+    """Plays one trouble; returns (ms until the controller's force is zero, ms until the last force at the emulator, report, rows, output)."""
     own = trouble in ("killed", "frozen")
     with emulator(tmp_path, *([] if own else ["--trouble", trouble, "--after", 0.8])) as (service, port, log):
         controller = Controller(tmp_path, f"haply:0@127.0.0.1:{port}", "--samples", samples(tmp_path))
@@ -90,7 +90,7 @@ def in_trouble(tmp_path, trouble):
     sent, told = commands(log)
     since = since if own else told
     late = [row[0] for row in sent if row[0] > since and any(row[1])]
-    if trouble == "frozen":  # a force may wait in its socket, one alone; what follows is zero until it engages anew
+    if trouble == "frozen":  # one force may wait in its socket; then all are zero until it engages again
         after = [row for row in sent if row[0] > since]
         assert sum(1 for row in after[:20] if any(row[1])) <= 1
         late = [row[0] for row in after[:20] if any(row[1])]
@@ -180,7 +180,7 @@ def test_the_tick_makes_no_system_call_for_it(tmp_path):
 
 
 def test_it_builds_without_the_library(root, tmp_path):
-    """The file without libwebsockets: it compiles, knows no call of that library, and says what is missing."""
+    """Builds the file without libwebsockets: it compiles, calls nothing of that library, and reports what is missing."""
     includes = [f"-I{root / folder}" for folder in ("", "haptic_rt", "haptic_rt/core", "haptic_rt/io", "libtensormass", "libtensormass/platform")]
     subprocess.run(["gcc", "-std=c11", "-D_GNU_SOURCE", "-Wall", "-Wextra", "-Werror", *includes, "-c", root / "haptic_rt/io/drive_haply.c", "-o", tmp_path / "haply.o"], check=True)
     assert "lws_" not in subprocess.run(["nm", tmp_path / "haply.o"], capture_output=True, text=True, check=True).stdout

@@ -1,5 +1,5 @@
-"""Checks the emulator of Haply's service by clients that this project did not write, or wrote otherwise than its driver: the maker's crate `haply`
-(long: it is fetched and built), and the loop of the maker's tutorials."""
+"""Checks the emulator of Haply's service by clients that are independent of the project's driver: the maker's crate `haply` (long form: it is fetched
+and built), and the loop of the maker's tutorials."""
 import asyncio
 import json
 import shutil
@@ -22,7 +22,7 @@ def test_the_tutorials_loop(tmp_path, version, key):
                 await socket.send(json.dumps({"inverse3": [{"device_id": name, "commands": {"set_cursor_force": {key: {"x": 0, "y": 0, "z": push}}}}]}))
                 state = json.loads(await socket.recv())["inverse3"][0]
                 assert "config" not in state and {"x", "y", "z"} == set(state["state"]["cursor_position"])
-            with pytest.raises(asyncio.TimeoutError):  # one state for each message, and no other
+            with pytest.raises(asyncio.TimeoutError):  # exactly one state per message
                 await asyncio.wait_for(socket.recv(), 0.2)
     with emulator(tmp_path, "--version", version) as (_, port, log):
         asyncio.run(play(port))

@@ -1,5 +1,5 @@
-"""haptic-rt with the makers' libraries libHD and libdhd, as stubs (stub_hd.c, stub_dhd.c) that implement the documented calls and note each one that is
-out of order or in the wrong thread. Units, signs, closing, and calls that fail, hang or lie."""
+"""haptic-rt with the makers' libraries libHD and libdhd, as stubs (stub_hd.c, stub_dhd.c) that implement the documented calls and log each call out
+of order or in the wrong thread. Units, signs, closing, and calls that fail, hang or return wrong values."""
 import os
 import subprocess
 
@@ -8,7 +8,7 @@ from drivekit import Controller, FORCE, expected, samples, wait_for
 from kit import NETWORK
 from paths import BUILD, ROOT
 
-HAPTIC = [*NETWORK, BUILD / "bin/haptic-rt"]  # in a network of its own: a device is claimed there, and tests run side by side
+HAPTIC = [*NETWORK, BUILD / "bin/haptic-rt"]  # in a network namespace: devices are claimed there, and tests run concurrently
 STOP_MS = 50  # stated: docs/devices.md
 KINDS = {"touch:0": ("hd", "TM_LIBHD", {}), "omega:0": ("dhd", "TM_LIBDHD", {}), "falcon:0": ("dhd", "TM_LIBDHD", {"STUB_FALCON": "1"})}
 
@@ -52,7 +52,7 @@ def test_force_and_motion_arrive_with_their_units_and_signs(tmp_path, stubs, dev
     assert "broken" not in notes, notes["broken"][:3]
     ticks = iter(rows)
     tick, checked = next(ticks), 0
-    for time_us, force, _ in sent:  # each is the force of a tick, of one after the other
+    for time_us, force, _ in sent:  # each is the force of a tick, of increasing time
         if not any(force):
             continue
         while max(abs(a - b) for a, b in zip(force, expected(tick))) > 1e-6:
@@ -76,7 +76,7 @@ TROUBLES = ("position", "force", "frozen", "late", "nonsense")
 
 
 def in_trouble(tmp_path, stubs, device, trouble):
-    """Plays one; returns (ms until the controller's force is zero, ms until the last force at the device, report, rows, said)."""
+    """Plays one trouble; returns (ms until the controller's force is zero, ms until the last force at the device, report, rows, output)."""
     sent, notes, report, rows, said = play(tmp_path, stubs, device, 2.4, STUB_TROUBLE=trouble, STUB_AFTER="0.8")
     assert "broken" not in notes, notes["broken"][:3]
     since = float(notes["trouble"][0].split()[2])

@@ -1,5 +1,5 @@
-"""haptic-rt with ODrive axes over CANSimple: the mock of the PyPI package odrive-can (odrive_axes.py), by the published DBC files of 0.5 and 0.6, on the
-virtual bus. Units, signs, modes, and axes that fail, hang or lie."""
+"""haptic-rt with ODrive axes over CANSimple: the mock of the PyPI package odrive-can (odrive_axes.py), by the published DBC files of 0.5 and 0.6, on
+the virtual bus. Units, signs, modes, and axes that fail, hang or send wrong values."""
 import math
 import os
 import signal
@@ -93,7 +93,7 @@ TROUBLES = ("killed", "frozen", "error", "nonsense", "short", "late", "flood")
 
 def in_trouble(bench, trouble):
     own = trouble in ("killed", "frozen")
-    for begun in range(4):  # a busy machine may start the mock too late for this start of the controller
+    for begun in range(4):  # on a busy machine the mock may start after the controller
         controller = bench.controller()
         try:
             wait_for(bench.pushed, 8)
@@ -125,7 +125,7 @@ def test_trouble_ends_the_torque(axes, trouble):
     bench = axes("--trouble", trouble, "--after", "0.5")
     controller_ms, device_ms, report, rows, said = in_trouble(bench, trouble)
     print(f"odrive {trouble}: controller {controller_ms:.1f} ms, at the axes {device_ms:.1f} ms, {report['state']} {report['fault']}")
-    if trouble == "flood":  # fifty times the frames, each of them true: the newest count, and the force goes on
+    if trouble == "flood":  # fifty times the frames, each of them valid: the newest counts, and the force continues
         assert report["fault"] == "none" and report["state"] == "engaged"
         return
     assert controller_ms <= STOP_MS and device_ms <= STOP_MS

@@ -1,4 +1,4 @@
-"""`haptic-rt --setup`, the push test of a new device: it proves right units and signs, and finds wrong ones."""
+"""`haptic-rt --setup`, the push test of a new device: it confirms correct units and signs, and finds wrong ones."""
 import re
 
 import pytest

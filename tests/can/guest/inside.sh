@@ -1,13 +1,13 @@
-# What the guest runs once the host's tree is its root:   dash inside.sh RUN_DIR
-# Brings up the buses, runs RUN_DIR/job.sh with OUT, a directory in the guest's memory, in its environment, and copies OUT to RUN_DIR/out. The host's files are written
-# nowhere else.
+# Runs inside the guest once the host's tree is its root:   dash inside.sh RUN_DIR
+# Brings up the buses, runs RUN_DIR/job.sh with OUT, a directory in the guest's memory, in its environment, and copies OUT to RUN_DIR/out. No file of the host is written
+# elsewhere.
 run=$1
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin
 mount -t devtmpfs dev /dev
 mount -t proc proc /proc
 mount -t sysfs sysfs /sys
 mkdir -p /dev/shm
-# Not over /tmp: the checkout itself may lie there.
+# Not over /tmp: the checkout itself may be there.
 mkdir -p "$run/memory" && mount -t tmpfs tmpfs "$run/memory" || exit 125
 mount -t tmpfs tmpfs /dev/shm
 mkdir -p "$run/memory/out"
