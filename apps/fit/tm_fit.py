@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Constants of a scene's materials from what was measured: least squares with 95 % intervals, their correlation, and a verdict where the data do not determine a constant."""
+"""Fits constants of a scene's materials to measurements: least squares with 95 % intervals, correlations, and a verdict on each constant that the data do not determine."""
 import argparse
 import hashlib
 import json
@@ -19,34 +19,34 @@ except ImportError:  # --help works without
     np = None
 
 SIM = BIN / "tm-sim"
-EPILOG = """Data are CSV files with a head line, SI units. A curve: each row is a rest of the scene that --row makes of it.
+EPILOG = """Data are CSV files with a header line, in SI units. A curve: --row sets the scene for each row, and the equilibrium is compared.
   tm-fit press.yaml --data press.csv --row 'supports[1].displace=[0, 0, -{depth_m}]' --compare 'force_N=-support top z' \\
          --fit 'tissue.materials.*.young=1 kPa..50 kPa' -o fit
-A series over time: --time names its column; the scene runs once for each trial.
+A series over time: --time names its column; each trial runs the scene once.
   tm-fit beam.yaml --data swing.csv --time t_s --compare 'tip_m=point tip z' --point tip=0.1,0.015,0.03 \\
          --fit 'viscosity.terms[0].shear=0.02..0.5' -o fit
-WHAT of --compare: support NAME AXIS (force on the tissue, N), point NAME AXIS (displacement, m), instrument N AXIS (N); '-' before it turns the sign.
-FOLDER gets index.html, fit.json and state.json. Interrupted, the same command goes on where it was (docs/fitting.md)."""
+WHAT of --compare: support NAME AXIS (force on the tissue, N), point NAME AXIS (displacement, m), instrument N AXIS (N); '-' before it changes the sign.
+Results are FOLDER/index.html, fit.json and state.json. After an interruption the same command continues (docs/fitting.md)."""
 
 
 def arguments(words=None):
     p = argparse.ArgumentParser(prog="tm-fit", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="a scene, with the law whose constants are sought")
-    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="where all of it goes")
-    p.add_argument("--fit", action="append", default=[], metavar="PATH=LOW..HIGH", help="a constant by its path in the scene, and its range; LOW..START..HIGH names where to begin; up to eight")
-    p.add_argument("--data", type=pathlib.Path, metavar="FILE", required=True, help="measured values, CSV with a head line")
-    p.add_argument("--row", action="append", default=[], metavar="PATH=TEXT", help="what a row of a curve sets in the scene; {column} stands for its value")
-    p.add_argument("--time", metavar="COLUMN", help="the data are a series over this column, s")
-    p.add_argument("--compare", action="append", default=[], metavar="COLUMN=WHAT", help="a measured column and what of the simulation it is")
-    p.add_argument("--point", action="append", default=[], metavar="NAME=X,Y,Z", help="a marker by its place at rest, m; it may stand off the tissue")
+    p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="scene with the law to fit")
+    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="folder for the results")
+    p.add_argument("--fit", action="append", default=[], metavar="PATH=LOW..HIGH", help="constant, by its path in the scene, and its range; LOW..START..HIGH also sets the start value; one to eight")
+    p.add_argument("--data", type=pathlib.Path, metavar="FILE", required=True, help="measured values, CSV with a header line")
+    p.add_argument("--row", action="append", default=[], metavar="PATH=TEXT", help="setting of the scene for each row of a curve; {column} is replaced by the row's value")
+    p.add_argument("--time", metavar="COLUMN", help="the data are a series over time, in this column, s")
+    p.add_argument("--compare", action="append", default=[], metavar="COLUMN=WHAT", help="simulated quantity to compare with a column: see WHAT below")
+    p.add_argument("--point", action="append", default=[], metavar="NAME=X,Y,Z", help="marker at this undeformed position, m; it may be outside the tissue")
     p.add_argument("--from-first", action="store_true", help="compare differences from the first row")
-    p.add_argument("--noise", action="append", default=[], metavar="COLUMN=SD", help="standard deviation of a column, 0.02 or 1%% of each value: what the values weigh [alike; columns by their size]")
-    p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="of every trial, as tm-sim's")
-    p.add_argument("--robust", action="store_true", help="outliers count less (soft L1)")
-    p.add_argument("--profile", action="store_true", help="profile the likelihood at the ends of all intervals [of badly determined ones]")
-    p.add_argument("--tolerance", type=float, default=1e-7, metavar="TOL", help="of each rest, relative residual [1e-7]")
-    p.add_argument("--again", action="store_true", help="forget what an earlier call has done")
-    p.add_argument("--quiet", action="store_true", help="no progress")
+    p.add_argument("--noise", action="append", default=[], metavar="COLUMN=SD", help="standard deviation of a column, 0.02 or 1%% of each value; sets its weight [equal within a column, columns by their size]")
+    p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="set a value of the scene in all trials, as in tm-sim")
+    p.add_argument("--robust", action="store_true", help="give outliers less weight (soft L1)")
+    p.add_argument("--profile", action="store_true", help="compute the likelihood profile at the ends of all intervals [of badly determined ones only]")
+    p.add_argument("--tolerance", type=float, default=1e-7, metavar="TOL", help="relative residual of each equilibrium [1e-7]")
+    p.add_argument("--again", action="store_true", help="ignore the saved trials of an earlier call")
+    p.add_argument("--quiet", action="store_true", help="do not print progress")
     p.add_argument("--version", action="version", version="tm-fit @VERSION@")
     return p.parse_args(words)
 

@@ -8,8 +8,8 @@ import test_haply  # noqa: E402
 import test_libraries  # noqa: E402
 import test_odrive  # noqa: E402
 
-SAYS = {"killed": "killed", "frozen": "stands still 0.4 s", "flood": "floods states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "answers nonsense",
-        "silent": "is silent", "close": "closes", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "an axis reports an error", "short": "frames cut short"}
+SAYS = {"killed": "killed", "frozen": "freezes for 0.4 s", "flood": "sends far too many states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "sends invalid values",
+        "silent": "sends nothing", "close": "closes the connection", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "an axis reports an error", "short": "frames cut short"}
 
 
 def row(device, trouble, result):
@@ -17,7 +17,7 @@ def row(device, trouble, result):
     print(f"| {device} | {SAYS[trouble]} | {controller_ms:.1f} | {device_ms:.1f} | {report['state'] if report['fault'] == 'none' else report['fault']} |", flush=True)
 
 
-print("| device | trouble | controller, ms | at the device, ms | afterwards |\n|---|---|---|---|---|")
+print("| device | failure | controller, ms | at the device, ms | afterwards |\n|---|---|---|---|---|")
 with tempfile.TemporaryDirectory() as top:
     top = pathlib.Path(top)
     test_libraries.build_stubs(top)

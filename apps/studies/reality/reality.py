@@ -136,7 +136,7 @@ def study(a):
 
 def draw(folder, found):
     """Writes index.html: the differences with the measurements' own spread, and the table."""
-    page = Page(folder, "Held to reality", "Bodies that others measured, and what the simulation makes of them. A fit uses one load; the other rows are predictions.")
+    page = Page(folder, "Comparison with measurements", "Bodies that other groups measured, simulated from their size, weight and load. Constants are fitted to one load; the other rows are predictions.")
     rows = [r for r in found["rows"] if not r["how"].startswith("fitted")]
     figure, axis = plt.subplots(figsize=(8, 0.9 + 0.34 * len(rows)), layout="constrained")
     at = np.arange(len(rows))[::-1]
