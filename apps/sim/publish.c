@@ -254,6 +254,7 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
             m.up[i][a] = s->axes[i].r[3 * a + 1];
         }
         memcpy(m.force_N[i], s->reaction[i].force_N, sizeof m.force_N[i]);
+        m.patch_age[i] = s->patch_valid[i] ? s->patch[i].age : -1;
         m.radius_m[i] = s->instrument_def[i].radius_m;
         m.roll_rad[i] = s->pose[i].roll_rad;
         m.grip[i] = s->pose[i].grip;

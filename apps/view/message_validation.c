@@ -95,6 +95,7 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
             return "an instrument's axis is not finite";
         if (!(m->radius_m[i] > 0 && m->radius_m[i] <= 0.1)) return "an instrument's radius is not in (0, 0.1] m";
         if (!all_within(m->force_N[i], 3, LARGE_N)) return "a force is not finite";
+        if (!all_within(&m->patch_age[i], 1, 1)) return "the age of a patch is not -1 or 0 to 1";
         if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10))
             return "roll or grip is not finite";
         if (m->device[i] < 0 || m->device[i] >= hrt_device_type_count)
@@ -113,6 +114,7 @@ static void read_instrument(view_instrument *t, const tensormass_sim_status_t *m
     memcpy(t->axis, m->axis[i], sizeof t->axis);
     memcpy(t->up, m->up[i], sizeof t->up);
     memcpy(t->force_N, m->force_N[i], sizeof t->force_N);
+    t->patch_age = m->patch_age[i];
     t->radius_m = m->radius_m[i], t->roll_rad = m->roll_rad[i], t->grip = m->grip[i];
 }
 

@@ -111,7 +111,9 @@ static void instrument_panel(pen p, view_layout *l, const view_instrument *t, in
     view_box(p.canvas, p.x - p.cap, top, right, bottom, 0.6f * p.cap, PANEL);
     view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap, bottom, 0.15f * p.cap, TOOL[i]);
     view_layout_take(l, p.x - p.cap, top, right, bottom);
-    write_at(&p, p.x, TOOL[i], "%s%s", hrt_mode_name(t->mode), t->mode == HRT_MODE_CAUTERY && t->active ? " ON" : "");
+    float after = write_at(&p, p.x, TOOL[i], "%s%s", hrt_mode_name(t->mode),
+                           t->mode == HRT_MODE_CAUTERY && t->active ? " ON" : "");
+    if (t->patch_age >= 0.005) write_at(&p, after + p.cap, GREY, "patch %.0f %% aged", 100 * t->patch_age);
     char force[32];
     snprintf(force, sizeof force, "%.2f N", vnorm(t->force_N));
     pen big = p;

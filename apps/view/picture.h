@@ -44,6 +44,7 @@ typedef struct view_instrument {
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
     double axis[3], up[3]; /* the device's pose at the trocar; zero: not reported */
     double force_N[3];     /* force on the tool, reported by the simulation */
+    double patch_age;      /* sim_status_t.patch_age; -1: none */
     /* From the controller, while its messages arrive. */
     bool has_controller;
     hrt_state state;

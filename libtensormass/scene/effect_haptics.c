@@ -114,8 +114,7 @@ static tm_status build(sim *s, const void *own) {
     tm_compliance_source source;
     tm_status rc = warn_of_coverage(s, o);
     if (rc) return rc;
-    const bool averaged_law = sim_law_line(s->scene) && sim_options(s->scene, "strain_smoothing");
-    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !averaged_law) {
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
         rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;

@@ -83,10 +83,6 @@ tm_status tm_compliance_factor_create(const tm_compliance_factor_def *def, tm_co
             error, TM_ERR_ARGUMENT, -1,
             "the compliance factor is to be corotational, and the tissue has no rotation; set rotation in the tissue's definition");
     const char *law = tms_nonlinear_law(def->tissue);
-    if (law && tm_tissue_smoothed_shear_share(def->tissue) >= 0)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "a compliance factor does not support the law %s with strain smoothing; leave the source out",
-                       law);
     tm_compliance_factor *f = tm_allocate(sizeof *f);
     if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance factor; use a coarser mesh");
     memset(f, 0, sizeof *f);

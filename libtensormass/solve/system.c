@@ -218,7 +218,9 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     if (!material) goto done;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         material[mesh->region[t]] = *tm_tissue_tet_material(whole, t);
-        material[mesh->region[t]].law = TM_LAW_LINEAR;
+        tm_material *m = material + mesh->region[t];
+        m->law_constant[TM_LAW_CONSTANTS - 1] = (double)m->law; /* averages still keep laws apart */
+        m->law = TM_LAW_LINEAR;
         any |= tm_tissue_tet_fibre(whole, t) != NULL;
     }
     if (any && !(fibre = tms_alloc_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;

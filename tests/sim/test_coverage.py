@@ -1,6 +1,7 @@
 """Patches at their sample rates: a patch comes with every sample in which a tool touches or grasps tissue, for any effects of the scene."""
 import os
 
+import lcm
 import pytest
 from simkit import report, run
 
@@ -12,6 +13,7 @@ RUNS = {
     "block-press": ("block-press", None, []),
     "block-cut": ("block-cut", 4, []),
     "block-cut, neo-Hooke": ("block-cut", 4, ["--set", "tissue.materials.*.law=neo-hooke"]),
+    "block-cut, neo-Hooke, averaged": ("block-cut", 3.2, ["--set", "tissue.materials.*.law=neo-hooke", "--set", "strain_smoothing={shear_share: 0}"]),
     "block-cut, every effect": ("block-cut", 4, EFFECTS),
     "liver-press": ("liver-press", None if LONG else 3, []),
     "liver-cut": ("liver-cut", None if LONG else 5.4, []),
@@ -34,6 +36,25 @@ def test_samples_on_tissue_carry_a_patch(bin, root, tmp_path, name):
     for instrument in r["coverage"]:  # each alone: a hand that feels nothing of its tissue is not helped by the other's patches
         assert instrument["carried"] >= 0.99 * instrument["touched"], r["coverage"]
         assert (0 < instrument["age_max"] < 0.1) if "neo-Hooke" in name else ("age_max" in instrument) == ("rotation=" in more or "lift" in name), r["coverage"]
+
+
+def ages_told(bin, root, tmp_path, types, *more):
+    r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--set", "haptics.rate=25", "--duration", "2 s",
+               "--set", "tissue.materials.*.law=neo-hooke", "--record", tmp_path / "log", *more, tmp=tmp_path)
+    return r["coverage"], [types.sim_status_t.decode(e.data).patch_age for e in lcm.EventLog(str(tmp_path / "log")) if e.channel == "SIM_STATUS"]
+
+
+def test_the_status_says_how_far_a_patch_has_aged(bin, root, tmp_path, types):
+    """Per frame what `coverage` has the largest of while tissue is touched; -1 without a patch."""
+    coverage, ages = ages_told(bin, root, tmp_path, types)
+    patched = [e.channel for e in lcm.EventLog(str(tmp_path / "log"))]
+    for i, instrument in enumerate(coverage):
+        own = [age[i] for age in ages if age[i] >= 0]
+        assert len(own) == patched.count(f"PATCH_{i}") and all(age[i] == -1 or 0 <= age[i] <= 1 for age in ages)
+        assert max(own, default=0) >= instrument["age_max"]
+    assert max(i["age_max"] for i in coverage) > 0
+    _, ages = ages_told(bin, root, tmp_path, types, "--set", "haptics.extrapolator=tangent")
+    assert set(ages) == {(-1, -1)}
 
 
 def test_lost_patches_are_counted(bin, root, tmp_path):

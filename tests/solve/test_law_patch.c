@@ -1,11 +1,13 @@
 /* Patches of tissue with a nonlinear law, pressed by 35 % of its height: the force at 500 Hz against re-solved rest, by
- * the columns of a shallow press and by those of the present tangent, with what the age says; after a cut; and by
- * conjugate gradients. */
+ * the columns of a shallow press and by those of the present tangent, with what the age says; after a cut; with
+ * averaged dilatation, whose tangent is compared with differences of the force; and by conjugate gradients. */
 #include "kit.h"
 
 #include "tensormass/cut.h"
+#include "world/world_internal.h"
 
-static const double SIDE_M = 0.06, HEIGHT_M = 0.03, RADIUS_M = 0.004, YOUNG_PA = 5e3, SHALLOW = 0.28, DEEP = 0.35;
+static const double SIDE_M = 0.06, HEIGHT_M = 0.03, RADIUS_M = 0.004, YOUNG_PA = 5e3, SHALLOW = 0.28,
+                    LESS_SHALLOW = 0.33, DEEP = 0.35;
 enum { MOVES = 6 };
 
 typedef struct pressed {
@@ -19,17 +21,18 @@ typedef struct pressed {
     tm_patch patch;
 } pressed;
 
-static pressed make(tm_law_kind law, int32_t iterations) {
+static pressed make(tm_law_kind law, int32_t iterations, bool averaged) {
     static const double constant[][TM_LAW_CONSTANTS] = {[TM_LAW_NEO_HOOKE] = {0}, [TM_LAW_FUNG] = {2e4}};
     pressed p = {0};
     fix_random random = {4};
     tm_error error;
-    tm_material m = kit_material(YOUNG_PA, 0.45);
+    tm_material m = kit_material(YOUNG_PA, averaged ? 0.49 : 0.45);
     fix_ok(tm_material_set_law(&m, law, constant[law], 0, &error), &error);
     m.damping_1_s = 60;
     p.mesh = fix_block((int[]){8, 8, 4}, (double[]){SIDE_M, SIDE_M, HEIGHT_M}, 0.15, &random);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = p.mesh, def.material_count = 1, def.material = &m, def.cuttable = true;
+    def.strain_smoothing = averaged, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &p.tissue, &error), &error);
     p.world = fix_world(p.tissue, true);
     uint8_t *fixed = calloc(3 * (size_t)p.mesh->vertex_count, 1);
@@ -170,10 +173,10 @@ static void cut_slit(pressed *p) {
 }
 
 /* Pressed farther, its columns have aged, and the patch says by how much. Twelve frames later they are new. */
-static void patch_follows_the_law(tm_law_kind law) {
-    pressed p = make(law, 0);
+static void patch_follows_the_law(tm_law_kind law, bool averaged) {
+    pressed p = make(law, 0, averaged);
     double tip_m[3], hold, force[3];
-    press(&p, SHALLOW, tip_m);
+    press(&p, averaged ? LESS_SHALLOW : SHALLOW, tip_m); /* an age above 10 % renews at once */
     settled(&p, tip_m, force);
     assert_true(tm_patch_compute(p.builder, 0, &p.patch) && p.patch.age == 0);
     press(&p, DEEP, tip_m);
@@ -186,10 +189,12 @@ static void patch_follows_the_law(tm_law_kind law) {
     nearest(&p, tip_m, four);
     const double fresh = off_by(&p, &deep, &hold), truly = difference(&old, &p.patch, four);
     print_message(
-        "%s: %.3f N; off by %.2f %% with aged columns, %.2f %% with new ones, hold %.1f %%; age %.3f, in truth "
+        "%s%s: %.3f N; off by %.2f %% with aged columns, %.2f %% with new ones, hold %.1f %%; age %.3f, in truth "
         "%.3f\n",
-        tm_law_name(law), norm(deep.force_N), 100 * stale, 100 * fresh, 100 * hold, said, truly);
-    assert_true(stale < 0.01 && fresh < 0.005 && fresh < stale && hold > 0.05);
+        tm_law_name(law), averaged ? ", averaged" : "", norm(deep.force_N), 100 * stale, 100 * fresh, 100 * hold, said,
+        truly);
+    const double most = averaged ? 2 : 1; /* a frame's press changes the stiffness by more at nu 0.49 */
+    assert_true(stale < 0.01 * most && fresh < 0.005 * most && fresh < stale && hold > 0.05);
     assert_true(p.patch.age == 0 && said > 0.02 && fabs(said - truly) < 0.1 * truly);
     cut_slit(&p);
     const truth cut = resolve(&p, tip_m);
@@ -197,20 +202,75 @@ static void patch_follows_the_law(tm_law_kind law) {
     assert_true(p.patch.topology_revision == tm_tissue_surface(p.tissue).revision);
     const double beside = off_by(&p, &cut, &hold);
     print_message("  beside a cut %.2f %%, age %.3f\n", 100 * beside, p.patch.age);
-    assert_true(beside < 0.008);
+    assert_true(beside < 0.008 * most);
     destroy(&p);
 }
 
 static void patches_follow_laws(void **state) {
     (void)state;
-    patch_follows_the_law(TM_LAW_NEO_HOOKE);
-    patch_follows_the_law(TM_LAW_FUNG);
+    patch_follows_the_law(TM_LAW_NEO_HOOKE, false);
+    patch_follows_the_law(TM_LAW_FUNG, false);
+}
+
+static void patches_follow_laws_with_averaged_dilatation(void **state) {
+    (void)state;
+    patch_follows_the_law(TM_LAW_NEO_HOOKE, true);
+    patch_follows_the_law(TM_LAW_FUNG, true);
+}
+
+/* The change of the world's force along d, by central differences. */
+static void difference_force(const pressed *p, const double *u_m, const double *d_m, double step, double *change_N) {
+    const tm_nonlinear *law = p->world->nonlinear;
+    const int32_t n = 3 * p->mesh->vertex_count;
+    double *at = malloc(sizeof(double) * 3 * (size_t)n), *force = at + n, *tensors = force + n;
+    memset(change_N, 0, sizeof(double) * (size_t)n);
+    for (int end = -1; end < 2; end += 2) {
+        for (int32_t i = 0; i < n; i++) at[i] = u_m[i] + end * step * d_m[i];
+        law->force(law->self, at, force);
+        tm_tissue_force(p->tissue, at, tensors);
+        for (int32_t i = 0; i < n; i++) change_N[i] += end * (force[i] + tensors[i]) / (2 * step);
+    }
+    free(at);
+}
+
+/* The tensors from which the factor is made, times a motion, are the change of the force: before and after a cut. */
+static void the_averaged_tangent_is_the_change_of_the_force(void **state) {
+    (void)state;
+    static const tm_law_kind laws[] = {TM_LAW_NEO_HOOKE, TM_LAW_FUNG};
+    for (int k = 0; k < 4; k++) {
+        pressed p = make(laws[k / 2], 0, true);
+        const int32_t n = 3 * p.mesh->vertex_count;
+        double tip_m[3], *d = malloc(sizeof(double) * 3 * (size_t)n), *by_tensors = d + n, *by_force = d + 2 * n;
+        fix_random random = {9};
+        tm_error error;
+        tm_tissue *part = NULL;
+        if (k % 2) cut_slit(&p);
+        press(&p, DEEP, tip_m);
+        tm_material linear = *tm_tissue_tet_material(p.tissue, 0);
+        linear.law = TM_LAW_LINEAR;
+        tm_tissue_def def = tm_tissue_def_default();
+        def.mesh = p.mesh, def.material_count = 1, def.material = &linear, def.alive = tm_tissue_alive(p.tissue);
+        def.strain_smoothing = true, def.smoothed_shear_share = 0;
+        fix_ok(tm_tissue_create(&def, &part, &error), &error);
+        const double *u_m = tm_world_state(p.world)->u_m;
+        fix_ok(tm_tissue_take_tangent(part, p.tissue, u_m, false, &error), &error);
+        for (int32_t i = 0; i < n; i++) d[i] = fix_signed(&random);
+        tm_tissue_force(part, d, by_tensors);
+        difference_force(&p, u_m, d, 1e-9, by_force);
+        const double off = kit_difference(by_tensors, by_force, n);
+        print_message("%s, averaged%s: tangent within %.1e of differences\n", tm_law_name(laws[k / 2]),
+                      k % 2 ? ", cut" : "", off);
+        assert_true(off < 1e-5);
+        tm_tissue_destroy(part);
+        free(d);
+        destroy(&p);
+    }
 }
 
 /* Pressed from a tenth to a third in one frame: the factor is renewed at once, or the patch would be 18 % off. */
 static void a_leap_renews_the_factor_at_once(void **state) {
     (void)state;
-    pressed p = make(TM_LAW_NEO_HOOKE, 0);
+    pressed p = make(TM_LAW_NEO_HOOKE, 0, false);
     double tip_m[3], hold, force[3];
     press(&p, 0.1, tip_m);
     settled(&p, tip_m, force);
@@ -225,7 +285,7 @@ static void a_leap_renews_the_factor_at_once(void **state) {
 /* Without a factor: columns of the present tangent, one by one; meanwhile the age says how far the others are off. */
 static void iterated_columns_follow_a_law(void **state) {
     (void)state;
-    pressed p = make(TM_LAW_NEO_HOOKE, 20);
+    pressed p = make(TM_LAW_NEO_HOOKE, 20, false);
     double tip_m[3], hold, force[3], told = 0;
     int calls = 0;
     press(&p, SHALLOW, tip_m);
@@ -246,8 +306,9 @@ static void iterated_columns_follow_a_law(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(patches_follow_laws),
-                                       cmocka_unit_test(a_leap_renews_the_factor_at_once),
-                                       cmocka_unit_test(iterated_columns_follow_a_law)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(patches_follow_laws), cmocka_unit_test(patches_follow_laws_with_averaged_dilatation),
+        cmocka_unit_test(the_averaged_tangent_is_the_change_of_the_force),
+        cmocka_unit_test(a_leap_renews_the_factor_at_once), cmocka_unit_test(iterated_columns_follow_a_law)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -263,6 +263,14 @@ void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, c
     differentiate_tet(h, tet, u_m, true, A);
 }
 
+void tm_hyperelastic_add_bend(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, int32_t tet,
+                              const double *u_m, double A[81]) {
+    double bend[81], pressure = 0;
+    for (int k = 0; k < 4; k++) pressure += averages->corotated_Pa[averages->domain[4 * (int64_t)tet + k]];
+    tm_hyperelastic_dilatation_hessian(h, tet, u_m, bend);
+    for (int i = 0; i < 81; i++) A[i] += averages->quarter_m3[tet] * pressure * bend[i];
+}
+
 /* --- the bound --- */
 
 static double largest_eigenvalue(double A[81]) {

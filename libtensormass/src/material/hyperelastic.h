@@ -60,6 +60,9 @@ double tm_hyperelastic_energy(const tm_hyperelastic *h, const double *u_m);
 double tm_hyperelastic_tet_energy(const tm_hyperelastic *h, int32_t tet, const double *u_m);
 /* Computes d2W/dF2 of one tetrahedron, symmetric 9x9, J. */
 void tm_hyperelastic_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
+/* A += the change of the dilatation's derivative, under the averaged pressures around the tetrahedron. */
+void tm_hyperelastic_add_bend(const tm_hyperelastic *h, const tm_nodal_dilatation *averages, int32_t tet,
+                              const double *u_m, double A[81]);
 /* Computes the second derivative of its dilatation by F. */
 void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
 

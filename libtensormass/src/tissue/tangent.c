@@ -281,25 +281,52 @@ static void drop_negative(double A[81]) {
     }
 }
 
-static bool take_law(tm_tissue *tissue, const tm_tissue *whole, const double *u_m, bool definite, tm_pool *pool) {
-    tm_material_field field = tm_tissue_field(whole);
+/* What the tangent of a law needs: its batches, and with averaged dilatation an evaluation at u. */
+typedef struct law_tangent {
     tm_hyperelastic hyper;
-    tm_tangent tangent = {0};
-    field.alive = tissue->alive;
-    if (!tm_hyperelastic_take(&hyper, pool, &field) || !tm_tangent_take_tensors(&tangent, pool, tissue)) return false;
-    tm_tangent_begin(tissue, &tangent);
-    for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {
+    tm_tangent tangent;
+    bool averaged;
+} law_tangent;
+
+/* The domains are those of `tissue`, whose tetrahedra are averaged, and which no other thread changes. */
+static bool evaluate_law(law_tangent *l, const tm_tissue *tissue, const tm_tissue *whole, const double *u_m,
+                         tm_pool *pool) {
+    tm_material_field field = tm_tissue_field(whole);
+    tm_nodal_dilatation averages;
+    field.alive = tissue->alive, field.smoothed = tissue->smoothed;
+    l->averaged = tissue->smoothed != NULL;
+    if (!tm_hyperelastic_take(&l->hyper, pool, &field)) return false;
+    const int32_t batches = l->hyper.packs.count;
+    if (!tm_nodal_dilatation_init(&averages, pool, &field, batches) ||
+        !tm_tangent_take_averaged(&l->tangent, pool, tissue, &averages))
+        return false;
+    if (!l->averaged) return true;
+    tm_viscous work = {.stress_J = TM_ALLOC(pool, double, 9 * TM_LANES * (int64_t)batches)};
+    if (pool->failed) return false;
+    tm_hyperelastic_evaluate(&l->hyper, &work, &l->tangent.nodal_dilatation, whole->plain, u_m);
+    return true;
+}
+
+static bool take_law(tm_tissue *tissue, const tm_tissue *whole, const double *u_m, bool definite, tm_pool *pool) {
+    law_tangent l = {0};
+    const int32_t tets = tissue->mesh->tet_count;
+    if (!evaluate_law(&l, tissue, whole, u_m, pool)) return false;
+    l.tangent.definite = definite;
+    tm_tangent_begin(tissue, &l.tangent);
+    if (l.averaged) tm_tangent_add_domains(tissue, 0, tets, &l.tangent);
+    for (int32_t t = 0; t < tets; t++) {
         double A[81], linear[81];
         tm_corotated_lane lane;
         if (!tissue->alive[t]) continue;
-        tm_hyperelastic_hessian(&hyper, t, u_m, A);
+        tm_hyperelastic_hessian(&l.hyper, t, u_m, A);
+        if (l.averaged) tm_hyperelastic_add_bend(&l.hyper, &l.tangent.nodal_dilatation, t, u_m, A);
         if (definite) drop_negative(A);
-        tm_rotation_lane_law(&hyper.packs, t, &lane);
+        tm_rotation_lane_law(&l.hyper.packs, t, &lane);
         tm_rotation_linear(&lane, linear);
         for (int i = 0; i < 81; i++) A[i] -= linear[i];
-        tm_tangent_add_tet(tissue, t, A, &tangent);
+        tm_tangent_add_tet(tissue, t, A, &l.tangent);
     }
-    write_tensors(tissue, &tangent);
+    write_tensors(tissue, &l.tangent);
     return true;
 }
 
@@ -307,10 +334,11 @@ tm_status tm_tissue_take_tangent(tm_tissue *tissue, const tm_tissue *whole, cons
                                  tm_error *error) {
     TM_REQUIRE(tissue && whole && u_m && tissue->mesh == whole->mesh,
                "tissue, whole or u_m is null, or the two have different meshes", TM_ERR_ARGUMENT);
-    if (!whole->stiffest_Pa || tissue->stiffest_Pa || tissue->smoothed || tissue->precision != TM_DOUBLE)
+    if (!whole->stiffest_Pa || tissue->stiffest_Pa || !tissue->smoothed != !whole->smoothed ||
+        tissue->precision != TM_DOUBLE)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "tangent of a nonlinear law: give linear tissue in double, without strain smoothing, and the "
-                       "tissue that has the law");
+                       "tangent of a nonlinear law: give linear tissue in double, with strain smoothing if and only if "
+                       "the tissue that has the law has it");
     tm_pool pool = {0};
     const bool good = take_law(tissue, whole, u_m, definite, &pool);
     tm_pool_release(&pool);

@@ -127,14 +127,6 @@ static bool take_tangent(const void *self, tm_tangent *tangent, tm_pool *pool) {
     return tm_tangent_take_averaged(tangent, pool, l->world->tissue, &l->averages);
 }
 
-/* A += the change of the dilatation's derivative, under the pressures around the tetrahedron. */
-static void add_bend(const law_stage *l, const tm_nodal_dilatation *s, int32_t tet, const double *u_m, double A[81]) {
-    double bend[81], pressure = 0;
-    for (int k = 0; k < 4; k++) pressure += s->corotated_Pa[s->domain[4 * (int64_t)tet + k]];
-    tm_hyperelastic_dilatation_hessian(&l->hyper, tet, u_m, bend);
-    for (int i = 0; i < 81; i++) A[i] += s->quarter_m3[tet] * pressure * bend[i];
-}
-
 static void add_tangent(const void *self, const double *u_m, int32_t begin, int32_t end, tm_tangent *tangent) {
     const law_stage *l = self;
     const tm_tissue *tissue = l->world->tissue;
@@ -147,7 +139,7 @@ static void add_tangent(const void *self, const double *u_m, int32_t begin, int3
         tm_corotated_lane lane;
         if (!l->hyper.packs.alive[t]) continue;
         tm_hyperelastic_hessian(&l->hyper, t, u_m, A);
-        if (is_averaged(l)) add_bend(l, &tangent->nodal_dilatation, t, u_m, A);
+        if (is_averaged(l)) tm_hyperelastic_add_bend(&l->hyper, &tangent->nodal_dilatation, t, u_m, A);
         tm_rotation_lane_law(&l->hyper.packs, t, &lane);
         tm_rotation_linear(&lane, linear);
         for (int i = 0; i < 81; i++) A[i] -= linear[i];
