@@ -1,4 +1,4 @@
-/* Shared by C tests: reproducible random numbers, block meshes, and short calls that make a tissue. */
+/* Shared by C tests: reproducible random numbers, block meshes, and short calls that create a tissue. */
 #ifndef TM_TEST_FIXTURE_H
 #define TM_TEST_FIXTURE_H
 
@@ -11,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <cmocka.h> /* needs some of the headers above */
+#include <cmocka.h> /* requires some of the headers above */
 
 #include "tensormass.h"
 
@@ -19,7 +19,7 @@ typedef struct fix_random {
     uint64_t state;
 } fix_random;
 
-/* Uniform in [0,1). */
+/* Returns a uniform number in [0,1). */
 static inline double fix_uniform(fix_random *random) {
     random->state += 0x9e3779b97f4a7c15ULL;
     uint64_t z = random->state;
@@ -29,12 +29,12 @@ static inline double fix_uniform(fix_random *random) {
 }
 static inline double fix_signed(fix_random *random) { return 2 * fix_uniform(random) - 1; }
 
-/* The status must be TM_OK; the message shows if not. */
+/* The status must be TM_OK; prints the message if not. */
 static inline void fix_ok(tm_status status, const tm_error *error) {
     if (status != TM_OK) fail_msg("%s: %s", tm_status_name(status), error->message);
 }
 
-/* Rows of a capsule against any triangles (tm_contact_find), with memory of this call alone. */
+/* Finds rows of a capsule against given triangles (tm_contact_find), with memory for this call only. */
 static inline int32_t fix_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                                const int32_t *candidate, int32_t count, const tm_capsule *capsule, double margin_m,
                                tm_contact_row *row, int32_t max_rows, bool *overflowed) {
@@ -47,8 +47,8 @@ static inline int32_t fix_find(const double *rest_m, const double *u_m, const in
     return found;
 }
 
-/* A block of cells[0] x cells[1] x cells[2] boxes, six tetrahedra each; inner vertices moved at random by `jitter`
- * times the cell. */
+/* Makes a block of cells[0] x cells[1] x cells[2] boxes, six tetrahedra each; inner vertices are moved at random by
+ * `jitter` times the cell. */
 static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], double jitter, fix_random *random) {
     static const int path[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 0}};
     const int nx = cells[0] + 1, ny = cells[1] + 1, nz = cells[2] + 1;
@@ -73,7 +73,7 @@ static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], dou
                     next[0] = x * stride[0] + y * stride[1] + z;
                     for (int i = 0; i < 3; i++) next[i + 1] = next[i] + stride[path[p][i]];
                     if (p < 3) continue;
-                    const int32_t swap = next[1]; /* odd paths turn the other way round */
+                    const int32_t swap = next[1]; /* odd permutations have the opposite orientation */
                     next[1] = next[2];
                     next[2] = swap;
                 }
@@ -90,7 +90,7 @@ static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], dou
     return mesh;
 }
 
-/* One tetrahedron given by its vertices. */
+/* Makes one tetrahedron from its vertices. */
 static inline tm_status fix_one_tet(const double vertex_m[12], tm_mesh **mesh, tm_error *error) {
     static const int32_t tet[4] = {0, 1, 2, 3};
     tm_mesh_def def = tm_mesh_def_default();
@@ -101,7 +101,7 @@ static inline tm_status fix_one_tet(const double vertex_m[12], tm_mesh **mesh, t
     return tm_mesh_create(&def, mesh, error);
 }
 
-/* The same fibre everywhere; free it. */
+/* Returns the same fibre for every tetrahedron; free it. */
 static inline double *fix_fibres(const tm_mesh *mesh, const double a[3]) {
     double *fibre = malloc(sizeof(double) * 3 * (size_t)mesh->tet_count);
     const double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
@@ -109,7 +109,7 @@ static inline double *fix_fibres(const tm_mesh *mesh, const double a[3]) {
     return fibre;
 }
 
-/* One material everywhere, uniform fibre `a` (null if isotropic). */
+/* Makes a tissue with one material and uniform fibre `a` (null if isotropic). */
 static inline tm_tissue *fix_tissue(const tm_mesh *mesh, const tm_material *material, const double a[3],
                                     tm_precision precision, bool cuttable) {
     double *fibre = a ? fix_fibres(mesh, a) : NULL;

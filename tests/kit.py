@@ -8,7 +8,7 @@ from typing import NamedTuple, Optional
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
-# Prefix of a command: runs it in a network namespace, with LCM on its loopback.
+# Prefix of a command that runs it in a network namespace, with LCM on its loopback.
 UNSHARE = ["unshare", "-n" if os.geteuid() == 0 else "-rn"]
 LOOPBACK = ["sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
 NETWORK = [*UNSHARE, *LOOPBACK]
@@ -31,7 +31,7 @@ def run(program, *arguments, code=0, env=None, timeout=600, cwd=None):
 
 
 def said(program, *arguments, **options):
-    """Runs as run(); returns stdout and stderr joined."""
+    """Like run(); returns stdout and stderr joined."""
     return "".join(run(program, *arguments, **options))
 
 

@@ -11,7 +11,7 @@ static inline bool test_is_long(void) {
     return text && strcmp(text, "1") == 0;
 }
 
-/* Under a sanitizer, ten times as slow: a few of many like cases are enough, the plain build runs them all. */
+/* A sanitizer is ten times as slow: some of many similar cases suffice, as the plain build runs all. */
 static inline bool test_is_sanitized(void) { return getenv("TM_SANITIZER") != NULL; }
 
 #endif

@@ -45,7 +45,7 @@ RUNNER = {"tensormass": "run_ours.py", "MuJoCo": "run_mujoco.py", "Newton": "run
 
 
 class Failed(Exception):
-    """Returns (kind, sentence) for a run without a result."""
+    """A run without a result: (kind, sentence)."""
 
 
 def arguments(words):

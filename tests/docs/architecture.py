@@ -12,7 +12,7 @@ EVERYWHERE = {"m", "dl", "pthread", "stdc++"}  # of the C and C++ run time
 
 
 def table(page, first):
-    """Rows of the table whose first column is headed `first`: the texts in backticks of each column."""
+    """Returns the rows of the table whose first column is headed `first`: the texts in backticks of each column."""
     lines = page.splitlines()
     at = next(i for i, line in enumerate(lines) if re.match(rf"\| {first} \|", line))
     rows = []
@@ -24,7 +24,7 @@ def table(page, first):
 
 
 class Page:
-    """Folders in the order of walls.md, what each may depend on, and the libraries it may link; the same of rooms."""
+    """Returns the folders in the order of walls.md, their permitted dependencies, and the libraries they may link; the same for rooms."""
     def __init__(self, text):
         self.leans, self.links, self.gives, self.room_leans = {}, {}, {}, {}
         for folders, _, leans, links in table(text, "folder"):
@@ -35,7 +35,7 @@ class Page:
         self.reach, self.room_reach = self.leans, self.room_leans
 
     def follow(self, found):
-        """A part that depends on a folder may use what its headers include: found, as includes() yields them."""
+        """Checks includes: code that depends on a folder may use what its headers include. found: as includes() yields them."""
         shown, found = collections.defaultdict(set), list(found)
         for name, _, target in found:
             a, b = self.folder_of(name), self.folder_of(target)
@@ -46,7 +46,7 @@ class Page:
         return self
 
     def rooms_shown(self, found):
-        """The same of rooms: who depends on a room may use those that the headers which it gives include, in the order of the table."""
+        """The same for rooms: users of a room may use the rooms that its public headers include, in the order of the table."""
         inside, reach = "libtensormass/src/", {}
         headers = {room: {inside + h for h in given} for room, given in self.gives.items()}
         for room, leans in self.room_leans.items():
@@ -57,7 +57,7 @@ class Page:
         return reach
 
     def reach_of(self, folder, shown):
-        """What the headers of the folders that it depends on include, and theirs."""
+        """Returns the folders that the headers of the folders it depends on include, transitively."""
         todo, found = [lean for lean in self.leans[folder] if lean in self.leans], set()
         while todo:
             new = shown[todo.pop()] - found
@@ -66,12 +66,12 @@ class Page:
         return found
 
     def beneath(self, folder):
-        """Every folder that its rows lead down to."""
+        """Returns every folder that its rows reach."""
         found = {lean for lean in self.reach[folder] if lean in self.leans}
         return found.union(*(self.beneath(f) for f in found)) if found else found
 
     def folder_of(self, path):
-        """The folder of the table that a path lies in: the longest one."""
+        """Returns the folder of the table that contains a path: the longest match."""
         inside = [f for f in self.leans if path == f or path.startswith(f + "/")]
         return max(inside, key=len) if inside else None
 
@@ -80,7 +80,7 @@ class Page:
         return match and match[1]
 
     def allows(self, a, b):
-        """May a file of `a` depend on one of `b` (paths)?"""
+        """Returns whether a file of `a` may depend on one of `b` (paths)."""
         fa, fb = self.folder_of(a), self.folder_of(b)
         if fa != fb:
             return fb in self.reach[fa] or b in self.reach[fa]
@@ -100,7 +100,7 @@ def include_paths(root):
 
 
 def includes(root, files):
-    """(file, line, file included), generated messages as files of lcm_types."""
+    """Yields (file, line, included file); generated messages count as files of lcm_types."""
     known, paths = set(files), include_paths(root)
     for name in files:
         for number, line in enumerate((root / name).read_text().splitlines(), 1):
@@ -115,7 +115,7 @@ def includes(root, files):
 
 
 def outside_includes(root, page, files):
-    """Sentences on includes that the page does not allow."""
+    """Returns sentences on includes that the page does not permit."""
     for name, number, target in includes(root, files):
         if page.folder_of(target) is None:
             yield f"{name}:{number}: \"{target}\" is in no folder of the table"
@@ -126,7 +126,7 @@ def outside_includes(root, page, files):
 
 
 def symbols(build, files):
-    """{file: (defined, undefined)} of the objects of these sources."""
+    """Returns {file: (defined, undefined)} symbols of the objects of these sources."""
     objects = {build / "obj" / (os.path.splitext(name)[0] + ".o"): name for name in files if not name.endswith(".h")}
     there = [o for o in objects if o.exists()]
     out = subprocess.run(["nm", "-A", "-P", *there], capture_output=True, text=True, check=True, timeout=400).stdout
@@ -142,7 +142,7 @@ def symbols(build, files):
 
 
 def uses(found):
-    """{(file, file that defines): symbols}. What several programs define each for itself is looked for in one's own folder."""
+    """Returns {(file, file that defines): symbols}. A symbol that several programs define is looked up in the file's own folder."""
     definers = collections.defaultdict(list)
     for name, (defined, _) in found.items():
         for symbol in defined:
@@ -156,13 +156,14 @@ def uses(found):
     return arrows
 
 
-# Folders of a library's sources: its public headers, and what exports them.
+# Folders of a library's sources: its public headers, and the file that exports symbols.
 PUBLIC = {"libtensormass/src": ("libtensormass/include", "libtensormass.so"), "libtensormass/io": ("libtensormass/io/include", "libtensormass_io.so"),
           "libtensormass/scene": ("libtensormass/scene/include", "libtensormass_scene.so")}
 
 
 def outside_uses(root, build, page, arrows):
-    """Sentences on symbols that the page does not allow. Of a library, others may use what a public header declares and the library exports."""
+    """Returns sentences on symbols that the page does not permit. Other folders may use what a library's public header declares and the library
+    exports."""
     exported, headers = set(), {}
     for include, library in PUBLIC.values():
         listed = subprocess.run(["nm", "-D", "--defined-only", build / "lib" / library], capture_output=True, text=True, check=True, timeout=300).stdout
@@ -180,7 +181,7 @@ def outside_uses(root, build, page, arrows):
 
 
 def circles(arrows):
-    """Groups of files each of which leads to every other (Tarjan)."""
+    """Returns groups of files that depend on each other in a cycle (Tarjan)."""
     after = collections.defaultdict(list)
     for a, b in arrows:
         if a != b:
@@ -209,7 +210,7 @@ def circles(arrows):
 
 
 def python_imports(package):
-    """{(module, module of the package that it imports)}, imports inside functions and for type checkers too."""
+    """Returns {(module, imported module of the package)}, including imports in functions and for type checkers."""
     arrows = set()
     for path in sorted(package.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
@@ -220,7 +221,7 @@ def python_imports(package):
 
 
 def link_lines(root):
-    """{target: (folders' objects, libraries)} of everything that make links, archives opened."""
+    """Returns {target: (folders' objects, libraries)} of everything that make links, with archives expanded."""
     run = subprocess.run(["make", "-Bn", "programs"], cwd=root, capture_output=True, text=True, timeout=400)
     assert run.returncode == 0, run.stderr
     parts, libraries = {}, {}
@@ -247,7 +248,7 @@ def link_lines(root):
 
 
 def outside_links(page, links):
-    """What is linked belongs to the folder of its first own object."""
+    """A linked target belongs to the folder of its first own object."""
     for target, (objects, own, libraries) in sorted(links.items()):
         own_path = re.sub(r"^.*?/obj/", "", own[0])
         home = page.folder_of(own_path)

@@ -1,4 +1,4 @@
-"""docs/adding-an-effect.md shows the effect that is built: the code equals the source, except for line breaks."""
+"""docs/adding-an-effect.md shows the effect that is built: the code equals the source except for line breaks."""
 import re
 
 from kit import effects
@@ -25,7 +25,7 @@ def test_what_it_names_is_there(root):
 
 
 def sources(root):
-    """(name, text) of the library, the programs and the Python package; an effect's own file and the table aside."""
+    """Returns (name, text) of the library, the programs and the Python package, except an effect's own file and the table."""
     for folder in ("libtensormass", "apps", "haptic_rt", "lcm_types", "python"):
         for path in sorted((root / folder).rglob("*")):
             if path.suffix in (".c", ".h", ".cpp", ".py") and not re.match(r"effects?[_.]", path.name):
@@ -33,14 +33,15 @@ def sources(root):
 
 
 def lists(text):
-    """Statements that name three effects or more as strings."""
+    """Returns statements that name three effects or more as strings."""
     names = {e.name for e in effects()}
     found = ({*re.findall(r"\"(\w+)\"", statement)} & names for statement in text.split(";"))
     return [sorted(named) for named in found if len(named) > 2]
 
 
 def test_no_list_of_effects_is_kept_by_hand(root):
-    """What goes over effects goes over the library's table. The core has members of definitions; studies are about some effects, each by a row of its own."""
+    """Code that loops over effects uses the library's table. The core has members of definitions; studies concern some effects, each in a row of its
+    own."""
     own = ("libtensormass/src/model", "apps/studies/accuracy/main.c", "apps/studies/accuracy/page", "apps/studies/stability/page.py", "apps/studies/evaluate/",
            "apps/studies/replay/replay.c")  # replay: phases of a session, three of which have an effect's name
     assert not {name: lists(text) for name, text in sources(root) if lists(text) and not name.startswith(own)}
@@ -48,7 +49,7 @@ def test_no_list_of_effects_is_kept_by_hand(root):
 
 
 def test_an_effect_is_known_by_its_own_file_alone(root):
-    """The page's example: nothing else of library, programs or Python names it."""
+    """The page's example: nothing else in library, programs or Python names it."""
     assert not [name for name, text in sources(root) if '"breathing"' in text]
     own = (root / "libtensormass/scene/effect_breathing.c").read_text()
     assert '.name = "breathing"' in own and ".example = " in own

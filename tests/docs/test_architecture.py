@@ -84,11 +84,11 @@ def test_the_page_is_an_overview_with_its_picture(root, tmp_path):
         assert any((root / under / name).exists() for under in ("", "libtensormass/include")), name
 
 
-# --- it would tell ---
+# --- planted faults are found ---
 
 @pytest.fixture
 def copy(root, tmp_path, page):
-    """The sources and what builds them."""
+    """Copies the sources and the build files."""
     for top in {folder.split("/")[0] for folder in page.leans} | {"tests", "tools"}:
         shutil.copytree(root / top, tmp_path / top, ignore=shutil.ignore_patterns("corpus", "reference", "__pycache__"))
     shutil.copy(root / "Makefile", tmp_path)

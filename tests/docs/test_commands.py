@@ -1,5 +1,5 @@
-"""Commands and links of the pages: every link is valid, every command line of README and docs/ names existing programs, options and targets, and its
-scenes are used as given."""
+"""Commands and links of the pages: every link is valid; every command line of README and docs/ names existing programs, options and targets, and
+scenes that load."""
 import os
 import re
 import shlex
@@ -12,7 +12,7 @@ sys.path.insert(0, "tools/reference")
 import help_text  # noqa: E402
 
 PROGRAMS = r"(?:build/bin/|\./)?(tm-[a-z]+|haptic-rt)"
-# Options of make's own, and of programs around ours.
+# Options of make itself, and of third-party programs.
 LEADING = re.compile(r"^(?:\$ |sudo |time |[A-Z_]+=\S+ |nice (?:-n ?\d+ )?|taskset \S+ (?:\S+ )?|chrt \S+ \d+ )+")
 
 
@@ -21,7 +21,7 @@ def pages(root):
 
 
 def anchors(text):
-    """As GitHub makes them of headings."""
+    """Returns a heading's anchor as GitHub forms it."""
     text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
     heads = re.findall(r"^#+ (.*)", text, re.M)
     return {re.sub(r"[^\w\- ]", "", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", h).lower()).replace(" ", "-") for h in heads}
@@ -44,7 +44,7 @@ def test_every_link_leads_somewhere(root):
 
 
 def commands(page):
-    """Command lines of a page: of its code blocks, and those in the text."""
+    """Returns the command lines of a page: of its code blocks, and inline ones."""
     text = page.read_text()
     for block in re.findall(r"^```(?:sh|bash|console|)\n(.*?)^```|((?:^    \S.*\n)+)", text, re.M | re.S):
         for line in re.sub(r"\\\n\s*", " ", "".join(block)).split("\n"):
@@ -54,7 +54,7 @@ def commands(page):
 
 
 def parts_of(line):
-    """The commands of a line, each as words; comments, redirections and what the shell does with them left out."""
+    """Returns the commands of a line as word lists, without comments, redirections and shell syntax."""
     line = LEADING.sub("", line.split("  #")[0].split(" # ")[0])
     for part in re.split(r" *(?:&&|\|\||;|(?<!\|)\|(?!\|)|(?<!\d)&) *", line):
         part = LEADING.sub("", part.strip())
@@ -66,7 +66,7 @@ def parts_of(line):
 
 @pytest.fixture(scope="module")
 def options(bin):
-    """Long and short options that each program's help tells of, its commands' too."""
+    """Returns the long and short options in each program's help, including its commands'."""
     known = {}
 
     def of(name):
@@ -118,7 +118,7 @@ def test_every_target_exists(root):
 
 
 def test_make_demo_opens_with_what_it_will_do(root, build, tmp_path):
-    """Before the first compiler line: what, how long, where, and what is built first."""
+    """`make demo` prints before the first compiler line: what runs, how long, where results are, and what is built first."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
     first = subprocess.run(["make", "-n", "--no-print-directory", "demo", f"BUILD={tmp_path}"], cwd=root, env=clean, capture_output=True, text=True, timeout=300).stdout.splitlines()[0]
     assert first.startswith("apps/demo/opening.sh")
@@ -128,7 +128,7 @@ def test_make_demo_opens_with_what_it_will_do(root, build, tmp_path):
 
 
 def test_scenes_are_taken_as_they_are_given(root, bin):
-    """tm-sim with a scene of the tree: its --set and --unset are those of the scene's keys. --check builds it and runs nothing."""
+    """Command lines of tm-sim with a scene of the tree: --set and --unset name keys of the scene. --check builds it and runs nothing."""
     tried = set()
     for page in pages(root):
         for line in commands(page):
@@ -136,7 +136,7 @@ def test_scenes_are_taken_as_they_are_given(root, bin):
                 scene = next((w for w in words[1:] if w.startswith("apps/scenes/") and (root / w).is_file()), None)
                 if not scene or not words[0].endswith("tm-sim"):
                     continue
-                # WORDS in capitals stand for what the reader has.
+                # WORDS in capitals stand for the reader's own files
                 pairs = [(w, words[i + 1]) for i, w in enumerate(words[:-1]) if w in ("--set", "--unset")]
                 sets = [w for pair in pairs if not re.search(r"=[A-Z]+$", pair[1]) for w in pair]
                 tried.add((scene, *sets))
@@ -147,7 +147,7 @@ def test_scenes_are_taken_as_they_are_given(root, bin):
 
 
 def test_every_guide_is_in_the_site(root):
-    """What `make docs` would find out at its end, of the one list that is written by hand: four kinds of pages, each page once."""
+    """Checks the one list of pages that is written by hand before `make docs` would: four kinds of pages, each page once."""
     index = (root / "tools/site/index.md").read_text()
     assert re.findall(r"^:caption: (.*)$", index, re.M) == ["Tutorial", "How-to", "Reference", "Explanation"]
     names = re.findall(r"^((?:tutorial/\d-)?[a-z][a-z-]*)$", index, re.M)
@@ -158,7 +158,7 @@ def test_every_guide_is_in_the_site(root):
 
 
 def test_no_page_says_a_thing_twice(root):
-    """Headings of a page are different: a section that a merge left twice goes stale in one of its places."""
+    """Headings of a page are unique: a section that a merge duplicated becomes outdated in one of its places."""
     for page in pages(root):
         headings = re.findall(r"^##+ .*$", page.read_text(), re.M)
         twice = {h for h in headings if headings.count(h) > 1}

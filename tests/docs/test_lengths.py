@@ -14,7 +14,7 @@ def sources(root):
 
 
 def functions(lines):
-    """(name, lines from its first to its brace): clang-format puts both braces of a function at the start or the end of a line."""
+    """Yields (name, lines from its first to its brace): clang-format puts both braces of a function at the start or the end of a line."""
     first = None
     for i, line in enumerate(lines):
         if line and not line[0].isspace() and not line.startswith(("}", "#", "/", "{")):

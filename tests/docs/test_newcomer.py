@@ -11,14 +11,14 @@ from kit import said as run
 
 
 def insert(path, row, new):
-    """`new` after `row`, which must be there once."""
+    """Inserts `new` after `row`, which must occur once."""
     text = path.read_text()
     assert text.count(row) == 1, f"{path} holds {text.count(row)} times, not once: {row}"
     path.write_text(text.replace(row, row + new))
 
 
 def compile_into(root, build, copy, program, sources, *libraries, flags=("-Wall", "-Werror")):
-    """As the Makefile does, `copy`'s headers before the real ones, so that a changed row is seen."""
+    """Compiles like the Makefile, with `copy`'s headers before the real ones, so that a changed row is seen."""
     names = re.search(r"^INCLUDES := (.*)$", (root / "Makefile").read_text(), re.M).group(1).replace("$(OUT)", str(build)).replace("-I", "").split()
     includes = [f"-I{folder / name}" for folder in (copy, root) for name in [*names, "haptic_rt/io", "libtensormass/scene", "apps/sim", "apps/studies/stability"]]
     run("cc", "-std=c11", "-D_GNU_SOURCE", "-O0", *flags, *includes, "-o", program, *sources, "-Wl,--start-group", *(build / "lib" / name for name in libraries), "-Wl,--end-group",
@@ -216,8 +216,8 @@ static const hrt_twin arm_twin = {
 
 
 def test_a_device_is_a_file_and_a_row(root, plain, tmp_path):
-    """A third device, in a copy where nothing else was touched: its description and geometry pass the others' tests, and the tick that is given anything
-    keeps every promise on it."""
+    """A third device in a copy with no other change: its description and geometry pass the other devices' tests, and the tick keeps every guarantee
+    on it for random input."""
     for folder in ("haptic_rt", "contact_law", "tests", "libtensormass/numeric"):
         shutil.copytree(root / folder, tmp_path / folder)
     (tmp_path / "haptic_rt/core/device_arm.h").write_text(DEVICE)
@@ -239,7 +239,7 @@ def test_a_device_is_a_file_and_a_row(root, plain, tmp_path):
 
 
 def test_nobody_else_knows_the_device(root):
-    """Its numbers and its geometry stand in its own file: nothing else includes that, or spells its joints in a string."""
+    """A device's numbers and geometry are in its own file: nothing else includes that file or names its joints in a string."""
     for folder in ("haptic_rt", "apps", "libtensormass/scene"):
         for path in sorted((root / folder).rglob("*.[ch]")):
             text = path.read_text()

@@ -1,4 +1,4 @@
-"""Pages as the site shows them: one top heading each, pictures that stand on white, comments of headers where they belong, no dead link."""
+"""Pages as the site shows them: one top heading each, pictures on a white ground, comments of headers in the right place, no dead link."""
 import html
 import os
 import re
@@ -13,7 +13,7 @@ def pages(root):
 
 
 def test_a_page_has_one_top_heading(root):
-    """The sidebar lists top headings: a second one would stand there as a page of its own."""
+    """The sidebar lists top headings: a second one would appear as a page of its own."""
     for page in pages(root):
         text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
         heads = re.findall(r"^# .*$", text, re.M)
@@ -28,7 +28,7 @@ def test_headings_do_not_skip_a_level(root):
 
 
 def test_pictures_stand_on_white(root):
-    """Dark lines without a ground would vanish in the dark theme."""
+    """Dark lines on a transparent ground would be invisible in the dark theme."""
     images = pytest.importorskip("PIL.Image")
     seen = 0
     for path in sorted((root / "docs/images").iterdir()):
@@ -51,7 +51,7 @@ def test_every_picture_is_on_a_page(root):
 
 
 def test_comments_of_headers_go_where_they_belong(root):
-    """The first comment is the file's; the title of a section is no comment of the line below it."""
+    """The first comment belongs to the file; a section title is not the comment of the line below it."""
     headers = [*sorted((root / "libtensormass").rglob("include/**/*.h")), root / "haptic_rt/core/hrt.h"]
     assert len(headers) > 15
     for header in headers:
@@ -61,7 +61,7 @@ def test_comments_of_headers_go_where_they_belong(root):
 
 
 def dead_links(folder):
-    """Returns "page: target" of each link and picture inside the folder that leads to no file or to no place in it."""
+    """Returns "page: target" for each link and picture inside the folder whose file or anchor does not exist."""
     texts = {path: path.read_text() for path in folder.rglob("*.html")}
     names = {path: {html.unescape(name) for name in re.findall(r'\bid="([^"]+)"', text)} for path, text in texts.items()}
     dead = []
@@ -85,7 +85,7 @@ def test_a_dead_link_would_be_seen(tmp_path):
 
 @pytest.mark.long
 def test_the_site_is_built_without_a_warning(root):
-    """Guides, headers, Python and man pages, one search; warnings are errors. Tables scroll in a frame of their own."""
+    """Builds guides, headers, Python and man pages with one search; warnings are errors. Tables scroll in their own frame."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
     run = subprocess.run(["make", "--no-print-directory", "docs"], cwd=root, env=clean, capture_output=True, text=True, timeout=1800)
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]

@@ -1,6 +1,5 @@
-"""docs/tutorial, typed as a reader types it: each chapter in a folder that looks like the source tree, its output compared with what the page shows.
-
-`make demo`, the first command of all, is run by tests/view/test_session.py (its driver) and whole by CI."""
+"""docs/tutorial, typed as a reader types it: each chapter in a folder that looks like the source tree, its output compared with the page. `make
+demo`, the first command, is run by tests/view/test_session.py (its driver) and completely by CI."""
 import re
 import sys
 

@@ -1,4 +1,4 @@
-"""docs/walks.md: each file they name is there, and named once."""
+"""docs/walks.md: each file that it names exists and is named once."""
 import re
 
 
@@ -14,7 +14,7 @@ def test_the_walks_name_each_file_once(root):
 
 
 def test_the_glossary_is_in_order(root):
-    """Each word once, ascending, and what it quotes is somewhere in the sources."""
+    """The glossary: each word once, ascending; each quoted name occurs in the sources."""
     page = (root / "docs/glossary.md").read_text()
     words = re.findall(r"^\| ([a-z' ]+) \|", page, re.M)[1:]
     assert len(words) > 25 and words == sorted(set(words), key=lambda w: w.replace("'", "")), [w for w, v in zip(words, sorted(words)) if w != v]

@@ -23,7 +23,7 @@ def found(text, pattern):
 
 
 def left_of(root, names, ending="", boundary=r"(?<![A-Za-z0-9_])(?:%s)(?![A-Za-z0-9_])", fold=lambda text: text):
-    """"file:line: write NEW instead of OLD" of each name; a text is searched line by line only where it holds one at all."""
+    """Returns "file:line: write NEW instead of OLD" for each name; searches a text line by line only if it contains one."""
     left = []
     for name, text in tracked(root):
         if name.endswith(ending):
@@ -60,7 +60,7 @@ def test_each_would_be_seen(tmp_path):
 
 
 def test_spelling(root):
-    """codespell with its own dictionary and the project's list of words that it does not know."""
+    """codespell with its own dictionary and the project's list of correct words that it does not know."""
     pytest.importorskip("codespell_lib", reason="the Python environment is older than tools/requirements.txt: make venv")
     names = [name for name, _ in tracked(root) if name.endswith((".c", ".h", ".cpp", ".hpp", ".py", ".md", ".sh", ".mk", ".lcm", ".yaml", "Makefile"))]
     run = subprocess.run([sys.executable, "-m", "codespell_lib", "--ignore-words", root / "tests/docs/spelling.txt", *names], cwd=root, capture_output=True,

@@ -1,7 +1,8 @@
-/* Steps an isotropic, undamped, gravity-free block, as tests/effects/test_plain_step.py asks, under callgrind.
- *   plain_step library|driver|returned FRAMES
- * library: the world's step. driver: force and integration written out by hand. returned: the library's step after
- * every effect was added and taken away again; prints the bytes that are left over. */
+/* Steps an isotropic, undamped, gravity-free block under callgrind, for tests/effects/test_plain_step.py.
+ *
+ * plain_step library|driver|returned FRAMES
+ * library: the world's step. driver: force and integration written by hand. returned: the library's step after every
+ * effect was added and removed again; prints the remaining bytes. */
 #include "../fixture.h"
 
 enum { SUBSTEPS = 25 };
@@ -19,7 +20,7 @@ static void by_hand(double *u, double *u_prev, double *u_next, double *f, const 
     }
 }
 
-/* Everything the library has, added and taken away. */
+/* Adds and removes all effects of the library. */
 static int64_t add_and_remove(tm_world *world) {
     const int64_t before = tm_memory_in_use();
     tm_error error;

@@ -65,7 +65,8 @@ def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
 
 
 def test_a_stiff_linear_body_runs_beside_a_soft_one_of_another_law(bin, root, tmp_path):
-    """The gall-bladder's bed is linear and twenty times as stiff; a press of the neo-Hookean rest runs, and nothing warns of the linear part."""
+    """The gall-bladder's bed is linear and twenty times as stiff as the neo-Hookean tissue around it; a press of that tissue runs, and no warning
+    concerns the linear part."""
     scene = tmp_path / "scene.yaml"
     text = (root / "apps/scenes/liver-press.yaml").read_text().replace("../../meshes", str(root / "meshes"))
     soft = '"*": {young: 10 kPa, poisson: 0.4, density: 1050 kg/m3'
@@ -76,7 +77,7 @@ def test_a_stiff_linear_body_runs_beside_a_soft_one_of_another_law(bin, root, tm
 
 
 def test_a_law_runs_with_averaged_changes_of_volume_and_viscosity(bin, root, tmp_path):
-    """The share of averaged shear is 0 where it is left out."""
+    """The share of averaged shear is 0 by default."""
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.replace("poisson: 0.45, density: 1000 kg/m3", "poisson: 0.4999, law: neo-hooke").format(root=root) + "strain_smoothing: {}\n" + EFFECT["viscosity"])
     assert "0.4999" in scene.read_text()
@@ -94,7 +95,7 @@ def test_a_law_asks_for_its_constants(bin, root, tmp_path, law, said):
 
 
 def test_turning_tissue_averages_no_shear(bin, root, tmp_path):
-    """rotation takes volume with its share at 0, which is what it has there where none is written."""
+    """rotation accepts strain smoothing with a shear share of 0, its default there."""
     scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["strain_smoothing"])
     lines = SCENE.count("\n")
     assert code == 2 and f"{scene}:{lines + 2}" in said and f"{scene}:{lines + 1}" in said and "shear_share: 0" in said, said

@@ -1,18 +1,18 @@
-"""The step of an isotropic, undamped, gravity-free scene calls no function of other effects and costs what force and integration cost. Effects that were
-added and removed leave neither instructions nor bytes. Counted by callgrind."""
+"""The step of an isotropic, undamped, gravity-free scene calls no function of other effects and costs as much as force and integration. Effects that
+were added and removed leave neither instructions nor bytes. Counted by callgrind."""
 import re
 import shutil
 import subprocess
 
 import pytest
 
-# What a plain step is made of; static helpers may or may not be inlined.
+# Functions of a plain step; static helpers may or may not be inlined.
 ALLOWED = re.compile(r"^(tm_world_step|substep|rotate|are_bounded|check_all|check_range|flush_denormals|all_parts|run_part|tm_partitions_\w+|tm_max_increment_m|tm_vertex_is_bounded|tm_stage_force|tm_stage_integrate|tm_stage_integrate_freeze_removed|tm_world_changes_few|tm_world_few_are_bounded|tm_force_pass|tm_tissue_force|tm_force_plain_double|halo_plain_double"
                      r"|_*mem(cpy|set|move).*|0x.*|main|__libc_start.*|\(below main\))$")  # the last three only call it
 
 
 def callgrind(program, tmp_path, mode, frames, *options):
-    """Instructions of each function by itself, and what the program said."""
+    """Returns the instructions of each function itself, and the program's output."""
     if not shutil.which("valgrind"):
         pytest.skip("valgrind is not installed; tools/setup.sh check")
     out = tmp_path / f"{mode}-{frames}"
@@ -42,7 +42,7 @@ def program(build):
 
 
 def ten_frames(program, tmp_path, mode, *options):
-    """Instructions of ten frames: what the set-up costs cancels in the difference."""
+    """Returns the instructions of ten frames: the difference of two runs, without set-up."""
     few, many = (callgrind(program, tmp_path, mode, frames, *options) for frames in (2, 12))
     return {name: many[0][name] - few[0].get(name, 0) for name in many[0]}, many[1]
 
@@ -67,7 +67,7 @@ def test_effects_come_and_go_without_a_trace(program, tmp_path):
     library, _ = ten_frames(program, tmp_path, "library", step)
     returned, left = ten_frames(program, tmp_path, "returned", step)
     assert int(left.splitlines()[0]) == 0
-    # memcpy chooses its way by the addresses it is given.
+    # memcpy selects its variant by address
     plain = {name: cost for name, cost in library.items() if "mem" not in name and cost}
     assert sum(plain.values()) > 1e7
     assert plain == {name: cost for name, cost in returned.items() if "mem" not in name and cost}

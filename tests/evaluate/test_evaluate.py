@@ -57,13 +57,13 @@ def test_signed_beats_unsigned_on_reversals(bin, root, logs, tmp_path):
     assert rms["position"] < rms["paper_position"]
 
 
-# --- logs of real time: samples come on the wall clock, ticks are the controller's own ---
+# --- logs of real time: samples arrive on the wall clock, ticks are on the controller's clock ---
 
 EPOCH_US = 1_700_000_000_000_000
 
 
 def rewrite(root, build, log, out, change):
-    """The log with change(event, message, type) for each of its messages; it returns [(timestamp, channel, bytes)]."""
+    """Copies the log with change(event, message, type) applied to each message; it returns [(timestamp, channel, bytes)]."""
     sys.path.insert(0, str(build / "python"))
     import lcm
     import tensormass_lcm
@@ -96,7 +96,7 @@ def test_two_clocks_change_no_figure(bin, root, build, logs, tmp_path):
 
 
 def test_a_wall_clock_that_is_set_and_messages_that_lag(bin, root, build, logs, tmp_path):
-    """Set back by an hour in the middle, every message up to 1 ms under way."""
+    """The clock is set back by an hour in the middle; every message takes up to 1 ms."""
     begin = []
 
     def change(event, message, kind):
@@ -118,7 +118,7 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
         if kind not in ("TOOL", "FORCE"):
             return first
         message.instrument = 1
-        if kind == "TOOL":  # a controller that ran for a second, on a clock of its own, before this one
+        if kind == "TOOL":  # an earlier controller that ran for a second, on a clock of its own
             ticks.append(event.timestamp)
             if len(ticks) < 500:
                 message.session, message.utime = 77, event.timestamp + 10**12
@@ -132,7 +132,7 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
 
 
 def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
-    """A session of `position` sends neither stiffness nor patches: what ran as `broyden` is not shown as theirs."""
+    """A session of `position` sends neither stiffness nor patches: `tangent` and `local_model` ran as `broyden` and are not shown under their names."""
     subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--set", "haptics.extrapolator=position", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "s.lcm"],
                    check=True, timeout=400, capture_output=True)
     run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=300)
@@ -176,13 +176,13 @@ def test_the_page_is_complete(page):
 
 
 def test_the_page_sets_aims_beside_figures(page):
-    """Each aim of what was run, with a verdict that follows from its two numbers; what hands notice first; ready times."""
+    """Each aim of the runs is listed with a verdict that follows from its two numbers; then the threshold of perception and the times of patches."""
     out, data = page
     aims = {a["what"]: a for a in data["aims"]}
     rms = {r["extrapolator"]: r["rms"] for r in data["rows"] if r["path"] == "tour" and r["latency_frames"] == 2 and abs(r["speed_m_s"] - 0.03) < 1e-9 and r["truth"] == "model"}
     fast = aims["contact on precomputed tissue at 0.03 m/s, 2 late"]
     assert fast["figure"] == pytest.approx(rms["position"] / rms["local_model"]) and fast["met"] == (fast["figure"] >= 30)
-    assert fast["figure"] > 27  # patches look as far ahead as a sample may be late: 30.7; 22 where two frames, 11 where one
+    assert fast["figure"] > 27  # patches look ahead as far as a sample may be late: 30.7; 22 if two frames, 11 if one
     rough = aims["the force itself, precomputed, 3 mm"]
     assert rough["met"] == (rough["figure"] <= 0.5) and rough["figure"] == pytest.approx(100 * data["roughness"][0]["largest"])
     html = (out / "index.html").read_text()
@@ -194,7 +194,7 @@ def test_the_page_sets_aims_beside_figures(page):
 
 
 def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
-    """Random cutting with `contact`: nothing above the truth's peak by more than a tenth, in time and late."""
+    """Random cutting with `local_model`: no force exceeds the reference's peak by more than a tenth, with samples in time and late."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=900)
     rows = json.loads((tmp_path / "c.json").read_text())["cutting"]
     contact = {(r["latency_frames"], r["instrument"]): r for r in rows if r["extrapolator"] == "local_model"}
@@ -205,7 +205,7 @@ def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
 
 
 def test_roughness_stays_within_the_aim(page):
-    """The force itself: 0.5 % of its peak a tick is the aim; measured 0.4 % and below."""
+    """Roughness of the force: the aim is 0.5 % of its peak per tick; measured 0.4 % and less."""
     for row in page[1]["roughness"]:
         assert row["p99"] < 0.005, row
 
@@ -218,7 +218,7 @@ def test_the_loop_is_stable_where_theory_says_so_and_further(page):
 
 
 def test_streaming_widens_what_a_hand_can_touch(page):
-    """Z-width, by hold: 3,074 N/m at 500 samples a second, 530 at 25 (short form), both near theory; damping in the wall helps where samples come fast."""
+    """Z-width with hold: 3,074 N/m at 500 samples a second, 530 at 25 (short form), both near theory; damping in the wall helps at high sample rates."""
     at = {(r["rate_Hz"], r["wall_N_s_m"]): r for r in page[1]["loop"]["z_width"] if not r["passivity"]}
     assert all(0.5 < at[rate, 0]["stiffness_N_m"] / at[rate, 0]["theory_N_m"] < 1.5 for rate in (25, 500))
     assert at[500, 0]["stiffness_N_m"] > 4 * at[25, 0]["stiffness_N_m"]
@@ -226,14 +226,14 @@ def test_streaming_widens_what_a_hand_can_touch(page):
 
 
 def test_each_desk_device_carries_what_theory_says(page):
-    """By its twin, at 500 samples a second; theory suffices for any passive hand, this one may be stable beyond it."""
+    """Measured by twins, at 500 samples a second. The theory is sufficient for any passive hand; this hand may be stable beyond it."""
     rows = {r["device"]: r for r in page[1]["loop"]["devices"]}
     assert set(rows) == {"inverse3", "omega"}
     assert all(0.5 < r["stiffness_N_m"] / r["theory_N_m"] < 2.5 for r in rows.values()), rows
 
 
 def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
-    """Measured 13.7 times hold's stiffness."""
+    """Measured 13.7 times the stiffness with hold."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)
     at = {r["extrapolator"]: r["stiffness_N_m"] for r in json.loads((tmp_path / "loop.json").read_text())["tissue-loop"]}
     assert 300 < at["hold"] < 2000 and at["local_model"] > 10 * at["hold"]
@@ -257,7 +257,7 @@ def test_bad_use(bin, tmp_path, arguments, says):
 
 
 def test_a_log_is_judged_by_its_own_device(bin, root, build, tmp_path):
-    """A desk gives 3.2 N, an Impulse Engine 8.9 N: how far a force is over the limit says whose was taken."""
+    """A desk device gives 3.2 N, an Impulse Engine 8.9 N: the force over the limit shows which device's limit was used."""
     log = tmp_path / "desk.lcm"
     subprocess.run([bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--quiet", "--set", "instruments[0].device=desk", "--set", f"recording.file={log}"],
                    check=True, timeout=300)
@@ -282,7 +282,7 @@ def test_a_log_without_samples_is_refused(bin, tmp_path):
 
 
 def test_a_scene_without_instruments_is_refused(bin, root, tmp_path):
-    """Scenes are taken from the working directory first: this one has nothing whose force could be replayed."""
+    """Scenes are first looked up in the working directory: this one contains nothing whose force could be replayed."""
     scene = tmp_path / "apps/scenes/liver-press.yaml"
     scene.parent.mkdir(parents=True)
     scene.write_text(f"""tissue: {{mesh: {root}/meshes/block_1k.msh, materials: {{tissue: {{young: 5 kPa, poisson: 0.4, density: 1050 kg/m3}}}}}}
@@ -294,9 +294,9 @@ time: {{frame_rate: 20 Hz, duration: 0.1 s}}
     assert not (tmp_path / "x.json").exists()
 
 
-# --- tissue that is cut or held while it is felt ---
+# --- tissue that is cut or grasped while it is touched ---
 
-HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid is costlier than both many times over
+HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid model costs many times more than both
 HELD = [word for model in HOLDING for word in ("--model", model)]
 
 
@@ -313,8 +313,8 @@ def hands(bin, root, once):
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_contact_feels_what_the_other_hand_cuts(hands, late):
-    """Measured 0.44, 0.21 and 0.14 of `position`'s error; a cut elsewhere is no jump at the hand. Without latency the samples of two rates of simulation
-    already differ by 0.36 % of the peak and patches from their samples by 0.7 %, of 1.84 % that `position` errs."""
+    """Measured 0.44, 0.21 and 0.14 of `position`'s error; a cut elsewhere causes no jump at the hand. Without latency, samples of two simulation
+    rates already differ by 0.36 % of the peak, and patches from their samples by 0.7 %; `position` errs by 1.84 %."""
     at = hands("other-hand-cuts", late)
     assert at["local_model"]["cut_true"] > 80 and at["local_model"]["cut_shared"] == at["local_model"]["cut_true"]
     assert at["local_model"]["rms"] < at["position"]["rms"] / (3 if late else 2) and at["tangent"]["rms"] < at["position"]["rms"]
@@ -329,8 +329,8 @@ def test_two_simulations_cut_nearly_the_same(hands):
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
-    """What was cut since the sample nobody at the hand can know; the rest is as true as ever, and what is learnt late comes softly. (Without latency one tick
-    jumps by 3.2 %, long after the last cut: a patch that differs from its sample by so much.)"""
+    """A cut after the sample cannot be known at the hand. The remaining force is as accurate as before, and late news is blended in. (Without latency
+    one tick jumps by 3.2 %, long after the last cut, where a patch differs from its sample by as much.)"""
     at = hands("same-hand-cuts", late)
     contact = at["local_model"]
     assert contact["cut_true"] > 80 and contact["cut_since_error2"] > 0.9 and contact["cut_since_ticks"] < 0.5
@@ -339,7 +339,7 @@ def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
 
 
 def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
-    """Exact columns come from a factor that is updated as tissue goes; in lockstep all of it is the same again."""
+    """Exact columns come from a factor that is updated as tissue is removed; in lockstep they are repeatable bit for bit."""
     subprocess.run([bin / "tm-evaluate", "--study", "--model", "isotropic", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=900)
     again = [r for r in json.loads((tmp_path / "again.json").read_text())["rates"]["rows"] if r["path"] == "same-hand-cuts"]
     assert len(again) >= 3 * len(NAMES)
@@ -374,7 +374,7 @@ def test_operating_scenes_have_every_law_rate_and_phase(operating):
 
 @pytest.mark.parametrize("name", ["hold", "time", "position", "broyden", "tangent", "local_model", "adaptive"])
 def test_more_samples_err_less_by_every_law_and_at_the_tick_rate_none_guesses(operating, name):
-    """Consistency: the error falls with the rate, and with a sample in every tick a law is `hold`."""
+    """Consistency: the error falls with the rate; with a sample in every tick each extrapolator equals `hold`."""
     for scene, mode in {(r["scene"], r["mode"]) for r in operating}:
         own = {(r["extrapolator"], r["rate_Hz"]): r["rms"] for r in operating if (r["scene"], r["mode"], r["latency_samples"]) == (scene, mode, 0)}
         rates = sorted({rate for _, rate in own})
@@ -383,30 +383,32 @@ def test_more_samples_err_less_by_every_law_and_at_the_tick_rate_none_guesses(op
 
 
 def test_what_streaming_reaches(operating):
-    """A sample late at the tick rate, by `hold`: aims of 0.5 % where tissue is held or pressed, 3 % under a cautery."""
+    """Samples at the tick rate, one late, with `hold`: aims of 0.5 % for grasped or pressed tissue, 3 % under a cautery."""
     late = {(r["scene"], r["mode"]): r["rms"] for r in operating if r["extrapolator"] == "hold" and r["rate_Hz"] == 500 and r["latency_samples"] == 1}
     assert all(rms <= (0.03 if mode == "cautery" else 0.005) for (_, mode), rms in late.items()), late
 
 
 def test_a_cut_that_fades_is_felt_evenly(operating):
-    """`cut.fade` 50 ms, a sample late at the tick rate: the cautery errs half as much (aim 1.5 %), jumps half as far, and the other hand as before."""
+    """`cut.fade` 50 ms, samples at the tick rate, one late: the cautery's error is half as large (aim 1.5 %), its jumps half as far, and the other
+    hand's force is as before."""
     at = {(r["scene"], r["mode"]): r for r in operating if r["extrapolator"] == "adaptive" and r["rate_Hz"] == 500 and r["latency_samples"] == 1}
     plain, faded = at["liver-dissect", "cautery"], at["liver-dissect, fade", "cautery"]
     assert faded["rms"] < 0.015 and faded["rms"] < 0.6 * plain["rms"], (plain["rms"], faded["rms"])
     assert faded["jump_true"] < 0.5 * plain["jump_true"]
-    assert faded["peak_N"] < 1.45 * plain["peak_N"]  # what fades is felt beside the surface that the tool meets behind it
+    assert faded["peak_N"] < 1.45 * plain["peak_N"]  # the fading force acts in addition to that of the surface behind the cut
     assert at["liver-dissect, fade", "grasper"]["rms"] < 0.005
 
 
 def test_frozen_directions_are_right_for_a_hold_and_a_small_motion(operating):
-    """SOFA's way beside `contact`: with a hold, which is linear, as true; on a probe that slides over faces several times worse, and better than `hold`."""
+    """SOFA's method compared with `local_model`: equally accurate for a grasp, which is linear; several times worse for a probe that slides over
+    faces, though better than `hold`."""
     at = lambda scene, mode, name: next(r["rms"] for r in operating if (r["scene"], r["mode"], r["extrapolator"], r["rate_Hz"], r["latency_samples"]) == (scene, mode, name, 25, 1))
     assert abs(at("liver-dissect", "grasper", "frozen") / at("liver-dissect", "grasper", "local_model") - 1) < 0.05
     assert 2 * at("liver-press", "probe", "local_model") < at("liver-press", "probe", "frozen") < 0.5 * at("liver-press", "probe", "hold")
 
 
 def test_adaptive_is_near_the_best_law_and_never_above_hold(operating):
-    """At 25 Hz, in every scene without fading cuts and at every latency, frozen directions apart."""
+    """At 25 Hz, in every scene without fading cuts and at every latency; frozen directions excepted."""
     for scene, mode in {(r["scene"], r["mode"]) for r in operating if "fade" not in r["scene"]}:
         for late in (0, 1, 2):
             rms = {r["extrapolator"]: r["rms"] for r in operating if (r["scene"], r["mode"], r["rate_Hz"], r["latency_samples"]) == (scene, mode, 25, late)}

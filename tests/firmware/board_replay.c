@@ -9,10 +9,10 @@ static int32_t in_file, out_file, cost_file;
 static int64_t now_us;
 static bool bus_ok = true;
 static uint32_t began[2];
-static uint32_t cost[2 * FW_DEVICES]; /* hrt_tick of each, the patch's check of each */
+static uint32_t cost[2 * FW_DEVICES]; /* instructions of hrt_tick of each device, then of the patch check of each */
 static void (*tick_handler)(void);
 
-/* ---- the next event, if it is of this kind and device ---- */
+/* ---- reads the next event if it has this kind and device ---- */
 
 static bool next_is(uint8_t kind, int32_t device) {
     return events.end - events.at >= 2 && events.at[0] == kind && (device < 0 || events.at[1] == device);
@@ -21,7 +21,7 @@ static void take_head(void) { events.at += 2; }
 
 /* ---- board.h ---- */
 
-/* Main reads a tick's events and runs the background on them, sleeps, the tick takes the rest in its interrupt. */
+/* Main reads a tick's events, runs the background on them and sleeps; the tick's interrupt uses the other events. */
 static void read_events(void) {
     uint32_t size;
     if (!semihost_read(in_file, &size, 4)) {

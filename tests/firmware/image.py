@@ -15,7 +15,7 @@ RESULT_FIELDS = (["state", "fault", "fault_detail", "limits", "motors_on"] + [f"
 
 
 def sections(map_path):
-    """[(section, bytes, object)] of everything kept in the image."""
+    """Returns [(section, bytes, object)] of everything kept in the image."""
     text = pathlib.Path(map_path).read_text()
     text = text[text.index("Linker script and memory map"):]
     found = re.findall(r"^ (\.[\w.$*]+|COMMON)\s+0x([0-9a-f]+)\s+0x([0-9a-f]+) (\S+)$", text, re.M)
@@ -25,12 +25,12 @@ def sections(map_path):
 
 
 def weigh(map_path):
-    """Bytes of flash by where they come from: core, can, firmware (start-up, loop, board), libraries (libm, libc, libgcc)."""
+    """Returns bytes of flash by origin: core, can, firmware (start-up, loop, board), libraries (libm, libc, libgcc)."""
     flash = {"core": 0, "can": 0, "libraries": 0, "firmware": 0}
     for name, size, obj in sections(map_path):
         if not re.match(r"\.(text|rodata|data|vectors|ARM\.ex)", name):
             continue
-        if ".ltrans" in obj:  # the core alone is linked as one (haptic_rt/firmware/module.mk)
+        if ".ltrans" in obj:  # the core alone is linked as one object (haptic_rt/firmware/module.mk)
             flash["core"] += size
         elif "/haptic_rt/can/" in obj:
             flash["can"] += size
@@ -53,7 +53,7 @@ def emulate(cpu, elf, directory, limit_s):
 
 
 def outputs(path):
-    """[(tick output as a dict) or (frame)] in order, from replay.out."""
+    """Returns [(tick output as a dict) or (frame)] in order, from replay.out."""
     data, at, parsed = pathlib.Path(path).read_bytes(), 0, []
     while at < len(data):
         kind, at = data[at], at + 1
@@ -65,9 +65,9 @@ def outputs(path):
 
 
 def symbol(elf, name):
-    """Address of a symbol, file-local ones too."""
+    """Returns the address of a symbol, including file-local ones."""
     for line in subprocess.run(["arm-none-eabi-nm", elf], capture_output=True, text=True, check=True).stdout.splitlines():
-        *address, _, found = line.split()  # what is undefined and weak has none
+        *address, _, found = line.split()  # undefined weak symbols have no address
         if address and found == name:
             return int(address[0], 16)
     raise AssertionError(f"{elf} has no symbol {name}")

@@ -1,4 +1,4 @@
-# The firmware in an emulator on recorded inputs, against the host: build/firmware/report.json.
+# Runs the firmware in an emulator on recorded inputs and compares it with the host: build/firmware/report.json.
 $(call firmware,replay,$(FW_SRC) $(patsubst %,tests/firmware/%.c,board_replay replay_format port_m semihost))
 
 # The host's reference: the same loop, replay and core, without the features that the images omit; one with patches and one

@@ -6,10 +6,10 @@
 #include "semihost.h"
 
 void port_start(void);
-void port_wait_tick(void); /* until the timer's next interrupt was served */
-void port_tick(void);      /* board_replay.c: what that interrupt does */
+void port_wait_tick(void); /* waits until the timer's next interrupt has been served */
+void port_tick(void);      /* board_replay.c: the work of that interrupt */
 uint32_t port_count(void);
-uint32_t port_since(uint32_t count); /* instructions since then; 0 where they cannot be counted */
+uint32_t port_since(uint32_t count); /* instructions since the start; 0 if they cannot be counted */
 _Noreturn void port_finish(void);
 _Noreturn void port_panic(const char *why);
 

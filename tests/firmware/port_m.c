@@ -1,5 +1,5 @@
-/* The emulated Cortex-M's port: SysTick at 25 MHz and, under `-icount shift=0`, one instruction a nanosecond: 40
- * instructions a count. */
+/* The emulated Cortex-M's port: SysTick at 25 MHz and, under `-icount shift=0`, one instruction per nanosecond: 40
+ * instructions per count. */
 #include "port.h"
 
 #include "firmware/loop.h"
@@ -17,8 +17,7 @@ void fw_systick(void) {
 
 void port_start(void) { systick_start(CORE_HZ, FW_PERIOD_US); }
 
-/* An interrupt before main slept would have been one that came while main was at work: a tick's work may take no longer
- * than that. */
+/* An interrupt before main sleeps would have arrived during main's work: the work of a tick must not take that long. */
 void port_wait_tick(void) {
     if (ticked) port_panic("a tick came before main had finished the last one's work");
     while (!ticked) __asm volatile("wfi");
@@ -27,7 +26,7 @@ void port_wait_tick(void) {
 
 uint32_t port_count(void) { return SYST_CVR; }
 
-/* SysTick counts down. One count more, since both ends are cut: an upper bound. */
+/* Reads SysTick, which counts down. Adds one count, as both ends are truncated: an upper bound. */
 uint32_t port_since(uint32_t count) {
     const uint32_t now = SYST_CVR, period = SYST_RVR + 1u;
     return ((count + period - now) % period + 1u) * INSTRUCTIONS_A_COUNT;

@@ -1,8 +1,9 @@
-/* Makes the recording that the firmware is replayed on:   record FILE TICKS VERTICES(0|12|24)
+/* Makes the recording on which the firmware is replayed:   record FILE TICKS VERTICES(0|12|24)
+ *
  * Two virtual devices with hands, a bus that loses, repeats and corrupts frames, and a simulation that presses them
- * into a bumpy elastic surface at 25 Hz, a frame late, with samples lost, doubled, overtaken and poisoned. Every
- * extrapolator gets its share of the ticks, with a fault, a silence of the simulation and a reset in between. What the
- * firmware's loop reads is written down. Seeded: the same file every time. */
+ * into a bumpy elastic surface at 25 Hz, a frame late, with samples lost, doubled, reordered and invalid. Every
+ * extrapolator gets its share of the ticks, with a fault, a silence of the simulation and a reset in between. All
+ * inputs of the firmware's loop are recorded. Seeded: the same file every time. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -49,8 +50,8 @@ static const float grid_m = 0.004f, depth_m = 0.1f, reach_m = 0.006f, compliance
 
 static float surface_z(float x, float y) { return depth_m + 0.0008f * sinf(300.f * x) * cosf(260.f * y); }
 
-/* A grid of nx by ny vertices around the tip, snapped to the surface's own, its compliance an exponential of distance
- * (positive definite). */
+/* Makes a grid of nx by ny vertices around the tip, aligned with the surface's own; its compliance is an exponential
+ * of distance (positive definite). */
 static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
     const int32_t nx = world.vertex_count == 12 ? 4 : 6, ny = world.vertex_count == 12 ? 3 : 4;
     const float x0 = grid_m * (roundf(tip_m[0] / grid_m) - 0.5f * (float)(nx - 1)),
@@ -84,8 +85,8 @@ static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
         }
 }
 
-/* Jaws that have closed near the tip and pull: the vertices follow it the less, the farther they are; the last one's
- * place is the tip's. */
+/* Models jaws that have closed near the tip and pull: a vertex follows the less, the farther it is; the last one is
+ * at the tip. */
 static void grasp(hrt_patch *patch, const float tip_m[3]) {
     static float own[HRT_PATCH_COMPLIANCE];
     const int32_t before = 3 * patch->vertex_count, n = before - 3;
@@ -112,7 +113,8 @@ static void grasp(hrt_patch *patch, const float tip_m[3]) {
     }
 }
 
-/* What a quasi-static simulation would say at this tip: the contact law on its own patch, stiffness by differences. */
+/* Computes the sample of a quasi-static simulation at this tip: the contact law on its own patch, stiffness by
+ * differences. */
 static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
     static float scratch[HRT_PATCH_COMPLIANCE];
     hrt_extrapolation *model = &world.simulation[index].model;
@@ -163,7 +165,7 @@ static void simulate(int32_t index) {
     world.simulation[index].ready = true;
 }
 
-/* ---- board.h: what the loop reads is written down ---- */
+/* ---- board.h: records the inputs of the loop ---- */
 
 void fw_board_start(void (*tick)(void)) { (void)tick; }
 void fw_board_sleep(void) {}
@@ -255,7 +257,7 @@ void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patc
 
 /* ---- hands ---- */
 
-/* Presses in, slides across the bumps, pulls out, comes back elsewhere: pitch, yaw, insertion. */
+/* Presses in, slides across the bumps, pulls out, returns elsewhere: pitch, yaw, insertion. */
 static const hrt_keyframe strokes[] = {
     {.time_s = 0.0, .joint = {0.00, 0.00, 0.092}},   {.time_s = 0.25, .joint = {0.02, 0.01, 0.104}},
     {.time_s = 0.6, .joint = {-0.03, 0.05, 0.105}},  {.time_s = 0.9, .joint = {0.05, 0.02, 0.106}},

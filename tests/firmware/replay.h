@@ -1,10 +1,11 @@
-/* Recorded inputs of the firmware's loop, and its outputs, as files: little-endian, packed field by field, the same on
- * every machine.
+/* Recorded inputs of the firmware's loop, and its outputs, as files: little-endian, packed field by field, the same
+ * on every machine.
  *
  * replay.in   per tick: uint32 size, then events: uint8 kind, uint8 device, body (kinds below)
- * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_RESULT and hrt_result field by field, in the order of
- * sending replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each
- * (0: none, or nobody counts) */
+ * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_RESULT and hrt_result field by field, in the order
+ * of sending
+ * replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each (0: no
+ * patch, or not counted) */
 #ifndef REPLAY_H
 #define REPLAY_H
 
@@ -14,7 +15,7 @@ enum { EVENT_FRAME = 1, EVENT_SAMPLE, EVENT_PATCH, EVENT_COMMAND, EVENT_BUS };
 enum { OUT_FRAME = 1, OUT_RESULT };
 enum { REPLAY_TICK_MAX = 28 * 1024 };
 
-/* Bytes read or written in turn; `failed` once it ran over its end. */
+/* A buffer that is read or written sequentially; `failed` is set once the end was exceeded. */
 typedef struct replay_bytes {
     uint8_t *at, *end;
     bool write, failed;

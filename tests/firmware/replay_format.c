@@ -18,7 +18,7 @@ void replay_u8(replay_bytes *bytes, uint8_t *value) { raw(bytes, value, 1); }
 
 static void number(replay_bytes *bytes, int32_t *value) { raw(bytes, value, 4); }
 
-/* Enums and bools have different sizes on different machines. */
+/* Writes enums and bools with a fixed size: their own differs between machines. */
 #define AS_NUMBER(bytes, type, field)                                                                                  \
     do {                                                                                                               \
         int32_t as_number = (int32_t)(field);                                                                          \
@@ -46,7 +46,7 @@ void replay_sample(replay_bytes *bytes, hrt_sample *sample) {
     raw(bytes, sample->stiffness_N_m, sizeof sample->stiffness_N_m);
 }
 
-/* Counts are written first and bound what follows; a firmware built for smaller patches reads none of a larger one. */
+/* Writes counts first, as they bound the arrays; a firmware built for smaller patches reads no larger one. */
 void replay_patch(replay_bytes *bytes, hrt_patch *patch) {
     raw(bytes, &patch->seq, 4);
     number(bytes, &patch->topology_revision);
@@ -88,7 +88,7 @@ void replay_result(replay_bytes *bytes, hrt_result *result) {
     AS_NUMBER(bytes, bool, result->motors_on);
     raw(bytes, result->torque, sizeof result->torque);
     raw(bytes, result->force_N, sizeof result->force_N);
-    raw(bytes, result->joint, 5 * sizeof *result->joint); /* the Impulse Engine's */
+    raw(bytes, result->joint, 5 * sizeof *result->joint); /* the Impulse Engine's joints */
     raw(bytes, result->tip_m, sizeof result->tip_m);
     raw(bytes, result->velocity_m_s, sizeof result->velocity_m_s);
     raw(bytes, &result->gain, 4);

@@ -1,4 +1,4 @@
-"""Collects what each replay left into build/firmware/report.json; as a program, prints it as a table."""
+"""Collects the results of each replay into build/firmware/report.json; as a program, prints them as a table."""
 import fcntl
 import json
 import os
@@ -7,7 +7,7 @@ import sys
 
 
 def collect(runs, firmware):
-    """`runs`: build/tests/firmware with CPU/VARIANT/report.json. Several test processes may do this at once."""
+    """Merges the reports. `runs`: build/tests/firmware with CPU/VARIANT/report.json. Several test processes may do this concurrently."""
     with open(firmware / ".report.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         found = {}

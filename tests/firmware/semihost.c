@@ -1,5 +1,5 @@
-/* Files of the host that emulates or debugs this machine, by Arm's semihosting calls. Only in test builds: a device has
- * no such host. */
+/* Files of the host that emulates or debugs this machine, by Arm's semihosting calls. Only in test builds: a device
+ * has no such host. */
 #include "semihost.h"
 
 enum { SYS_OPEN = 0x01, SYS_CLOSE = 0x02, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
@@ -21,7 +21,7 @@ int32_t semihost_open(const char *path, bool write) {
 
 bool semihost_read(int32_t file, void *to, uint32_t size) {
     const uint32_t arguments[3] = {(uint32_t)file, (uint32_t)(uintptr_t)to, size};
-    return call(SYS_READ, arguments) == 0; /* it answers with what is missing */
+    return call(SYS_READ, arguments) == 0; /* the reply is the number of missing bytes */
 }
 
 bool semihost_write(int32_t file, const void *from, uint32_t size) {

@@ -17,13 +17,13 @@ EXTRAPOLATORS = ["hold", "time", "position", "broyden", "tangent", "local_model"
 VARIANTS = {"plain": 0, "contact12": 12, "contact24": 24}
 TICKS = 35000 if LONG else 3500
 FIRMWARE = ROOT / "build" / "firmware"
-# Aims. Instructions and bytes are the same on every run and every host, so that they may be asserted.
+# Aims. Instructions and bytes are the same on every run and every host, so they are asserted.
 TICK_STACK, MAIN_STACK = 10 * 1024, 2 * 1024  # link.ld
 FLASH_CORE = {"plain": 16 * 1024, "contact12": 20.25 * 1024, "contact24": 20.75 * 1024}  # aim: 16 KiB
 RAM_DEVICE = 4 * 1024
 PATCHES = {"plain": 0, "contact12": 8 * 1024, "contact24": 24 * 1024}
 INSTRUCTIONS = 5000
-# Two devices, or one, in 200,000 a tick (aim: 60,000 and 150,000). The long recording holds tissue: there one tick of 12 vertices takes 112,000 (docs/firmware.md).
+# Two devices, or one, in 200,000 a tick (aim: 60,000 and 150,000). In the long recording tissue is grasped: there one tick of 12 vertices takes 112,000 (docs/firmware.md).
 CONTACT_INSTRUCTIONS = {"plain": 5000, "contact12": 120000 if LONG else 100000, "contact24": 150000}
 
 
@@ -40,7 +40,7 @@ def built():
 
 @pytest.fixture(scope="session")
 def recordings(built, once):
-    """variant -> (directory with replay.in, the host's replay.out), made by one worker for all."""
+    """Returns variant -> (directory with replay.in, the host's replay.out), made by one worker for all."""
     def make(directory, variant, vertices):
         subprocess.run([built / "record", directory / "replay.in", str(TICKS), str(vertices)], check=True, timeout=900)
         program = built / ("replay_plain" if variant == "plain" else "replay_contact")
@@ -51,7 +51,7 @@ def recordings(built, once):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_recording_covers(recordings, variant):
-    """A comparison of outputs is worth what the inputs reach."""
+    """The recording reaches every state and branch: otherwise equal outputs would prove little."""
     ticks = [values for kind, values in image.outputs(recordings[variant] / "replay.out") if kind == "output"]
     assert len(ticks) == DEVICES * TICKS
     for number, name in enumerate(EXTRAPOLATORS):
@@ -61,7 +61,7 @@ def test_recording_covers(recordings, variant):
 
 
 def compare(host, board):
-    """Largest difference of each field, None where the bytes are equal."""
+    """Returns the largest difference of each field, None if the bytes are equal."""
     if (host / "replay.out").read_bytes() == (board / "replay.out").read_bytes():
         return None
     a, b = image.outputs(host / "replay.out"), image.outputs(board / "replay.out")
@@ -79,7 +79,7 @@ def compare(host, board):
 
 
 def costs(board, host_ticks):
-    """{extrapolator: worst and median instructions of hrt_tick}, the worst check of a patch (below the tick)."""
+    """Returns {extrapolator: worst and median instructions of hrt_tick}, and the worst check of a patch (outside the tick)."""
     data = (board / "replay.cost").read_bytes()
     counts = list(struct.iter_unpack(f"<{2 * DEVICES}I", data))
     assert len(counts) * DEVICES == len(host_ticks)
@@ -115,13 +115,13 @@ def test_replay(built, recordings, cpu, variant):
     assert entry["flash_core_bytes"] < FLASH_CORE[variant]
     assert device_bytes < RAM_DEVICE + PATCHES[variant]
     assert all(cost["worst"] < INSTRUCTIONS for law, cost in by_law.items() if law not in ("local_model", "adaptive")), by_law
-    assert all(by_law[law]["worst"] < CONTACT_INSTRUCTIONS[variant] for law in ("local_model", "adaptive")), by_law  # without its memory `adaptive` runs as `local_model`
+    assert all(by_law[law]["worst"] < CONTACT_INSTRUCTIONS[variant] for law in ("local_model", "adaptive")), by_law  # without memory for its history, `adaptive` runs as `local_model`
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("cpu", image.MACHINE)
 def test_product_ticks(built, cpu, variant):
-    """The image without a test in it: ticks go on, and its watchdog, which would start it anew, stays quiet."""
+    """The image without test code: ticks continue, and its watchdog does not restart it."""
     elf = FIRMWARE / cpu / variant / "haptic_rt.elf"
     clock = [low for low, in image.peek(cpu, elf, [image.symbol(elf, "now_us")], 5, 0.2)]
     assert all(b > a for a, b in zip(clock, clock[1:])), clock

@@ -1,4 +1,4 @@
-"""tm-fit: constants from measured curves, their intervals, verdicts, and that it goes on where it was."""
+"""tm-fit: constants from measured curves, their intervals, verdicts, and continuation after an interruption."""
 import json
 import os
 import pathlib
@@ -87,7 +87,7 @@ def test_a_derivative_is_that_of_central_differences(bin, scene):
 
 
 def test_what_the_data_do_not_determine_is_said(bin, scene):
-    """At rest a share of relaxation and Young's modulus act as their product alone."""
+    """At rest only the product of Young's modulus and a share of relaxation is determined."""
 
     scene.write_text(LINEAR)
     sets = ["--set", "viscosity.terms=[{time: 0.1 s, shear: 0.2}]"]
@@ -175,7 +175,7 @@ def test_bad_data_are_refused_with_their_line(tmp_path, text, part):
 
 
 def covered(evaluate_of, truth, start, low, high, cases):
-    """Returns how often each constant's truth lies in its interval."""
+    """Returns how often each constant's true value is within its interval."""
     hits = np.zeros(len(truth), int)
     for seed in range(cases):
         x, residual, jacobian = statistics.fit(evaluate_of(seed), start, low, high)
@@ -185,7 +185,7 @@ def covered(evaluate_of, truth, start, low, high, cases):
 
 
 def test_intervals_of_a_formula_hold_the_truth(bin):
-    """Mooney-Rivlin in tension by its formula, 1 % noise, 400 seeds: 95 % is 380, and 363 three deviations less."""
+    """Mooney-Rivlin in tension by its formula, 1 % noise, 400 seeds: 95 % is 380; the limit of 363 is four standard deviations less."""
     stretch = np.linspace(1.05, 1.6, 12)
 
     def force(x):
@@ -201,11 +201,12 @@ def test_intervals_of_a_formula_hold_the_truth(bin):
         return evaluate
     truth = np.log([2.0, 1.0])
     hits = covered(evaluate_of, truth, np.log([1.0, 0.5]), np.log([0.1, 0.05]), np.log([20, 20]), 400)
-    assert hits.min() >= 363 and hits.max() < 397  # too wide intervals are wrong as well
+    assert hits.min() >= 363 and hits.max() < 397  # intervals that are too wide are wrong as well
 
 
 def test_intervals_hold_the_truth(bin, scene):
-    """The simulation itself, 1 % noise: the truth lies within the interval in at least 90 of 100 cases (ten here: eight, which 95 % misses once in 90)."""
+    """With the simulation itself and 1 % noise, the true value is within the interval in at least 90 of 100 cases (in the short form in 8 of 10,
+    which a correct 95 % interval misses once in 90)."""
     scene.write_text(LINEAR)
     cases = 100 if os.environ.get("TM_LONG") else 10
     depths = np.linspace(0.001, 0.006, 6)
@@ -226,7 +227,8 @@ def test_intervals_hold_the_truth(bin, scene):
 
 
 def test_a_remembered_bound_is_that_of_its_material(bin, scene):
-    """Steps follow the bound of the law: a bound of another material, or of one without strain_smoothing, would change them and the motion's last digits."""
+    """Steps depend on the bound of the law: the bound of another material, or of one without strain_smoothing, would change them and the last digits
+    of the motion."""
     def moves(trials, young, smoothed):
         sets = [f"tissue.materials.*.young={young} kPa", "supports[1].displace=[0, 0, -0.2 mm]", *(["strain_smoothing={}"] if smoothed else [])]
         return trials.ask(sets, duration_s=0.04, points_m=[[0.01, 0.01, 0.01]])["points_m"]
@@ -240,7 +242,7 @@ def test_a_remembered_bound_is_that_of_its_material(bin, scene):
 
 
 def test_without_scipy_help_works_and_a_fit_says_what_to_install(bin, scene):
-    """make install asks every program for its help, with the system's Python."""
+    """make install asks every program for its help with the system's Python."""
     (scene.parent / "alone").mkdir()
     alone = scene.parent / "alone/tm-fit"
     alone.write_text((bin / "tm-fit").read_text())

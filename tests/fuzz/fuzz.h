@@ -28,7 +28,7 @@ typedef struct fuzz_bytes {
     size_t left;
 } fuzz_bytes;
 
-/* Zeros when there is no more. */
+/* Reads from the input; zeros after its end. */
 static inline void fuzz_take(fuzz_bytes *b, void *out, size_t count) {
     size_t n = count < b->left ? count : b->left;
     memset(out, 0, count);
@@ -42,20 +42,20 @@ static inline uint8_t fuzz_u8(fuzz_bytes *b) {
     return x;
 }
 
-/* A copy of exactly the size, so that a read beyond is seen. */
+/* Returns a copy of exactly this size, so that a read beyond its end is detected. */
 static inline void *fuzz_copy(const void *data, size_t size) {
     void *copy = malloc(size + !size);
     if (size) memcpy(copy, data, size);
     return copy;
 }
 
-/* Where a target may write: run.py gives each run a folder of its own and removes it. */
+/* Returns the folder for a target's files: run.py gives each run its own and removes it. */
 static inline const char *fuzz_folder(void) {
     const char *folder = getenv("TM_FUZZ_DIR");
     return folder ? folder : "/dev/shm";
 }
 
-/* The input as a file that vanishes with the process; the name is good until the next call. */
+/* Writes the input to a file that is deleted with the process; the name is valid until the next call. */
 static inline const char *fuzz_file(const void *data, size_t size, const char *ending) {
     static char path[200], before[200];
     if (before[0]) unlink(before);
@@ -66,12 +66,12 @@ static inline const char *fuzz_file(const void *data, size_t size, const char *e
     return path;
 }
 
-/* n x n x n boxes of 10 mm / n, six tetrahedra each; arrays for the caller's mesh. Shared by targets that need a body.
- */
+/* Makes n x n x n boxes of 10 mm / n, six tetrahedra each, in the caller's arrays. Shared by targets that need a
+ * body. */
 typedef struct fuzz_body {
     tm_mesh *mesh;
     tm_tissue *tissue;
-    uint8_t *fixed; /* [3*vertex_count] z = 0 */
+    uint8_t *fixed; /* [3*vertex_count] fixed where z = 0 */
 } fuzz_body;
 
 static inline fuzz_body fuzz_block(int n, bool cuttable) {

@@ -1,8 +1,8 @@
-/* Random sequences of public calls: two worlds, each in its own thread and then both in one, dynamic or hybrid, with a
- * precomputed model; numbers that are not finite, removed tetrahedra, stages added and removed.
+/* Random sequences of public calls: two worlds, each in its own thread and then both in one, dynamic or hybrid, with
+ * a precomputed model; numbers that are not finite, removed tetrahedra, stages added and removed.
  *
- * No access is out of bounds, no value that is not finite enters, a failed step changes nothing, and two worlds are
- * independent: bit-identical in two threads and in one. */
+ * No access is out of bounds, no number that is not finite is accepted, a failed step changes nothing, and two
+ * worlds are independent: bit-identical in two threads and in one. */
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -13,13 +13,13 @@
 
 enum { CALLS = 32, CELLS = 2 };
 
-/* One world and what belongs to it; handles are null while their stage is not there. */
+/* One world and its objects; a handle is null while its stage is absent. */
 typedef struct actor {
     fuzz_bytes bytes;
     fuzz_body body;
     uint8_t *dynamic;
     tm_hybrid *hybrid;
-    tm_tissue *tissue; /* of the world: body's own, or the hybrid's */
+    tm_tissue *tissue; /* of the world: owned by body or by the hybrid */
     tm_world *world;
     tm_contact *contact;
     tm_grasp *grasp;
@@ -43,7 +43,7 @@ static const tm_instrument_def tools[2] = {
     {TM_TOOL_GRASPER, {0.005, 0.005, 0.1}, 0.002, 0.012, {.tip_m = {0.005, 0.005, 0.014}, .active = true}},
     {TM_TOOL_CAUTERY, {0.002, 0.002, 0.1}, 0.002, 0.012, {.tip_m = {0.002, 0.002, 0.014}, .active = true}}};
 
-/* --- numbers: small and sensible, or anything at all --- */
+/* --- numbers: small and plausible, or arbitrary --- */
 
 static double any_number(fuzz_bytes *b) {
     static const double odd[] = {NAN, INFINITY, -INFINITY, 1e300, -1e300, 0, -1, 1e-320};
@@ -133,7 +133,7 @@ static void close_actor(actor *a) {
     free(a->body.fixed), free(a->dynamic);
 }
 
-/* --- what is called --- */
+/* --- the calls --- */
 
 static void add_stage(actor *a, int which) {
     fuzz_bytes *b = &a->bytes;
@@ -207,7 +207,7 @@ static void check_finite(actor *a) {
     }
 }
 
-/* A displacement that is no number: the step fails and all is as before it. */
+/* Sets a displacement that is not a number: the step fails and the state is as before it. */
 static void spoil(actor *a) {
     const int32_t n = 3 * a->body.mesh->vertex_count;
     double *u = tm_world_state(a->world)->u_m;
@@ -230,7 +230,7 @@ static void spoil(actor *a) {
 }
 
 static void snapshot(actor *a) {
-    tm_world_step(a->world, 0); /* notices what was cut since: it stops what weighs nothing any more */
+    tm_world_step(a->world, 0); /* updates for cuts since the last call: vertices without mass stop */
     const int64_t bytes = tm_snapshot_bytes(a->world);
     void *buffer = malloc((size_t)bytes);
     PROMISE(tm_snapshot_save(a->world, buffer, bytes, NULL) == TM_OK);
@@ -255,7 +255,7 @@ static void stored_model(actor *a) {
         def.problem.tissue = a->body.tissue, def.problem.fixed = a->body.fixed, def.problem.threads = 1;
         def.contact = &contact, def.grasp = &grasp;
         tm_error error = {0};
-        /* Of what has been cut before it may be that nothing holds a part. */
+        /* After cuts a part may have no support. */
         const tm_status status = tm_precomputed_create(&def, &a->stored, NULL, &error);
         PROMISE(status == TM_OK || error.message[0]);
         if (status != TM_OK) return;

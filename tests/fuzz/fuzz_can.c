@@ -1,5 +1,5 @@
-/* Random CAN frames at random times to a controller and a device. Unpacked frames pack to the same bytes, torques are
- * finite and within the profile, and force is only in `engaged` and `stale`. */
+/* Random CAN frames at random times to a controller and a device. Unpacked frames pack to the same bytes; torques
+ * are finite and within the profile; force is only in `engaged` and `stale`. */
 #include <math.h>
 
 #include "device/device.h"
@@ -58,7 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     bool with_device = fuzz_u8(&b) & 1;
     for (int tick = 0; tick < 400 && b.left; tick++) {
         uint8_t what = fuzz_u8(&b);
-        now_us += what & 128 ? 2000 : (int64_t)(what & 15) * 700; /* time stands still, too */
+        now_us += what & 128 ? 2000 : (int64_t)(what & 15) * 700; /* time may stand still, too */
         for (int i = 0; i < (what >> 4 & 7); i++) {
             hrt_can_frame frame = take_frame(&b);
             round_trip(&frame);

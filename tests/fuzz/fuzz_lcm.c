@@ -1,5 +1,5 @@
-/* Undecoded messages to a running controller of haptic-rt: rejected or accepted, its torques stay finite and bounded.
- * For every kind, an accepted message encodes to the same bytes. */
+/* Undecoded messages to a running controller of haptic-rt are rejected or accepted; its torques stay finite and
+ * bounded. An accepted message of any kind encodes to the same bytes. */
 #include <math.h>
 
 #include "device/device.h"
@@ -34,7 +34,7 @@ static void start_loop(void) {
     now = 1000000;
 }
 
-/* Where every input begins: the device known, the controller idle. Everything is in these structs. */
+/* Initial state of every input: the device known, the controller idle. Everything is in these structs. */
 static struct warm {
     hrt_node node;
     hrt_device device;
@@ -57,7 +57,7 @@ static void run(int ticks) {
     }
 }
 
-/* A type's fingerprint, put in: guessing it is no test. */
+/* Inserts a type's fingerprint, which fuzzing could not guess. */
 static void set_fingerprint(app_message_kind kind, uint8_t *bytes, int size) {
     app_message none;
     app_message_empty(kind, &none);
@@ -120,14 +120,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     for (int message = 0; message < 8 && b.left; message++) {
         uint8_t head[4];
         fuzz_take(&b, head, sizeof head);
-        /* The corpus counts on this order; further kinds go behind it. */
+        /* The corpus depends on this order; append further kinds. */
         static const app_message_kind order[] = {APP_FORCE, APP_PATCH,  APP_HAND, APP_SIM_STATUS, APP_COMMAND,
                                                  APP_CUT,   APP_TISSUE, APP_TOOL, APP_CONTROLLER};
         app_message_kind kind = order[head[0] % (sizeof order / sizeof *order)];
         int bytes = (int)(head[1] | (head[2] & 63) << 8);
         app_message none;
         app_message_empty(kind, &none);
-        if (head[2] & 64) bytes = app_message_size(kind, &none); /* as long as a real one, the rest zero */
+        if (head[2] & 64) bytes = app_message_size(kind, &none); /* as long as a real message, the remainder zero */
         uint8_t *copy = malloc((size_t)bytes + !bytes);
         fuzz_take(&b, copy, (size_t)bytes);
         if (!(head[2] & 128)) set_fingerprint(kind, copy, bytes);

@@ -1,5 +1,6 @@
-/* Readers of mesh files: .vtk if the bytes begin with '#', .mesh with 'M', .vtu with '<', else .msh. Either a message
- * and no memory held, or a mesh with indices in range and distinct tags that a written copy reproduces. */
+/* Readers of mesh files: .vtk if the bytes begin with '#', .mesh with 'M', .vtu with '<', else .msh. Each returns
+ * either a message and no allocated memory, or a mesh with indices in range and distinct tags. A written copy reads
+ * the same. */
 #include "fuzz.h"
 #include "libtensormass/numeric/order.h"
 #include "tensormass_io.h"
@@ -28,7 +29,7 @@ static void look_over(const tm_mesh_file *m) {
     all_different(m->tet_tag, m->tet_count);
 }
 
-/* Finite coordinates come back to the bit, and so do the corners. */
+/* Finite coordinates are reproduced bit for bit, and so are the corners. */
 static void write_and_read(const tm_mesh_file *m, const char *ending) {
     char *text = NULL;
     size_t size = 0;
@@ -49,14 +50,15 @@ static void write_and_read(const tm_mesh_file *m, const char *ending) {
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     const char first = (char)(size ? data[0] : 0);
     const char *ending = first == '#' ? ".vtk" : first == 'M' ? ".mesh" : first == '<' ? ".vtu" : ".msh";
-    char *text = malloc(size + 1); /* exactly as long, so that a read beyond is seen */
+    char *text = malloc(size + 1); /* exact size, so that a read beyond its end is detected */
     tm_mesh_file mesh;
     tm_error error = {0};
     if (size) memcpy(text, data, size);
     text[size] = 0;
     if (tm_mesh_file_parse(ending, text, size, 1, &mesh, &error) == TM_OK) {
         look_over(&mesh);
-        if (strcmp(ending, ".msh") != 0) write_and_read(&mesh, ending); /* a name may hold what .msh cannot quote */
+        if (strcmp(ending, ".msh") != 0)
+            write_and_read(&mesh, ending); /* a name may contain characters that .msh cannot quote */
         tm_mesh_file_free(&mesh);
     } else
         PROMISE(error.message[0] && strchr(error.message, ';') && !mesh.vertex_m);

@@ -42,7 +42,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         uint8_t *packet = malloc((size_t)bytes + !bytes);
         fuzz_take(&b, packet, (size_t)bytes);
         static const uint8_t magic[4] = {'L', 'C', '0', '2'};
-        if (head[2] & 2) /* guessing it is no test */
+        if (head[2] & 2) /* fuzzing could not guess it */
             for (int i = 0; i < 4 && i < bytes; i++) packet[i] = (uint8_t)(magic[i] + (i == 3 && head[2] & 4));
         now_us += head[3] * 10000;
         app_udpm_packet(r, &from, packet, bytes, now_us);

@@ -14,7 +14,7 @@ static void floats(fuzz_bytes *b, float *out, int count, bool tame) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static hrt_patch patches[6]; /* one that is in use must not change */
+    static hrt_patch patches[6]; /* a sample in use must not change */
     static float scratch[HRT_PATCH_COMPLIANCE];
     fuzz_bytes b = {data, size};
     hrt_params params;
@@ -40,10 +40,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->radius_m = 0.0025f;
             patch->contact_compliance_m_N = 1e-4f;
             patch->contact_length_m = 0.05f;
-            patch->drag_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is refused */
-            patch->radiation_N_s_m = (float)fuzz_u8(&b) / 16; /* from 10 N s/m on it is refused */
+            patch->drag_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is rejected */
+            patch->radiation_N_s_m = (float)fuzz_u8(&b) / 16; /* from 10 N s/m on it is rejected */
             patch->radiation_s = (float)fuzz_u8(&b) / 1024;
-            patch->friction_static = (float)fuzz_u8(&b) / 64; /* above 2 it is refused, and sliding above static */
+            patch->friction_static =
+                (float)fuzz_u8(&b) / 64; /* above 2 it is rejected, and so is kinetic above static */
             patch->friction_kinetic = (float)fuzz_u8(&b) / 256;
             const int own = 3 * patch->vertex_count;
             if (what & 2) patch->grasped = patch->vertex_count < 31 ? 1u << patch->vertex_count | fuzz_u8(&b) : 1u;
@@ -51,11 +52,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             if (dofs > HRT_PATCH_DOFS) dofs = HRT_PATCH_DOFS;
             floats(&b, patch->vertex_m, dofs, what & 64);
             fuzz_take(&b, patch->triangle, sizeof patch->triangle);
-            if (what & 128) /* a diagonal one, which is accepted */
+            if (what & 128) /* a diagonal matrix, which is accepted */
                 for (int i = 0, at = 0; i < dofs; at += dofs - i, i++) {
                     const float size = (float)(1 + (fuzz_u8(&b) & 15));
                     patch->compliance_m_N[at] = i < own ? 1e-3f * size : -100.0f * size;
-                    for (int j = own; i < own && j < dofs; j++) /* how the vertices follow the tip */
+                    for (int j = own; i < own && j < dofs; j++) /* motion of the vertices per motion of the tip */
                         patch->compliance_m_N[at + j - i] = (float)(int8_t)fuzz_u8(&b) / 64;
                 }
             else

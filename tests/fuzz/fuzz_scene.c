@@ -33,7 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     bool writes = scene->mesh.s[0] == 0 || memmem(data, size, "file", 4) || memmem(data, size, "hybrid", 6) ||
                   memmem(data, size, "precomputed", 11);
     app_scene_free(scene);
-    if (writes) return 0; /* it names files of its own */
+    if (writes) return 0; /* it names its own files */
     char *set[] = {set_mesh, "tissue.scale=1"};
     rc = app_exit_code(sim_scene_load(path, set, 2, app_program_host(), &scene));
     PROMISE(rc == APP_DONE || rc == APP_BAD_INPUT);

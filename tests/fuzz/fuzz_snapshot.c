@@ -1,6 +1,6 @@
-/* Snapshots of a world with contact and cuts: rejected with the world unchanged, or accepted, and later steps are
- * finite. With a valid checksum, everything is mutated except the stages' own parts. Those are structs of the library,
- * which only the checksum protects (a snapshot is for the same build). */
+/* Snapshots of a world with contact and cuts are rejected with the world unchanged, or accepted, and later steps are
+ * finite. With a valid checksum everything is mutated except the stages' own data: those are structs of the library,
+ * protected only by the checksum (a snapshot is for the same build). */
 #include <math.h>
 
 #include "fuzz.h"
@@ -33,7 +33,7 @@ static uint64_t checksum(const uint8_t *snapshot, size_t bytes) {
 
 static size_t padded(size_t bytes) { return (bytes + 7) / 8 * 8; }
 
-/* Where the stages' parts begin. */
+/* Offset of the stages' own data. */
 static size_t stages_at(void) {
     int32_t surface;
     memcpy(&surface, (char *)good + SURFACE_AT, 4);
@@ -41,7 +41,7 @@ static size_t stages_at(void) {
            padded(4 * (size_t)surface);
 }
 
-/* The saved snapshot with what the input says written over it: pieces of (offset, length, bytes). */
+/* Makes the saved snapshot with changes from the input: (offset, length, bytes). */
 static uint8_t *patched(fuzz_bytes *b, size_t limit, size_t *size) {
     *size = (size_t)good_bytes;
     uint8_t *bytes = fuzz_copy(good, *size);

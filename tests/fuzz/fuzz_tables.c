@@ -1,5 +1,5 @@
-/* Small text files and words: device profiles, hand scripts, recorded samples, fibres, STL, quantities with units.
- * Rejected, or finite. */
+/* Small text files and values: device profiles, hand scripts, recorded samples, fibres, STL, quantities with units.
+ * They are rejected, or all results are finite. */
 #include <math.h>
 
 #include "app.h"

@@ -31,7 +31,7 @@ for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", mesh
 for name, how in (("vtu", {}), ("vtub", dict(how="binary", packed=True)), ("vtua", dict(how="appended", packed=True))):
     put("fuzz_mesh_text", name, vtk_xml.vtu(tiny(), **how))
 
-# two tetrahedra on one face, bytes for coordinates in mm
+# two tetrahedra with a common face, bytes as coordinates in mm
 put("fuzz_mesh", "two", bytes([1, 1, 0]) + bytes([0, 1, 2, 3, 1, 2, 3, 4]) + bytes([0, 0, 0, 10, 0, 0, 0, 10, 0, 0, 0, 10, 10, 10, 10]))
 put("fuzz_mesh", "one-raw", bytes([0, 0, 1]) + bytes([0, 1, 2, 3]) + struct.pack("<12d", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1))
 

@@ -1,5 +1,5 @@
-# libFuzzer targets. `make fuzz` builds all with clang for coverage (config=fuzz) and runs each for FUZZ_SECONDS. make check links them to the
-# AddressSanitizer build (config=asan), which exists anyway, and runs each for some thousand inputs: the seeds and unguided mutations.
+# Builds the libFuzzer targets. `make fuzz` builds all with clang for coverage (config=fuzz) and runs each for FUZZ_SECONDS. make check links them to the
+# AddressSanitizer build (config=asan), which it needs anyway, and runs each for some thousand inputs: the seeds and unguided mutations.
 FUZZ_SECONDS ?= 60
 #: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder, so many processor seconds each: build/fuzz/fuzz.json, findings in build/fuzz/findings/
 ifneq ($(config),fuzz)
@@ -27,6 +27,6 @@ $(OUT)/tests/fuzz/%: SAN := $(filter-out -fsanitize=fuzzer-no-link%,$(SAN)) -fsa
 FUZZ_OBJ := $(call objects,$(wildcard tests/fuzz/*.c))
 $(FUZZ_OBJ): INCLUDES += -Ihaptic_rt/io
 $(FUZZ_OBJ): BASE_CFLAGS += -fsanitize=fuzzer-no-link
-# LCM's header copies nothing to null for an empty array.
+# LCM's header calls memcpy with null for an empty array.
 $(OUT)/obj/lcm_types/%.o: BASE_CFLAGS += -fno-sanitize=nonnull-attribute
 endif

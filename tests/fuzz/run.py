@@ -1,12 +1,10 @@
-"""Runs the fuzz targets of a config=fuzz build and writes what they did as JSON.
+"""Runs the fuzz targets of a config=fuzz build and writes their results as JSON.
 
     run.py --build build/fuzz --seconds 60 [--runs N] [--jobs 2] [--more] [NAME...]
 
-Seconds are the processor's. --more adds to what the last run did.
-
-Seeds: tests/fuzz/corpus/NAME/ (committed, findings among them) and what earlier runs found (BUILD/corpus/NAME/). A finding is left in
-BUILD/findings/NAME/; the exit status is then 1. Kept findings belong into tests/fuzz/corpus/NAME/ once they are repaired.
-"""
+Seconds are processor time. --more adds to the results of the last run. Seeds: tests/fuzz/corpus/NAME/ (committed, with repaired findings) and inputs
+that earlier runs found (BUILD/corpus/NAME/). A finding is stored in BUILD/findings/NAME/; the exit status is then 1. Findings belong into
+tests/fuzz/corpus/NAME/ once they are repaired."""
 import argparse
 import concurrent.futures
 import json
@@ -23,7 +21,7 @@ ROOT = HERE.parent.parent
 
 
 def run_once(program, build, seconds, runs, seed):
-    """One start of a target: libFuzzer's `seconds` are the clock's. Returns its figures."""
+    """Starts a target once: libFuzzer's `seconds` are wall-clock time. Returns its figures."""
     name = program.name
     corpus, findings = build / "corpus" / name, build / "findings" / name
     corpus.mkdir(parents=True, exist_ok=True)
@@ -31,7 +29,7 @@ def run_once(program, build, seconds, runs, seed):
     seeds = HERE / "corpus" / name
     command = [program, "-print_final_stats=1", "-close_fd_mask=3", "-rss_limit_mb=1500", "-timeout=300", f"-artifact_prefix={findings}/", f"-seed={seed}"]
     command += [f"-runs={runs}"] if runs else [f"-max_total_time={seconds}"]
-    command += [corpus]  # first: libFuzzer writes what it finds new into it
+    command += [corpus]  # first: libFuzzer stores new inputs in it
     command += [seeds] if seeds.is_dir() else []
     dictionary = HERE / f"{name}.dict"
     command += [f"-dict={dictionary}"] if dictionary.exists() else []
@@ -60,7 +58,8 @@ def run_once(program, build, seconds, runs, seed):
 
 
 def run_one(program, build, seconds, runs, seed, commit, before):
-    """Starts again, from the corpus it has by then, until it had its processor seconds: others may want the processor too. `before`: figures to go on from."""
+    """Restarts the target from its grown corpus until its processor time is used: other programs may share the processor. `before`: figures to
+    continue from."""
     total = dict(before or {"inputs": 0, "new_units": 0, "cpu_seconds": 0.0})
     while True:
         figures = run_once(program, build, max(5, round(seconds - total["cpu_seconds"])), runs, seed)
@@ -88,7 +87,7 @@ def main():
         sys.exit(f"run.py: no fuzz targets in {build}; make fuzz-programs config=fuzz")
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
     figures = build / "fuzz.json"
-    results = json.loads(figures.read_text())["targets"] if (a.names or a.more) and figures.exists() else {}  # some: the others keep theirs
+    results = json.loads(figures.read_text())["targets"] if (a.names or a.more) and figures.exists() else {}  # only some were run: the others keep their figures
     ran = {}
     with concurrent.futures.ThreadPoolExecutor(a.jobs) as pool:
         for future in concurrent.futures.as_completed([pool.submit(run_one, f, build, a.seconds, a.runs, a.seed, commit, results.get(f.name) if a.more else None)

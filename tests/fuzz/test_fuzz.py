@@ -1,5 +1,5 @@
-"""Short fuzzing in every check: some thousand inputs a target from the committed seeds and findings and unguided mutations of them. TM_LONG=1: guided by
-coverage, a minute each."""
+"""Short fuzzing in every check: some thousand inputs per target from the committed seeds and findings, and unguided mutations of them. TM_LONG=1:
+guided by coverage, a minute each."""
 import json
 import pathlib
 import re
@@ -17,7 +17,8 @@ INPUTS = {"fuzz_mesh_text": 20000, "fuzz_mesh": 20000, "fuzz_sample": 15000, "fu
 
 @pytest.fixture(scope="session")
 def fuzz_build(make_config, long_run):
-    """A minute each: built for coverage, which guides. Some thousand inputs each: linked to AddressSanitizer's build, which is there anyway."""
+    """A minute each: built for coverage, which guides the fuzzer. Some thousand inputs each: linked to the AddressSanitizer build, which exists
+    anyway."""
     assert shutil.which("clang"), "clang is not installed; make check installs it"
     return make_config("fuzz" if long_run else "asan", "fuzz-programs")
 
@@ -39,5 +40,5 @@ def test_no_input_breaks_a_promise(target, fuzz_build, long_run, tmp_path):
     run = subprocess.run([sys.executable, str(HERE / "run.py"), "--build", str(out), "--jobs", "1", *how, target], capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stdout + run.stderr[-6000:]
     result = json.loads((out / "fuzz.json").read_text())["targets"][target]
-    # Without what guides, the edges are the target's own.
+    # Without coverage of the library, the edges are the target's own.
     assert result["inputs"] >= (1 if long_run else INPUTS[target]) and result["edges_covered"] > (50 if long_run else 15), result

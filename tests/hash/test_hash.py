@@ -1,4 +1,4 @@
-"""The golden hash: bit-identical from the library as built (gcc, optimised), from other compilers and optimisation levels, and in every run."""
+"""The golden hash: bit-identical results from the library as built (gcc, optimised), from other compilers and optimisation levels, and in every run."""
 import shutil
 import subprocess
 
@@ -6,8 +6,8 @@ import pytest
 from paths import BUILD, LONG
 
 COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-I.", "-Ilibtensormass/include", "-Ilibtensormass/src"]
-# Compilers with what they are told, and the config= of the Makefile that has a library of it. Every check compares the library as it ships with one that another
-# compiler built and hardly optimised, AddressSanitizer's; `make check-long` with clang's optimised one and with gcc's that is not optimised too.
+# Compilers with their options, and the Makefile's config= that has such a library. Every check compares the library as shipped with the AddressSanitizer build of another
+# compiler, which is hardly optimised; `make check-long` also with clang's optimised build and gcc's unoptimised one.
 BUILDS = {"built": (["gcc", "-O3", "-DNDEBUG"], "release"), "clang -O1": (["clang", "-O1", "-fsanitize=address,undefined"], "asan")}
 if LONG:
     BUILDS |= {"gcc -O0": (["gcc", "-O0"], None), "clang -O3": (["clang", "-O3", "-DNDEBUG"], "clang")}
@@ -28,7 +28,7 @@ def state_hash(root, once, make_config, name, story):
         assert build.returncode == 0, build.stderr[-4000:]
 
     program = once("hash-" + name.replace(" ", ""), compiled) / "state_hash"
-    runs = 2 if LONG or name == "built" else 1  # of the others each is compared with these
+    runs = 2 if LONG or name == "built" else 1  # the other effects are compared with these
     said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=900, check=True).stdout.strip() for _ in range(runs)]
     assert len(set(said)) == 1, f"{name}: two runs differ"
     assert len(said[0]) == 16

@@ -1,7 +1,6 @@
 """Prints the C interface: exported functions and data of the libraries, sizes of public structs. test_abi.py compares the list.
 
-    build/venv/bin/python tests/install/abi.py > tests/install/abi.txt
-"""
+    build/venv/bin/python tests/install/abi.py > tests/install/abi.txt"""
 import os
 import pathlib
 import re

@@ -1,4 +1,4 @@
-/* codegen.c by the wrapper. */
+/* The same frame as codegen.c, by the C++ wrapper. */
 #include "tensormass.hpp"
 
 extern "C" tm_status frame(tensormass::world_ref world, tensormass::contact_ref contact, const tm_tool_pose &to,

@@ -21,7 +21,7 @@ def test_interface_is_the_committed_one(build):
 
 
 def test_definition_structs_carry_their_size(root):
-    """Every struct with a cookie has its size beside it, and every _default function sets both."""
+    """Every struct with a cookie has its size as the next member, and every _default function sets both."""
     headers = "\n".join(h.read_text() for h in (root / "libtensormass/include").rglob("*.h"))
     assert headers.count("uint32_t cookie") == headers.count("uint32_t cookie, size;") > 10
     sources = "\n".join(s.read_text() for folder in ("src", "solve") for s in (root / "libtensormass" / folder).rglob("*.c"))

@@ -43,7 +43,7 @@ def run(*words, code=0, cwd=None):
 
 @pytest.fixture(scope="module")
 def moved(root, tmp_path_factory):
-    """A prefix that is not where it was installed, its libraries where Debian has them."""
+    """A prefix that was moved after installation, with its libraries where Debian has them."""
     folder = tmp_path_factory.mktemp("cmake")
     run("make", "--no-print-directory", "install-lib", f"PREFIX={folder}/first", f"LIBDIR={folder}/first/lib/x86_64-linux-gnu", cwd=root)
     (folder / "first").rename(folder / "second")
@@ -71,7 +71,7 @@ def test_an_empty_project_builds_and_runs(root, moved, tmp_path):
         run(tmp_path / "b" / f"block{kind}")
         assert "1176 tetrahedra" in run(tmp_path / "b" / f"press{kind}", root / "apps/scenes/block-press.yaml", "haptics")
         assert "1134 tetrahedra" in run(tmp_path / "b" / f"organ{kind}", root / "meshes/cylinder_1k.msh", fibres)
-    # A program that depends on solve alone finds the core beside it; one model's worth of running is enough.
+    # A program that depends on solve alone also finds the core; running one model is enough.
     assert "precomputed" in run(tmp_path / "b/models")
 
 
@@ -85,7 +85,7 @@ def test_versions_and_components(moved, tmp_path, what, pointer, answer):
 
 
 def test_nothing_installed_names_the_first_place(moved):
-    """Of what CMake and the loader go by; pkg-config files are looked up by their folder."""
+    """Searches the files that CMake and the loader use; pkg-config files use their folder."""
     first = str(moved.parent / "first").encode()
     holders = [p for p in moved.rglob("*") if p.is_file() and p.suffix not in (".pc", "") and "installed" not in p.parts and first in p.read_bytes()]
     assert not holders

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-pytestmark = pytest.mark.long  # builds packages, and a Debian to install them in
+pytestmark = pytest.mark.long  # needs tools to build packages, and a Debian to install them in
 
 USED = r"""
 set -ex

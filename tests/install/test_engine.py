@@ -1,5 +1,5 @@
-"""examples/engine: the library in an engine's loop, with its memory and jobs. Bit-identical for any number of workers; a frame allocates nothing; all
-memory is freed."""
+"""examples/engine: the library in an engine's loop, with the engine's memory and jobs. Bit-identical for any number of workers; a frame allocates
+nothing; all memory is freed."""
 import re
 import subprocess
 
@@ -14,7 +14,7 @@ def test_an_engine_has_organs(root, build, tmp_path, sanitizer):
 
     def engine(mesh, workers, code=0):
         run = subprocess.run([program, mesh, str(workers)], capture_output=True, text=True, timeout=400)
-        assert run.returncode == code, run.stderr  # 0 only where the arena got everything back
+        assert run.returncode == code, run.stderr  # 0 only if everything was returned to the arena
         return run.stdout + run.stderr
     alone, three = (engine(root / "meshes/liver_1k.msh", workers) for workers in (1, 3))
     assert alone == three == engine(root / "meshes/liver_1k.msh", 4)  # four: each step is divided among them

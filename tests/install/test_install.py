@@ -22,7 +22,7 @@ def prefix(root, once):
 
 
 def contents(folder):
-    """Every file and link below it, by its path from there."""
+    """Returns every file and link of a folder, by its path relative to it."""
     return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_symlink() or not p.is_dir()}
 
 
@@ -61,7 +61,7 @@ def test_the_core_needs_libc_and_libm_alone_and_exports_its_prefix_alone(prefix)
     needed = subprocess.run(["readelf", "-d", library], capture_output=True, text=True, check=True).stdout
     wanted = {line.split("[")[1].rstrip("]") for line in needed.splitlines() if "(NEEDED)" in line}
     assert wanted <= {"libc.so.6", "libm.so.6"}, wanted
-    # The second number breaks the interface until 1.0.
+    # The second number of the version breaks the interface until 1.0.
     assert "[libtensormass.so.0.2]" in needed and (prefix / "lib/libtensormass.so.0.2").exists()
     solve = subprocess.run(["readelf", "-d", prefix / "lib/libtensormass_solve.so"], capture_output=True, text=True, check=True).stdout
     assert "[libtensormass_solve.so.0.2]" in solve and "[libtensormass.so.0.2]" in solve
@@ -71,7 +71,7 @@ def test_the_core_needs_libc_and_libm_alone_and_exports_its_prefix_alone(prefix)
     imported = subprocess.run(["nm", "-D", "--undefined-only", library], capture_output=True, text=True, check=True).stdout
     for name in ("exit", "_exit", "printf", "puts", "fopen", "write"):
         assert f" {name}@" not in imported, f"the library calls {name}"
-    # The default contract handler alone prints and aborts.
+    # The default contract handler only prints and aborts.
     objects = subprocess.run(["nm", "-A", "--undefined-only", prefix / "lib/libtensormass.a"], capture_output=True, text=True, check=True).stdout
     loud = {line.split(":")[1] for line in objects.splitlines() if line.split()[-1] in ("abort", "fprintf", "fwrite", "stderr")}
     assert loud == {"base.o"}, loud
@@ -84,7 +84,7 @@ def test_installed_programs_run_away_from_the_tree(prefix, tmp_path):
 
 
 def test_installed_studies_find_their_references_and_scenes(prefix, tmp_path):
-    """tm-accuracy's answers of CalculiX and its models' scenes, from a folder that holds nothing."""
+    """tm-accuracy finds its CalculiX references and its models' scenes, run from an empty folder."""
     run = subprocess.run([prefix / "bin/tm-accuracy", "--quick", "--knob", "model", "--json", tmp_path / "a.json"], cwd=tmp_path, capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stderr
     model = json.loads((tmp_path / "a.json").read_text())["model"]
@@ -93,7 +93,7 @@ def test_installed_studies_find_their_references_and_scenes(prefix, tmp_path):
     assert run.returncode == 2 and "nowhere.json" in run.stderr
 
 
-# --- what the prefix holds ---
+# --- contents of the prefix ---
 
 
 def test_the_prefix_holds_what_a_user_needs(prefix, root):
@@ -101,7 +101,7 @@ def test_the_prefix_holds_what_a_user_needs(prefix, root):
     assert (share / "profiles/impulse_engine.profile").exists() and (share / "can/impulse_engine.dbc").exists()
     assert {p.name for p in (share / "lcm_types").iterdir()} == {p.name for p in (root / "lcm_types").glob("*.lcm")}
     assert {"LICENSE", "CHANGELOG.md", "README.md", "examples"} | {p.name for p in (root / "docs").glob("*.md")} <= {p.name for p in doc.iterdir()}
-    # A profile of the prefix serves the program of the prefix.
+    # An installed profile works with the installed program.
     run = subprocess.run([prefix / "bin/haptic-rt", "--profile", share / "profiles/impulse_engine.profile", "--params"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0 and "force_max_N" in run.stdout, run.stderr
     unit = (prefix / "lib/systemd/system/haptic-rt@.service").read_text()
@@ -142,7 +142,7 @@ int main(void) {
 
 
 def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
-    """Controller core, CAN codec and message types, from the prefix alone."""
+    """Controller core, CAN codec and message types, from the prefix only."""
     (tmp_path / "peer.c").write_text(PEER)
     libraries = [w for package in ("tensormass_hrt", "tensormass_lcm") for w in flags(prefix, "--cflags", "--libs", package=package)]
     subprocess.run(["gcc", "-Wall", "-Werror", tmp_path / "peer.c", "-o", tmp_path / "peer", *libraries], check=True)
@@ -154,7 +154,7 @@ def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
 
 
 def test_the_readmes_line_links_and_starts(prefix, root, tmp_path):
-    """As it stands but for the prefix: the loader finds the library by itself."""
+    """Unchanged except for the prefix: the loader finds the library by itself."""
     page = (root / "README.md").read_text()
     line = re.search(r"^cc .*pkg-config.*$", page, re.M).group(0)
     assert "/opt/tensormass" in line
@@ -164,7 +164,7 @@ def test_the_readmes_line_links_and_starts(prefix, root, tmp_path):
     assert subprocess.run([tmp_path / "simulator"], env=ENVIRONMENT, capture_output=True, timeout=300).returncode == 0
 
 
-# --- parts, places, and the way back ---
+# --- parts, places, and uninstalling ---
 
 
 def test_uninstall_takes_what_was_installed_and_nothing_else(root, tmp_path):
@@ -179,7 +179,7 @@ def test_uninstall_takes_what_was_installed_and_nothing_else(root, tmp_path):
     assert {f"{libdir}/libtensormass.so", f"{libdir}/pkgconfig/tensormass.pc", "include/tensormass.h"} <= installed
     assert not any(p.startswith("lib/lib") for p in installed)
     assert f"libdir={prefix}/{libdir}\n" in (image / libdir / "pkgconfig/tensormass.pc").read_text()
-    # A file of theirs among ours, and one that an older version had.
+    # A file of the user's among ours, and one of an older version.
     (image / "include/tensormass/theirs.h").write_text("theirs")
     (image / "include/tensormass/gone.h").write_text("of an older version")
     with open(image / "share/tensormass/installed/install-lib", "a") as listed:
@@ -190,7 +190,7 @@ def test_uninstall_takes_what_was_installed_and_nothing_else(root, tmp_path):
     assert contents(image) == {"include/tensormass/theirs.h"}
     assert not (image / libdir).exists() and not (image / "share").exists()
     assert "nothing of tensormass" in make(root, "uninstall", *where, code=2)
-    # Straight into a prefix that was there: it stays, as does what is in it.
+    # Directly into an existing prefix: it stays, with its other files.
     make(root, "install-lib", f"PREFIX={prefix}")
     make(root, "uninstall", f"PREFIX={prefix}")
     assert contents(prefix) == {"share/doc/theirs.txt"}
@@ -202,7 +202,7 @@ def test_a_system_prefix_gets_no_run_path(root, tmp_path):
     assert "rpath" not in (tmp_path / "usr/lib/pkgconfig/tensormass.pc").read_text()
 
 
-# Headers and tools of what a part does not need; those of the controller the library does not need either.
+# Absent are headers and tools of other parts; the library does not need those of the controller either.
 PROGRAMS_NEED = ["/usr/include/SDL2", "/usr/include/GL", "/usr/include/suitesparse", "/usr/include/eigen3",
                  "/usr/include/yaml.h", "/usr/include/png.h", "/usr/include/libpng16", "/usr/bin/mpicc"]
 CONTROLLER_NEEDS = ["/usr/include/lcm", "/usr/include/cjson", "/usr/bin/lcm-gen"]
@@ -210,7 +210,7 @@ HIDE = 'for p in $HIDDEN; do if [ -d $p ]; then mount -t tmpfs none $p; elif [ -
 
 
 def without(hidden):
-    """What runs a command on a machine that has none of these."""
+    """Commands that hide tools, to simulate a machine without them."""
     under = ["unshare", "-m" if os.geteuid() == 0 else "-rm", "env", f"HIDDEN={' '.join(hidden)}", "sh", "-ec", HIDE, "sh"]
     if subprocess.run([*under, "true"], capture_output=True).returncode:
         pytest.skip("mount namespaces are not permitted here")
@@ -218,7 +218,7 @@ def without(hidden):
 
 
 def test_library_and_controller_build_alone(root, tmp_path):
-    """Each on a machine that has what it needs and no more."""
+    """Each part on a machine that has exactly its dependencies."""
     place = [f"BUILD={tmp_path}/build", f"PREFIX={tmp_path}/prefix", "CFLAGS_EXTRA=-O0 -g0", "-j2"]
     make(root, "install-lib", *place, under=without(PROGRAMS_NEED + CONTROLLER_NEEDS))
     installed = contents(tmp_path / "prefix")

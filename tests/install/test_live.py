@@ -38,7 +38,7 @@ while not said or said[-1].state != 3 or (sys.argv[1:] and said[-1].extrapolator
 
 
 def until_engaged(prefix, build, out, *extrapolator):
-    """All three programs are under way, and the controller says that it has this extrapolator."""
+    """Waits until all three programs run and the controller reports this extrapolator."""
     end = time.monotonic() + 60
     while not (out / "netns.pid").exists() or not (out / "netns.pid").read_text().strip():
         assert time.monotonic() < end, "no session"
@@ -61,11 +61,11 @@ def test_a_session_is_felt(prefix, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_a_signal_ends_all(prefix, build, tmp_path, number):
-    """None is left, their figures are written, and the folder that was made for them is gone."""
+    """Checks that all have ended, their reports are written, and the temporary folder is gone."""
     session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "out"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until_engaged(prefix, build, tmp_path / "out")
     assert len(running(prefix)) >= 3
-    if number == signal.SIGKILL:  # of the session's inner half: nobody is there to end them one after the other
+    if number == signal.SIGKILL:  # processes inside the session's namespace, where nothing else ends them
         inner = subprocess.run(["pgrep", "-f", f"python3 {prefix}/bin/tm-session .*--inside"], capture_output=True, text=True).stdout.split()
         assert len(inner) == 1
         os.kill(int(inner[0]), number)
@@ -99,7 +99,7 @@ def test_bad_input(prefix, tmp_path, words, said):
 
 
 def test_ones_own_organ_is_felt(prefix, root, tmp_path):
-    """docs/your-own-organ.md, its last step: the liver's first scene, by the page's command."""
+    """docs/your-own-organ.md, last step: the liver's first scene, with the page's command."""
     page = (root / "docs/your-own-organ.md").read_text()
     (tmp_path / "felt").mkdir()
     shutil.copy(root / "meshes/liver_10k.msh", tmp_path / "felt/organ.msh")
@@ -111,7 +111,7 @@ def test_ones_own_organ_is_felt(prefix, root, tmp_path):
 
 
 def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
-    """docs/messages.md, By hand: the session's controller takes up the law that the page's lines ask for."""
+    """docs/messages.md, By hand: the session's controller switches to the extrapolator that the page's lines request."""
     block = re.search(r"## By hand.*?```sh\n(.*?)```", (root / "docs/messages.md").read_text(), re.S).group(1)
     for named, here in (("session/netns.pid", tmp_path / "session/netns.pid"), ("build/venv/bin/python", sys.executable), ("build/python", build / "python")):
         assert named in block
@@ -130,7 +130,7 @@ def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
 
 
 def test_the_window_gets_the_scene_and_durations_have_units(root, monkeypatch, capsys):
-    """tm-play then shows title, supports and regions; times are as tm-sim's."""
+    """tm-play shows title, supports and regions; durations are as tm-sim's."""
     monkeypatch.syspath_prepend(str(root / "apps/demo"))
     spec = importlib.util.spec_from_file_location("tm_session", root / "apps/session/tm_session.py")
     program = importlib.util.module_from_spec(spec)

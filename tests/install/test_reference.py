@@ -17,7 +17,7 @@ def reference(root, bin, tmp_path_factory):
 
 
 def completions(reference, bin, *words):
-    """What bash offers behind these words."""
+    """Returns bash's completions after these words."""
     script = f"""source {reference}/completions/{words[0]}; compopt() {{ :; }}; COMP_WORDS=({bin}/{' '.join(words[:-1])} '{words[-1]}'); COMP_CWORD={len(words) - 1}
         _{words[0].replace('-', '_')}; printf '%s\\n' "${{COMPREPLY[@]}}" """
     return set(subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True, timeout=120).stdout.split())

@@ -140,7 +140,7 @@ def test_the_page_shows_that_program(root):
 
 @pytest.mark.parametrize("changed, says", [("young: 5 kPa", r"scene.yaml:7: .*young.*; .+"), ("mode: prod", r"scene.yaml:13: .*'prod' is not allowed; use one of: probe grasper cautery"), ("", r"scene.yaml:1: the scene is empty; .+")])
 def test_a_fault_is_a_line_and_no_more(root, bin, press, tmp_path, changed, says):
-    """With the program's own place and remedy, status 1, and nothing but what the program prints itself."""
+    """Faults have the program's own place and remedy, status 1, and no other output than the program's."""
     text = (root / "apps/scenes/block-press.yaml").read_text().replace("../../meshes", str(root / "meshes"))
     new = {"young: 5 kPa": text.replace("young: 5 kPa", "young: 5 kg"), "mode: prod": text.replace("mode: probe", "mode: prod"), "": ""}[changed]
     (tmp_path / "scene.yaml").write_text(new)
@@ -171,7 +171,7 @@ def test_an_exception_is_the_fault(root, face):
 
 
 def test_broken_contracts_reach_the_handler(root, build, tmp_path):
-    """An instrument that a scene does not have, and null: told once each, and the call returns nothing."""
+    """A missing instrument, and null: reported once each, and the call returns nothing."""
     (tmp_path / "contracts.c").write_text(CONTRACTS)
     run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "contracts.c", *(build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")), "-lyaml", "-ldl", "-lm",
         "-o", tmp_path / "contracts")
