@@ -1,5 +1,5 @@
-/* Preloaded by tests: sets this process's wall clock by the file TM_FAKE_CLOCK (an int64 offset, us, which the test may
- * change), and offsets its monotonic clock by TM_FAKE_MONOTONIC us, as after a restart of the machine. */
+/* Preloaded by tests: shifts this process's wall clock by the file TM_FAKE_CLOCK (an int64 offset, us, which the
+ * test may change), and its monotonic clock by TM_FAKE_MONOTONIC us, as after a restart of the machine. */
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <stdint.h>

@@ -1,4 +1,4 @@
-/* A patch of the library in the form that a message brings to the controller: apps/sim/publish.c and io/node.c without
+/* Converts a patch of the library to the form that the controller receives: apps/sim/publish.c and io/node.c without
  * a network. */
 #ifndef HELD_PATCH_H
 #define HELD_PATCH_H

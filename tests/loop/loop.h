@@ -22,12 +22,12 @@ typedef struct loop {
     hrt_node node;
     tensormass_tool_state_t tool, delayed[64];
     int64_t now_us, frame_us, next_frame_us;
-    int32_t latency_frames; /* the sample tells of the tool this many frames ago */
+    int32_t latency_frames; /* the sample's tool state is this many frames old */
     uint32_t seq;
     int64_t session;
     bool sim_alive, send_stiffness;
-    int32_t flags; /* what the simulation says of its samples; where that is "unstable", their force is 50 N */
-    double wall_N_m, wall_depth_m; /* pushes against +z beyond this depth below the trocar */
+    int32_t flags;                 /* flags of the simulation's samples; if "unstable", their force is 50 N */
+    double wall_N_m, wall_depth_m; /* a wall pushes against +z below this depth under the trocar */
     uint32_t frames;
     double peak_N;
 } loop;
@@ -78,7 +78,7 @@ static inline void loop_frame(loop *l) {
     hrt_node_post_sample(&l->node, &s);
 }
 
-/* One tick of 2 ms. */
+/* Runs one tick of 2 ms. */
 static inline void loop_tick(loop *l) {
     hrt_device_step(&l->device, l->now_us);
     hrt_node_tick(&l->node, l->now_us, &l->tool);
@@ -99,7 +99,7 @@ static inline hrt_node_config loop_node_config(void) {
     return c;
 }
 
-/* Device whose hand pushes into the wall: straight in to 0.135 m and holds. */
+/* Makes a device whose hand pushes straight into the wall, to 0.135 m, and holds. */
 static inline hrt_device_config loop_device_config(void) {
     static const hrt_keyframe press[] = {{.time_s = 0.0, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}},
                                          {.time_s = 0.6, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}},
@@ -110,11 +110,11 @@ static inline hrt_device_config loop_device_config(void) {
     return c;
 }
 
-/* What the controller renders and what the motor gives, along the insertion. */
+/* Force rendered by the controller and applied by the motor, along the insertion. */
 static inline double loop_force(const loop *l) { return fabs((double)l->node.result.force_N[2]); }
 static inline double loop_motor(const loop *l) { return fabs(l->device.torque[HRT_INSERTION]); }
 
-/* Two seconds on, the hand is pressed into the wall and feels it. */
+/* Runs two seconds: the hand is then pressed into the wall and feels it. */
 static inline void loop_press(loop *l, hrt_extrapolator extrapolator) {
     const hrt_device_config device = loop_device_config();
     hrt_node_config node = loop_node_config();
@@ -126,7 +126,7 @@ static inline void loop_press(loop *l, hrt_extrapolator extrapolator) {
     assert_true(loop_force(l) > 2.0 && loop_motor(l) > 2.0);
 }
 
-/* One triangle across the hand's way, where the wall is, as soft in every direction. */
+/* Makes one triangle across the hand's path at the wall, equally compliant in all directions. */
 static inline tensormass_contact_patch_t loop_patch(int64_t session, uint32_t seq, float compliance_m_N) {
     tensormass_contact_patch_t m = {.session = session,
                                     .seq = (int32_t)seq,

@@ -1,4 +1,8 @@
-"""Plays the simulation over LCM for haptic-rt and tm-device, inside a network namespace: python message_ring.py BIN PYTHON_TYPES DIRECTORY. Prints what it saw as JSON."""
+"""Plays the simulation over LCM for haptic-rt and tm-device, inside a network namespace:
+
+    python message_ring.py BIN PYTHON_TYPES DIRECTORY
+
+Prints what it received as JSON."""
 import json
 import os
 import select
@@ -93,7 +97,7 @@ def logs():
 
 
 def snapshot(name, ready, **play):
-    """What the controller says of itself, once `ready`; `late` where that was not yet so: test_messages.py asks the record why."""
+    """Returns the controller's status once `ready`; sets `late` if that took too long: test_messages.py then looks for the reason in the record."""
     late = not ready()
     if late:
         run(PATIENCE_S, until=ready, **play)
@@ -109,17 +113,17 @@ def pressed():
 
 def steady():
     if saw["status"].state == FAULT:
-        command(reset=1)  # of a tick that came too late; a fault where nothing was late is told by the snapshot's `late`
+        command(reset=1)  # limit flag of a late tick; if a fault occurs without one, the snapshot's `late` says why
     return pressed() and abs(saw["status"].force_N[2] - 1.5) < 0.2
 
 
 def press_again():
-    """Until the new device hears: it may come after these did."""
+    """Waits until the new device receives: that may be after these samples."""
     hand(0.13)
     return steady() or pressed()
 
 
-PATIENCE_S = 20  # of a wait for a state, on a machine that keeps a process waiting or in a sanitizer's build
+PATIENCE_S = 20  # when waiting for a state on a machine that delays processes, or in a sanitizer's build
 IDLE, FAULT = 2, 5
 running = []
 os.environ["TM_BUS_DIR"] = directory
@@ -154,7 +158,7 @@ try:
     run(0.5)
     snapshot("after_bad", lambda: steady() and saw["status"].samples_rejected >= seen["switched"]["rejected"] + 3)
     begun = time.monotonic()
-    run(2.2, rival=True)  # a second simulation beside the first
+    run(2.2, rival=True)  # a second simulation at the same time as the first
     snapshot("two_simulations", lambda: steady() and saw["status"].samples_rejected > seen["after_bad"]["rejected"] + 30, rival=True)
     seen["two_simulations"]["seconds"] = time.monotonic() - begun
     device.kill()
@@ -164,7 +168,7 @@ try:
     device = start("tm-device", "--bus", "virtual:m", "--hand", "lcm")
     time.sleep(0.3)
     seen["pressed_again"] = run(5 + PATIENCE_S, until=press_again)
-    # The simulation dies in contact; once more where the controller was kept waiting just then, and had let go before.
+    # The simulation dies in contact; repeated if the machine delayed the controller at that moment and the force had stopped before.
     for seen["deaths"] in range(1, 6):
         run(PATIENCE_S, until=steady)
         run(0.3)

@@ -1,4 +1,4 @@
-/* The controller's core with valid inputs, which a test spoils one at a time. */
+/* The controller's core with valid inputs; tests spoil one input at a time. */
 #ifndef TEST_RIG_H
 #define TEST_RIG_H
 
@@ -23,10 +23,10 @@ typedef struct rig {
     hrt_result out;
     hrt_sample sample;
     int64_t now_us;
-    bool device, sim; /* alive */
-    int64_t frame_us; /* between samples */
+    bool device, sim; /* counter that shows that the device is alive */
+    int64_t frame_us; /* time between samples */
     int64_t next_us;
-    int64_t latency_us; /* of t_n when posted */
+    int64_t latency_us; /* offset from t_n when posted */
     float force_N[3];
 } rig;
 
@@ -96,7 +96,7 @@ static inline void assert_no_force(const rig *r) {
     assert_false(r->out.motors_on);
 }
 
-/* A seeded stream, the same everywhere. */
+/* Returns the next number of a seeded stream, the same on all platforms. */
 static inline uint32_t rig_random(uint64_t *state) { return (uint32_t)(num_random64(state) >> 33); }
 static inline float rig_uniform(uint64_t *state, float low, float high) {
     return low + (high - low) * (float)(rig_random(state) % 1000001u) / 1000000.0f;

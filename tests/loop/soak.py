@@ -1,6 +1,9 @@
-"""tm-sim, haptic-rt and tm-device are killed, stopped, started twice, and their clocks set, at random; after every burst each is taken up again within a second,
-or a line a second says why not. Inside a network namespace: python soak.py BUILD SCENE FOLDER SEED EVENTS [KEY FILE]. Prints what it did as JSON; exit 1 and the last words of
-all when something was not taken up."""
+"""tm-sim, haptic-rt and tm-device are killed, stopped, started twice, and their clocks set, at random. After every burst each is accepted again
+within a second, or one line a second gives the reason.
+
+    python soak.py BUILD SCENE FOLDER SEED EVENTS [KEY FILE]
+
+Runs inside a network namespace. Prints its events as JSON; exit 1 and the last output of all programs if one was not accepted."""
 import json
 import os
 import pathlib
@@ -20,7 +23,7 @@ sys.path.insert(0, str(build / "python"))
 import lcm  # noqa: E402
 from tensormass_lcm import controller_status_t, force_sample_t  # noqa: E402
 
-# Beside the second that is promised: what a busy machine may take for starting a program and for scheduling it.
+# Allowance beyond the promised second: time to start and schedule a program on a busy machine.
 SECOND, SLACK, AT_LAST = 1.0, 1.0, 15.0
 REASON = re.compile(r"refused|waiting for|fault|is already|no samples from|not within|while in use")
 YEAR_US = 365 * 86400 * 1000000
@@ -37,7 +40,7 @@ story, took = [], []
 
 
 class Program:
-    """One process with clocks of its own."""
+    """A process with clocks of its own."""
     number = 0
 
     def __init__(self, kind):
@@ -61,7 +64,7 @@ class Program:
         return us
 
     def new_reasons(self):
-        """True when it has said why somebody is not taken up, since it was asked last."""
+        """Returns True if, since the last call, it reported why a peer is not accepted."""
         with open(self.log, errors="replace") as log:
             log.seek(self.said)
             text = log.read()
@@ -101,7 +104,7 @@ def taken_up(since):
 
 
 def settle():
-    """All three together again; told once a second why not, after the first."""
+    """Waits until all three work together again, or the reason is reported once a second after the first."""
     began = reason = time.monotonic()
     while not taken_up(began + 0.12):
         listen(0.02)
@@ -119,7 +122,7 @@ def settle():
 
 
 def refused(kind):
-    """A second controller or device ends by itself, with exit 2 and a reason."""
+    """A second controller or device on the same bus ends by itself, with exit 2 and a reason."""
     second = Program(kind)
     try:
         code = second.process.wait(10)
@@ -148,7 +151,7 @@ def event():
         program.process.send_signal(signal.SIGCONT)
     elif what == "clock":
         wait = program.set_clock()
-    elif kind == "sim":  # two may speak at once: the first stays, and the other follows when it ends
+    elif kind == "sim":  # two may send at once: the first is accepted, the other one when it ends
         spare.append(Program(kind))
         listen(random.uniform(0, 0.5))
     else:
@@ -157,7 +160,7 @@ def event():
 
 
 def drop_spares():
-    """Of two simulations either may end: the one that is left is the one."""
+    """Either of two simulations may end: the one left is accepted."""
     while spare:
         second = spare.pop()
         if random.random() < 0.5:

@@ -1,4 +1,5 @@
-/* The extrapolator `adaptive`: its weights follow the evidence, and stay bounded for any sequence. */
+/* The extrapolator `adaptive`: its weights follow the errors of its extrapolators, and it stays bounded for any
+ * sequence. */
 #include <math.h>
 
 #include "../fixture.h"
@@ -16,8 +17,8 @@ static double distance2(const float a[3], const double b[3]) {
     return sum;
 }
 
-/* Ticks of a sample's period in which law i errs by miss_N[i] from a force that goes to and fro; then the sample,
- * `late` periods after its time. Returns the sum of the blend's squared errors. */
+/* Runs the ticks of a sample's period in which extrapolator i errs by miss_N[i] from an oscillating force; then
+ * posts the sample, `late` periods after its time. Returns the sum of the blend's squared errors. */
 static double period(int64_t at_us, const float miss_N[LAWS], bool with_patch, double *law_error2) {
     double blend_error2 = 0;
     float force[3];
@@ -74,7 +75,7 @@ static void the_patch_is_trusted_first_and_has_no_weight_without_one(void **unus
     assert_true(fabsf(sum - 1) < 1e-6f);
 }
 
-/* One law is the best throughout: after a few samples the blend is as good. */
+/* One extrapolator is the best throughout: after a few samples the blend is as accurate. */
 static void where_nothing_changes_the_blend_is_near_the_best_law(void **unused) {
     (void)unused;
     fix_random random = {3};
@@ -96,8 +97,9 @@ static void where_nothing_changes_the_blend_is_near_the_best_law(void **unused) 
     assert_true(worst < 1.15);
 }
 
-/* Which law is right changes at random, as phases of the work do. The tracking bound: the loss is at most half more
- * than that of who knew the best law of every period, and that of the worst law for half a period after each change. */
+/* The best extrapolator changes at random, like phases of the work. Tracking bound: the loss is at most half more
+ * than that of a choice that knows the best one of every period, plus the loss of the worst one for half a period
+ * after each change. */
 static void where_laws_change_the_blend_follows(void **unused) {
     (void)unused;
     fix_random random = {5};

@@ -1,5 +1,5 @@
-/* The unilateral problem by active set (contact_law/active_set.h), for a tool that is already deep in the tissue: the
- * solution equals that of sweeps over the rows, and only rows that carry load, or nearly, are coupled. */
+/* The unilateral problem by active set (contact_law/active_set.h), for a tool that is already deep in the tissue.
+ * The solution equals that of sweeps over the rows; only rows with load, or nearly, are coupled. */
 #include <math.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,7 +15,7 @@ enum { LAW_ROWS = 16, SOLVES = 4, SWEEPS = 20000 };
 
 static const float WIDE_M = 0.006f, GIVES_M_N = 0.003f, APART_M = 0.0025f;
 static int coupled;
-static uint32_t there; /* a bit a row */
+static uint32_t there; /* one bit per row */
 
 static float apart_m(int32_t i, int32_t j) {
     const float x = (float)(i % 4 - j % 4), y = (float)(i / 4 - j / 4);
@@ -29,7 +29,8 @@ static void law_couple(law_problem *p, int32_t i) {
     for (int32_t j = 0; j < p->rows; j++) p->w[i][j] = GIVES_M_N * expf(-apart_m(i, j) / WIDE_M);
 }
 
-/* Four by four rows of soft tissue under a tip that has sunk in, deepest at row `under`, the less deep the farther. */
+/* Makes four by four rows of soft tissue under a tip that has sunk in, deepest at row `under`; depth falls with
+ * distance. */
 static law_problem sunk(int32_t under, float deep_m, float radius_m) {
     law_problem p = {.rows = LAW_ROWS, .soft_m = 0.00075f, .cap_N = 8.0f};
     for (int32_t i = 0; i < LAW_ROWS; i++) {

@@ -1,5 +1,5 @@
-/* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a
- * jump, patches that are refused. */
+/* `local_model`: rows against the simulation's own detection, the solution against the conditions of contact,
+ * transitions without a jump, patches that are rejected. */
 #include "../fixture.h"
 #include "held_patch.h"
 #include "internal.h"
@@ -16,7 +16,7 @@ static float scratch[HRT_PATCH_COMPLIANCE];
 
 static int packed(int n, int i, int j) { return i * (2 * n - i - 1) / 2 + j; }
 
-/* A piece of bumpy ground, 5 x 5 vertices less a corner, at depth z0 under the trocar, normals up to it. */
+/* Makes bumpy ground of 5 x 5 vertices less a corner, at depth z0 under the trocar, normals up to it. */
 static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump, float z0) {
     memset(p, 0, sizeof *p);
     p->vertex_count = VERTICES;
@@ -34,7 +34,7 @@ static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump,
                 if (corner[3 * t] < VERTICES && corner[3 * t + 1] < VERTICES && corner[3 * t + 2] < VERTICES)
                     memcpy(&p->triangle[3 * p->triangle_count++], &corner[3 * t], 3);
         }
-    /* Elastic ground of a decaying kernel: positive definite. */
+    /* Fills the compliance of elastic ground with a decaying kernel: positive definite. */
     for (int i = 0; i < 3 * VERTICES; i++)
         for (int j = i; j < 3 * VERTICES; j++) {
             float apart[3];
@@ -139,7 +139,7 @@ static void rows_are_those_of_the_simulation(void **state) {
     assert_true(worst_gap < 1e-7 && worst_normal < 3e-3 && worst_share < 1e-3 && worst_weight < 1e-4);
 }
 
-/* ---------------------------------------------------------------------------------------------- the solve */
+/* ---------------------------------------------------------------------------------------------- the solution */
 
 static void ground(float bump) {
     uint64_t seed = 9;
@@ -151,7 +151,7 @@ static void settle(hrt_extrapolation *x, const float tip[3], float force[3]) {
     for (int k = 0; k < 60; k++) hrt_extrapolation_force(x, &params, 0, tip, force);
 }
 
-/* On flat, even ground the reaction is straight up and its size is that of springs in a row. */
+/* On flat, even ground the reaction points straight up and equals that of springs in series. */
 static void pressing_flat_ground(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -166,18 +166,18 @@ static void pressing_flat_ground(void **state) {
         tip[2] = 0.1176f + 0.0001f * (float)k;
         settle(&x, tip, force);
         assert_false((x.limits & HRT_LIMIT_PATCH) != 0);
-        assert_true(force[2] <= last + 1e-6f); /* pushes towards the trocar, more and more */
+        assert_true(force[2] <= last + 1e-6f); /* pushes towards the trocar, increasingly */
         last = force[2];
     }
-    /* 4 mm deep, less the radius: compliance of the point and contact compliance in series. */
+    /* 4 mm deep, less the radius: compliance of the point and contact compliance in series */
     assert_true(last < -0.8f && last > -2.0f);
     assert_true(fabsf(force[0]) < 0.05f * fabsf(last) && fabsf(force[1]) < 0.05f * fabsf(last));
 }
 
 static float size_of(const float a[3]) { return sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* A dashpot on the swing of the tip along the force: nothing at rest and at a steady speed, nothing across, never more
- * than half of the force, and over a cycle it takes energy. Each against a twin whose patch has none. */
+/* Viscous drag on the tip's motion along the force: zero at rest, at a steady speed and across; at most half of the
+ * force; over a cycle it dissipates energy. Each is compared with a twin whose patch has no drag. */
 static void waves_carry_off_a_swing(void **state) {
     (void)state;
     static hrt_extrapolation x[2];
@@ -194,7 +194,7 @@ static void waves_carry_off_a_swing(void **state) {
     }
     for (int tick = 1; tick < 145; tick++) {
         const float before = tip[2], across = tip[0];
-        if (tick == 60) tip[2] += 0.00002f;                                                  /* a count */
+        if (tick == 60) tip[2] += 0.00002f;                                                  /* one encoder count */
         if (tick > 75 && tick <= 95) tip[2] += 0.00002f;                                     /* 10 mm/s */
         if (tick > 100 && tick <= 140) tip[2] += 0.00003f * sinf(0.31415927f * (float)tick); /* 25 Hz */
         if (tick == 142) tip[0] += 0.0005f;
@@ -213,7 +213,8 @@ static void waves_carry_off_a_swing(void **state) {
     assert_true(half <= 1.5001f && half > 1.0f);
 }
 
-/* 0 <= gap + depth(lambda) _|_ lambda >= 0 at the converged shape, found by the simulation's finder. */
+/* Checks 0 <= gap + depth(lambda) _|_ lambda >= 0 at the converged shape, with rows of the simulation's own
+ * detection. */
 static void complementarity(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -224,7 +225,7 @@ static void complementarity(void **state) {
         hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
         take(&x, 0, tip, &patch, 1);
-        for (int step = 0; step < 40; step++) { /* little by little, as a hand does */
+        for (int step = 0; step < 40; step++) { /* in small steps, like a hand */
             tip[2] += 0.00005f;
             settle(&x, tip, force);
         }
@@ -257,7 +258,7 @@ static void complementarity(void **state) {
     }
 }
 
-/* The simulation's own solver of a patch, in double and to convergence, gives the same force. */
+/* The simulation's own patch solver, in double and to convergence, gives the same force. */
 static void the_force_is_that_of_the_simulation(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -323,8 +324,8 @@ static bool ground_block(void *self, int32_t a, int32_t b, double C[9]) {
     return true;
 }
 
-/* What jaws that hold five vertices of the ground, with its last vertex left out, make of it; as the library says it,
- * and as a message would carry it. */
+/* Sets jaws that hold five vertices of the ground, without its last vertex; as the library stores it and as a
+ * message carries it. */
 static void hold_ground(tm_patch_solver *solver, uint64_t *seed, const double tip_m[3], int name, tm_patch *truth,
                         hrt_patch *held) {
     static const int32_t vertex[] = {11, 12, 13, 16, 17};
@@ -364,7 +365,7 @@ static void take_grasper(hrt_extrapolation *x, int64_t t_us, const float tip[3],
     hrt_extrapolation_sample(x, &params, &s);
 }
 
-/* A grasper that pulls, and one that presses what lies beside its jaws: the library's law in double, and the
+/* A grasper that pulls, and one that presses tissue next to its jaws: the library's law in double equals the
  * controller's. */
 static void a_hold_pulls_as_the_simulation_says(void **state) {
     (void)state;
@@ -406,7 +407,7 @@ static void a_hold_pulls_as_the_simulation_says(void **state) {
             beside = fmax(beside, sqrt(along));
             compared++;
         }
-        /* A probe is not pulled: for it there is no such patch. */
+        /* A probe cannot be pulled: such a patch does not exist for it. */
         hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
         take(&x, 0, start, &held, 1);
         hrt_extrapolation_force(&x, &params, 0, start, force);
@@ -418,7 +419,7 @@ static void a_hold_pulls_as_the_simulation_says(void **state) {
     assert_true(compared > 900 && most > 0.5 && beside > 0.05 && worst < 1e-4 * most);
 }
 
-/* Jaws that close and open between two samples: the force comes over without a jump. */
+/* Jaws that close and open between two samples: the force changes without a jump. */
 static void jaws_close_and_open_without_a_jump(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -451,8 +452,8 @@ static void jaws_close_and_open_without_a_jump(void **state) {
     assert_true(apart > 0.5f && most < 0.25f * apart);
 }
 
-/* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how
- * rough it is. */
+/* Pressing and sliding at 500 Hz: accuracy and roughness of two linearisations of ten sweeps, against the converged
+ * solution. */
 static void two_linearisations_suffice(void **state) {
     (void)state;
     static hrt_extrapolation fast, slow;
@@ -502,7 +503,7 @@ static void leaving_the_patch_hands_over_without_a_jump(void **state) {
     for (int t = 0; t < 1500; t++, t_us += 2000) {
         tip[0] = t < 200 ? 0.0f : 0.00002f * (float)(t - 200); /* 10 mm/s sideways, off the patch after 8 mm */
         tip[2] = 0.1175f + 0.001f * fminf(1.0f, (float)t / 100.0f);
-        if (t % 20 == 0) { /* samples go on; the patch stays the same one */
+        if (t % 20 == 0) { /* samples continue; the patch stays the same one */
             hrt_sample s = {.session = SIM,
                             .t_us = t_us,
                             .seq = (uint32_t)t,
@@ -524,7 +525,7 @@ static void leaving_the_patch_hands_over_without_a_jump(void **state) {
     assert_true(most < 0.05f);
 }
 
-/* The patch without its last column of vertices: the same tissue, known less far. */
+/* Makes the patch without its last column of vertices: the same tissue, of smaller extent. */
 static void narrower(const hrt_patch *whole, hrt_patch *to) {
     uint8_t kept[VERTICES], place[VERTICES];
     *to = *whole;
@@ -550,8 +551,8 @@ static void narrower(const hrt_patch *whole, hrt_patch *to) {
     assert_int_equal(hrt_patch_prepare(to, scratch), HRT_ACCEPT);
 }
 
-/* Over the end of what is known, against a patch that knows the tissue beyond: one that errs by less than 2 % is not
- * given up, one that errs by more than 3.5 % is not gone on with. */
+/* Beyond the patch's end, compared with a patch that covers the tissue there: a patch that errs by less than 2 % is
+ * kept, one that errs by more than 3.5 % is left. */
 static void a_patch_is_left_where_it_errs(void **state) {
     (void)state;
     static hrt_extrapolation whole, part;
@@ -602,13 +603,13 @@ static void cut_stale_or_missing_patch(void **state) {
         hrt_extrapolation_sample(&x, &params, &s);
         hrt_extrapolation_force(&x, &params, now_us, tip, force);
         assert_true((x.limits & HRT_LIMIT_PATCH) != 0);
-        assert_float_equal(force[2], before, 0.01f); /* bridged, */
+        assert_float_equal(force[2], before, 0.01f); /* blended */
         for (int t = 1; t < 60; t++) hrt_extrapolation_force(&x, &params, now_us + 2000 * t, tip, force);
-        assert_float_equal(force[2], -3.0f, 1e-4f); /* then the tangent's */
+        assert_float_equal(force[2], -3.0f, 1e-4f); /* then the force of `tangent` */
     }
 }
 
-/* The same ground, cut into something softer. */
+/* Makes the same ground, cut into something softer. */
 static void cut_softer(hrt_patch *to) {
     *to = patch;
     to->topology_revision = 1;
@@ -622,13 +623,13 @@ static void take_cut(hrt_extrapolation *x, int64_t t_us, const float tip[3], con
     hrt_extrapolation_sample(x, &params, &s);
 }
 
-/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster:
- * a tick changes it by the pace, or by what the law itself changes, never by both. */
+/* The tool moves on, deeper or out, slower or faster than the force blends over to cut tissue. A tick changes the
+ * force by the blend's rate, or by what the law itself changes, never by both. */
 static void going_over_while_the_tool_moves(void **state) {
     (void)state;
-    static hrt_extrapolation x, twin; /* the twin has known cut tissue only */
+    static hrt_extrapolation x, twin; /* the twin has cut tissue from the start */
     static hrt_patch softer;
-    const float ways[] = {0.0f, 0.0001f, -0.0001f, 0.0003f, -0.0003f}; /* metres a tick */
+    const float ways[] = {0.0f, 0.0001f, -0.0001f, 0.0003f, -0.0003f}; /* metres per tick */
     ground(0.0002f);
     cut_softer(&softer);
     for (int k = 0; k < 5; k++) {
@@ -649,7 +650,7 @@ static void going_over_while_the_tool_moves(void **state) {
             hrt_extrapolation_force(&twin, &params, 50000 + 2000 * t, tip, law);
             largest = fmaxf(largest, fmaxf(fabsf(last), fabsf(law[2])));
             const float pace = largest * 2000.0f / params.blend_us, own = fabsf(law[2] - last_law);
-            if (t > 4) /* the first ticks find the rest of it */
+            if (t > 4) /* the first ticks converge */
                 assert_true(fabsf(force[2] - last) < 1.01f * fmaxf(pace, own) + 1e-4f);
             last = force[2], last_law = law[2];
         }
@@ -658,7 +659,7 @@ static void going_over_while_the_tool_moves(void **state) {
 }
 
 /* A sample in every tick, the tissue cut in each, the tool on its patch in one and off it in the next: the force
- * follows the samples and does not stay what it was long ago. */
+ * follows the samples instead of staying at an old value. */
 static void samples_in_every_tick_are_followed(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -689,7 +690,7 @@ static void samples_in_every_tick_are_followed(void **state) {
     }
 }
 
-/* The force at `tip` with a patch whose sample says said_N. */
+/* Returns the force at `tip` with a patch whose sample has the force said_N. */
 static float denied(hrt_extrapolation *x, const float tip[3], float said_N, uint16_t flags) {
     float force[3];
     hrt_sample s = {.session = SIM, .t_us = 40000, .seq = 2, .unilateral = true, .patch = &patch, .flags = flags};
@@ -701,9 +702,9 @@ static float denied(hrt_extrapolation *x, const float tip[3], float said_N, uint
     return force[2];
 }
 
-/* Under a cautery at work a patch that gives no force where its sample has one (the tool is in a slit that it does not
- * know), or too much, is none, and one that gives a little else is held to its sample. Any other tool's patch is
- * believed: it went over an edge before the tissue did. */
+/* Under an active cautery, a patch without force where its sample has one (the tool is in a slit that the patch does
+ * not contain), or with too much force, is not used; a patch that differs a little is corrected to its sample. For
+ * any other tool the patch is used: it crossed an edge before the tissue did. */
 static void a_patch_that_denies_its_sample(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -723,8 +724,8 @@ static void a_patch_that_denies_its_sample(void **state) {
     }
 }
 
-/* Cut by another hand a patch goes on to be believed where the tool moves; under a cautery at work the force hardly
- * follows what the patch foretells. */
+/* After a cut by another hand the patch still predicts the force of motion; under an active cautery the force hardly
+ * follows the patch's prediction. */
 static void a_cautery_at_work_foretells_little(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -756,7 +757,7 @@ static void a_cautery_at_work_foretells_little(void **state) {
     assert_float_equal(moved[1], 0.18f * moved[0], 0.02f * moved[0]);
 }
 
-/* A new patch of the same tissue, chosen a little further on and numbered otherwise: the force does not notice. */
+/* A new patch of the same tissue, chosen a little further on and numbered otherwise, does not change the force. */
 static void a_new_patch_is_not_felt(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -766,7 +767,7 @@ static void a_new_patch_is_not_felt(void **state) {
     assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
     other = patch;
     const int n = patch.vertex_count, dofs = 3 * n;
-    for (int v = 0; v < n; v++) { /* vertex v is n-1-v now */
+    for (int v = 0; v < n; v++) { /* vertex v becomes n-1-v */
         memcpy(&other.vertex_m[3 * (n - 1 - v)], &patch.vertex_m[3 * v], 3 * sizeof(float));
         memcpy(&other.rest_m[3 * (n - 1 - v)], &patch.rest_m[3 * v], 3 * sizeof(float));
     }
@@ -791,8 +792,8 @@ static void a_new_patch_is_not_felt(void **state) {
     for (int i = 0; i < 3; i++) assert_float_equal(after[i], force[i], 2e-4f);
 }
 
-/* A patch met with the tool already deep in it, without reactions to start from: the force goes to where it stays, and
- * does not swing there. */
+/* The first patch arrives with the tool already deep in it, without reactions to start from: the force converges and
+ * does not oscillate. */
 static void met_deep_it_settles(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -833,9 +834,9 @@ static void met_deep_it_settles(void **state) {
     assert_true(left <= 4 && over < 1.5 && late < 0.01);
 }
 
-/* ---------------------------------------------------------------------------------------------- refused patches */
+/* ---------------------------------------------------------------------------------------------- rejected patches */
 
-/* The last vertex becomes the tip's place. */
+/* The last vertex becomes the tip's node. */
 static void hold_something(hrt_patch *p) {
     int32_t kept = 0;
     p->vertex_count--;
@@ -858,7 +859,7 @@ static void hold_something(hrt_patch *p) {
     }
 }
 
-/* What a patch is told that `spoil` has made of the good one, for cases 0, 1, ... */
+/* Returns the verdict on the good patch after `spoil` has changed it, for cases 0, 1, ... */
 static void refused(void (*spoil)(hrt_patch *p, int what), bool held, const hrt_reject *verdict, int count) {
     static hrt_patch p;
     ground(0.0005f);
@@ -881,13 +882,13 @@ static void spoil_patch(hrt_patch *p, int what) {
     case 5: p->vertex_m[7] = NAN; break;
     case 6: p->compliance_m_N[2627] = INFINITY; break;
     case 7: p->compliance_m_N[0] = -0.001f; break;
-    case 8: p->compliance_m_N[3] = 0.01f; break; /* a coupling larger than what it couples */
+    case 8: p->compliance_m_N[3] = 0.01f; break; /* a coupling larger than its diagonal terms */
     case 9: p->radius_m = 1.0f; break;
     case 10: p->contact_compliance_m_N = -1.0f; break;
-    case 11: memset(p->compliance_m_N, 0, sizeof p->compliance_m_N); break; /* rigid: semidefinite all the same */
+    case 11: memset(p->compliance_m_N, 0, sizeof p->compliance_m_N); break; /* rigid: semidefinite */
     case 12: p->vertex_count = 2; break;
     case 13: p->rest_m[3] = NAN; break;
-    case 14: p->grasped = 1u << VERTICES; break; /* no place for the tip */
+    case 14: p->grasped = 1u << VERTICES; break; /* no node for the tip */
     default: break;
     }
 }
@@ -915,10 +916,10 @@ static void bad_patches(void **state) {
 static void spoil_hold(hrt_patch *p, int what) {
     float *stiffness = &p->compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
     switch (what) {
-    case 1: p->grasped = 3u; break; /* held vertices, and no hold */
+    case 1: p->grasped = 3u; break; /* grasped vertices without a grasp */
     case 2: p->grasped |= 1u << (VERTICES + 4); break;
-    case 3: stiffness[0] = 200.0f; break;         /* pushes on */
-    case 4: p->compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
+    case 3: stiffness[0] = 200.0f; break;         /* pushes on instead of resisting */
+    case 4: p->compliance_m_N[69] = 11.0f; break; /* a vertex that moves more than the tip */
     case 5: p->compliance_m_N[70] = NAN; break;
     case 6: p->rest_m[hrt_patch_tip(p)] = 1001.0f; break; /* the force */
     case 7: p->vertex_m[hrt_patch_tip(p) + 2] = NAN; break;
@@ -939,7 +940,7 @@ static void bad_holds(void **state) {
 
 static void spoil_drag(hrt_patch *p, int what) {
     switch (what) {
-    case 0: p->radiation_N_s_m = -0.1f; break; /* drives */
+    case 0: p->radiation_N_s_m = -0.1f; break; /* drives instead of resisting */
     case 1: p->radiation_s = NAN; break;
     case 2: p->radiation_N_s_m = 11.0f; break;
     case 3: p->friction_static = 2.1f; break;
@@ -958,7 +959,7 @@ static void bad_drags(void **state) {
     refused(spoil_drag, true, verdict, sizeof verdict / sizeof *verdict);
 }
 
-/* Whatever passes the check, the tick stays finite and bounded. */
+/* For any patch that passes the check, the tick stays finite and bounded. */
 static void wild_patches_stay_bounded(void **state) {
     (void)state;
     static hrt_extrapolation x;

@@ -1,4 +1,4 @@
-/* A desk device through the node (haptic_rt/io/drive.h), on a virtual clock: a driver of a few lines posts a cursor and
+/* A desk device through the node (haptic_rt/io/drive.h), on a virtual clock: a minimal driver posts a cursor and
  * reads its force. Mapping, clutch, grip, silence, limits. */
 // clang-format off
 #include <math.h>
@@ -44,7 +44,7 @@ static void start(double scale, const char *device) {
     b.wall_N_m = 200.0;
 }
 
-/* A wall at the depth of the start: it pushes the tip out of the body. */
+/* A wall at the start's depth: it pushes the tip out of the body. */
 static void sample(void) {
     tensormass_force_sample_t s = {
         .session = 7, .tool_session = b.tool.session, .tool_utime = b.now_us, .seq = (int32_t)++b.seq};
@@ -61,7 +61,7 @@ static void tick(void) {
     const hrt_result was = b.node.result;
     hrt_node_tick(&b.node, b.now_us, &b.tool);
     const float *f = was.force_N;
-    for (int i = 0; i < 3; i++) { /* work done on the hand, and by the tip's force */
+    for (int i = 0; i < 3; i++) { /* work on the hand, and by the tip's force */
         b.cursor_J += (double)b.force_N[i] * (b.cursor_m[i] - b.last_m[i]);
         b.tip_J += (double)f[i] * (b.tool.tip_m[i] - b.last_tip_m[i]);
         b.last_tip_m[i] = b.tool.tip_m[i];
@@ -97,7 +97,7 @@ static void axes_and_signs(void **state) {
     assert_true(fabs((double)b.force_N[2] - 4.0) < 0.05 && fabsf(b.force_N[0]) < 1e-3f);
 }
 
-/* For each scale: the force at the cursor is the tip's, times min(scale, 1); its work is never above the tip's. */
+/* For each scale: the cursor's force is the tip's times min(scale, 1); its work never exceeds the tip's. */
 static void power_is_never_amplified(void **state) {
     (void)state;
     const double scales[] = {0.25, 0.5, 1.0, 2.0};
@@ -110,7 +110,7 @@ static void power_is_never_amplified(void **state) {
             const double tip_N = (double)b.node.result.force_N[2], cursor_N = (double)b.force_N[2];
             assert_true(tip_N < -0.1 && fabs(cursor_N + fmin(scales[k], 1.0) * tip_N) < 1e-5);
             const double tip_before = b.tip_J, cursor_before = b.cursor_J;
-            run(0.4, up); /* the wall gives its energy back to the hand */
+            run(0.4, up); /* the wall returns its energy to the hand */
             assert_true(b.cursor_J - cursor_before > 0.0);
             assert_true(b.cursor_J - cursor_before <= (b.tip_J - tip_before) * (1.0 + 1e-3) + 1e-6);
         }
@@ -131,9 +131,9 @@ static void the_clutch_recentres_without_a_jump(void **state) {
         b.cursor_m[2] += 0.002 * 0.1; /* up by 5 cm */
         tick();
         if (k > 0 && b.force_N[2] > 0.0f)
-            assert_true(fabs(b.tool.tip_m[2] - before_m + 0.0002) < 1e-5); /* it follows */
+            assert_true(fabs(b.tool.tip_m[2] - before_m + 0.0002) < 1e-5); /* the force follows */
         assert_true(b.force_N[2] <= last + 1e-6f);                         /* it fades */
-        assert_true(last - b.force_N[2] < 1.3f);                           /* and is not cut off */
+        assert_true(last - b.force_N[2] < 1.3f);                           /* gradually */
         last = b.force_N[2];
         if (k == 60) tip = b.tool.tip_m[2];
         if (k > 30) assert_true(b.force_N[2] == 0.0f); /* 40 ms and two ticks */
@@ -141,8 +141,8 @@ static void the_clutch_recentres_without_a_jump(void **state) {
     }
     b.button[0] = false;
     tick();
-    assert_true(fabs(b.tool.tip_m[2] - tip) < 1e-5); /* it goes on where it was */
-    assert_true(b.force_N[2] < 0.05f);               /* and the force by the ramp */
+    assert_true(fabs(b.tool.tip_m[2] - tip) < 1e-5); /* the tip continues where it was */
+    assert_true(b.force_N[2] < 0.05f);               /* and the force ramps up */
     run(0.3, DOWN);
     assert_int_equal(b.tool.state, HRT_ENGAGED);
     assert_true(b.tool.tip_m[2] > tip + 0.005 && b.node.result.fault == HRT_FAULT_NONE);
@@ -175,7 +175,7 @@ static void silence_of_either_side_is_zero_force(void **state) {
         if (who < 2) {
             run(who == 0 ? 0.016 : 0.002, REST);
             assert_true(b.node.result.force_N[2] == 0.0f && b.force_N[2] == 0.0f);
-        } else { /* the tick: no more commands */
+        } else { /* the tick: no commands any more */
             hrt_drive_state state_now = {.trigger = -1.0};
             memcpy(state_now.cursor_m, b.cursor_m, sizeof state_now.cursor_m);
             state_now.time_us = b.now_us + 17000;
@@ -188,7 +188,7 @@ static void silence_of_either_side_is_zero_force(void **state) {
     }
 }
 
-/* What no device can send; ten in a row are a fault, which a reset clears. */
+/* Input that no device can send; ten in a row are a fault, which a reset clears. */
 static void nonsense_is_refused(void **state) {
     (void)state;
     const double bad[] = {NAN, INFINITY, -INFINITY, 1.5, -1e300};
@@ -212,7 +212,7 @@ static void nonsense_is_refused(void **state) {
     assert_int_equal(b.tool.state, HRT_ENGAGED);
 }
 
-/* The last limit shrinks a force that the core would never send; it keeps its direction. */
+/* The last limit reduces a force that the core would never send, and keeps its direction. */
 static void the_last_limit_keeps_the_direction(void **state) {
     (void)state;
     start(1.0, "touch");

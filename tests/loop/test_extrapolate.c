@@ -58,7 +58,7 @@ static void along_the_line(void **state) {
     begin(HRT_TIME, 0.1f + STEP, 0.1f + 2 * STEP);
     assert_float_equal(force_at(100000, 0.1f + 3 * STEP), truth, 1e-4);
     assert_float_equal(force_at(100000, 0.1f), truth, 1e-4); /* wherever the tool is */
-    /* The guard against standstill costs (standstill/step)^2 = 1 % of the change. */
+    /* The guard against division by small steps costs (standstill/step)^2 = 1 % of the change. */
     begin(HRT_POSITION, 0.1f + STEP, 0.1f + 2 * STEP);
     assert_float_equal(force_at(100000, 0.1f + 3 * STEP), truth, 0.02f * 400.0f * STEP);
     begin(HRT_BROYDEN, 0.1f + STEP, 0.1f + 2 * STEP);
@@ -72,7 +72,7 @@ static void along_the_line(void **state) {
 
 static void reversal(void **state) {
     (void)state;
-    /* The tool turned back to where it was: signed laws give the force of there, the printed one grows. */
+    /* The tool returns to an earlier place: signed laws give the force of that place, the printed one grows. */
     const float truth = -400.0f * STEP, tolerance = 0.02f * 400.0f * STEP;
     begin(HRT_POSITION, 0.1f + STEP, 0.1f + 2 * STEP);
     assert_float_equal(force_at(100000, 0.1f + STEP), truth, tolerance);
@@ -91,7 +91,7 @@ static void tissue_never_pulls(void **state) {
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
         assert_float_equal(force_at(60000, 0.095f), 0.0f, 1e-6); /* far out of the tissue */
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
-        x.now.unilateral = false; /* a grasper may be pulled, where the simulation says how stiff what it holds is */
+        x.now.unilateral = false; /* a grasper may be pulled, if the sample has the stiffness of the grasp */
         const float pulled = force_at(60000, 0.1f - STEP);
         if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_LOCAL_MODEL)
             assert_true(pulled > 0.1f);
@@ -113,14 +113,14 @@ static void standstill(void **state) {
     }
 }
 
-/* The tool stands, one encoder count comes and goes, the force it tells of is rough by 0.05 N: what is felt stays near.
- */
+/* The tool stands still, one encoder count comes and goes, and the force of the samples is rough by 0.05 N: the
+ * rendered force stays near. */
 static void one_count_jitter(void **state) {
     (void)state;
     const float count = 1.0f / 40000.0f;
     uint64_t seed = 3;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
-        if (w == HRT_PAPER_POSITION) continue; /* as printed; see the bound below */
+        if (w == HRT_PAPER_POSITION) continue; /* as printed in the paper; see the bound below */
         hrt_extrapolation_reset(&x, (hrt_extrapolator)w);
         double worst = 0.0;
         for (int k = 0; k < 400; k++) {
@@ -148,7 +148,7 @@ static void bounded_whatever_the_differences(void **state) {
             for (int i = 0; i < 3; i++) s.force_N[i] = rig_uniform(&seed, -8.0f, 8.0f);
             assert_int_equal(hrt_sample_check(&s, &params), HRT_ACCEPT);
             hrt_extrapolation_sample(&x, &params, &s);
-            /* At most F_n + ratio_max dF, or F_n + stiffness_max horizon. */
+            /* Bound: F_n + ratio_max dF, or F_n + stiffness_max horizon. */
             const float most =
                 fmaxf(14.0f + params.ratio_max * 28.0f, 14.0f + params.stiffness_max_N_m * params.horizon_m);
             assert_true(fabsf(force_at(2000 * k + 1000, rig_uniform(&seed, -0.2f, 0.2f))) <= most * 1.001f);
@@ -181,16 +181,16 @@ static void changing_the_law_makes_no_jump(void **state) {
                 most = fmaxf(most, fabsf(now - last));
                 last = now;
             }
-            assert_true(most < 0.2f); /* 2 ms of 30 of a difference of up to 2 N, and `time` goes on by itself */
+            assert_true(most < 0.2f); /* 2 ms of 30 of a difference of up to 2 N, and `time` extrapolates by itself */
         }
 }
 
-/* The force falls because tissue goes, while the tool hardly moves: no estimate takes that for a stiffness, and leads
- * the force back up when the tool is drawn away. */
+/* The force falls because tissue is removed, while the tool hardly moves: no estimator mistakes that for stiffness
+ * and raises the force again when the tool is withdrawn. */
 static void a_cut_teaches_nothing(void **state) {
     (void)state;
     const hrt_extrapolator estimating[] = {HRT_BROYDEN, HRT_TANGENT,
-                                           HRT_LOCAL_MODEL}; /* the others without a stiffness */
+                                           HRT_LOCAL_MODEL}; /* the laws without a sent stiffness */
     for (int k = 0; k < 3; k++) {
         hrt_extrapolation_reset(&x, estimating[k]);
         for (int i = 0; i < 6; i++) {
@@ -208,8 +208,8 @@ static void a_cut_teaches_nothing(void **state) {
     }
 }
 
-/* A hold, pulled until it is well known, is let go while the hand withdraws: the force is the sample's, and what it was
- * stiff with before is forgotten for good. */
+/* A grasp is pulled until its stiffness is well known, then released while the hand withdraws: the force is the
+ * sample's, and the learned stiffness is not used again. */
 static void what_is_let_go_is_not_stiff(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++)
@@ -234,8 +234,8 @@ static void what_is_let_go_is_not_stiff(void **state) {
         }
 }
 
-/* Deep in a cut a stiffness may be that of another rest: 2,000 N/m where the force hardly follows the tool. It is not
- * believed for longer than a sample. */
+/* Deep in a cut a stiffness may belong to another equilibrium: 2,000 N/m where the force hardly follows the tool. It
+ * is used for at most one sample. */
 static void a_stiffness_that_does_not_come_true(void **state) {
     (void)state;
     const hrt_extrapolator receiving[] = {HRT_TANGENT, HRT_LOCAL_MODEL};
@@ -249,12 +249,13 @@ static void a_stiffness_that_does_not_come_true(void **state) {
                 s.topology_revision = cut ? k : 0;
                 hrt_extrapolation_sample(&x, &params, &s);
                 const float force = force_at(40000 * k + 38000, s.tip_m[2] + 2 * STEP);
-                if (k > 0) assert_true(fabsf(force) < 0.09f); /* 2 N by the stiffness */
+                if (k > 0) assert_true(fabsf(force) < 0.09f); /* 2 N by that stiffness */
             }
         }
 }
 
-/* With samples in every tick and noise of 10 mN, differences stay as accurate as with 25 samples a second. */
+/* With samples in every tick and noise of 10 mN, estimates from differences stay as accurate as with 25 samples a
+ * second. */
 static void differences_in_every_tick(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
@@ -273,7 +274,7 @@ static void differences_in_every_tick(void **state) {
     }
 }
 
-/* Broyden remembers what it learned off the line: after probing z, then x, both stiffnesses are known. */
+/* Broyden's update keeps directions off the line: after probing z, then x, both stiffnesses are known. */
 static void broyden_remembers(void **state) {
     (void)state;
     hrt_extrapolation_reset(&x, HRT_BROYDEN);
@@ -340,7 +341,7 @@ static void seq_wraps(void **state) {
     assert_true(hrt_seq_after(2, 0xFFFFFFFEu) && !hrt_seq_after(0xFFFFFFFEu, 2) && !hrt_seq_after(7, 7));
 }
 
-/* A damaged seq far ahead silences the stream; once stale, the good stream is taken up again. */
+/* A damaged seq far ahead blocks the stream until it is stale; then the good stream is accepted again. */
 static void a_wild_seq_does_not_lock_the_door(void **state) {
     (void)state;
     rig_engage(&r);
@@ -352,8 +353,8 @@ static void a_wild_seq_does_not_lock_the_door(void **state) {
     rig_until(&r, HRT_ENGAGED, 0.3);
 }
 
-/* ---------------------------------------------------------------------------------------------- what is refused before
- * the tick */
+/* ---------------------------------------------------------------------------------------------- rejected before the
+ * tick */
 
 static void samples_are_checked(void **state) {
     (void)state;
@@ -374,7 +375,7 @@ static void samples_are_checked(void **state) {
     s.stiffness_kind = 3;
     assert_int_equal(hrt_sample_check(&s, &params), HRT_REJECT_INDEX);
     s = good;
-    s.stiffness_N_m[8] = -1e6f; /* bounded, not refused */
+    s.stiffness_N_m[8] = -1e6f; /* bounded, not rejected */
     assert_int_equal(hrt_sample_check(&s, &params), HRT_ACCEPT);
     assert_float_equal(s.stiffness_N_m[8], -params.stiffness_max_N_m, 1.0f);
     for (int v = 0; v < HRT_REJECT_COUNT; v++) assert_string_not_equal(hrt_reject_text((hrt_reject)v), "unknown");

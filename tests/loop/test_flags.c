@@ -1,5 +1,5 @@
-/* Flags of a sample, planted one by one between simulation and hand: checks the rule of core/flags.c for each in the
- * force of the device's motors. */
+/* Flags of a sample, planted one at a time between simulation and hand: checks the rule of core/flags.c for each
+ * flag in the force of the device's motors. */
 #include "loop.h"
 
 static loop l;
@@ -40,7 +40,7 @@ static void of_some_the_force_alone(void **state) {
     }
 }
 
-/* A patch that comes with a doubtful sample is not used either. */
+/* A patch that arrives with an unreliable sample is not used either. */
 static void nor_its_patch(void **state) {
     (void)state;
     for (int doubt = 0; doubt < 2; doubt++) {
@@ -57,7 +57,7 @@ static void nor_its_patch(void **state) {
     }
 }
 
-/* A reaction given again is no news: a frame of it is bridged, many are silence. */
+/* A repeated reaction carries no new information: one frame of it is bridged, many count as silence. */
 static void held_over_grows_old(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
@@ -70,14 +70,14 @@ static void held_over_grows_old(void **state) {
     while (l.now_us - good_us <= 150000) loop_tick(&l);
     assert_true(loop_force(&l) == 0.0 && loop_motor(&l) == 0.0);
     loop_run(&l, 1.0);
-    assert_int_equal(l.tool.state, HRT_IDLE); /* nor does it let engage */
+    assert_int_equal(l.tool.state, HRT_IDLE); /* nor does it permit engaging */
     l.flags = 0;
     loop_run(&l, 1.0);
     assert_int_equal(l.tool.state, HRT_ENGAGED);
     assert_true(loop_force(&l) > 2.0);
 }
 
-/* Never rendered, and what was before it fades at once, within fade_us. */
+/* An unstable frame is never rendered, and the force before it fades at once, within fade_us. */
 static void unstable_fades_at_once(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
@@ -93,7 +93,7 @@ static void unstable_fades_at_once(void **state) {
         assert_true(l.node.result.limits & HRT_LIMIT_UNSTABLE);
     }
     assert_true(loop_force(&l) == 0.0 && loop_motor(&l) == 0.0);
-    l.flags = HRT_FLAG_REPEATED; /* which is no good news either */
+    l.flags = HRT_FLAG_REPEATED; /* which does not permit it either */
     loop_run(&l, 1.0);
     assert_int_equal(l.tool.state, HRT_IDLE);
     assert_true(loop_force(&l) == 0.0);
@@ -103,7 +103,7 @@ static void unstable_fades_at_once(void **state) {
     assert_true(loop_force(&l) > 2.0);
 }
 
-/* One unstable frame among good ones: it dips and comes back, never above. */
+/* One unstable frame among good ones: the force dips and returns, never above. */
 static void one_unstable_frame(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);

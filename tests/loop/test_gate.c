@@ -1,5 +1,5 @@
-/* The gate: which sender is accepted, and for how long. Fixed cases, then random messages of several peers with wrong
- * clocks, checked after each against docs/controller.md. */
+/* The gate: which sender is accepted, and for how long. Fixed cases, then random messages of several peers with
+ * wrong clocks, checked after each against docs/controller.md. */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -34,14 +34,14 @@ static void one_after_another(void **state) {
     assert_int_equal(say(&g, 30, 5, 9, 120), HRT_GATE_LATE);
     assert_int_equal(say(&g, 40, 5, 12, 109), HRT_GATE_CLOCK_BACK);
     assert_int_equal(say(&g, 50, 5, 12, 110), HRT_GATE_ACCEPTED);
-    /* Half a turn ahead is the farthest; over the end it goes on. */
+    /* Half the range is the farthest ahead; counting continues over the end. */
     assert_int_equal(say(&g, 60, 5, 12 + 0x7fffffffu, 120), HRT_GATE_ACCEPTED);
     assert_int_equal(say(&g, 70, 5, 12 + 0xffffffffu, 120), HRT_GATE_LATE);
     assert_int_equal(say(&g, 80, 5, 12 + 0xfffffffeu, 120), HRT_GATE_ACCEPTED);
     assert_int_equal(say(&g, 90, 5, 20, 120), HRT_GATE_ACCEPTED);
 }
 
-/* The larger session has no right over the smaller, nor the smaller over the larger. */
+/* Neither the larger nor the smaller session number has priority. */
 static void another_is_taken_after_a_second(void **state) {
     (void)state;
     const int64_t sessions[] = {1, 4, INT64_MAX, INT64_MIN, 0, -1};
@@ -55,7 +55,7 @@ static void another_is_taken_after_a_second(void **state) {
     }
 }
 
-/* One packet with the session of the one who speaks, far ahead: heals a second later. */
+/* One packet far ahead with the current sender's session: recovers a second later. */
 static void a_mark_far_ahead_heals(void **state) {
     (void)state;
     hrt_gate g = {.known = false};
@@ -101,7 +101,7 @@ static uint64_t random_state;
 static uint64_t draw(void) { return num_xorshift64(&random_state); }
 static int64_t below(int64_t n) { return (int64_t)(draw() % (uint64_t)n); }
 
-/* Starts anew with whatever clock it finds: its session may be larger or smaller than any before. */
+/* Restarts with any clock: its session may be larger or smaller than any before. */
 static void restart(peer *p) {
     p->session = (int64_t)draw();
     p->clock_us = below(4) == 0 ? INT64_MAX / 2 : below(1000000000);
@@ -113,7 +113,7 @@ static void something_happens(peer *p) {
     case 0: p->alive = false; break;
     case 1: p->alive = true; break;
     case 2: restart(p), p->alive = true; break;
-    case 3: p->clock_us -= below(3600000000LL); break; /* its clock is set back under way */
+    case 3: p->clock_us -= below(3600000000LL); break; /* its clock is set back while it runs */
     case 4: p->clock_us += below(3600000000LL); break;
     default: p->seq -= (uint32_t)below(100000); break;
     }
@@ -124,7 +124,7 @@ typedef struct watch {
     int64_t accepted_us, told_us;
 } watch;
 
-/* What must hold of every message, without looking into the gate. */
+/* Checks what must hold for every message, without reading the gate's state. */
 static void hold_to_the_rules(watch *w, int64_t now_us, bool pinned, const hrt_gate_mark *m) {
     const hrt_gate before = w->g;
     const bool silent = !before.known || now_us - w->accepted_us >= HRT_GATE_SILENCE_US;
@@ -166,7 +166,7 @@ static void conversation(uint64_t number, int messages) {
         hold_to_the_rules(&w, now_us, now_us < pinned_until_us, &m);
         if (below(20) == 0) hold_to_the_rules(&w, now_us, now_us < pinned_until_us, &m); /* doubled on the way */
     }
-    /* Whatever happened, one who speaks alone is taken up within a second. */
+    /* Whatever happened before, a sender without competitors is accepted within a second. */
     const int64_t alone_us = now_us;
     for (; now_us - alone_us <= HRT_GATE_SILENCE_US; now_us += 2000) {
         const hrt_gate_mark m = {.session = p[1].session, .utime = p[1].clock_us += 2000, .seq = ++p[1].seq};

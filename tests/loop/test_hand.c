@@ -51,7 +51,7 @@ static void messages_out_of_order_leave_the_hand(void **state) {
     assert_true(at == 0.3);
     say(1012000, 7, 3, 0.9); /* doubled */
     assert_true(at == 0.3);
-    say(1020000, 8, 9, -0.5); /* another sender while this one speaks */
+    say(1020000, 8, 9, -0.5); /* another sender while this one is active */
     assert_true(at == 0.3);
     say(1030000, 7, 4, 0.4);
     assert_true(at == 0.4 && moves == 3);

@@ -1,4 +1,4 @@
-/* Geometry of every device: derivative against differences, inverse, virtual work; both precisions agree. */
+/* Geometry of every device: derivative against differences, inverse, virtual work; single and double agree. */
 #include "motion/kinematics.h"
 #include "rig.h"
 
@@ -67,7 +67,7 @@ static void inverse_undoes(void **state) {
     assert_false(hrt_inverse(&axes, nowhere, joint));
 }
 
-/* What the programs take for granted of a description. */
+/* Checks the properties of a description that the programs rely on. */
 static void descriptions_are_whole(void **state) {
     (void)state;
     for (int32_t t = 0; t < hrt_device_type_count; t++) {
@@ -132,8 +132,8 @@ static void virtual_work(void **state) {
     assert_float_equal(r.out.torque[HRT_PITCH], -0.5f * 0.1f, 1.0e-5);
 }
 
-/* The controller's tip and the simulation's, of the same joints, over all that a message may say; the controller hears
- * of its axes as the simulation tells it (SIM_STATUS). */
+/* The controller's tip equals the simulation's for the same joints, over everything that a message may contain; the
+ * controller gets its axes from the simulation (SIM_STATUS). */
 static void check_precisions(const hrt_device_type *device) {
     uint64_t seed = 4;
     double tip_worst = 0, jacobian_worst = 0;
@@ -166,7 +166,7 @@ static void check_precisions(const hrt_device_type *device) {
     }
     print_message("%s, float against double: tip %.2g m, Jacobian %.2g\n", device->name, tip_worst, jacobian_worst);
     assert_true(tip_worst < (double)device->rounding_m);
-    assert_true(tip_worst > (double)device->rounding_m / 20); /* and no laxer than it must be */
+    assert_true(tip_worst > (double)device->rounding_m / 20); /* and no looser than necessary */
     assert_true(jacobian_worst < 2e-6);
 }
 

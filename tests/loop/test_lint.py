@@ -23,7 +23,7 @@ def test_no_double_no_heap_no_system(root):
 
 
 def test_symbols_the_core_needs(build):
-    """Undefined symbols of libhrt.a that it does not define itself: a few functions of math.h and memset."""
+    """Returns the undefined symbols of libhrt.a that it does not define itself: a few functions of math.h and memset."""
     nm = subprocess.run(["nm", build / "lib/libhrt.a"], capture_output=True, text=True, check=True).stdout
     defined = set(re.findall(r" [TRDBdbrt] (\w+)", nm))
     needed = set(re.findall(r" U (\w+)", nm)) - defined
@@ -32,7 +32,7 @@ def test_symbols_the_core_needs(build):
 
 
 def test_no_recursion(root):
-    """clang's call graph would do as well; a function that names itself is what can happen here."""
+    """Finds functions that call themselves: the recursion that may occur here; clang's call graph would find all."""
     for path in sources(root):
         if path.suffix == ".h":
             continue

@@ -1,5 +1,5 @@
-/* The mailbox: samples, patches, poses and commands are posted by one thread while another ticks; none is torn, none
- * freed during a read. Run with config=tsan too. */
+/* The mailbox: one thread posts samples, patches, poses and commands while another ticks; none is torn or freed
+ * during a read. Run with config=tsan too. */
 #include <pthread.h>
 #include <time.h>
 
@@ -11,7 +11,7 @@ static _Atomic int64_t tool_us;
 static _Atomic int64_t posted;
 static int64_t refused;
 
-/* Every number of the sample and of its patch is made from seq: a mixture of two would show. */
+/* Every number of the sample and of its patch is derived from seq: a mixture of two would be detected. */
 static float mark(uint32_t seq) { return 0.001f * (float)(seq % 997u + 1u); }
 
 static void make_patch(uint32_t seq, tensormass_contact_patch_t *m) {
@@ -65,7 +65,7 @@ static void never_torn(void **state) {
     l.sim_alive = false;
     atomic_store(&tool_us, l.now_us);
     assert_int_equal(pthread_create(&thread, NULL, poster, NULL), 0);
-    const time_t begin = time(NULL); /* a poster that the scheduler forgets is waited for */
+    const time_t begin = time(NULL); /* waits for a poster that the scheduler delays */
     for (int tick = 0; tick < 60000 || (!enough(taken, with_patch) && time(NULL) - begin < 120); tick++) {
         loop_tick(&l);
         atomic_store(&tool_us, l.now_us - 2000);
@@ -90,14 +90,14 @@ static void never_torn(void **state) {
     assert_true(enough(taken, with_patch));
 }
 
-/* Simulation and controller both at 500 Hz, each by its own clock: now and then two samples come between two ticks. The
- * newest is taken, and what it pushed out is no sample that the network lost. */
+/* Simulation and controller both run at 500 Hz, each by its own clock, so sometimes two samples arrive between two
+ * ticks. The newest is used; the other one does not count as lost by the network. */
 static void superseded_is_not_lost(void **state) {
     (void)state;
     const hrt_device_config d = loop_device_config();
     hrt_node_config n = loop_node_config();
     loop_start(&l, &d, &n);
-    l.sim_alive = false; /* this test sends */
+    l.sim_alive = false; /* sent by this test */
     loop_run(&l, 0.5);
     uint32_t sent = 0, dropped = 0;
     const uint32_t superseded = l.node.superseded;

@@ -1,4 +1,4 @@
-"""haptic-rt and tm-device over LCM, the simulation played by message_ring.py in a network namespace of its own."""
+"""haptic-rt and tm-device over LCM; message_ring.py plays the simulation in a network namespace."""
 import csv
 import json
 import math
@@ -30,11 +30,12 @@ def seen(bin, build, root):
         shutil.rmtree(directory)
 
 
-PAUSE, STALE, TICK_LATE = 1024, 4, 10  # limit of a tick that found the controller or the device kept waiting, state, fault: docs/controller.md
+PAUSE, STALE, TICK_LATE = 1024, 4, 10  # Limit flag of a tick after a delay of controller or device, state, fault: docs/controller.md
 
 
 def in_time(seen, name, since, late=None):
-    """What was waited for came at once, or the record shows that the machine kept a program or this rig waiting; in a sanitizer's slow build it may come late."""
+    """Checks that the awaited state came at once, or that the record shows a delay of a program or of this test; in a sanitizer's slow build it may
+    be late."""
     if not (seen[name]["late"] if late is None else late) or "TM_SANITIZER" in os.environ:
         return True
     rows = seen["record"][seen[since]["ticks"] if since else 0:seen[name]["ticks"]]
@@ -54,7 +55,7 @@ def test_the_ring_closes(seen):
     pitch, yaw, insertion = first["joint"][:3]
     assert first["tip"][2] == pytest.approx(0.2 - insertion * math.cos(pitch) * math.cos(yaw), abs=1e-5)
     assert first["tip"][:2] == pytest.approx([0.01, 0.02], abs=2e-3)
-    # A hand of 300 N/m against a wall of 300 N/m meets half way: 0.07 m wanted, 0.08 m the wall.
+    # A hand of 300 N/m and a wall of 300 N/m meet half way: target 0.07 m, wall 0.08 m.
     assert first["force"][2] == pytest.approx(1.5, abs=0.2)
     assert first["active"] == 1 and first["joint"][4] == pytest.approx(0.5, abs=0.01)
     assert first["tool_extrapolator"] == 0 and first["extrapolator"] == "hold" and first["passivity"] == 1
@@ -69,7 +70,7 @@ def test_law_and_passivity_are_switched_by_command(seen):
 def test_bad_messages_are_counted_and_change_nothing(seen):
     after, before = seen["after_bad"], seen["switched"]
     assert after["state"] == 3 and after["extrapolator"] == "tangent"
-    assert after["rejected"] - before["rejected"] >= 3  # not finite, for another controller, bad patch; what cannot be decoded never arrives
+    assert after["rejected"] - before["rejected"] >= 3  # not finite, for another controller, bad patch; messages that cannot be decoded never arrive
     assert after["force"][2] == pytest.approx(1.5, abs=0.2) and in_time(seen, "after_bad", "switched")
 
 
@@ -100,7 +101,7 @@ def test_simulation_gone_leaves_no_force(seen):
     assert gone["state"] == 2 and gone["force"] == [0, 0, 0] and gone["fault"] == 0
     pushing = [row for row in seen["record"] if row["fz_N"] > 0.5]
     assert len(pushing) > 500
-    # Every tick on record: 150 ms after t_n of the last valid sample nothing pushes.
+    # In every recorded tick later than 150 ms after t_n of the last valid sample, the force is zero.
     old = [row for row in seen["record"] if row["sample_age_s"] > 0.15]
     assert len(old) > 100 and all(row["fx_N"] == row["fy_N"] == row["fz_N"] == 0 for row in old)
     assert all(row["force_insertion_N"] == 0 for row in old)

@@ -1,10 +1,10 @@
-/* Sender and order of samples are checked before the mailbox: a waiting sample is replaced only by a later one of the
- * same simulation. No other sender's sample reaches the tick while force is rendered. */
+/* Sender and order of samples are checked before the mailbox: only a later sample of the same simulation replaces a
+ * waiting one. No other sender's sample reaches the tick while force is rendered. */
 #include "loop.h"
 
 static loop l;
 
-/* A good sample of the present simulation, pushing sideways instead. */
+/* Makes a good sample of the present simulation, with a sideways force instead. */
 static tensormass_force_sample_t forged(void) {
     tensormass_force_sample_t s = loop_sample(&l, &l.tool);
     s.seq = (int32_t)l.seq + 1;
@@ -12,7 +12,7 @@ static tensormass_force_sample_t forged(void) {
     return s;
 }
 
-/* Each of these used to take an unread sample's place. */
+/* Each of these once replaced an unread sample. */
 static void an_unread_sample_stays(void **state) {
     (void)state;
     for (int kind = 0; kind < 6; kind++) {
@@ -50,7 +50,7 @@ static void a_foreign_patch_takes_no_place(void **state) {
     assert_non_null(l.node.controller.extrapolation.patch);
 }
 
-/* Samples of a simulation that has received no tool yet are not accepted, and not reported as refused. */
+/* Samples of a simulation that has received no tool state yet are not accepted, and not counted as rejected. */
 static void an_answer_to_nobody_is_no_refusal(void **state) {
     (void)state;
     loop_press(&l, HRT_HOLD);
@@ -64,13 +64,13 @@ static void an_answer_to_nobody_is_no_refusal(void **state) {
     assert_int_equal(atomic_load(&l.node.rejected), rejected + 1);
 }
 
-/* While it is felt, however long it is silent; then after a second of silence. */
+/* Not while its force is rendered, however long it is silent; then after a second of silence. */
 static void another_simulation_waits(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
     tensormass_force_sample_t s = forged();
     s.session++;
-    for (int k = 0; k < 1000; k++) { /* a flood of it beside the real one */
+    for (int k = 0; k < 1000; k++) { /* a flood of foreign samples together with the real ones */
         s.seq++;
         s.tool_utime = l.tool.utime;
         assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_FOREIGN);
@@ -93,7 +93,7 @@ static void another_simulation_waits(void **state) {
     assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_ACCEPT);
 }
 
-/* t_n is this controller's own clock: a recorded sample is older than the newest, whatever the silence. */
+/* t_n is this controller's own clock: a recorded sample is older than the newest one, however long the silence. */
 static void recorded_samples_never_fit(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
@@ -130,7 +130,7 @@ static void no_reset_while_it_is_felt(void **state) {
     }
 }
 
-/* What a row of a patch may bear has a bound, as everything else has. */
+/* The load of a patch's row is bounded, like every other quantity. */
 static void a_patch_has_a_bounded_cap(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);

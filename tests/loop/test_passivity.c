@@ -12,7 +12,7 @@
 
 static loop l;
 
-/* No dry friction and a soft hand: nothing but the law and its damper keeps the loop calm. */
+/* No dry friction and a soft hand: only the extrapolator and its damper damp the loop. */
 static void start(hrt_extrapolator which, double wall_N_m, bool passivity, bool coupling) {
     hrt_device_config d = loop_device_config();
     hrt_node_config n = loop_node_config();
@@ -29,7 +29,7 @@ static void start(hrt_extrapolator which, double wall_N_m, bool passivity, bool 
     l.send_stiffness = true;
 }
 
-/* How far the device still swings, m, in two seconds from now. */
+/* Returns the remaining amplitude of the device, m, during two seconds from now. */
 static double swing(void) {
     double low = 1.0, high = 0.0;
     for (int i = 0; i < 1000; i++) {
@@ -53,7 +53,7 @@ static void the_account_is_the_work_done(void **state) {
         engaged = l.tool.state == HRT_ENGAGED;
         double size = 0.0;
         for (int a = 0; a < 3; a++) size += fabs(last_force[a] = (double)l.node.result.force_N[a]);
-        /* Out of touch for 50 ms the account begins anew. */
+        /* After 50 ms without contact the account is reset. */
         free_s = size > 0.0 ? 0.0 : free_s + 0.002;
         if (free_s > 0.06) work = 0.0;
         if (engaged && free_s == 0.0)
@@ -105,7 +105,7 @@ static void switched_while_running(void **state) {
     assert_int_equal(status.limits & HRT_LIMIT_PASSIVITY, 0);
 }
 
-/* Passive as it is: the controller leaves it alone. */
+/* Already passive: the controller does not intervene. */
 static void a_passive_loop_is_left_alone(void **state) {
     (void)state;
     double swings[2], force[2];
@@ -115,13 +115,13 @@ static void a_passive_loop_is_left_alone(void **state) {
         swings[on] = swing();
         force[on] = (double)l.node.result.force_N[2];
         assert_int_equal(l.node.result.limits & HRT_LIMIT_PASSIVITY, 0);
-        assert_true(l.node.result.passivity_J < 0.0f); /* the spring holds what the hand put in */
+        assert_true(l.node.result.passivity_J < 0.0f); /* the spring stores the hand's work */
     }
     assert_true(swings[0] < 1e-5 && swings[1] < 1e-5);
     assert_true(fabs(force[0] - force[1]) < 0.02);
 }
 
-/* A wall that the loop cannot render is felt as coupling and wall in a row. */
+/* A wall too stiff for the loop is rendered as coupling and wall in series. */
 static void the_coupling_bounds_the_stiffness(void **state) {
     (void)state;
     const double walls[] = {1000.0, 2000.0, 4000.0};
@@ -142,7 +142,7 @@ static void the_coupling_bounds_the_stiffness(void **state) {
         assert_true(fabs(-(double)l.node.result.force_N[2] - expected) < 0.03 * expected);
         if (walls[i] > 1500.0) assert_true(without > 0.005);
     }
-    start(HRT_TANGENT, 300.0, false, true); /* soft enough as it is */
+    start(HRT_TANGENT, 300.0, false, true); /* already soft enough */
     loop_run(&l, 3.0);
     assert_int_equal(l.node.result.limits & HRT_LIMIT_COUPLING, 0);
 }

@@ -1,19 +1,18 @@
-/* Power into a hand: hostile samples push a light hand along its own motion, ever faster; force times true motion stays
- * within the limit over windows of every length. */
+/* Power into a hand: hostile samples push a light hand along its own motion, ever faster. Force times true motion
+ * stays within the limit over windows of every length. */
 #include "../long.h"
 #include "rig.h"
 
-enum { PARTS = 20, WINDOWS = 4 }; /* of a tick, in which the hand moves */
+enum { PARTS = 20, WINDOWS = 4 }; /* of a tick, during which the hand moves */
 static const int window_ticks[WINDOWS] = {1, 5, 25, 100};
-/* Of the limit: over a tick the hand has been pushed where it could not be foreseen; over longer ones that is paid
- * back. */
+/* Share of the limit: during one tick the hand may move unpredictably; over longer windows this is compensated. */
 static const double allowance[WINDOWS] = {1.15, 1.05, 1.01, 1.0};
 
 typedef struct hand {
     double mass[HRT_MOTORS], joint[HRT_MOTORS], rate[HRT_MOTORS], stiffness, damping;
 } hand;
 
-/* Of the joints' torques over a tick; returns their work. */
+/* Applies the joints' torques for one tick; returns their work. */
 static double push(hand *h, const float torque[HRT_MOTORS]) {
     double work = 0.0;
     for (int p = 0; p < PARTS; p++)
@@ -27,7 +26,7 @@ static double push(hand *h, const float torque[HRT_MOTORS]) {
     return work;
 }
 
-/* What a hostile simulation says: a force along the motion, as large as it may be, or at random. */
+/* Makes a hostile sample: a force along the motion, of maximum size or at random. */
 static void incite(rig *r, const hand *h, uint64_t *seed, int how) {
     float J[9], along[3] = {0};
     hrt_jacobian(&r->c.axes, r->c.joint, J);
@@ -65,7 +64,7 @@ static void session(uint64_t seed, bool passivity, hrt_extrapolator law) {
         for (int j = 0; j < HRT_MOTORS; j++)
             r.in.count[j] = (int32_t)lround((double)hrt_count_of_joint(&r.params, j, (float)h.joint[j]));
         rig_tick(&r);
-        if (r.out.state == HRT_FAULT) break; /* a hand faster than a hand can be: no force any more */
+        if (r.out.state == HRT_FAULT) break; /* faster than a hand can move: the force is zero */
         work[t % 100] = push(&h, r.out.torque);
         all += work[t % 100];
         for (int w = 0; w < WINDOWS && t >= window_ticks[w]; w++) {
@@ -86,7 +85,7 @@ static void force_times_true_motion_stays_within_the_limit(void **state) {
         session(seed, seed % 2 != 0, laws[seed % 3]);
     print_message("most over 2, 10, 50, 200 ms: %.2f, %.2f, %.2f, %.2f W; the limit is %.1f W\n", worst_W[0],
                   worst_W[1], worst_W[2], worst_W[3], (double)p.power_max_W);
-    assert_true(worst_W[3] > 0.5 * (double)p.power_max_W); /* it was tried */
+    assert_true(worst_W[3] > 0.5 * (double)p.power_max_W); /* the limit was reached */
     for (int w = 0; w < WINDOWS; w++) assert_true(worst_W[w] < allowance[w] * (double)p.power_max_W);
 }
 

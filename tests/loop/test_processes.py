@@ -20,10 +20,10 @@ FORCE_N = 2.0
 
 @pytest.fixture
 def ring(bin, tmp_path):
-    """Starts programs, ends them whatever happens."""
+    """Starts programs and ends them in any case."""
     class Ring:
         def __init__(self):
-            # The bus in memory as by default: the pages of a file on a disk are write-protected whenever they are written back.
+            # The bus is in memory by default: on a disk, the pages of its file are write-protected whenever they are written back.
             self.bus_directory = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
             self.running, self.env = [], dict(os.environ, TM_BUS_DIR=self.bus_directory)
             self.directory = tmp_path
@@ -104,7 +104,7 @@ def test_any_order_and_what_they_wait_for(ring, device_first):
 def test_figures(ring):
     device = ring.start("tm-device", "--bus", "virtual:t", "--hand", ring.hand(), "--repeat", "--duration", 4, "--json", ring.directory / "d.json", "--stats")
     controller = ring.controller("--samples", ring.samples(), "--duration", 3, "--stats", "--json", ring.directory / "c.json", "--record", ring.directory / "r.csv",
-                                 "--extrapolator", "hold", "--no-passivity")  # recorded forces push whatever the hand does: they are not passive
+                                 "--extrapolator", "hold", "--no-passivity")  # recorded forces do not react to the hand: they are not passive
     assert controller.wait(20) == 0 and device.wait(20) == 0
     c, d = (json.loads((ring.directory / f"{n}.json").read_text()) for n in "cd")
     rows = list(csv.DictReader(open(ring.directory / "r.csv")))
@@ -138,7 +138,7 @@ def test_passivity_is_on_unless_told_otherwise(bin, tmp_path, option, on):
 
 
 def test_no_page_fault_after_start(ring):
-    """The kernel may move pages about and cause faults now and then; faults of our own would come every time."""
+    """The kernel may move pages and cause a fault now and then; faults of the program itself would occur in every run."""
     ring.device()
     seen = []
     for attempt in range(4):
@@ -153,7 +153,7 @@ def test_no_page_fault_after_start(ring):
 
 
 def syscalls(path):
-    """Calls by name of each thread of a `strace -f` log."""
+    """Returns the calls by name of each thread of a `strace -f` log."""
     calls = {}
     for line in open(path, errors="replace"):
         parts = line.split(None, 1)
@@ -174,7 +174,7 @@ def test_system_calls_of_the_loop_are_the_listed_ones(bin, ring):
     loop = max(syscalls(trace).values(), key=lambda calls: calls.count("clock_nanosleep") if len(set(calls)) < 15 else 0)
     first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
     assert loop.count("clock_nanosleep") > 1000
-    # getrusage once after the first second: where counting page faults begins.
+    # getrusage once after the first second: from there page faults are counted
     assert set(loop[first:last]) <= {"clock_nanosleep", "getrusage"}, set(loop[first:last])
 
 
@@ -188,7 +188,7 @@ def test_controller_killed_drops_the_torque_and_a_new_one_takes_over(ring):
     until(lambda: watch.last(DEVICE_FAULT)[0] is not None, "the device tells of its watchdog", 2)
     last_command = watch.last(COMMAND)[0]
     dropped = next(t for t, i, d in watch.frames if i == DEVICE_FAULT)
-    # 20 ms by its own clock (tests/loop/test_ring.c, on a virtual one); this process and the device are scheduled as the machine pleases.
+    # 20 ms by its own clock (tests/loop/test_ring.c, on a virtual one); here the scheduler delays this process and the device.
     assert dropped - last_command < 0.150
     until(lambda: "commands stopped" in text(device), "it says so")
     again, since = ring.controller("--samples", ring.samples()), time.monotonic()
@@ -251,7 +251,7 @@ def refused(ring, program, *argv):
 
 
 def test_a_second_controller_or_device_is_refused_and_disturbs_nobody(bin, ring):
-    """Two controllers on one device would push in turn, a thousand times a second."""
+    """Two controllers on one device would push alternately, a thousand times a second."""
     device = ring.device()
     controller = ring.controller("--samples", ring.samples(), "--json", ring.directory / "c.json")
     watch = Watch(VirtualBus(ring.bus_directory, "t"))
@@ -259,7 +259,7 @@ def test_a_second_controller_or_device_is_refused_and_disturbs_nobody(bin, ring)
     for _ in range(5):
         assert refused(ring, bin / "haptic-rt", "--trocar", "0,0,0") and refused(ring, bin / "tm-device")
     assert pushing(watch) and "fault" not in text(controller) and "commands stopped" not in text(device)
-    # The other instrument's place is free, and a place is free again however its holder ended, stopped ones excepted.
+    # The other instrument is free; and an instrument is free again however its holder ended, stopped ones excepted.
     other = ring.controller("--instrument", 1)
     until(lambda: "waiting for device 1" in text(other), "the other instrument")
     controller.send_signal(signal.SIGSTOP)
@@ -272,7 +272,7 @@ def test_a_second_controller_or_device_is_refused_and_disturbs_nobody(bin, ring)
 
 
 def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
-    """As on another machine, where no lock reaches: one forged frame under the controller's own id."""
+    """A controller on another machine, where no lock applies: one forged frame under the controller's own id."""
     ring.device()
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1.5)
     bus = VirtualBus(ring.bus_directory, "t")
@@ -292,7 +292,7 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.5)
     watch = Watch(VirtualBus(ring.bus_directory, "t"))
     until(lambda: pushing(watch), "force")
-    watch.stop = True  # before its own memory goes
+    watch.stop = True  # before its own mapping becomes invalid
     watch.join()
     path = os.path.join(ring.bus_directory, "t.bus")
     if harm in ("truncate", "shorten"):
@@ -306,7 +306,7 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
             file.truncate(64 + 4096 * 32)
         os.rename(path + ".new", path)
     what = "its file was truncated" if harm in ("truncate", "shorten") else "its file was removed or replaced"
-    # The first of the two repairs it: the other may find it repaired, or notice first.
+    # The first of the two repairs it: the other one may find it repaired, or notice first.
     until(lambda: what in text(controller) + text(device), "it is told", 2)
     watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
     until(lambda: pushing(watch, since), "force on the repaired bus")
@@ -316,14 +316,14 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
 
 
 def test_the_bus_folder_is_the_real_users_and_goes_with_the_last(bin, ring):
-    """In a user namespace everybody is root: the name is made of who one is outside."""
+    """In a user namespace every user is root: the name is made of the user id outside."""
     env = {k: v for k, v in os.environ.items() if k != "TM_BUS_DIR"}
     plain, name = pathlib.Path(f"/dev/shm/tensormass-{os.getuid()}"), f"t{os.getpid()}"
     bus = f"virtual:{name}"
     before = plain.exists()
     inside = "1000" if os.getuid() == 0 else "0"
     run = ["unshare", "-U", f"--map-user={inside}", bin / "tm-device", "--bus", bus, "--duration", "1"]
-    for _ in range(2):  # each of the two is the last to go, once
+    for _ in range(2):  # each of the two is the last one once
         first = subprocess.Popen(run, env=env, stderr=subprocess.PIPE, text=True)
         until(lambda: (plain / f"{name}.bus").exists() or first.poll(), "the bus in the folder of who one is outside")
         second = subprocess.run([bin / "haptic-rt", "--bus", bus, "--duration", "0.4" if _ else "1.5"], env=env, capture_output=True, text=True, timeout=120)
@@ -438,7 +438,7 @@ def test_bad_files(bin, tmp_path, name, content, line, expected):
 
 @pytest.mark.parametrize("length", [400, 511, 512, 1000, 2048, 60000])
 def test_a_long_comment_never_becomes_a_setting(bin, tmp_path, length):
-    """A line that is cut in two at any length would be read as a comment and a setting."""
+    """A line that is split at any length would be read as a comment and a setting."""
     (tmp_path / "p.profile").write_text("force_max_N = 3 #" + "x" * (length - 17) + "force_max_N = 20\n")
     run = subprocess.run([bin / "haptic-rt", "--profile", tmp_path / "p.profile", "--params"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0 and "force_max_N = 3\n" in run.stdout, run.stderr
@@ -471,7 +471,7 @@ def test_an_unwritable_report_is_told_at_once(bin, tmp_path):
 
 
 def test_a_profile_of_another_device_is_refused_by_its_name(bin, tmp_path):
-    """Also where all its counts would fit; with the right --device-type it is read."""
+    """Even if all its counts would fit; with the right --device-type it is accepted."""
     run = lambda *words: subprocess.run([bin / "haptic-rt", *words, "--params"], capture_output=True, text=True, timeout=120)
     path = tmp_path / "desk.profile"
     lines = run("--device-type", "desk").stdout.splitlines(True)
@@ -492,7 +492,7 @@ def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
 
 
 def test_a_bus_full_of_garbage_comes_back(ring):
-    """Somebody writes over the file: it is a bus again within 100 ms, and after a reset, where the controller had noticed, there is force again."""
+    """Another process writes over the file: it is a bus again within 100 ms. After a reset, if the controller had noticed, force returns."""
     ring.device("--hand", ring.hand(), "--repeat")
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1)
     file = pathlib.Path(ring.bus_directory) / "t.bus"
@@ -507,7 +507,7 @@ def test_a_bus_full_of_garbage_comes_back(ring):
 
 
 def test_a_desk_device_by_name(ring):
-    """Controller and virtual device of another kind than the default: its own joints in records, each force along one of its slides."""
+    """Controller and virtual device of another type than the default: its own joints in records, each force along one of its slides."""
     hand = ring.directory / "desk.csv"
     hand.write_text("time_s,x_m,y_m,z_m\n0,0,0,0.10\n1,0.01,-0.01,0.13\n2,0,0,0.10\n")
     ring.device("--device-type", "desk", "--hand", hand, "--repeat")

@@ -14,7 +14,7 @@ static double stroke(double t, double from, double to) { /* minimum jerk */
     return s * s * s * (10.0 + s * (6.0 * s - 15.0));
 }
 
-/* Down 1 mm into the surface, closed, pulled up 7 mm and aside, dragged back, pulled again; a hand that trembles. */
+/* Moves down 1 mm into the surface, closes, pulls up 7 mm and aside, drags back, pulls again; the hand trembles. */
 static tm_tool_pose hand(double t) {
     const double pull = stroke(t, 0.4, 1.2) - 0.6 * stroke(t, 1.3, 1.8) + 0.4 * stroke(t, 2.0, 2.5);
     const double tremor = 40e-6 * sin(2.0 * 3.14159265358979 * 9.0 * t);
@@ -101,7 +101,7 @@ static void pulling_follows_the_hand(void **state) {
         "with a hold, %d ticks off them\n",
         peak, 100.0 * rms[0], 100.0 * rms[1], 100.0 * rms[2], patched, off);
     assert_true(peak > 0.5 && patched >= (TICKS - 200) / EVERY && off == 0);
-    /* What is left is the mass that moves with the hand, which a patch has not: docs/extrapolation.md. */
+    /* The remaining error is the mass that moves with the hand, which a patch does not have: docs/extrapolation.md. */
     assert_true(rms[2] < 0.35 * rms[0] && rms[1] < 0.35 * rms[0] && rms[2] < 0.0035);
     scene_destroy(&s);
 }

@@ -25,7 +25,7 @@ typedef struct wild {
     uint64_t seed;
     uint32_t seq;
     float speed[HRT_JOINTS], exact[HRT_JOINTS];
-    int mood; /* 0: everything is well */
+    int mood; /* 0: all inputs are valid */
     int64_t visits[HRT_STATE_COUNT], faults[HRT_FAULT_COUNT], limits[16];
 } wild;
 
@@ -58,13 +58,13 @@ static void begin(wild *w, const hrt_device_type *device) {
     w->out.state = HRT_BOOT;
 }
 
-/* Counts that wander within the workspace, now and then broken. */
+/* Counts that wander within the workspace and are occasionally invalid. */
 static void move(wild *w) {
     for (int j = 0; j < w->c.params.device->joints; j++) {
         const hrt_joint_type *type = &w->c.params.device->joint[j];
         const float edge = 0.04f * (type->max - type->min), low = type->counts_per_unit * (type->min + edge),
                     high = type->counts_per_unit * (type->max - edge);
-        const float push = w->now_us % 8000000 < 1000000 ? 4.0f : 1.0f; /* hasty at times */
+        const float push = w->now_us % 8000000 < 1000000 ? 4.0f : 1.0f; /* occasionally too fast */
         w->speed[j] = 0.995f * w->speed[j] + push * rig_uniform(&w->seed, -1.5f, 1.5f);
         w->exact[j] += w->speed[j];
         if (w->exact[j] < low || w->exact[j] > high) {
@@ -143,7 +143,7 @@ static void spoil(wild *w) {
 
 static void check_force(const wild *w, const float before[3], float dt_s) {
     const hrt_params *p = &w->c.params;
-    double size2 = 0.0, power = 0.0; /* no rounding may carry it past a limit */
+    double size2 = 0.0, power = 0.0; /* rounding must not exceed a limit */
     float change2 = 0.0f;
     for (int i = 0; i < 3; i++) {
         const float f = w->out.force_N[i], t = w->out.torque[i];
@@ -206,7 +206,7 @@ static void run_device(const hrt_device_type *device, int64_t ticks) {
     printf("\nlimits:");
     for (int b = 0; b < 11; b++) printf(" %lld", (long long)w.limits[b]);
     printf("\n");
-    /* The test is worth something only when it went everywhere. */
+    /* The test is only useful if it reached all states. */
     for (int s = 0; s < HRT_STATE_COUNT; s++) assert_true(w.visits[s] > ticks / 2000);
     assert_true(w.visits[HRT_ENGAGED] > ticks / 5);
     for (int b = 0; b < 11; b++) assert_true(w.limits[b] > 0);

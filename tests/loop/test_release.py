@@ -1,7 +1,5 @@
-"""A grasper that releases: the force falls to zero and stays there, for every extrapolator.
-
-While the jaws open, the force falls without motion. Extrapolators that took this for stiffness once pulled with 1 N (position) and 8 N (broyden).
-"""
+"""A grasper that releases: the force falls to zero and stays there, for every extrapolator. While the jaws open, the force falls without motion;
+extrapolators that mistook this for stiffness once pulled with 1 N (position) and 8 N (broyden)."""
 import csv
 import math
 import subprocess

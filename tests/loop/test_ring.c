@@ -34,7 +34,7 @@ static void press(hrt_extrapolator which) {
     assert_true(force() > 1.0);
 }
 
-/* Settled: the hand's spring and the wall's share the way, whatever the law. */
+/* At rest the hand's spring and the wall's share the displacement, for any extrapolator. */
 static void the_loop_settles(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
@@ -47,7 +47,7 @@ static void the_loop_settles(void **state) {
             low = fmin(low, l.device.joint[HRT_INSERTION]);
             high = fmax(high, l.device.joint[HRT_INSERTION]);
         }
-        /* 300 N/m against 300 N/m, within friction and a count. */
+        /* 300 N/m against 300 N/m, within friction and an encoder count. */
         const double count = 1.0 / 40000.0;
         assert_true(fabs(l.device.joint[HRT_INSERTION] - 0.1275) < 0.06 / 300.0 + 2 * count);
         assert_true(fabs(force() - 2.25) < 0.1);
@@ -89,7 +89,7 @@ static void the_same_bits_every_time(void **state) {
     assert_memory_equal(l.node.result.force_N, first.node.result.force_N, sizeof l.node.result.force_N);
 }
 
-/* Killed in contact: the last valid sample's t_n, and 150 ms later nothing pushes. */
+/* The simulation is killed in contact: 150 ms after t_n of the last valid sample the force is zero. */
 static void simulation_killed(void **state) {
     (void)state;
     for (int32_t frames = 0; frames < 2; frames++) {
@@ -103,7 +103,7 @@ static void simulation_killed(void **state) {
         assert_true(force() == 0.0 && torque() == 0.0);
         assert_false(l.device.motors_on);
         assert_int_equal(l.node.result.fault, HRT_FAULT_NONE);
-        /* A new one comes: engaged again. */
+        /* A new simulation starts: engaged again. */
         l.sim_alive = true;
         l.session++;
         l.seq = 0;
@@ -126,7 +126,7 @@ static void controller_killed(void **state) {
     assert_true(torque() == 0.0);
     assert_true(l.device.command_us + 20000 <= l.now_us && l.now_us - last_us <= 24000);
     assert_int_equal(l.device.fault, HRT_DEVICE_WATCHDOG);
-    /* Only hearing "motors off" ends it; a new controller says that while it boots. */
+    /* Only the message "motors off" ends it; a new controller sends that while it boots. */
     hrt_node_config n = loop_node_config();
     n.session = 4711;
     hrt_node_init(&l.node, &n, &l.node_bus);
@@ -142,7 +142,7 @@ static void device_unplugged(void **state) {
     const int64_t gone_us = l.now_us;
     while (force() > 0.0) loop_tick(&l);
     assert_true(l.now_us - gone_us <= 18000);
-    while (torque() > 0.0) loop_tick(&l); /* its own watchdog */
+    while (torque() > 0.0) loop_tick(&l); /* the device's own watchdog */
     assert_true(l.now_us - gone_us <= 26000);
     loop_run(&l, 0.2);
     assert_int_equal(l.tool.state, HRT_BOOT);
@@ -246,14 +246,14 @@ static void two_devices(void **state) {
     assert_true(fabs(device[1].torque[HRT_INSERTION] - 0.75) < 1e-3);
     assert_true(fabs((double)node[0].result.joint[HRT_INSERTION] - device[0].joint[HRT_INSERTION]) < 2.0 / 40000);
     assert_true(fabs((double)node[1].result.joint[HRT_INSERTION] - device[1].joint[HRT_INSERTION]) < 2.0 / 40000);
-    /* Four endpoints hear everything: 3 frames each 2 ms and device, two heartbeats each 50 ms. Below 60 % of 1 Mbit/s
-     * in the worst stuffing. */
+    /* Four endpoints receive everything: 3 frames per 2 ms and device, two heartbeats per 50 ms. Below 60 % of 1
+     * Mbit/s with worst-case stuffing. */
     const double load = (double)bus[0].bits / 2.0e6;
     print_message("bus load, two devices at 500 Hz: %.1f %%\n", 100.0 * load);
     assert_true(load > 0.3 && load < 0.6);
 }
 
-/* ---------------------------------------------------------------------------------------------- frames gone wrong */
+/* ---------------------------------------------------------------------------------------------- invalid frames */
 
 static void device_judges_commands(void **state) {
     (void)state;
@@ -287,7 +287,7 @@ static void device_judges_commands(void **state) {
     assert_int_equal(l.node.result.fault, HRT_FAULT_DEVICE_REPORTED);
 }
 
-/* A transmitter that repeats itself feeds no watchdog; a gap is counted. */
+/* A transmitter that repeats a frame does not feed the watchdog; a gap is counted. */
 static void repeated_and_lost_commands(void **state) {
     (void)state;
     press(HRT_HOLD);
@@ -314,8 +314,8 @@ static void repeated_and_lost_commands(void **state) {
     assert_int_equal(l.device.can.lost - lost, 5);
 }
 
-/* As the controller takes encoders: what was overtaken is no command, until the bus was silent for a watchdog's time.
- */
+/* As the controller accepts encoders: an overtaken frame is no command, until the bus was silent for a watchdog's
+ * time. */
 static void old_commands_are_refused(void **state) {
     (void)state;
     start(HRT_HOLD);
@@ -341,7 +341,7 @@ static void old_commands_are_refused(void **state) {
         }
         assert_int_equal(l.device.can.repeated, back <= 64);
         assert_int_equal(l.device.can.lost, back <= 64 ? 0 : 128 - back - 1);
-        /* A controller that starts anew begins anywhere. */
+        /* A controller that restarts may begin at any count. */
         now_us += 25000;
         hrt_device_step(&l.device, now_us);
         assert_int_equal(l.device.fault, HRT_DEVICE_WATCHDOG);
@@ -361,7 +361,7 @@ static void gaps_that_the_device_tells(void **state) {
     l.node.exchange.command_counter = (uint8_t)(l.node.exchange.command_counter + 7);
     loop_run(&l, 0.2);
     assert_int_equal(l.node.exchange.can.command_gaps, 7);
-    /* A controller that takes over may start at any count; this is not counted as a gap. */
+    /* A controller that takes over may begin at any count; this is not counted as a gap. */
     for (int begin = 0; begin < 128; begin += 9) {
         const hrt_node_config config = l.node.config;
         hrt_node_init(&l.node, &config, &l.node_bus);
@@ -372,7 +372,7 @@ static void gaps_that_the_device_tells(void **state) {
     }
 }
 
-/* Another controller on the same bus: its frames give it away, or the gaps that the device counts. */
+/* Another controller on the same bus is detected by its frames, or by the gaps that the device counts. */
 static void a_rival_is_heard(void **state) {
     (void)state;
     const hrt_can_kind kinds[] = {HRT_CAN_COMMAND, HRT_CAN_CONTROLLER_BEAT, HRT_CAN_RESET, HRT_CAN_DEVICE_BEAT};
@@ -384,7 +384,7 @@ static void a_rival_is_heard(void **state) {
         m.gaps = (uint16_t)(l.device.can.lost + 200);
         hrt_can_frame frame;
         hrt_can_pack(&m, &frame);
-        hrt_bus_send(&rival, &frame); /* of the other instrument: no matter */
+        hrt_bus_send(&rival, &frame); /* of the other instrument: not a conflict */
         loop_tick(&l);
         loop_tick(&l);
         assert_int_equal(l.tool.state, HRT_ENGAGED);
@@ -395,7 +395,7 @@ static void a_rival_is_heard(void **state) {
         assert_int_equal(l.node.result.fault, HRT_FAULT_BUS_CONFLICT);
         assert_true(force() == 0.0);
         hrt_bus_close(&rival);
-        loop_run(&l, 0.1); /* the device's own beats again */
+        loop_run(&l, 0.1); /* the device's own heartbeats again */
         const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
         hrt_node_post_command(&l.node, &reset);
         loop_run(&l, 1.0);
@@ -403,7 +403,7 @@ static void a_rival_is_heard(void **state) {
     }
 }
 
-/* Every single bit of every frame flipped: never taken for good by either side. */
+/* Every single bit of every frame is flipped: neither side ever accepts it as good. */
 static void flipped_bits_are_refused(void **state) {
     (void)state;
     const hrt_can_kind kinds[] = {HRT_CAN_COMMAND,         HRT_CAN_ENCODER_A,    HRT_CAN_ENCODER_B, HRT_CAN_DEVICE_BEAT,
@@ -435,7 +435,7 @@ static void flipped_bits_are_refused(void **state) {
                 assert_int_equal(back.kind, HRT_CAN_CORRUPT);
             }
             bad = frame;
-            bad.id ^= 1; /* addressed to the other one */
+            bad.id ^= 1; /* addressed to the other device */
             hrt_can_unpack(&bad, &back);
             assert_int_equal(back.kind, HRT_CAN_CORRUPT);
             bad = frame;
@@ -449,15 +449,15 @@ static void encoder_frames_lost_and_repeated(void **state) {
     (void)state;
     press(HRT_HOLD);
     const uint32_t lost = l.node.exchange.can.lost, repeated = l.node.exchange.can.repeated;
-    l.device.encoder_counter += 2; /* two sets never came */
+    l.device.encoder_counter += 2; /* two sets were lost */
     loop_tick(&l);
     assert_int_equal(l.node.exchange.can.lost - lost, 2);
     l.device.encoder_counter--; /* the same once more */
     loop_tick(&l);
     assert_int_equal(l.node.exchange.can.repeated - repeated, 1);
-    assert_int_equal(l.tool.state, HRT_ENGAGED); /* one is no reason */
+    assert_int_equal(l.tool.state, HRT_ENGAGED); /* one is not enough */
     for (int i = 0; i < 8; i++) {
-        l.device.encoder_counter--; /* a device that hangs and repeats is silent */
+        l.device.encoder_counter--; /* a device that hangs and repeats counts as silent */
         loop_tick(&l);
     }
     assert_int_equal(l.tool.state, HRT_IDLE);

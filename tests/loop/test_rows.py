@@ -1,4 +1,4 @@
-"""An addition to the controller is one file or function and one row: tested on a copy of the sources."""
+"""An addition to the controller is one file or function and one row of a table: tested on a copy of the sources."""
 import re
 import shutil
 import subprocess
@@ -125,7 +125,7 @@ def test_a_bus_is_a_file_and_a_row(root, tmp_path):
 
 
 def test_a_message_is_its_type_and_a_row(root, tmp_path):
-    """It is encoded, bounded, sealed, walked and handed over by these alone."""
+    """These alone encode it, check its bounds, authenticate it and pass it on."""
     types = tmp_path / "lcm_types"
     shutil.copytree(root / "lcm_types", types)
     (types / "weather_t.lcm").write_text(MESSAGE)

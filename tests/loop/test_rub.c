@@ -1,5 +1,5 @@
-/* Friction of `local_model` at 500 Hz: against the simulation with friction at every tick; sticks without creep, stays
- * in its cone, generates no energy. */
+/* Friction of `local_model` at 500 Hz: against the simulation with friction at every tick; sticks without creep,
+ * stays in its cone, generates no energy. */
 #include "held_patch.h"
 #include "internal.h"
 #include "rig.h"
@@ -70,7 +70,8 @@ static void give(hrt_extrapolation *x, const tm_tool_reaction *is, const double 
     hrt_extrapolation_sample(x, &params, &s);
 }
 
-/* Of all stations of the last tick: the largest force over what presses, by the coefficient at rest; less 1. */
+/* Over all stations of the last tick: the largest friction force over its normal force, divided by the static
+ * coefficient; less 1. */
 static float over_cone(const hrt_extrapolation *x, float coefficient) {
     float worst = -1.0f;
     for (int32_t k = 0; k < x->touch.friction.count; k++) {
@@ -88,7 +89,7 @@ static double stroke(double t, double from, double to) { /* minimum jerk */
     return s * s * s * (10.0 + s * (6.0 * s - 15.0));
 }
 
-/* Pressed 3 mm in, slid 6 mm, held still, back, and across; a hand that trembles. */
+/* Presses 3 mm in, slides 6 mm, holds still, slides back, and across; the hand trembles. */
 static tm_tool_pose hand(double t) {
     const double tremor = 20e-6 * sin(2.0 * 3.14159265358979 * 9.0 * t);
     return scene_pose(0.008 - 0.006 * stroke(t, 0.4, 0.8) + 0.006 * stroke(t, 1.0, 1.3) + tremor,
@@ -141,13 +142,14 @@ static void it_is_the_friction_of_the_simulation(void **state) {
     }
     print_message("over the cone by %.1e at most; %d ticks off the patch\n", (double)cone, off);
     assert_true(peak > 0.2 && sideways > 0.05 && off == 0 && cone < CONE && cone > -0.01f);
-    /* What is left: when exactly it breaks loose, and tissue with mass that lags behind a patch that has none. */
+    /* The remaining error: the moment of breaking loose, and the lag of tissue with mass behind a patch without
+     * mass. */
     assert_true(rms[2] < 0.4 * rms[1] && rms[2] < 0.015 && rough[2] < 0.4 * rough[1]);
     scene_destroy(&r.s);
 }
 
-/* Pressed and pushed aside to most of its cone, then held still on one patch that comes again and again; TM_LONG=1: two
- * minutes. Then to and fro: over a cycle the hand has lost. */
+/* Pressed and pushed aside to most of its cone, then held still on one patch that is sent again and again;
+ * TM_LONG=1: two minutes. Then to and fro: over a cycle the hand has lost energy. */
 static void it_sticks_and_only_takes(void **state) {
     (void)state;
     static rubbing r;

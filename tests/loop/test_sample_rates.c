@@ -1,6 +1,6 @@
-/* Consistency of every extrapolator: the error falls as force samples come more often; with one in every tick it is
- * that of `hold`, whatever the times of the samples. The reference is a stiffening spring with drag along the surface,
- * pressed, slid on and released by a trembling hand. */
+/* Consistency of every extrapolator: the error falls with the rate of force samples; with a sample in every tick the
+ * force is that of `hold`, for any times of the samples. The reference is a stiffening spring with drag along the
+ * surface, pressed, slid on and released by a trembling hand. */
 #include "rig.h"
 
 #include "../long.h"
@@ -10,7 +10,7 @@ enum { TICKS = 6000 };
 
 static hrt_params params;
 
-/* The tip at a time, m: pressed to 6 mm and slid by 15 mm, with a tremor of 40 um. */
+/* Returns the tip position at a time, m: pressed to 6 mm and slid by 15 mm, with a tremor of 40 um. */
 static void tip_at(double t, float tip[3]) {
     const double tremor = 40e-6 * sin(2 * M_PI * 9 * t);
     tip[0] = (float)(0.015 * sin(2 * M_PI * t / 3) + tremor);
@@ -18,7 +18,7 @@ static void tip_at(double t, float tip[3]) {
     tip[2] = (float)(0.1 + 0.0035 * sin(2 * M_PI * t / 2.5) + 0.0025 * sin(2 * M_PI * t / 1.7) + tremor);
 }
 
-/* Tissue pushes back when it is touched, and drags. */
+/* Computes the tissue's force: it resists pressing, and drags. */
 static void force_at(double t, float force[3]) {
     float tip[3], before[3];
     tip_at(t, tip), tip_at(t - 1e-4, before);
@@ -34,7 +34,8 @@ typedef struct delivery {
 typedef enum line { LINE_EVEN, LINE_RANDOM, LINE_BURSTS, LINE_GAPS, LINE_COUNT } line;
 static const char *const line_name[LINE_COUNT] = {"even", "random", "bursts", "gaps"};
 
-/* Times at which samples are taken and come; how many. What would be overtaken is left out, as the controller does. */
+/* Draws the times at which samples are taken and arrive; returns their number. Overtaken samples are omitted, as by
+ * the controller. */
 static int deliver(line kind, double rate_Hz, uint64_t seed, delivery *out) {
     const double period_s = 1 / rate_Hz;
     uint64_t random = seed;
@@ -54,7 +55,7 @@ static int deliver(line kind, double rate_Hz, uint64_t seed, delivery *out) {
     return count;
 }
 
-/* RMS error of a law over the truth's peak. */
+/* Returns the RMS error of an extrapolator over the reference's peak. */
 static double error_of(hrt_extrapolator which, line kind, double rate_Hz, uint64_t seed) {
     static hrt_extrapolation x;
     static delivery line_of[2 * TICKS];

@@ -1,5 +1,5 @@
-/* The status log of haptic-rt: at most one line a second of each kind, with the number of omitted ones; and which peer
- * is silent. */
+/* The status log of haptic-rt: at most one line a second of each kind, with the number of omitted ones; and the
+ * report of which peer is silent. */
 #include "../fixture.h"
 
 #include "io/status_log.c"
@@ -11,7 +11,7 @@ static struct {
 static int lines;
 static double now_s;
 
-/* In place of the program's log. */
+/* Replaces the program's log. */
 void app_say(const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -41,7 +41,7 @@ static int said(const char *words, double from_s, double to_s) {
     return count;
 }
 
-/* A simulation at the edge of its time: engaged and waiting in turn, ten times a second for half a minute. */
+/* A simulation at the limit of real time: alternately engaged and waiting, ten times a second for half a minute. */
 static void a_line_a_second_of_each_kind(void **state) {
     (void)state;
     hrt_teller teller = teller_new();
@@ -66,10 +66,10 @@ static void a_line_a_second_of_each_kind(void **state) {
         const char *count = strstr(line[i].text, "engaged (");
         counted += count ? strtoll(count + 9, NULL, 10) : strstr(line[i].text, "engaged") != NULL;
     }
-    assert_in_range(counted, 280, 300); /* 300 times; the last second's may be owed still */
+    assert_in_range(counted, 280, 300); /* 300 times; those of the last second may still be due */
 }
 
-/* The last of a kind is said, though it came too soon. */
+/* The last line of a kind is printed even if it came too soon. */
 static void what_was_left_out_is_said_when_due(void **state) {
     (void)state;
     hrt_teller teller = teller_new();

@@ -1,6 +1,6 @@
-"""Random kills, stops, clock steps and double starts of all three programs: 100 here, 1,000 in the long run. Each rig has a network namespace and a bus of
-its own. The second authenticates its messages with a key, which no clock step may break either. TM_SEED=N selects another seed; the machine's
-scheduling is not reproducible."""
+"""Random kills, stops, clock steps and double starts of all three programs: 100 here, 1,000 in the long run. Each rig has a network namespace and a
+bus of its own. The second rig authenticates its messages with a key; no clock step may break that either. TM_SEED=N selects another seed; the
+machine's scheduling is not reproducible."""
 import json
 import os
 import pathlib

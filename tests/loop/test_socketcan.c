@@ -1,4 +1,4 @@
-/* A SocketCAN interface that disappears during use: the tick's thread only sends and receives; the monitoring thread
+/* A SocketCAN interface that disappears during use. The tick's thread only sends and receives; the monitoring thread
  * opens another socket, and recover takes it over. The kernel's calls are replaced, as the machine may have no CAN. */
 #include <errno.h>
 #include <linux/can.h>
@@ -71,7 +71,7 @@ static void check_receives(hrt_bus *bus, uint8_t value) {
     assert_int_equal(got.data[0], value);
 }
 
-/* A tick of the controller's, which makes no other call; returns whether the bus is well then. */
+/* A tick of the controller, which makes no other call; returns whether the bus works then. */
 static bool tick(hrt_bus *bus, int64_t now_us) {
     hrt_can_frame frame;
     const int before = calls;
@@ -111,7 +111,7 @@ static void recover_takes_over_the_socket_that_look_opened(void **state) {
     assert_int_equal(closed, opened);
 }
 
-/* The bus is closed before the tick took the socket that was opened. */
+/* The bus is closed before the tick took over the opened socket. */
 static void sockets_left_over_are_closed(void **state) {
     (void)state;
     hrt_bus bus;

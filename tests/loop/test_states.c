@@ -47,7 +47,7 @@ static void no_permission_no_force(void **state) {
     r.in.enable = true;
     rig_until(&r, HRT_ENGAGED, 0.1);
     rig_run(&r, 0.3);
-    r.in.enable = false; /* withdrawn: fades, then idle */
+    r.in.enable = false; /* permission withdrawn: fades, then idle */
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_STALE);
     assert_true(rig_force(&r) > 1.0);
@@ -55,7 +55,7 @@ static void no_permission_no_force(void **state) {
     assert_no_force(&r);
 }
 
-/* Silence of the simulation: force is exactly zero within 150 ms of t_n of the last valid sample. */
+/* Silence of the simulation: the force is exactly zero within 150 ms of t_n of the last valid sample. */
 static void stale_fades_to_zero(void **state) {
     (void)state;
     for (int64_t latency_us = 0; latency_us <= 60000; latency_us += 20000) {
@@ -92,7 +92,7 @@ static void stale_comes_back(void **state) {
     rig_tick(&r);
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_ENGAGED);
-    assert_true(rig_force(&r) < faded + 0.1); /* grows again from where it was */
+    assert_true(rig_force(&r) < faded + 0.1); /* grows again from its last value */
     rig_run(&r, 0.3);
     assert_true(fabs(rig_force(&r) - 2.0) < 1e-5);
 }
@@ -161,7 +161,7 @@ static void expect_fault(hrt_fault fault) {
     assert_int_equal(r.out.fault, fault);
     assert_no_force(&r);
     assert_true(strlen(hrt_fault_text(fault)) > 20);
-    /* Latched: nothing but a reset ends it, and a later fault does not replace it. */
+    /* Latched: only a reset ends it, and a later fault does not replace it. */
     r.device = r.sim = true;
     r.in.bus_ok = true;
     r.in.device_fault = 5;
@@ -194,7 +194,7 @@ static void fault_when_the_device_restarts_in_use(void **state) {
     rig_start(&r);
     r.sim = false;
     rig_until(&r, HRT_IDLE, 1.0);
-    r.in.device_session++; /* not in use: no fault, from the beginning */
+    r.in.device_session++; /* not in use: no fault at first */
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_BOOT);
 }
@@ -205,7 +205,7 @@ static void fault_bus_off(void **state) {
     r.in.bus_ok = false;
     rig_tick(&r);
     assert_int_equal(r.out.fault, HRT_FAULT_BUS_OFF);
-    r.in.reset = true; /* no use while the bus is off */
+    r.in.reset = true; /* not in use while the bus is off */
     rig_tick(&r);
     expect_fault(HRT_FAULT_BUS_OFF);
 }
@@ -233,7 +233,7 @@ static void fault_encoder_jump(void **state) {
     assert_int_equal(r.out.fault_detail, HRT_INSERTION);
     expect_fault(HRT_FAULT_ENCODER_JUMP);
     rig_engage(&r);
-    r.in.count[HRT_INSERTION] += 100; /* 1.2 m/s is fast and no fault */
+    r.in.count[HRT_INSERTION] += 100; /* 1.2 m/s is fast but no fault */
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_ENGAGED);
 }
@@ -242,7 +242,7 @@ static void fault_encoder_stuck(void **state) {
     (void)state;
     rig_engage(&r);
     rig_run(&r, 2.0);
-    assert_int_equal(r.out.state, HRT_ENGAGED); /* a constant force may hold for ever */
+    assert_int_equal(r.out.state, HRT_ENGAGED); /* a constant force may be held indefinitely */
     r.force_N[2] = -7.0f;
     rig_run(&r, 0.5);
     assert_int_equal(r.out.fault_detail, HRT_INSERTION);
@@ -270,7 +270,7 @@ static void fault_self_test(void **state) {
     rig_start(&r);
     r.sim = false;
     for (int64_t begin = r.now_us; r.now_us - begin < 4000000 && r.out.state != HRT_FAULT;) {
-        r.device = r.now_us % 60000 < 4000; /* stammers */
+        r.device = r.now_us % 60000 < 4000; /* intermittent */
         rig_tick(&r);
     }
     expect_fault(HRT_FAULT_SELF_TEST);
@@ -284,7 +284,7 @@ static void fault_parameter(void **state) {
     assert_int_equal(r.out.state, HRT_FAULT);
     assert_int_equal(r.out.fault, HRT_FAULT_PARAMETER);
     assert_string_equal(hrt_param_text[r.out.fault_detail].name, "force_max_N");
-    r.in.reset = true; /* comes back at once as long as it is not repaired */
+    r.in.reset = true; /* returns at once as long as it is not repaired */
     rig_tick(&r);
     rig_tick(&r);
     assert_int_equal(r.out.fault, HRT_FAULT_PARAMETER);
@@ -304,7 +304,7 @@ static void fault_parameter(void **state) {
 static void fault_rival(void **state) {
     (void)state;
     rig_start(&r);
-    r.in.bus_conflict_us = r.now_us; /* a predecessor's last words, before anything else was heard */
+    r.in.bus_conflict_us = r.now_us; /* a predecessor's last messages, before any other */
     rig_until(&r, HRT_ENGAGED, 1.0);
     r.in.bus_conflict_us = r.now_us + 2000;
     rig_tick(&r);
@@ -320,7 +320,7 @@ static void fault_rival(void **state) {
 static void fault_internal(void **state) {
     (void)state;
     rig_engage(&r);
-    r.c.extrapolation.now.force_N[0] = NAN; /* as memory gone bad would do */
+    r.c.extrapolation.now.force_N[0] = NAN; /* as corrupted memory would */
     rig_tick(&r);
     expect_fault(HRT_FAULT_INTERNAL);
 }

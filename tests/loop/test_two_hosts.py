@@ -23,7 +23,7 @@ BAD = {"delay_ms": 4, "jitter_ms": 4, "drop": 0.05, "double": 0.05, "reorder": 0
 
 
 def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None, rate="25 Hz"):
-    """`rate`: samples a second; the bounds below are made for the paper's."""
+    """`rate`: samples a second; the bounds below are for the paper's."""
     bus = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
     directory = two_hosts_run.directory(name)
     url = two_hosts_run.LCM_URL
@@ -47,7 +47,8 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None, rate="2
 
 
 def sent(directory):
-    """[(t_n in s of the controller's clock, force)] of all samples that the simulation sent, whether they arrived or not; share that the logger beside it missed."""
+    """Returns [(t_n in s of the controller's clock, force)] of all samples that the simulation sent, whether they arrived or not, and the share that
+    the logger missed."""
     from tensormass_lcm import force_sample_t
     messages = [force_sample_t.decode(event.data) for event in lcm.EventLog(str(directory / "sim.log"))]
     samples = {m.tool_utime: m.force_N for m in messages}
@@ -55,7 +56,8 @@ def sent(directory):
 
 
 def on_one_clock(ticks, sent, controller):
-    """Seconds from the ticks' times, which count from the loop's start, to the samples'. Every t_n that a tick saw (its time less the sample's age) is one of the samples'."""
+    """Returns the offset in seconds from ticks' times, which count from the loop's start, to samples' times. Every t_n that a tick used (its time
+    less the sample's age) is one of the samples'."""
     samples, missed = sent
     offset = controller["start_us"] * 1e-6
     times = [t for t, _ in samples]
@@ -66,7 +68,7 @@ def on_one_clock(ticks, sent, controller):
 
 
 def error_percent(ticks, sent, controller):
-    """(RMS, peak) of the difference in % of the peak force, and that in N, over ticks in full force."""
+    """Returns (RMS, peak) of the difference in % of the peak force, and that force in N, over ticks at full force."""
     offset, samples = on_one_clock(ticks, sent, controller), sent[0]
     peak = max(math.dist(f, (0, 0, 0)) for _, f in samples)
     errors, k = [], 0
@@ -85,8 +87,8 @@ def error_percent(ticks, sent, controller):
     return 100 * math.sqrt(sum(e * e for e in errors) / len(errors)) / peak, 100 * max(errors) / peak, peak
 
 
-# RMS in % of the peak. The extrapolation study has 7.4 for `position` and 3.7 for `tangent` a frame late; this hand is faster, and a wire that loses a
-# twentieth of its packets and turns as many round makes every tenth sample another frame late.
+# RMS in % of the peak. The extrapolation study has 7.4 for `position` and 3.7 for `tangent` a frame late. This hand is faster, and a wire that loses a
+# twentieth of its packets and reorders as many delays every tenth sample by another frame.
 @pytest.mark.parametrize("wire, extrapolator, bound_percent", [("clean", "position", 8.0), ("clean", "tangent", 8.0), ("bad", "tangent", 16.0)])
 def test_forces_stay_right(wire, extrapolator, bound_percent):
     controller, result = forces_are_right(f"{wire}_{extrapolator}", BAD if wire == "bad" else CLEAN, extrapolator, bound_percent, "25 Hz")
@@ -96,7 +98,7 @@ def test_forces_stay_right(wire, extrapolator, bound_percent):
 
 
 def test_a_stream_of_samples_stays_right():
-    """As many as the machine computes, hundreds a second on a quiet one: no worse than 25, and never so few."""
+    """As many samples as the machine computes, hundreds a second on a quiet one: no worse than at 25, and never so few."""
     controller, _ = forces_are_right("stream", CLEAN, "tangent", 8.0, "auto")
     assert controller["samples"]["received"] > 40 * SECONDS
 

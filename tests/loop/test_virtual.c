@@ -1,5 +1,5 @@
-/* A virtual bus whose file disappears during use: the tick's thread opens and maps nothing; the monitoring thread does,
- * at the same path, and recover continues there. */
+/* A virtual bus whose file disappears during use. The tick's thread opens and maps nothing; the monitoring thread
+ * does, at the same path, and recover continues there. */
 #include <dirent.h>
 #include <fcntl.h>
 #include <setjmp.h>
@@ -62,7 +62,8 @@ static void check_passes(hrt_bus bus[2]) {
     }
 }
 
-/* One end's file is gone; what the tick's thread does by itself, then with a look, then unmapping. */
+/* One end's file is deleted: checks the tick's thread alone, then with the monitoring thread's check, then after
+ * unmapping. */
 static void come_back(hrt_bus *bus, const char *path, int64_t *now_us) {
     for (int i = 0; i < 20; i++) {
         const int files = open_files();
@@ -96,7 +97,7 @@ static void check_removed(void) {
             assert_non_null(said);
             assert_non_null(strstr(said, "removed"));
         }
-        /* A tick may have been in the old file when that look found it gone: the next one maps the new. */
+        /* A tick may have used the old file when the check found it deleted: the next one maps the new file. */
         for (int i = 0; i < 2; i++) come_back(&bus[i], bus[0].name, &now_us);
         check_passes(bus);
     }
@@ -109,13 +110,13 @@ static void check_cut_short(void) {
     open_two(bus, "virtual:short");
     assert_int_equal(truncate(bus[0].name, 0), 0);
     hrt_can_frame frame = {.id = 1};
-    for (int i = 0; i < 2; i++) hrt_bus_send(&bus[i], &frame); /* touches pages that are gone */
+    for (int i = 0; i < 2; i++) hrt_bus_send(&bus[i], &frame); /* touches pages that no longer exist */
     for (int i = 0; i < 2; i++) come_back(&bus[i], bus[0].name, &now_us);
     check_passes(bus);
     for (int i = 0; i < 2; i++) hrt_bus_close(&bus[i]);
 }
 
-/* One test: each gets a handler of SIGBUS of cmocka's own, and the bus sets its own once. */
+/* One test: each would get cmocka's own handler of SIGBUS, and the bus sets its own only once. */
 static void recover_takes_over_what_look_mapped(void **state) {
     (void)state;
     check_removed();

@@ -1,5 +1,5 @@
-"""A device with more joints than the CAN bus carries: rejected if a bus is opened for it, simulated otherwise. The programs are linked again with such a
-device in their table and are otherwise unchanged."""
+"""A device with more joints than the CAN bus carries: rejected if a bus is opened for it, simulated otherwise. The programs are linked again with
+such a device in their table and are otherwise unchanged."""
 import os
 import re
 import shlex
@@ -21,7 +21,7 @@ def run(*argv, code=0):
 
 
 def add_row(core):
-    """`wide`: the desk with three joints more."""
+    """Makes `wide`: the desk device with three more joints."""
     desk = (core / "device_desk.h").read_text()
     joint = re.search(r'JOINT\("z_m"[^)]*\)', desk).group(0)
     more = ", ".join(joint.replace("z_m", name) for name in ("z_m", "a_m", "b_m", "c_m"))
@@ -33,7 +33,7 @@ def add_row(core):
 
 @pytest.fixture(scope="module")
 def wide(once):
-    """Folder of the programs."""
+    """Returns the folder of the programs."""
     def build(out):
         for folder in ("haptic_rt/core", "haptic_rt/motion"):
             shutil.copytree(ROOT / folder, out / folder)

@@ -1,10 +1,10 @@
 """Two machines on one wire, made of network namespaces, with a relay between them that delays, drops, doubles and reorders.
 
-    python two_hosts_net.py SPEC.json      (inside `unshare -n -m -p --fork --mount-proc`; see two_hosts.py)
+    python two_hosts_net.py SPEC.json     (inside `unshare -n -m -p --fork --mount-proc`; see two_hosts.py)
 
-The spec is {"seconds": S, "link": {...}, "kill": {"at_s", "host", "command"} or null, "hosts": {"simulation": [[argv], ...], "controller": [[argv], ...]}}; each command's output goes to
-NAME_N.log beside the spec. This process is the relay and lives in a third namespace; when it ends, all it started ends with it.
-"""
+The spec is {"seconds": S, "link": {...}, "kill": {"at_s", "host", "command"} or null, "hosts": {"simulation": [[argv], ...], "controller": [[argv],
+...]}}. The output of each command is written to NAME_N.log in the spec's folder. This process is the relay, in a third namespace; when it ends, all
+its children end."""
 import heapq
 import json
 import os
@@ -19,7 +19,7 @@ import time
 
 ADDRESS = {"simulation": "10.77.0.1/24", "controller": "10.77.0.2/24"}
 DEFAULT_LINK = {"seed": 1, "delay_ms": 0.0, "jitter_ms": 0.0, "drop": 0.0, "double": 0.0, "reorder": 0.0, "cut_at_s": None, "heal_at_s": None}
-HOLD_BACK_S = 0.060  # what "reorder" adds to a packet: more than a frame of a 25 Hz simulation
+HOLD_BACK_S = 0.060  # additional delay of a reordered packet: more than a frame of a 25 Hz simulation
 
 
 def sh(*argv):
@@ -27,14 +27,14 @@ def sh(*argv):
 
 
 def make_host(name):
-    """A namespace held by a process of ours, with one end of a cable whose other end is here. Returns (pid, this end's name)."""
+    """Makes a namespace held by a child process, with one end of a cable whose other end is here. Returns (pid, this end's name)."""
     holder = subprocess.Popen(["unshare", "-n", "sleep", "1000000"])
     here, there = f"to_{name[:8]}", "eth0"
     while os.readlink(f"/proc/{holder.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
         time.sleep(0.005)
     sh("ip", "link", "add", here, "type", "veth", "peer", "name", there, "netns", str(holder.pid))
     inside = ["nsenter", "-t", str(holder.pid), "-n"]
-    # The relay copies frames as they are, so that their checksums must be there.
+    # The relay copies frames unchanged, so their checksums must be present.
     sh(*inside, "ethtool", "-K", there, "tx", "off")
     sh(*inside, "ip", "link", "set", "lo", "up")
     sh(*inside, "ip", "addr", "add", ADDRESS[name], "dev", there)
@@ -45,7 +45,7 @@ def make_host(name):
 
 
 class Relay:
-    """Copies frames between two cables; what happens to each is drawn from the seed, in order of arrival on each cable."""
+    """Copies frames between two cables; each frame's impairment is drawn from the seed, in order of arrival on each cable."""
 
     def __init__(self, link, cables):
         self.link = {**DEFAULT_LINK, **link}

@@ -26,7 +26,7 @@ class VirtualBus:
         struct.pack_into("<Q", self.map, 16, 1 if off else 0)
 
     def receive(self):
-        """[(id, data)] of what came since."""
+        """Returns [(id, data)] received since the last call."""
         frames = []
         head = self.head()
         while self.next < head:
@@ -39,7 +39,7 @@ class VirtualBus:
         return frames
 
     def send(self, identifier, data, flags=0):
-        """Not atomic as the C side is; good enough between its frames."""
+        """Not atomic, unlike the C side; sufficient between its frames."""
         number = self.head()
         struct.pack_into("<Q", self.map, 8, number + 1)
         at = HEADER + SLOT * (number % SLOTS)
@@ -48,7 +48,7 @@ class VirtualBus:
 
 
 class Watch(threading.Thread):
-    """Notes when frames pass, to about a millisecond."""
+    """Records when frames pass, to about a millisecond."""
 
     def __init__(self, bus):
         super().__init__(daemon=True)
