@@ -1,4 +1,4 @@
-# C tests are cmocka programs, one a file; Python tests run the programs as a user does. pytest runs both.
+# C tests are cmocka programs, one per file; Python tests run the programs as a user does. pytest runs both.
 # TM_LONG=1 (make check-long) makes tests run the counts and durations that docs quote.
 tests_of = $(call files,tests/$(1)/test_*.c)
 $(call test,$(call tests_of,unit) $(call tests_of,physics),,tensormass)
@@ -14,7 +14,7 @@ $(call test,tests/accuracy/test_yaml.c,apps/studies/accuracy/study_yaml.c,$(SIM_
 $(call test,tests/mesh/test_mesh_io.c,,$(APP_LIBS) tensormass)
 $(call test,tests/mesh/test_image_volumes.c,$(patsubst %,apps/mesh/%.c,bisect mesh_builder image_volumes improve),tensormass)
 $(call test,tests/mesh/test_shell.c,$(patsubst %,apps/mesh/%.c,bisect mesh_builder improve signed_distance signed_distance_stl),$(APP_LIBS) tensormass)
-# The child process of the module 'image': only this file of the module, which needs no library.
+# The child process of the module 'image': this file alone of the module needs no library.
 $(call test,tests/mesh/test_box.cpp,apps/image/box.cpp)
 $(call test,tests/view/test_skin.c tests/view/test_fairing.c,$(patsubst %,apps/view/%.c,fairing picture reference cut_outline surface_smoothing))
 $(call test,tests/view/test_controls.c,apps/play/controls.c apps/view/camera.c,hrt)
@@ -22,7 +22,7 @@ $(call test,tests/view/test_marks.c,$(patsubst %,apps/view/%.c,camera layout mar
 $(call objects,$(call tests_of,loop)): CFLAGS_EXTRA += -Wno-float-conversion
 $(call objects,tests/solve/test_static.c): INCLUDES += -I/usr/include/suitesparse
 
-# Programs for Python tests: cost of a step; tm-mesh for many files in one process; clocks and allocations of a process under the test's control; the codec alone.
+# Programs for Python tests: cost of a step; tm-mesh for many files in one process; libraries that shift a process's clocks or count its allocations; the codec alone.
 $(call executable,tests/effects/plain_step,tests/effects/plain_step.c,tensormass,-lcmocka)
 $(call executable,tests/many_files,tests/mesh/many_files.c $(filter-out apps/mesh/main.c,$(call files,apps/mesh/*.c)),tensormass_scene $(APP_LIBS) tensormass,-lcjson)
 PRELOADED := $(patsubst %,$(OUT)/tests/%.so,loop/fake_clock sim/fail_calloc timing/count_malloc)
@@ -34,14 +34,14 @@ $(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/codec.h
 	$(Q)$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
 tests: $(patsubst %,$(OUT)/tests/%,effects/plain_step many_files bench/bench can/codec.so) $(MESH_GENERATOR) $(PRELOADED)
 
-# ---- benchmarks: nothing is asserted ----
+# ---- benchmarks: assert nothing ----
 
 measured = TM_COMMIT=$$(git rev-parse --short HEAD 2>/dev/null) TM_FLAGS='$(OPT) -ffp-contract=off'
 
 # Costs of a force pass, a step and a removed tetrahedron, with this machine's memory bandwidth in the same run.
 $(call executable,tests/bench/bench,$(call files,tests/bench/*.c),$(APP_LIBS) tensormass_solve tensormass,$(SOLVE_LD) -lcjson)
 $(call executable,tests/solve/bench_models,tests/solve/bench_models.c,$(APP_LIBS) tensormass_solve tensormass,$(SOLVE_LD) -lcmocka -lcjson)
-# The plain loop again, with the instructions of the best form.
+# The plain loop again, compiled for the instructions of the best form.
 ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 $(OUT)/obj/tests/bench/naive_wide.o: BASE_CFLAGS += -mavx2 -mfma -ffp-contract=fast
 endif

@@ -75,7 +75,7 @@ class Watcher:
 
 
 def not_judged(reports, why):
-    """Turns the failed reports of a test into skips."""
+    """Changes the failed reports of a test to skips."""
     for report in (r for r in reports if r.failed):
         report.outcome, report.longrepr = "skipped", (str(report.fspath), report.location[1], f"Skipped: not judged: each time it failed, {why}")
 
@@ -88,7 +88,7 @@ def pytest_runtest_protocol(item, nextitem):
     if not hasattr(config, "watcher"):
         config.watcher, config.played_again = Watcher(), 0
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    whole_run = "once" in getattr(item, "fixturenames", ())  # its fixture may have been made long before
+    whole_run = "once" in getattr(item, "fixturenames", ())  # its fixture may be much older
     for attempt in range(AGAIN + 1):
         config.watcher.since()
         reports = runtestprotocol(item, nextitem=nextitem, log=False)

@@ -5,7 +5,7 @@ import pytest
 
 @pytest.fixture
 def env(tmp_path):
-    """A mesh cache of the test's own."""
+    """Gives the test a mesh cache of its own."""
     return dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache"))
 
 

@@ -27,7 +27,7 @@ def words(values):
 
 
 def write_dicom_seg(path, image, spacing, origin=(0, 0, 0), direction=np.eye(3), names=None, kind="BINARY", modality="SEG", change=lambda data: data):
-    """image [x, y, z]. LABELMAP: every slice is a frame of labels."""
+    """Writes image [x, y, z]. LABELMAP: every slice is a frame of labels."""
     direction, values = np.asarray(direction, float), [int(v) for v in np.unique(image) if v]
     frames = [(v, z) for v in values for z in range(image.shape[2]) if (image[:, :, z] == v).any()] if kind == "BINARY" else [(0, z) for z in range(image.shape[2])]
     if kind == "BINARY":

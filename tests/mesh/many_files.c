@@ -1,8 +1,8 @@
-/* tm-mesh for many files in one process: each line of stdin is one command (words separated by tabs), run in a child
- * forked from a parent that has the module 'image' open. Prints a line each: exit code, or minus the signal; seconds;
- * the first line that the command says on stderr. A command that does not end within argv[1] seconds is killed and is
- * -9.
- */
+/* Runs tm-mesh on many files in one process: each line of stdin is one command (words separated by tabs), run in a
+ * child forked from a parent that has the module 'image' open.
+ *
+ * Prints a line each: exit code, or minus the signal; seconds; the first line that the command prints on stderr. A
+ * command that does not end within argv[1] seconds is killed and reported as -9. */
 #include <fcntl.h>
 #include <poll.h>
 #include <signal.h>
@@ -26,7 +26,7 @@ static int run(char *line) {
     return strcmp(word[0], "image") == 0 ? command_image(count, word) : command_fill(count, word);
 }
 
-/* Reads all output, so that the writer never blocks, and keeps its first line. Returns false if the time is over. */
+/* Reads all output, so that the writer never blocks, and keeps its first line. Returns false at a time-out. */
 static bool hear(int from, double until, char said[SAID]) {
     char block[4096];
     size_t at = 0;

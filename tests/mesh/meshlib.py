@@ -1,4 +1,4 @@
-"""Writes small meshes in every format without the library, so that its reader is tested against the formats and not against its writer."""
+"""Writes small meshes in every format without the library, so that its reader is tested against the formats and not against its own writer."""
 import itertools
 import struct
 import subprocess
@@ -17,7 +17,7 @@ class Mesh:
 
 
 def block(n=2, size=0.1):
-    """n x n x n cubes of six tetrahedra each."""
+    """Makes n x n x n cubes of six tetrahedra each."""
     def at(i, j, k):
         return (k * (n + 1) + j) * (n + 1) + i
     points = [(size * i / n, size * j / n, size * k / n)
@@ -37,7 +37,7 @@ def block(n=2, size=0.1):
 
 
 def elements(m):
-    """(tag, type, physical, [vertex tags])"""
+    """Returns (tag, type, physical, [vertex tags]) of every element."""
     out = []
     for a, g in m.dots:
         out.append((15, g, [a]))
@@ -84,7 +84,7 @@ def msh2_binary(m):
 
 
 def blocks4(m):
-    """Entities of 4.1: one a (dimension, physical), holding its elements; all vertices in the last."""
+    """Writes entities of 4.1: one for each (dimension, physical), holding its elements; all vertices in the last."""
     dim = {15: 0, 1: 1, 2: 2, 4: 3}
     groups = {}
     for tag, ty, g, vs in elements(m):
@@ -139,7 +139,7 @@ def vtk(m):
 
 
 def vtk5(m, extra=True):
-    """Version 5.1, text, as VTK 9 writes it: METADATA, a FIELD before the points, and a triangle among the tetrahedra."""
+    """Writes version 5.1, text, like VTK 9: METADATA, a FIELD before the points, and a triangle among the tetrahedra."""
     cells = [(10, t) for t in m.tets]
     if extra:
         cells.insert(1, (5, m.tets[0][:3]))
@@ -156,7 +156,7 @@ def vtk5(m, extra=True):
 
 
 def vtk5_binary(m, real="double", whole="vtktypeint64"):
-    """Version 5.1, binary (big endian). VTK and meshio write this."""
+    """Writes version 5.1, binary (big endian), like VTK and meshio."""
     r, w = {"double": "d", "float": "f"}[real], {"vtktypeint64": "q", "vtktypeint32": "i"}[whole]
     flat = [x for p in m.points for x in p]
     corners = [v for t in m.tets for v in t]
@@ -175,7 +175,7 @@ def medit(m):
 
 
 def read_vtk(path):
-    """Points and cells of the text .vtk that tm-mesh convert writes."""
+    """Reads points and cells of the text .vtk that tm-mesh convert writes."""
     lines = path.read_text().split("\n")
     i = next(i for i, l in enumerate(lines) if l.startswith("POINTS"))
     n = int(lines[i].split()[1])

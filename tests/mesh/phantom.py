@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""A segmented image made of formulas: liver (1), vessels (2), tumours (3), ribs (4), as NIfTI, NRRD or MetaImage.
+"""Makes a segmented image from formulas: liver (1), vessels (2), tumours (3), ribs (4), as NIfTI, NRRD or MetaImage.
 
-python tests/mesh/phantom.py [--spacing 4,4,5] [--noise 0] [--seed 1] OUT.nii.gz
-"""
+python tests/mesh/phantom.py [--spacing 4,4,5] [--noise 0] [--seed 1] OUT.nii.gz"""
 import argparse
 import gzip
 import struct
@@ -16,20 +15,20 @@ EXTENT_MM = np.array([190.0, 190.0, 160.0])
 
 
 def capsule(p, a, b, radius):
-    """Distance to a segment less a radius that runs from radius[0] at a to radius[1] at b."""
+    """Returns the distance to a segment less a radius that changes linearly from radius[0] at a to radius[1] at b."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     along = np.clip(((p - a) @ (b - a)) / ((b - a) @ (b - a)), 0, 1)
     return np.linalg.norm(p - a - along[..., None] * (b - a), axis=-1) - (radius[0] + (radius[1] - radius[0]) * along)
 
 
 def ellipsoid(p, middle, axes):
-    """About the distance to an ellipsoid."""
+    """Returns approximately the distance to an ellipsoid."""
     q = np.linalg.norm((p - middle) / axes, axis=-1)
     return (q - 1) * min(axes)
 
 
 def labels_at(p):
-    """Labels at places [..., 3], mm from the middle."""
+    """Returns the labels at places [..., 3], mm from the middle."""
     lobes = [ellipsoid(p, (-18, 0, 0), (58, 52, 44)), ellipsoid(p, (32, -8, 12), (46, 34, 26))]
     liver = -8 * np.log(sum(np.exp(-d / 8) for d in lobes))
     trunk = [((-18, 10, -48), (-14, 4, -10), (7, 6)), ((-14, 4, -10), (-40, -8, 12), (6, 4)), ((-14, 4, -10), (24, -4, 12), (6, 4)),
@@ -47,7 +46,8 @@ def labels_at(p):
 
 
 def brain_at(p):
-    """Grey (1) and white matter (2) at places [..., 3], mm from the middle: some 170 mm long, folded as a cortex, the grey a thin sheet over the folds."""
+    """Returns grey (1) and white matter (2) at places [..., 3], mm from the middle: about 170 mm long, folded like a cortex, with the grey matter as
+    a thin sheet over the folds."""
     q = p / np.array([62.0, 80.0, 56.0])
     r = np.linalg.norm(q, axis=-1) + 1e-9
     u = q / r[..., None]
@@ -61,7 +61,7 @@ def brain_at(p):
 
 
 def vein_at(p):
-    """A liver's lobe (1) with a vein (2) of 3 mm and less that winds through it."""
+    """Returns a liver's lobe (1) with a winding vein (2) of 3 mm and less."""
     out = np.zeros(p.shape[:-1], np.uint8)
     out[ellipsoid(p, (0, 0, 0), (60, 45, 35)) < 0] = 1
     t = np.linspace(-1, 1, 25)
@@ -72,13 +72,13 @@ def vein_at(p):
 
 
 def grid_of(labels, extent_mm, spacing):
-    """Label image [x, y, z] of a function of places, its middle at the middle."""
+    """Makes a label image [x, y, z] from a function of places, centred."""
     size = np.ceil(np.asarray(extent_mm) / spacing).astype(int)
     return labels(np.stack(np.meshgrid(*[(np.arange(n) - (n - 1) / 2) * s for n, s in zip(size, spacing)], indexing="ij"), -1))
 
 
 def phantom(spacing=(4, 4, 5), noise=0.0, seed=1):
-    """Label image [x, y, z]. Noise: that share of voxels takes the label of a neighbour three voxels off."""
+    """Makes a label image [x, y, z]. Noise: this share of voxels takes the label of a neighbour three voxels away."""
     size = np.ceil(EXTENT_MM / spacing).astype(int)
     grid = np.stack(np.meshgrid(*[(np.arange(n) - (n - 1) / 2) * s for n, s in zip(size, spacing)], indexing="ij"), -1)
     out = labels_at(grid)
@@ -90,7 +90,7 @@ def phantom(spacing=(4, 4, 5), noise=0.0, seed=1):
 
 
 def write_nifti(path, image, spacing, origin=(0, 0, 0), direction=np.eye(3), unit=2, change=lambda header: None):
-    """LPS place and axes; NIfTI holds RAS. `change` edits the header [352 bytes] before it is written."""
+    """Writes the image with LPS place and axes; NIfTI stores RAS. `change` edits the header [352 bytes] before it is written."""
     kind = {"u1": (2, 8), "i2": (4, 16), "i4": (8, 32), "f4": (16, 32), "u2": (512, 16), "i8": (1024, 64)}[image.dtype.str[1:]]
     header = bytearray(352)
     struct.pack_into("<i", header, 0, 348)

@@ -48,7 +48,7 @@ def tet_twice(m):
 
 
 def third_on_a_face(m):
-    """Two more vertices far out, each with a tetrahedron on one and the same outer face."""
+    """Two more vertices far out, each with a tetrahedron on the same outer face."""
     a, b, c = 0, 1, 4  # on z = 0
     m.points += [[0.04, 0.03, -0.05], [0.03, 0.04, -0.06]]
     m.vertex_tag += [28, 29]
@@ -58,7 +58,7 @@ def third_on_a_face(m):
 
 
 def overlap(m):
-    """One more tetrahedron on the outer face, but on the inner side of it."""
+    """One more tetrahedron on the outer face, but on its inner side."""
     m.points.append([0.04, 0.03, 0.07])
     m.vertex_tag.append(28)
     m.tets.append([0, 1, 4, 27])
@@ -262,7 +262,7 @@ if EXTRA:
 
     @pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
     def test_extra_mesh(path, tm_mesh, env, build):
-        """Good ones load, bad ones (named bad*) are refused with the entity; each verdict is kept in build/tests/extra_meshes/."""
+        """Meshes of a folder: good ones load, bad ones (named bad*) are refused with the entity; each verdict is kept in build/tests/extra_meshes/."""
         result = meshlib.run(tm_mesh, "check", path, env=env, timeout=600)
         folder = build / "tests" / "extra_meshes"
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,5 @@
-// The child in which libraries of others read files: each limit holds, and whatever ends the child is told.
+// The child process in which third-party libraries read files: each limit holds, and the child's end is reported
+// whatever its cause.
 #include <fcntl.h>
 #include <sys/resource.h>
 #include <unistd.h>
@@ -27,7 +28,7 @@ struct outcome {
     char why[IMAGE_WHY];
 };
 
-// What comes of a child that gives nothing.
+// Runs a child that returns no result.
 outcome of(const std::function<image_end(char *)> &work, const box_limits &limits = LIMITS) {
     outcome o = {};
     o.end = image_box(
@@ -73,7 +74,7 @@ void its_limits_are_set(void **) {
 }
 
 void what_it_exceeds_is_told(void **) {
-    // A second of processor time, or 2.4 s by the clock of a busy machine.
+    // A second of processor time, or 2.4 s on the clock of a busy machine.
     const box_limits short_time = {"the library", 1, 0, true};
     const auto spin = [](char *) {
         for (volatile int i = 0;; i = i + 1) {

@@ -14,7 +14,7 @@ from paths import LONG
 
 
 def sphere(n, radius=1.0):
-    """An octahedron, each face n x n, pushed onto the sphere. Outward triangles."""
+    """Makes a sphere: an octahedron with n x n triangles per face, projected outward. Outward triangles."""
     out = []
     for sx in (1, -1):
         for sy in (1, -1):
@@ -86,7 +86,7 @@ def test_other_kinds_are_named(name, what, tm_mesh, env, tmp_path):
 
 
 def test_make_tests_renews_a_stale_module(root, tmp_path):
-    """And asks for none where none was built. A stale one read another interface, and test_mutated hung."""
+    """`make tests` renews a stale module `image`, and requires none if none was built. A stale one had another interface, and test_mutated hung."""
     (tmp_path / "lib/tensormass").mkdir(parents=True)
     stale, told = tmp_path / "lib/tensormass/image.so", []
     own = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k != "MFLAGS"}
@@ -111,7 +111,7 @@ def indexed(triangles):
 
 
 def write_surface(path, triangles):
-    """As the kind of file that the ending says; .ply binary."""
+    """Writes the file type of the ending; .ply binary."""
     points, faces = indexed(triangles)
     if path.suffix == ".stl":
         path.write_text(text(triangles))
@@ -146,7 +146,7 @@ def test_damaged_surfaces(name, contents, image_module, tm_mesh, env, tmp_path):
 
 def test_holes_and_crossings_are_named_and_mended(image_module, tm_mesh, env, tmp_path):
     ball = sphere(8, 50)
-    pushed = [tuple(tuple(-1.3 * x for x in p) if math.dist(p, (0, 0, 50)) < 1e-6 else p for p in t) for t in ball]  # the pole, through the other side
+    pushed = [tuple(tuple(-1.3 * x for x in p) if math.dist(p, (0, 0, 50)) < 1e-6 else p for p in t) for t in ball]  # the pole, through the opposite side
     for name, triangles, what in ("hole", ball[:20] + ball[21:], r"1 hole, the largest of 3 edges near"), ("cross", pushed, r"\d+ pairs of triangles that intersect"), (
             "turned", [ball[5][::-1]] + ball[:5] + ball[6:], None):
         path = write_surface(tmp_path / f"{name}.obj", triangles)
@@ -159,12 +159,12 @@ def test_holes_and_crossings_are_named_and_mended(image_module, tm_mesh, env, tm
 
 
 def ball_m3(radius_mm, n):
-    """Of sphere(n, radius_mm)."""
+    """Returns the volume of sphere(n, radius_mm)."""
     return sum(a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]) for a, b, c in sphere(n, radius_mm)) / 6e9
 
 
 def test_surfaces_in_surfaces_become_regions(image_module, tm_mesh, env, tmp_path):
-    """Two files and a hollow: an organ with a cavity, a tumour in the rest; faces between them are shared."""
+    """Two files and a cavity: an organ with a cavity, a tumour in the remainder; common faces are shared."""
     hollow = [t[::-1] for t in moved(sphere(6, 12), (-24, 0, 0))]
     liver = write_surface(tmp_path / "liver.stl", sphere(12, 50) + hollow)
     tumour = write_surface(tmp_path / "tumour.ply", moved(sphere(8, 15), (20, 0, 0)))
@@ -210,7 +210,7 @@ def test_refused(name, contents, args, expected, tm_mesh, env, tmp_path):
 
 
 def test_no_memory_is_told(tm_mesh, env, build, tmp_path):
-    """Whatever room there is: a whole file, or exit 1 with a reason and none."""
+    """For any amount of memory: a complete file, or exit 1 with a reason and no file."""
     if build.name in ("asan", "tsan", "debug"):
         pytest.skip("sanitizers reserve address space of their own")
     stl = tmp_path / "s.stl"
@@ -222,7 +222,7 @@ def test_no_memory_is_told(tm_mesh, env, build, tmp_path):
         result = subprocess.run([tm_mesh, "fill", "--size", "0.16", "--unit", "m", stl, "-o", out], env=env, capture_output=True, text=True, timeout=300,
                                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
         if result.returncode == 127:
-            continue  # the loader itself had no room
+            continue  # the loader itself had no memory
         assert result.returncode in (0, 1), (megabytes, result.returncode, result.stderr)
         assert out.exists() == (result.returncode == 0)
         assert result.returncode == 0 or "no memory" in result.stderr, (megabytes, result.stderr)

@@ -77,7 +77,7 @@ def test_each_row_of_the_table(rows, build, tm_mesh, env, tmp_path):
 
 
 def test_vtu_holds_the_mesh(tm_mesh, env, tmp_path):
-    """As a reader of VTK's format sees it: places, corners, regions, groups."""
+    """Reads places, corners, regions and groups by VTK's format."""
     m = named_block()
     m.names[(2, 5)] = m.names[(0, 9)] = "<clamp> & b"
     path = tmp_path / "b.vtu"
@@ -108,7 +108,7 @@ HOW = [dict(how="ascii"), dict(how="binary"), dict(how="binary", packed=True), d
 
 @pytest.mark.parametrize("how", HOW, ids=lambda h: "-".join(map(str, h.values())))
 def test_every_way_that_vtk_writes_xml(how, tm_mesh, env, tmp_path):
-    """The same mesh, regions and surface, whatever they are packed in; cut short, it is refused."""
+    """The same mesh, regions and surface for every packing; a truncated file is refused."""
     m = named_block()
     path, plain = tmp_path / "m.vtu", write(tmp_path / "m.vtk", meshlib.vtk(m))
     path.write_bytes(vtk_xml.vtu(m, **how))
@@ -186,7 +186,7 @@ def test_other_xml_is_refused(kind, change, said, tm_mesh, env, tmp_path):
 
 
 def test_polygons_and_strips_of_legacy_surfaces(tm_mesh, env, tmp_path):
-    """A cube of quadrilaterals, text of both versions; a file of tetrahedra is no surface."""
+    """A cube of quadrilaterals, text of both versions; a file of tetrahedra is not a surface."""
     points = [(x, y, z) for z in (0, 50) for y in (0, 50) for x in (0, 50)]
     sides = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
     for version in (4, 5):

@@ -1,4 +1,4 @@
-"""The committed meshes equal the generator's, with the quality in meshes/README.md."""
+"""The committed meshes equal the generator's output, with the quality stated in meshes/README.md."""
 import csv
 import json
 import math
@@ -41,7 +41,7 @@ def test_the_cut_liver_is_the_refined_one_renumbered(tm_mesh, env, root, tmp_pat
 
 @pytest.mark.parametrize("shape,size", MESHES)
 def test_quality(shape, size, tm_mesh, env, root, tmp_path):
-    """The critical step is set by the worst element: it must not be far below the median's."""
+    """The worst element sets the critical step: it must not be far below the median's."""
     result = meshlib.run(tm_mesh, "info", root / "meshes" / f"{shape}_{size // 1000}k.msh", "--json", tmp_path / "f.json", env=env)
     assert result.returncode == 0, result.stderr
     f = json.loads((tmp_path / "f.json").read_text())

@@ -27,7 +27,7 @@ def small(kind="u1"):
     image = np.zeros((16, 14, 12), kind)
     image[2:14, 2:12, 2:10] = 1
     image[5:9, 4:8, 4:8] = 2
-    image[2:4, 2:4, 2:4] = 0  # no symmetry: a flip is seen
+    image[2:4, 2:4, 2:4] = 0  # no symmetry, so that a flip is detected
     return image
 
 
@@ -51,7 +51,7 @@ def test_a_phantom_becomes_regions(tmp_path, run):
     assert "specks and holes" in done.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert 0.8 * 3000 < report["tets"] <= 3000
-    assert [r["name"] for r in report["regions"]] == ["liver", "tumour"]  # the second named by the file
+    assert [r["name"] for r in report["regions"]] == ["liver", "tumour"]  # the second label's name comes from the file
     liver = report["regions"][0]
     count = (image == 1).sum() * 64e-9
     assert abs(liver["image_volume_m3"] / count - 1) < 0.02 and abs(liver["volume_m3"] / liver["image_volume_m3"] - 1) < 0.02
@@ -66,7 +66,7 @@ def volumes_off(json_file):
 
 @pytest.mark.parametrize("spacing, options", [((4, 4, 5), ("--budget", "2500")), ((4, 4, 5), ("--budget", "3500", "--smooth", "1")), ((6, 6, 6), ("--budget", "3500"))])
 def test_labels_have_their_volumes(tmp_path, run, spacing, options):
-    """However coarse the budget is: chords and smoothing take 13 to 38 % of thin labels otherwise."""
+    """At any coarse budget labels keep their volume; without correction, chords and smoothing take 13 to 38 % of thin labels."""
     path, report = phantom.write(tmp_path / "a.nrrd", phantom.phantom(spacing), spacing), tmp_path / "a.json"
     done = run(path, *options, "--json", report, "--allow", "vanish")
     off = volumes_off(report)
@@ -75,7 +75,7 @@ def test_labels_have_their_volumes(tmp_path, run, spacing, options):
 
 
 def proposed(done):
-    """Words that the program says repair it, after having tried them."""
+    """Returns the option that the program proposes as a remedy, which it has tried."""
     found = re.search(r"all labels are kept with (--.*) \(tried: (\d+) tetrahedra\)", done.stderr)
     return found and (found[1].split(), int(found[2]))
 
@@ -88,7 +88,7 @@ def test_what_a_label_loses_is_told_with_what_mends_it(tmp_path, run):
     assert off[2] < -0.1 and off[3] < -0.1 and abs(off[1]) < 0.02, off
     told = re.findall(r"warning: label (\d) \('(\w+)'\) has (\d+) % less volume than in the image, because --optimise leaves out volumes", done.stderr)
     assert [(label, name) for label, name, _ in told] == [("2", "vessels"), ("3", "tumour")] and int(told[0][2]) == round(-100 * off[2])
-    done = run(path, *words, "--smooth", "1")  # a vessel's end is gone, and what is left has its volume
+    done = run(path, *words, "--smooth", "1")  # a vessel's end is missing, and the remainder has its volume
     told = re.findall(r"warning: the surface of label (\d) \('(\w+)'\) is up to ([\d.]+) mm from the image's", done.stderr)
     assert ("2", "vessels") in [(label, name) for label, name, _ in told] and float(told[-1][2]) > 15, done.stderr
     repairs, tets = proposed(done)
@@ -98,7 +98,8 @@ def test_what_a_label_loses_is_told_with_what_mends_it(tmp_path, run):
 
 
 def test_a_folded_sheet_ends_with_a_mesh_and_a_proposal_that_works(tmp_path, run):
-    """A brain of grey and white matter: the grey tears at this budget, which is told with figures; what is proposed was tried, and is so."""
+    """A brain of grey and white matter: the grey matter tears at this budget, which is reported with figures; the proposed option was tried and
+    works."""
     spacing = np.array([4.0, 4.0, 4.0])
     path, report = phantom.write(tmp_path / "a.nii.gz", phantom.grid_of(phantom.brain_at, (150, 185, 135), spacing), spacing), tmp_path / "a.json"
     done = run(path, "--json", report)
@@ -117,12 +118,12 @@ def test_a_size_of_its_own_beyond_the_budget_is_told_at_once(tmp_path, run):
     path = phantom.write(tmp_path / "a.nrrd", small(), (4, 4, 4))
     done = run(path, "--budget", "300", "--label", "all", "--label", "2:3mm", out=tmp_path / "out.msh")
     assert done.returncode == 2 and re.search(r"labels with their own size need \d+ tetrahedra, all labels \d+, more than --budget 300", done.stderr), done.stderr
-    done = run(path, "--budget", "120", out=tmp_path / "out.msh")  # the whole is coarsened as far as it goes
+    done = run(path, "--budget", "120", out=tmp_path / "out.msh")  # the complete mesh is coarsened as far as possible
     assert done.returncode == 0, done.stderr
 
 
 def corners_off(image, spacing, msh):
-    """{label: how far the worst vertex of its surface is from its voxels' faces, mm}; the image's first voxel at 0."""
+    """Returns {label: distance of its surface's worst vertex from its voxels' faces, mm}; the image's first voxel is at 0."""
     vertices = places(msh) * 1e3
     rows = [line.split() for line in msh.read_text().split("$Elements\n")[1].split("$EndElements")[0].splitlines()[1:]]
     tets = np.array([[int(x) for x in (row[3], *row[-4:])] for row in rows if row[1] == "4"])
@@ -142,7 +143,7 @@ def corners_off(image, spacing, msh):
 
 
 def test_no_thorns(tmp_path, run):
-    """No vertex of a label's surface far off it: 18 mm on the liver and 23 mm on the ribs, when vertices slid round thin labels."""
+    """No vertex of a label's surface is far from it: 18 mm on the liver and 23 mm on the ribs when vertices once slid round thin labels."""
     spacing = (4, 4, 5)
     image = phantom.phantom(spacing)
     path = phantom.write(tmp_path / "a.nrrd", image, spacing)
@@ -182,7 +183,8 @@ def test_units_axes_and_repeatability(tmp_path, run):
 
 
 def test_budget_realtime_fits_this_machine(tmp_path, run):
-    """A tenth of the share of a core gives fewer tetrahedra; what was measured is told beside what was asked for (how near it comes is the machine's affair)."""
+    """A tenth of the processor share gives fewer tetrahedra; the measured share is reported together with the requested one (their difference depends
+    on the machine)."""
     path, tets = phantom.write(tmp_path / "a.nrrd", small(), (4, 4, 4)), {}
     for share in (0.2, 0.02):
         done = run(path, "--budget", f"realtime:{share}", "--optimise", "exude", "--json", tmp_path / "a.json")
@@ -212,7 +214,7 @@ DICOM = {"dicom of a scanner": (dict(modality="CT"), "its modality is 'CT'"), "d
 
 
 def bad(folder, name):
-    """A bad image and a word of what is said of it."""
+    """A bad image and a word of its error message."""
     image, spacing = small(), (2, 2, 2)
     rough = np.random.default_rng(1).integers(0, 3, (30, 30, 30)).astype("u1")
     if name == "empty":
@@ -276,7 +278,7 @@ def test_labels_that_are_not_there_vanish_or_fall_apart(tmp_path, run):
 
 
 def test_what_vanished_comes_back_by_the_words_of_the_message(tmp_path, run):
-    """No label was named: doing as it says keeps the others."""
+    """No label was named: following the message keeps the others."""
     image = small()
     image[11:13, 9:11, 7:9] = 4
     path, out, report = phantom.write(tmp_path / "a.nrrd", image, (2, 2, 2)), tmp_path / "out.msh", tmp_path / "report.json"
@@ -321,7 +323,7 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path, bin):
 
 @pytest.mark.parametrize("kind", ["BINARY", "LABELMAP"])
 def test_dicom_seg_gives_what_nrrd_gives(tmp_path, run, kind):
-    """Segments in frames, empty slices left out, a turned grid: the same places, labels and names."""
+    """Segments in frames, empty slices omitted, a rotated grid: the same places, labels and names."""
     turn, place = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]), dict(origin=(10, -20, 30))
     plain = phantom.write(tmp_path / "a.nrrd", small(), (2, 3, 4), direction=turn, **place)
     dicom_seg.write_dicom_seg(tmp_path / "a.dcm", small(), (2, 3, 4), direction=turn, names={1: "liver", 2: "vessels"}, kind=kind, **place)
@@ -337,7 +339,7 @@ def test_dicom_seg_gives_what_nrrd_gives(tmp_path, run, kind):
 
 @pytest.mark.long
 def test_a_real_image(tmp_path, run):
-    """Three nuclei of a brain, of the labels that Debian's mricron-data brings (AAL, 1 mm): their volumes, in one piece each, in place."""
+    """Three nuclei of a brain, from the labels in Debian's mricron-data (AAL, 1 mm): correct volumes, one component each, in place."""
     got = subprocess.run(["apt-get", "download", "-q", "mricron-data"], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert got.returncode == 0, got.stderr
     subprocess.run(["dpkg-deb", "-x", next(tmp_path.glob("mricron-data_*.deb")), tmp_path / "x"], check=True)

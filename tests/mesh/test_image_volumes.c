@@ -1,4 +1,4 @@
-/* Labels have their voxels' volumes, to 2e-5 of each, and no tetrahedron is worse than the worst at the start. */
+/* Labels have the volumes of their voxels, to 2e-5 of each, and no tetrahedron is worse than the worst at the start. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,8 +18,8 @@
 
 enum { N = 8, SIDE = N + 1, TETS = 6 * N * N * N };
 
-/* A unit block of cubes of six tetrahedra each, its vertices shaken: a ball of label 2 with a core of label 3 in label
- * 1. */
+/* Makes a unit block of cubes of six tetrahedra each with displaced vertices: a ball of label 2 with a core of label
+ * 3 in label 1. */
 static image_tets block(void) {
     static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     static const bool turned[6] = {false, true, true, false, false, true};
@@ -58,7 +58,7 @@ static double volume(const double *const p[4]) {
     return vdot(n, w) / 6;
 }
 
-/* Between the planes through edge a-b and the other two corners, each. */
+/* Returns the dihedral angle at edge a-b to the other two corners, for each edge. */
 static double dihedral(const double *a, const double *b, const double *c, const double *d) {
     double e[3], u[3], w[3], m[3], n[3];
     vsub(b, a, e);
@@ -87,14 +87,14 @@ static figures look(const image_tets *m) {
     return out;
 }
 
-/* `wanted` and `got` are of what the mesh has of a label before. */
+/* Checks the volumes; `wanted` and `got` are relative to the label's volume in the mesh before. */
 static void fit(const double wanted[4], double got[4]) {
     static label_field field;
     image_tets m = block();
     const figures was = look(&m);
     field = (label_field){.labels = 4, .spacing_m = {1e-3, 1e-3, 1e-3}};
     for (int l = 1; l <= 3; l++) field.voxels[l] = (int64_t)(1e9 * wanted[l] * was.volume_m3[l]);
-    field.voxels[4] = 1000; /* of which the mesh has nothing */
+    field.voxels[4] = 1000; /* a label that the mesh does not contain */
     assert_true(image_fit_volumes(&field, &m));
     const figures is = look(&m);
     for (int l = 1; l <= 3; l++) got[l] = is.volume_m3[l] / was.volume_m3[l];
@@ -114,8 +114,8 @@ static void test_labels_grow_and_shrink(void **state) {
     }
 }
 
-/* A core three times as large is more than its tetrahedra let it be; what they let is done, and its neighbours get
- * theirs. */
+/* A core three times as large is more than its tetrahedra permit: it grows as far as possible, and its neighbours
+ * get their volumes. */
 static void test_a_label_that_cannot_spoils_no_other(void **state) {
     double got[4];
     (void)state;

@@ -1,4 +1,4 @@
-"""Good meshes in every format give the same model."""
+"""Valid meshes in every format give the same model."""
 import json
 import random
 
@@ -19,7 +19,7 @@ def write(path, contents):
 
 
 def named_block():
-    """Two regions, and groups of dimension 0, 1 and 2; one name stands for a surface and a point."""
+    """Two regions, and groups of dimension 0, 1 and 2; one name denotes a surface and a point."""
     m = meshlib.block()
     m.region = [1 if t < 24 else 2 for t in range(48)]
     m.surface = [((0, 4, 1), 5), ((0, 3, 4), 5)]
@@ -95,7 +95,7 @@ def test_a_region_without_tetrahedra_is_told(name, tm_mesh, env, tmp_path):
 
 @pytest.mark.parametrize("name", ["2.2.msh", "4.1.msh", "2.2b.msh", "4.1b.msh"])
 def test_order_of_the_file_is_kept(name, tm_mesh, env, tmp_path):
-    """Tags in no order at all: vertices and tetrahedra still count in file order, as fibre and result files do."""
+    """Unordered tags: vertices and tetrahedra still count in file order, as fibre and result files do."""
     m = meshlib.block()
     dice = random.Random(3)
     m.vertex_tag = dice.sample(range(1, 500), len(m.points))
@@ -119,7 +119,7 @@ def test_messages_name_the_tags_of_the_file(tm_mesh, env, tmp_path):
 
 
 def partitioned(m, write_format):
-    """The volume as entity 7, a part of entity 1; a ghost; and vertices with a parameter on their curve."""
+    """The volume as entity 7, a part of entity 1; a ghost entity; and vertices with a parameter on their curve."""
     text = write_format(m)
     at, end = text.index("$Entities"), text.index("$Nodes")
     parts = "$PartitionedEntities\n2\n1\n8 2\n0 0 0 1\n7 3 1 1 1 0 0 0 1 1 1 1 1 2 -5 6\n$EndPartitionedEntities\n"
@@ -134,7 +134,7 @@ def test_partitioned(tm_mesh, env, tmp_path):
 
 
 def test_a_volume_in_two_groups_belongs_to_the_first(tm_mesh, env, tmp_path):
-    """And to both groups of vertices; volumes in none are a region without a name."""
+    """The volume also belongs to both groups of vertices; volumes in no group are a region without a name."""
     m = meshlib.block()
     m.region = [3 if t < 24 else 4 for t in range(48)]
     m.names = {(3, 9): "first", (3, 11): "second"}
@@ -146,7 +146,7 @@ def test_a_volume_in_two_groups_belongs_to_the_first(tm_mesh, env, tmp_path):
 
 
 def test_groups_that_multiply_are_refused(tm_mesh, env, tmp_path):
-    """A short file must not ask for more memory than its size explains: each entity in every group."""
+    """A short file must not request more memory than its size explains: each entity is in every group."""
     m = meshlib.block(6)
     text = meshlib.msh4(m)
     many = " ".join(map(str, range(1, 500001)))
@@ -166,7 +166,7 @@ def test_isolated_vertices_are_repaired(tm_mesh, env, tmp_path):
 
 
 def test_nothing_is_left_behind(tm_mesh, env, tmp_path, root):
-    """Reading keeps no cache and writes into nobody's home."""
+    """Reading creates no cache and writes nothing into a home folder."""
     env["HOME"] = str(tmp_path / "home")
     assert meshlib.run(tm_mesh, "check", root / "meshes" / "liver_1k.msh", env=env).returncode == 0
     assert not list(tmp_path.iterdir())

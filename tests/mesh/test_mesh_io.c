@@ -1,5 +1,5 @@
-/* libtensormass_io as other programs use it: messages with file and line, a locale with a comma, contract errors, and
- * no memory held after a failure. */
+/* libtensormass_io in other programs: messages with file and line, a locale with a decimal comma, contract errors,
+ * and no memory allocated after a failure. */
 #include <locale.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -35,13 +35,13 @@ static void a_message_names_its_place(void **state) {
     assert_int_equal(tm_mesh_file_load("/nowhere/a.vtk", 1, &file, &error), TM_ERR_FILE);
     assert_memory_equal(error.message, "/nowhere/a.vtk: cannot open: ", 29);
     assert_int_equal(tm_mesh_file_parse("b.mesh", block, sizeof block - 1, 0, &file, &error), TM_ERR_ARGUMENT);
-    /* Of a long path its end; what to do stays. */
+    /* A long path is shortened to its end; the remedy stays complete. */
     memset(path, 'p', sizeof path);
     strcpy(path + sizeof path - 8, "/z.mesh");
     assert_int_equal(parse(path, "MeshVersionFormatted 2\nDimension 3\n", &file, &error), TM_ERR_FILE);
     assert_memory_equal(error.message, "...ppp", 6);
     assert_non_null(strstr(error.message, "/z.mesh:3: its Vertices cannot be read; save it again"));
-    /* A flat tetrahedron is found when the mesh is built, in the file's own numbers. */
+    /* A flat tetrahedron is found when the mesh is built, and named by the file's own numbers. */
     tm_mesh *mesh = NULL;
     assert_int_equal(parse("flat.mesh",
                            "MeshVersionFormatted 2\nDimension 3\nVertices\n4\n0 0 0 0\n1 0 0 0\n0 1 0 0\n1 1 0 0\n"
@@ -52,13 +52,13 @@ static void a_message_names_its_place(void **state) {
     assert_memory_equal(error.message, "flat.mesh: tetrahedron 1 (vertices 1 2 3 4) is flat; ", 53);
     assert_int_equal(tm_mesh_file_defects(&file, NULL, 0), 1);
     tm_mesh_file_free(&file);
-    assert_int_equal(parse("flat.mesh", block, &file, NULL), TM_OK); /* nobody asks why */
+    assert_int_equal(parse("flat.mesh", block, &file, NULL), TM_OK); /* no message is requested */
     tm_mesh_file_free(&file);
     tm_mesh_file_free(&file);
     tm_mesh_file_free(NULL);
 }
 
-/* A locale whose numbers have a comma, made here where the machine has none. */
+/* Makes a locale with a decimal comma if the machine has none. */
 static void numbers_have_a_point_in_any_locale(void **state) {
     (void)state;
     char folder[] = "/tmp/tm_locale_XXXXXX", command[200];
@@ -90,7 +90,7 @@ static void numbers_have_a_point_in_any_locale(void **state) {
         free(text);
     }
     snprintf(number, sizeof number, "%.1f", 0.5);
-    assert_string_equal(number, "0,5"); /* given back */
+    assert_string_equal(number, "0,5"); /* freed */
     tm_mesh_file_free(&file);
     setlocale(LC_NUMERIC, "C");
     snprintf(command, sizeof command, "rm -r %s", folder);

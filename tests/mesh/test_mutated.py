@@ -1,4 +1,5 @@
-"""Damaged files of every format that tm-mesh reads: each run ends in time, with a message, whatever a third-party library does. TM_LONG=1: 100,000 files."""
+"""Damaged files of every format that tm-mesh reads: each run ends in time with a message, whatever a third-party library does. TM_LONG=1: 100,000
+files."""
 import os
 import random
 import re
@@ -15,7 +16,7 @@ from test_fill import binary, sphere, text
 from vtk_xml import Writer
 
 pytestmark = pytest.mark.usefixtures("image_module")
-CLOCK_S = 30  # none takes longer
+CLOCK_S = 30  # no file takes longer
 NUMBERS = [b"-1", b"0", b"1", b"3", b"255", b"65536", b"2000000000", b"2147483648", b"4294967295", b"18446744073709551615", b"1e308", b"-1e308", b"nan", b"inf", b"-inf", b"1e-320", b"%s%n", b""]
 PLACES = [b"\0" * 4, b"\xff" * 4, b"\xff" * 8, struct.pack("<i", -1), struct.pack("<i", 2**31 - 1), struct.pack(">i", 2**31 - 1), struct.pack("<f", np.nan), struct.pack("<f", np.inf), struct.pack("<d", 1e308), b"\n", b" "]
 
@@ -72,7 +73,7 @@ def vtk(triangles):
 
 @pytest.fixture(scope="module")
 def seeds(tmp_path_factory):
-    """[(ending, bytes, bytes of the header)], good ones: images of 8 x 8 x 8 and balls of 32 triangles."""
+    """Returns [(ending, bytes, bytes of the header)] of valid files: images of 8 x 8 x 8 and balls of 32 triangles."""
     folder, out, ball = tmp_path_factory.mktemp("seeds"), [], sphere(2, 20.0)
     for name in ("a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"):
         path = phantom.write(folder / name, labels(), (4, 4, 4))
@@ -86,7 +87,7 @@ def seeds(tmp_path_factory):
 
 
 def mutated(dice, data, head):
-    """One to four changes, most of them in the header."""
+    """Makes one to four changes, most of them in the header."""
     data = bytearray(data)
     for _ in range(dice.choice((1, 1, 1, 2, 4))):
         at = dice.randrange(min(head, len(data)) if dice.random() < 0.7 else len(data)) if data else 0
@@ -117,14 +118,14 @@ def mutated(dice, data, head):
 
 
 def command(path, out, dice):
-    """Words of tm-mesh for a file."""
+    """Returns the words of tm-mesh for a file."""
     if path.suffix in (".nii", ".gz", ".nrrd", ".mha", ".mhd", ".dcm"):
         return ["image", "--size", "16mm", "--optimise", "none", "-o", str(out), str(path)]
     return ["fill", "--unit", "mm", *(["--size", "15mm"] if dice.randrange(30) else []), *(["--repair"] if dice.randrange(3) == 0 else []), "-o", str(out), str(path)]
 
 
 def damaged(folder, seeds, count, seed):
-    """[(words, path)] of `count` damaged files in the folder."""
+    """Makes `count` damaged files in the folder; returns [(words, path)]."""
     dice, (good, raw), out = random.Random(seed), seeds, []
     (folder / "a.raw").write_bytes(raw)
     for i in range(count):
@@ -136,7 +137,8 @@ def damaged(folder, seeds, count, seed):
 
 
 def check(code, seconds, said, path):
-    """An end of its own, in time, and a sentence that names the file where it is refused, without control characters of the file's."""
+    """Checks that the run ended by itself and in time, and that a refusal is a sentence with the file's name and without control characters from the
+    file."""
     good = code in (0, 1, 2) and seconds < CLOCK_S and (code == 0 or said.startswith(str(path)) and not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", said))
     return [] if good else [(path, code, round(seconds, 1), said)]
 
@@ -150,7 +152,7 @@ def try_all(files):
     return wrong, [int(code) for code, _, _ in rows]
 
 
-# Small files that once crashed a library or never ended: name, bytes, words of the sentence.
+# Small files that once crashed a library or never ended: name, bytes, words of the message.
 KNOWN = [
     ("dims.mha", b"ObjectType = Image\nNDims = 18446744073709551615\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 18446744073709551615, which is not a whole number"),
     ("dims2.mha", b"ObjectType = Image\nNDims = 2000000000\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = LOCAL\n" + bytes(512), "NDims 2000000000, which is not a whole number"),
@@ -180,7 +182,7 @@ def test_vertices_that_are_no_places_are_refused(tmp_path, bin, bad):
 
 
 def waiting(folder):
-    """An image whose voxels never come: a reader of it waits for ever."""
+    """An image whose voxels never arrive: its reader waits indefinitely."""
     path = phantom.write(folder / "a.mhd", labels(), (4, 4, 4))
     path.with_suffix(".raw").unlink()
     os.mkfifo(path.with_suffix(".raw"))
@@ -193,7 +195,7 @@ def test_the_first_signal_ends_a_reader(tmp_path, bin):
     end = time.monotonic() + 10
     while not children(process.pid) and time.monotonic() < end:
         time.sleep(0.05)
-    time.sleep(0.5)  # it is in the reader
+    time.sleep(0.5)  # it is inside the reader
     (child,) = children(process.pid)
     process.terminate()
     process.communicate(timeout=5)
@@ -207,7 +209,7 @@ def test_a_reader_that_waits_is_ended_by_the_clock(tmp_path, bin):
 
 
 def test_good_files_are_read(tmp_path, seeds):
-    """The files that are damaged below, as they are."""
+    """The undamaged forms of the files below are accepted."""
     (tmp_path / "a.raw").write_bytes(seeds[1])
     files = []
     for i, (ending, data, _) in enumerate(seeds[0]):
@@ -234,7 +236,7 @@ def test_damaged_files_end_with_a_sentence(tmp_path, seeds):
 
 
 def test_the_whole_program_says_the_same(tmp_path, seeds, bin):
-    """Some of them as a user would: tm-mesh itself, from its start."""
+    """Some damaged files with tm-mesh itself, from its start."""
     for words, path in damaged(tmp_path, seeds, 50, 7):
         began = time.monotonic()
         done = subprocess.run([bin / "tm-mesh", *words], capture_output=True, text=True, errors="replace", timeout=2 * CLOCK_S)

@@ -1,4 +1,4 @@
-"""tm-mesh renumber: what it preserves, independence of the original numbers, and the programs that recommend it."""
+"""tm-mesh renumber: what stays the same, independence of the original numbers, and the programs that recommend it."""
 import csv
 import json
 import random
@@ -10,7 +10,8 @@ from test_mesh_files import info, named_block, write
 
 
 def shuffled(m, seed=1):
-    """The same mesh under other numbers, tags with gaps, tetrahedra in another order; was[v] of each vertex and tetrahedron."""
+    """Writes the same mesh with other numbers, tags with gaps, and tetrahedra in another order; was[v] is the original number of each vertex and
+    tetrahedron."""
     draw = random.Random(seed)
     was, was_tet = list(range(len(m.points))), list(range(len(m.tets)))
     draw.shuffle(was)
@@ -33,7 +34,7 @@ def sections(path):
 
 
 def as_sets(path):
-    """Places of each group's vertices, and each tetrahedron's places (in order: its corners stay) with its region."""
+    """Returns the places of each group's vertices, and each tetrahedron's places (in order, as corners stay) with its region."""
     names, nodes, elements = sections(path)
     tets, groups = set(), {}
     for e in elements:
@@ -53,7 +54,7 @@ def renumber(tm_mesh, env, path, out, *args):
 
 
 def test_geometry_groups_and_labels_stay(tm_mesh, env, root, tmp_path):
-    """A refined mesh, whose new vertices are numbered last, against what convert writes of it: the same sets, in another order."""
+    """A refined mesh, whose new vertices are numbered last, compared with its output of convert: the same sets in another order."""
     mesh = tmp_path / "refined.msh"
     refined = meshlib.run(tm_mesh, "refine", "--box", "35mm,-70mm,-20mm,75mm,-35mm,60mm", "--size", "8mm", root / "meshes/liver_10k.msh", "-o", mesh, env=env)
     assert refined.returncode == 0, refined.stderr
@@ -73,7 +74,7 @@ def test_geometry_groups_and_labels_stay(tm_mesh, env, root, tmp_path):
 
 @pytest.mark.parametrize("pieces", [1, 2])
 def test_the_numbers_that_were_there_do_not_matter(pieces, tm_mesh, env, tmp_path):
-    """Three numberings of one mesh, and what came out once more: the same bytes."""
+    """Three numberings of one mesh, and a renumbered result, give the same bytes."""
     m = named_block()
     if pieces == 2:
         n, far = len(m.points), meshlib.block(3)
@@ -104,7 +105,7 @@ def test_numbers_and_fibres_are_carried(tm_mesh, env, tmp_path):
     tets = [[int(v) - 1 for v in e[-4:]] for e in elements if e[1] == "4"]
     fibres = [[float(row[k]) for k in ("ax", "ay", "az")] for row in csv.DictReader(open(tmp_path / "g.csv"))]
     assert len(fibres) == len(tets) == 48
-    for t, f in zip(tets, fibres):  # it still points to where its tetrahedron is
+    for t, f in zip(tets, fibres):  # it still points to its tetrahedron's place
         c = [sum(points[v][k] for v in t) / 4 for k in range(3)]
         assert f == pytest.approx([x / sum(y * y for y in c) ** 0.5 for x in c], abs=1e-8)
     assert tets == sorted(tets, key=sorted)
@@ -113,7 +114,8 @@ def test_numbers_and_fibres_are_carried(tm_mesh, env, tmp_path):
 
 
 def test_it_is_told_where_it_is_worth_it(tm_mesh, bin, env, tmp_path):
-    """By info, check and --explain of a shuffled block, in the scene's line; not of the block itself, of what came out, or where all fits the cache anyway."""
+    """info, check and --explain recommend it for a shuffled block, on the scene's line; not for the block itself, for the renumbered one, or if
+    everything fits the cache anyway."""
     scene = tmp_path / "scene.yaml"
     scene.write_text('tissue:\n  mesh: MESH\n  materials: {"*": {young: 5 kPa, poisson: 0.4, density: 1000 kg/m3}}\nsupports:\n  - {plane: {point: [0, 0, 0], normal: [0, 0, 1]}}\n')
     block = meshlib.block(10)

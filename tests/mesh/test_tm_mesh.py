@@ -61,7 +61,7 @@ def test_every_command_takes_a_unit(words, tm_mesh, env, tmp_path):
 
 
 def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
-    """One vertex pressed close to a face: the step's element is one of its own, the step falls with the altitude, E and density as they must."""
+    """One vertex moved close to a face: info names one of its elements; the step falls with the altitude, E and density as expected."""
     m = meshlib.block()
     plain, _ = info(tm_mesh, write(tmp_path / "a.msh", meshlib.msh2(m)), env)
     m.points[13] = [0.05, 0.05, 0.002]
@@ -69,7 +69,7 @@ def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
     step = bad["critical_step"]
     assert 13 in m.tets[step["cut_tet"] - 1] and 13 in m.tets[bad["worst_aspect_tet"] - 1]
     assert step["cut_s"] < 0.2 * plain["critical_step"]["cut_s"]
-    # Uncut, the mass about a sliver carries it.
+    # Uncut, the masses around a sliver permit a longer step.
     assert 2 * step["cut_s"] < step["guaranteed_s"] < plain["critical_step"]["guaranteed_s"]
     assert f"tetrahedron {step['tet']} " in text and f"tetrahedron {step['cut_tet']} " in text
     stiff, _ = info(tm_mesh, tmp_path / "b.msh", env, "--young", "20 kPa", "--density", "1060")
@@ -105,7 +105,7 @@ def reaches(points, tet, low, high):
 
 
 def test_refine_box(tm_mesh, env, tmp_path, root):
-    """Where the box is, no edge is longer than asked; volume, regions and groups stay; the mesh is sound; fibres follow their tetrahedra."""
+    """Inside the box no edge is longer than requested; volume, regions and groups stay; the mesh is valid; fibres follow their tetrahedra."""
     source, out = root / "meshes" / "liver_1k.msh", tmp_path / "fine.msh"
     low, high, size = (-0.03, -0.07, -0.06), (0.0, -0.03, -0.02), 0.010
     box = ",".join(f"{1e3 * x}mm" for x in low + high)
@@ -178,7 +178,7 @@ def test_refine_region(tm_mesh, env, tmp_path):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_refine_is_sound_on_any_mesh(seed, tm_mesh, env, tmp_path):
-    """Random irregular meshes, random boxes: conformal, positive, the same volume."""
+    """Random irregular meshes, random boxes: conforming, positive, the same volume."""
     dice = random.Random(seed)
     m = meshlib.block(3)
     for p in m.points:
@@ -195,7 +195,7 @@ def test_refine_is_sound_on_any_mesh(seed, tm_mesh, env, tmp_path):
 
 
 def test_repair(tm_mesh, env, tmp_path):
-    """Everything wrong at once that can be repaired, told and repaired; groups and regions stay."""
+    """All repairable defects at once are reported and repaired; groups and regions stay."""
     m = named_block()
     m.tets[7][0], m.tets[7][1] = m.tets[7][1], m.tets[7][0]
     m.tets += [m.tets[20][::-1], [0, 1, 4, 3], [0, 1, 1, 5]]
@@ -214,7 +214,7 @@ def test_repair(tm_mesh, env, tmp_path):
 
 
 def test_repair_merges(tm_mesh, env, tmp_path):
-    """Every tetrahedron with vertices of its own, as some exporters write: one piece again."""
+    """Every tetrahedron has vertices of its own, as some exporters write: one connected mesh again."""
     m = meshlib.block()
     m.points = [m.points[v] for t in m.tets for v in t]
     m.tets = [[4 * i + k for k in range(4)] for i in range(48)]

@@ -1,4 +1,4 @@
-"""docs/your-own-organ.md, word for word: its commands, on the liver's surface as STL in millimetres."""
+"""docs/your-own-organ.md as written: its commands, on the liver's surface as STL in millimetres."""
 import json
 import os
 import re
@@ -9,7 +9,7 @@ from test_fill import binary
 
 
 def surface_of(path):
-    """Outer triangles of a generated mesh, in mm."""
+    """Returns the outer triangles of a generated mesh, in mm."""
     lines = path.read_text().split("\n")
     i = lines.index("$Nodes")
     points = [tuple(1e3 * float(x) for x in l.split()[1:]) for l in lines[i + 2:i + 2 + int(lines[i + 1])]]
@@ -22,7 +22,7 @@ def test_the_page_works_as_written(bin, root, env, tmp_path):
     page = (root / "docs" / "your-own-organ.md").read_text()
     (tmp_path / "organ.stl").write_bytes(binary(surface_of(root / "meshes" / "liver_1k.msh")))
     commands = [l.strip() for l in page.split("\n") if l.startswith("    tm-")]
-    # An image's: tests/organ. A mesh's: the same folder from another source. A session watches the wall clock: tests/install/test_live.py.
+    # The example from an image: tests/organ. From a mesh: the same folder from another source. A session depends on the wall clock: tests/install/test_live.py.
     commands = [c + " --no-film" * c.startswith("tm-organ") for c in commands if not re.match("tm-organ (seg|organ.msh)|tm-session", c)]
     assert len(commands) == 4
     env["PATH"] = f"{bin}:{os.environ['PATH']}"

@@ -1,4 +1,4 @@
-"""Writes VTK's XML files as VTK and meshio do: text, base64 or raw after the XML, uncompressed or with zlib."""
+"""Writes VTK's XML files like VTK and meshio: text, base64 or raw after the XML, uncompressed or with zlib."""
 import base64
 import struct
 import zlib
@@ -17,7 +17,7 @@ class Writer:
         return struct.pack((">" if self.big else "<") + "%d%s" % (len(numbers), "Q" if self.wide else "I"), *numbers)
 
     def parts(self, data):
-        """What is encoded one after the other."""
+        """Encodes the parts one after the other."""
         if not self.packed:
             return [self.header(len(data)) + data]
         blocks = [data[i:i + self.block] for i in range(0, len(data), self.block)]
@@ -53,7 +53,7 @@ def cells(w, kinds, corners):
 
 
 def vtu(mesh, **how):
-    """Its tetrahedra, and a triangle before them that is to be passed over."""
+    """Writes the tetrahedra, after a triangle that a reader must skip."""
     w = Writer(**how)
     corners = [mesh.tets[0][:3], *mesh.tets]
     body = "<Points>\n" + w.array("Points", mesh.points, "f8", 3) + "</Points>\n" + cells(w, [5] + [10] * len(mesh.tets), corners)
@@ -76,7 +76,7 @@ def vtp(points, polygons, **how):
 
 
 def polydata(points, polygons, version=4):
-    """Legacy, text."""
+    """Writes the legacy format, text."""
     s = f"# vtk DataFile Version {version}.0\nx\nASCII\nDATASET POLYDATA\nPOINTS {len(points)} float\n" + "".join("%r %r %r\n" % tuple(map(float, p)) for p in points)
     if version < 5:
         return s + f"POLYGONS {len(polygons)} {sum(len(p) + 1 for p in polygons)}\n" + "".join(" ".join(map(str, [len(p), *p])) + "\n" for p in polygons)

@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
-"""Random pressing on a scene of tm-scene new, and whether it earns a verdict of `make stability`'s kind.
+"""Presses a scene of tm-scene new at random, and judges it by the verdicts of `make stability`.
 
-python tests/organ/pressing.py SCENE.yaml --seed 1 --duration 600 [-o FOLDER]
-"""
+python tests/organ/pressing.py SCENE.yaml --seed 1 --duration 600 [-o FOLDER]"""
 import argparse
 import json
 import os
@@ -14,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-LIMIT_N = 8.9  # of the built-in Impulse Engine (docs/controller.md)
-SURPLUS = 0.35  # of what the hand put in, for tissue and springs to have: as for the sessions of two hands (docs/stability.md), heat of the film apart
-AWAY_S = 4  # in which it comes to rest at the end
+LIMIT_N = 8.9  # limit of the built-in Impulse Engine (docs/controller.md)
+SURPLUS = 0.35  # share of the hand's work that tissue and springs may have: as in sessions of two hands (docs/stability.md), without the heat of viscous drag
+AWAY_S = 4  # time to come to rest at the end
 
 
 def upper_vertices(mesh, up):
-    """Vertices of the group 'surface' whose place is the highest of its column, about: where a hand presses. [n, 3] m"""
+    """Returns the vertices of the group 'surface' that are about the highest of their column, where a hand presses. [n, 3] m"""
     text = mesh.read_text()
     lines = text.split("$Nodes\n")[1].split("$EndNodes")[0].splitlines()[1:]
     points = np.array([[float(x) for x in line.split()[1:]] for line in lines])
@@ -36,7 +35,7 @@ def upper_vertices(mesh, up):
 
 
 def hand(places, depth_m, seed, duration_s):
-    """Waypoints of presses, slides and jabs at random: depths to three times the scene's own, 20 mm to 1 m in a second."""
+    """Draws waypoints of presses, slides and jabs: depths up to three times the scene's own, 20 mm to 1 m in a second."""
     dice, path, t = np.random.default_rng(seed), [], 0.0
 
     def go(seconds, place, above_m):
@@ -78,7 +77,7 @@ def write_scene(scene, seed, duration_s, out):
 
 
 def judged(f, rows, duration_s):
-    """Figures of tm-sim's `f` and its ticks, and the verdict on them."""
+    """Returns figures of tm-sim's `f` and its ticks, with a verdict."""
     force = np.sqrt(rows["fx_N"] ** 2 + rows["fy_N"] ** 2 + rows["fz_N"] ** 2)
     e = f["energy"]
     out = {"simulated_s": f["sim_s"], "computed_s": round(f["compute_s"], 1), "peak_N": float(force.max()), "felt": float((force > 0.01).mean()),
@@ -91,7 +90,7 @@ def judged(f, rows, duration_s):
 
 
 def press(programs, scene, seed, duration_s, folder):
-    """Figures of one run; 'verdict' is 'stable' or what broke."""
+    """Returns the figures of one run; 'verdict' is 'stable' or the failure."""
     copy, figures, ticks = (folder / f"press-{seed}.{e}" for e in ("yaml", "json", "csv"))
     waypoints = write_scene(scene, seed, duration_s, copy)
     run = subprocess.run([str(programs / "tm-sim"), str(copy), "--lockstep", "--quiet", "--json", str(figures), "--csv", str(ticks)], capture_output=True, text=True)

@@ -25,7 +25,7 @@ def organ(bin, *words, code=0):
 
 
 def stl(mesh):
-    """The block's outer triangles, in text and millimetres."""
+    """Returns the block's outer triangles, as text in millimetres."""
     faces = {}
     for t in mesh.tets:
         for f in ((t[1], t[2], t[3]), (t[0], t[3], t[2]), (t[0], t[1], t[3]), (t[0], t[2], t[1])):
@@ -46,7 +46,7 @@ def felt(bin, tmp_path_factory):
 
 
 def pressed_and_cut(folder):
-    """Tetrahedra went, and what the hands felt was recorded: a row a tick of 500 Hz, both hands, never above the device's limit."""
+    """Checks that tetrahedra were removed and the hands' forces recorded: a row per tick of 500 Hz, both hands, never above the device's limit."""
     figures = json.loads((folder / "press.json").read_text())
     assert figures["tets_removed"] > 3 and figures["tets_alive"] + figures["tets_removed"] == figures["tets"]
     rows = np.genfromtxt(folder / "force.csv", delimiter=",", names=True)
@@ -55,18 +55,18 @@ def pressed_and_cut(folder):
     for hand, begin, end in ((0, 0.6, 4.4), (1, 3.2, 6)):
         mine, t = force[rows["instrument"] == hand], rows["time_s"][rows["instrument"] == hand]
         assert 0.05 < mine[(t > begin) & (t < end)].max() == mine.max() < 8.9, hand
-        assert mine[t > 6.2].max() == 0  # both have gone
+        assert mine[t > 6.2].max() == 0  # both jobs are done
     return figures
 
 
 def film_decodes(path):
-    """All of its pictures; the brightness of each, red."""
+    """Reads all its pictures; returns the brightness of each, red."""
     raw = subprocess.run(["ffmpeg", "-v", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, timeout=120)
     assert raw.returncode == 0 and not raw.stderr, raw.stderr
     pictures = np.frombuffer(raw.stdout, "u1").reshape(-1, 120, 160, 3).astype(float)
     assert len(pictures) == 160
     organ = np.abs(pictures[:, 45:90, 40:120] - pictures[0, 45:90, 40:120]).mean((1, 2, 3))
-    assert organ[60:80].max() > 0.5 and organ[-1] > 0.5  # instruments came, and something is not as it was
+    assert organ[60:80].max() > 0.5 and organ[-1] > 0.5  # instruments arrive, and the tissue changes
 
 
 def test_from_a_mesh_to_a_film(felt):
@@ -95,11 +95,11 @@ def test_from_a_surface(bin, tmp_path):
     (tmp_path / "liver.stl").write_text(stl(meshlib.block(1)))
     said = organ(bin, tmp_path / "liver.stl", "--unit", "mm", "--size", "25mm", "-o", tmp_path / "out", "--no-film", "--no-cut")
     assert {p.name for p in (tmp_path / "out").iterdir()} == MADE
-    assert "Roulot" in (tmp_path / "out/organ.yaml").read_text() and "peak" in said  # a tissue by the file's name
+    assert "Roulot" in (tmp_path / "out/organ.yaml").read_text() and "peak" in said  # a tissue named by the file
 
 
 def live_figures(folder, said):
-    """Processor seconds of a simulated one: what was reached, as told and as the press then took, in processor time whatever else the machine does."""
+    """Processor seconds per simulated second: the reported figure and the press's own, in processor time, so independent of the machine's load."""
     told = re.search(r"half a core, live\s+(?:.*\n)*?.*?([\d.]+) s of a core a second", said)
     return float(told[1]), json.loads((folder / "press.json").read_text())["busiest_second_s"]
 
@@ -118,7 +118,7 @@ def test_small_tetrahedra_are_made_heavier_until_half_a_core_steps_it(bin, tmp_p
     scene, (told, took) = (tmp_path / "out/organ.yaml").read_text(), live_figures(tmp_path / "out", said)
     f = json.loads((tmp_path / "out/live.json").read_text())
     assert told <= 0.5 and took < 0.7, said
-    if "mass_scaling: yes" in scene:  # a fast machine may need nothing
+    if "mass_scaling: yes" in scene:  # a fast machine may need no added mass
         assert re.search(r"was [\d.]+: [\d.]+ % of mass is added where tetrahedra are small, lowest frequency", said), said
         assert f["dt_s"] > 1.2 * f["critical_step"]["guaranteed_s"] or f["substeps_per_frame"] < 400
     assert "feel it: tm-session" in said
@@ -137,7 +137,7 @@ def test_a_scene_that_is_yours_is_measured_and_not_changed(bin, tmp_path):
 
 
 def test_a_surface_of_odd_shape(bin, tmp_path):
-    """A star of long arms: fine where nothing needs it."""
+    """A star of long arms: fine tetrahedra only where needed."""
     arms = lambda p: 1 + 1.2 * max(abs(x) / math.sqrt(sum(c * c for c in p)) for x in p) ** 6
     star = [tuple(tuple(arms(p) * x for x in p) for p in t) for t in test_fill.sphere(8, 40.0)]
     (tmp_path / "star.stl").write_text(test_fill.text(star))
@@ -167,7 +167,7 @@ def as_vtp(text):
 
 
 def test_every_kind_of_surface_is_measured_alike(bin, build, tmp_path):
-    """Without --size: a fourteenth of the longest side, of whatever file it is in."""
+    """Without --size: a fourteenth of the longest side, for every file type."""
     bar = meshlib.block(1)
     bar.points = [(x, 0.3 * y, 0.3 * z) for x, y, z in bar.points]
     text, counts = stl(bar), {}
@@ -197,7 +197,8 @@ def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
 
 @pytest.mark.parametrize("name", ["brain", "vein"] if LONG else ["brain"])
 def test_from_a_real_image_to_a_live_scene(bin, image_module, tmp_path, name):
-    """Two labels that a budget cannot keep whole, or that ask for a thousand substeps: a scene that half a core steps, without a word of advice."""
+    """Two labels that a budget cannot keep complete, or that need a thousand substeps: the result is a scene that half a processor core computes,
+    without further options."""
     import phantom as image
     labels, extent, spacing = {"brain": (image.brain_at, (150, 185, 135), (5, 5, 5)), "vein": (image.vein_at, (140, 110, 90), (1, 1, 2.5))}[name]
     image.write(tmp_path / "seg.nii.gz", image.grid_of(labels, extent, np.array(spacing, float)), spacing)
@@ -210,7 +211,7 @@ def test_from_a_real_image_to_a_live_scene(bin, image_module, tmp_path, name):
 
 @pytest.mark.parametrize("name", ["--quiet.msh", "-d.msh", "--help.msh"])
 def test_a_source_that_looks_like_an_option(bin, tmp_path, name):
-    """It is read, and what is wrong with it told; no program takes it for an option."""
+    """The name is read as a file, and its error reported; no program mistakes it for an option."""
     (tmp_path / name).write_text("not much\n")
     out = subprocess.run([str(bin / "tm-organ"), "-o", "d", "--no-film", "--", name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert out.returncode == 2 and f"{name}: does not begin with" in out.stderr and "option" not in out.stderr, out.stderr

@@ -1,4 +1,4 @@
-"""Random pressing on a mesh of tm-mesh image: none of `make stability`'s failure verdicts. An hour in the long form."""
+"""Random pressing on a mesh of tm-mesh image: no failure verdict of `make stability`. An hour in the long form."""
 import subprocess
 import sys
 

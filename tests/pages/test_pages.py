@@ -1,4 +1,4 @@
-"""Pages of `make evaluate`, `make accuracy` and `make stability`: captions match the figures, labels are readable, a phone shows the verdicts."""
+"""Pages of `make evaluate`, `make accuracy` and `make stability`: captions agree with the figures, labels are readable, a phone shows the verdicts."""
 import copy
 import importlib.util
 import re
@@ -31,7 +31,7 @@ STEPS = [dict(dt_s=1e-4 * k, of_guaranteed=0.1 * k, trajectory=0.001 * k * k, se
 
 
 def test_the_step_caption_follows_the_figures(accuracy):
-    """It used to say that the step's error is far below the mesh's, whatever came out."""
+    """The caption once said that the step's error is far below the mesh's, for any figures."""
     small, large, slow = (copy.deepcopy(STEPS) for _ in range(3))
     for r in small:
         r["trajectory"] /= 100
@@ -95,7 +95,7 @@ def test_contents_lead_to_the_sections(html):
 
 
 def test_dark_and_narrow_screens(html):
-    """On a phone a row of verdicts becomes a block that begins with its case and its verdict; every cell says its column."""
+    """On a phone a row of verdicts becomes a block that begins with its case and its verdict; every cell names its column."""
     style = re.search("<style>(.*?)</style>", html, re.S)[1]
     assert "prefers-color-scheme:dark" in style and "initial-scale=1" in html
     narrow = style[style.index("@media (max-width"):]

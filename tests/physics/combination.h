@@ -1,5 +1,5 @@
-/* The sequence of events for every combination of rotation, volume, viscosity and friction: a cautery presses, slides
- * and cuts while a grasper grasps, lifts and rotates the tissue. */
+/* A sequence of events for every combination of rotation, strain smoothing, viscosity and friction: a cautery
+ * presses, slides and cuts while a grasper grasps, lifts and rotates the tissue. */
 #ifndef COMBINATION_H
 #define COMBINATION_H
 
@@ -22,7 +22,7 @@ static inline tm_status combination_tissue(const tm_mesh *mesh, int effects, tm_
     def.mesh = mesh, def.material_count = 1, def.material = material, def.form = TM_FORCE_PLAIN;
     def.cuttable = true, def.strain_smoothing = effects & VOLUME;
     def.rotation = effects & ROTATION ? TM_ROTATION_THRESHOLD : 0;
-    if (def.strain_smoothing && def.rotation > 0) def.smoothed_shear_share = 0; /* all that goes together */
+    if (def.strain_smoothing && def.rotation > 0) def.smoothed_shear_share = 0; /* all effects that may be combined */
     return tm_tissue_create(&def, tissue, error);
 }
 
@@ -70,8 +70,8 @@ static inline combination combination_open(int effects) {
     return c;
 }
 
-/* 10 ms. Frames 0 to 9 go in, 10 to 19 slide, the jaw closes at 12, from 15 on it lifts and turns, from 20 on the
- * cautery cuts; false: the step failed. */
+/* Runs one frame of 10 ms. Frames 0 to 9 press, 10 to 19 slide; the jaw closes at 12, lifts and rotates from 15 on;
+ * the cautery cuts from 20 on. Returns false if the step failed. */
 enum { COMBINATION_FRAMES = 36 };
 static inline bool combination_frame(combination *c) {
     const double i = c->frame++, in = fmin(i, 9), slide = fmin(fmax(i - 9, 0), 16), lift = fmax(i - 14, 0);

@@ -13,19 +13,19 @@
 typedef struct scene_def {
     int cells[3];
     double size_m[3];
-    double jitter; /* of inner and surface vertices within their plane, in cells */
+    double jitter; /* jitter of inner and surface vertices within their plane, in cells */
     double young_Pa, poisson, damping_1_s;
     double row_compliance_m_N; /* negative: the default */
     int tools;
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
     tm_law_kind law; /* nonlinear: with the constants of scene_law; fibres along x */
-    bool averaged;   /* changes of volume are averaged */
-    double bulge_m;  /* the top is raised in the middle by this much, so that it is curved */
+    bool averaged;   /* strain smoothing */
+    double bulge_m;  /* height by which the middle of the top is raised, so that it is curved */
     tm_precision precision;
     tm_force_form form;
-    int32_t threads;               /* 0: one */
-    tm_parallel_for *parallel_for; /* null: the library's */
+    int32_t threads;               /* 0: one thread */
+    tm_parallel_for *parallel_for; /* null: the library's allocator */
 } scene_def;
 
 typedef struct scene {
@@ -38,7 +38,7 @@ typedef struct scene {
 } scene;
 
 static uint64_t scene_seed = 1;
-static double scene_random(void) { /* [0,1), the same everywhere */
+static double scene_random(void) { /* Returns a number in [0,1), the same on all platforms. */
     return num_unit(num_random64(&scene_seed));
 }
 
@@ -64,7 +64,8 @@ static inline scene_def scene_def_default(void) {
                        .length_m = 0.1};
 }
 
-/* Six tetrahedra a cell; x and y about 0, z from 0 up; vertices shifted at random but within the block's faces. */
+/* Makes six tetrahedra per cell; x and y about 0, z from 0 up; vertices are displaced at random within the block's
+ * faces. */
 static tm_mesh *scene_mesh(const scene_def *d) {
     int nx = d->cells[0] + 1, ny = d->cells[1] + 1, nz = d->cells[2] + 1,
         tets = 6 * d->cells[0] * d->cells[1] * d->cells[2];
@@ -178,7 +179,7 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     return s;
 }
 
-/* Large enough to be divided among 8 threads: a cautery that cuts (tool 0) and a grasper. */
+/* Makes a block large enough to be divided among 8 threads, with a cautery that cuts (tool 0) and a grasper. */
 static inline scene scene_create_divided(tm_force_form form, tm_precision precision, int32_t threads,
                                          tm_parallel_for *parallel_for) {
     static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
@@ -207,7 +208,7 @@ static inline tm_tool_pose scene_pose(double x, double y, double z) {
     return (tm_tool_pose){.tip_m = {x, y, z}, .active = true};
 }
 
-/* One frame of `frame_s` with the tip going straight to `to`; the last half is averaged. */
+/* Runs one frame of `frame_s` in which the tip moves straight to `to`; averages over its second half. */
 static inline tm_tool_reaction scene_frame(scene *s, int32_t tool, tm_tool_pose to, double frame_s) {
     int32_t substeps = (int32_t)ceil(frame_s / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, substeps, substeps);

@@ -35,7 +35,7 @@ static inline double dense_largest(double *A, int n) {
     return most;
 }
 
-/* M^-1/2 K M^-1/2 of the tissue as stored, from columns of the force; rows without mass are 0. Free it. */
+/* Computes M^-1/2 K M^-1/2 of the stored tissue from columns of the force; rows without mass are 0. Free it. */
 static inline double *dense_matrix(const tm_tissue *tissue) {
     const int n = 3 * tm_tissue_mesh(tissue)->vertex_count;
     const double *mass = tm_tissue_mass_kg(tissue);
@@ -52,7 +52,7 @@ static inline double *dense_matrix(const tm_tissue *tissue) {
     return A;
 }
 
-/* 2/omega_max of the tissue as stored. */
+/* Returns 2/omega_max of the stored tissue. */
 static inline double dense_step(const tm_tissue *tissue) {
     double *A = dense_matrix(tissue);
     const double step = 2 / sqrt(dense_largest(A, 3 * tm_tissue_mesh(tissue)->vertex_count));

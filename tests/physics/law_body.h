@@ -1,4 +1,4 @@
-/* A world of tissue under one law, for tests of nonlinear laws with other effects. */
+/* A world of tissue with one law, for tests of nonlinear laws with other effects. */
 #ifndef TM_TEST_LAW_BODY_H
 #define TM_TEST_LAW_BODY_H
 
@@ -19,7 +19,7 @@ typedef struct body {
     double *value_m;
 } body;
 
-/* Constants of each law; `fibred` laws with stiff fibres. */
+/* Returns the constants of each law; `fibred` laws get stiff fibres. */
 static inline tm_material material_of(tm_law_kind law, double poisson, bool fibred) {
     static const double constant[TM_LAW_COUNT][TM_LAW_CONSTANTS] = {[TM_LAW_ST_VENANT_KIRCHHOFF] = {1},
                                                                     [TM_LAW_MOONEY_RIVLIN] = {0.3},
@@ -46,7 +46,7 @@ static inline body world_of(tm_mesh *mesh, tm_tissue *tissue, int32_t threads, b
     return b;
 }
 
-/* A world of the definition's tissue, with fibres. */
+/* Makes a world from the definition's tissue, with fibres. */
 static inline body make(tm_mesh *mesh, tm_tissue_def def, int32_t threads, bool damped) {
     tm_tissue *tissue;
     tm_error error;

@@ -1,6 +1,7 @@
-/* Random sessions of two hands, for the tests that draw, run and shrink them (test_sessions.c, test_windows.c). The
- * including file first defines `session` with the members seed, mode[2], fade_s, count and action[], `verdict` with the
- * members good, action (of the failure) and why[], and the functions declared here. */
+/* Random sessions of two hands, for the tests that draw, run and shrink them (test_sessions.c, test_windows.c).
+ *
+ * The including file first defines `session` with the members seed, mode[2], fade_s, count and action[], `verdict`
+ * with the members good, action (of the failure) and why[], and the functions declared here. */
 #ifndef RANDOM_SESSION_H
 #define RANDOM_SESSION_H
 
@@ -16,12 +17,13 @@
 static session random_session(uint64_t seed);
 static void print_session(const session *s);
 static verdict run_session(const session *s, bool tell);
-/* Leaves out the i-th of what a session has beside its actions, 0 first; false: it has not that. EFFECTS: all tried. */
+/* Removes the i-th option of a session other than its actions, 0 first; returns false if it does not have that
+ * option. EFFECTS: all tried. */
 static bool drop_effect(session *s, int i);
 
 /* --- drawing --- */
 
-/* Every number of a session is drawn after this, so that a seed is a session. */
+/* Draws every number of a session here, so that a seed determines a session. */
 static void begin_drawing(uint64_t seed) {
     scene_seed = 0x9e3779b97f4a7c15ULL * (seed + 1);
     for (int i = 0; i < 4; i++) scene_random();
@@ -39,7 +41,7 @@ static double draw_fade_s(void) { return (const double[]){0, 0.02, 0.1, 0.3}[who
 
 /* --- moving --- */
 
-/* The k-th of n places on the way; grip and mode are those of its end. */
+/* Sets the k-th of n positions on the way; grip and mode are those of its end. */
 static tm_tool_pose on_the_way(const tm_tool_pose *from, const tm_tool_pose *to, int k, int n) {
     tm_tool_pose at = *to;
     for (int c = 0; c < 3; c++) at.tip_m[c] = from->tip_m[c] + (to->tip_m[c] - from->tip_m[c]) * k / n;
@@ -55,7 +57,7 @@ static bool still_fails(const session *less, session *s, verdict *v) {
     return !w.good;
 }
 
-/* The fewest actions and effects that still fail. */
+/* Reduces a session to the fewest actions and effects that still fail. */
 static session shrink(session s, verdict *v) {
     if (v->action + 1 < s.count) s.count = v->action + 1;
     for (bool helped = true; helped;) {
@@ -76,8 +78,8 @@ static session shrink(session s, verdict *v) {
 
 /* --- running --- */
 
-/* TM_LONG=1: 10,000 sessions. TM_SESSIONS=COUNT and TM_SESSIONS_FROM=SEED: so many, from that one on. TM_SESSION=SEED:
- * that one alone, told. Else the first `few` and those that once broke a bound. */
+/* TM_LONG=1: 10,000 sessions. TM_SESSIONS=COUNT and TM_SESSIONS_FROM=SEED: this many, from that seed on.
+ * TM_SESSION=SEED: only that one, with details. Else the first `few` and those that once exceeded a bound. */
 typedef struct session_range {
     uint64_t first, count, again;
     const uint64_t *once_broke;
@@ -98,8 +100,8 @@ static session_range sessions_to_run(uint64_t few, const uint64_t *once_broke, s
                            .tell = one != NULL};
 }
 
-/* Runs them all and hands each verdict to `take`; prints those that fail, the first three shrunk. Returns how many do.
- */
+/* Runs all sessions and passes each verdict to `take`; prints failures, the first three shrunk. Returns their
+ * number. */
 static int run_sessions(const session_range *r, void (*take)(void *to, uint64_t seed, const verdict *v), void *to) {
     int failed = 0;
     for (uint64_t i = 0; i < r->count + r->again; i++) {

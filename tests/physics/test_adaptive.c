@@ -1,6 +1,6 @@
-/* Adaptive step (tm_world_adapt): tissue that stiffens exponentially, pressed by 40 % and let go. It takes the long
- * step at rest, 2^k substeps only while it is deep, stays stable, closes its energy account over the changes, and has
- * the same bits by threads and snapshots. The bound by strain is never exceeded. */
+/* Adaptive step (tm_world_adapt): tissue that stiffens exponentially, pressed by 40 % and released. It takes the
+ * long step at rest and 2^k substeps only while pressed deep; it stays stable; its energy account closes over the
+ * changes. Results are bit-identical by threads and snapshots. The bound by strain is never exceeded. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,12 +17,12 @@ typedef struct body {
     tm_mesh *mesh;
     tm_tissue *tissue;
     tm_world *world;
-    int32_t n, held, top; /* components of the support; the first of the top's */
+    int32_t n, held, top; /* components of the support; the top's start here */
     double depth, press_s;
 } body;
 
-/* Pressed: Fung's exponential. Pulled: fibres along the pull, which stiffen a thousandfold up to the stretch allowed.
- */
+/* Pressed: Fung's exponential law. Pulled: fibres along the pull, which stiffen a thousandfold up to the permitted
+ * stretch. */
 static tm_material exponential(bool pulled) {
     tm_material m;
     tm_error error;
@@ -33,7 +33,7 @@ static tm_material exponential(bool pulled) {
     return m;
 }
 
-/* 0 to 1 in `press_s`, there as long, and back. */
+/* Ramps from 0 to 1 in `press_s`, stays as long, and returns. */
 static double pressed(const body *b, double time_s) {
     const double at = time_s / b->press_s, x = at < 1 ? at : at < 2 ? 1 : at < 3 ? 3 - at : 0;
     return x * x * (3 - 2 * x);
@@ -45,7 +45,7 @@ static void move_top(void *self, tm_world *world) {
     for (int32_t i = b->top; i < b->held; i++) tm_support_move(world, i, u);
 }
 
-/* Slides on three planes of symmetry, and under the plate that presses or pulls it. */
+/* Fixes three planes of symmetry without friction, and the plate that presses or pulls the tissue. */
 static void support(body *b) {
     int32_t *dof = malloc(sizeof *dof * (size_t)b->n);
     double *zero = calloc((size_t)b->n, sizeof *zero);
@@ -167,7 +167,7 @@ static void has_the_same_bits_by_threads_and_snapshots(void **state) {
     assert_true(one == story(2, 44));
 }
 
-/* A failed call gives back the level, the step and every bit. */
+/* A failed call restores the level, the step and every bit. */
 static void a_failed_call_is_rolled_back(void **state) {
     (void)state;
     body b;
@@ -184,7 +184,7 @@ static void a_failed_call_is_rolled_back(void **state) {
     destroy(&b);
 }
 
-/* Random states within a strain, and those climbed to: none is stiffer than the bound by strain. */
+/* Random states within a strain, and states found by ascent: none is stiffer than the bound by strain. */
 static void the_bound_by_strain_holds(void **state) {
     (void)state;
     fix_random random = {5};

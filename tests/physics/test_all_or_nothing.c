@@ -4,14 +4,14 @@
 #include "contact_scene.h"
 
 static const double FRAME_S = 0.005;
-enum { PHASES = 6, WORKING = 0, GRASPER = 1 }; /* the first tool cuts, or only touches */
+enum { PHASES = 6, WORKING = 0, GRASPER = 1 }; /* the first tool cuts, or only presses */
 
-/* Bad numbers at the `at`-th substep from now, in one phase. */
+/* Plants bad numbers at the `at`-th substep from now, in one phase. */
 typedef struct plant {
     int phase, at, runs; /* at 0: none */
     int32_t dof;
     const tm_contact *contact;
-    tm_tool_reaction seen; /* at the end of the substep that it spoils */
+    tm_tool_reaction seen; /* at the end of the spoiled substep */
     int32_t alive;
 } plant;
 
@@ -33,7 +33,7 @@ static void run_plant(void *self, tm_world *world) {
     planted.alive = tm_tissue_alive_count(tm_world_tissue(world));
 }
 
-/* Moves a support, as breathing does. */
+/* Moves a support, like breathing. */
 static void run_breath(void *self, tm_world *world) {
     (void)self;
     const tm_state *state = tm_world_state(world);
@@ -80,7 +80,7 @@ static trial trial_create(tm_tool_mode first) {
     return t;
 }
 
-/* Frame `i` of a story in which the first tool presses (and cuts), the second takes hold, pulls and lets go. */
+/* Runs frame `i` of a sequence in which the first tool presses (and cuts); the second grasps, pulls and releases. */
 static tm_status frame(trial *t, int i) {
     const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(t->s.world));
     tm_tool_pose working = scene_pose(0.012 + 0.0004 * i, 0.005, 0.046 - 0.0005 * (i < 28 ? i : 28));
@@ -98,7 +98,7 @@ static void patches(trial *t) {
     tm_patch_compute(t->maker, GRASPER, &patch);
 }
 
-/* Everything that can be seen of a world, as one hash a part, so that a difference says where it is. */
+/* Hashes the complete observable state of a world part by part, so that a difference names its part. */
 enum { MOTION, FORCE, SNAPSHOT, STIFFNESS, MASS, SURFACE, SUPPORT, HELD, ROWS, PARTS };
 static const char *part_name[PARTS] = {"u and u_prev", "force",    "snapshot",     "tensors", "masses",
                                        "surface",      "supports", "what is held", "rows"};
@@ -155,7 +155,8 @@ static void same(const uint64_t a[PARTS], const uint64_t b[PARTS], const char *w
         if (a[p] != b[p]) fail_msg("%s: %s differ (frame %d, phase %d, substep %d)", where, part_name[p], i, phase, at);
 }
 
-/* The same story twice, the second time with failures between and within the frames; a failed frame is tried again. */
+/* Runs the same sequence twice, the second time with failures between and within the frames; a failed frame is
+ * repeated. */
 static void nothing_happens(tm_tool_mode first, bool *cut_in_vain) {
     trial plain = trial_create(first), shaken = trial_create(first);
     const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(plain.s.world));
@@ -180,13 +181,13 @@ static void nothing_happens(tm_tool_mode first, bool *cut_in_vain) {
                 assert_true(planted.seen.flags & TM_REACTION_UNSTABLE);
                 told++;
             }
-            /* The frame's begin and the new paths are the caller's, before the step: said again, they change nothing.
-             */
+            /* The frame's begin and the new paths are set by the caller before the step: setting them again changes
+             * nothing. */
             planted.at = 0;
             const tm_tool_pose a = tm_contact_pose(shaken.s.contact, 0), b = tm_contact_pose(plain.s.contact, 0);
             assert_memory_equal(a.tip_m, b.tip_m, sizeof a.tip_m);
             look(&shaken, after);
-            before[SNAPSHOT] = after[SNAPSHOT]; /* paths and sums were set anew; looked at below, against the twin */
+            before[SNAPSHOT] = after[SNAPSHOT]; /* paths and sums were set again; compared below with the twin */
             before[ROWS] = after[ROWS];
             same(before, after, "given back", phase, places[place], i);
             place = (place + 1) % 3;

@@ -1,10 +1,11 @@
-/* All sixteen combinations of rotation, volume, viscosity and friction through the same events: contact, grasp, cut
- * during the grasp, a snapshot from which another world continues bit-identically, and rest. */
+/* All sixteen combinations of rotation, strain smoothing, viscosity and friction through the same events: contact,
+ * grasp, cut during the grasp, a snapshot from which another world continues bit-identically, and rest. */
 #include "../fixture.h"
 #include "../long.h"
 #include "combination.h"
 
-/* What either hand feels of frame 11 (pressed, slid), of the last (held, turned), and what was cut. */
+/* Forces of both hands in frame 11 (pressed, slid) and in the last (grasped, rotated), and the number of removed
+ * tetrahedra. */
 typedef struct felt {
     double press_N, rub_N, held_N;
     int32_t held, removed;
@@ -21,12 +22,13 @@ static felt story(int effects) {
     tm_error error;
     for (int i = 0; i < COMBINATION_FRAMES; i++) {
         if (!combination_frame(&c)) fail_msg("effects %d: frame %d is unstable", effects, i);
-        /* The snapshot's size changes with contact, grasp and cut; the buffer of the largest size is enough for all. */
+        /* The snapshot's size changes with contact, grasp and cut; a buffer of the maximum size is always
+         * sufficient. */
         if (tm_snapshot_bytes(c.s.world) > largest) largest = tm_snapshot_bytes(c.s.world);
         assert_true(largest <= most && tm_snapshot_bytes_max(c.s.world) == most);
         const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);
         if (i == 11) f.press_N = r.force_N[2], f.rub_N = r.force_N[0];
-        if (i == 26) { /* held, and half cut */
+        if (i == 26) { /* grasped and half cut */
             bytes = tm_snapshot_bytes(c.s.world);
             buffer = malloc((size_t)bytes);
             fix_ok(tm_snapshot_save(c.s.world, buffer, bytes, &error), &error);
@@ -60,7 +62,7 @@ static void every_combination_tells_the_story(void **state) {
     }
     for (int e = 0; e < COMBINATIONS; e++) {
         if (!told[e]) continue;
-        /* Each effect does what it is for, whatever else is there. */
+        /* Each effect acts in every combination. */
         if (e & FRICTION && told[e ^ FRICTION]) assert_true(f[e].rub_N < f[e ^ FRICTION].rub_N - 0.02 * f[e].press_N);
         if (e & VISCOSITY && told[e ^ VISCOSITY]) assert_true(f[e].press_N < 0.97 * f[e ^ VISCOSITY].press_N);
         if (e & VOLUME && told[e ^ VOLUME]) assert_true(f[e].press_N < 0.97 * f[e ^ VOLUME].press_N);

@@ -1,5 +1,5 @@
-/* Undamped corotational tissue conserves energy at the guaranteed step: for every law, hot or only rotating, with good
- * tetrahedra and slivers. With damping, slivers come to rest. */
+/* Undamped corotational tissue conserves energy at the guaranteed step: for every law, fast or only rotating, with
+ * good tetrahedra and slivers. With damping, slivers come to rest. */
 #include "../long.h"
 #include "turning.h"
 
@@ -17,11 +17,11 @@ typedef struct hot {
     const char *name;
     double ratio, poisson; /* of fibres; 1: isotropic */
     bool volume, slivers;
-    double noise; /* of an edge of 10 mm, or of a sliver's height */
-    double rate;  /* turning, rad/s */
+    double noise; /* initial displacement, of an edge of 10 mm, or of a sliver's height */
+    double rate;  /* angular velocity, rad/s */
     double share; /* of the guaranteed step */
-    double most;  /* by which the mean energy of a thousand steps may be off, */
-    double swing; /* and that of any one step */
+    double most;  /* tolerance of the mean energy of a thousand steps, */
+    double swing; /* and of a single step */
 } hot;
 
 static body make(const hot *h, double damping) {
@@ -69,8 +69,8 @@ static void destroy(body *b) {
     tm_mesh_destroy(b->mesh);
 }
 
-/* Returns by how much the account's energy is off in the worst mean of a thousand steps. Of a single step it swings
- * more, by what is taken back in the next ones: of slivers, which turn inside out and back within a step, by tenths. */
+/* Returns the error of the energy account in the worst mean of a thousand steps. In single steps it oscillates more,
+ * as corrections follow in the next steps: by tenths for slivers, which invert and return within a step. */
 static double drift(const hot *h, int32_t steps) {
     enum { WINDOW = 1000 };
     body b = make(h, 0);
@@ -113,8 +113,8 @@ static void test_energy_stays(void **state) {
         assert_true(drift(all + k, test_is_long() ? 100000 : test_is_sanitized() ? 1000 : 6000) < all[k].most);
 }
 
-/* Fibres ten times as stiff in flat tetrahedra: without what takes back energy they go on for ever, damped by 20 1/s.
- */
+/* Fibres ten times as stiff in flat tetrahedra: without the energy correction they oscillate indefinitely despite
+ * damping of 20 1/s. */
 static void test_slivers_come_to_rest(void **state) {
     (void)state;
     const hot h = {"slivers", 10, 0, false, true, 3, 0, 0.9, 0, 0};

@@ -18,7 +18,7 @@ static int32_t substeps_in(const scene *s, double seconds) {
 
 /* --- geometry --- */
 
-/* Gathered once and looked at while tool and surface move, or gathered anew before each look: the same rows. */
+/* Gathering once while tool and surface move, and gathering before each detection, give the same rows. */
 static void test_looks_leave_nothing_out(void **unused) {
     (void)unused;
     enum { LOOKS = 400, MAX_COUNT = 64 };
@@ -35,7 +35,7 @@ static void test_looks_leave_nothing_out(void **unused) {
     int32_t touching = 0;
     scene_seed = 17;
     for (int k = 0; k < LOOKS; k++) {
-        /* sideways and down, in and out of reach; now and then a leap, of the tool or of the surface */
+        /* moves sideways and down, in and out of reach, with occasional jumps of the tool or of the surface */
         const double leap = k % 37 == 36 ? 0.01 : 0, wave = 0.004 * sin(0.05 * k);
         const tm_tool_pose pose = scene_pose(0.01 * sin(0.02 * k) + leap, 0.005, 0.0455 + wave);
         const tm_capsule capsule = tm_tool_capsule(&tool, &pose, 0);
@@ -61,7 +61,7 @@ static void test_looks_leave_nothing_out(void **unused) {
     scene_destroy(&s);
 }
 
-/* Virtual work: what a force does at its point while the joints move is what the tip force does at the tip. */
+/* Virtual work: a force's work at its point while the joints move equals the tip force's work at the tip. */
 static void test_tip_force_does_the_same_work(void **unused) {
     (void)unused;
     scene_seed = 3;
@@ -126,11 +126,12 @@ static void test_flat_surface_hides_its_triangles(void **unused) {
     }
     print_message("the rows act at most %.2f mm from where the sphere touches\n", 1e3 * off);
     assert_true(off < 0.0005);
-    assert_true(many > 200); /* seams were met */
+    assert_true(many > 200); /* triangle boundaries were met */
     scene_destroy(&s);
 }
 
-/* Against a block of known shape: the nearest row has the true distance and direction over faces, edges and corners. */
+/* Against a block of known shape: the nearest row has the exact distance and direction over faces, edges and
+ * corners. */
 static void test_rows_measure_the_true_distance(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -163,7 +164,7 @@ static void test_rows_measure_the_true_distance(void **unused) {
     scene_destroy(&s);
 }
 
-/* Whatever slots triangles are in, and however large their names are: the same rows. */
+/* The rows are the same for any order of the triangles and any ids, however large. */
 static void test_order_is_by_name(void **unused) {
     (void)unused;
     enum { LARGE = 3 << 28 };
@@ -242,17 +243,18 @@ static void spy_after(void *self, tm_world *world) {
     }
 }
 
-/* What contact does to the tissue, counted vertex by vertex from outside, is the opposite of what the tool feels. */
+/* Contact forces on the tissue, summed vertex by vertex outside the library, are opposite to the tool's reaction. */
 static void test_action_is_reaction(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 8, d.cells[2] = 5;
-    memcpy(d.trocar_m[0], (double[3]){0.2, 0, 0.07}, sizeof d.trocar_m[0]); /* flat: the shaft lies on the tissue */
+    memcpy(d.trocar_m[0], (double[3]){0.2, 0, 0.07},
+           sizeof d.trocar_m[0]); /* flat: the shaft is in contact along its length */
     memcpy(d.tip_m[0], (double[3]){0.012, 0.004, 0.0447}, sizeof d.tip_m[0]);
     scene s = scene_create(&d);
     spy x = {.vertices = s.mesh->vertex_count, .before = malloc(sizeof(double) * 3 * (size_t)s.mesh->vertex_count)};
     tm_error error;
-    /* the contact stage is already there: take the spy's reading between the integrator and the constraints */
+    /* the contact stage exists already: read the sum between integration and constraint */
     tm_stage before = {
         .size = sizeof(tm_stage), .name = "spy_before", .phase = TM_PHASE_INTEGRATE, .run = spy_before, .self = &x};
     tm_stage after = {
@@ -262,7 +264,7 @@ static void test_action_is_reaction(void **unused) {
     double worst = 0, peak = 0, lever = 0;
     tm_tool_pose to = scene_pose(0.012, 0.004, 0.038);
     tm_contact_set_target(s.contact, 0, &to, 2000);
-    /* supports move nothing here: their vertices are far below; checked by the sum itself */
+    /* supports move nothing here, as their vertices are far below; the sum itself checks it */
     for (int k = 0; k < 2000; k++) {
         tm_contact_begin_frame(s.contact, 1, 1);
         assert_int_equal(tm_world_step(s.world, 1), TM_OK);
@@ -277,7 +279,7 @@ static void test_action_is_reaction(void **unused) {
     }
     print_message("action and reaction differ by %.1e of %.3f N\n", worst, peak);
     assert_true(peak > 0.1);
-    assert_true(lever > 0.001); /* the shaft touches too, and that is not a touch at the tip */
+    assert_true(lever > 0.001); /* the shaft touches too, which is no touch at the tip */
     assert_true(worst < 1e-9 * peak);
     free(x.before);
     scene_destroy(&s);
@@ -291,8 +293,7 @@ static void hold(scene *s, double seconds, tm_tool_reaction *r) {
     *r = tm_contact_reaction(s->contact, 0);
 }
 
-/* A probe held still against damped tissue feels the static reaction: of the settled solve, and of the elastic forces
- * alone. */
+/* A probe at rest on damped tissue feels the static reaction: of the settled solve, and of the elastic forces alone. */
 static void held_probe(double damping_1_s, double seconds, double skin) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
@@ -304,7 +305,7 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     tm_contact_set_target(s.contact, 0, &to, substeps_in(&s, 0.1));
     tm_tool_reaction dynamic, settled;
     hold(&s, seconds, &dynamic);
-    /* elastic forces at the vertices that the rows touch balance the tool */
+    /* elastic forces at the vertices of the rows balance the tool */
     double *f = calloc((size_t)(3 * s.mesh->vertex_count), sizeof(double)), elastic[3] = {0, 0, 0};
     tm_tissue_force(s.tissue, tm_world_state(s.world)->u_m, f);
     for (int32_t v = 0; v < s.mesh->vertex_count; v++)
@@ -331,8 +332,7 @@ static void test_held_probe_feels_the_static_reaction(void **unused) {
     (void)unused;
     held_probe(100, 0.6, -1);
     held_probe(100, 0.6, 0);
-    /* damping that weighs a tenth of inertia, d dt / 2 = 0.1: without gamma/2dt in the weights 50 N would read 45.45 N
-     */
+    /* damping of a tenth of inertia, d dt / 2 = 0.1: without gamma/2dt in the inertia 50 N would read 45.45 N */
     held_probe(1300, 9, -1);
 }
 
@@ -342,7 +342,7 @@ typedef struct stroke {
     double roughness, roughness_p99, lag, peak_N;
 } stroke;
 
-/* The force of the settled solve at the tip of the reaction r; the world goes on as if it had not been asked. */
+/* Returns the settled solve's force at the tip of the reaction r; the world continues unchanged. */
 static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     tm_state *state = tm_world_state(s->world);
     size_t bytes = sizeof(double) * 3 * (size_t)s->mesh->vertex_count;
@@ -368,8 +368,8 @@ static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     return distance(rest.force_N, r->force_N);
 }
 
-/* Presses at 0.01 m/s to this share of the thickness, then slides 20 mm at 0.01 m/s, in frames of 2 ms. Settles now and
- * then when `lag` is asked for (it disturbs the next frame, so roughness is measured in a run of its own). */
+/* Presses at 0.01 m/s to this share of the thickness, then slides 20 mm at 0.01 m/s, in frames of 2 ms. Settles now
+ * and then if `lag` is requested (this disturbs the next frame, so roughness is measured in a separate run). */
 static stroke press_and_slide(const scene_def *d, double share, bool lag) {
     scene s = scene_create(d);
     double top = d->size_m[2] + d->bulge_m, x = d->tip_m[0][0], z = d->tip_m[0][2], depth = share * d->size_m[2];
@@ -379,13 +379,13 @@ static stroke press_and_slide(const scene_def *d, double share, bool lag) {
     stroke result = {0, 0, 0, 0};
     for (int k = 0; k < frames; k++) {
         double t = (k + 1) * 0.002, a = fmin(t / press_s, 1), b = fmax(t - press_s, 0) / slide_s;
-        a = a * a * (3 - 2 * a), b = b * b * (3 - 2 * b); /* starts and stops gently, at most 0.01 m/s */
+        a = a * a * (3 - 2 * a), b = b * b * (3 - 2 * b); /* starts and stops smoothly, at most 0.01 m/s */
         tm_tool_reaction r = scene_frame(
             &s, 0, scene_pose(x + 0.02 * b, d->tip_m[0][1], z + a * (top + d->radius_m - depth - z)), 0.002);
         memcpy(force[k], r.force_N, sizeof force[k]);
         result.peak_N = fmax(result.peak_N, norm(r.force_N));
         touched = r.row_count > 0 ? touched + 1 : 0;
-        if (touched > 10) { /* 20 ms after contact was made */
+        if (touched > 10) { /* 20 ms after first contact */
             double second[3];
             for (int c = 0; c < 3; c++) second[c] = force[k][c] - 2 * force[k - 1][c] + force[k - 2][c];
             rough[n++] = norm(second);
@@ -426,8 +426,8 @@ static void test_force_is_smooth_and_follows(void **unused) {
     }
 }
 
-/* Pressed deeper than an edge, in lightly damped tissue: no oscillation (without viscous drag: 46 % of the peak from
- * frame to frame). */
+/* Pressed deeper than an edge, in lightly damped tissue: no oscillation (46 % of the peak from frame to frame
+ * without viscous drag). */
 static void test_deep_and_lightly_damped_stays_calm(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -441,7 +441,7 @@ static void test_deep_and_lightly_damped_stays_calm(void **unused) {
 
 /* --- never through --- */
 
-/* Where segment a b meets the triangle p, as a fraction, or -1. */
+/* Returns where segment a b meets the triangle p, as a fraction, or -1. */
 static bool meets(const double *a, const double *b, const double p[3][3]) {
     double u[3], v[3], d[3], h[3], q[3], s[3];
     for (int c = 0; c < 3; c++)
@@ -455,7 +455,7 @@ static bool meets(const double *a, const double *b, const double p[3][3]) {
     return det != 0 && x >= 0 && y >= 0 && x + y <= 1 && t >= 0 && t <= 1;
 }
 
-/* Triangles of the deformed surface that the tool's axis goes through. */
+/* Counts triangles of the deformed surface that the tool's axis passes through. */
 static int pierced(const scene *s, int tool) {
     tm_surface_view f = tm_tissue_surface(s->tissue);
     const double *u = tm_world_state(s->world)->u_m, *trocar = s->def.trocar_m[tool];
@@ -473,8 +473,8 @@ static int pierced(const scene *s, int tool) {
     return count;
 }
 
-/* One approach from outside to a point up to 12 mm within a block of 48 x 48 x 30 mm; the largest force, -1 if it went
- * through. */
+/* Approaches from outside to a point up to 12 mm within a block of 48 x 48 x 30 mm; returns the largest force, -1 if
+ * it passed through. */
 static double approach(scene_def *d, double speed, uint64_t seed) {
     double from[3], to[3], n[3] = {0, 0, 1}, along[3];
     scene_seed = 7919 * seed + 11;
@@ -539,7 +539,7 @@ static void test_supports_are_never_moved(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
-    d.trocar_m[0][2] = -0.2; /* from below, against the held face */
+    d.trocar_m[0][2] = -0.2; /* from below, against the fixed face */
     d.tip_m[0][2] = -0.003;
     scene s = scene_create(&d);
     tm_tool_reaction r;
@@ -549,7 +549,7 @@ static void test_supports_are_never_moved(void **unused) {
             for (int c = 0; c < 3 && s.mesh->rest_m[3 * v + 2] < 1e-9; c++)
                 assert_true(tm_world_state(s.world)->u_m[3 * v + c] == 0);
     }
-    /* 7 mm past the face: far over the cap, said so, and still pushed back */
+    /* 7 mm past the face: far over the cap, reported, and still pushed back */
     assert_true(r.flags & TM_REACTION_CAPPED);
     assert_true(r.force_N[2] < -10 && norm(r.force_N) < 200);
     assert_sound(&s);
@@ -565,7 +565,7 @@ static void test_pinched_triangle(void **unused) {
     d.trocar_m[0][0] = 0.2, d.trocar_m[1][0] = -0.2;
     scene s = scene_create(&d);
     double most = 0;
-    for (int k = 1; k <= 40; k++) { /* both press the same triangle, crosswise, then tear apart */
+    for (int k = 1; k <= 40; k++) { /* both press the same triangle from opposite sides, then separate */
         double z = 0.0447 - 0.00015 * fmin(k, 30), x = k > 30 ? 0.0005 * (k - 30) : 0;
         tm_tool_pose a = scene_pose(0.010 + x, 0.006, z), b = scene_pose(0.0101 - x, 0.006, z);
         int32_t n = substeps_in(&s, 0.005);
@@ -581,8 +581,8 @@ static void test_pinched_triangle(void **unused) {
     scene_destroy(&s);
 }
 
-/* Placed inside: no force until it has left; then it is a tool like any other. Placed overlapping: pushed out gently.
- */
+/* Set inside the tissue: no force until it has left; then it acts like any other tool. Set overlapping: pushed out
+ * smoothly. */
 static void test_tool_that_appears_inside(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -670,7 +670,7 @@ static uint64_t two_tools(tm_tool_reaction r[2]) {
     return hash;
 }
 
-/* Tool 0 presses twice as deep as tool 1, far away: swapped or summed forces would show. */
+/* Tool 0 presses twice as deep as tool 1, far away: swapped or summed forces would be detected. */
 static void test_two_tools_feel_their_own_forces(void **unused) {
     (void)unused;
     tm_tool_reaction r[2];

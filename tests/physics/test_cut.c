@@ -1,4 +1,4 @@
-/* Cutting: bits of a fresh build after every batch, manifold surface, nothing left at the end, no allocation. */
+/* Cutting: bits of a fresh build after every batch, manifold surface, no remainder at the end, no allocation. */
 #include "../cut_check.h"
 #include "../long.h"
 
@@ -16,7 +16,7 @@ typedef struct scene {
     tm_world *world;
 } scene;
 
-/* A block with fibres (or isotropic), held at x = 0, under gravity. */
+/* Makes a block with fibres (or isotropic), fixed at x = 0, under gravity. */
 static scene make(bool fibred, tm_precision precision) {
     scene s = {.mesh = organ(41)};
     tm_error error;
@@ -93,7 +93,7 @@ static void down_to_nothing(void **state) {
     assert_int_equal(tm_tissue_alive_count(s.tissue), 0);
     assert_int_equal(tm_tissue_surface(s.tissue).count, 0);
     for (int32_t v = 0; v < s.mesh->vertex_count; v++) assert_true(tm_tissue_mass_kg(s.tissue)[v] == 0);
-    /* Empty and valid: it steps, nothing moves, and nothing more can be removed. */
+    /* Checks that the tissue is empty and valid: it steps, nothing moves, and nothing more can be removed. */
     double *u = malloc(sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
     memcpy(u, tm_world_state(s.world)->u_m, sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
     assert_int_equal(tm_world_step(s.world, 50), TM_OK);
@@ -109,7 +109,8 @@ static void down_to_nothing(void **state) {
     finish(&s);
 }
 
-/* Two boxes that keep only an edge in common after the cut: the smaller fan about it goes, and what hangs by that. */
+/* Two boxes have only an edge in common after the cut: the smaller fan about it is removed, with everything that
+ * hangs only on it. */
 static void hanging_parts_go(void **state) {
     (void)state;
     fix_random random = {1};
@@ -120,7 +121,8 @@ static void hanging_parts_go(void **state) {
     tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, true);
     int32_t gone[24], n = 0;
     for (int32_t t = 0; t < 24; t++)
-        if (t / 6 == 1 || t / 6 == 2 || t == 0) gone[n++] = t; /* boxes (0,1) and (1,0) whole, and one of box (0,0) */
+        if (t / 6 == 1 || t / 6 == 2 || t == 0)
+            gone[n++] = t; /* boxes (0,1) and (1,0) complete, and one of box (0,0) */
     assert_int_equal(n, 13);
     assert_true(tm_cut_remove(tissue, gone, n, NULL, 0) > n);
     assert_true(tm_tissue_alive_count(tissue) >= 6);
@@ -129,8 +131,8 @@ static void hanging_parts_go(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* A tunnel that ends in a point: the star of its end is a ring, which must be opened. Found by digging along every line
- * of cells. */
+/* A tunnel that ends in a point: the star of its end vertex is a ring, which must be opened. Found by removing every
+ * line of cells. */
 static void rings_are_opened(void **state) {
     (void)state;
     fix_random random = {9};
@@ -140,7 +142,7 @@ static void rings_are_opened(void **state) {
     fix_ok(tm_material_young(1e4, 0.3, &material, &error), &error);
     int32_t inner = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        /* Two tetrahedra of an inner vertex that share no more than it: taking both pierces its star twice. */
+        /* Two tetrahedra of an inner vertex with only this vertex in common: removing both pierces its star twice. */
         const int32_t *star = mesh->vertex_tet + mesh->vertex_tet_begin[v],
                       n = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
         for (int32_t i = 1; i < n; i++) {
@@ -159,7 +161,7 @@ static void rings_are_opened(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* What is dead costs nothing: not a number of it is read, and every force on it is 0. */
+/* Removed tetrahedra cost nothing: none of their numbers is read, and every force on them is 0. */
 static void the_dead_are_not_read(void **state) {
     (void)state;
     for (int kind = 0; kind < 8; kind++) {
@@ -178,9 +180,9 @@ static void the_dead_are_not_read(void **state) {
         assert_true(dead > n / 4);
         tm_tissue_force(s.tissue, u, f);
         for (int32_t i = 0; i < 3 * n; i++) assert_true(f[i] == 0);
-        /* Displacements of the dead stay as they are, however the three arrays of u take turns. */
+        /* Displacements of removed vertices stay unchanged through the rotation of the three arrays of u. */
         fix_random random = {3};
-        for (int32_t v = 30; v < n; v++) /* the first 30 are held */
+        for (int32_t v = 30; v < n; v++) /* the first 30 are fixed */
             for (int i = 0; i < 3 && tm_tissue_mass_kg(s.tissue)[v] == 0; i++) f[3 * v + i] = fix_signed(&random);
         memcpy(u, f, sizeof(double) * 3 * (size_t)n);
         for (int step = 0; step < 5; step++) {
@@ -195,8 +197,8 @@ static void the_dead_are_not_read(void **state) {
     }
 }
 
-/* Repairing takes no tetrahedron that could have stayed: put back alone, each would touch the rest by no face, or leave
- * a surface that is no manifold. */
+/* Repair removes only what it must: each tetrahedron that it removed, put back alone, would share no face with the
+ * others or make the surface non-manifold. */
 static void mending_takes_no_more_than_it_must(void **state) {
     (void)state;
     scene s = make(false, TM_DOUBLE);
@@ -211,7 +213,7 @@ static void mending_takes_no_more_than_it_must(void **state) {
     def.cuttable = false, def.alive = alive;
     for (int32_t i = 0; i < n; i++) {
         const int32_t count = tm_cut_remove(s.tissue, list + i, 1, gone, n);
-        for (int32_t k = 1; k < count; k++, extra++) { /* the first is the one that was asked for */
+        for (int32_t k = 1; k < count; k++, extra++) { /* the first is the requested one */
             memcpy(alive, tm_tissue_alive(s.tissue), (size_t)n);
             bool joined = false;
             for (int f = 0; f < 4; f++) {

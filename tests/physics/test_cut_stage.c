@@ -1,4 +1,4 @@
-/* The "cut" stage in a world with contact: rate, detached fragments, what was removed; and snapshots of all of it. */
+/* The "cut" stage in a world with contact: rate, detached fragments, removed tetrahedra; and snapshots of all of it. */
 #include "../cut_check.h"
 #include "contact_scene.h"
 #include "cut/cut_internal.h"
@@ -19,7 +19,7 @@ static scene cutting_scene(double rate_1_s, tm_cut_loose loose) {
     return s;
 }
 
-/* Frame `i` of a fixed story: the cautery goes down and sideways, the probe presses beside it. */
+/* Runs frame `i` of a fixed sequence: the cautery moves down and sideways while the probe presses. */
 static void story(scene *s, int i, bool active) {
     tm_tool_pose tool = scene_pose(0.012 + 0.0004 * i, 0.005, 0.05 - 0.0008 * (i < 25 ? i : 25));
     tool.active = active;
@@ -50,13 +50,13 @@ static void cuts_at_its_rate(void **state) {
     }
     print_message("  %d cut in %d frames of touch at %g/s\n", cut, touched, rate);
     assert_true(touched > 5 && cut > 0.3 * rate * touched * FRAME_S);
-    assert_true(cut < 2.5 * rate * (touched + 2) * FRAME_S); /* repairing takes some more */
+    assert_true(cut < 2.5 * rate * (touched + 2) * FRAME_S); /* repair removes some more */
     assert_null(cut_not_manifold(s.tissue));
     assert_int_equal(tm_cut_fetch_removed(s.world, tet, NULL, 512), 0);
     scene_destroy(&s);
 }
 
-/* A slab in the middle goes, and the top hangs on nothing. */
+/* A slab in the middle is removed, so the top has no support. */
 static int32_t cut_the_top_off(scene *s, double from_m, double to_m) {
     int32_t *tet = malloc(sizeof(int32_t) * (size_t)s->mesh->tet_count), n = 0, above = 0;
     for (int32_t t = 0; t < s->mesh->tet_count; t++) {
@@ -88,7 +88,7 @@ static void loose_pieces(void **state) {
                 if (tm_tissue_mass_kg(s.tissue)[v] > 0) lowest = fmin(lowest, tm_world_state(s.world)->u_m[3 * v + 2]);
             if (fallen_at < 0 && lowest < -0.03) fallen_at = steps;
         }
-        assert_int_equal(tm_tissue_alive_count(s.tissue), left); /* the rest is still held */
+        assert_int_equal(tm_tissue_alive_count(s.tissue), left); /* the others still have support */
         int32_t *tet = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
         int8_t *who = malloc((size_t)s.mesh->tet_count);
         const int32_t n = tm_cut_fetch_removed(s.world, tet, who, s.mesh->tet_count);
@@ -103,7 +103,7 @@ static void loose_pieces(void **state) {
     }
 }
 
-/* No substep of the search looks at more than its sweep does, however large the mesh: beginning is not costlier. */
+/* No substep of the search visits more than its limit, for any size of mesh; starting a search costs no more. */
 static void search_is_spread_over_substeps(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -149,7 +149,7 @@ static void snapshot_goes_on_with_the_same_bits(void **state) {
     const int32_t alive = tm_tissue_alive_count(s.tissue);
     const uint64_t hash = run_on(&s, 30, 45);
     assert_true(tm_tissue_alive_count(s.tissue) < alive);
-    /* Back in the same world, and in another that has gone its own way. */
+    /* Restores it in the same world, and in another one with a different state. */
     fix_ok(tm_snapshot_restore(s.world, kept, bytes, &error), &error);
     assert_int_equal(tm_tissue_alive_count(s.tissue), alive);
     assert_int_equal(tm_snapshot_bytes(s.world), bytes);
@@ -176,7 +176,7 @@ static void snapshot_refusals(void **state) {
     const uint64_t hash = run_on(&s, 28, 30);
     const int32_t alive = tm_tissue_alive_count(s.tissue);
     fix_random random = {1};
-    for (int i = 0; i < 300; i++) { /* one bit wrong, anywhere */
+    for (int i = 0; i < 300; i++) { /* one wrong bit, anywhere */
         const int64_t at = i < 80 ? i : (int64_t)(fix_uniform(&random) * (double)bytes);
         kept[at] = (char)(kept[at] ^ 1 << i % 8);
         assert_int_equal(tm_snapshot_restore(s.world, kept, bytes, &error), TM_ERR_FILE);

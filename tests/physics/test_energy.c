@@ -14,7 +14,7 @@ static tm_energy account(const scene *s) {
     return e;
 }
 
-/* All that went in or out, whichever way: what rounding is measured against. */
+/* Sum of all absolute contributions: the scale for rounding. */
 static double turnover(const tm_energy *e) {
     double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->state_change_J) +
                  e->damping_J + fabs(e->cut_J);
@@ -51,7 +51,7 @@ static void assert_closed(const char *what, const scene *s) {
     assert_true(fabs(e.residual_J) < 1e-11 * turnover(&e));
 }
 
-/* Undamped and damped swings: nothing but damping takes anything, and the account says how much. */
+/* Undamped and damped oscillations: only damping removes energy, and the account states how much. */
 static void test_swings(void **unused) {
     (void)unused;
     for (int damping = 0; damping <= 200; damping += 100) {
@@ -68,7 +68,7 @@ static void test_swings(void **unused) {
     }
 }
 
-/* Weight, a load, a support that moves: their works by quadrature of the same run, and at rest by the static
+/* Gravity, a load, a moving support: their works by quadrature of the same run, and at rest by the static
  * solution's. */
 static void test_each_has_its_share(void **unused) {
     (void)unused;
@@ -86,9 +86,9 @@ static void test_each_has_its_share(void **unused) {
     for (int32_t i = 0; i < 3 * s.mesh->vertex_count; i++)
         weight += (const double[]){0.5, 0, -9.81}[i % 3] * tm_tissue_mass_kg(s.tissue)[i / 3] * state->u_m[i];
     const double pulled = 0.02 * state->u_m[3 * (s.mesh->vertex_count - 1)];
-    assert_true(fabs(e.gravity_J - weight) < 1e-9 * fabs(weight)); /* constant forces: force times way */
+    assert_true(fabs(e.gravity_J - weight) < 1e-9 * fabs(weight)); /* constant forces: force times distance */
     assert_true(fabs(e.load_J - pulled) < 1e-9 * fabs(pulled));
-    assert_true(fabs(2 * e.elastic_J - weight - pulled) < 1e-6 * (weight + pulled)); /* Clapeyron */
+    assert_true(fabs(2 * e.elastic_J - weight - pulled) < 1e-6 * (weight + pulled)); /* Clapeyron's theorem */
     int32_t held = 0;
     uint8_t *mask = calloc(3 * (size_t)s.mesh->vertex_count, 1);
     tm_support_mask(s.world, mask);
@@ -127,7 +127,7 @@ static void test_steps_cuts_and_states(void **unused) {
     }
     assert_closed("cuts", &s);
     assert_true(e.cut_J > 0 && fabs(e.state_change_J - before.state_change_J) < 1e-11 * turnover(&e));
-    /* All at once: it takes with it what there was. */
+    /* All effects at once; a removed tetrahedron takes its stored energy with it. */
     int32_t *all = malloc(sizeof *all * (size_t)s.mesh->tet_count);
     for (int32_t t = 0; t < s.mesh->tet_count; t++) all[t] = t;
     const double stored = e.kinetic_J + e.elastic_J, cut = e.cut_J;
@@ -139,7 +139,8 @@ static void test_steps_cuts_and_states(void **unused) {
     scene_destroy(&s);
 }
 
-/* A probe and a grasper at work: the tissue's side closes to rounding, and nothing is made between hand and tissue. */
+/* A probe and a grasper press and pull: the tissue's side closes to rounding, and no energy is generated between
+ * hand and tissue. */
 static void test_hands(void **unused) {
     (void)unused;
     scene s = open_scene(60, false, 2);
@@ -160,7 +161,7 @@ static void test_hands(void **unused) {
         const tm_energy e = account(&s);
         worst = fmax(worst, e.generated_J);
         hands = e.tool_work_J[0] + e.tool_work_J[1];
-        if (i == 240) /* held and lifted slowly: the hand's work is in the tissue, lost or in the springs */
+        if (i == 240) /* grasped and lifted slowly: the hand's work is stored in tissue and springs, or dissipated */
             assert_true(e.tool_work_J[0] > 1e-4 &&
                         fabs(e.grasp_J[0] + e.contact_stored_J - e.tool_work_J[0]) < 0.05 * e.tool_work_J[0]);
     }
@@ -171,7 +172,7 @@ static void test_hands(void **unused) {
     scene_destroy(&s);
 }
 
-/* Free when not named, exact memory when named, and a failed step takes its entries back. */
+/* Costs nothing if not requested, exact memory if requested, and a failed step restores its entries. */
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();

@@ -1,4 +1,4 @@
-/* Fading cuts: the force from a removed tetrahedron falls over `fade_s` instead of within one substep. */
+/* Fading cuts: the force of a removed tetrahedron falls over `fade_s` instead of within one substep. */
 #include "../cut_check.h"
 #include "contact_scene.h"
 #include "cut/cut_internal.h"
@@ -24,7 +24,8 @@ static tm_tool_pose cautery_at(double i) {
     return scene_pose(0.012 - 0.0008 * fmax(i - 12, 0), 0.005, 0.046 - 0.0006 * i);
 }
 
-/* A frame: the cautery goes down and, cutting, sideways. Returns the largest change of its force in a substep, N. */
+/* Runs a frame: the cautery moves down and, cutting, sideways. Returns the largest change of its force in a substep,
+ * N. */
 static double cut_frame(scene *s, int i, double *most_N) {
     const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(s->world));
     tm_tool_pose to = cautery_at(i);
@@ -64,7 +65,7 @@ static void force_falls_evenly(void **state) {
     assert_true(jump[1] < 0.5 * jump[0]);
 }
 
-/* Tissue is cut at once and exactly; when all has faded nothing is left of it. */
+/* Tissue is cut at once and exactly; after all has faded no trace is left. */
 static void what_is_left_is_a_fresh_build(void **state) {
     (void)state;
     scene s = fading_scene(FADE_S, 1);
@@ -102,7 +103,7 @@ static void energy_is_accounted_for(void **state) {
 /* A fading force only decreases: it does not follow a tool that moves back, and ends if the tool is set elsewhere. */
 static void it_drives_nothing(void **state) {
     (void)state;
-    scene s = fading_scene(10, 1); /* fades for ever, so to speak */
+    scene s = fading_scene(10, 1); /* practically never fades */
     double most_N = 0;
     cut_along(&s, 0, 20);
     assert_true(s.contact->fading->count > 0);
@@ -176,12 +177,12 @@ static void snapshots_and_threads_keep_the_bits(void **state) {
     void *kept = malloc((size_t)bytes);
     fix_ok(tm_snapshot_save(s.world, kept, bytes, &error), &error);
     cut_along(&s, 18, 22);
-    cut_along(&one, 18, 20); /* has gone its own way */
+    cut_along(&one, 18, 20); /* has a different state */
     fix_ok(tm_snapshot_restore(one.world, kept, bytes, &error), &error);
     cut_along(&one, 18, 22);
     assert_true(hash_of(&s) == hash_of(&one));
     scene_destroy(&one);
-    one = fading_scene(0, 1); /* what cannot hold such rows refuses them */
+    one = fading_scene(0, 1); /* worlds that cannot store such rows refuse them */
     assert_int_not_equal(tm_snapshot_restore(one.world, kept, bytes, &error), TM_OK);
     scene_destroy(&one);
     scene_destroy(&s);
