@@ -35,7 +35,7 @@ static rubbing open_rubbing(int tools, double at_rest, double sliding) {
 
 typedef struct pull {
     double normal_force_N, force_N[3],
-        over_cone; /* sums of the grips of tool 0; the worst force over its cone, less 1 */
+        over_cone; /* sums over the stations of tool 0; the worst force over its cone, less 1 */
     bool slips;
     double rest;
 } pull;
@@ -72,8 +72,7 @@ static tm_tool_reaction press_in(rubbing *r, int tool, double x, double depth_m)
     return f;
 }
 
-/* Pressed, pushed aside until it bears most of its cone, and held there: the force stays. TM_LONG=1: for two minutes.
- */
+/* Pressed, pushed aside to most of its cone, and held there: the force stays constant. TM_LONG=1: for two minutes. */
 static void test_does_not_creep(void **unused) {
     (void)unused;
     rubbing r = open_rubbing(1, 0.4, 0.3);
@@ -95,9 +94,9 @@ static void test_does_not_creep(void **unused) {
     scene_destroy(&r.s);
 }
 
-/* A tool of 40 g lies on a block that is tilted, tissue under its weight too, in the block's axes: downhill is x.
- * Nothing guides it but a little drag, so that its place is the sum of all that it ever crept. Returns that, from
- * `from_s` on. */
+/* A tool of 40 g rests on a tilted block, with the tissue under gravity too, in the block's axes: downhill is x.
+ * Apart from a little drag nothing guides the tool, so its position is the sum of all creep. Returns that position,
+ * from `from_s` on. */
 static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *bears, double *speed_m_s) {
     const double mass_kg = 0.04, drag_N_s_m = 2;
     const double down[3] = {tangent / hypot(1, tangent), 0, -1 / hypot(1, tangent)};
@@ -124,8 +123,8 @@ static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *b
     return crept;
 }
 
-/* Within the static cone, though beyond the sliding one, it lies still; beyond that it slides down. TM_LONG=1: for a
- * million steps. */
+/* Within the static cone, though beyond the kinetic one, it stays at rest; beyond the static cone it slides down.
+ * TM_LONG=1: for a million steps. */
 static void test_lies_on_a_slope(void **unused) {
     (void)unused;
     pull inside, outside;
@@ -140,7 +139,8 @@ static void test_lies_on_a_slope(void **unused) {
     assert_true(slid > 0.005 && slides > 0.01 && outside.slips);
 }
 
-/* Slides, at its coefficient to 1e-6 (grips() asks), stops, turns back; in every frame no force is outside its cone. */
+/* Slides at its coefficient to 1e-6 (checked by grips()), stops, reverses; in every frame no force is outside its
+ * cone. */
 static void test_slides_at_its_coefficient(void **unused) {
     (void)unused;
     rubbing r = open_rubbing(1, 0.4, 0.3);
@@ -163,8 +163,7 @@ static void test_slides_at_its_coefficient(void **unused) {
     scene_destroy(&r.s);
 }
 
-/* Rest brings the static coefficient back: the force that it takes to slide again rises with how long it stood still.
- */
+/* Rest restores the static coefficient: the force at which it slides again grows with the time at rest. */
 static void test_sticks_and_slips(void **unused) {
     (void)unused;
     double took[3];
@@ -214,9 +213,9 @@ static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
     return worst;
 }
 
-/* What friction takes is never negative and pays for what the hands put in. Contact gives, out of what it took before
- * (contact_passivity.c), no more than in absolute terms before it kept an account, 2.1e-4 and 2.3e-4 J, and with
- * friction no more than twice of what it gives without. */
+/* The work of friction is never negative and is supplied by the hands. Contact returns energy only from what it
+ * dissipated before (contact_passivity.c): no more than in absolute terms before it had an energy account, 2.1e-4
+ * and 2.3e-4 J, and with friction no more than twice that without. */
 static void test_makes_no_energy(void **unused) {
     (void)unused;
     tm_energy plain, e;
@@ -257,7 +256,7 @@ static void test_comes_back_from_a_snapshot(void **unused) {
     scene_destroy(&r.s);
 }
 
-/* A step of a world without it does what it did, and a stage that goes gives all back. */
+/* A step of a world without friction is unchanged, and a removed stage returns all its memory. */
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
     rubbing plain = open_rubbing(1, 0, 0), none = open_rubbing(1, 0, 0);
@@ -267,11 +266,11 @@ static void test_costs_nothing_unless_named(void **unused) {
     assert_int_equal(tm_stage_friction(none.s.world, none.s.contact, &def, &friction, &error), TM_OK);
     wander(&plain, 0, 60);
     wander(&none, 0, 60);
-    assert_true(tm_world_hash(plain.s.world) == tm_world_hash(none.s.world)); /* 0 and 0: no bit */
+    assert_true(tm_world_hash(plain.s.world) == tm_world_hash(none.s.world)); /* coefficients 0 and 0: no bit changes */
     assert_int_equal(tm_stage_friction(none.s.world, none.s.contact, &def, &friction, &error), TM_ERR_ARGUMENT);
     scene_destroy(&plain.s);
     scene_destroy(&none.s);
-    for (int k = 0; k < 4; k++) { /* what cannot be is refused with the instrument */
+    for (int k = 0; k < 4; k++) { /* invalid values are rejected with the instrument */
         rubbing r = open_rubbing(1, 0, 0);
         def.instrument[0] = (tm_friction_coefficient[]){{0.2, 0.3}, {-0.1, -0.2}, {2.5, 1}, {NAN, 0}}[k];
         assert_int_equal(tm_stage_friction(r.s.world, r.s.contact, &def, &friction, &error), TM_ERR_ARGUMENT);

@@ -1,4 +1,4 @@
-/* The broad phase reuses gathered triangles while none else can be in reach: bit-identical to gathering in every
+/* The broad phase reuses gathered triangles while no other can be in reach: bit-identical to gathering in every
  * substep for any motion of tool and tissue, and rarely repeated at rest. */
 #include "../fixture.h"
 #include "contact/contact_internal.h"
@@ -6,16 +6,21 @@
 #include "world/world_internal.h"
 
 enum { FRAMES = 11, SUBSTEPS = 100, PROBE = 0, OTHER = 1 };
-enum { SLOW = 3, JUMP = 5, THROWN = 6, FLUNG = 8 }; /* frames: pressing until then; tissue at once elsewhere; thrown */
+enum {
+    SLOW = 3,
+    JUMP = 5,
+    THROWN = 6,
+    FLUNG = 8
+}; /* frames: pressing until then; tissue moved elsewhere at once; thrown */
 
 typedef struct story {
     tm_contact *contact;
     bool anew;
-    int32_t frame, substep, gathered[FRAMES], rows[FRAMES]; /* times; rows of the other one */
+    int32_t frame, substep, gathered[FRAMES], rows[FRAMES]; /* number of gatherings; rows of the other tool */
     uint64_t hash[FRAMES];
 } story;
 
-/* Before each substep, of the one before. */
+/* Before each substep, values of the previous one. */
 static void note(void *self, tm_world *world) {
     story *told = self;
     tm_state *now = tm_world_state(world);
@@ -38,7 +43,7 @@ static void note(void *self, tm_world *world) {
             if (mesh->rest_m[3 * v + 2] > 0.03) now->u_m[3 * v + 2] += 0.0115;
 }
 
-/* One presses, slides, goes away and comes back at 1 m/s; the other one stands above, and tissue is thrown at it. */
+/* One tool presses, slides, leaves and returns at 1 m/s; the other one stands above, and tissue is thrown at it. */
 static void begin_frame(scene *s, int i) {
     static const double TIP[FRAMES][3] = {{0.01, 0.005, 0.041},  {0.011, 0.005, 0.0405}, {0.0105, 0.006, 0.04},
                                           {-0.02, -0.02, 0.05},  {0.02, 0.015, 0.038},   {0.01, 0.02, 0.038},

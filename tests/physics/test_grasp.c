@@ -1,4 +1,4 @@
-/* Grasping: holding, pulling, releasing, two graspers on one piece and a cut between them. */
+/* Grasping: grasping, pulling, releasing, two graspers on the same tissue and a cut between them. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -48,8 +48,8 @@ static scene_def small_block(int tools) {
     return d;
 }
 
-/* Press a little, close, pull 6 mm up: the tool is pulled down by what the tissue's own elasticity says. Open: the
- * force falls monotonically and is zero within the stated time; nothing is held any more. */
+/* Presses a little, closes, pulls 6 mm up: the tool is pulled down by the tissue's own elastic force. After opening,
+ * the force falls monotonically and is zero within the stated time, and nothing is grasped any more. */
 static void test_hold_pull_and_let_go(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
@@ -60,7 +60,7 @@ static void test_hold_pull_and_let_go(void **unused) {
     for (int k = 0; k < 40; k++) frame(&g, &at, force);
     assert_int_equal(tm_grasp_vertices(g.grasp, 0, NULL, &state), 0);
     assert_true(force[0][2] > 0.02);
-    for (int k = 1; k <= 10; k++) { /* closing changes no force: the hold takes over what contact bore */
+    for (int k = 1; k <= 10; k++) { /* closing changes no force: the grasp takes over the load of contact */
         memcpy(before, force[0], sizeof before);
         at = with_grip(at, 0.1 * k);
         frame(&g, &at, force);
@@ -100,8 +100,8 @@ static void test_hold_pull_and_let_go(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* Half a turn of roll twists the tissue and turns no force out of nothing; between the two thresholds the jaw stays as
- * it is. */
+/* Half a turn of roll twists the tissue and creates no net force; between the two thresholds the jaw state stays
+ * unchanged. */
 static void test_roll_twists(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
@@ -123,8 +123,8 @@ static void test_roll_twists(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* Two graspers hold one piece and pull apart; the tetrahedra between them are cut: each force falls to its own new
- * value. */
+/* Two graspers hold the same tissue and pull apart; the tetrahedra between them are cut: each force falls to its own
+ * new value. */
 static void test_two_hold_and_a_cut_between(void **unused) {
     (void)unused;
     scene_def d = small_block(2);
@@ -211,7 +211,7 @@ static void test_a_leap_lets_go(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* A scene that does not name grasping pays nothing for it; its graspers are probes. */
+/* A scene without grasping costs nothing for it; its graspers act as probes. */
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
     scene_def d = small_block(1);

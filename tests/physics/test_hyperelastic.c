@@ -75,12 +75,12 @@ static void settle(block *b) {
 
 /* --- closed forms --- */
 
-/* One material of each law; with fibres along x. */
+/* Makes one material of each law; with fibres along x. */
 typedef struct sample {
     tm_law_kind law;
     double poisson, constant[TM_LAW_CONSTANTS];
     bool fibred;    /* mu_L = 3 mu_T and a beta */
-    double pressed; /* 0: to 0.6. St. Venant-Kirchhoff gives way where it is pressed along fibres by more */
+    double pressed; /* 0: to 0.6. St. Venant-Kirchhoff softens when pressed further along its fibres */
 } sample;
 
 static tm_material sample_material(const sample *s) {
@@ -92,7 +92,7 @@ static tm_material sample_material(const sample *s) {
     return m;
 }
 
-/* The law's energy, as its authors write it, Pa. */
+/* Computes the law's energy as its authors write it, Pa. */
 static double density(const sample *s, const double F[9]) {
     const tm_material m = sample_material(s);
     const double *c = s->constant, mu = m.mu_Pa, lambda = m.lambda_Pa;
@@ -119,7 +119,7 @@ static double density(const sample *s, const double F[9]) {
     }
 }
 
-/* dW/dF, by differences of fourth order. */
+/* Computes dW/dF by differences of fourth order. */
 static double stress(const sample *s, const double F[9], int i) {
     const double h = 1e-3;
     double G[4][9];
@@ -127,7 +127,7 @@ static double stress(const sample *s, const double F[9], int i) {
     return (density(s, G[0]) - 8 * density(s, G[1]) + 8 * density(s, G[2]) - density(s, G[3])) / (12 * h);
 }
 
-/* The lateral stretch at which nothing pulls sideways, by bisection; and the stress along. */
+/* Finds the lateral stretch without lateral stress, by bisection, and the axial stress. */
 static double uniaxial(const sample *s, double stretch, double *lateral) {
     double low = 0.5, high = 1.6;
     for (int k = 0; k < 60; k++) {
@@ -203,8 +203,8 @@ static void simple_shear_by_40_percent(void **state) {
     destroy(&b);
 }
 
-/* Both ends of a bar turned together, or one of them twisted: the rest is found from where it is, whole turns but
- * half; turned together it stores nothing. */
+/* Both ends of a bar are rotated together, or one is twisted: equilibrium is found from the present state, complete
+ * turns except half ones; rotated together the bar stores no energy. */
 static void turned(double angle, bool together, double *stored_J, double *moment) {
     const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
     block b = make((int[]){6, 2, 2}, &m, 1, true);
@@ -250,7 +250,7 @@ static void ends_that_turn_come_to_rest(void **state) {
 
 /* --- the step --- */
 
-/* Pushed out of shape, some of it inside out, held at the bottom: comes back to rest. */
+/* Deformed at random, partly inverted, base fixed: returns to rest. */
 static void comes_back_from_inside_out(void **state) {
     (void)state;
     const tm_material base = material_of(0.45, TM_LAW_NEO_HOOKE);
@@ -275,7 +275,7 @@ static void comes_back_from_inside_out(void **state) {
     destroy(&b);
 }
 
-/* Let go from a stretch, undamped: the account closes, and energy stays within the wobble of the scheme. */
+/* Released from a stretch, undamped: the account closes, and energy varies only within the scheme's oscillation. */
 static void keeps_its_energy(void **state) {
     (void)state;
     const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
@@ -299,7 +299,7 @@ static void keeps_its_energy(void **state) {
     destroy(&b);
 }
 
-/* Shaken, cut on the way. */
+/* Shaken, and cut on the way. */
 static uint64_t story(int32_t threads, int32_t snapshot_at) {
     const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
     block b = make((int[]){12, 12, 8}, &m, threads, true);
@@ -331,7 +331,7 @@ static void has_the_same_bits_by_threads_and_snapshots(void **state) {
     assert_true(one == story(3, 20));
 }
 
-/* After a cut the force is that of a fresh build of what is left, bit for bit. */
+/* After a cut the force equals that of a fresh build of the remaining tetrahedra, bit for bit. */
 static void a_cut_equals_a_fresh_build(void **state) {
     (void)state;
     const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
@@ -360,7 +360,7 @@ static void a_cut_equals_a_fresh_build(void **state) {
     destroy(&b);
 }
 
-/* --- what is refused --- */
+/* --- rejected input --- */
 
 static void tissue_is_refused(tm_tissue_def def, tm_status expected, const char *what) {
     tm_tissue *tissue;
@@ -379,7 +379,7 @@ static void refusals_say_why(void **state) {
     def.mesh = mesh, def.material_count = 1, def.material = &law;
     other = def, other.rotation = TM_ROTATION_THRESHOLD;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "rotation");
-    other = def, other.strain_smoothing = true; /* its default averages shear too */
+    other = def, other.strain_smoothing = true; /* by default it averages shear too */
     tissue_is_refused(other, TM_ERR_EXCLUDED, "averaged shear");
     other = def, other.precision = TM_SINGLE;
     tissue_is_refused(other, TM_ERR_EXCLUDED, "single");
@@ -421,7 +421,7 @@ static void refusals_say_why(void **state) {
     m.dlambda_Pa = 14e3, m.beta_Pa = 20e3;
     assert_int_equal(tm_material_set_law(&m, TM_LAW_FUNG, (double[4]){1e6}, 0, &error), TM_ERR_MATERIAL);
     assert_non_null(strstr(error.message, "> dlambda^2 is violated"));
-    /* Fibres of no length, no number, or none at all, under each law that has them. */
+    /* Fibres of length zero, not finite, or missing, with each law that needs them. */
     static const double none[3] = {0, 0, 0}, nan[3] = {NAN, 0, 0};
     static const tm_law_kind fibred[] = {TM_LAW_ST_VENANT_KIRCHHOFF, TM_LAW_FUNG, TM_LAW_HOLZAPFEL};
     for (int i = 0; i < 3; i++) {

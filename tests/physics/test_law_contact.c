@@ -1,6 +1,6 @@
-/* Nonlinear laws under tools: a probe that rubs with friction, a grasper that holds and pulls, and a cut between them,
- * with an account of energy. One law without fibres, with averaged dilatation and viscosity; and one with fibres. The
- * same bits by any number of threads and through a snapshot. */
+/* Nonlinear laws under tools: a probe that slides with friction, a grasper that grasps and pulls, and a cut between
+ * them, with an energy account. One law without fibres, with strain smoothing and viscosity; and one with fibres.
+ * Bit-identical for any number of threads and through a snapshot. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -37,7 +37,7 @@ static operation open_operation(tm_law_kind law, bool effects, int32_t threads) 
     return o;
 }
 
-/* Both tools press, the jaw closes, the probe is drawn aside and the grasper up. */
+/* Both tools press, the jaw closes, the probe moves aside and the grasper up. */
 static void frame(operation *o, int k, double force_N[2][3]) {
     const double in = fmin(k / 20.0, 1), closed = fmin(fmax(k - 20, 0) / 10.0, 1), away = fmax(k - 30, 0) / 30.0;
     tm_tool_pose to[2] = {scene_pose(0.012 + 0.006 * away, 0.004, 0.0447 - 0.004 * in),

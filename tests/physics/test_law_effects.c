@@ -1,13 +1,13 @@
-/* Nonlinear laws with other effects: a linear body beside one of another law; averaged dilatation, which does not lock;
- * energy, threads, cuts and snapshots with these. */
+/* Nonlinear laws with other effects: a linear body next to one of another law; strain smoothing, which prevents
+ * locking; energy, threads, cuts and snapshots with these. */
 #include "law_body.h"
 #include "tensormass/cut.h"
 #include "tensormass/energy.h"
 #include "tensormass/viscosity.h"
 
-/* --- linear materials beside others --- */
+/* --- linear materials next to others --- */
 
-/* A block whose upper half is region `upper`, the lower one the other of 0 and 1. */
+/* A block whose upper half is region `upper`, the lower half the other of 0 and 1. */
 static tm_mesh *halves(int32_t upper) {
     fix_random random = {11};
     tm_error error;
@@ -27,20 +27,20 @@ static tm_mesh *halves(int32_t upper) {
     return mesh;
 }
 
-/* Stress of neo-Hookean tissue that is stretched along one axis and held across: dW/ds with I = s^2 + 2, J = s. */
+/* Stress of neo-Hookean tissue that is stretched along one axis and fixed across: dW/ds with I = s^2 + 2, J = s. */
 static double confined_Pa(const tm_material *m, double s) {
     const double k = 4.0 / 3 * m->mu_Pa, l = m->lambda_Pa + 5.0 / 6 * m->mu_Pa, J1 = s - 1;
     return k * s - k * s / (s * s + 3) + l * J1 - 0.75 * k;
 }
 
-/* A stiff linear slab under a neo-Hookean one, held at the sides and pressed by 20 %: each is strained evenly, by the
- * stress that both share. The linear material is the first in the list, or the last. */
+/* A stiff linear slab under a neo-Hookean one, with fixed sides and pressed by 20 %: both have uniform strain and
+ * the same stress. The linear material is the first in the list, or the last. */
 static void presses_a_linear_body_beside_another(void **state) {
     (void)state;
     const tm_material soft = material_of(TM_LAW_NEO_HOOKE, 0.3, false);
     tm_material hard = material_of(TM_LAW_LINEAR, 0.3, false);
     hard.lambda_Pa *= 20, hard.mu_Pa *= 20;
-    double low = -0.4, high = 0, e = 0; /* strain of the linear half; the other's is -0.4 - e */
+    double low = -0.4, high = 0, e = 0; /* strain of the linear half; that of the other half is -0.4 - e */
     for (int k = 0; k < 60; k++) {
         e = 0.5 * (low + high);
         *((hard.lambda_Pa + 2 * hard.mu_Pa) * e < confined_Pa(&soft, 1 - 0.4 - e) ? &low : &high) = e;
@@ -95,14 +95,14 @@ static tm_mesh *tube(void) {
 /* Energy of incompressible tissue under a plane stretch s around and 1/s across. */
 static double plane_Pa(const tm_material *m, double s) {
     const double I3 = s * s + 1 / (s * s) - 2, mu = m->mu_Pa;
-    if (m->law == TM_LAW_MOONEY_RIVLIN) return 0.5 * mu * I3; /* both invariants are alike there */
+    if (m->law == TM_LAW_MOONEY_RIVLIN) return 0.5 * mu * I3; /* both invariants are equal there */
     const double a = 0.5 * (s * s - 1), b = 0.5 * (1 / (s * s) - 1), square = a * a + b * b;
     if (m->law == TM_LAW_ST_VENANT_KIRCHHOFF) return mu * square;
     if (m->law == TM_LAW_FUNG) return 0.5 * m->law_constant[0] * expm1(2 * mu * square / m->law_constant[0]);
     return 2.0 / 3 * mu * (I3 - log1p(0.25 * I3));
 }
 
-/* Pressure inside a tube whose inner radius grows to `to_m`: the integral of s dW/ds over log r. */
+/* Returns the pressure inside a tube whose inner radius grows to `to_m`: the integral of s dW/ds over log r. */
 static double inflated_Pa(const tm_material *m, double to_m) {
     enum { PARTS = 2000 };
     const double grown = to_m * to_m - INNER_M * INNER_M, outer = sqrt(OUTER_M * OUTER_M + grown), h = 1e-5;
@@ -114,7 +114,7 @@ static double inflated_Pa(const tm_material *m, double to_m) {
     return sum;
 }
 
-/* The pressure over the closed form, of a tube whose inner radius grows by a fifth. */
+/* Returns the pressure over the closed form, for a tube whose inner radius grows by a fifth. */
 static double inflate(tm_law_kind law, double poisson, bool averaged) {
     const tm_material m = material_of(law, poisson, false);
     const double to_m = 1.2 * INNER_M;
@@ -178,7 +178,7 @@ static void add_viscosity(body *b) {
     fix_ok(tm_stage_viscosity(b->world, &def, &error), &error);
 }
 
-/* Let go from a stretch, undamped: the account closes, and energy stays within the wobble of the scheme. */
+/* Released from a stretch, undamped: the account closes, and energy varies only within the scheme's oscillation. */
 static void keeps_its_energy(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {
@@ -204,13 +204,13 @@ static void keeps_its_energy(void **state) {
     }
 }
 
-/* How a story is computed; none of it changes its bits. */
+/* Ways to compute a sequence; none of them changes its bits. */
 typedef struct how {
     int32_t threads, snapshot_at;
     tm_force_form form;
 } how;
 
-/* Shaken, cut on the way, and saved and restored at a step. Averaged dilatation, viscosity, or (2) both. */
+/* Shaken, cut on the way, and saved and restored at a step. With averaged dilatation, viscosity, or (2) both. */
 static uint64_t story(tm_law_kind law, int effect, how h) {
     const int32_t threads = h.threads, snapshot_at = h.snapshot_at;
     const tm_material m = material_of(law, 0.45, false);
@@ -252,7 +252,7 @@ static void has_the_same_bits_by_threads_forms_and_snapshots(void **state) {
         }
 }
 
-/* After a cut a step has the bits of a fresh build of what is left. */
+/* After a cut a step has the bits of a fresh build of the remaining tetrahedra. */
 static void a_cut_equals_a_fresh_build(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {

@@ -1,5 +1,6 @@
-/* Viscosity of nonlinear laws: relaxation at any strain by the closed form, invariance by rotation, no energy from
- * closed loops, rest by the long-term law, small strains as linear tissue, recovery of inverted tetrahedra. */
+/* Viscosity of nonlinear laws: relaxation at any strain by the closed form, rotation invariance, no energy from
+ * closed loops, equilibrium by the long-term law, small strains as in linear tissue, recovery of inverted
+ * tetrahedra. */
 #include "law_body.h"
 #include "tensormass/energy.h"
 #include "tensormass/viscosity.h"
@@ -22,7 +23,7 @@ static tm_viscosity_def series(double shear, double bulk) {
     return def;
 }
 
-/* A world of a block of one kind, or of its linear twin. Tissue is kept from test to test, as its bound takes time. */
+/* A world of a block of one kind, or of its linear twin. Tissue is reused between tests, as its bound is expensive. */
 static body body_of(kind k, const tm_viscosity_def *terms, bool damped) {
     static struct {
         tm_mesh *mesh;
@@ -53,7 +54,7 @@ static void leave(body *b) {
     free(b->value_m);
 }
 
-/* One step with all of the tissue at x = F X. The mean stress there: -sum f X^T/V. */
+/* Runs one step with all of the tissue at x = F X. Returns the mean stress there: -sum f X^T/V. */
 static void drive(const body *b, const double F[9], double P_Pa[9]) {
     tm_state *s = tm_world_state(b->world);
     tm_error error;
@@ -75,7 +76,7 @@ static double size_of(const double P[9]) {
     return sqrt(sum);
 }
 
-/* The pressure of the bulk modulus, kappa (J - 1) cof F. */
+/* Returns the stress of the bulk modulus, kappa (J - 1) cof F. */
 static void bulk_stress(const tm_material *m, const double F[9], double P_Pa[9]) {
     double J = 0, cof[9];
     for (int i = 0; i < 9; i++) {
@@ -83,14 +84,14 @@ static void bulk_stress(const tm_material *m, const double F[9], double P_Pa[9])
         cof[i] = F[a + c] * F[b + d] - F[a + d] * F[b + c];
     }
     for (int j = 0; j < 3; j++) J += F[j] * cof[j];
-    /* 1/(m.C^-1 m), as strain smoothing has it: of fibred tissue too. */
+    /* 1/(m.C^-1 m), as in strain smoothing; also for fibred tissue. */
     const double across = m->lambda_Pa + m->mu_Pa, mixed = m->lambda_Pa + m->dlambda_Pa;
     const double along = m->lambda_Pa + 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
     const double bulk = (across * along - mixed * mixed) / (along - 2 * mixed + across);
     for (int i = 0; i < 9; i++) P_Pa[i] = bulk * (J - 1) * cof[i];
 }
 
-/* Strained within one step, and held: each part of the sudden stress fades by its own share. */
+/* Strained within one step, then held: each part of the instantaneous stress relaxes by its own share. */
 static void relaxes(kind k, const double F[9]) {
     const tm_viscosity_def def = series(0.4, 0.1);
     const tm_material m = material_of(k.law, 0.45, k.fibred);
@@ -121,7 +122,7 @@ static void relaxes_by_the_series_at_any_strain(void **state) {
     }
 }
 
-/* Turned by two radians while it relaxes: the same stress, turned. */
+/* Rotated by two radians while it relaxes: the same stress, rotated. */
 static void relaxes_alike_while_it_turns(void **state) {
     (void)state;
     const double F[9] = {1.25, 0.1, 0, 0.05, 0.9, 0, 0, 0.1, 0.92};
@@ -140,8 +141,8 @@ static void relaxes_alike_while_it_turns(void **state) {
     }
 }
 
-/* Closed loops of strain, of several times a term's time: tissue at rest never gives more than it took, and
- * each loop costs. */
+/* Closed strain loops of several relaxation times: tissue at rest never returns more energy than it received, and
+ * each loop dissipates. */
 static void gains_nothing_by_loops(void **state) {
     (void)state;
     enum { STEPS = 400, LOOPS = 3 };
@@ -170,7 +171,7 @@ static void gains_nothing_by_loops(void **state) {
         }
 }
 
-/* Small motions are those of linear tissue. */
+/* Small motions equal those of linear tissue. */
 static void moves_like_linear_tissue_when_small(void **state) {
     (void)state;
     tm_error error;
@@ -180,7 +181,7 @@ static void moves_like_linear_tissue_when_small(void **state) {
         linear.law = TM_LAW_LINEAR;
         fix_random random = {3};
         body a = body_of(KINDS[k], &def, true), b = body_of(linear, &def, true);
-        if (KINDS[k].law == TM_LAW_HOLZAPFEL) { /* not linear where fibres begin to pull */
+        if (KINDS[k].law == TM_LAW_HOLZAPFEL) { /* not linear where fibres begin to be stretched */
             leave(&a), leave(&b);
             continue;
         }
@@ -196,8 +197,8 @@ static void moves_like_linear_tissue_when_small(void **state) {
     }
 }
 
-/* Pressed and sheared by its top: the rest is by the long-term law, the sudden moduli times what is left, and steps do
- * not leave it. */
+/* Pressed and sheared by its top: equilibrium follows the long-term law, the instantaneous moduli times the
+ * remaining share, and steps do not leave it. */
 static void rests_by_the_long_term_law(void **state) {
     (void)state;
     tm_error error;
@@ -224,7 +225,7 @@ static void rests_by_the_long_term_law(void **state) {
             const double *u = tm_world_state(soft.world)->u_m, *w = tm_world_state(elastic.world)->u_m;
             double apart = 0, before[3 * 64];
             for (int32_t i = 0; i < soft.n; i++) apart = fmax(apart, fabs(u[i] - w[i])), before[i] = u[i];
-            /* With equal shares all moduli fall alike; else the tissue is more nearly incompressible. */
+            /* With equal shares all moduli fall alike; otherwise the tissue becomes more nearly incompressible. */
             assert_true(unlike ? apart > 1e-4 * SIDE_M : apart < 1e-6 * SIDE_M);
             if (!unlike) assert_true(fabs(top_N[0] - 0.5 * top_N[1]) < 1e-6 * fabs(top_N[1]));
             fix_ok(tm_world_step(soft.world, 100), &error);
@@ -234,7 +235,8 @@ static void rests_by_the_long_term_law(void **state) {
         }
 }
 
-/* Let go from a stretch without damping: the account closes, what the terms take is lost, and tissue comes to rest. */
+/* Released from a stretch without damping: the account closes, the terms' work is dissipated, and the tissue comes
+ * to rest. */
 static void loses_energy_by_the_account(void **state) {
     (void)state;
     tm_error error;
@@ -256,7 +258,7 @@ static void loses_energy_by_the_account(void **state) {
     }
 }
 
-/* Inside out: comes back. */
+/* Inverted tissue recovers. */
 static void comes_back_from_inside_out(void **state) {
     (void)state;
     tm_error error;

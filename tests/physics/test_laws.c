@@ -1,6 +1,6 @@
-/* Requirements on every material law, row by row of tm_laws. Force is the energy's derivative; the tangent is the
- * force's, and symmetric; a rigid rotation stores nothing; the step bound holds in all states; all forms have the plain
- * one's bits; a world computes the same. Isotropic and with fibres, next to a hole. */
+/* Requirements on every material law, row by row of tm_laws. The force is the energy's derivative; the tangent is
+ * the force's, and symmetric; a rigid rotation stores no energy; the step bound holds in all states; all forms have
+ * the plain form's bits; a world computes the same. Isotropic and with fibres, next to a hole. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,7 +35,7 @@ static tm_material material(const tm_law *law, bool fibred) {
     return m;
 }
 
-/* A block with a hole; or one tetrahedron. */
+/* A block with a hole, or one tetrahedron. */
 static body make(const tm_law *law, bool fibred, bool averaged, bool alone) {
     body b = {.random = {7}, .material = material(law, fibred)};
     b.mesh = alone ? fix_block((int[]){1, 1, 1}, (double[]){0.01, 0.01, 0.01}, 0.1, &b.random)
@@ -130,7 +130,7 @@ static void has_derivatives(body *b) {
     free(u);
 }
 
-/* Stretched so that every tetrahedron is corrected in full, then turned by a radian. */
+/* Stretched so that every tetrahedron is corrected in full, then rotated by a radian. */
 static void keeps_energy_in_rotation(body *b) {
     double *u = vectors(b, 4), *turned = u + b->n, *f = u + 2 * b->n, *g = u + 3 * b->n;
     const double c = cos(1), s = sin(1), stretch[3] = {0.15, -0.05, -0.08};
@@ -150,7 +150,7 @@ static void keeps_energy_in_rotation(body *b) {
     free(u);
 }
 
-/* Largest eigenvalue of M^-1 K at u, from below. */
+/* Returns the largest eigenvalue of M^-1 K at u, from below. */
 static double frequency2(body *b, const double *u, double *d, double *change) {
     const double *mass = tm_tissue_mass_kg(b->tissue);
     double value = 0;
@@ -167,7 +167,7 @@ static double frequency2(body *b, const double *u, double *d, double *change) {
     return value;
 }
 
-/* Uphill from a random state: the stiffest that a nonlinear law allows is seldom met by chance. */
+/* Ascends from a random state: random states seldom meet the maximum stiffness of a nonlinear law. */
 static double climb(body *b, double bound, double *u) {
     double *try = vectors(b, 3), best = 0, size = 6e-3;
     for (int k = 0; k < 150; k++) {
@@ -210,7 +210,8 @@ static void has_one_form(body *b) {
     free(u);
 }
 
-/* The step's force has the bits of the row, and tensors and what the law has beyond them are its force and energy. */
+/* The step's force has the bits of the law's row; its force and energy are the sum of the tensors and of the law's
+ * part beyond them. */
 static void is_what_a_step_computes(body *b) {
     double *u = vectors(b, 4), *f = u + b->n, *g = u + 2 * b->n, *beyond = u + 3 * b->n;
     tm_world *world = fix_world(b->tissue, true);
@@ -245,7 +246,7 @@ static void is_linear_when_small(body *b) {
     free(u);
 }
 
-/* Tensors, and what the stage "rotation" adds to them, are the law's force and energy. */
+/* The tensors plus the stage "rotation" are the law's force and energy. */
 static void is_what_a_world_computes(body *b) {
     double *u = vectors(b, 4), *f = u + b->n, *g = u + 2 * b->n, *scratch = u + 3 * b->n;
     tm_world *world = fix_world(b->tissue, true);
@@ -266,7 +267,7 @@ static void is_what_a_world_computes(body *b) {
     free(u);
 }
 
-/* Regions with two laws in one batch: each tetrahedron has the same bits as in a tissue of only its law. */
+/* Regions with two laws in one batch: each tetrahedron has the same bits as in a tissue with only its law. */
 static void has_own_laws(tm_material one, tm_material other) {
     fix_random random = {9};
     tm_error error;
@@ -313,10 +314,11 @@ static void every_tetrahedron_has_its_own_law(void **state) {
     has_own_laws(neo, material(&tm_law_linear, false));
 }
 
-/* A nonlinear law with averaged dilatation, of several tetrahedra around each vertex. */
+/* A nonlinear law with averaged dilatation, on several tetrahedra around each vertex. */
 static void averages_its_dilatation(const tm_law *law, bool fibred) {
     body b = make(law, fibred, true, true);
-    /* Any pressure of the range may meet any stretch: the bound is further away, but not far. */
+    /* Any pressure of the range may occur with any stretch: the bound is farther from the found maximum, but not by
+     * much. */
     if (law->kind == TM_LAW_NEO_HOOKE) stays_below_its_bound(&b, fibred, 0.2);
     destroy(&b);
     b = make(law, fibred, true, false);
@@ -334,8 +336,8 @@ static void every_row(void **state) {
     for (const tm_law *const *law = tm_laws; *law; law++, rows++)
         for (int fibred = 0; fibred <= (*law)->has_fibres; fibred++) {
             body b = make(*law, fibred, (*law)->averages, true);
-            /* Near it, or steps are shorter than need be; where fibres stiffen with a power or an exponential, the
-             * bound is that of the worst direction of stretch along them. */
+            /* The bound is close to the maximum, or steps would be unnecessarily short. For fibres that stiffen with
+             * a power or an exponential, the bound is that of the worst direction of stretch along them. */
             const bool stiffens = (*law)->kind != TM_LAW_LINEAR && b.tissue->fibre;
             stays_below_its_bound(&b, fibred, stiffens ? 0.05 : 0.2);
             destroy(&b);

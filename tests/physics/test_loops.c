@@ -1,13 +1,13 @@
-/* Closed loops: corotational tissue returns the energy it took. The force is the gradient of one energy, single-valued
- * in F: fibres 1:1 to 10:1, from small strains to inverted tetrahedra and back, with and without nodal dilatation. The
- * undeformed shape is the only rest: tissue moved far out comes back. */
+/* Closed loops: corotational tissue returns the energy it received. The force is the gradient of one energy,
+ * single-valued in F: fibres 1:1 to 10:1, from small strains to inverted tetrahedra and back, with and without nodal
+ * dilatation. The undeformed shape is the only equilibrium: tissue moved far out returns. */
 #include "../long.h"
 #include "turning.h"
 
 enum { WAVES = 3 };
-static const double NET = 1e-6; /* work left by a loop, of the sum of its sizes */
+static const double NET = 1e-6; /* remaining work of a loop, relative to the sum of its absolute contributions */
 
-/* Fibres `ratio` times as stiff as what is across them; 1: isotropic of Poisson's ratio `poisson`. */
+/* Fibres `ratio` times as stiff as the directions across; 1: isotropic with Poisson's ratio `poisson`. */
 static tm_material law(double ratio, double poisson) {
     tm_material m;
     tm_error error;
@@ -61,7 +61,7 @@ static double normal(fix_random *random) {
     return sum - 6;
 }
 
-/* One loop of n numbers, u = c + sum of waves: its work, and the sum of its sizes. */
+/* Runs one loop of n numbers, u = c + sum of waves; returns its work, and the sum of absolute contributions. */
 static double go_round(const piece *p, double *wave, int points, double *sizes) {
     const int32_t n = p->n;
     double *u = calloc((size_t)n * 4, sizeof(double)), *f = u + n, *s = u + 2 * n, *way = u + 3 * n, net = 0;
@@ -114,7 +114,7 @@ static void test_one_tetrahedron_gives_back_what_it_took(void **state) {
         }
 }
 
-/* A small mesh, some of whose tetrahedra are inside out on the way; a path of many more directions. */
+/* A small mesh with tetrahedra that are inverted on the way; a path in many more dimensions. */
 static void test_meshes_give_back_what_they_took(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++) {
@@ -126,8 +126,8 @@ static void test_meshes_give_back_what_they_took(void **state) {
     }
 }
 
-/* Fibres ten times as stiff, of random directions, in flat tetrahedra; every vertex misplaced at random by up to twice
- * their height. */
+/* Fibres ten times as stiff, of random directions, in flat tetrahedra; every vertex displaced at random by up to
+ * twice their height. */
 static void test_fibred_tissue_comes_back(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++)

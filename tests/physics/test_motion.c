@@ -3,7 +3,7 @@
 #include "../fixture.h"
 #include "../long.h"
 
-/* One tetrahedron with everything held but component `dof`: a scalar oscillator k, m, d. */
+/* Makes one tetrahedron with every component fixed except `dof`: a scalar oscillator k, m, d. */
 typedef struct oscillator {
     tm_mesh *mesh;
     tm_tissue *tissue;
@@ -45,8 +45,8 @@ static void destroy_oscillator(oscillator *o) {
     tm_mesh_destroy(o->mesh);
 }
 
-/* u_n = rho^n (A cos n theta + B sin n theta): roots of (1+g) z^2 - (2 - w^2) z + (1-g) = 0, g = d dt/2, w^2 = k
- * dt^2/m. */
+/* Computes u_n = rho^n (A cos n theta + B sin n theta): roots of (1+g) z^2 - (2 - w^2) z + (1-g) = 0, g = d dt/2,
+ * w^2 = k dt^2/m. */
 static void check_closed_form(double damping) {
     oscillator o = make_oscillator(damping);
     const double g = o.d * o.dt / 2, w2 = o.k / o.m * o.dt * o.dt;
@@ -72,7 +72,7 @@ static void one_free_vertex(void **state) {
     check_closed_form(2000);
 }
 
-/* Half v M v at n+1/2 plus half u_n K u_{n+1}: what the undamped scheme keeps. `force` is work space. */
+/* Returns half v M v at n+1/2 plus half u_n K u_{n+1}, which the undamped scheme conserves. `force` is work space. */
 static double scheme_energy(tm_world *world, double *force) {
     const tm_state *s = tm_world_state(world);
     const tm_tissue *tissue = tm_world_tissue(world);
@@ -88,8 +88,8 @@ static double scheme_energy(tm_world *world, double *force) {
 
 enum { HELD = 12 }; /* components of the four vertices at x = 0 */
 
-/* A clamped block with random velocities at `fraction` of the estimated step. No user may ask for that: the guaranteed
- * step is below the sharp one. So the step is written into the state, and the mobilities with it. */
+/* Makes a clamped block with random velocities at `fraction` of the estimated step. No user may request that, as the
+ * guaranteed step is below the estimated one: the step is written into the state, with its mobilities. */
 static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     tm_error error;
     tm_material material;
@@ -153,7 +153,7 @@ static void grows_past_the_sharp_step(void **state) {
         calls += !status;
     }
     assert_int_equal(status, TM_ERR_UNSTABLE);
-    /* The state before the failing call is in place, finite. */
+    /* The state before the failing call is restored, finite. */
     assert_true(before > 1 && isfinite(before));
     assert_true(fix_largest(tm_world_state(world)->u_m, 3 * mesh->vertex_count) == before);
     assert_int_equal(tm_world_state(world)->step, 20 * calls);
@@ -162,7 +162,7 @@ static void grows_past_the_sharp_step(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Damping takes energy out and never puts any in; a change of step keeps the velocity. */
+/* Damping only removes energy; a change of the step keeps the velocity. */
 static void damping_and_step_changes(void **state) {
     (void)state;
     oscillator o = make_oscillator(50);
@@ -175,7 +175,8 @@ static void damping_and_step_changes(void **state) {
         assert_true(now <= last * (1 + 1e-12));
         last = now;
     }
-    /* The velocity belongs to the middle of a step: a shorter step moves that middle, and half a kick goes with it. */
+    /* The velocity belongs to the middle of a step: a shorter step moves that middle, and half of its impulse with
+     * it. */
     tm_error error;
     const double velocity = (s->u_m[FREE_DOF] - s->u_prev_m[FREE_DOF]) / s->dt_s, u = s->u_m[FREE_DOF],
                  fine = 0.37 * o.dt;
@@ -225,7 +226,7 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
         weight += i % 3 == 2 ? b[i] : 0;
     }
     assert_true(fabs(weight / (1000 * 3e-6 * 9.81) - 1) < 1e-9);
-    /* Settled is a rest of the steps too, and the hash tells states apart. */
+    /* A settled state is an equilibrium of the steps too, and the hash distinguishes states. */
     const uint64_t hash = tm_world_hash(world);
     memcpy(u, tm_world_state(world)->u_m, sizeof(double) * (size_t)n);
     assert_int_equal(tm_world_step(world, 100), TM_OK);
@@ -237,8 +238,8 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Left alone, damped tissue comes to rest in exactly its own shape: no denormals to crawl in. And steps are the same
- * however grouped. */
+/* Damped tissue without loads comes to rest in exactly its own shape, without denormals. Steps are independent of
+ * their grouping. */
 static void dies_away_to_nothing(void **state) {
     (void)state;
     oscillator o = make_oscillator(400), p = make_oscillator(400);
@@ -283,7 +284,7 @@ static void refusals(void **state) {
     assert_int_equal(tm_stage_support(world, &support, &error), TM_ERR_ARGUMENT);
     fix_ok(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
     assert_int_equal(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), TM_ERR_ARGUMENT);
-    /* Two vertices held leave a rotation about their line. */
+    /* Two fixed vertices leave a rotation about their line. */
     const double zero[6] = {0};
     support.count = 6, support.dof = (const int32_t[6]){0, 1, 2, 3, 4, 5}, support.value_m = zero;
     fix_ok(tm_stage_support(world, &support, &error), &error);
@@ -301,8 +302,8 @@ static void refusals(void **state) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-/* A body turned as a whole, undamped: `held` of its vertices are prescribed there. Returns how many times its largest
- * displacement grew in so many steps; `status` is the library's word on whether it is held. */
+/* Rotates an undamped body with `held` prescribed vertices. Returns the growth of its largest displacement in this
+ * many steps; `status` is the library's verdict on its supports. */
 static double turned(tm_precision precision, int held, int32_t steps, tm_status *status) {
     fix_random random = {5};
     tm_mesh *mesh = fix_block((int[3]){2, 2, 2}, (double[3]){0.02, 0.02, 0.02}, 0.2, &random);
@@ -337,7 +338,7 @@ static double turned(tm_precision precision, int held, int32_t steps, tm_status 
     return grown;
 }
 
-/* Rounded tensors rotate free tissue, so single precision needs supports, and the library checks them. */
+/* Rounded tensors rotate free tissue, so single precision requires supports, and the library checks them. */
 static void single_is_for_what_is_held(void **state) {
     (void)state;
     tm_status status;

@@ -1,6 +1,6 @@
-/* Corotational tissue with nodal dilatation (effects "rotation" and "volume" together): derivatives, rigid motions,
- * small strains, cuts, snapshots, forms and threads, the guaranteed step, the energy account, rest, and a strongly bent
- * beam of nearly incompressible tissue. */
+/* Corotational tissue with nodal dilatation (effects "rotation" and "strain_smoothing" together): derivatives, rigid
+ * motions, small strains, cuts, snapshots, forms and threads, the guaranteed step, the energy account, equilibrium,
+ * and a strongly bent beam of nearly incompressible tissue. */
 #include "tensormass/viscosity.h"
 #include "turning.h"
 
@@ -17,7 +17,8 @@ typedef struct turning {
 } turning;
 
 typedef struct how {
-    bool linear, plain_volume, cuttable, damped, best; /* linear: without rotation; plain_volume: without volume */
+    bool linear, plain_volume, cuttable, damped,
+        best; /* linear: without rotation; plain_volume: without strain smoothing */
     const uint8_t *alive;
     int32_t threads;
     double dt_s, scaled_step_s;
@@ -58,7 +59,7 @@ static tm_tissue *make_tissue(const turning *t, const how *h) {
     return tissue;
 }
 
-/* The mesh becomes the turning's. */
+/* Transfers the mesh to the corotational form. */
 static turning make(tm_mesh *mesh, bool fibred, double poisson, const how *h) {
     turning t = {.mesh = mesh, .n = 3 * mesh->vertex_count, .fibred = fibred};
     tm_error error;
@@ -97,7 +98,7 @@ static double energy_at(const turning *t, const double *u) { return turning_ener
 
 static const double AXIS[3] = {0.6, -0.64, 0.48};
 
-/* b := a turned about the axis. */
+/* Rotates a about the axis into b. */
 static void turn_vector(double angle, const double a[3], double b[3]) {
     const double c = cos(angle), s = sin(angle), along = AXIS[0] * a[0] + AXIS[1] * a[1] + AXIS[2] * a[2];
     for (int i = 0; i < 3; i++) {
@@ -155,8 +156,8 @@ static void a_rigid_motion_gives_no_force(void **state) {
     }
 }
 
-/* Small strains on a large turn are those of `volume` alone, turned; a stretch without a turn is so at any size, as
- * long as tension has not reached its bound. */
+/* Small strains on a large rotation equal those of strain smoothing alone, rotated; a stretch without rotation does
+ * so at any size below the tension bound. */
 static void small_strains_and_stretches_are_those_of_volume(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -181,7 +182,8 @@ static void small_strains_and_stretches_are_those_of_volume(void **state) {
         force_at(&t, u, f, s);
         worst = 0;
         for (int32_t i = 0; i < t.n; i++) worst = fmax(worst, fabs(f[i] - g[i]));
-        assert_true(fibred || worst < 1e-12 * fix_largest(g, t.n)); /* fibres turn by the energy, not by F alone */
+        assert_true(fibred ||
+                    worst < 1e-12 * fix_largest(g, t.n)); /* fibres rotate by the energy's rotation, not by F alone */
         assert_true(fibred || fabs(tm_rotation_energy(t.rotation, u)) < 1e-12 * tm_tissue_energy(t.tissue, u));
         free(u);
         destroy(&t);
@@ -242,7 +244,8 @@ static void all_forms_give_the_same_bits(void **state) {
     destroy(&t);
 }
 
-/* The stage "viscosity" does not run the tensors: without shares its force is theirs and what turning adds. */
+/* The stage "viscosity" does not apply the tensors: with zero shares its force is the tensors' plus the corotational
+ * correction. */
 static void what_hardly_relaxes_has_the_force_of_both_parts(void **state) {
     (void)state;
     for (int law = 0; law < 4; law++) {
@@ -262,7 +265,7 @@ static void what_hardly_relaxes_has_the_force_of_both_parts(void **state) {
             assert_int_equal(tm_world_step(t.world, 1), TM_OK);
             double worst = 0;
             for (int32_t i = 0; i < t.n; i++) worst = fmax(worst, fabs(f[i] - tm_world_state(t.world)->force_N[i]));
-            tm_tissue_force(t.tissue, u, s); /* what the parts cancel */
+            tm_tissue_force(t.tissue, u, s); /* contributions that cancel in the sum */
             assert_true(worst < 1e-13 * fix_largest(s, t.n));
         }
         free(u);
@@ -359,7 +362,7 @@ static void the_account_of_energy_closes(void **state) {
     assert_true(residual[0] < 0.05 && residual[1] < 0.35 * residual[0]);
 }
 
-/* Every vertex anywhere in a box of half the size; left alone, damped, the tissue comes back. */
+/* Every vertex is moved anywhere in a box of half the size; damped, the tissue recovers. */
 static void tissue_inside_out_comes_back(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -376,7 +379,7 @@ static void tissue_inside_out_comes_back(void **state) {
     }
 }
 
-/* --- rest --- */
+/* --- equilibrium --- */
 
 static void clamp(turning *t) {
     int32_t *dof = malloc(sizeof(int32_t) * (size_t)t->n), count = 0;
@@ -400,7 +403,7 @@ static void settle(turning *t) {
     assert_true(result.residual <= 1e-9);
 }
 
-/* What has relaxed rests as tissue of the constants that are left, and stays there. */
+/* Relaxed tissue is at equilibrium as tissue with the remaining moduli, and stays there. */
 static void what_relaxes_rests_as_what_is_left(void **state) {
     (void)state;
     turning t[2];
@@ -410,7 +413,7 @@ static void what_relaxes_rests_as_what_is_left(void **state) {
         t[left] = make(regions((int[]){2, 2, 4}, (double[]){0.02, 0.02, 0.04}, 0.1, &random), false, 0.45,
                        &(how){.damped = true, .linear = left});
         tm_error error;
-        if (left) { /* made anew with other constants: G and kappa by shares */
+        if (left) { /* built with other constants: G and kappa by shares */
             tm_world_destroy(t[1].world);
             tm_tissue_destroy(t[1].tissue);
             for (int i = 0; i < 2; i++) {
@@ -444,11 +447,11 @@ static void what_relaxes_rests_as_what_is_left(void **state) {
     destroy(t), destroy(t + 1);
 }
 
-/* Euler's elastica under a dead load at its tip, alpha = P L^2 / EI: tip over L, across and back, and its angle. Found
- * by shooting with small steps. */
+/* Euler's elastica under a dead load at its tip, alpha = P L^2 / EI: tip over L, across and back, and its angle.
+ * Found by shooting with small steps. */
 static void elastica(double alpha, double tip[3]) {
     double low = 0, high = M_PI / 2;
-    for (int k = 0; k < 60; k++) { /* the angle at the tip that leaves no curvature there */
+    for (int k = 0; k < 60; k++) { /* the tip angle with zero curvature at the tip */
         const double end = 0.5 * (low + high), h = 1.0 / 4000;
         double angle = 0, bend = sqrt(2 * alpha * sin(end)), x = 0, y = 0;
         for (int i = 0; i < 4000; i++) {
@@ -481,8 +484,9 @@ static void cantilever(int cells, double load_N, bool volume, double tip_m[3]) {
     destroy(&t);
 }
 
-/* Past 60 degrees at nu 0.49. As for `rotation` alone (test_rotation.c) the mesh is too stiff by what it is too stiff
- * by under a thousandth of the load; with that stiffness Euler's elastica is met, and refining meets it without. */
+/* Past 60 degrees at nu 0.49. As for `rotation` alone (test_rotation.c), the mesh is too stiff by its error under a
+ * thousandth of the load. With that stiffness the beam follows Euler's elastica; a refined mesh does so without the
+ * correction. */
 static void a_nearly_incompressible_beam_follows_the_elastica(void **state) {
     (void)state;
     const double length = 0.1, alpha = 5, load = alpha * 5e3 * 1e-8 / 12 / (length * length);

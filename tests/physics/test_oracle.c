@@ -1,7 +1,7 @@
 /* Three laws, three loads each, against solutions of other programs (oracle/README.md). */
 #include "oracle.h"
 
-/* Clamp at x = 0; the face x = x_max moved too when `press`. */
+/* Clamps x = 0; moves the face x = x_max too if `press`. */
 static void support(tm_world *world, const oracle *o, const double *press) {
     int32_t *dof = malloc(sizeof(int32_t) * 3 * (size_t)o->vertex_count), n = 0;
     double *value = malloc(sizeof(double) * 3 * (size_t)o->vertex_count), far = 0;

@@ -1,5 +1,5 @@
-/* Partition ends: for any ends, and any task that overlaps the force pass, a step is bit-identical to one thread; the
- * ends move to balance the threads' times. make sanitize runs it under ThreadSanitizer. */
+/* Partition ends: for any ends, and any task that overlaps the force pass, a step is bit-identical to one thread;
+ * the ends move to balance the threads' times. make sanitize runs it under ThreadSanitizer. */
 #include "../fixture.h"
 #include "../long.h"
 #include "contact/contact_internal.h"
@@ -15,7 +15,7 @@ static scene create(tm_force_form form, int32_t threads) {
     return s;
 }
 
-/* Anywhere: parts of one vertex and of none among them. */
+/* Any ends, including partitions of one vertex and of none. */
 static void set_anywhere(tm_world *world, fix_random *random) {
     const int32_t n = tm_tissue_mesh(tm_world_tissue(world))->vertex_count, count = tm_world_partitions(world);
     int32_t end[TM_MAX_THREADS];
@@ -67,7 +67,7 @@ static void anywhere_the_same_bits(void **state) {
     }
 }
 
-/* A stage between force and the new displacements sees tools where they are, whatever overlaps. */
+/* A stage between force and the new displacements sees the same tool poses, whichever task overlaps. */
 static void note(void *self, tm_world *world) {
     uint64_t *hash = self;
     const tm_tool_pose pose = tm_contact_pose(tm_world_contact(world), CAUTERY);
@@ -99,7 +99,7 @@ static void others_see_the_same_tools_on_any_threads(void **state) {
     }
 }
 
-/* A stage of the caller's may overlap the force pass and place a tool before contact looks. */
+/* A caller's stage may overlap the force pass and set a tool's pose before contact detection. */
 static void place(void *self, tm_world *world) {
     int32_t *runs = self;
     if (++*runs % 16) return;
@@ -153,7 +153,7 @@ static bool is_missed(tm_world *world, int32_t first, int32_t vertex) {
     return missed;
 }
 
-/* Whatever contact pushes and graspers hold; and with a stage behind them that may write anywhere, everything. */
+/* Vertices of contact and grasps are checked again; after a later stage that may write anywhere, all are. */
 static void what_contact_changes(void **state) {
     (void)state;
     scene s = create(TM_FORCE_BEST, 2);
@@ -184,7 +184,7 @@ static void what_contact_changes(void **state) {
     scene_destroy(&s);
 }
 
-/* --- where they go --- */
+/* --- where the ends move --- */
 
 static void book(tm_world *world, int32_t jobs, const double *took_s) {
     for (int32_t i = 0; i < jobs; i++) {
@@ -204,19 +204,20 @@ static void to_where_time_is(void **state) {
     scene s = create(TM_FORCE_BEST, 3);
     tm_world *world = s.world;
     const int32_t n = s.mesh->vertex_count, first = size_of(world, 0), last = size_of(world, 2);
-    book(world, EVERY, (double[]){10e-6, 10e-6, 10e-6}); /* alike: nothing moves */
+    book(world, EVERY, (double[]){10e-6, 10e-6, 10e-6}); /* equal: nothing moves */
     assert_int_equal(size_of(world, 0), first);
     assert_int_equal(size_of(world, 2), last);
-    book(world, EVERY - 1, (double[]){10e-6, 10e-6, 10e-6}); /* one was kept from running, once: hardly anything does */
+    book(world, EVERY - 1, (double[]){10e-6, 10e-6, 10e-6}); /* one thread was interrupted once: hardly any change */
     book(world, 1, (double[]){10e-6, 10e-6, 5e-3});
     assert_true(size_of(world, 2) > 0.95 * last);
     book(world, EVERY, (double[]){10e-6, 10e-6, 10e-6});
-    book(world, EVERY, (double[]){14e-6, 10e-6, 6e-6}); /* it looks at the surface beside */
+    book(world, EVERY, (double[]){14e-6, 10e-6, 6e-6}); /* it detects contact concurrently */
     assert_true(size_of(world, 0) < 0.9 * first && size_of(world, 2) > 1.1 * last);
-    for (int i = 0; i < 40; i++) book(world, EVERY, (double[]){20e-6, 1e-6, 1e-6}); /* whatever it is left: none */
+    for (int i = 0; i < 40; i++)
+        book(world, EVERY, (double[]){20e-6, 1e-6, 1e-6}); /* however short its partition becomes: empty */
     assert_int_equal(size_of(world, 0), 0);
     assert_int_equal(world->partition[2].force.end, n);
-    for (int i = 0; i < 400; i++) { /* and back, as much as it does of the whole */
+    for (int i = 0; i < 400; i++) { /* and back, in proportion to its share */
         double took_s[3];
         for (int32_t p = 0; p < 3; p++) took_s[p] = 30e-6 * size_of(world, p) / n;
         book(world, EVERY, took_s);

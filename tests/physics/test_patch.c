@@ -21,7 +21,7 @@ typedef struct patch_scene {
     double tip_m[3];
 } patch_scene;
 
-/* Force of the settled solve with the tip there; leaves the tissue at rest there. */
+/* Returns the settled solve's force with the tip there; leaves the tissue at that equilibrium. */
 static void settled(scene *s, const double tip_m[3], double force_N[3]) {
     tm_tool_pose at = scene_pose(tip_m[0], tip_m[1], tip_m[2]);
     tm_contact_set_target(s->contact, 0, &at, 1);
@@ -71,7 +71,7 @@ static void chosen_well(const patch_scene *p) {
             for (int k = 0; k < 9; k++) common += patch->triangle[3 * t + k / 3] == patch->triangle[3 * o + k % 3];
             shared += o != t && common == 2;
         }
-        assert_true(shared >= 1); /* in one piece, edge to edge */
+        assert_true(shared >= 1); /* connected, edge to edge */
     }
     double x[TM_PATCH_DOFS], sum = 0;
     scene_seed = 11;
@@ -83,8 +83,8 @@ static void chosen_well(const patch_scene *p) {
     }
 }
 
-/* At P_n the patch gives the model's force; K is the derivative of settled forces; moved by up to 1 mm it follows the
- * settled force. */
+/* At P_n the patch gives the model's force; K is the derivative of settled forces; moved by up to 1 mm the patch
+ * follows the settled force. */
 static void patch_against_settled(patch_scene *p, const char *what, double stiffness_within, double force_within) {
     double force[3], at_tip[3], K[9], step = 5e-5, wrong = 0, size = 0, worst = 0, worst_tangent = 0, worst_hold = 0;
     bool inside;
@@ -149,7 +149,7 @@ static void test_patch_follows_settled_tissue(void **unused) {
     scene_destroy(&curved.s);
 }
 
-/* A slit across the top, some 15 mm beside the middle. */
+/* Cuts a slit across the top, some 15 mm off the middle. */
 static void cut_slit(scene *s) {
     const tm_mesh *mesh = s->mesh;
     int32_t n = 0, *tet = malloc(sizeof(int32_t) * (size_t)mesh->tet_count);
@@ -163,7 +163,7 @@ static void cut_slit(scene *s) {
     free(tet);
 }
 
-/* A cut near the tool: the columns are computed anew from the old ones, and the patch is as good as before. */
+/* A cut near the tool: the columns are recomputed from the old ones, and the patch is as accurate as before. */
 static void test_patch_after_a_cut(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, true);
@@ -173,7 +173,7 @@ static void test_patch_after_a_cut(void **unused) {
     scene_frame(&p.s, 0, tm_contact_pose(p.s.contact, 0), 0.2);
     tm_patch now;
     tm_patch_compute(p.maker, 0, &now);
-    assert_true(tm_patch_pending(p.maker) > 0); /* stiffness has changed: nothing old is passed on as new */
+    assert_true(tm_patch_pending(p.maker) > 0); /* stiffness has changed: no old column is sent as new */
     int again = make(&p);
     assert_true(p.patch.topology_revision > revision);
     print_message("calls of tm_patch_compute until all columns are there: %d at first, %d after the cut\n", fresh,
@@ -182,8 +182,9 @@ static void test_patch_after_a_cut(void **unused) {
     scene_destroy(&p.s);
 }
 
-/* Over a slit's lip tissue snaps from one rest to another. A stiffness is that of the rest where the model is, wherever
- * the frame before was: another rest a hair's breadth away would be taken for thousands of newtons per metre. */
+/* Over a slit's lip tissue snaps from one equilibrium to another. A stiffness is that of the model's present
+ * equilibrium, whichever the previous frame had: a difference across both would look like thousands of newtons per
+ * metre. */
 static void test_stiffness_on_the_lip_of_a_slit(void **unused) {
     (void)unused;
     patch_scene p = press(0, -0.0138, 0.004, 0.0042, true);
@@ -200,7 +201,7 @@ static void test_stiffness_on_the_lip_of_a_slit(void **unused) {
         if (k < 9) least = fmin(least, sqrt(size));
     }
     print_message("towards the snap: stiffness %.0f to %.0f N/m\n", least, most);
-    assert_true(least > 45 && most < 300); /* the other rest has 30 */
+    assert_true(least > 45 && most < 300); /* the other equilibrium has 30 */
     scene_destroy(&p.s);
 }
 
@@ -210,15 +211,15 @@ static void hold_at(scene *s, const double tip_m[3], double seconds, double forc
     memcpy(force_N, scene_frame(s, 0, at, seconds).force_N, 3 * sizeof(double));
 }
 
-/* At rest with the jaws there: where it came from does not matter, a spring does not slip. */
+/* Returns the settled solve with the jaws there: a grasp's springs do not slip, so the path does not matter. */
 static void rest_at(scene *s, const double tip_m[3], double force_N[3]) {
     hold_at(s, tip_m, 0.01, force_N);
     hold_at(s, tip_m, 0.5, force_N);
     hold_at(s, tip_m, 0.002, force_N);
 }
 
-/* A grasper that pulls, or presses what lies beside its jaws, against the simulation at rest: the patch holds what it
- * holds. */
+/* A grasper that pulls, or presses tissue next to its jaws, against the simulation at rest: the patch contains the
+ * grasped vertices. */
 static void patch_of_a_hold(const char *what, const double trocar_m[3], const double to_m[3], bool presses) {
     static const tm_tool_mode mode[2] = {TM_TOOL_GRASPER, TM_TOOL_GRASPER};
     static const double moves[5][3] = {
@@ -293,7 +294,7 @@ static void test_patch_of_a_hold(void **unused) {
     patch_of_a_hold("held, the shaft pressed", (double[3]){0.15, 0, 0.06}, (double[3]){0.001, 0, -0.004}, true);
 }
 
-/* A tool that moves gets the surface ahead of it. */
+/* The patch of a moving tool extends ahead of it. */
 static void test_patch_leads_the_tool(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0, 0.004, 0.0042, false);
@@ -319,8 +320,8 @@ static void test_patch_leads_the_tool(void **unused) {
     scene_destroy(&p.s);
 }
 
-/* A tool that touches nothing because it appeared inside, or is not in the body, gets no patch: a controller would
- * press it. */
+/* A tool that touches nothing because it appeared inside, or is outside the body, gets no patch: a controller would
+ * press against it. */
 static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, false);

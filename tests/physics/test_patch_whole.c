@@ -1,5 +1,5 @@
-/* An incomplete patch is not sent: with conjugate gradients there is no stiffness while columns are missing, then the
- * tissue's. */
+/* An incomplete patch is not sent: with conjugate gradients there is no stiffness while columns are missing; then it
+ * is the tissue's. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -37,7 +37,7 @@ static void test_no_stiffness_of_half_a_patch(void **unused) {
         const tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
         assert_true(made == (r.stiffness_kind != 0) && made == (patch.kind != 0));
         none += !made;
-        if (!made || k < 60) continue; /* pressed and held: what is compared is of that rest */
+        if (!made || k < 60) continue; /* pressed and held: the comparison is made at this equilibrium */
         sent++;
         assert_int_equal(tm_patch_pending(maker), 0);
         most = fmax(most, -r.stiffness_N_m[8]), least = fmin(least, -r.stiffness_N_m[8]);

@@ -1,6 +1,6 @@
-/* Pressures that follow the surface: a block under pressure on all sides against the closed form, under the linear and
- * a nonlinear law; a fibred beam bent by a pressure, the first benchmark problem of Land et al. (2015); threads, cuts
- * and rejected input. */
+/* Pressures that follow the surface. A block under pressure on all sides against the closed form, with the linear
+ * and a nonlinear law; a fibred beam bent by a pressure, the first benchmark problem of Land et al. (2015); threads,
+ * cuts and rejected input. */
 #include "../fixture.h"
 #include "../long.h"
 
@@ -51,7 +51,7 @@ static void hold(const body *b, bool (*held)(const double x[3], int axis)) {
     free(zero);
 }
 
-/* Presses the triangles whose corners are all at the place along one of the axes. */
+/* Applies the pressure to triangles whose corners all have this coordinate. */
 static void press(const body *b, double pressure_Pa, int first_axis, double place_m) {
     double *pressure = calloc((size_t)b->mesh->surface_count, sizeof *pressure);
     tm_error error;
@@ -75,7 +75,7 @@ static tm_settle_result settle(const body *b, double tolerance) {
     return result;
 }
 
-/* --- a block pressed on three sides, held on the planes opposite --- */
+/* --- a block pressed on three sides, fixed on the planes opposite --- */
 
 static const double SIDE_M = 0.02, PRESSURE_PA = 600;
 
@@ -94,7 +94,7 @@ static body block(tm_law_kind law, const int cells[3], int32_t threads) {
     return b;
 }
 
-/* Stress along each axis at a stretch s of all three, over that of the pressure, -p s^2. */
+/* Stress along each axis at a stretch s of all three, with the pressure's -p s^2. */
 static double excess_Pa(tm_law_kind law, double s) {
     const double lambda = 5e3 * 0.3 / (1.3 * 0.4), mu = 5e3 / 2.6, k = 4.0 / 3 * mu, l = lambda + 5.0 / 6 * mu;
     const double neo = k * s - k * s / (3 * s * s + 1) + l * s * s * (s * s * s - 1) - 0.75 * k * s * s;
@@ -120,7 +120,7 @@ static void a_block_shrinks_as_the_closed_form(void **state) {
     }
 }
 
-/* Steps, cuts a corner off on the way. */
+/* Steps, and cuts a corner off on the way. */
 static uint64_t story(int32_t threads) {
     body b = block(TM_LAW_NEO_HOOKE, (int[]){12, 12, 8}, threads);
     assert_int_equal(tm_world_partitions(b.world), threads);
@@ -138,7 +138,7 @@ static void bits_do_not_depend_on_threads(void **state) {
     assert_true(one == story(2) && one == story(3));
 }
 
-/* What a cut lays bare bears no pressure, and what is gone bears none. */
+/* Triangles that a cut exposes bear no pressure, and removed ones bear none. */
 static void removed_tetrahedra_bear_nothing(void **state) {
     (void)state;
     body b = block(TM_LAW_LINEAR, (int[]){4, 4, 4}, 1);
@@ -160,7 +160,7 @@ static void removed_tetrahedra_bear_nothing(void **state) {
         const double *p = b.mesh->rest_m + 3 * v[0], *q = b.mesh->rest_m + 3 * v[1], *r = b.mesh->rest_m + 3 * v[2];
         area += 0.5 * fabs((q[1] - p[1]) * (r[2] - p[2]) - (q[2] - p[2]) * (r[1] - p[1]));
     }
-    for (int32_t i = 0; i < b.n; i++) sum_N[i % 3] += tm_world_state(b.world)->force_N[i]; /* at rest: loads alone */
+    for (int32_t i = 0; i < b.n; i++) sum_N[i % 3] += tm_world_state(b.world)->force_N[i]; /* at rest: loads only */
     assert_true(area < 0.99 * SIDE_M * SIDE_M && fabs(sum_N[0] + PRESSURE_PA * area) < 1e-9 * PRESSURE_PA * area);
     destroy(&b);
 }

@@ -61,8 +61,8 @@ static release open_release(second other, double damping_1_s, double fade_s) {
     return r;
 }
 
-/* The first tool holds the top and lifts it by 5 mm; the second comes `press_m` deep into what is held, or holds it too
- * and goes down by as much. */
+/* The first tool grasps the top and lifts it by 5 mm; the second comes `press_m` deep into the grasped tissue, or
+ * grasps it too and moves down by as much. */
 static void hold(release *r, second other, double press_m) {
     r->at[1].active = other == PROBE || other == GRASPER;
     for (int k = 1; k <= 20; k++) r->at[0].tip_m[2] = TOP_M + 0.0035 - 0.003 * fmin(1, k / 10.0), frame(r);
@@ -100,8 +100,8 @@ static void let_go(second other, double damping_1_s, double press_m, double fade
                       "after, %.1f mm, then %.1f mm\n",
                       SECOND[other], damping_1_s, 1e3 * press_m, 1e3 * fade_s, before_J, before.contact_stored_J,
                       r.most_J, 1e3 * before_m, 1e3 * r.most_m);
-    /* No tool moves: what the tissue gets comes from the springs of jaws and skins, and most of that slips away. A
-     * frozen force that fades made 25 to 5,000 times the energy, and 50 to 430 mm. */
+    /* No tool moves: the tissue's energy comes from the springs of jaws and contact compliance, and most of that is
+     * dissipated. A frozen force that fades made 25 to 5,000 times the energy, and 50 to 430 mm. */
     assert_true(r.most_J < before_J + before.contact_stored_J + 1e-5);
     if (other != CAUTERY && fade_s > 0) assert_true(r.most_J < before_J + 0.1 * before.contact_stored_J + 1e-5);
     assert_true(energy(&r).generated_J - energy(&r).drag_J < before.generated_J - before.drag_J + 1e-5);

@@ -68,7 +68,7 @@ static void force_at(const turning *t, const double *u, double *f, double *scrat
 
 static double energy_at(const turning *t, const double *u) { return turning_energy(t->tissue, t->rotation, u); }
 
-/* u of the tissue turned about an axis and moved. */
+/* Computes u of the tissue rotated about an axis and moved. */
 static void turn(const turning *t, double angle, double far_m, double *u) {
     const double a[3] = {0.6, -0.64, 0.48}, c = cos(angle), s = sin(angle);
     for (int32_t v = 0; v < t->mesh->vertex_count; v++) {
@@ -112,7 +112,7 @@ static void test_a_rigid_motion_gives_no_force(void **state) {
             assert_true(fix_largest(f, t.n) < 1e-12 * fix_largest(s, t.n));
             assert_true(fabs(energy_at(&t, u)) < 1e-10 * tm_tissue_energy(t.tissue, u));
         }
-        /* Below the threshold the law is linear: the threshold's own price, its square. */
+        /* Below the threshold the law is linear, except for the threshold's own error, its square. */
         turn(&t, 0.01, 0, u);
         force_at(&t, u, f, s);
         tm_tissue_force(t.tissue, u, s);
@@ -124,7 +124,8 @@ static void test_a_rigid_motion_gives_no_force(void **state) {
 
 static void test_small_strains_keep_the_linear_law(void **state) {
     (void)state;
-    for (int fibred = 0; fibred < 2; fibred++) { /* the same small strain on top of a large turn, as the turn of it */
+    for (int fibred = 0; fibred < 2;
+         fibred++) { /* the same small strain on top of a large rotation, compared with its rotated force */
         turning t = block(fibred, false);
         double *u = vectors(&t, 4), *f = u + t.n, *s = u + 2 * t.n, *g = u + 3 * t.n;
         fix_random random = {5};
@@ -156,7 +157,7 @@ static void test_small_strains_keep_the_linear_law(void **state) {
     }
 }
 
-/* Through the band in small moves: the force moves with them, by no more than the stiffness there. */
+/* Through the band in small increments: the force changes by no more than the stiffness permits. */
 static void test_the_force_does_not_jump_at_the_threshold(void **state) {
     (void)state;
     turning t = block(false, false);
@@ -176,7 +177,8 @@ static void test_the_force_does_not_jump_at_the_threshold(void **state) {
     destroy(&t);
 }
 
-/* Rotations of any size give the same bits in plain C, AVX2 and AVX-512, whichever tetrahedra share a batch. */
+/* Rotations of any size give the same bits in plain C, AVX2 and AVX-512, for any grouping of tetrahedra into
+ * batches. */
 static void test_all_forms_give_the_same_bits(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -201,7 +203,7 @@ static void test_all_forms_give_the_same_bits(void **state) {
     }
 }
 
-/* Largest eigenvalue of M_e^-1 K_e by power iteration, K_e a tangent made positive by a shift. */
+/* Returns the largest eigenvalue of M_e^-1 K_e by power iteration; K_e is a tangent made positive by a shift. */
 static double eigenvalue(const double A[81], const double alpha[12], double mass) {
     double x[12], y[12], shift = 0, value = 0;
     for (int i = 0; i < 81; i++) shift = fmax(shift, fabs(A[i]));
@@ -231,8 +233,8 @@ static double eigenvalue(const double A[81], const double alpha[12], double mass
     return value / mass;
 }
 
-/* The element's own tangent never needs a shorter step than the one guaranteed: small and large strains, crushed and
- * inside out, in the band, at three Poisson's ratios and with fibres. */
+/* The element's own tangent never requires a shorter step than the guaranteed one: small and large strains, crushed
+ * and inverted, in the band, at three Poisson's ratios and with fibres. */
 static void test_no_state_needs_a_shorter_step(void **state) {
     (void)state;
     for (int law = 0; law < 4; law++) {
@@ -272,7 +274,7 @@ static void test_no_state_needs_a_shorter_step(void **state) {
 static void test_the_account_of_energy_closes(void **state) {
     (void)state;
     double residual[2];
-    for (int half = 0; half < 2; half++) { /* undamped, twisted by 40 degrees and let go */
+    for (int half = 0; half < 2; half++) { /* undamped, twisted by 40 degrees and released */
         fix_random random = {7};
         tm_material m = material(false, 0.45);
         tm_mesh *mesh = fix_block((int[]){2, 2, 5}, (double[]){0.02, 0.02, 0.05}, 0.1, &random);
@@ -299,7 +301,7 @@ static void test_the_account_of_energy_closes(void **state) {
             fix_ok(tm_world_energy(t.world, &e, &error), &error);
             residual[half] = fmax(residual[half], fabs(e.residual_J) / stored);
         }
-        assert_true(fabs(e.load_J) < 1e-9 * stored); /* not booked as another's work */
+        assert_true(fabs(e.load_J) < 1e-9 * stored); /* not attributed to another effect */
         assert_true(fabs(e.kinetic_J + e.elastic_J - e.start_J) < 0.05 * stored);
         destroy(&t);
     }
@@ -320,7 +322,7 @@ static void test_cut_equals_a_fresh_build_bit_for_bit(void **state) {
         for (int32_t i = 0; i < t.n; i++) s->u_m[i] = s->u_prev_m[i] = u[i] + 5e-4 * fix_signed(&random);
         assert_int_equal(tm_world_step(t.world, 20), TM_OK);
         assert_true(tm_cut_remove(t.tissue, gone, 4, NULL, 0) >= 4);
-        assert_int_equal(tm_world_step(t.world, 1), TM_OK); /* what lost all its tetrahedra has stopped */
+        assert_int_equal(tm_world_step(t.world, 1), TM_OK); /* a vertex that lost all its tetrahedra has stopped */
         tm_tissue *fresh =
             make_tissue(t.mesh, &m, false, tm_tissue_alive(t.tissue), TM_ROTATION_THRESHOLD, TM_FORCE_PLAIN);
         tm_world_def def = tm_world_def_default();
@@ -330,7 +332,7 @@ static void test_cut_equals_a_fresh_build_bit_for_bit(void **state) {
         fix_ok(tm_stage_rotation(world, NULL, &error), &error);
         memcpy(tm_world_state(world)->u_m, s->u_m, sizeof(double) * (size_t)t.n);
         memcpy(tm_world_state(world)->u_prev_m, s->u_prev_m, sizeof(double) * (size_t)t.n);
-        for (int k = 0; k < 50; k++) { /* alike in what was seen before or not */
+        for (int k = 0; k < 50; k++) { /* both batches seen before, or not */
             assert_int_equal(tm_world_step(t.world, 3), TM_OK);
             assert_int_equal(tm_world_step(world, 3), TM_OK);
             assert_true(tm_world_hash(world) == tm_world_hash(t.world));
@@ -367,7 +369,7 @@ static void test_a_snapshot_goes_on_to_the_last_bit(void **state) {
     destroy(&b);
 }
 
-/* What cannot be is refused with what to do, and nothing is left of it. */
+/* Invalid requests are rejected with the remedy, and leave no trace. */
 static void test_refusals(void **state) {
     (void)state;
     const tm_material m = material(false, 0.45);
@@ -394,8 +396,8 @@ static void test_refusals(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Each vertex somewhere else in a box of half the size: most tetrahedra crushed or inside out. Left alone, damped, the
- * tissue comes back to its shape, wherever it then lies. */
+/* Each vertex is moved anywhere in a box of half the size, so most tetrahedra are crushed or inverted. Damped, the
+ * tissue recovers its shape, at any position. */
 static void test_tissue_inside_out_comes_back(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -414,7 +416,7 @@ static void test_tissue_inside_out_comes_back(void **state) {
 
 /* --- beams --- */
 
-/* Clamps z = 0; and the far end, where it is to be moved. */
+/* Clamps z = 0, and the far end if it is moved. */
 static void clamp(turning *t, double length, bool both) {
     int32_t *dof = malloc(sizeof(int32_t) * (size_t)t->n), count = 0;
     tm_error error;
@@ -439,11 +441,11 @@ static void settle(turning *t) {
     assert_true(result.residual <= 1e-9);
 }
 
-/* Euler's elastica under a dead load at its tip, alpha = P L^2 / EI: tip over L, down and back, and its angle. Found by
- * shooting with small steps. */
+/* Euler's elastica under a dead load at its tip, alpha = P L^2 / EI: tip over L, down and back, and its angle. Found
+ * by shooting with small steps. */
 static void elastica(double alpha, double tip[3]) {
     double low = 0, high = M_PI / 2;
-    for (int k = 0; k < 60; k++) { /* the curvature at the clamp that leaves none at the tip */
+    for (int k = 0; k < 60; k++) { /* the curvature at the clamp that gives none at the tip */
         double angle = 0, bend = 0, x = 0, y = 0;
         const double end = 0.5 * (low + high);
         bend = sqrt(2 * alpha * sin(end)); /* first integral: bend^2/2 + alpha sin(angle) = alpha sin(end) */
@@ -489,8 +491,8 @@ static double cantilever(int cells, double load_N, double tip_m[3]) {
     return share;
 }
 
-/* Past 60 degrees. The mesh is too stiff by what the same mesh is too stiff by under a thousandth of the load: with
- * that stiffness Euler's elastica is met within a percent of its length; and refining meets it without that. */
+/* Past 60 degrees. The mesh is too stiff by its error under a thousandth of the load: with that stiffness the tip
+ * follows Euler's elastica within a percent of the length; a refined mesh does so without the correction. */
 static void test_a_cantilever_follows_the_elastica(void **state) {
     (void)state;
     const double length = 0.1, bending = 5e3 * 1e-8 / 12; /* E I */
@@ -508,10 +510,11 @@ static void test_a_cantilever_follows_the_elastica(void **state) {
         assert_true(fabs(tip[0] / length - own[0]) < 0.012 && fabs(-tip[2] / length - own[1]) < 0.012);
         off[fine] = hypot(tip[0] / length - truth[0], -tip[2] / length - truth[1]);
     }
-    assert_true(off[1] < 0.4 * off[0]); /* second order, and what is left of it */
+    assert_true(off[1] < 0.4 * off[0]); /* second-order terms */
 }
 
-/* Columns of the patch's compliance are those of the tangent: bent far, then bent on, which the old ones follow. */
+/* Columns of the patch's compliance are those of the tangent: for a bent beam, and after more bending, which the old
+ * columns follow. */
 static void test_compliance_is_the_tangents(void **state) {
     (void)state;
     fix_random random = {1};
@@ -556,7 +559,7 @@ static void test_compliance_is_the_tangents(void **state) {
     destroy(&t);
 }
 
-/* What settles in steps is what settles at once, and each is at rest: a bar turned by 90 degrees at its end. */
+/* Steps and the solver settle to the same equilibrium: a bar rotated by 90 degrees at its end. */
 static void test_a_bar_twisted_by_a_right_angle_settles(void **state) {
     (void)state;
     fix_random random = {1};
@@ -589,7 +592,7 @@ static void test_a_bar_twisted_by_a_right_angle_settles(void **state) {
 }
 
 /* The torque of that bar on two meshes against CalculiX (apps/studies/accuracy/reference, twist_*.inp: quadratic
- * tetrahedra, neo-Hooke and St. Venant and Kirchhoff, which differ by 1 %). */
+ * tetrahedra, neo-Hooke and St. Venant-Kirchhoff, which differ by 1 %). */
 static double torque_of_bar(int across) {
     fix_random random = {1};
     const tm_material m = material(false, 0.45);
@@ -618,7 +621,8 @@ static double torque_of_bar(int across) {
 static void test_a_twisted_bar_bears_the_torque_of_calculix(void **state) {
     (void)state;
     const double neo = 1.0469e-3, svk = 1.0572e-3, coarse = torque_of_bar(3), fine = torque_of_bar(6);
-    const double limit = fine + (fine - coarse) / 3; /* linear tetrahedra: the error falls with the edge's square */
+    const double limit =
+        fine + (fine - coarse) / 3; /* linear tetrahedra: the error falls with the square of the edge length */
     print_message("torque %.4e and %.4e N m on two meshes, %.4e without edges; CalculiX %.4e (neo-Hooke), %.4e\n",
                   coarse, fine, limit, neo, svk);
     assert_true(fine < coarse && fine > svk);

@@ -1,5 +1,5 @@
-/* Selective mass scaling: the requested step is guaranteed, before and after any cut; mass is added only where needed;
- * weight, rest and the momentum account stay. */
+/* Selective mass scaling: the requested step is guaranteed, before and after any cut; mass is added only where
+ * needed; weight, equilibrium and the momentum account stay. */
 #include "../cut_check.h"
 #include "tensormass/energy.h"
 
@@ -12,7 +12,7 @@ typedef struct scene {
     uint8_t *fixed;
 } scene;
 
-/* A jittered block: its flattest tetrahedra ask for a shorter step than the others. Held at x = 0. */
+/* A jittered block: its flattest tetrahedra require a shorter step than the others. Fixed at x = 0. */
 static scene make(double step_s, double share, bool cuttable, tm_precision precision) {
     fix_random random = {41};
     scene s = {.mesh = fix_block((int[3]){7, 5, 4}, (double[3]){0.07, 0.05, 0.04}, 0.3, &random)};
@@ -51,7 +51,7 @@ static void stop(scene *s) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-/* Irons' figure, which cuttable tissue has to live with. */
+/* Irons' bound, which cuttable tissue must use. */
 static double even_step(void) {
     scene s = make(0, 0, true, TM_DOUBLE);
     start(&s, 0);
@@ -92,12 +92,12 @@ static void the_step_is_guaranteed_and_little_is_added(void **state) {
     }
 }
 
-/* Cut to the last piece: bits of a fresh build, no vertex gets heavier, and the estimated step of what is left is never
- * shorter than what was asked for. */
+/* Cut to the last tetrahedron: bits of a fresh build, no vertex gets heavier, and the estimated step of the
+ * remainder is never shorter than requested. */
 static void cuts_keep_the_step(void **state) {
     (void)state;
     const double step_s = 2.8 * even_step();
-    for (int order = 0; order < 6; order++) { /* the last two with changes of volume averaged, and shears */
+    for (int order = 0; order < 6; order++) { /* the last two with averaged dilatation, and shears */
         scene s = make(step_s, 1e9, true, order == 3 ? TM_SINGLE : TM_DOUBLE);
         s.def.strain_smoothing = order > 3, s.def.smoothed_shear_share = order == 5 ? 0.4 : 0;
         start(&s, step_s);
@@ -190,7 +190,7 @@ static void refused(void **state) {
     free(extra);
     s.def.extra_mass_kg = NULL;
     start(&s, even);
-    double own_Hz[3], scaled_Hz[3]; /* nothing holds it */
+    double own_Hz[3], scaled_Hz[3]; /* no supports */
     memset(s.fixed, 0, 90);
     assert_int_equal(tm_mass_scaling_frequencies(s.tissue, s.fixed, own_Hz, scaled_Hz, &error), TM_ERR_CONVERGENCE);
     stop(&s);

@@ -1,17 +1,18 @@
-/* Random sessions of two hands: press, grasp, cross, pinch, cut, hand over, release. Tissue gains no more energy than
- * the hands supply and moves no farther than they can move it, and contact comes to rest. A session that exceeds a
- * bound is shrunk to the fewest actions that still do, and printed.
+/* Random sessions of two hands: press, grasp, cross, pinch, cut, hand over, release. Tissue gains no more energy
+ * than the hands supply and moves no farther than they can move it, and contact comes to rest. A session that
+ * exceeds a bound is shrunk to the fewest actions that still do, and printed.
  *
  * Choice of sessions: random_session.h. */
 #include "contact_scene.h"
 
 enum { MAX_ACTIONS = 14, FRAMES_AFTER = 30, EFFECTS = 0 };
 static const double FRAME_S = 0.005, TOP_M = 0.03, HALF_M = 0.024;
-/* How much more than the hands put in tissue and springs may have: a share of all that hands gave and took, and what is
- * not worth a bound. The worst has 0.056 (and 0.051 of 2,100 more): the bound is twice that, so that contact that makes
- * twice as much is found, and another processor's rounding, which turns a session into another, is not. */
+/* Maximum energy of tissue and springs beyond the hands' work: a share of all that hands gave and received, and an
+ * amount too small for a bound. The worst session has 0.056 (and 0.051 of 2,100 more). The bound is twice that:
+ * contact that generates twice as much is found; other rounding on another processor, which changes a session
+ * completely, is not. */
 static const double SURPLUS_SHARE = 0.12, SURPLUS_J = 5e-5;
-static const double FARTHEST_M = 0.1; /* of any vertex: the hands themselves go 0.08 */
+static const double FARTHEST_M = 0.1; /* maximum displacement of any vertex: the hands themselves move 0.08 */
 
 typedef enum kind { PRESS, LIFT, CLOSE, OPEN, CROSS, PINCH, CUT, HAND_OVER, PULL, WAIT, KINDS } kind;
 static const char *const KIND[KINDS] = {"press", "lift", "close",     "open", "cross",
@@ -33,9 +34,9 @@ typedef struct session {
 
 typedef struct verdict {
     bool good;
-    int action; /* during which it failed */
+    int action; /* action during which it failed */
     char why[200];
-    double hands_J, worst; /* the surplus at its worst, as a share of what it may be */
+    double hands_J, worst; /* the worst surplus, as a share of its bound */
     double farthest_m;
 } verdict;
 
@@ -80,7 +81,7 @@ static void print_session(const session *s) {
 typedef struct stage {
     scene s;
     tm_tool_pose at[2];
-    double tool_work_J[2]; /* as last seen */
+    double tool_work_J[2]; /* as last received */
     int32_t substeps;
     verdict v;
     bool tell;
@@ -129,7 +130,7 @@ static void judge(stage *g, int i, bool after) {
         if (after && overflowed) fail_at(g, i, "tools are out and contact is still overflowed, tool", t, 0);
     }
     const double may = SURPLUS_SHARE * g->v.hands_J + SURPLUS_J;
-    const double surplus = e.generated_J - e.drag_J; /* tissue's and springs' less the hands' */
+    const double surplus = e.generated_J - e.drag_J; /* energy of tissue and springs less the hands' work */
     g->v.worst = fmax(g->v.worst, surplus / may);
     const double *u = tm_world_state(g->s.world)->u_m;
     double far = 0;
@@ -149,7 +150,7 @@ static void judge(stage *g, int i, bool after) {
         fail_at(g, i, "the account does not close, J", e.residual_J, 1e-9 * turnover);
 }
 
-/* Both tools go to `to` in `frames`. */
+/* Both tools move to `to` in `frames`. */
 static void go(stage *g, int i, const tm_tool_pose to[2], int frames) {
     const tm_tool_pose from[2] = {g->at[0], g->at[1]};
     for (int k = 1; k <= frames && g->v.good; k++) {
@@ -179,7 +180,7 @@ static void act(stage *g, const session *s, int i) {
     case CLOSE: mine->grip = 1; break;
     case OPEN: mine->grip = 0; break;
     case CROSS: memcpy(mine->tip_m, a->to_m, sizeof a->to_m), mine->tip_m[0] = -g->at[a->tool].tip_m[0]; break;
-    case PINCH: /* from both sides towards one place, below the surface */
+    case PINCH: /* from both sides to one place, below the surface */
         for (int t = 0; t < 2; t++) {
             memcpy(to[t].tip_m, a->to_m, sizeof a->to_m);
             to[t].tip_m[0] += t ? -0.003 : 0.003;
@@ -187,7 +188,7 @@ static void act(stage *g, const session *s, int i) {
         }
         break;
     case CUT: mine->active = s->mode[a->tool] != TM_TOOL_CAUTERY || !g->at[a->tool].active; break;
-    case HAND_OVER: /* the other comes to where this one is, closes, and this one opens */
+    case HAND_OVER: /* the other one comes here and closes, and this one opens */
         memcpy(other->tip_m, mine->tip_m, sizeof other->tip_m);
         other->tip_m[0] += a->tool ? 0.002 : -0.002;
         go(g, i, to, a->frames);
@@ -209,7 +210,7 @@ static verdict run_session(const session *s, bool tell) {
         if (tell) print_message(" %s\n", KIND[s->action[i].what]);
         act(&g, s, i);
     }
-    tm_tool_pose out[2] = {g.at[0], g.at[1]}; /* both open and leave */
+    tm_tool_pose out[2] = {g.at[0], g.at[1]}; /* both open and withdraw */
     for (int t = 0; t < 2; t++) {
         out[t].grip = 0, out[t].roll_rad = 0, out[t].active = s->mode[t] != TM_TOOL_CAUTERY;
     }
@@ -226,8 +227,8 @@ static bool drop_effect(session *s, int i) { return (void)s, (void)i, false; }
 
 /* --- the test --- */
 
-/* Seeds that broke a bound before contact had a passivity observer (contact_passivity.c), or when that observer raised
- * the viscous drag instead. */
+/* Seeds that exceeded a bound before contact had a passivity observer (contact_passivity.c), or when that observer
+ * raised the viscous drag instead. */
 static const uint64_t ONCE_BROKE[] = {3403, 4500, 6046, 9356};
 
 typedef struct tally {

@@ -1,6 +1,6 @@
-/* Settling of tissue that turns, under `rotation` and every nonlinear law: bars whose ends are twisted and bent by 30
- * to 180 degrees in one call, against small steps; buckling bars; reports of doubtful shapes; bounded work if no
- * equilibrium exists. */
+/* Settling of tissue that rotates, with `rotation` and every nonlinear law: bars whose ends are twisted and bent by
+ * 30 to 180 degrees in one call, against small steps; buckling bars; reports of unreliable shapes; bounded work if
+ * no equilibrium exists. */
 #include "../fixture.h"
 
 #include <string.h>
@@ -16,7 +16,7 @@ typedef struct bar {
     double size_m[3];
 } bar;
 
-/* The last five: nonlinear laws of the material, fibred where they may be, fibres along the bar. */
+/* The last five: nonlinear laws of the material, with fibres along the bar if the law has them. */
 typedef enum law { LINEAR, TURNING, TURNING_VOLUME, NEO, GREEN, MOONEY, FUNG, HOLZAPFEL, LAWS } law;
 
 static void set_law(law kind, tm_material *m) {
@@ -32,7 +32,7 @@ static void set_law(law kind, tm_material *m) {
     if (kind >= NEO) fix_ok(tm_material_set_law(m, named[kind], constant[kind], 0, &error), &error);
 }
 
-/* How the far end is held: along z it is free; or at every second vertex, which no edge joins to others. */
+/* Supports of the far end: along z it is free; or at every second vertex, which no edge joins to others. */
 typedef enum far_end { WHOLE, SLIDES, SPOTS } far_end;
 
 static bool is_held(const bar *b, int32_t dof, far_end how, const int cells[3]) {
@@ -86,7 +86,7 @@ static void destroy(bar *b) {
     free(b->dof);
 }
 
-/* y = to + R (x - from), R about `axis` by `angle`. */
+/* Sets y = to + R (x - from), R about `axis` by `angle`. */
 typedef struct motion {
     double axis[3], angle, from[3], to[3];
 } motion;
@@ -102,7 +102,7 @@ static void moved(const motion *m, const double x[3], double y[3]) {
     }
 }
 
-/* Supports of one end, or of both. */
+/* Makes the supports of one end, or of both. */
 static void hold(const bar *b, const motion *m, bool near, bool far) {
     for (int32_t i = 0; i < b->count; i++) {
         const double *x = b->mesh->rest_m + b->dof[i] / 3 * 3;
@@ -133,7 +133,7 @@ static tm_settle_result settle(const bar *b, double tolerance) {
     return result;
 }
 
-/* By the default tolerance: nothing pulls anywhere, and every vertex is where the turn takes it. */
+/* With the default tolerance no force is left, and every vertex is where the rotation moves it. */
 static void ends_that_turn_together_take_the_bar_along(void **state) {
     (void)state;
     for (law kind = TURNING; kind < LAWS; kind++)
@@ -154,8 +154,9 @@ static void ends_that_turn_together_take_the_bar_along(void **state) {
         }
 }
 
-/* At once as in steps of 15 degrees: no more energy, and nothing inside out. Laws in steps of 45: where the bar's
- * inner side is bent by 40 % it has several rests (Mooney-Rivlin: 0.6 % apart, each a minimum). */
+/* One call, compared with steps of 15 degrees: no more energy, and no inverted tetrahedra. Laws in steps of 45:
+ * where the bar's inner side is bent by 40 % there are several equilibria (Mooney-Rivlin: 0.6 % apart, each a
+ * minimum). */
 static void one_call_ends_where_small_steps_lead(void **state) {
     (void)state;
     for (law kind = TURNING; kind < LAWS; kind++)
@@ -180,7 +181,7 @@ static void one_call_ends_where_small_steps_lead(void **state) {
         }
 }
 
-/* A twist of 150 or 180 degrees of a far end held in part, against steps of ten. */
+/* A twist of 150 or 180 degrees of a partly supported far end, against steps of ten. */
 static void far_end_is_led(far_end how, int boxes) {
     const int cells[3] = {boxes, boxes, 4 * boxes};
     const double size_m[3] = {0.02, 0.02, 0.08};
@@ -203,13 +204,13 @@ static void ends_that_slide_go_round_too(void **state) {
     far_end_is_led(SLIDES, 4);
 }
 
-/* Where no path round is known, what small steps would not come to is taken back and halved. */
+/* Without a known rotation path, an increment that leaves the path of small steps is rolled back and halved. */
 static void straight_ways_are_halved_where_they_leave_the_path(void **state) {
     (void)state;
     far_end_is_led(SPOTS, 2);
 }
 
-/* A bar of 20 x 20 x 80 mm: the straight way of its end leads through a point, and stores 0.00655 J. */
+/* A bar of 20 x 20 x 80 mm: the straight path of its end passes through a point, and the stored energy is 0.00655 J. */
 static void a_bar_twisted_by_half_a_turn_stores_what_it_must(void **state) {
     (void)state;
     bar b = make(TURNING_VOLUME, 0.45, (const int[]){4, 4, 16}, (const double[]){0.02, 0.02, 0.08});
@@ -219,7 +220,7 @@ static void a_bar_twisted_by_half_a_turn_stores_what_it_must(void **state) {
     destroy(&b);
 }
 
-/* Both ends by angles of their own: what counts is the angle between them, by the shorter way. */
+/* Both ends are rotated by different angles: only the angle between them counts, in the shorter direction. */
 static void ends_go_round_by_the_shorter_way(void **state) {
     (void)state;
     bar both = usual(TURNING_VOLUME), one = usual(TURNING_VOLUME);
@@ -235,7 +236,8 @@ static void ends_go_round_by_the_shorter_way(void **state) {
     destroy(&both);
 }
 
-/* Pressed along, it stays straight until it buckles: straight on is a rest too, and no minimum. */
+/* Pressed along its axis, it stays straight until it buckles; the straight shape is an equilibrium too, but no
+ * minimum. */
 static void a_slender_bar_buckles(void **state) {
     (void)state;
     for (int percent = 5; percent <= 10; percent += 5) {
@@ -252,7 +254,7 @@ static void a_slender_bar_buckles(void **state) {
     }
 }
 
-/* Stages that are relaxed find the same rest: a tool is there, far away. */
+/* With stages that are relaxed the same equilibrium is found: a tool exists, far away. */
 static void beside_contact_supports_are_led_too(void **state) {
     (void)state;
     for (way how = TURNED; how <= TWISTED; how++) {
@@ -317,7 +319,8 @@ static bool count(void *user, int64_t step, double residual) {
     return true;
 }
 
-/* Below what rounding allows: it says so at once, names what can be reached, and has changed nothing. */
+/* Below the tolerance that rounding permits: the error is immediate, names a reachable tolerance, and nothing has
+ * changed. */
 static void work_is_bounded_and_the_error_says_what_can_be_done(void **state) {
     (void)state;
     bar b = usual(TURNING_VOLUME);
@@ -335,7 +338,7 @@ static void work_is_bounded_and_the_error_says_what_can_be_done(void **state) {
     destroy(&b);
 }
 
-/* A spring of an own stage, explicit and too stiff for the step. */
+/* A spring of a caller's stage, explicit and too stiff for the step. */
 typedef struct spring {
     double N_m;
 } spring;
@@ -346,7 +349,7 @@ static void pull(void *self, tm_world *world) {
     for (int32_t i = 0; i < n; i++) s->force_N[i] -= ((const spring *)self)->N_m * s->u_m[i];
 }
 
-/* What a failed step gives back is no farther off than the bound; with the step that world.h computes nothing fails. */
+/* After a failed step the state is within the bound; with the step that world.h computes no step fails. */
 static void a_blow_up_is_bounded_by_the_bodys_size(void **state) {
     (void)state;
     for (int limited = 0; limited < 2; limited++) {

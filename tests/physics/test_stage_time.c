@@ -1,5 +1,5 @@
-/* Timers of corotational, viscous tissue: each effect is attributed its own part of shared passes. Compared within one
- * run, worlds in turns, minimum of several. */
+/* Timers of corotational, viscous tissue: each effect is attributed its own part of shared passes. Compared within
+ * one run, worlds interleaved, minimum of several. */
 #include <math.h>
 
 #include "../fixture.h"
@@ -16,7 +16,7 @@ typedef struct body {
     tm_world *world;
 } body;
 
-/* Tissue turned by a radian, so that every tetrahedron is corrected where it is corrected at all. */
+/* Tissue rotated by a radian, so that every tetrahedron that can be corrected is. */
 static body make(bool turned, const tm_viscosity_term *term) {
     fix_random random = {5};
     body b = {.mesh = fix_block((int[]){6, 6, 6}, (double[]){0.06, 0.06, 0.06}, 0.1, &random)};
@@ -93,7 +93,8 @@ static void elastic_part_of_both_is_the_rotations(void **state) {
     const double alone = s[0].force + s[0].rotation, both = s[1].rotation;
     print_message("rotation alone %.3g ms with the force pass; with viscosity %.3g ms, and that %.3g ms\n", 1e3 * alone,
                   1e3 * both, 1e3 * s[1].viscosity);
-    assert_true(both > 0.2 * alone && both < 5 * alone); /* where arrays lie in memory makes worlds differ by two */
+    assert_true(both > 0.2 * alone &&
+                both < 5 * alone); /* placement of arrays in memory makes worlds differ by a factor of two */
     assert_true(s[1].viscosity > 0.05 * both && s[1].viscosity < 2 * both);
     for (int i = 0; i < 2; i++) destroy(&b[i]);
 }

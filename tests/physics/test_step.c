@@ -5,7 +5,7 @@
 
 static const double FIBRE[3] = {2, -1, 2};
 
-/* A block with every vertex thrown about, as far as the tetrahedra allow, some nearly flat. */
+/* Makes a block with every vertex displaced as far as the tetrahedra permit, some nearly flat. */
 static tm_mesh *crooked(int trial, fix_random *random) {
     const int cells[3] = {2, 1 + trial % 2, 1 + trial / 2 % 2};
     const double flat = trial % 5 == 4 ? 0.02 : 1, cell = 0.01;
@@ -16,7 +16,8 @@ static tm_mesh *crooked(int trial, fix_random *random) {
     def.tet = plain->tet;
     tm_mesh *mesh = NULL;
     tm_error error;
-    for (double throw = 0.35; !mesh; throw *= 0.98) { /* an inverted tetrahedron is refused: try again, shorter */
+    for (double throw = 0.35; !mesh;
+         throw *= 0.98) { /* an inverted tetrahedron is refused: try again with a smaller displacement */
         for (int32_t i = 0; i < 3 * plain->vertex_count; i++)
             vertex[i] = plain->rest_m[i] + throw *cell * (i % 3 == 2 ? flat : 1) * fix_signed(random);
         if (tm_mesh_create(&def, &mesh, &error)) mesh = NULL;
@@ -62,8 +63,8 @@ static void never_above_the_sharp_step(void **state) {
         const double at_first = tm_critical_step_guaranteed(cut, NULL);
         assert_true(at_first == least_element(cut));
         while (tm_tissue_alive_count(cut) > 0) {
-            /* The step of the uncut tissue holds for what is left; so does the longer one of what can no more be cut.
-             */
+            /* The step of the uncut tissue holds for the remainder; so does the longer one of tissue that can no
+             * more be cut. */
             const double sharp = dense_step(cut);
             tm_tissue *fixed = build(mesh, m, trial, fibre, false, tm_tissue_alive(cut));
             int32_t tet = -1;
@@ -88,7 +89,7 @@ static void never_above_the_sharp_step(void **state) {
     assert_true(gain > 1.5);
 }
 
-/* One vertex pressed close to a face: its slivers asked for a step that the masses about them do not. */
+/* One vertex moved close to a face: its slivers alone would need a shorter step than with the masses around them. */
 static void slivers_share(void **state) {
     (void)state;
     tm_material material;
@@ -110,7 +111,7 @@ static void slivers_share(void **state) {
     const double even = tm_critical_step_guaranteed(cuttable, NULL), shared = tm_critical_step_guaranteed(whole, NULL);
     print_message("  even %.3f of the estimated step, shared %.3f\n", even / sharp, shared / sharp);
     assert_true(even < 0.7 * sharp && shared > 1.3 * even && shared <= sharp);
-    /* What hangs on the tissue lives on its extra masses: they are no one else's to share, nor to depend on. */
+    /* A fragment that hangs on the tissue depends on its extra masses: they are not available to other elements. */
     double *extra = malloc(sizeof(double) * (size_t)mesh->vertex_count);
     for (int32_t v = 0; v < mesh->vertex_count; v++) extra[v] = 1;
     tm_tissue_def heavy = tm_tissue_def_default();
