@@ -6,6 +6,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "libtensormass/numeric/elementary.h"
+
 static const double PI = 3.14159265358979323846;
 
 static double between(const hrt_hand_script *hand, double s) {
@@ -37,7 +39,7 @@ void hrt_hand_tremble(const hrt_hand_script *hand, const hrt_device_type *device
     double lever[HRT_MOTORS];
     for (int j = 0; j < device->motors; j++) lever[j] = twin->lever(target, j);
     const double w = 2.0 * PI * hand->tremor_hz * time_s;
-    for (int j = 0; j < device->motors; j++) target[j] += hand->tremor_m / lever[j] * sin(pace[j] * w + phase[j]);
+    for (int j = 0; j < device->motors; j++) target[j] += hand->tremor_m / lever[j] * tm_sine(pace[j] * w + phase[j]);
 }
 
 void hrt_hand_target(const hrt_hand_script *hand, const hrt_device_type *device, const double rest[HRT_JOINTS],

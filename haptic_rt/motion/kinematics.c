@@ -3,18 +3,15 @@
 
 #include <math.h>
 
-static void sine_cosine(double angle, double *sine, double *cosine) {
-    *sine = sin(angle);
-    *cosine = cos(angle);
-}
+#include "libtensormass/numeric/elementary.h"
 
 #define HRT_REAL double
 #define HRT_AXES hrt_axes64
 #define HRT_TWIN
 #define HRT_SQRT sqrt
-#define HRT_ASIN asin
-#define HRT_ATAN2 atan2
-#define HRT_SINE_COSINE sine_cosine
+#define HRT_ASIN tm_arcsine
+#define HRT_ATAN2 tm_arctangent2
+#define HRT_SINE_COSINE tm_sine_cosine
 #define HRT_SIZE_MIN 1.0e-100
 #define HRT_SIZE_MAX 1.0e100
 #include "core/device_types.h"

@@ -10,6 +10,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "libtensormass/numeric/elementary.h"
+
 /* --- one body --- */
 
 tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_text *path, double scale,
@@ -33,7 +35,9 @@ static tm_status no_memory(const app_scene *scene) {
 static void place(const app_body *body, double x[3]) {
     const double *w = body->turn.v, angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
     if (angle > 0) { /* Rodrigues */
-        const double k[3] = {w[0] / angle, w[1] / angle, w[2] / angle}, c = cos(angle), s = sin(angle);
+        const double k[3] = {w[0] / angle, w[1] / angle, w[2] / angle};
+        double c, s;
+        tm_sine_cosine(angle, &s, &c);
         const double along = k[0] * x[0] + k[1] * x[1] + k[2] * x[2];
         const double across[3] = {k[1] * x[2] - k[2] * x[1], k[2] * x[0] - k[0] * x[2], k[0] * x[1] - k[1] * x[0]};
         for (int a = 0; a < 3; a++) x[a] = c * x[a] + s * across[a] + (1 - c) * along * k[a];

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "libtensormass/numeric/elementary.h"
 #include "sim.h"
 
 typedef struct options {
@@ -36,7 +37,7 @@ static void run(void *self, tm_world *world) {
     const breathing *b = self;
     const tm_state *state = tm_world_state(world);
     /* Supports prescribe the displacement at the end of this step. */
-    double share = 0.5 - 0.5 * cos(b->angular_1_s * (state->time_s + state->dt_s));
+    double share = 0.5 - 0.5 * tm_cosine(b->angular_1_s * (state->time_s + state->dt_s));
     for (int32_t i = 0; i < b->count; i++)
         tm_support_move(world, b->component[i].component, b->component[i].rest_m + share * b->component[i].amplitude_m);
 }

@@ -1,6 +1,7 @@
 /* Motion of a tool: its position on the path, its capsule, and its force as seen at the tip. */
 #include "base/vec.h"
 #include "contact/contact_internal.h"
+#include "libtensormass/numeric/elementary.h"
 
 /* Computes direction and distance from trocar to tip; straight down if the tip is on the trocar. */
 static double direction(const double trocar_m[3], const double tip_m[3], double e[3]) {
@@ -27,12 +28,12 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
     double a[3], b[3], across[3], e[3];
     double length_a = direction(trocar_m, from->tip_m, a), length_b = direction(trocar_m, to->tip_m, b);
     vcross(a, b, across);
-    double sine = vnorm(across), angle = atan2(sine, vdot(a, b));
+    double sine = vnorm(across), angle = tm_arctangent2(sine, vdot(a, b));
     if (sine < 1e-9) {
         for (int c = 0; c < 3; c++) e[c] = a[c] + fraction * (b[c] - a[c]);
     } else {
-        vscale(sin((1 - fraction) * angle) / sine, a, e);
-        vmadd(e, sin(fraction * angle) / sine, b, e);
+        vscale(tm_sine((1 - fraction) * angle) / sine, a, e);
+        vmadd(e, tm_sine(fraction * angle) / sine, b, e);
     }
     vunit(e, e);
     vmadd(trocar_m, length_a + fraction * (length_b - length_a), e, pose->tip_m);

@@ -6,6 +6,7 @@
 
 #include "base/contract.h"
 #include "base/vec.h"
+#include "libtensormass/numeric/elementary.h"
 
 void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(jaw && tool && pose, "jaw, tool or pose is null", );
@@ -35,7 +36,8 @@ void tm_jaw_rotate(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose 
     vmadd(x, -vdot(x, e), e, x);
     vunit(x, x);
     vcross(e, x, y);
-    double cr = cos(pose->roll_rad), sr = sin(pose->roll_rad), rolled[3];
+    double cr, sr, rolled[3];
+    tm_sine_cosine(pose->roll_rad, &sr, &cr);
     for (int c = 0; c < 3; c++) {
         rolled[c] = cr * x[c] + sr * y[c];
         y[c] = cr * y[c] - sr * x[c];

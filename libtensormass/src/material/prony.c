@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "libtensormass/numeric/elementary.h"
+
 tm_viscosity_def tm_viscosity_def_default(void) {
     return (tm_viscosity_def){.cookie = TM_COOKIE_VISCOSITY, .size = sizeof(tm_viscosity_def)};
 }
@@ -34,11 +36,11 @@ tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
 }
 
 tm_fading tm_fading_of(double dt_s, double time_s) {
-    const double x = dt_s / time_s, gone = -expm1(-x);
+    const double x = dt_s / time_s, gone = -tm_exponential_less_1(-x);
     /* 1 - gone/x cancels where x is small; its series does not. */
     const double now =
         x < 0.01 ? x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720)))) : 1 - gone / x;
-    return (tm_fading){exp(-x), gone - now, now};
+    return (tm_fading){tm_exponential(-x), gone - now, now};
 }
 
 /* --- batches --- */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "libtensormass/numeric/elementary.h"
 #include "libtensormass/numeric/union_find.h"
 
 static const double STRAIGHT = 0.05;     /* rad: smaller rotations are treated as straight */
@@ -66,7 +67,7 @@ static tm_screw screw_of(const fit *f) {
     vsub(f->to, f->from, w.shift_m);
     best_turn(f->S, q);
     const double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    w.angle = 2 * atan2(sine, q[0]);
+    w.angle = 2 * tm_arctangent2(sine, q[0]);
     if (!(w.angle > STRAIGHT)) {
         w.angle = 0;
         return w;
@@ -85,8 +86,8 @@ static void move(const tm_screw *w, double s, double x[3]) {
         for (int i = 0; i < 3; i++) x[i] += s * w->shift_m[i];
         return;
     }
-    const double c = cos(s * w->angle), sine = sin(s * w->angle);
-    double d[3], out[3];
+    double c, sine, d[3], out[3];
+    tm_sine_cosine(s * w->angle, &sine, &c);
     vsub(x, w->centre_m, d);
     vcross(w->axis, d, out);
     const double along = vdot(w->axis, d);
