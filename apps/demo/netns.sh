@@ -14,7 +14,7 @@ run)
         exec "${new[@]}" sh -c 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; echo $$ > "$1"; shift; exec "$@"' sh "$pidfile" "$@"
     fi
     echo "netns: network namespaces are not permitted here, so messages use this machine's own network (ttl=0: they stay on it);" \
-         "docs/troubleshooting.md, 'No network namespaces', tells how to permit them" >&2
+         "docs/troubleshooting-network.md, 'No network namespaces', tells how to permit them" >&2
     echo $$ > "$pidfile"
     exec "$@"
     ;;

@@ -232,7 +232,7 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
         return tm_fail(
             error, TM_ERR_FILE, -1,
             "LCM cannot be opened at %s: usually no multicast route; "
-            "run `ip link set lo up; ip route add 224.0.0.0/4 dev lo` as root, or see docs/troubleshooting.md",
+            "run `ip link set lo up; ip route add 224.0.0.0/4 dev lo` as root, or see docs/troubleshooting-network.md",
             url);
     }
     *out = feed;

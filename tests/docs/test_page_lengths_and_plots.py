@@ -6,6 +6,27 @@ import sys
 import pytest
 
 RESULTS = ("accuracy", "stability", "performance", "extrapolation", "reality")
+# Words of a page at most; pages that are not named: DEFAULT. A longer page is split into how-to, reference and explanation (tools/site/index.md).
+DEFAULT = 1000
+MOST = {"README": 400, "controller": 2200, "troubleshooting": 1500, "contact": 1500, "viewing": 900, "compared": 900, "installing": 700, "fuzzing": 500, "glossary": 600, "style": 500,
+        **dict.fromkeys(("accuracy-of-a-scene", "adding-an-effect", "bodies", "can", "corotation", "dedicated-machine", "devices", "extrapolators", "friction", "hybrid", "mesh-formats", "meshes", "messages", "passivity", "viscosity", "your-own-organ"), 1500)}
+GENERATED = {"scene-reference"}
+
+
+def words(text):
+    """Words with a letter or digit: bars of tables and marks of lists are none."""
+    return sum(bool(re.search(r"\w", word)) for word in text.split())
+
+
+def test_no_page_is_too_long(root):
+    pages = [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+    found = {page.stem: words(page.read_text()) for page in pages}
+    long = [f"{name}: {count} words, at most {MOST.get(name, DEFAULT)}" for name, count in found.items() if name not in GENERATED and count > MOST.get(name, DEFAULT)]
+    assert len(found) > 70 and set(MOST) <= set(found) and not long, "\n".join(long)
+
+
+def test_a_long_page_would_be_seen():
+    assert words("| a | b |\n|---|---|\n- two words, `code`") == 5
 
 
 @pytest.mark.parametrize("name", RESULTS)
