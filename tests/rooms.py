@@ -50,7 +50,7 @@ TOGETHER = ("devices/test_odrive", "trust/test_trust.py::test_with", "trust/test
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")
 
 # Examine the plain build itself (instructions, memory, system calls, libraries, speed) or make builds of their own: tests/sanitize/run.py skips them.
-# (test_ranks: OpenMPI leaks from modules that it has already closed, which no suppression can name.)
+# (test_ranks: OpenMPI leaks from modules that it has already closed; no suppression can name them.)
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "devices/", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
          "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
          "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",

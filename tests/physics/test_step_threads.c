@@ -12,7 +12,7 @@
 enum { FRAMES = 6, CAUTERY = 0, GRASPER = 1 };
 static const int32_t THREADS[] = {1, 2, 3, 8};
 
-/* --- a story --- */
+/* --- a sequence of frames --- */
 
 static scene create(tm_force_form form, tm_precision precision, int32_t threads, tm_parallel_for *parallel_for) {
     scene s = scene_create_divided(form, precision, threads, parallel_for);
@@ -22,7 +22,7 @@ static scene create(tm_force_form form, tm_precision precision, int32_t threads,
     return s;
 }
 
-/* The cautery goes in at the right, the grasper takes hold at the left; each frame's bits. */
+/* The cautery comes in from the right, the grasper grasps at the left; stores each frame's bits. */
 static void play(scene *s, uint64_t hash[FRAMES]) {
     for (int i = 0; i < FRAMES; i++) {
         const int32_t substeps = (int32_t)ceil(0.004 / tm_world_step_s(s->world));
@@ -86,7 +86,7 @@ static void the_callers_threads(void **state) {
     assert_true(calls > FRAMES);
 }
 
-/* Calls for the caller's threads while two tools touch, or one of them is far from the tissue. */
+/* Counts calls to the caller's threads while two tools touch, or one of them is far from the tissue. */
 static int32_t calls_with(double other_tip_z) {
     enum { SUBSTEPS = 20 };
     scene s = create(TM_FORCE_BEST, TM_DOUBLE, 3, last_part_first);
@@ -100,7 +100,8 @@ static int32_t calls_with(double other_tip_z) {
     return calls / SUBSTEPS;
 }
 
-/* All tools beside the force, and each part looks at its new displacements: there is no more to wait for. */
+/* All tools are detected during the force pass, and each partition checks its new displacements: there are no
+ * further waits. */
 static void tools_look_while_force_is_computed(void **state) {
     (void)state;
     assert_int_equal(calls_with(0.0445), 1);
@@ -109,7 +110,7 @@ static void tools_look_while_force_is_computed(void **state) {
 
 /* --- between steps --- */
 
-/* The patch under a tool that presses: its columns are computed by the same threads. */
+/* The patch under a pressing tool: the same threads compute its columns. */
 static void patch_made_by(int32_t threads, tm_patch *patch) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 12, d.cells[2] = 8, d.threads = threads;
@@ -188,7 +189,7 @@ static void any_numbering(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Counts the edges that a partition computes, those to other partitions included, and two for each vertex. */
+/* Counts the edges that a partition computes, including those to other partitions, and two for each vertex. */
 static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *part) {
     int64_t cost = 2 * (int64_t)(part->end - part->begin);
     for (int32_t p = 0; p < tissue->pair_count; p++) {
@@ -198,7 +199,8 @@ static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *p
     return cost;
 }
 
-/* A tenth of the edges connects two partitions in order, half of them at random; the later partitions had them all. */
+/* In order a tenth of the edges connects two partitions, at random half of them; the later partitions once computed
+ * all of those. */
 static void parts_cost_the_same(void **state) {
     (void)state;
     fix_random random = {5};
@@ -227,11 +229,12 @@ static void parts_cost_the_same(void **state) {
     }
 }
 
-/* --- tissue that turns, averages its volume, relaxes --- */
+/* --- tissue with rotation, averaged dilatation, viscosity --- */
 
 enum { TURNED = 1, VOLUME = 2, RELAXES = 4, KINDS = 8 };
 
-/* Noise on a turn, cut on the way, snapshots of the histories: the same bits for any number of threads and any form. */
+/* Noise on a rotation, cut on the way, snapshots of the histories: the same bits for any number of threads and any
+ * form. */
 static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind, bool account, int32_t threads) {
     tm_material material;
     tm_error error;
@@ -259,7 +262,7 @@ static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind,
     tm_state *s = tm_world_state(world);
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) {
         const double *x = mesh->rest_m + i / 3 * 3, turn[3] = {-0.3 * x[0] - 0.7 * x[1], 0.7 * x[0] - 0.3 * x[1], 0};
-        const double share = fmax(0, x[0] / 0.1 - 0.4); /* not all of it turns */
+        const double share = fmax(0, x[0] / 0.1 - 0.4); /* not all of it rotates */
         s->u_m[i] = s->u_prev_m[i] = share * (turn[i % 3] + 2e-4 * fix_signed(&random));
     }
     assert_int_equal(tm_world_step(world, 8), TM_OK);
@@ -287,12 +290,12 @@ static void tissue_that_turns_swells_and_relaxes(void **state) {
     tm_mesh *mesh = shuffled();
     for (int kind = 1; kind < KINDS; kind++) {
         if (kind == VOLUME) continue;       /* its tensors are those of any tissue */
-        const bool account = kind & VOLUME; /* of tensors beside the whole law too */
+        const bool account = kind & VOLUME; /* of tensors and of the complete law */
         const uint64_t one = effects_story(mesh, TM_FORCE_BEST, kind, account, 1);
         /* Under a sanitizer one number of threads each, in turn. */
         for (int t = test_is_sanitized() ? 1 + kind % 3 : 1; t < (test_is_sanitized() ? 2 + kind % 3 : 4); t++)
             assert_true(effects_story(mesh, TM_FORCE_BEST, kind, account, THREADS[t]) == one);
-        /* Where the whole law is computed without tensors all forms have the same bits. */
+        /* Where the complete law is computed without tensors all forms have the same bits. */
         if (!(kind & TURNED) || kind == TURNED || test_is_sanitized()) continue;
         const uint64_t best = effects_story(mesh, TM_FORCE_BEST, kind, false, 1);
         assert_true(effects_story(mesh, TM_FORCE_PLAIN, kind, false, 2) == best);
@@ -302,7 +305,8 @@ static void tissue_that_turns_swells_and_relaxes(void **state) {
 
 /* --- loops over vertices --- */
 
-/* Gravity and integration written out, one vertex at a time: the bits of whatever the step does at a time. */
+/* Gravity and integration written out, one vertex at a time: the step has the same bits for any number of vertices
+ * at a time. */
 static void loops_have_the_bits_of_one(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -334,7 +338,7 @@ static void loops_have_the_bits_of_one(void **state) {
     scene_destroy(&s);
 }
 
-/* --- what else a step promises --- */
+/* --- other guarantees of a step --- */
 
 static void one_vertex_fails_all(void **state) {
     (void)state;
@@ -373,7 +377,7 @@ static void small_tissue_stays_on_one(void **state) {
     scene_destroy(&s);
 }
 
-/* Threads are there for a world's life and no longer; calls of one step do not wake them. */
+/* Threads exist as long as their world; a call of one step does not wake them. */
 static void threads_come_and_go(void **state) {
     (void)state;
     const int64_t before = tm_memory_in_use();
@@ -385,7 +389,7 @@ static void threads_come_and_go(void **state) {
     assert_int_equal(tm_memory_in_use(), before);
 }
 
-/* Parts in their order, and a pause of the caller's before the last: others are late. */
+/* Runs partitions in order, with a pause before the last: the other threads are late. */
 static void late_parts(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts) {
     for (int32_t p = 0; p < parts; p++) {
         if (p == parts - 1) nanosleep(&(const struct timespec){0, 1000000}, NULL);
@@ -394,7 +398,8 @@ static void late_parts(void *user, void (*work)(void *context, int32_t part), vo
     ++*(int *)user;
 }
 
-/* The wait is booked where the others still work: most of it on "force", not on the last stage of the pass. */
+/* The wait is attributed to the stage in which the other threads still work: mostly "force", not the last stage of
+ * the pass. */
 static void waiting_is_booked_where_work_is(void **state) {
     (void)state;
     fix_random random = {9};

@@ -17,7 +17,7 @@ typedef struct half {
     tm_patch patch;
     pthread_barrier_t *start; /* null: alone */
     double shift_m;
-    int32_t cut, held, patches; /* tetrahedra, vertices at most, patches made */
+    int32_t cut, held, patches; /* tetrahedra, maximum vertices, computed patches */
     bool stepped;
     uint64_t hash;
 } half;
@@ -49,7 +49,7 @@ static void half_destroy(half *h) {
     free(h);
 }
 
-/* The cautery burns its way in; the grasper takes hold, pulls and lets go. */
+/* The cautery cuts its way in; the grasper grasps, pulls and releases. */
 static void frame(half *h, int i) {
     const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(h->s.world));
     const tm_tool_pose burn = scene_pose(0.012 + 0.0004 * i, 0.005 + h->shift_m, 0.046 - 0.0005 * i);
@@ -87,7 +87,7 @@ static void *play(void *of) {
 
 static void two_worlds_in_two_threads(void **state) {
     (void)state;
-    half *h[4]; /* 0 and 1 together, then the same two one after the other */
+    half *h[4]; /* 0 and 1 concurrently, then the same two one after the other */
     for (int i = 0; i < 4; i++) h[i] = half_create(i % 2 ? 0.003 : 0, i % 2 ? 5000 : 8000);
     pthread_barrier_t start;
     pthread_barrier_init(&start, NULL, 2);
@@ -101,7 +101,7 @@ static void two_worlds_in_two_threads(void **state) {
     play(h[3]);
     for (int i = 0; i < 4; i++) {
         assert_true(h[i]->stepped);
-        assert_true(h[i]->cut > 0 && h[i]->held > 0 && h[i]->patches > 0); /* all that it is about took place */
+        assert_true(h[i]->cut > 0 && h[i]->held > 0 && h[i]->patches > 0); /* every tested event occurred */
     }
     assert_true(h[0]->hash == h[2]->hash);
     assert_true(h[1]->hash == h[3]->hash);
@@ -111,7 +111,7 @@ static void two_worlds_in_two_threads(void **state) {
     for (int i = 0; i < 4; i++) half_destroy(h[i]);
 }
 
-/* One after another in worlds that come and go meanwhile: making and freeing shares nothing either. */
+/* A sequence of other worlds is created and freed meanwhile: that shares no memory either. */
 static void *come_and_go(void *of) {
     uint64_t *hash = of;
     const double vertex[15] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01, 0.01, 0.01, 0.01};
@@ -158,7 +158,7 @@ static void worlds_that_come_and_go(void **state) {
 
 enum { STACK = 1 << 20, UNTOUCHED = 0x5a };
 
-/* Bytes of stack that work(of) has used, in a thread whose stack is painted first. */
+/* Returns the bytes of stack that work(of) uses, in a thread whose stack is filled with a pattern first. */
 static int64_t stack_used(void *(*work)(void *), void *of) {
     uint8_t *stack = aligned_alloc(4096, STACK);
     memset(stack, UNTOUCHED, STACK);

@@ -23,7 +23,7 @@ static bool on_boundary(const tm_mesh *mesh, int32_t v) {
     return false;
 }
 
-/* A linear displacement held on the boundary is the solution inside. */
+/* A linear displacement prescribed on the boundary is the solution inside. */
 static void patch_test(void **state) {
     (void)state;
     tm_material m[3];
@@ -189,7 +189,7 @@ static void mass_and_views(void **state) {
     assert_int_equal(tm_tissue_surface(tissue).count, mesh->surface_count);
     assert_int_equal(tm_tissue_alive_count(tissue), mesh->tet_count);
     tm_tissue_destroy(tissue);
-    /* Refusals. */
+    /* Rejected input. */
     tm_error error;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = m + 1;
@@ -211,7 +211,7 @@ static void mass_and_views(void **state) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-/* Guaranteed <= sharp, the element named is the one that sets it, and its figure is right by power iteration on K_e. */
+/* Checks guaranteed <= estimated step, that the named element sets it, and its value by power iteration on K_e. */
 static void critical_steps(void **state) {
     (void)state;
     tm_material m[3];
@@ -231,7 +231,7 @@ static void critical_steps(void **state) {
             assert_true(guaranteed <= sharp && guaranteed > 0.3 * sharp);
             for (int32_t t = 0; t < mesh->tet_count; t++) least = fmin(least, tm_critical_step_element(tissue, t));
             assert_true(least <= guaranteed && worst >= 0);
-            /* What will be cut keeps to the shortest of its tetrahedra. */
+            /* Tissue that will be cut uses the shortest step of its tetrahedra. */
             tm_tissue *cuttable =
                 fix_tissue(mesh, m + law, law ? FIBRE : NULL, trial % 3 == 2 ? TM_SINGLE : TM_DOUBLE, true);
             const double after_any_cut = tm_critical_step_guaranteed(cuttable, &worst);
@@ -250,7 +250,7 @@ static void critical_steps(void **state) {
     }
 }
 
-/* One tetrahedron is its own assembled system: both figures must agree, down to slivers of aspect 1e6. */
+/* One tetrahedron is its own assembled system: both steps must agree, down to slivers of aspect 1e6. */
 static void critical_step_of_one(void **state) {
     (void)state;
     tm_material m[3];
@@ -271,14 +271,14 @@ static void critical_step_of_one(void **state) {
         fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-9, 20000, &sharp, &error), &error);
         const double guaranteed = tm_critical_step_guaranteed(tissue, NULL);
         assert_true(fabs(guaranteed / sharp - 1) < (single ? 2e-5 : 1e-8));
-        if (single) assert_true(guaranteed <= sharp); /* whatever rounding did to the tensors */
+        if (single) assert_true(guaranteed <= sharp); /* for any rounding of the tensors */
         tm_tissue_destroy(tissue);
         tm_mesh_destroy(mesh);
     }
 }
 
-/* The chosen form against the plain one; the arrays end where the last vertex does, so that ASan sees any step beyond.
- */
+/* The selected form against the plain one; the arrays end where the last vertex does, so that ASan detects any
+ * access beyond. */
 static void forms_agree(void **state) {
     (void)state;
     tm_material m[3];
@@ -308,7 +308,7 @@ static void forms_agree(void **state) {
 }
 
 #if defined(__x86_64__) && !defined(_WIN32)
-/* The wide form's sums by their definition, each number by itself: fused, by lanes, in ascending order. */
+/* The wide form's sums by their definition, number by number: fused, by lanes, in ascending order. */
 static void by_lanes(const tm_tissue *tissue, const double *u, double *force) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const uint8_t *alive = tm_tissue_alive(tissue);
@@ -332,7 +332,7 @@ static void by_lanes(const tm_tissue *tissue, const double *u, double *force) {
     }
 }
 
-/* Some vertices change their numbers with others far away. */
+/* Swaps the numbers of some vertices with others far away. */
 static tm_mesh *with_jumps(tm_mesh *mesh, fix_random *random) {
     const int32_t n = mesh->vertex_count;
     int32_t *now = malloc(sizeof(int32_t) * (size_t)n), *tet = malloc(4 * sizeof(int32_t) * (size_t)mesh->tet_count);
@@ -354,9 +354,9 @@ static tm_mesh *with_jumps(tm_mesh *mesh, fix_random *random) {
     return made;
 }
 
-/* Bits of the wide form, where the ring of half sums holds all neighbours, where few lie beyond it, where so many do
- * that there is none, in blocks of eight and one and in single ones, whole and with dead vertices and edges in between.
- */
+/* Bits of the wide form if the ring of partial sums holds all neighbours, if few are beyond it, and if so many are
+ * that there is no ring; in blocks of eight, in blocks of nine and one by one; uncut, and with removed vertices and
+ * edges in between. */
 static void wide_form_sums_by_lanes(void **state) {
     (void)state;
     if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) skip();
@@ -381,7 +381,7 @@ static void wide_form_sums_by_lanes(void **state) {
                 tm_tissue_force(tissue, u, got);
                 by_lanes(tissue, u, sums);
                 assert_memory_equal(sums, got, sizeof(double) * n);
-                for (int32_t t = 0; t < mesh->tet_count; t++) { /* a slab, and here and there one */
+                for (int32_t t = 0; t < mesh->tet_count; t++) { /* a slab, and single ones here and there */
                     const double z = mesh->rest_m[3 * mesh->tet[4 * t] + 2], y = mesh->rest_m[3 * mesh->tet[4 * t] + 1];
                     if (cut || !(t % 29 == 0 || (z < 0.012 && y > 0.011 && y < 0.019))) continue;
                     if (tm_tissue_alive(tissue)[t]) tm_cut_remove(tissue, &t, 1, NULL, 0);

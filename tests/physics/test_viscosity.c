@@ -73,7 +73,7 @@ static void destroy(relaxing *r) {
     tm_mesh_destroy(r->mesh);
 }
 
-/* Every component of every vertex, or of those at x = 0. */
+/* Prescribes every component of every vertex, or of those at x = 0. */
 static int32_t hold(const relaxing *r, bool all, int32_t *dof) {
     int32_t count = 0;
     for (int32_t i = 0; i < r->n; i++)
@@ -94,9 +94,10 @@ static void support(const relaxing *r, bool all) {
 
 /* --- relaxation --- */
 
-/* All vertices are led along u = s(t) G x, s a ramp that ends at a step; the forces are known at all times. */
+/* All vertices follow u = s(t) G x, s a ramp that ends at a step; the forces are known at all times. */
 static double ramp_share(const tm_viscosity_term *t, double ramp_s, double now_s) {
-    /* What is left of the term's stress, per unit of strain: the integral of exp(-(now - s)/time) over the ramp. */
+    /* Returns the remaining stress of the term, per unit of strain: the integral of exp(-(now - s)/time) over the
+     * ramp. */
     const double end = fmin(now_s, ramp_s);
     return t->time_s / ramp_s * (exp(-(now_s - end) / t->time_s) - exp(-now_s / t->time_s));
 }
@@ -105,7 +106,7 @@ static void lead(relaxing *r, const double *whole, double s) {
     for (int32_t i = 0; i < r->n; i++) tm_support_move(r->world, i, s * whole[i]);
 }
 
-/* A stretch by 3e-3 along the fibre and 1e-3 across it: its stress has its axes, and its strain is U - 1. */
+/* A stretch by 3e-3 along the fibre and 1e-3 across it: its stress has the same axes, and its strain is U - 1. */
 static void stretched(const relaxing *r, double *whole) {
     const double size = 1 + 0.3 * 0.3 + 0.2 * 0.2;
     for (int32_t i = 0; i < r->n; i++) {
@@ -115,7 +116,7 @@ static void stretched(const relaxing *r, double *whole) {
     }
 }
 
-/* How far the forces are off, of the largest. size_m: of random displacements; 0: a stretch. */
+/* Returns the error of the forces, relative to the largest. size_m: of random displacements; 0: a stretch. */
 static double relaxation_error(const plan *p, double size_m) {
     relaxing r = make(p);
     support(&r, true);
@@ -136,7 +137,7 @@ static double relaxation_error(const plan *p, double size_m) {
             const double gone = elastic - ramp_share(p->term + t, end, now);
             shear -= p->term[t].shear * gone, volume -= p->term[t].bulk * gone;
         }
-        /* Tissue of a law with these shares of its moduli, loaded as one. */
+        /* Tissue of a law with these shares of its moduli, loaded as one law. */
         tm_material m = material(p), left = m;
         const double across = m.lambda_Pa + m.mu_Pa, mixed = m.lambda_Pa + m.dlambda_Pa;
         const double along = m.lambda_Pa + 2 * m.mu_Pa + 2 * m.dlambda_Pa + 4 * m.dmu_Pa + m.beta_Pa;
@@ -164,8 +165,8 @@ static double relaxation_error(const plan *p, double size_m) {
 
 static void check_relaxation(const plan *p) { assert_true(relaxation_error(p, 1e-4) < 1e-9); }
 
-/* Terms of tissue that turns know U - 1 to second order: the closed form's linear strain in a stretch, and in all else
- * up to a part that falls with the displacement. */
+/* Terms of corotational tissue use U - 1 to second order. They agree with the closed form's linear strain in a
+ * stretch; otherwise the difference falls with the displacement. */
 static void check_turned_relaxation(const plan *p) {
     const double stretch = relaxation_error(p, 0), far = relaxation_error(p, 1e-5), near = relaxation_error(p, 1e-6);
     print_message("%s: %.1e off in a stretch, %.1e and %.1e at random\n", p->fibred ? "fibred" : "isotropic", stretch,
@@ -186,9 +187,10 @@ static void relaxation_is_the_closed_form(void **state) {
     check_turned_relaxation(&(plan){.term = SHEAR, .count = 2, .rotation_of = true, .fibred = true});
 }
 
-/* --- creep: one vertex of one tetrahedron, free along x, under a load that comes at once --- */
+/* --- creep: one vertex of one tetrahedron, free along x, under a load applied at once --- */
 
-/* Roots of m z^2 + c z + k (1 - g/(1 + z time)) = 0 and what u starts from at the elastic rest: three exponentials. */
+/* Finds the roots of m z^2 + c z + k (1 - g/(1 + z time)) = 0 and the initial u at the elastic equilibrium: three
+ * exponentials. */
 static double crept(double mass, double drag, double stiffness, const tm_viscosity_term *t, double now_s) {
     const double g = t->shear, tau = t->time_s, left = 1 - g;
     double slow = -left / tau;
@@ -203,7 +205,7 @@ static double crept(double mass, double drag, double stiffness, const tm_viscosi
     const double product = -stiffness * left / (mass * tau) / slow;
     const double complex root = csqrt(sum * sum / 4 - product);
     const double complex z[3] = {slow, sum / 2 + root, sum / 2 - root};
-    const double start = 1 - 1 / left; /* u - u_infinity, in units of f/k; no velocity and no force then */
+    const double start = 1 - 1 / left; /* u - u_infinity, in units of f/k; no velocity and no force at the start */
     double complex u = 1 / left;
     for (int i = 0; i < 3; i++) {
         const double complex a = z[(i + 1) % 3], b = z[(i + 2) % 3];
@@ -255,7 +257,7 @@ static void creep_is_the_closed_form(void **state) {
     tm_world_destroy(world), tm_tissue_destroy(tissue), tm_mesh_destroy(mesh);
 }
 
-/* --- turning --- */
+/* --- rotation --- */
 
 static void rotation_about(double angle, double R[9]) {
     const double a[3] = {0.6, -0.64, 0.48}, c = cos(angle), s = sin(angle);
@@ -263,7 +265,7 @@ static void rotation_about(double angle, double R[9]) {
     for (int i = 0; i < 9; i++) R[i] = (i % 4 ? 0 : c) + (1 - c) * a[i / 3] * a[i % 3] + s * skew[i];
 }
 
-/* u of the mesh stretched by 1 + s G and then turned. */
+/* Computes u of the mesh stretched by 1 + s G and then rotated. */
 static void lead_turned(const relaxing *r, double s, double angle, double *u) {
     static const double G[9] = {0.05, 0.02, -0.01, 0.02, -0.04, 0.03, -0.01, 0.03, 0.02};
     double R[9];
@@ -276,8 +278,8 @@ static void lead_turned(const relaxing *r, double s, double angle, double *u) {
     }
 }
 
-/* Tissue that is stretched by 1 % while it begins to turn, through the band of the threshold, relaxes as tissue does
- * that was turned before: a history keeps next to nothing of the turn. */
+/* Tissue that is stretched by 1 % while it begins to rotate, through the band of the threshold, relaxes like tissue
+ * rotated before: a history stores almost nothing of the rotation. */
 static void what_begins_to_turn_keeps_its_strain(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -307,13 +309,13 @@ static void what_begins_to_turn_keeps_its_strain(void **state) {
         }
         worst /= fix_largest(a, r[0].n);
         print_message("%s, through the band: %.1e off\n", fibred ? "fibred" : "isotropic", worst);
-        assert_true(worst < 1e-6); /* of the strain's second order in the band: 2e-8; of the linear one 3e-5 */
+        assert_true(worst < 1e-6); /* of the strain's second order in the band: 2e-8; of the linear strain 3e-5 */
         destroy(&r[0]), destroy(&r[1]);
     }
 }
 
-/* Tissue that is stretched while it turns by 70 degrees relaxes as it does standing still, in its own axes; and
- * whatever it remembers, its forces have no sum and no moment. */
+/* Tissue that is stretched while it rotates by 70 degrees relaxes in its own axes as it does at rest; for any
+ * history its forces have no sum and no moment. */
 static void what_turns_relaxes_in_its_own_axes(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -327,7 +329,7 @@ static void what_turns_relaxes_in_its_own_axes(void **state) {
             bare.count = 0;
             r[k] = make(&bare);
             support(&r[k], true);
-            lead_turned(&r[k], 0, k ? 1 : 0, u); /* the other one begins turned, by a radian */
+            lead_turned(&r[k], 0, k ? 1 : 0, u); /* the other one starts rotated, by a radian */
             memcpy(tm_world_state(r[k].world)->u_m, u, sizeof *u * (size_t)r[k].n);
             const tm_viscosity_def def = terms(SHEAR, 2);
             tm_error error;
@@ -349,11 +351,11 @@ static void what_turns_relaxes_in_its_own_axes(void **state) {
         }
         print_message("%s: %.1e off\n", fibred ? "fibred" : "isotropic", worst / size);
         assert_true(worst < (fibred ? 1e-6 : 1e-9) * size); /* the rotation of least energy is found to 1e-8 */
-        /* Anywhere: random corners after that history. */
+        /* Random corners after that history. */
         fix_random random = {8};
         tm_state *s = tm_world_state(r[0].world);
         for (int32_t i = 0; i < r[0].n; i++) s->u_m[i] += 2e-3 * fix_signed(&random);
-        fix_ok(tm_world_step(r[0].world, 1), NULL); /* its force is of what u was */
+        fix_ok(tm_world_step(r[0].world, 1), NULL); /* its force is that of the earlier u */
         double sum[3] = {0}, moment[3] = {0}, most = 0;
         for (int32_t v = 0; v < r[0].mesh->vertex_count; v++) {
             const double *f = s->force_N + 3 * v;
@@ -371,7 +373,7 @@ static void what_turns_relaxes_in_its_own_axes(void **state) {
     }
 }
 
-/* --- rest --- */
+/* --- equilibrium --- */
 
 static double *loads(const relaxing *r) {
     fix_random random = {9};
@@ -401,7 +403,7 @@ static void check_rest(const plan *p) {
     const double size = fix_largest(truth, r.n);
     for (int32_t i = 0; i < r.n; i++) assert_true(fabs(u[i] - truth[i]) < 1e-8 * size);
     assert_true(fabs(result[0].energy_J / result[1].energy_J - 1) < 1e-8);
-    /* It is a rest: nothing moves on from it. */
+    /* It is an equilibrium: steps do not leave it. */
     fix_ok(tm_world_step(r.world, 200), NULL);
     for (int32_t i = 0; i < r.n; i++) assert_true(fabs(tm_world_state(r.world)->u_m[i] - truth[i]) < 1e-7 * size);
     free(load);
@@ -425,7 +427,7 @@ static void shake(const relaxing *r, uint64_t seed) {
     for (int32_t i = 0; i < r->n; i++) s->u_prev_m[i] = s->u_m[i] - 1e-5 * fix_signed(&random);
 }
 
-/* Just below the sharp critical step of the sudden law, undamped and free: nothing grows, whatever the terms. */
+/* Just below the estimated critical step of the instantaneous law, undamped and free: nothing grows, for any terms. */
 static void the_step_stays_as_it_is(void **state) {
     (void)state;
     static const tm_viscosity_term hard[][2] = {{{1e-6, 0.9999, 0.9999}}, {{1e6, 0.9999, 0.9999}},
@@ -444,7 +446,7 @@ static void the_step_stays_as_it_is(void **state) {
             double early = 0, late = 0;
             for (int i = 0; i < 4000; i++) {
                 fix_ok(tm_world_step(r.world, 1), &error);
-                double moved = 0; /* of free tissue: what is not drift */
+                double moved = 0; /* of free tissue: without its drift */
                 const tm_state *s = tm_world_state(r.world);
                 for (int32_t c = 0; c < r.n; c++) moved = fmax(moved, fabs(s->u_m[c] - s->u_prev_m[c]));
                 if (i < 1000) early = fmax(early, moved);
@@ -501,7 +503,7 @@ static struct tm_stage_entry *stage_of(const relaxing *r) {
     return NULL;
 }
 
-/* The same state in tissue built without what was cut. */
+/* Sets the same state in tissue built without the removed tetrahedra. */
 static void check_cut(const plan *p) {
     const int32_t gone[3] = {70, 65, 61};
     plan fresh_plan = *p;

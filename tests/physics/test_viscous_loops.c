@@ -1,17 +1,17 @@
-/* Closed loops of viscous tissue. Terms with frozen histories are elastic: a loop leaves no energy. Relaxing terms lose
- * energy: no loop gains, and never has more come back than was put in. Isotropic and with fibres, with and without
- * nodal dilatation, rotated and inverted. */
+/* Closed loops of viscous tissue. Terms with frozen histories are elastic: a loop leaves no energy. Relaxing terms
+ * dissipate: no loop gains energy, and never more is returned than was put in. Isotropic and with fibres, with and
+ * without nodal dilatation, rotated and inverted. */
 #include "../long.h"
 #include "turning.h"
 
 #include "tensormass/viscosity.h"
 
 enum { WAVES = 2 };
-static const double NET = 1e-6; /* of the sum of the sizes of the work */
+static const double NET = 1e-6; /* relative to the sum of the absolute work */
 
 typedef struct plan {
     bool fibred, volume, rotation_of;
-    double threshold; /* of the turned; 0: the default */
+    double threshold; /* threshold of rotation; 0: the default */
 } plan;
 
 typedef struct piece {
@@ -22,7 +22,7 @@ typedef struct piece {
     double *wave; /* u = sum of a cos + b sin, twice WAVES times n */
 } piece;
 
-/* Where the path is at t, and its derivative. */
+/* Computes the path at t, and its derivative. */
 static void follow(const piece *p, double t, double *u, double *way) {
     memset(u, 0, sizeof *u * (size_t)p->n);
     memset(way, 0, sizeof *way * (size_t)p->n);
@@ -52,7 +52,7 @@ static tm_tissue *tissue_of(const tm_mesh *mesh, const plan *of) {
     return tissue;
 }
 
-/* Every vertex is led; histories begin with the strain of `start`, or 0. */
+/* All vertices are prescribed; histories begin with the strain of `start`, or 0. */
 static piece make(const plan *of, const tm_viscosity_term *term, int32_t terms, double size_m, double start_m) {
     fix_random random = {7};
     piece p = {.mesh = fix_block((int[]){1, 1, 1}, (double[]){0.01, 0.01, 0.01}, 0.2, &random)};
@@ -68,7 +68,8 @@ static piece make(const plan *of, const tm_viscosity_term *term, int32_t terms, 
     viscosity.count = terms;
     memcpy(viscosity.term, term, sizeof *term * (size_t)terms);
     fix_ok(tm_stage_viscosity(p.world, &viscosity, &error), &error);
-    if (terms == 1) fix_ok(tm_world_set_step(p.world, 0.01 * s->dt_s, &error), &error); /* 1e6 s is not for ever */
+    if (terms == 1)
+        fix_ok(tm_world_set_step(p.world, 0.01 * s->dt_s, &error), &error); /* 1e6 s practically never relaxes */
     int32_t *dof = malloc(sizeof *dof * (size_t)p.n);
     for (int32_t i = 0; i < p.n; i++) dof[i] = i;
     tm_support_def support = tm_support_def_default();
@@ -86,7 +87,7 @@ static void destroy(piece *p) {
 }
 
 typedef struct balance {
-    double put_in, least, sizes; /* J: at the end, at its least, sum of sizes */
+    double put_in, least, sizes; /* J: at the end, at its minimum, sum of absolute values */
 } balance;
 
 static balance go_round(const piece *p, int rounds, int points) {
@@ -97,7 +98,7 @@ static balance go_round(const piece *p, int rounds, int points) {
     for (int32_t i = 0; i < p->n; i++) tm_support_move(p->world, i, u[i]);
     fix_ok(tm_world_step(p->world, 1), NULL);
     for (int k = 0; k <= rounds * points; k++) {
-        /* The step's force is that of where it begins. */
+        /* The step's force is that of its initial state. */
         const double t = 2 * M_PI * k / points;
         double power = 0;
         follow(p, t + 2 * M_PI / points, next, way);
@@ -137,7 +138,7 @@ static void test_what_stands_still_is_elastic(void **state) {
         }
 }
 
-/* Times from far below a loop's to far above it. */
+/* Relaxation times from far below a loop's duration to far above it. */
 static void test_what_relaxes_only_loses(void **state) {
     (void)state;
     const int points = 1 << 13, rounds = test_is_long() ? 20 : 2;
@@ -154,12 +155,12 @@ static void test_what_relaxes_only_loses(void **state) {
                 const balance b = go_round(&p, rounds, points);
                 if (b.put_in < -NET * b.sizes || b.least < -NET * b.sizes) say("relaxing", k, SIZE_M[i], &b);
                 assert_true(b.put_in > -NET * b.sizes && b.least > -NET * b.sizes);
-                assert_true(b.put_in > 1e-5 * b.sizes); /* and it does lose */
+                assert_true(b.put_in > 1e-5 * b.sizes); /* and it does dissipate */
                 destroy(&p);
             }
 }
 
-/* Angular momentum about the centre of mass of the block, in the middle of the last step. */
+/* Returns the angular momentum about the block's centre of mass, in the middle of the last step. */
 static void momentum(const tm_mesh *mesh, const tm_tissue *tissue, const tm_state *s, double L[3]) {
     double centre[3] = {0}, mass = 0, at[3], way[3], arm[3], part[3];
     L[0] = L[1] = L[2] = 0;
@@ -178,9 +179,8 @@ static void momentum(const tm_mesh *mesh, const tm_tissue *tissue, const tm_stat
         }
 }
 
-/* Returns by how much the angular momentum of a free fibred block that relaxes is off at most, spun five times a
- * second.
- */
+/* Returns the maximum error of the angular momentum of a free, fibred, relaxing block that rotates five times a
+ * second. */
 static double spin(double threshold) {
     enum { STEPS = 2500 };
     const plan of = {.rotation_of = true, .fibred = true, .threshold = threshold};
@@ -215,8 +215,8 @@ static double spin(double threshold) {
     return worst;
 }
 
-/* The linear law below the threshold knows turns as strain: it takes momentum once, while the block begins to turn. A
- * first step beyond the threshold takes none. */
+/* The linear law below the threshold interprets rotation as strain: it takes momentum once, while the block begins
+ * to rotate. If the first step is already beyond the threshold, it takes none. */
 static void test_what_spins_goes_on(void **state) {
     (void)state;
     assert_true(spin(TM_ROTATION_THRESHOLD) < 3e-4);

@@ -1,6 +1,6 @@
-/* Relaxed corotational tissue rests where elastic tissue of its long-term law does, and stays there, in every state
- * with a nonlinear law: in the threshold's band, crushed, at the tension bound, with fibres, with nodal dilatation,
- * with different shares. */
+/* Relaxed corotational tissue is at equilibrium where elastic tissue of its long-term law is, and stays there. With
+ * a nonlinear law in every state: in the threshold's band, crushed, at the tension bound, with fibres, with nodal
+ * dilatation, with different shares. */
 #include "../fixture.h"
 #include "material/bulk.h"
 #include "world/world_internal.h"
@@ -9,11 +9,11 @@ static const tm_viscosity_term ALIKE[2] = {{0.02, 0.3, 0.3}, {0.2, 0.4, 0.4}};
 static const tm_viscosity_term SHEAR[2] = {{0.02, 0.5, 0}, {0.5, 0.3, 0.1}};
 static const tm_viscosity_term VOLUME[1] = {{0.05, 0.1, 0.6}};
 
-/* How the surface is led, x to A x: the inside comes to rest by itself, under loads of its own. */
+/* Prescribes the surface, x to A x; the inside settles, under loads of its own. */
 typedef struct rest {
     const char *name;
-    double stretch[3], angle; /* along the axes; then a turn about (0.6, -0.64, 0.48) */
-    bool whole_surface;       /* else the ends in x */
+    double stretch[3], angle; /* along the axes; then a rotation about (0.6, -0.64, 0.48) */
+    bool whole_surface;       /* otherwise the ends in x */
     double poisson, load_N;
     bool fibred, volume;
     const tm_viscosity_term *term;
@@ -51,7 +51,7 @@ static tm_tissue *make_tissue(const rest *r, const tm_mesh *mesh) {
     return tissue;
 }
 
-/* Supports and loads of the rest. */
+/* Sets supports and loads of the equilibrium. */
 static void load(const rest *r, const body *b) {
     static const double size_m[3] = {0.04, 0.03, 0.03};
     int32_t *dof = malloc(sizeof *dof * (size_t)b->n), count = 0;
@@ -92,7 +92,7 @@ static tm_viscosity_def series(const rest *r) {
     return def;
 }
 
-/* Elastic tissue of the relaxed law, at rest. */
+/* Elastic tissue of the relaxed law, at equilibrium. */
 static body relaxed(const rest *r, const tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     body b = {.n = 3 * mesh->vertex_count};
@@ -121,7 +121,8 @@ static double least_volume(const body *b, const double *u) {
     return least;
 }
 
-/* How far it is from the elastic rest at once, and after it was left alone; of the largest displacement. */
+/* Returns the distance from the elastic equilibrium at once, and after free motion; relative to the largest
+ * displacement. */
 static double drift(const rest *r) {
     fix_random random = {5};
     body b = {.mesh = fix_block((int[]){4, 3, 3}, (double[]){0.04, 0.03, 0.03}, 0.2, &random)};
@@ -175,7 +176,8 @@ static void it_stays_where_elastic_tissue_of_what_is_left_rests(void **state) {
     assert_true(worst < 1e-8);
 }
 
-/* Every vertex anywhere in a box of half the size, nearly all of the law relaxing: its energy does not grow. */
+/* Every vertex is moved anywhere in a box of half the size, and nearly all of the law relaxes: the energy does not
+ * grow. */
 static void fibred_tissue_inside_out_does_not_run_away(void **state) {
     (void)state;
     static const tm_viscosity_term most[2] = {{0.02, 0.475, 0.2375}, {0.2, 0.475, 0.7125}};

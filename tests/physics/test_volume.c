@@ -30,7 +30,7 @@ static tm_mesh *make_mesh(const int cells[3], int regions, fix_random *random) {
     return mesh;
 }
 
-/* Fibres that turn from tetrahedron to tetrahedron. */
+/* Fibres whose direction changes from tetrahedron to tetrahedron. */
 static double *turning_fibres(const tm_mesh *mesh, fix_random *random) {
     double *fibre = malloc(sizeof *fibre * 3 * (size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
@@ -48,7 +48,7 @@ static tm_tissue *build(const tm_tissue_def *def) {
     return tissue;
 }
 
-/* --- the energy as it is defined --- */
+/* --- the energy by its definition --- */
 
 /* 1 / (m.C^-1 m) by elimination. */
 static double bulk_of(const double C[36]) {
@@ -90,7 +90,7 @@ static bool has(const tm_mesh *mesh, int32_t t, int32_t a, int32_t b) {
     return first && second;
 }
 
-/* Over the living tetrahedra of one law that have both vertices (a vertex: the same twice), by `share` of each. */
+/* Sums over the active tetrahedra of one law with both vertices (a vertex: the same twice), by the `share` of each. */
 static average averaged(const tm_tissue *tissue, const int *law_of_region, const tm_material *law, int which,
                         const double *u, int32_t a, int32_t b, double share) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
@@ -292,8 +292,8 @@ static void guaranteed_step_is_below_the_sharp_one(void **state) {
 
 /* --- modes and pressures --- */
 
-/* Free tissue has six motions without energy and no more; the seventh mode is as stiff as that of linear tetrahedra,
- * but for what does not lock. */
+/* Free tissue has exactly six modes without energy; the seventh mode is as stiff as that of linear tetrahedra,
+ * except for their locking. */
 static void no_mode_is_without_energy(void **state) {
     (void)state;
     fix_random random = {59};
@@ -330,7 +330,7 @@ static void no_mode_is_without_energy(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Supports where `held` says so, from rest. */
+/* Supports the vertices of `held`, and settles. */
 static void support(tm_world *world, const tm_mesh *mesh, bool (*held)(const double x[3], int axis)) {
     int32_t *dof = malloc(sizeof *dof * 3 * (size_t)mesh->vertex_count), count = 0;
     double *rest = calloc(3 * (size_t)mesh->vertex_count, sizeof *rest);
@@ -356,9 +356,9 @@ static bool slippery_box(const double x[3], int axis) {
     return axis < 2 ? x[axis] < 1e-9 || x[axis] > BOX_M - 1e-9 : x[2] < 1e-9;
 }
 
-/* A box full of nearly incompressible tissue stands under its own weight like water. The pressures that the law sees,
- * those of vertices, are the depth's: their error and their roughness (a vertex against the mean of its neighbours)
- * are a few thousandths. */
+/* A box of nearly incompressible tissue under its own weight has the pressure of water. The pressures of vertices,
+ * which the law uses, follow the depth: their error and their roughness (a vertex against the mean of its
+ * neighbours) are a few thousandths. */
 static void pressures_are_those_of_water(void **state) {
     (void)state;
     const double young = 5e3, nu = 0.499, bulk = young / (3 * (1 - 2 * nu)), weight = 1000 * 9.81;
@@ -412,7 +412,8 @@ static bool clamped(const double x[3], int axis) {
     return x[2] < 1e-9;
 }
 
-/* A cantilever 1 x 1 x 6 of 2,304 tetrahedra, its end pulled sideways: work of the pull over Timoshenko's. */
+/* A cantilever 1 x 1 x 6 of 2,304 tetrahedra with a lateral load at its end; returns the load's work over
+ * Timoshenko's. */
 static double tip(double nu, bool volume, double shear) {
     const double young = 1e4, length = 0.6, side = 0.1, pull = 1e-3;
     fix_random random = {1};

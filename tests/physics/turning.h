@@ -17,8 +17,9 @@ static inline double turning_energy(const tm_tissue *tissue, const tm_rotation *
     return tm_tissue_energy(tissue, u) + tm_rotation_energy(rotation, u);
 }
 
-/* At `u`, the first of five vectors of which the third is a direction `d`: the force is the energy's derivative at ten
- * components, the tangent the force's along `d`. `near` and `near_tangent`: of the largest entry. */
+/* At `u`, the first of five vectors of which the third is a direction `d`: checks that the force is the energy's
+ * derivative at ten components, and the tangent the force's along `d`. `near` and `near_tangent`: relative to the
+ * largest entry. */
 static inline void turning_has_derivatives(const tm_tissue *tissue, const tm_rotation *rotation, tm_tangent *tangent,
                                            double *u, fix_random *random, double near, double near_tangent) {
     const int32_t n = 3 * tissue->mesh->vertex_count;

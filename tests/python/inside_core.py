@@ -32,7 +32,7 @@ def test_mesh_arrays_are_the_librarys_own():
 
 
 def test_a_mesh_whose_numbers_jump():
-    """Renumbered where that is asked for and worth it: values go there and back, and a world moves alike."""
+    """A mesh is renumbered on request if that pays: values convert there and back, and a world moves identically."""
     plain = tm.Mesh.block((0.1, 0.1, 0.1), (10, 10, 10))
     was = np.random.default_rng(1).permutation(plain.vertex_count)
     now = np.argsort(was)
@@ -134,7 +134,7 @@ def test_broken_contracts_raise_and_change_nothing():
 
 
 def test_a_fall_of_the_whole():
-    """Nothing holds it: after n steps every vertex has fallen g t^2 / 2, with the scheme's half step."""
+    """Without supports, after n steps every vertex has fallen g t^2 / 2, with the scheme's half step."""
     mesh = tm.Mesh.block((0.02, 0.02, 0.02), (2, 2, 2))
     world = tm.World(tm.Tissue(mesh, tm.Material.young(5e3, 0.4)), damped=False)
     world.add_gravity((0, 0, -9.81))
@@ -233,7 +233,7 @@ def test_unstable_is_as_before():
 
 
 def bar(rotation, volume=False):
-    """20 x 20 x 80 mm, held at both ends."""
+    """A bar of 20 x 20 x 80 mm, prescribed at both ends."""
     mesh = tm.Mesh.block((0.02, 0.02, 0.08), (2, 2, 8))
     world = tm.World(tm.Tissue(mesh, LIVER, rotation=rotation, strain_smoothing=volume))
     if rotation:
@@ -244,7 +244,7 @@ def bar(rotation, volume=False):
 
 
 def turn(mesh, world, ends, about_x, angle=0.0):
-    """Both ends about x, the far one about z as well."""
+    """Rotates both ends about x, the far one about z as well."""
     x = mesh.rest_m[ends] - [0.01, 0.01, 0]
     c, s = np.cos(angle), np.sin(angle)
     y = np.where(x[:, 2:] > 0, np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], 1), x)
@@ -278,14 +278,14 @@ def test_linear_tissue_that_turned_is_warned_of():
 
 
 def test_ctrl_c_and_what_a_stage_raises_end_settling():
-    """Without `progress` too."""
+    """Also without `progress`."""
     _, _, world = block((16, 16, 8))  # 20,000 relaxed steps and more: seconds
     contact = world.add_contact([tm.Instrument(trocar_m=(0.02, 0.02, 0.15), tip_m=(0.02, 0.02, 0.035))])
     world.add_gravity()
     before = world.hash
     threading.Timer(0.1, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
-        world.settle(1e-18)  # which no rounding allows
+        world.settle(1e-18)  # below any rounding
     assert contact and world.hash == before
 
     def fail(w):
@@ -297,7 +297,7 @@ def test_ctrl_c_and_what_a_stage_raises_end_settling():
 
 
 def test_a_stiff_stage_has_a_step_limit():
-    """5,000 N/m on every vertex: with its limit it holds; without, what is given back is bounded by the body's size."""
+    """5,000 N/m on every vertex: with its limit it is stable; without, the state after a failure is bounded by the body's size."""
     mesh, tissue, world = block()
     mass, guaranteed = tissue.mass_kg, tissue.critical_step()[0]
     limit = (1 / guaranteed ** 2 + (5000 / (4 * mass)).max()) ** -0.5
@@ -361,7 +361,7 @@ def test_critical_steps():
 
 @pytest.mark.filterwarnings("ignore::tensormass.DeformationWarning")
 def test_volume_and_rotation():
-    """A cantilever near Poisson's ratio 0.5 is less stiff where its volume does not lock; turned as a whole, tissue with rotation has no stress."""
+    """A cantilever near Poisson's ratio 0.5 is less stiff without locking; rotated as a whole, tissue with rotation has no stress."""
     mesh = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2))
     material = tm.Material.young(5e4, 0.49, density_kg_m3=1000, damping_1_s=40)
     sag = []
@@ -386,7 +386,7 @@ def test_volume_and_rotation():
 
 @pytest.mark.filterwarnings("ignore::tensormass.DeformationWarning")
 def test_viscosity():
-    """What relaxes to half its moduli sags twice as far in the end."""
+    """Tissue that relaxes to half its moduli sags twice as far in the end."""
     mesh, sag = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2)), []
     for terms in ([], [(0.1, 0.2, 0.2), (1.0, 0.3, 0.3)]):
         world = tm.World(tm.Tissue(mesh, tm.Material.young(5e4, 0.4, density_kg_m3=1000, damping_1_s=40)))
@@ -424,9 +424,9 @@ def test_the_interpreter_runs_while_a_world_steps():
     while counted[0] == 0:
         time.sleep(0)
     most = 0
-    for _ in range(10):  # a busy machine may let the other thread wait through one call
+    for _ in range(10):  # on a busy machine the other thread may wait for one call
         before = counted[0]
-        world.step(2000)  # one call: were the lock held, nobody counted until it came back
+        world.step(2000)  # one call: if it held the lock, no other thread would count before it returned
         most = max(most, counted[0] - before)
         if most > 10:
             break
@@ -436,7 +436,8 @@ def test_the_interpreter_runs_while_a_world_steps():
 
 
 def test_a_nonlinear_law_stiffens_and_settles():
-    """Pressed by 40 %, sides free: the force of neo-Hooke's closed form (tests/physics/test_hyperelastic.c); the linear law's is E A times the strain."""
+    """Pressed by 40 %, sides free: the force of neo-Hooke's closed form (tests/physics/test_hyperelastic.c); the linear law's is E A times the
+    strain."""
     mesh, force = tm.Mesh.block((0.02, 0.02, 0.02), (3, 3, 3)), {}
     rest = mesh.rest_m
     low, top = np.argwhere(np.isclose(rest, 0)), np.flatnonzero(np.isclose(rest[:, 0], 0.02))

@@ -72,7 +72,7 @@ def test_exact_compliance_in_a_world_of_ones_own():
     source = tm.ComplianceFactor(tissue, world.support_mask)
     maker = world.add_patch(contact, source)
     del source
-    gc.collect()  # the world keeps it
+    gc.collect()  # the world keeps it alive
     for z in [*np.linspace(0.034, 0.029, 15), 0.029, 0.029]:
         contact.frame([tm.Pose((0.03, 0.03, z))], 60)
         patch = maker.compute()
@@ -149,7 +149,7 @@ def test_rows_of_contact():
 
 
 def test_the_controller_renders_what_a_model_says():
-    """Co-simulation: 500 Hz ticks of the controller, a frame of the model every 20 of them, a hand that presses."""
+    """Co-simulation: 500 Hz ticks of the controller, a frame of the model every 20 ticks, a pressing hand."""
     trocar = np.array((0.03, 0.03, 0.15))
     organ = model("precomputed")
     organ.allow_patches()

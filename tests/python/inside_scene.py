@@ -125,7 +125,7 @@ def test_mesh_files():
 
 
 def shuffle(path, to):
-    """A .msh 2.2 with its vertices in another order; was[v] of each."""
+    """Writes a .msh 2.2 with its vertices in another order; was[v] is the original number of each."""
     lines = path.read_text().splitlines()
     begin, first = lines.index("$Nodes") + 2, lines.index("$Elements") + 2
     count = int(lines[begin - 1])
@@ -141,7 +141,7 @@ def shuffle(path, to):
 
 
 def test_mesh_files_whose_numbers_jump(tmp_path):
-    """Groups are in the numbering of the mesh; a scene's arrays in the file's, unless it asks for what tm-sim does."""
+    """Groups use the numbering of the mesh; a scene's arrays use the file's, unless it requests the one of tm-sim."""
     path = tmp_path / "block.msh"
     was = shuffle(ROOT / "meshes/block_10k.msh", path)
     plain, kept, mesh = tm.Mesh.read(ROOT / "meshes/block_10k.msh"), tm.Mesh.read(path), tm.Mesh.read(path, renumber=True)
@@ -159,7 +159,7 @@ def test_mesh_files_whose_numbers_jump(tmp_path):
 
 
 def test_logs_are_what_lcm_reads():
-    """Against the bindings that lcm-gen makes and the reader of the lcm package, in the Python that has it."""
+    """Compared with the bindings that lcm-gen makes and the reader of the lcm package, in the Python that has it."""
     log = tm.read_log(LOG)
     assert set(log) >= {"TOOL_0", "FORCE_0", "TISSUE", "SIM_STATUS", "CONTROLLER_0"}
     code = ("import sys, lcm, numpy as np; sys.path.insert(0, sys.argv[2]); import tensormass_lcm as t\n"
@@ -268,5 +268,5 @@ damping: {{rate: 60 /s}}
     np.testing.assert_allclose(b, np.stack([0.2 - a[:, 1], a[:, 0], a[:, 2]], 1), atol=1e-15)
     scene.run(0.08)
     moved = abs(scene.u_m)
-    assert moved[low.vertices.start:low.vertices.stop].max() > 1e-5 and moved[high.vertices.start:].max() == 0  # all of it is held
+    assert moved[low.vertices.start:low.vertices.stop].max() > 1e-5 and moved[high.vertices.start:].max() == 0  # all of it is fixed
     assert tm.Scene(SCENES / "block-gravity.yaml").bodies == {}

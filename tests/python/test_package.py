@@ -26,16 +26,16 @@ def run(*command, **options):
 
 @pytest.fixture(scope="module")
 def wheel(once):
-    """build/wheel/*.whl, made by `make wheel`."""
+    """Returns build/wheel/*.whl, made by `make wheel`."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
     once("wheel", lambda folder: run("make", "-C", ROOT, f"BUILD={os.path.relpath(BUILD, ROOT)}", "wheel", env=clean))
-    made, = (BUILD / "wheel").glob(f"*linux*_{platform.machine()}.whl")  # make wheels puts others beside it
+    made, = (BUILD / "wheel").glob(f"*linux*_{platform.machine()}.whl")  # make wheels adds wheels of other platforms
     return made
 
 
 @pytest.fixture(scope="module")
 def python(wheel, once):
-    """An interpreter that has the wheel, and for the tests' sake what this one has beside it (numpy, pytest, matplotlib)."""
+    """Returns an interpreter with the wheel and, for the tests, this one's packages (numpy, pytest, matplotlib)."""
     def make(folder):
         run(sys.executable, "-m", "venv", folder / "venv")
         inside = folder / "venv/bin/python"
@@ -87,14 +87,14 @@ def test_examples(python, environment, name, says, tmp_path):
 
 
 def test_the_page(python, environment):
-    """What docs/python.md shows."""
+    """Returns the programs that docs/python.md shows."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), re.S)
     assert len(blocks) == 2
     run(python, "-c", "\n".join(blocks), env=environment, cwd=ROOT)
 
 
 def test_layout_is_the_compilers(python, tmp_path):
-    """Every struct and member that ctypes knows, against a C program of the same headers."""
+    """Compares every struct and member that ctypes declares with a C program of the same headers."""
     told = json.loads(run(python, "-c", "import json, ctypes, tensormass._bind as c\n"
                           "print(json.dumps([{n: ctypes.sizeof(getattr(c, n)) for n in c.SIZES},"
                           " {o: getattr(getattr(c, o.split('.')[0]), o.split('.')[1]).offset for o in c.OFFSETS}]))"))
@@ -132,7 +132,7 @@ def test_the_wheel_is_for_every_python(wheel):
 
 
 def interpreters():
-    """One of each version from 3.9 on that this machine has."""
+    """Returns one interpreter of each version from 3.9 on that this machine has."""
     found = {}
     home = pathlib.Path.home()
     for candidate in [pathlib.Path("/usr/bin/python3"), *sorted(home.glob(".pyenv/versions/*/bin/python3")), *sorted(pathlib.Path("/usr/local/bin").glob("python3.*[0-9]"))]:
@@ -146,7 +146,7 @@ def interpreters():
 
 @pytest.mark.parametrize("interpreter", interpreters(), ids=str)
 def test_empty_environment(wheel, interpreter, tmp_path):
-    """pip install and the lines of the README, in an environment that has nothing."""
+    """pip install and the lines of the README, in an empty environment."""
     run(interpreter, "-m", "venv", tmp_path / "venv")
     inside = tmp_path / "venv/bin/python"
     run(inside, "-m", "pip", "install", "-q", "--disable-pip-version-check", wheel)
@@ -175,13 +175,13 @@ def test_types_are_clean(python, wheel, tmp_path):
 
 
 def test_sdist(wheel, once, tmp_path):
-    """Has what its wheel is built from; the long form builds it."""
+    """The source distribution contains what the wheel is built from; the long form builds it."""
     sdist, = (BUILD / "wheel").glob("*.tar.gz")
     names = [n.split("/", 1)[-1] for n in tarfile.open(sdist).getnames()]
     for needed in ("Makefile", "LICENSE", "pyproject.toml", "setup.py", "python/bind.py", "libtensormass/include/tensormass.h",
                    "haptic_rt/core/hrt.h", "libtensormass/scene/sim.c", "lcm_types/tool_state_t.lcm", "tensormass/world.py"):
         assert needed in names, needed
-    # What the scene library includes of other parts.
+    # Headers of other parts that the scene library includes.
     own = [n for n in names if re.fullmatch(r"(libtensormass/(scene|platform)|haptic_rt/motion)/\w+\.[ch]", n)]
     asked = {h for n in own for h in re.findall(r'#include "(\w+/\w+\.h)"', (ROOT / n).read_text())}
     assert len(own) > 60 and asked and not {h for h in asked if not any(n.endswith("/" + h) for n in ["/" + n for n in names])}, asked

@@ -1,4 +1,4 @@
-"""The silicone beam on a coarse mesh: what is fitted is met, what is predicted is as near as docs/reality.md says."""
+"""The silicone beam on a coarse mesh: fitted values are reproduced, predictions are as accurate as docs/reality.md says."""
 import json
 import math
 import pathlib
@@ -64,7 +64,7 @@ def test_the_mesh_error_is_taken_off():
 
 
 def test_one_load_predicts_the_other(bin, tmp_path, measured):
-    """Fails if mass, weight, hook, viscosity or the rest of viscous tissue is wrong by more than what docs/reality.md states."""
+    """Fails if mass, weight, hook, viscosity or the equilibrium of viscous tissue is off by more than docs/reality.md states."""
     of, meshes = measured["beam"], (3, 4, 6)
     model = beam.Beam(bin / "tm-sim", tmp_path, of)
     apart = np.mean([np.subtract(of["weight"]["rest_mm"][m], of["loaded"]["rest_mm"][m]) for m in beam.MARKERS])
@@ -78,7 +78,7 @@ def test_one_load_predicts_the_other(bin, tmp_path, measured):
 
 
 def test_a_strip_has_its_modulus_at_small_strain_and_its_curve(bin, tmp_path, measured):
-    """Its grips share vertices with planes of symmetry: each support's force is that of the components that it holds."""
+    """Its grips share vertices with planes of symmetry: each support's force is that of the components that it fixes."""
     assert abs(samples.strip(bin / "tm-sim", tmp_path, "law: neo-hooke", [1.001])[0] / 100 - 1) < 0.005
     of = measured["ecoflex"]
     middle, near, far = samples.strip(bin / "tm-sim", tmp_path, "law: neo-hooke", [1.5, 1.25, 2.0])

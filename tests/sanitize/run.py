@@ -1,8 +1,7 @@
-"""Runs the suite in sanitizers' builds and writes what came of it: `run.py --build build [--short PART] [--pytest ARGUMENT]... asan tsan`.
+"""Runs the suite in sanitizers' builds and writes the results: `run.py --build build [--short PART] [--pytest ARGUMENT]... asan tsan`.
 
-A report of a sanitizer is a finding, whatever the test beside it thought: each goes into a file of its own (build/NAME/reports/), and an empty folder is what passes.
-Exit 1: a finding, or a test that failed. Figures: build/sanitize.json, a row each on the page of `make stability`.
-"""
+A report of a sanitizer is a finding, even if its test passed: each goes into a file of its own (build/NAME/reports/), and only an empty folder
+passes. Exit 1: a finding, or a test that failed. Figures: build/sanitize.json, a row each on the page of `make stability`."""
 import argparse
 import json
 import os
@@ -15,39 +14,39 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 ABOUT = {"asan": "AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer", "tsan": "ThreadSanitizer"}
-# Parts of the short form, of what `make tests-short` builds: the C programs and the parsers of what users write; the ring of programs over LCM, which watches the clock.
+# Parts of the short form, all built by `make tests-short`: the C programs and the parsers of user files; the ring of programs over LCM, which depends on the clock.
 SHORT = {"programs": {"asan": ["tests/test_programs.py", "tests/sim/test_input.py"],
                       "tsan": ["tests/test_programs.py"]},
          "ring": {name: ["tests/loop/test_messages.py"] for name in ABOUT}}
 
 
 def options(reports):
-    """Environment: where reports go, what is asked for. Suppressions name other people's libraries only."""
+    """Returns the environment: folder of reports and options. Suppressions name other people's libraries only."""
     common = f"log_path={reports}/report:print_suppressions=0"
     return {"ASAN_OPTIONS": f"detect_leaks=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1:{common}",
             "LSAN_OPTIONS": f"suppressions={HERE}/lsan.supp:print_suppressions=0",
             "UBSAN_OPTIONS": f"print_stacktrace=1:{common}",
-            # Their threads' locks are not instrumented: without threads of theirs, what is reported is ours.
+            # The locks of their threads are not instrumented: without those threads every report concerns this project.
             "OMP_THREAD_LIMIT": "1", "OPENBLAS_NUM_THREADS": "1",
             "TSAN_OPTIONS": f"suppressions={HERE}/tsan.supp:second_deadlock_stack=1:history_size=4:{common}"}
 
 
 def wrapper(name):
-    """What to start programs with: ThreadSanitizer cannot place its shadow where a kernel spreads addresses over more than 28 bits."""
+    """Returns a prefix for programs: ThreadSanitizer cannot place its shadow memory if a kernel spreads addresses over more than 28 bits."""
     still = ["setarch", "-R"]
     return still if name == "tsan" and subprocess.run([*still, "true"], capture_output=True).returncode == 0 else []
 
 
 def run_suite(name, build, short, arguments):
-    """The figures of one sanitizer's build."""
+    """Returns the figures of one sanitizer's build."""
     reports = build / name / (f"reports-{short}" if short else "reports")
     shutil.rmtree(reports, ignore_errors=True)
     reports.mkdir(parents=True)
     where = SHORT[short][name] if short else ["tests"]
-    # C programs share nothing and watch no clock: two at a time, for what would be left of one processor when the rest is done.
+    # C programs share nothing and do not depend on the clock: two at a time, as one processor would otherwise be idle at the end.
     beside = ["-n", os.environ.get("TM_JOBS", "2"), "--dist", "worksteal"] if short == "programs" else []
     command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *beside, *arguments]
-    fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # of two hands: a tenth of what the plain build runs
+    fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # sessions of two hands: a tenth of the plain build's
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
     text = done.stdout + done.stderr
     count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped, \d+ retried$", text, re.M)
@@ -59,7 +58,7 @@ def run_suite(name, build, short, arguments):
 
 
 def summary(report):
-    """The line that tells what and where."""
+    """Returns the line that names kind and place."""
     text = report.read_text(errors="replace")
     line = re.search(r"^SUMMARY: .*$|^.*runtime error: .*$", text, re.M)
     return line[0] if line else text[:200]

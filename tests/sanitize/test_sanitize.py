@@ -41,7 +41,7 @@ int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body}
 
 @pytest.fixture
 def find_nothing(root, make_config, tmp_path):
-    """find_nothing(PART, NAME): builds what the short form needs and runs this part of it. Returns its figures."""
+    """find_nothing(PART, NAME): builds the short form's programs and runs this part of it. Returns its figures."""
     return lambda part, name: run_short(part, name, root, make_config, tmp_path)
 
 
@@ -65,5 +65,5 @@ def test_short_form_finds_nothing(name, find_nothing):
 
 @pytest.mark.parametrize("name", ["asan", "tsan"])
 def test_the_ring_finds_nothing(name, find_nothing):
-    """By the clock, so neither beside another nor on what others leave: last of those that run alone, when the build is there."""
+    """Depends on the clock, so it runs neither concurrently with others nor on idle time: last of those that run alone, when the build exists."""
     assert find_nothing("ring", name)["passed"] > 5

@@ -11,7 +11,7 @@ import meshlib  # noqa: E402
 
 
 def phantom():
-    """A block of liver with a tumour under its top, a vein that comes in from the side, ribs below: 10 cm."""
+    """A block of liver of 10 cm with a tumour under its top, a vein that enters from the side, and ribs below."""
     m = meshlib.block(5)
     m.names = {(3, 1): "liver", (3, 2): "liver_tumour", (3, 3): "portal vein", (3, 4): "rib_left_7"}
     for t, tet in enumerate(m.tets):
@@ -58,7 +58,7 @@ def test_flat_sides_low_sides_and_up(bin, root, tmp_path):
     (tmp_path / "liver.msh").write_text(meshlib.msh2(ball))
     run(bin / "tm-scene", "new", tmp_path / "liver.msh", "--unit", "mm", "-o", tmp_path / "ball.yaml")
     text = (tmp_path / "ball.yaml").read_text()
-    assert "underside" in text and "scale: 0.001" in text and "Roulot" in text  # the file's name tells the tissue
+    assert "underside" in text and "scale: 0.001" in text and "Roulot" in text  # the file's name determines the tissue
     assert "no warnings" in run(bin / "tm-scene", "check", tmp_path / "ball.yaml", "--strict")
 
 
@@ -101,7 +101,7 @@ def test_constants_of_large_strains_load_and_run(bin, root, tmp_path):
         assert len(moved["time_s"]) == 3 and moved["supports_N"][2][0][2] > 0, name
 
 
-ODD = [  # what is changed in the scene, what is said
+ODD = [  # change of the scene, words of the message
     (("young: 5.5 kPa", "young: 5.5 MPa"), r"organ.yaml:\d+: warning: region 'liver': 5.5e\+03 kPa is far too stiff for liver \(published: 5.5 kPa, 429 healthy"),
     (("young: 5.5 kPa", "young: 200"), "far too soft for liver"),
     (("young: 30 kPa, poisson: 0.45, density: 1079", "young: 290 kPa, poisson: 0.45, density: 1079"), r"'liver_tumour' makes a frame take \d+ substeps, about \d+ too many"),
@@ -155,7 +155,7 @@ def test_bad_input(bin, made, words, said):
 
 
 def overhang():
-    """Without names and without a flat side: a curved slab on a leg at its end, and a second one that touches nothing."""
+    """Without names and without a flat side: a curved slab on a leg at its end, and a second slab without contact to anything."""
     whole = meshlib.block(6)
     kept = [t for t in whole.tets if all(whole.points[v][2] > 0.066 or max(whole.points[v][:2]) < 0.034 for v in t)]
     used = sorted({v for t in kept for v in t})

@@ -1,4 +1,4 @@
-/* LD_PRELOAD: the FAIL_CALLOC-th call of calloc or strdup fails; from 1. Under Python, where that number is
+/* LD_PRELOAD: the FAIL_CALLOC-th call of calloc or strdup fails, counted from 1. Under Python, where that number is
  * meaningless, fail_calloc(n) counts from its own call. */
 #define _GNU_SOURCE
 #include <dlfcn.h>

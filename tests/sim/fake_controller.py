@@ -1,7 +1,6 @@
-"""A controller that also lies: runs inside a network namespace, sends tool states good and bad, prints what it heard as JSON.
+"""A controller that also sends false messages: runs inside a network namespace, sends valid and invalid tool states, prints what it received as JSON.
 
-    python fake_controller.py BUILD TM-SIM SCENE REPORT
-"""
+    python fake_controller.py BUILD TM-SIM SCENE REPORT"""
 import json
 import math
 import subprocess
@@ -50,7 +49,7 @@ began = time.monotonic()
 while time.monotonic() - began < 2.0:
     age = time.monotonic() - began
     utime = 1000 + int(age * 1e6)
-    insertion = 0.12 + 0.012 * min(age, 1)  # 2 mm above the block's top to 2.5 + ... mm into it
+    insertion = 0.12 + 0.012 * min(age, 1)  # from 2 mm above the block's top to 2.5 + ... mm into it
     seq += 1
     mine[utime] = insertion
     send("good", state(utime, seq, insertion))
@@ -59,7 +58,7 @@ while time.monotonic() - began < 2.0:
         send("bad", state(utime, seq + 1000, insertion, tip_m=[nan, 0, 0]))
         send("bad", state(utime, seq + 1000, insertion, joint=[0, math.inf, insertion, 0, 0, 0, 0]))
         send("bad", state(utime, seq + 1000, 3.0))
-        send("bad", state(utime, seq + 1000, insertion, tip_m=[0, 0, 0]))  # not where the joints say
+        send("bad", state(utime, seq + 1000, insertion, tip_m=[0, 0, 0]))  # not the position of the joints
         send("bad", state(utime, seq + 1000, insertion, tip_m=[TROCAR[0], TROCAR[1] + 1e-5, TROCAR[2] - insertion]))  # by more than rounding
         send("foreign", state(utime, seq + 1000, insertion, session=SESSION - 1))
         send("foreign", state(2**62, 0, insertion, session=2**63 - 1))  # whose clock is far ahead
@@ -81,11 +80,11 @@ def speak(seconds, session, first_utime, first_seq, kind="good", gap=0.004):
             link.handle_timeout(1)
 
 
-# A restarted controller whose clock is behind: an earlier session that begins again at seq 0, taken a second after the last word of the first.
+# A restarted controller with an earlier clock: an earlier session that begins again at seq 0, accepted a second after the first one's last message.
 speak(0.85, SESSION - 7, 50, 0, "foreign", 0.1)
 time.sleep(0.2)
 speak(0.5, SESSION - 7, 1000000, 100)
-# One packet in its name, far ahead in seq and time: within a second it is heard again.
+# One packet in its name, far ahead in seq and time: within a second its own are accepted again.
 send("good", state(2**62, 2**30, 0.12, session=SESSION - 7))
 speak(0.85, SESSION - 7, 2000000, 1000, "late", 0.02)
 time.sleep(0.2)

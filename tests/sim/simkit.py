@@ -5,7 +5,7 @@ from kit import BLOCK, block_scene, report, run  # noqa: F401 (for the tests of 
 
 
 class Oracle:
-    """One file of tests/physics/oracle."""
+    """Returns one file of tests/physics/oracle."""
 
     def __init__(self, path):
         words = iter(path.read_text().split())

@@ -1,4 +1,5 @@
-"""time.adaptive of a scene: long substeps at rest, 2^k of them under a deep press, the same force; the report and --explain say so, and what it cannot be with is refused with its line."""
+"""time.adaptive of a scene: long substeps at rest, 2^k of them under a deep press, the same force. The report and --explain state it; incompatible
+settings are rejected with their line."""
 import subprocess
 
 import pytest

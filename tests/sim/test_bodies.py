@@ -152,7 +152,7 @@ def test_ties_hold_a_body_until_they_break(bin, block, types, tmp_path):
 
 
 def test_a_gallbladder_is_drawn_off_its_bed_and_its_ties_are_cut(bin, root, tmp_path):
-    """The scene on a coarse liver and without its rotation, for the time's sake, until the first ties went."""
+    """The scene on a coarse liver and without rotation, to save time, until the first ties break."""
     said = state(bin, root / "apps/scenes/cholecystectomy.yaml", tmp_path, "--unset", "rotation", "--unset", "rendering", "--duration", "5",
                  "--set", f"bodies.liver.mesh={root}/meshes/liver_1k.msh", "--set", "energy=")
     assert said["ties"]["whole"] >= 10 and said["ties"]["gone"] >= 1 and [b["name"] for b in said["bodies"]] == ["liver", "gallbladder"]
@@ -185,7 +185,7 @@ def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path
     alone = state(bin, write(tmp_path / "soft.yaml", STACK % (block, block)), tmp_path, "--set", "bodies.low.scale=0.5")
     assert said["bodies"][0]["rigid"] is True and "rigid" not in said["bodies"][1] and said["dt_s"] == pytest.approx(alone["dt_s"], rel=0.05)
     table_N, weight_N = 9.81 * 1000 * 0.1 * 0.1 * 0.05, 9.81 * 1000 * 0.05 * 0.05 * 0.025
-    # the block fell on the table and was lifted by it (20 mm, less the fall of some 0.5 mm and what it sags)
+    # the block fell on the table and was lifted by it (20 mm, less about 0.5 mm of fall and the sag)
     assert -said["energy"]["gravity_J"] == pytest.approx(0.02 * table_N + 0.0192 * weight_N, abs=0.001 * weight_N) and abs(said["energy"]["residual_J"]) < 1e-10
     assert said["force_N"]["peak"] > 0.05 and said["tets_removed"] == 0  # the cautery pressed on the table
     still = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0 s, move: [0, 0, 0]}]")

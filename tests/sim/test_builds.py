@@ -22,7 +22,8 @@ def test_the_demo_has_ten_thousand_tetrahedra(bin, root, tmp_path):
 
 @pytest.mark.long
 def test_clang_gives_the_same_bits(bin, root, make_config, tmp_path):
-    """The whole ring: tissue, contact, grasp, cut, controllers, devices. In every check tests/hash looks at the tissue's bits, tests/firmware at the controller's."""
+    """The complete control loop: tissue, contact, grasp, cut, controllers, devices. Every check compares the tissue's bits in tests/hash and the
+    controller's in tests/firmware."""
     clang = make_config("clang", "bin/tm-sim") / "bin/tm-sim"
     for name, duration in (("block-cut", "3.2 s"), ("liver-press", "3 s")):
         scene = [root / f"apps/scenes/{name}.yaml", "--lockstep", "--force", "plain", "--duration", duration, "--csv"]

@@ -1,4 +1,4 @@
-"""Patches at their sample rates: a patch comes with every sample in which a tool touches or grasps tissue, for any effects of the scene."""
+"""Patches at their sample rates: each sample in which a tool touches or grasps tissue carries a patch, for any effects of the scene."""
 import os
 
 import lcm
@@ -8,7 +8,7 @@ from simkit import report, run
 LONG = os.environ.get("TM_LONG") == "1"
 EFFECTS = ["--set", "rotation=", "--set", "strain_smoothing=", "--set", "friction={static: 0.3, kinetic: 0.2}",
            "--set", "viscosity={terms: [{time: 0.3 s, shear: 0.25}]}"]
-# Evaluation scenes have hands of their own; every other scene with haptics is here, up to its cut or as long as seconds allow.
+# Evaluation scenes have scripted hands of their own; every other scene with haptics is run, up to its cut or as long as the time limit permits.
 RUNS = {
     "block-press": ("block-press", None, []),
     "block-cut": ("block-cut", 4, []),
@@ -33,7 +33,7 @@ def test_samples_on_tissue_carry_a_patch(bin, root, tmp_path, name):
     length = ["--duration", f"{seconds} s"] if seconds else []
     r = report(bin / "tm-sim", root / f"apps/scenes/{scene}.yaml", "--lockstep", "--set", "haptics.rate=25", *length, *more, tmp=tmp_path)
     assert sum(i["touched"] for i in r["coverage"]) > 15
-    for instrument in r["coverage"]:  # each alone: a hand that feels nothing of its tissue is not helped by the other's patches
+    for instrument in r["coverage"]:  # each instrument alone: patches of one do not help the other hand
         assert instrument["carried"] >= 0.99 * instrument["touched"], r["coverage"]
         assert (0 < instrument["age_max"] < 0.1) if "neo-Hooke" in name else ("age_max" in instrument) == ("rotation=" in more or "lift" in name), r["coverage"]
 
@@ -58,7 +58,7 @@ def test_the_status_says_how_far_a_patch_has_aged(bin, root, tmp_path, types):
 
 
 def test_lost_patches_are_counted(bin, root, tmp_path):
-    """By iterations, in tissue that turns, most samples carry none: the count says so for the instrument that lost them."""
+    """With an iterative solver, in tissue that rotates, most samples carry no patch: the report counts this for the affected instrument."""
     r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--set", "haptics.rate=25", "--duration", "4 s",
                "--set", "rotation=", "--set", "haptics.compliance=iterations", tmp=tmp_path)
     assert any(i["carried"] < 0.5 * i["touched"] for i in r["coverage"]), r["coverage"]

@@ -30,13 +30,13 @@ def force(row):
 
 
 def test_each_device_feels_the_press(bin, root, tmp_path):
-    """The made-up desk device goes the same way with the same force, to its own mass and friction."""
+    """The fictional desk device follows the same path with the same force, up to its own mass and friction."""
     impulse, desk = (played(bin, root, tmp_path, device) for device in JOINTS)
     peaks = [max(map(force, rows)) for rows in (impulse, desk)]
     assert peaks[0] > 0.4 and peaks[1] == pytest.approx(peaks[0], rel=0.03)
     apart = max(math.dist(*([row[k] for k in ("px_m", "py_m", "pz_m")] for row in pair)) for pair in zip(impulse, desk))
     assert 0 < apart < 3e-4
-    for row in desk:  # its joints are the tip's place in its own axes: z down from the trocar, y up
+    for row in desk:  # its joints are the tip's position in its own axes: z down from the trocar, y up
         assert (row["px_m"], row["pz_m"]) == (pytest.approx(0.05 - row["x_m"], abs=1e-7), pytest.approx(0.18 - row["z_m"], abs=1e-7))
     assert all(row["state"] == 3 for row in desk[-200:]) and not any(row["fault"] for row in desk)
 
@@ -59,7 +59,7 @@ def test_a_table_without_controllers_has_a_column_for_each_joint(bin, root, tmp_
     (["instruments[0].profile={profile}", "instruments[1].profile={profile}"], "mine.profile:1: joint_max: '7' is not allowed; give 3 value(s)"),
     (["instruments[0].profile={profile}"], None), (["haptics.profile={profile}", "instruments[1].device=impulse_engine"], None)])
 def test_a_profile_is_of_one_device(bin, root, tmp_path, words, says):
-    """Two devices never share one; each may have its own."""
+    """Two instruments never share a device; each may have its own."""
     profile, scene, text = tmp_path / "mine.profile", tmp_path / "two.yaml", (root / SCENE).read_text()
     profile.write_text("joint_max = 1 1 0.3 7 1\n")
     trocar = "    trocar: [50 mm, 50 mm, 180 mm]\n"

@@ -28,7 +28,7 @@ static void a_full_list_keeps_faults_and_counts_the_rest(void **state) {
     assert_int_equal(list.item[0].line, 7);
     assert_int_equal(list.item[1].line, 5000);
     assert_string_equal(list.item[2].what, "what 0");
-    assert_int_equal(told, list.count + list.lost); /* all, and none twice */
+    assert_int_equal(told, list.count + list.lost); /* all, and no line twice */
     tm_diagnostics_clear(&list);
     assert_int_equal(list.count + list.lost, 0);
     add(&host, TM_REMARK, 1);

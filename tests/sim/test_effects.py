@@ -35,7 +35,7 @@ def test_cut_events_and_tissue_tell_the_same_story(cut_session, types):
             revision = m.topology_revision
         elif e.channel == "TISSUE":
             m = types.tissue_t.decode(e.data)
-            assert m.topology_revision == revision  # a late subscriber needs nothing but this message
+            assert m.topology_revision == revision  # a late subscriber needs only this message
             open_faces = sum(m.triangle_kind)
             edges = {}
             for a, b, c in m.triangle:
@@ -210,7 +210,7 @@ def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp
     for utime, z in heights.items():
         expected = 0.004 * 0.5 * (1 - np.cos(2 * np.pi * utime * 1e-6))
         assert np.abs(z[bottom] - expected).max() < 1e-6
-    assert (heights[520000] - rest)[~bottom].min() > 0.002  # the rest is carried along
+    assert (heights[520000] - rest)[~bottom].min() > 0.002  # carries the remaining terms along
     _, said = run(bin / "tm-sim", scene, "--check", "--set", "breathing.support=diaphragm", code=2)
     assert "does not name" in said
     _, said = run(bin / "tm-sim", scene, "--check", "--set", "supports[0].axes=x", code=2)
@@ -227,7 +227,7 @@ def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, t
             if e.channel == "FORCE_0":
                 m = types.force_sample_t.decode(e.data)
                 forces[m.seq] = m
-                assert bool(m.flags & 8) == (m.seq in patches)  # the patch comes right before its sample
+                assert bool(m.flags & 8) == (m.seq in patches)  # the patch arrives directly before its sample
             elif e.channel == "PATCH_0":
                 m = types.contact_patch_t.decode(e.data)
                 patches[m.seq] = m
@@ -238,7 +238,7 @@ def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, t
             continue
         known = [f for f in touching if f.stiffness_kind]
         assert len(known) > 0.8 * len(touching) and all(f.stiffness_kind == kind for f in known)
-        for f in known:  # pressing deeper pushes back harder
+        for f in known:  # a deeper press has a larger reaction
             K = np.array(f.stiffness_N_m).reshape(3, 3)
             assert K[2, 2] < -5
         if extrapolator == "tangent":
@@ -268,7 +268,7 @@ def test_only_what_may_be_sent_takes_memory(bin, root, tmp_path):
 
 
 def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path):
-    """The same pull before and after the same cut, held until it rests."""
+    """The same pull before and after the same cut, held until it is at rest."""
     force, told = {}, {}
     for model in ("dynamic", "hybrid"):
         told[model] = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--unset", "haptics", "--set", "damping.rate=150",
@@ -280,12 +280,12 @@ def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path)
     assert told["dynamic"]["tets_removed"] == told["hybrid"]["tets_removed"] > 5
     assert told["dynamic"]["tets_alive"] == told["hybrid"]["tets_alive"]
     size = np.linalg.norm(force["dynamic"], axis=1)
-    assert (size > 0.5).all() and abs(size[1] - size[0]) > 1e-3  # the cut made a difference
+    assert (size > 0.5).all() and abs(size[1] - size[0]) > 1e-3  # the cut changed the force
     assert np.linalg.norm(force["hybrid"] - force["dynamic"], axis=1).max() < 1e-3 * size.max(), force
 
 
 def test_cutting_everything_away_ends_in_an_empty_tissue(bin, root, tmp_path, types):
-    """A cautery as thick as a fist sweeps the whole block; frames go on after the last tetrahedron."""
+    """A cautery of 10 cm thickness removes the complete block; frames continue after the last tetrahedron."""
     sweep = ("hand=[{instrument: 0, path: [{time: 0, tip: [50 mm, 50 mm, 120 mm]}, {time: 0.2, tip: [50 mm, 50 mm, 60 mm], active: yes}, "
              "{time: 0.6, tip: [50 mm, 50 mm, 10 mm], active: yes}, {time: 1, tip: [10 mm, 10 mm, 10 mm], active: yes}, {time: 1.4, tip: [90 mm, 10 mm, 10 mm], active: yes}, "
              "{time: 1.8, tip: [90 mm, 90 mm, 10 mm], active: yes}, {time: 2.2, tip: [10 mm, 90 mm, 10 mm], active: yes}]}]")
@@ -302,7 +302,7 @@ def test_the_account_of_energy_closes_in_a_cutting_session(bin, root, tmp_path):
     scene = root / "apps/scenes/block-cut.yaml"
     plain = report(bin / "tm-sim", scene, "--lockstep", tmp=tmp_path)
     r = report(bin / "tm-sim", scene, "--lockstep", "--set", "energy=", tmp=tmp_path)
-    assert "energy" not in plain and r["state_hash"] == plain["state_hash"]  # it looks on
+    assert "energy" not in plain and r["state_hash"] == plain["state_hash"]  # it only observes
     e = r["energy"]
     put_in = e["start_J"] + sum(e["contact_J"]) + sum(e["grasp_J"]) + e["support_J"] + e["gravity_J"] + e["load_J"] + e["state_change_J"]
     left = put_in - e["damping_J"] - e["cut_J"] - e["kinetic_J"] - e["elastic_J"]
@@ -321,7 +321,7 @@ def test_models_without_motion_keep_no_account_of_energy(bin, root, tmp_path, mo
 
 
 def test_the_hand_feels_friction(bin, root, tmp_path):
-    """The probe of block-press slides by 8 mm: with friction it is held back by the coefficient times what it presses with, and no other bit moves."""
+    """The probe of block-press slides by 8 mm: friction resists with the coefficient times the normal force, and no other bit changes."""
     scene, last = root / "apps/scenes/block-press.yaml", {}
     for name, more in {"none": [], "zero": ["--set", "friction={static: 0, kinetic: 0}"], "all": ["--set", "friction="],
                        "own": ["--set", "friction=", "--set", "instruments[0].friction={static: 0.6, kinetic: 0.5}"]}.items():
@@ -353,8 +353,8 @@ TO_AND_FRO = ("hand[0].path=[{time: 0 s, tip: [45 mm, 50 mm, 56 mm]}, {time: 0.5
 
 @pytest.mark.parametrize("extrapolator", ["hold", "local_model"])
 def test_friction_in_the_closed_loop_takes_energy_from_the_hand(bin, root, tmp_path, extrapolator):
-    """A hand rubs to and fro through device and controller at 25 Hz, passivity control off: with friction the loop never hands out more than it got, and
-    at the end it kept what the slide should have cost."""
+    """A hand slides to and fro through device and controller at 25 Hz, with passivity control off. With friction the loop never returns more energy
+    than it received, and at the end it has dissipated the work of the slide."""
     given = {}
     for name, coefficients in {"none": "{static: 0, kinetic: 0}", "some": "{static: 0.3, kinetic: 0.2}", "much": "{static: 1, kinetic: 0.7}"}.items():
         report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", TO_AND_FRO, "--duration", "3.6 s", "--csv", tmp_path / f"{name}.csv",
@@ -366,11 +366,11 @@ def test_friction_in_the_closed_loop_takes_energy_from_the_hand(bin, root, tmp_p
     slid_m = 3 * 0.009
     for name, sliding in {"some": 0.2, "much": 0.7}.items():
         assert given[name].max() < 1e-6
-        assert given[name][-1] < given["none"][-1] - 0.4 * sliding * 0.2 * slid_m  # 0.2 N press at least
+        assert given[name][-1] < given["none"][-1] - 0.4 * sliding * 0.2 * slid_m  # minimum press of 0.2 N
 
 
 def test_precomputed_and_dynamic_feel_the_same_friction(bin, root, tmp_path):
-    """Where the hand turns back both are at rest: the same force; everywhere the precomputed one stays within its cone, and every frame converges."""
+    """At the reversal points both models are at rest and have the same force; the precomputed one stays within its cone, and every frame converges."""
     felt = {}
     for model in ("dynamic", "precomputed"):
         report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", TO_AND_FRO, "--duration", "3.6 s", "--unset", "haptics",

@@ -20,7 +20,7 @@ CIRCULAR = "rule: circular, direction: [0, 0, 1]"
 
 
 def arc(n=6):
-    """A quarter of a ring about z, 50 to 100 mm, its two ends as groups: between them the potential is the angle."""
+    """A quarter of a ring about z, 50 to 100 mm, with its two ends as groups: between them the potential is the angle."""
     m = meshlib.block(n)
     for p in m.points:
         r, a = 0.05 + p[1] * 0.5, math.pi / 2 * p[0] / 0.1
@@ -49,7 +49,7 @@ def test_from_end_to_end_of_an_arc_is_round_it(bin, folder):
     round_it, laplace = run(bin, folder, CIRCULAR), run(bin, folder, "rule: laplace, from: begin, to: end")
     assert laplace == pytest.approx(round_it, rel=0.03)  # a six-part mesh's gradient
     assert run(bin, folder, "rule: laplace, from: end, to: begin") == pytest.approx(laplace, rel=1e-6)
-    assert run(bin, folder, "rule: radial, direction: [0, 0, 1]") > 1.2 * round_it  # it would tell
+    assert run(bin, folder, "rule: radial, direction: [0, 0, 1]") > 1.2 * round_it  # the check can fail
 
 
 def write(path, word, vectors):

@@ -1,4 +1,4 @@
-"""Fibres from a NIfTI image of directions, against the rule that made it, on a mirrored and rotated grid, in each convention of axes."""
+"""Fibres from a NIfTI image of directions, compared with the rule that made it, on a mirrored and rotated grid, in each convention of axes."""
 import sys
 
 import numpy as np
@@ -8,7 +8,7 @@ sys.path[:0] = ["tests/mesh", "tests/sim"]
 import phantom  # noqa: E402
 from test_fibres import CIRCULAR, arc, meshlib, run  # noqa: E402
 
-FLIPPED = np.array([[0, -1.0, 0], [-1, 0, 0], [0, 0, -1]])  # a mirrored grid whose axes change places
+FLIPPED = np.array([[0, -1.0, 0], [-1, 0, 0], [0, 0, -1]])  # a mirrored grid with permuted axes
 SPACING, SIZE = np.array([4.0, 5, 6]), (29, 24, 8)
 
 
@@ -20,7 +20,7 @@ def folder(image_module, tmp_path_factory):
 
 
 def write(path, axes="image", five=False, change=lambda v: v, header=lambda h: None):
-    """Round about z in LPS, either way round, of no matter what length."""
+    """Directions around an axis in LPS, with either sign and any length."""
     grid = np.stack(np.meshgrid(*map(np.arange, SIZE), indexing="ij"), -1)
     origin = np.array([108.0, 112, 35])
     place = origin + (grid * SPACING) @ FLIPPED.T
@@ -38,7 +38,7 @@ def test_an_image_says_what_the_rule_says(bin, folder, axes, name, five):
     rule = run(bin, folder, CIRCULAR)
     assert run(bin, folder, f"file: {name}, axes: {axes}") == pytest.approx(rule, rel=0.01)
     other = {"image": "lps", "lps": "image", "ras": "image"}[axes]
-    assert abs(run(bin, folder, f"file: {name}, axes: {other}") / rule - 1) > 0.05  # it would tell
+    assert abs(run(bin, folder, f"file: {name}, axes: {other}") / rule - 1) > 0.05  # the check can fail
 
 
 def half(vectors):

@@ -17,7 +17,7 @@ def refuse(bin, scene, tmp_path, *args):
     return said
 
 
-# (scene text with {mesh}, line that must be named, words of the message)
+# (scene text with {mesh}, line of the error, words of the message)
 BAD = {
     "unknown key": (BASE.replace("young", "yung"), 5, "unknown key 'yung' in tissue.materials.*; did you mean 'young'?"),
     "unknown top key": (BASE + "gravty:\n", 8, "did you mean 'gravity'?"),
@@ -183,7 +183,7 @@ def test_committed_reference_is_the_generated_one(bin, root):
     ("haptics.loss", ["25 %"], "0.25"),
 ])
 def test_units_mean_what_they_say(bin, root, tmp_path, path, written, si):
-    """The same run, to the last bit of its trace, however a number is written."""
+    """The same run, bit for bit in its trace, for any notation of the numbers."""
     scene = block_scene(tmp_path, root, "damping:\ncontact:\nhaptics:\ninstruments:\n  - trocar: [50 mm, 50 mm, 18 cm]\n    start: {insertion: 13 cm}\n")
 
     def trace(value):
@@ -197,7 +197,7 @@ def test_units_mean_what_they_say(bin, root, tmp_path, path, written, si):
 
 
 def test_set_makes_a_list_that_the_scene_does_not_have(bin, root, tmp_path):
-    """Item by item, key by key: the run of the scene that names it, to the last bit."""
+    """--set item by item and key by key: the run of the scene with these keys, bit for bit."""
     def trace(scene, *sets):
         run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s", *[w for s in sets for w in ("--set", s)], "--json", tmp_path / "t.json")
         return json.loads((tmp_path / "t.json").read_text())["state_hash"]

@@ -60,13 +60,13 @@ def test_latency_delays_the_force(bin, root, tmp_path):
 
 
 def rms(a, b):
-    """RMS of the force's error over the peak of the truth `b`."""
+    """Returns the RMS of the force's error over the peak of the reference `b`."""
     force = [np.column_stack([run[f"f{axis}_N"] for axis in "xyz"]) for run in (a, b)]
     return np.sqrt(((force[0] - force[1]) ** 2).sum(axis=1).mean()) / np.linalg.norm(force[1], axis=1).max()
 
 
 def test_more_force_samples_err_less(bin, root, tmp_path):
-    """With `hold` the hand's error falls with the rate of force samples; frames, pictures and log stay at theirs."""
+    """With `hold` the hand's error falls with the rate of force samples; the rates of frames, pictures and log are unchanged."""
     traces, counts = {}, {}
     for rate in (25, 50, 125, 250, 500):
         csv, samples = tmp_path / f"{rate}.csv", tmp_path / "samples.csv"
@@ -89,7 +89,8 @@ def test_a_rate_that_no_frame_divides_into_is_told(bin, root):
 
 
 def test_samples_between_frames_take_no_substep_more(bin, root, tmp_path):
-    """At one rate for both a frame is one sample: the same bits as without streaming; more samples round substeps up by less than one each."""
+    """At one rate for both a frame is one sample, with the same bits as without streaming; more samples round the number of substeps up by less than
+    one each."""
     scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", "haptics.extrapolator=hold"]
     one, many = (report(*scene, "--set", f"haptics.rate={rate} Hz", tmp=tmp_path) for rate in (25, 500))
     assert one["substeps_per_frame"] <= many["substeps_per_frame"] < one["substeps_per_frame"] + 20 and many["substeps_per_frame"] % 20 == 0
@@ -146,7 +147,7 @@ print(json.dumps([count, near]))
 
 
 def loaded(bin, scene, *args, code=0):
-    """Libraries mapped by a running tm-sim, which ends with `code` when it is interrupted."""
+    """Returns the libraries mapped by a running tm-sim, which ends with `code` when it is interrupted."""
     p = subprocess.Popen([bin / "tm-sim", scene, *args], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
         time.sleep(0.7)
@@ -168,7 +169,7 @@ def test_a_scene_without_solver_picture_or_messages_loads_none_of_their_librarie
     for library in ("liblcm", "libglib", "tensormass/lcm.so"):  # lockstep's link and a log need none
         assert library not in maps, library
     maps = loaded(bin, scene, "--realtime", "--set", "rendering.every=1", "--url", "memq://")
-    assert "tensormass/lcm.so" in maps and "liblcm" in maps  # the test can see a module that is there
+    assert "tensormass/lcm.so" in maps and "liblcm" in maps  # the check can see a loaded module
 
 
 def test_ctrl_c_ends_a_run_with_its_files(bin, root, tmp_path):
@@ -176,7 +177,7 @@ def test_ctrl_c_ends_a_run_with_its_files(bin, root, tmp_path):
                          stdout=subprocess.DEVNULL)
     time.sleep(0.7)
     p.send_signal(signal.SIGINT)
-    assert p.wait(timeout=120) == 130  # and says so
+    assert p.wait(timeout=120) == 130  # and reports it
     assert json.loads((tmp_path / "o.json").read_text())["frames"] > 10 and len(columns(tmp_path / "t.csv")) > 100
 
 
@@ -184,7 +185,7 @@ def test_realtime_keeps_the_clock(bin, root, tmp_path):
     scene = block_scene(tmp_path, root)
     begin = time.monotonic()
     r = report(bin / "tm-sim", scene, "--realtime", "--frames", 20, tmp=tmp_path)
-    assert r["frames"] == 20 and 0.75 < time.monotonic() - begin < 10  # 0.8 s, or later on a busy machine: never sooner
+    assert r["frames"] == 20 and 0.75 < time.monotonic() - begin < 10  # 0.8 s, or later on a busy machine: never earlier
     assert r["sim_s"] <= r["wall_s"] + 0.05
 
 

@@ -41,7 +41,7 @@ PICKED, PULLED = [700, 1300, 1310], 2290
 
 
 def write_scene(folder, root, was):
-    """The block of 10,000 with vertex was[v] as its v-th: the mesh, fibres a vertex, and a scene that names the same vertices."""
+    """Writes the block of 10,000 tetrahedra with vertex was[v] as its v-th: the mesh, fibres per vertex, and a scene that names the same vertices."""
     lines = (root / "meshes/block_10k.msh").read_text().splitlines()
     at = lines.index("$Nodes") + 2
     now = {old + 1: new + 1 for new, old in enumerate(was)}
@@ -63,7 +63,7 @@ def write_scene(folder, root, was):
 
 @pytest.fixture(scope="module")
 def scenes(root, tmp_path_factory):
-    """In order, shuffled, and was[v] of the latter's vertices."""
+    """Makes the block in order, shuffled, and was[v] of the shuffled vertices."""
     folder, was = tmp_path_factory.mktemp("numbering"), list(range(2304))
     ordered = write_scene(folder / "ordered", root, was)
     random.Random(1).shuffle(was)
@@ -85,7 +85,7 @@ def settled(bin, scene, folder):
 
 
 def test_at_rest_the_tables_speak_of_the_files_vertices(bin, scenes, tmp_path):
-    """Groups, numbers and fibres of the file are found, and displacements and reactions stand in its rows."""
+    """Groups, numbers and fibres of the file are found; displacements and reactions are in its rows."""
     ordered, shuffled, was = scenes
     (table, grid, tets), (other, other_grid, other_tets) = settled(bin, ordered, tmp_path), settled(bin, shuffled, tmp_path)
     assert np.array_equal(other[:, 0], np.arange(2304)) and np.array_equal(other[:, 1:], other_grid)
@@ -97,7 +97,7 @@ def test_at_rest_the_tables_speak_of_the_files_vertices(bin, scenes, tmp_path):
 
 
 def pictures(build, log):
-    """{number in the mesh: place} of each TISSUE message, and its triangles by such numbers."""
+    """Returns {number in the mesh: place} of each TISSUE message, and its triangles by such numbers."""
     code = f"""
 import sys, json, lcm
 sys.path.insert(0, {str(build / 'python')!r})
@@ -114,10 +114,10 @@ print(json.dumps(out))
 
 @pytest.mark.parametrize("model", ["dynamic", "hybrid", "precomputed"])
 def test_series_and_pictures_say_the_same(bin, build, scenes, tmp_path, model):
-    """Through the models: each frame's displacements, and the messages that viewers get."""
+    """For each model: every frame's displacements, and the messages that viewers get."""
     ordered, shuffled, was = scenes
     more = {"dynamic": [], "hybrid": HYBRID, "precomputed": ["--set", "model=precomputed"]}[model]
-    share = {"dynamic": 1e-6, "hybrid": 5e-3, "precomputed": 1e-6}[model]  # the hybrid's exchange stops early: any other order of sums shows
+    share = {"dynamic": 1e-6, "hybrid": 5e-3, "precomputed": 1e-6}[model]  # the hybrid's iteration stops early, so any other order of sums is visible
     said, series, seen = [], [], []
     for name, scene in (("a", ordered), ("b", shuffled)):
         said.append(report(bin / "tm-sim", scene, *more, "--lockstep", "--record", tmp_path / f"{name}.lcm", "--paraview", tmp_path / name, tmp=tmp_path, env={"TM_CACHE_DIR": str(tmp_path / "cache")}))
@@ -139,7 +139,7 @@ def test_series_and_pictures_say_the_same(bin, build, scenes, tmp_path, model):
 
 
 def test_tm_view_finds_supports_and_fibres(bin, scenes, tmp_path):
-    """Of a scene, and of a log beside its scene: the same picture as of the mesh in order."""
+    """The picture of a scene, and of a log with its scene, equals that of the mesh in order."""
     pixels = []
     for name, scene in (("a", scenes[0]), ("b", scenes[1])):
         log = tmp_path / f"{name}.lcm"
@@ -152,7 +152,7 @@ def test_tm_view_finds_supports_and_fibres(bin, scenes, tmp_path):
 
 
 def test_a_computed_file_is_found_again(bin, scenes, tmp_path):
-    """tm-precompute and tm-sim number alike; a file of the same mesh under the file's numbers, as older versions wrote it, is told and made anew."""
+    """tm-precompute and tm-sim number alike. A file of the same mesh in the file's numbers, as older versions wrote it, is reported and recomputed."""
     env = {"TM_CACHE_DIR": str(tmp_path / "cache")}
     sim = [bin / "tm-sim", scenes[1], "--set", "model=precomputed", "--lockstep", "--frames", 1]
     run(bin / "tm-precompute", scenes[1], env=env)
@@ -174,7 +174,7 @@ def test_snapshots_go_on_and_other_numbers_are_refused(bin, scenes, tmp_path):
 
 
 def test_the_scene_can_keep_the_files_numbers(bin, scenes, tmp_path):
-    """The bits of a mesh in order do not know of it; --explain says what was done."""
+    """The bits of a mesh in order are unaffected; --explain states what was done."""
     ordered, shuffled, _ = scenes
     keep = ["--set", "tissue.renumber=no"]
     runs = [report(bin / "tm-sim", scene, "--lockstep", *more, tmp=tmp_path)["state_hash"] for scene in (ordered, shuffled) for more in ([], keep)]
@@ -189,7 +189,7 @@ def test_the_scene_can_keep_the_files_numbers(bin, scenes, tmp_path):
 
 
 def test_errors_name_the_files_vertex(bin, scenes):
-    """Of the scene's reader, and of the library."""
+    """Errors of the scene's reader, and of the library."""
     twice = ["--set", "supports=[{group: z_min}, {vertex: 100, displace: [1 mm, 0, 0]}, {vertex: 100, displace: [2 mm, 0, 0]}]"]
     _, err = run(bin / "tm-sim", scenes[1], "--check", *twice, code=2)
     assert "vertex 100 is already fixed at 0.001 m along x" in err

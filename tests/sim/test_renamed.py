@@ -1,4 +1,4 @@
-"""Names that 0.1 replaced: the error gives the new word and the place of the old one."""
+"""Names of 0.1 that 0.2 replaced: the error gives the new word and the place of the old one."""
 import subprocess
 
 import pytest

@@ -11,7 +11,7 @@ TYPES = {"Float64": "<f8", "Int32": "<i4", "Int64": "<i8", "UInt8": "<u1"}
 
 
 def read_vtu(path):
-    """{array's name: values}, every appended array found by the offset that its XML names."""
+    """Returns {array's name: values}; finds every appended array by the offset in its XML."""
     data = path.read_bytes()
     mark = data.index(b'<AppendedData encoding="raw">')
     begin = data.index(b"_", mark) + 1
@@ -43,14 +43,14 @@ def read_series(folder):
 
 
 def boundary(tet):
-    """Faces that belong to one tetrahedron alone."""
+    """Returns the faces that belong to one tetrahedron only."""
     faces = np.sort(np.concatenate([tet[:, [1, 2, 3]], tet[:, [0, 2, 3]], tet[:, [0, 1, 3]], tet[:, [0, 1, 2]]]), axis=1)
     unique, count = np.unique(faces, axis=0, return_counts=True)
     return unique[count == 1]
 
 
 def test_a_lockstep_run_frame_by_frame(bin, root, tmp_path):
-    """Times, displacements against the snapshot that --settle writes of the same mesh, cut tetrahedra, the tool."""
+    """Times, displacements compared with the snapshot that --settle writes of the same mesh, cut tetrahedra, the tool."""
     scene = block_scene(tmp_path, root, "gravity:\ndamping: {rate: 60 /s}\ntime: {frame_rate: 25 Hz, duration: 2 s}\n")
     run(bin / "tm-sim", scene, "--lockstep", "--paraview", tmp_path / "series", "--paraview-every", 5)
     series = read_series(tmp_path / "series")
@@ -84,7 +84,7 @@ def test_what_is_cut_is_dead_and_hidden(bin, root, tmp_path, model):
 
 
 def test_a_run_in_real_time(bin, build, root, tmp_path):
-    """Frames as the clock let them be; the same format."""
+    """In real time frames are written when the clock permits, in the same format."""
     scene = block_scene(tmp_path, root, "gravity:\ndamping: {rate: 60 /s}\nrendering:\ntime: {frame_rate: 25 Hz}\n")
     run(*NETWORK, bin / "tm-sim", scene, "--realtime", "--frames", 20, "--paraview", tmp_path / "series")
     series = read_series(tmp_path / "series")
@@ -108,7 +108,7 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
 
 
 def test_fibres_are_in_both_files(bin, root, tmp_path):
-    """A unit vector a tetrahedron, those of the scene's table in its order; none where the scene has none."""
+    """A unit vector per tetrahedron, in the order of the scene's table; no array if the scene has no fibres."""
     scene = root / "apps/scenes/cylinder-fibre.yaml"
     wanted = np.loadtxt(root / "meshes/cylinder_1k.fibres.csv", delimiter=",", comments="#", skiprows=1)[:, -3:]
     wanted /= np.linalg.norm(wanted, axis=1)[:, None]

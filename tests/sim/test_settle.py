@@ -37,7 +37,7 @@ def test_oracle(bin, tmp_path, oracle, name, case, precision, tolerance):
     assert np.linalg.norm(supports["clamp"] - o.clamp[case]) < tolerance * scale
     if case == "press":
         assert np.linalg.norm(supports["tip"] - o.tip[case]) < tolerance * scale
-    # The table's reactions are the same ones, vertex by vertex.
+    # The table's reactions are the same, vertex by vertex.
     assert np.allclose(table[:, 7:10].sum(axis=0), sum(supports.values()), rtol=0, atol=1e-9 * scale)
     assert abs(report["energy_J"] - o.energy[case]) < 2 * tolerance * o.energy[case]
 
@@ -68,14 +68,14 @@ def test_nothing_holds_it(bin, tmp_path, root):
 
 
 def test_a_pressed_tissue_at_rest_pushes_as_much_as_it_is_held(bin, root, tmp_path):
-    """The settled contact, the support that holds it and the precomputed model's own solution: one force."""
+    """The settled contact, its support and the precomputed model's own solution have one force."""
     press = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--unset", "haptics", "--set", "instruments[0].start={tip: [52 mm, 50 mm, 47 mm]}"]
     run(*press, "--settle", "1e-11", "--json", tmp_path / "rest.json")
     rest = json.loads((tmp_path / "rest.json").read_text())
     (tool,) = rest["instruments"]
     force, held = np.array(tool["force_N"]), np.array(rest["supports"][0]["reaction_N"])
     assert tool["rows"] >= 1 and not tool["inside"] and np.linalg.norm(held) > 0.5
-    # A tip on the shaft's axis straight above: the equivalent tip force is the contact force itself.
+    # With the tip straight above on the shaft's axis, the equivalent tip force is the contact force itself.
     assert np.linalg.norm(force - held) < 1e-6 * np.linalg.norm(held)
     run(*press, "--lockstep", "--set", "model=precomputed", "--set", "hand[0].path=[{time: 0, tip: [50 mm, 50 mm, 60 mm]}, {time: 1, tip: [52 mm, 50 mm, 47 mm]}]",
         "--unset", "instruments[0].start", "--duration", "1.2 s", "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
@@ -87,7 +87,7 @@ TURNING = "rotation:\n"
 
 
 def bar(tmp_path, cells, size_m, move, more="", law="{young: 5 kPa, poisson: 0.45}"):
-    """A bar of boxes along z; move(x, y, z): where a vertex of either end goes, m. Scenes name every vertex of an end."""
+    """A bar of boxes along z; move(x, y, z): the prescribed position of an end's vertex, m. Scenes name every vertex of an end."""
     n = [c + 1 for c in cells]
     at = [(i * size_m[0] / cells[0], j * size_m[1] / cells[1], k * size_m[2] / cells[2]) for k in range(n[2]) for j in range(n[1]) for i in range(n[0])]
     tets = []
@@ -120,7 +120,7 @@ BAR = (2, 2, 8), (0.02, 0.02, 0.08)
 
 @pytest.mark.parametrize("volume", ["", "strain_smoothing:\n"])
 def test_ends_that_turn_or_twist_lead_the_bar_along(bin, tmp_path, volume):
-    """Turned together by a quarter: nothing is stored. One end twisted by a half: in load steps, and upright."""
+    """Both ends rotated by a quarter turn store no energy. One end twisted by half a turn, in load steps, stays straight."""
     quarter = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, -z, y]) if z in (0, 0.08) else None, TURNING + volume)
     said, report = settled(bin, tmp_path, quarter)
     assert said == "" and abs(report["energy_J"]) < 1e-12 and abs(report["deformation"]["min_det"] - 1) < 1e-9
@@ -131,7 +131,7 @@ def test_ends_that_turn_or_twist_lead_the_bar_along(bin, tmp_path, volume):
 
 
 def test_a_rest_not_to_be_believed_is_told(bin, tmp_path):
-    """Linear tissue that sags out of its range, and tissue pressed through itself: a warning with its place and what to do."""
+    """Linear tissue that sags beyond its range, and tissue pressed through itself, give a warning with place and remedy."""
     sags = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else None, "gravity: {acceleration: [6 m/s2, 0, 0]}\n")
     said, report = settled(bin, tmp_path, sags)
     assert said.startswith(f"{sags}:4: warning: at rest linear tissue far outside its range: in ") and "'rotation'" in said and said.count("\n") == 1, said

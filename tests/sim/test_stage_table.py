@@ -12,7 +12,7 @@ PLAIN = BEGIN + MOTION + ROWS + ["patch on demand"]
 
 
 def among(rows, **after):
-    """The rows, each followed by those that `after` names for it (spaces are underscores)."""
+    """Returns the rows of stages, each followed by the stages that `after` names for it (spaces are underscores)."""
     return [line for row in rows for line in [row, *after.get(row.replace(" ", "_"), [])]]
 
 

@@ -6,8 +6,8 @@
 #include "../fixture.h"
 #include "../long.h"
 
-/* A stream of 20 base samples of 2 ms, as `auto` makes it of a frame of 40 ms, on a machine whose first measurement
- * says base_cost_s. */
+/* Makes a stream of 20 base samples of 2 ms, as `auto` does for a frame of 40 ms, on a machine whose first
+ * measurement is base_cost_s. */
 static sim_stream stream_of(double base_cost_s) {
     sim_stream stream = {.per_frame = 20,
                          .batch = 1,
@@ -18,7 +18,7 @@ static sim_stream stream_of(double base_cost_s) {
     return stream;
 }
 
-/* A frame on a machine of these costs: what is over the frame's time is dropped. */
+/* Runs a frame on a machine with these costs; time beyond the frame's own is dropped. */
 static bool frame(sim_stream *stream, double base_s, double sample_s, double patch_s, double rest_s) {
     const int32_t samples = stream->per_frame / stream->batch;
     const bool patches = sim_stream_rate_Hz(stream) <= 50;
@@ -49,11 +49,11 @@ static void a_quick_machine_keeps_the_top_rate(void **state) {
 static void expensive_samples_lower_the_rate_to_what_is_held(void **state) {
     (void)state;
     sim_stream stream = stream_of(0.4e-3);
-    changes(&stream, 500, 0.4e-3, 1.6e-3, 1e-3); /* 20 samples take 32 ms of 40 beside 8 of simulating */
+    changes(&stream, 500, 0.4e-3, 1.6e-3, 1e-3); /* 20 samples take 32 ms of 40, with 8 ms of simulation */
     assert_true(sim_stream_rate_Hz(&stream) < 500);
     assert_true(sim_stream_load(&stream, stream.batch) <= 0.8);
     const int32_t held = stream.batch;
-    assert_int_equal(changes(&stream, 5000, 0.4e-3, 1.6e-3, 1e-3), 0); /* and no swinging to and fro */
+    assert_int_equal(changes(&stream, 5000, 0.4e-3, 1.6e-3, 1e-3), 0); /* without oscillation */
     assert_int_equal(stream.batch, held);
 }
 
@@ -74,7 +74,7 @@ static void a_machine_too_slow_for_any_rate_takes_the_cheapest(void **state) {
     assert_true(sim_stream_rate_Hz(&stream) > 50);
     sim_stream cheap = stream_of(3e-3);
     changes(&cheap, 2000, 3e-3, 1e-3, 0);
-    assert_true(cheap.batch >= 4); /* what is left to gain is below a twentieth */
+    assert_true(cheap.batch >= 4); /* the remaining gain is below a twentieth */
 }
 
 static void random_costs_keep_a_divisor_and_change_seldom(void **state) {
@@ -89,7 +89,7 @@ static void random_costs_keep_a_divisor_and_change_seldom(void **state) {
         assert_true(stream.batch >= 1 && stream.per_frame % stream.batch == 0);
         assert_true(isfinite(sim_stream_load(&stream, stream.batch)));
     }
-    assert_true(count < frames / 50); /* never before a second of calm */
+    assert_true(count < frames / 50); /* never before a second of stable times */
 }
 
 static void a_rate_that_is_a_number_stays(void **state) {

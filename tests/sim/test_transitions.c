@@ -1,8 +1,8 @@
 /* Rendered force when a tool touches, grasps, releases, cuts and loses its patch, on shipped scenes: recorded at the
  * scene's rate and at every tick, and replayed through every extrapolator.
  *
- * No force is new at a transition: it stays within 1.1 times the largest true or last sample's force around that time,
- * plus SLACK_N for changes that no sample contains yet. */
+ * No transition creates a new peak: the force stays within 1.1 times the largest reference or sample force around
+ * that time, plus SLACK_N for changes that no sample contains yet. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>
@@ -17,8 +17,7 @@
 
 enum { SCENES = 2, HANDS = 2, TICKS_A_FRAME = 20 };
 static const double SLACK_N = 0.045; /* a twentieth of the 0.85 N that these scenes reach */
-/* Both hold, cut and let go; the lifted lobe turns, and its simulation is the costlier by far: the long form's alone.
- */
+/* Both scenes grasp, cut and release; the lifted lobe rotates and is far more expensive: long form only. */
 static const struct {
     const char *file;
     double length_s;
@@ -61,7 +60,7 @@ static tool_state state_of(const hrt_sample *s) {
     return size_of(s->force_N) > 0 ? TOUCHES : FREE;
 }
 
-/* Between the sample before and this one the tool's state, the tissue or the patch has changed. */
+/* Finds samples at which the tool's state, the tissue or the patch has changed. */
 static bool is_transition(const recording *r, int k, int count[STATES][STATES]) {
     const hrt_sample *a = &r->sample[k - 1].sample, *b = &r->sample[k].sample;
     const tool_state from = state_of(a), to = state_of(b);
@@ -69,7 +68,7 @@ static bool is_transition(const recording *r, int k, int count[STATES][STATES]) 
     return from != to || a->topology_revision != b->topology_revision || !a->patch != !b->patch;
 }
 
-/* The largest true force within the time that the samples in use tell of, to two ticks from now. */
+/* Returns the largest reference force from the oldest sample in use to two ticks from now. */
 static double allowed(const recording *r, int tick, int late) {
     double most = 0;
     for (int j = tick - (late + 2) * TICKS_A_FRAME; j <= tick + 2; j++)
@@ -77,7 +76,7 @@ static double allowed(const recording *r, int tick, int late) {
     return most;
 }
 
-/* Returns how far the force goes beyond what is allowed around the recording's transitions, N. */
+/* Returns the excess of the force over its limit around the recording's transitions, N. */
 static double beyond(const recording *r, const float *force_N, int late, int count[STATES][STATES], double *at_s) {
     double worst = 0;
     for (int k = 1; k < r->samples; k++) {
@@ -114,7 +113,7 @@ static void no_transition_makes_a_new_peak(void **state) {
             free(force_N);
         }
     }
-    /* It is worth what the scenes reach. */
+    /* Only useful if the scenes have these transitions. */
     for (int a = 0; a < STATES; a++)
         for (int b = 0; b < STATES; b++)
             if (count[a][b])
@@ -124,7 +123,7 @@ static void no_transition_makes_a_new_peak(void **state) {
                 count[HOLDS][LETS_GO] + count[TOUCHES][LETS_GO] && count[LETS_GO][FREE]);
 }
 
-/* --- how true --- */
+/* --- accuracy --- */
 
 static void contact_is_as_true_as_position(void **state) {
     (void)state;
@@ -143,8 +142,8 @@ static void contact_is_as_true_as_position(void **state) {
             }
 }
 
-/* A simulation that lags: each sample up to three frames late at random, some lost, so that one lasts for up to half a
- * second. What is made of old samples is bounded by what they said, to half as much again, however little is felt. */
+/* A lagging simulation: each sample is up to three frames late at random, some are lost, so one may last for half a
+ * second. The force from old samples stays within 1.5 times their forces, however small. */
 static void a_lag_makes_nothing_up(void **state) {
     (void)state;
     static const hrt_extrapolator law[] = {HRT_ADAPTIVE, HRT_LOCAL_MODEL};
@@ -167,7 +166,7 @@ static void a_lag_makes_nothing_up(void **state) {
             }
 }
 
-/* Samples of a cautery say while its pedal is down that it is at work; a grasper's never do. */
+/* A cautery's samples carry the flag "cutting" while its pedal is down; a grasper's never do. */
 static void a_cautery_at_work_says_so(void **state) {
     (void)state;
     int cutting[HANDS] = {0};
@@ -175,7 +174,7 @@ static void a_cautery_at_work_says_so(void **state) {
         for (int k = 0; k < rec[0][i].samples; k++)
             cutting[i] += (rec[0][i].sample[k].sample.flags & HRT_FLAG_CUTTING) != 0;
     assert_int_equal(cutting[0], 0);
-    assert_in_range(cutting[1], 50, 100); /* of 225; down from 3.6 to 6.6 s at most */
+    assert_in_range(cutting[1], 50, 100); /* of 225; the pedal is down from 3.6 to 6.6 s at most */
 }
 
 int main(void) {

@@ -36,7 +36,7 @@ typedef struct row {
     double frame, force, flags, kind;
 } row;
 
-/* Rows of the samples' file; columns are found by their names. */
+/* Reads rows of the samples' file; columns are found by name. */
 static int read_samples(const char *path, row *rows, int max) {
     FILE *in = fopen(path, "r");
     char line[1000], *names[40];
@@ -85,12 +85,12 @@ static void lockstep(void **state) {
     spoilt_step = (int64_t)s->substeps * (SPOILT_FRAME - 1) + s->substeps / 2;
     const run_options o = {.samples = samples, .csv = csv, .frames = -1, .duration_s = -1};
     assert_int_equal(run_lockstep(s, &o), APP_FAILED);
-    /* Completed chunks of substeps stay: all those before the bad substep. */
+    /* Completed chunks of substeps stay: all before the bad substep. */
     assert_true(tm_world_state(s->model->world)->step >= (int64_t)s->substeps * (SPOILT_FRAME - 1));
     assert_true(tm_world_state(s->model->world)->step <= spoilt_step);
     assert_int_equal(s->frames, SPOILT_FRAME - 1);
     check_samples(samples, true);
-    /* The hand: a force before, and none half a second after. */
+    /* The hand feels a force before, and none half a second after. */
     FILE *in = fopen(csv, "r");
     double most = 0, last = -1, time_s = 0;
     assert_non_null(fgets(line, sizeof line, in));
@@ -121,7 +121,7 @@ static void realtime(void **state) {
     unlink(samples);
 }
 
-/* Whatever a model says: a number that is none does not leave. */
+/* For any model: a force that is not a number is not sent. */
 static void nothing_but_numbers_leaves(void **state) {
     (void)state;
     sim *s = spoilt_sim(NULL, 0);
@@ -142,7 +142,7 @@ static void nothing_but_numbers_leaves(void **state) {
         assert_true(sample.force_N[0] == (where ? 0 : 1) && sample.stiffness_kind == (where ? 0 : 1));
         for (int c = 0; c < 3; c++) assert_true(isfinite(sample.tip_m[c]) && isfinite(sample.force_N[c]));
     }
-    /* Each flag of a reaction has its own in a sample. */
+    /* Each flag of a reaction has its own bit in a sample. */
     int32_t all = 0;
     for (int bit = 0; bit < 7; bit++) {
         s->reaction[0] = (tm_tool_reaction){.flags = 1u << bit};

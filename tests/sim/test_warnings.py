@@ -54,7 +54,7 @@ def test_a_tool_that_never_touched_is_told_with_how_near_it_came_and_when(bin, r
     scene = block_scene(tmp_path, root, PATH.format(z=0.0562))
     _, said = run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")
     assert said.startswith(f"{scene}:10: warning: instrument 0 never touched the tissue: its tip came within 3.7 mm, at 0.4 s; move it nearer"), said
-    assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s")[1] == ""  # it was on its way
+    assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s")[1] == ""  # it was approaching
     scene = block_scene(tmp_path, root, PATH.format(z=0.05))
     assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")[1] == ""
 
@@ -62,7 +62,7 @@ def test_a_tool_that_never_touched_is_told_with_how_near_it_came_and_when(bin, r
 # --- above the surface ---
 
 def at(bin, scene, tmp_path, *more):
-    """Insertions of the scripted hand, as tm-device is given them."""
+    """Insertions of the scripted hand, as passed to tm-device."""
     run(bin / "tm-sim", scene, "--hands", tmp_path / "hand", *more)
     return columns(tmp_path / "hand0.csv")["insertion_m"]
 
@@ -84,7 +84,7 @@ def test_along_the_shaft_it_is_not_along_the_normal(bin, root, tmp_path):
 
 
 def test_an_edge_and_a_corner_are_touched_where_a_sphere_touches_them(bin, root, tmp_path):
-    """Past the edge x = 0.1 by 1 mm, and past the corner by 1 mm in x and y: the sphere's centre is sqrt(r2 - d2) above."""
+    """1 mm past the edge x = 0.1, and past the corner by 1 mm in x and y: the sphere's centre is sqrt(r2 - d2) above."""
     scene = above_scene(tmp_path, root, ["above: 0"], "trocar: [0.101, 0.05, 0.2]")
     assert at(bin, scene, tmp_path)[0] == pytest.approx(0.15 - np.sqrt(2.5e-3**2 - 1e-6), abs=1e-9)
     scene = above_scene(tmp_path, root, ["above: 0"], "trocar: [0.101, 0.101, 0.2]")
@@ -123,7 +123,7 @@ def test_bad_waypoints(bin, root, tmp_path, what):
     assert said.startswith(f"{scene}:14: ") and words in said and ";" in said and said.count("\n") == 1, said
 
 
-# --- bounds on YAML ---
+# --- limits of the YAML reader ---
 
 MESH = "tissue:\n  mesh: nowhere.msh\n  materials:\n"
 HUGE = {
@@ -143,7 +143,7 @@ def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
     text, line, words = HUGE[what]
     scene = tmp_path / "scene.yaml"
     scene.write_text(text)
-    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=40)  # a minute, before
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=40)  # took a minute before
     assert done.returncode == 2 and words in done.stderr and ";" in done.stderr
     assert done.stderr.startswith(f"{scene}:{line}: " if line else f"{scene}: ")
 
@@ -159,7 +159,8 @@ def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
 
 
 def test_a_law_says_how_much_went_on_linearly(bin, root, tmp_path):
-    """Pressed by 30 mm of 50 under a stretch of at most 1.2: told in the report and as a warning; a shallow press of the same scene says nothing."""
+    """Pressed by 30 mm of 50 under a maximum stretch of 1.2: stated in the report and as a warning; a shallow press of the same scene gives no
+    warning."""
     for depth, loud in (("30 mm", True), ("48 mm", False)):
         tips = [w for k in (2, 3) for w in ("--set", f"hand[0].path[{k}].tip=[52 mm, 50 mm, {depth}]")]
         _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--quiet", "--frames", 36, "--json", tmp_path / "o.json",

@@ -7,7 +7,7 @@
 
 #include "bandwidth.h"
 
-static const double ENOUGH_S = 20; /* of conjugate gradients: the rest is proportion */
+static const double ENOUGH_S = 20; /* of conjugate gradients: the others are proportional */
 
 static double processor_s(void) { return app_clock_s(CLOCK_PROCESS_CPUTIME_ID); }
 
@@ -71,7 +71,7 @@ static int rows_with_force(const tm_precomputed *model) {
     return n;
 }
 
-/* Two shafts laid across the right lobe from the sides, at a height. */
+/* Two shafts across the right lobe from the sides, at one height. */
 static void lay(tm_tool_pose pose[2], double height, double along) {
     for (int t = 0; t < 2; t++) {
         const double y = t ? 0.03 : -0.03;
@@ -136,7 +136,7 @@ static void on_line(const char *size, const organ *o, const tm_tissue *tissue, i
     tm_error error;
     fix_ok(tm_precomputed_create(&def, &model, NULL, &error), &error);
     double height = 0.12;
-    for (int rows = 0; rows < 30 && height > 0; height -= 0.0001) { /* down until they lie on thirty rows */
+    for (int rows = 0; rows < 30 && height > 0; height -= 0.0001) { /* down until they touch with thirty rows */
         lay(pose, height, 0);
         tm_precomputed_update(model, pose);
         rows = rows_with_force(model);
@@ -195,7 +195,7 @@ int main(int count, char **all) {
          "proportion:\n\n"
          "| liver | vertices | solver | columns | order, factor s | in all s | factor MB | responses MB | work MB "
          "|\n|---|---|---|---|---|---|---|---|---|");
-    const bool line_only = count > 3; /* any third word */
+    const bool line_only = count > 3; /* any third argument */
     for (int i = 0; i < n && !line_only; i++)
         ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CHOLESKY, before),
             ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CG, before);

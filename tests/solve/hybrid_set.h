@@ -16,7 +16,7 @@ typedef struct hybrid_set {
     tm_contact *contact;
 } hybrid_set;
 
-/* Tensor/mass where the centre of a tetrahedron is beyond `cut_x`. */
+/* Dynamic where a tetrahedron's centre is beyond `cut_x`. */
 static inline uint8_t *set_beyond(const tm_mesh *mesh, double cut_x) {
     uint8_t *dynamic = malloc((size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
@@ -36,7 +36,7 @@ static inline tm_tissue_def set_tissue_def(const tm_mesh *mesh, const tm_materia
     return def;
 }
 
-/* `mesh` is taken over. */
+/* Takes ownership of `mesh`. */
 static inline hybrid_set set_make(tm_mesh *mesh, const tm_material *material, uint8_t *fixed, double cut_x,
                                   const double g[3], const tm_contact_def *contact, double step_fraction) {
     hybrid_set s = {.mesh = mesh, .fixed = fixed, .dynamic = set_beyond(mesh, cut_x)};
@@ -118,7 +118,7 @@ static inline void set_go(hybrid_set *s, const tm_tool_pose *to, double seconds,
     if (force_N) memcpy(force_N, r.force_N, 24);
 }
 
-/* Far tetrahedra of the tensor/mass part, high up. */
+/* Lists far tetrahedra of the dynamic part, high up. */
 static inline int32_t set_far_corner(const hybrid_set *s, int32_t *list, int32_t most) {
     int32_t count = 0;
     for (int32_t t = 0; t < s->mesh->tet_count && count < most; t++) {

@@ -7,7 +7,7 @@
 
 #include "tensormass_solve.h"
 
-/* Every vertex with x below `to` is fixed; [3*vertex_count], to free. */
+/* Fixes every vertex with x below `to`; [3*vertex_count], to free. */
 static inline uint8_t *kit_clamp(const tm_mesh *mesh, double to) {
     uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3] < to;
@@ -21,14 +21,14 @@ static inline tm_solve_def kit_problem(const tm_tissue *tissue, const uint8_t *f
     return def;
 }
 
-/* Largest difference over the components of `a`, relative to the largest of `b`. */
+/* Returns the largest difference over the components of `a`, relative to the largest of `b`. */
 static inline double kit_difference(const double *a, const double *b, int32_t n) {
     double worst = 0;
     for (int32_t i = 0; i < n; i++) worst = fmax(worst, fabs(a[i] - b[i]));
     return worst / fix_largest(b, n);
 }
 
-/* The support stage of the same mask. */
+/* Adds the support stage of the same mask. */
 static inline void kit_support(tm_world *world, const uint8_t *fixed, const double *value) {
     const int32_t n = 3 * tm_tissue_mesh(tm_world_tissue(world))->vertex_count;
     int32_t *dof = malloc(sizeof(int32_t) * (size_t)n);

@@ -18,14 +18,14 @@ static inline void organ_skip_to(FILE *f, const char *section) {
     fail_msg("no %s in a mesh", section);
 }
 
-/* "1k", "10k" (committed) or "50k" (made here when it is not there). */
+/* Loads "1k", "10k" (committed) or "50k" (generated here if it does not exist). */
 static inline organ organ_read(const char *size) {
     const char *root = getenv("TM_ROOT") ? getenv("TM_ROOT") : ".",
                *out = getenv("TM_OUT") ? getenv("TM_OUT") : "build";
     char path[600], make[2000];
     const bool large = !strcmp(size, "50k");
     snprintf(path, sizeof path, "%s/meshes/liver_%s.msh", large ? out : root, size);
-    /* Where this build looks for it: a sanitizer's is not where `make meshes` alone would put it. */
+    /* In this build's folder: a sanitizer's differs from that of `make meshes`. */
     snprintf(make, sizeof make,
              "make -s -C '%s' MESHES_DIR=\"$(realpath -m '%s/meshes')\" \"$(realpath -m '%s')\" >/dev/null", root, out,
              path);
