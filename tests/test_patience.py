@@ -1,5 +1,5 @@
-"""tests/patience.py and tests/run.py: which tests run again. On a machine in time no failure is excused, nor a repeated failure alone, nor one of a test
-that computes."""
+"""tests/patience.py and tests/run.py: which tests run again. On a machine in time no failure is excused, nor is a repeated failure alone, nor one of
+a test that computes."""
 import os
 import shutil
 import subprocess
@@ -87,7 +87,7 @@ def test_that_computes():
     (2, False, 1e9, "2 passed, 2 failed, 0 skipped, 3 retried"), (2, False, 0, "2 passed, 1 failed, 1 skipped, 3 retried"),
     (41, True, 1e9, "2 passed, 41 failed, 0 skipped, 0 retried")])
 def test_what_watches_the_clock_is_run_again_by_itself(root, tmp_path, many, sound, late, last):
-    """And what computes never is; nor are so many that they have another cause."""
+    """Tests that compute are never repeated, nor are so many that they have another cause."""
     (tmp_path / "tests").mkdir()
     for name in ("conftest.py", "paths.py", "rooms.py"):
         shutil.copy(root / "tests" / name, tmp_path / "tests")

@@ -87,7 +87,7 @@ static void imposed(void **state) {
     u[4] = 0;
     refused(tm_precomputed_impose(model, -1, vertex, u, 0, &error), -1, &error);
     refused(tm_precomputed_impose(model, 2, vertex, u, NAN, &error), -1, &error);
-    /* What was refused has changed nothing. */
+    /* Rejected input has changed nothing. */
     assert_true(tm_precomputed_update(model, NULL) >= 0);
     tm_precomputed_imposed_force(model, 0, after);
     assert_true(isfinite(after[2]) && fabs(after[2] - before[2]) <= 1e-9 * fabs(before[2]) && before[2] != 0);
@@ -132,7 +132,7 @@ static void broken_contract_is_told(void **state) {
     assert_int_equal(tm_stage_hybrid(NULL, NULL, NULL, &error), TM_ERR_ARGUMENT), expected++;
     assert_int_equal(broken, expected);
     tm_set_contract_handler(NULL, NULL);
-    /* Flags: nothing is wrong with a converged force. */
+    /* Flags: a converged force has none. */
     assert_true(tm_precomputed_update(model, &tool.pose) >= 0);
     assert_int_equal(tm_precomputed_force(model, 0, f), 0);
     tm_precomputed_destroy(model);
@@ -166,7 +166,8 @@ static void press(tm_world *world, tm_contact *contact) {
     }
 }
 
-/* A hybrid that fails late leaves neither its world nor itself half set; contact cannot go from under it. */
+/* A hybrid model that fails late leaves neither its world nor itself half set; the contact stage cannot be removed
+ * from under it. */
 static void late_failure_leaves_nothing_half_set(void **state) {
     (void)state;
     block b = make_block();
@@ -193,7 +194,7 @@ static void late_failure_leaves_nothing_half_set(void **state) {
             assert_int_equal(tm_stage_hybrid(world, hybrid, contact, &error), TM_ERR_ARGUMENT);
             assert_int_equal(tm_world_step(world, 1), TM_OK); /* contact's own solver */
             fix_ok(tm_world_remove_stage(world, "hybrid", &error), &error);
-            tm_world_destroy(world); /* and the hybrid may go to another */
+            tm_world_destroy(world); /* and the hybrid may join another world */
             tm_tissue_destroy(tissue);
             world = hybrid_world(&b, hybrid, &tissue, &contact_def, &contact);
         }
@@ -205,7 +206,7 @@ static void late_failure_leaves_nothing_half_set(void **state) {
         force[failing] = tm_contact_reaction(contact, 0).force_N[2];
         fix_ok(tm_world_remove_stage(world, "hybrid", &error), &error);
         assert_int_equal(tm_world_step(world, 1), TM_OK);
-        fix_ok(tm_stage_hybrid(world, hybrid, contact, &error), &error); /* it may come again */
+        fix_ok(tm_stage_hybrid(world, hybrid, contact, &error), &error); /* it may join again */
         assert_int_equal(tm_world_step(world, 1), TM_OK);
         tm_world_destroy(world);
         tm_hybrid_destroy(hybrid);

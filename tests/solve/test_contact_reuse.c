@@ -1,6 +1,6 @@
-/* Contact reuse: contact with condensed tissue between two full contact solves. Static contact is exact; moving contact
- * stays close to a full solve in every substep; after a cut contact is detected in every substep; a snapshot between
- * full solves continues bit-identically. */
+/* Contact reuse: contact with condensed tissue between two full contact solves. Static contact is exact; moving
+ * contact stays close to a full solve in every substep; after a cut contact is detected in every substep; a snapshot
+ * between full solves continues bit-identically. */
 #include "hybrid_set.h"
 
 /* Advances the tool towards `to` by one substep; with `whole`, by a full contact solve. */
@@ -98,12 +98,12 @@ static void tool_at_rest_has_the_longest_span(void **state) {
     set_free(&s);
 }
 
-/* --- on the way --- */
+/* --- in motion --- */
 
 typedef struct stroke {
-    double at[3], by[3]; /* from there, by so much in `steps` substeps, there and back */
+    double at[3], by[3]; /* from there, by this distance in `steps` substeps, there and back */
     int32_t steps, cut_at;
-    double cut_x_m; /* tetrahedra of the tensor/mass part above are cut away there */
+    double cut_x_m; /* tetrahedra of the dynamic part above are removed there */
 } stroke;
 
 static void cut_under(hybrid_set *s, double x_m) {
@@ -118,7 +118,8 @@ static void cut_under(hybrid_set *s, double x_m) {
     assert_true(tm_cut_remove(s->tissue, list, count, NULL, 0) >= count);
 }
 
-/* Returns the largest force difference, of the peak, between a stroke with reuse and one with full solves. */
+/* Returns the largest difference of the force, relative to its peak, between a stroke with reuse and one with full
+ * solves. */
 static double differ_in(const scene_def *def, const stroke *st, int32_t *followed) {
     double peak = 0, most = 0, force[2][3];
     tm_tool_pose at = {.active = true};
@@ -160,8 +161,8 @@ static void moving(void **state) {
     assert_true(most < 0.03);
 }
 
-/* In a steady slide each reuse interval has the same force drift, which the next one predicts: intervals get longer for
- * the same jump of the force, and drift that two intervals do not share is not predicted. */
+/* In a steady slide each reuse interval has the same force drift, which the next one predicts: intervals get longer
+ * for the same jump of the force. Drift that two intervals do not share is not predicted. */
 static void even_slide_lengthens_spans(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, -0.006, 0.05}, .active = true};
@@ -186,7 +187,7 @@ static void even_slide_lengthens_spans(void **state) {
         }
         most[blind] /= peak;
         set_go(&s, &at, 1, NULL);
-        assert_true(span->predicted_growth[0] == 0); /* at rest nothing is let in */
+        assert_true(span->predicted_growth[0] == 0); /* at rest no jump is permitted */
         set_free(&s);
     }
     print_message("  slid evenly: %d of 300 substeps followed, largest change %.2f %%; blindly %d, %.2f %%\n",
@@ -194,8 +195,8 @@ static void even_slide_lengthens_spans(void **state) {
     assert_true(300 - followed[0] < 0.75 * (300 - followed[1]));
 }
 
-/* What surrounds a tool is kept while it and the tissue stay, and looked for anew before what swings could come near.
- */
+/* The surroundings of a tool are kept while tool and tissue stay, and searched again before oscillating tissue could
+ * come near. */
 static void surroundings_are_kept_while_nothing_comes_near(void **state) {
     (void)state;
     scene_def def = set_def();
@@ -228,12 +229,12 @@ static void surroundings_are_kept_while_nothing_comes_near(void **state) {
     set_free(&s);
 }
 
-/* On dynamic tissue far from the interface, where rows are detected in every substep: no loaded row is missed, however
- * far the tissue oscillates. */
+/* On dynamic tissue far from the interface, where rows are detected in every substep: no loaded row is missed,
+ * however far the tissue oscillates. */
 static void swinging_tissue_misses_no_row(void **state) {
     (void)state;
     scene_def def = set_def();
-    def.young_Pa = 700; /* soft, light under a blunt tool, and little damped */
+    def.young_Pa = 700; /* soft, light under a blunt tool, and weakly damped */
     def.radius_m = 0.005;
     def.damping_1_s = 30;
     const stroke slide = {{0.018, -0.006, 0.0405}, {0, 0.012, 0}, 300, -1, 0};
@@ -270,7 +271,7 @@ static void left_as_it_is(void **state) {
     set_free(&s);
 }
 
-/* On tissue of little mass that a cut has left at the interface: rows are detected in every substep. */
+/* Tissue of little mass that a cut has left at the interface: rows are detected in every substep. */
 static void light_remnant_is_searched_every_substep(void **state) {
     (void)state;
     const stroke lip = {{0.006, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.012};

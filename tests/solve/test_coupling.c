@@ -1,5 +1,5 @@
-/* Coupling of the hybrid model: its stiffness is between the condensed part's and the interface's own, and the energy
- * account closes with the losses of full solves. */
+/* Coupling of the hybrid model: its stiffness is between the condensed part's and the interface's own, and the
+ * energy account closes with the losses of full solves. */
 #include "../../libtensormass/solve/hybrid.h"
 #include "kit.h"
 
@@ -12,8 +12,8 @@ typedef struct set {
     double *x, *y; /* [3*vertex_count] */
 } set;
 
-/* A crooked block of two stiffnesses held at one end, the other half of it tensor/mass: 147 or more components between
- * them. At the guaranteed step, undamped. */
+/* A distorted block with two stiffnesses, fixed at one end; the other half is dynamic: 147 or more components
+ * between them. At the guaranteed step, undamped. */
 static set make(void) {
     fix_random random = {23};
     set s = {.mesh = fix_block((int[]){8, 6, 6}, (double[]){0.08, 0.06, 0.06}, 0.25, &random)};
@@ -75,7 +75,7 @@ static double followed_form(const set *s, const double *border_x) {
 
 /* --- S <= K - W W^T <= K --- */
 
-/* Whether R + `room` times its largest entry is positive. */
+/* Returns whether R + `room` times its largest entry is positive. */
 static bool rest_is_positive(const set *s, double room) {
     tms_coupling *c = &s->hybrid->coupling;
     const int32_t n = c->n;
@@ -126,7 +126,7 @@ static void between(void **state) {
     print_message("  %d components, %d shapes, whole every %d steps: a rough shape is %.2f times as stiff in between\n",
                   c->n, c->rank, c->every, stiff / rough);
     assert_true(stiff > 1.01 * rough);
-    /* what gives way more than the inside does would be seen */
+    /* a shape softer than the inside would be detected */
     for (int64_t i = 0; i < (int64_t)c->rank * c->padded; i++) c->smooth[i] *= 1.05f;
     assert_false(rest_is_positive(&s, 2e-6));
     free(shape);
@@ -140,7 +140,7 @@ static double border_of(const set *s, const double *u, double *border_x, double 
     return 0.5 * form(s, border_x);
 }
 
-/* The leapfrog's own energy between the last two shapes; their middle into s->x. */
+/* Returns the leapfrog scheme's own energy between the last two shapes; writes their middle to s->x. */
 static double energy(const set *s, double *border_x) {
     const tm_state *at = tm_world_state(s->world);
     const double *mass = tm_tissue_mass_kg(s->tissue), dt = tm_world_step_s(s->world);
@@ -185,10 +185,10 @@ static void account(void **state) {
     free_set(&s);
 }
 
-/* --- changes in single --- */
+/* --- increments in single --- */
 
-/* Between two whole forces in double the whole force moves by changes in single: as good as those, and what comes to
- * rest has the force of its shape to the last bit. */
+/* Between two full forces in double, the force is updated by increments in single: as accurate, and tissue at rest
+ * has the force of its shape to the last bit. */
 static void single_changes_reach_the_double_force(void **state) {
     (void)state;
     set s = make();
@@ -213,7 +213,7 @@ static void single_changes_reach_the_double_force(void **state) {
     free_set(&s);
 }
 
-/* What is dead in the world's tissue is looked at too, though not in every substep. */
+/* Removed vertices of the world's tissue are checked too, though not in every substep. */
 static void dead_tissue_is_watched_too(void **state) {
     (void)state;
     set s = make();

@@ -1,4 +1,4 @@
-/* Exact compliance next to a simulation: equals the static solver's before, during and after a cut. */
+/* Exact compliance during a simulation: equals the static solver's before, during and after a cut. */
 #include "kit.h"
 
 #include <pthread.h>
@@ -47,7 +47,7 @@ static void tear_down(bench *b) {
     free(b->fixed);
 }
 
-/* Living surface vertices around one that moves on with `k`. */
+/* Lists active surface vertices around one that moves on with `k`. */
 static void choose(bench *b, int k) {
     const tm_surface_view surface = tm_tissue_surface(b->tissue);
     const double *rest = b->mesh->rest_m, *centre = rest + 3 * (int64_t)surface.triangle[3 * (k * 37 % surface.count)];
@@ -78,8 +78,8 @@ static int32_t place(const tm_compliance *c, int32_t vertex) {
     return -1;
 }
 
-/* Columns of some of the wanted vertices against static solutions of the tissue as it is; largest difference, relative.
- */
+/* Compares columns of some requested vertices with static solutions of the present tissue; returns the largest
+ * relative difference. */
 static double off_by(const bench *b, const tm_compliance *c) {
     const int32_t n = 3 * b->mesh->vertex_count;
     double *load = calloc((size_t)n, 8), *u = malloc(8 * (size_t)n), worst = 0;
@@ -106,7 +106,7 @@ static double off_by(const bench *b, const tm_compliance *c) {
     return worst;
 }
 
-/* Calls until the newest piece has all that is wanted, of this very tissue; how many it took. */
+/* Calls until the newest result has all requested columns of this very tissue; returns the number of calls. */
 static const tm_compliance *until_ready(bench *b, int *calls) {
     const int32_t revision = tm_tissue_surface(b->tissue).revision;
     for (*calls = 1; *calls < 50; ++*calls) {
@@ -119,7 +119,8 @@ static const tm_compliance *until_ready(bench *b, int *calls) {
     return NULL;
 }
 
-/* A hole deeper and wider from step to step, under and beside the wanted vertices; never a piece loose. */
+/* Makes a hole deeper and wider from step to step, under and next to the requested vertices; never a detached
+ * fragment. */
 static void cut_more(bench *b, fix_random *random, int32_t tets) {
     for (int tries = 0; tets > 0 && tries < 1000; tries++) {
         const int32_t t = (int32_t)(fix_uniform(random) * b->mesh->tet_count);
@@ -130,7 +131,7 @@ static void cut_more(bench *b, fix_random *random, int32_t tets) {
     }
 }
 
-/* All that lives is still held: the static solver takes it. */
+/* Checks that all active tissue has supports: the static solver accepts it. */
 static bool whole(const bench *b) {
     double *u = malloc(24 * (size_t)b->mesh->vertex_count);
     tm_solve_def def = kit_problem(b->tissue, b->fixed);
@@ -169,13 +170,13 @@ static void exact_whole_and_cut(void **state) {
     exact_as(false, test_is_sanitized() ? 8 : 24, test_is_sanitized() ? 4 : 12, 3);
 }
 
-/* A cut changes the stiffness of all that was averaged with it. */
+/* A cut changes the stiffness of every domain that was averaged with it. */
 static void exact_where_strains_are_averaged(void **state) {
     (void)state;
     exact_as(true, 6, 5, 1);
 }
 
-/* Without a thread the call after a cut gives the compliance of the tissue as it is. */
+/* Without a thread, the call after a cut returns the compliance of the present tissue. */
 static void fresh_after_a_cut(void **state) {
     (void)state;
     bench b;
@@ -192,8 +193,8 @@ static void fresh_after_a_cut(void **state) {
     tear_down(&b);
 }
 
-/* Cut right through: what still hangs on the support stays exact (held by nothing but inertia would be nonsense), and
- * what hangs on nothing gives way so far that nobody takes it for tissue. */
+/* Cut completely through: the part on the support stays exact (held only by inertia its values would be
+ * meaningless); the part without support is so compliant that it cannot be mistaken for tissue. */
 static void piece_cut_loose_gives_way(void **state) {
     (void)state;
     bench b;
@@ -221,7 +222,7 @@ static void piece_cut_loose_gives_way(void **state) {
     tear_down(&b);
 }
 
-/* R about x + y by the angle, and u of a body that has turned by it. */
+/* Computes R about x + y by the angle, and u of a body rotated by it. */
 static void turn_all(const tm_mesh *mesh, double angle, double R[9], double *u) {
     const double a[3] = {sqrt(0.5), sqrt(0.5), 0}, c = cos(angle), s = sin(angle);
     const double cross[9] = {0, -a[2], a[1], a[2], 0, -a[0], -a[1], a[0], 0};
@@ -232,7 +233,7 @@ static void turn_all(const tm_mesh *mesh, double angle, double R[9], double *u) 
     }
 }
 
-/* Largest difference of `c` from R C R^T, R of the angle, of the first blocks; relative. */
+/* Returns the largest relative difference of `c` from R C R^T, R of the angle, over the first blocks. */
 static double off_turned(const tm_compliance *c, const double *C, const double R[9]) {
     const int32_t width = 3 * c->count;
     double off = 0, most = 0;
@@ -247,8 +248,8 @@ static double off_turned(const tm_compliance *c, const double *C, const double R
     return off / most;
 }
 
-/* A body that has turned has the compliance that turned with it, with fibres and averaged volume too; while the factor
- * is not yet made anew, by what is said of the turn. */
+/* A rotated body has the rotated compliance, with fibres and strain smoothing too; until the factor is renewed, by
+ * the rotation that the caller reports. */
 static void turns_with_the_tissue(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++) {
@@ -264,7 +265,7 @@ static void turns_with_the_tissue(void **state) {
         memcpy(C, c->C_m_N, sizeof *C * 9 * (size_t)c->count * (size_t)c->count);
         turn_all(b.mesh, 1.2, R, u);
         c = b.source.exchange(b.source.self, 0, &wish);
-        assert_true(off_turned(c, C, unit) == 0); /* the factor is that of before */
+        assert_true(off_turned(c, C, unit) == 0); /* the factor is the previous one */
         for (int32_t i = 0; i < c->count; i++)
             for (int k = 0; k < 9; k++) assert_true(fabs(c->rotation[9 * i + k] - R[k]) < 1e-9);
         for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
@@ -281,7 +282,7 @@ static void turns_with_the_tissue(void **state) {
     }
 }
 
-/* The same calls, the same bits. */
+/* The same calls give the same bits. */
 static void same_calls_give_the_same_bits(void **state) {
     (void)state;
     uint64_t hash[2];
@@ -301,7 +302,7 @@ static void same_calls_give_the_same_bits(void **state) {
     assert_true(hash[0] == hash[1] && hash[0] != TM_HASH_SEED);
 }
 
-/* With a thread: no call waits for the work, and what arrives is exact for the revision it names. */
+/* With a thread: no call waits for the work, and each result is exact for the revision that it names. */
 static void with_a_thread_no_call_waits(void **state) {
     (void)state;
     bench b;
@@ -369,7 +370,7 @@ static void broken_contract_is_told(void **state) {
     assert_null(b.source.exchange(b.source.self, 0, &greedy)), expected++;
     assert_int_equal(broken, expected);
     tm_set_contract_handler(NULL, NULL);
-    until_ready(&b, &calls); /* what was refused has changed nothing */
+    until_ready(&b, &calls); /* rejected input has changed nothing */
     tear_down(&b);
 }
 

@@ -66,7 +66,7 @@ static void spit(const char *path, const unsigned char *bytes, size_t size) {
     fclose(f);
 }
 
-/* Opens it, and tells whether it came from the file. */
+/* Opens a model, and returns whether it came from the file. */
 static bool opens(const set_up *s, char why[160]) {
     tm_precomputed *model;
     tm_solve_report report;
@@ -87,7 +87,7 @@ static void cached(void **state) {
     assert_string_equal(why, "no file yet");
     assert_true(opens(&s, why));
     assert_string_equal(why, "");
-    /* what it opens is what it computes */
+    /* the opened model equals the computed one */
     const int32_t vertex = s.mesh->vertex_count - 1, n = 3 * s.mesh->vertex_count;
     const double push[3] = {1e-3, -2e-3, 3e-3};
     double *shape[2];
@@ -157,7 +157,7 @@ static void damaged(void **state) {
     unsigned char *good = slurp(s.path, &size), *bad = malloc(size + 1);
     fix_random random = {11};
     for (int i = 0; i < 60;
-         i += test_is_sanitized() ? 4 : 1) { /* one bit anywhere; the first in every part of the head */
+         i += test_is_sanitized() ? 4 : 1) { /* any single bit; the first one in every part of the header */
         memcpy(bad, good, size);
         const size_t at = i < 40 ? (size_t)(i * 2) : (size_t)(fix_uniform(&random) * (double)size);
         bad[at] ^= (unsigned char)(1 << i % 8);
@@ -199,7 +199,7 @@ static bool stop_in_the_middle(void *user, const char *what, double fraction, do
     return !(!strcmp(what, "responses") && fraction > 0.4 && left >= 0);
 }
 
-/* The run that is killed: this program, called again. */
+/* The process to be killed: this program, called again. */
 static void killed(void) {
     set_up s = open_set_up("killed");
     snprintf(s.path, sizeof s.path, "%s", getenv("TEST_FILES_PATH"));
@@ -225,7 +225,7 @@ static void interrupted(void **state) {
     def.problem.user = &calls;
     setenv("TEST_FILES_PATH", s.path, 1);
     const pid_t child = fork();
-    if (child == 0) { /* a fresh program: threads do not survive a fork */
+    if (child == 0) { /* a new program: threads do not survive a fork */
         execl("/proc/self/exe", "test_files", "killed", NULL);
         _exit(0);
     }
@@ -236,17 +236,17 @@ static void interrupted(void **state) {
     assert_int_equal(again, size);
     assert_memory_equal(now, old, size);
     free(now);
-    assert_int_equal(access(s.part, F_OK), 0); /* what it left ... */
+    assert_int_equal(access(s.part, F_OK), 0); /* its remains ... */
     assert_true(opens(&s, why));
     def.problem.progress = stop_in_the_middle;
     assert_int_equal(tm_precomputed_write(&def, NULL, &error), TM_ERR_CONVERGENCE);
     assert_true(calls > 3);
-    assert_int_not_equal(access(s.part, F_OK), 0); /* ... is taken over and cleared by the next */
+    assert_int_not_equal(access(s.part, F_OK), 0); /* ... are removed by the next run */
     assert_true(opens(&s, why));
     now = slurp(s.path, &again);
     assert_memory_equal(now, old, size);
     free(now), free(old);
-    /* nowhere to write */
+    /* no writable folder */
     char absent[320];
     snprintf(absent, sizeof absent, "%s.folder-that-is-not-there/x.tmr", s.path);
     def.file = absent;
@@ -256,9 +256,9 @@ static void interrupted(void **state) {
     close_set_up(&s);
 }
 
-/* --- a cache that several use, or that cannot be used --- */
+/* --- a cache shared by several users, or an unusable one --- */
 
-/* The library's own flock is this one: between opening and locking, another process finishes. */
+/* Replaces the library's flock: between opening and locking, another process finishes. */
 static const char *finish_from, *finish_to;
 int flock(int fd, int operation) {
     if (finish_from) assert_int_equal(rename(finish_from, finish_to), 0);
@@ -292,7 +292,7 @@ static bool count_waiting(void *user, const char *what, double fraction, double 
     return calls_while_waiting < 2000;
 }
 
-/* Four at once, and one that must wait for the lock of a process that then goes away. */
+/* Four processes at once, and one that must wait for the lock of a process that then disappears. */
 static void four_processes_at_once_share_one_file(void **state) {
     (void)state;
     set_up s = open_set_up("users");
@@ -306,7 +306,7 @@ static void four_processes_at_once_share_one_file(void **state) {
         tm_error lack;
         const bool held = tms_file_lock(&s.def.problem, s.path, 0, &file, &lack) == TM_OK;
         if (write(pipe_end[1], &held, 1) == 1) usleep(300000);
-        _exit(0); /* killed, so to speak: its leftover stays */
+        _exit(0); /* simulates a kill: its temporary file stays */
     }
     assert_int_equal(read(pipe_end[0], &byte, 1), 1);
     assert_int_equal(byte, 1);
@@ -345,7 +345,7 @@ static int one_user(void) {
     return 0;
 }
 
-/* Everything works without a cache; only where the file itself is wanted is its lack an error. */
+/* Everything works without a cache; its absence is an error only if the file itself is requested. */
 static void without_a_cache_only_the_file_is_missing(void **state) {
     (void)state;
     set_up s = open_set_up("nowhere"), there = s;
@@ -358,7 +358,7 @@ static void without_a_cache_only_the_file_is_missing(void **state) {
     def.file = s.path;
     assert_int_equal(tm_precomputed_write(&def, NULL, &error), TM_ERR_FILE);
     s = there;
-    /* no room: a limit on the size of files stands for a full disk */
+    /* disk full, simulated by a limit on file sizes */
     struct rlimit was, small = {20000, RLIM_INFINITY};
     assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
     small.rlim_max = was.rlim_max;
@@ -373,7 +373,7 @@ static void without_a_cache_only_the_file_is_missing(void **state) {
     assert_non_null(strstr(why, "kept in memory alone"));
     assert_int_equal(written, TM_ERR_FILE);
     assert_int_not_equal(access(s.path, F_OK), 0);
-    /* a name that cannot be renamed over: what was mapped is used all the same */
+    /* a name that cannot be replaced: the mapped model is used all the same */
     assert_int_equal(mkdir(s.path, 0755), 0);
     assert_false(opens(&s, why));
     assert_non_null(strstr(why, "kept in memory alone"));
@@ -381,7 +381,7 @@ static void without_a_cache_only_the_file_is_missing(void **state) {
     close_set_up(&s);
 }
 
-/* Links and FIFOs where the files should be. */
+/* Links and FIFOs in place of the files. */
 static void traps(void **state) {
     (void)state;
     set_up s = open_set_up("traps");
@@ -400,7 +400,7 @@ static void traps(void **state) {
         free(there);
         unlink(s.part), unlink(target);
     }
-    alarm(60); /* opening a FIFO blocks the program */
+    alarm(60); /* opening a FIFO would block the program */
     assert_int_equal(mkfifo(s.part, 0644), 0);
     assert_false(opens(&s, why));
     unlink(s.part);
@@ -411,7 +411,7 @@ static void traps(void **state) {
     close_set_up(&s);
 }
 
-/* Counts with which the sizes wrap around to that of the file. */
+/* Counts whose sizes wrap around to the file's size. */
 static void counts_that_wrap_are_refused(void **state) {
     (void)state;
     set_up s = open_set_up("crafted");
@@ -433,7 +433,7 @@ static void counts_that_wrap_are_refused(void **state) {
     assert_int_equal(truncate(s.path, (off_t)l.bytes), 0);
     assert_false(tms_file_open(s.path, 7, 1, &map, &bytes, why));
     assert_string_equal(why, "its header is damaged");
-    /* lists that lie, under sums that are right */
+    /* wrong lists with correct checksums */
     tms_file_write file;
     tm_error error;
     size_t size;

@@ -5,8 +5,7 @@
 
 static tm_surface_view whole_surface(void *hybrid) { return tm_hybrid_surface(hybrid); }
 
-/* Patches of the whole organ: its own surface, and the compliance of what the world's tissue and the condensed part are
- * together. */
+/* Patches of the complete organ: its own surface, and the compliance of the dynamic and the condensed part together. */
 static tm_patch_builder *add_patches(hybrid_set *s) {
     tm_error error;
     tm_tissue_def parts = tm_tissue_def_default();
@@ -33,7 +32,7 @@ static void run_for(hybrid_set *s, double seconds) {
     tm_hybrid_recover(s->hybrid, s->world);
 }
 
-/* --- rest --- */
+/* --- equilibrium --- */
 
 static double off_rest(const hybrid_set *s, const uint8_t *alive, bool everywhere) {
     tm_error error;
@@ -70,7 +69,7 @@ static void rest_case(const int cells[3], double seconds) {
     run_for(&s, seconds);
     const double before = off_rest(&s, NULL, true);
     int32_t list[64], removed = 0, interface_cuts = 0;
-    for (int32_t t = 0; t < mesh->tet_count && removed < 40; t++) { /* from the far top, and beside the interface */
+    for (int32_t t = 0; t < mesh->tet_count && removed < 40; t++) { /* from the far top, and next to the interface */
         double x = 0, z = 0;
         for (int i = 0; i < 4; i++)
             x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4, z += mesh->rest_m[3 * mesh->tet[4 * t + i] + 2] / 4;
@@ -203,7 +202,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     assert_true(rough < 1e-6);
     assert_true(worst < 1e-6 * fix_largest(u, 3 * mesh->vertex_count));
     assert_int_equal(tm_hybrid_surface(s.hybrid).count, mesh->surface_count);
-    /* stiffness and patch of the whole organ, from its own factor */
+    /* stiffness and patch of the complete organ, from its own factor */
     static tm_patch patch;
     double K[9], felt[3];
     bool made = false, inside;
@@ -261,8 +260,8 @@ static void work_between_steps_is_in_no_step(void **state) {
     set_free(&s);
 }
 
-/* A tool on the condensed part, near the interface, gives at rest what the shape alone says: not what the step is, and
- * after a cut what a model that has never been another would give. */
+/* A tool at rest on the condensed part, near the interface, has a force that depends on the shape only: not on the
+ * step, and after a cut it equals that of a model built that way. */
 static void probe_near_the_interface_gives_the_static_force(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true},
@@ -345,8 +344,7 @@ static void settle_refusal(void **state) {
     set_free(&s);
 }
 
-/* From a snapshot the same bits follow, whenever it was taken, in a world that has gone elsewhere, and one made anew.
- */
+/* A snapshot at any time continues bit-identically, in a world with another state and in a new one. */
 static void same_bits_after_restore(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
@@ -381,7 +379,7 @@ static void same_bits_after_restore(void **state) {
             assert_memory_equal(force[pass > 0], force[0], 24);
         }
         assert_true(fix_largest(force[0], 3) > 0.01);
-        /* and a step that fails gives all of it back */
+        /* and a failed step restores all of it */
         const int64_t size = tm_snapshot_bytes(a.world);
         char *good = malloc((size_t)size), *after = malloc((size_t)size);
         fix_ok(tm_snapshot_save(a.world, good, size, &error), &error);
@@ -397,7 +395,7 @@ static void same_bits_after_restore(void **state) {
     }
 }
 
-/* The same organ divided elsewhere has another state. */
+/* The same organ with another division has another state. */
 static void other_division_refuses_the_snapshot(void **state) {
     (void)state;
     const tm_material material = kit_material(10e3, 0.4);
@@ -420,7 +418,7 @@ static void other_division_refuses_the_snapshot(void **state) {
     set_free(&s[0]), set_free(&s[1]);
 }
 
-/* A hostile snapshot with a correct checksum is refused or restored, without an access outside its arrays. */
+/* A malicious snapshot with a correct checksum is rejected or restored, without an access outside its arrays. */
 static void hostile_snapshot_is_never_believed(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
@@ -431,9 +429,9 @@ static void hostile_snapshot_is_never_believed(void **state) {
     const int64_t bytes = tm_snapshot_bytes(s.world);
     char *kept = malloc((size_t)bytes), *bad = malloc((size_t)bytes);
     fix_ok(tm_snapshot_save(s.world, kept, bytes, &error), &error);
-    const char *part = NULL; /* the stage's own */
+    const char *part = NULL; /* the stage's own data */
     for (int64_t i = 0; i + 24 < bytes && !part; i += 8)
-        if (!memcmp(kept + i, "hybrid\0\0", 8)) part = kept + i + 32 + 8; /* behind the division's mark */
+        if (!memcmp(kept + i, "hybrid\0\0", 8)) part = kept + i + 32 + 8; /* behind the mark of the division */
     assert_non_null(part);
     fix_random random = {31};
     int refused = 0;
@@ -443,7 +441,7 @@ static void hostile_snapshot_is_never_believed(void **state) {
         const int64_t at = part - kept + (i < 100 ? 4 * i : (int64_t)(fix_uniform(&random) * 3000));
         for (int k = 0; k < 4 && at + k < bytes; k++) bad[at + k] = (char)(int)(fix_uniform(&random) * 256);
         const uint64_t zero = 0;
-        memcpy(bad + 24, &zero, 8); /* as snapshot.c sums it */
+        memcpy(bad + 24, &zero, 8); /* the checksum of snapshot.c */
         const size_t head = 24 + 8 + 8 + 16 + 8 + 16;
         const uint64_t sum = tm_hash(bad + head, (size_t)bytes - head, tm_hash(bad, head, TM_HASH_SEED));
         memcpy(bad + 24, &sum, 8);
@@ -458,8 +456,8 @@ static void hostile_snapshot_is_never_believed(void **state) {
     set_free(&s);
 }
 
-/* Cuts of any size leave the surface of both parts together a manifold, the condensed part untouched; and take no more
- * and no less than in the whole organ wherever that one's repairing touches the tensor/mass part alone. */
+/* Cuts of any size leave the surface of both parts together manifold and the condensed part untouched. They remove
+ * exactly what they remove in the full organ wherever its repair touches the dynamic part only. */
 static void any_cut_leaves_a_manifold_surface(void **state) {
     (void)state;
     fix_random random = {41};
@@ -476,7 +474,7 @@ static void any_cut_leaves_a_manifold_surface(void **state) {
         int32_t *order = malloc(sizeof *order * (size_t)mesh->tet_count), asked = 0;
         bool same = true;
         for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = t;
-        if (run % 2) /* chewed away from a point, or shot through */
+        if (run % 2) /* removed around a point, or at random */
             cut_order_from(mesh, order, &random);
         else
             cut_shuffle(order, mesh->tet_count, &random);
@@ -512,9 +510,9 @@ static void any_cut_leaves_a_manifold_surface(void **state) {
     assert_true(alike > cuts / 10 && extra > 0);
 }
 
-/* --- what does not converge is told --- */
+/* --- failed convergence is reported --- */
 
-/* Of the largest force on the tissue: what rows, which push the tools, do not account for. */
+/* Relative to the largest force on the tissue: the part that rows, which push the tools, do not account for. */
 static double unaccounted(const tms_contact_solver *l) {
     double most = 0, off = 0;
     for (int32_t i = 0; i < 3 * l->used_count; i++) {
@@ -525,8 +523,8 @@ static double unaccounted(const tms_contact_solver *l) {
     return off / fmax(most, 1e-3);
 }
 
-/* Where normals and shares jump with the shape (a tool between the lips of a cut) there may be no solution. What
- * Newton's method left there threw the tissue away; and what is told is the rows' sweep not settling. */
+/* Where normals and shares jump with the shape (a tool between the lips of a cut) there may be no solution. Newton's
+ * last iterate there once threw the tissue away. The report then says that the sweep over rows did not converge. */
 static void jumping_normals_are_told_and_throw_nothing(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
@@ -536,7 +534,7 @@ static void jumping_normals_are_told_and_throw_nothing(void **state) {
     double off = 0;
     const int steps = test_is_sanitized() ? 600 : 3000;
     for (int step = 0; step < steps;
-         step++) { /* thrown about: one substep a frame, so that flags are of one solution */
+         step++) { /* thrown about: one substep per frame, so that flags concern one solution */
         const bool thrown = step % 10 == 0;
         tm_tool_pose at = tm_contact_pose(s.contact, 0);
         for (int c = 0; c < 3 && thrown; c++) at.tip_m[c] = 0.015 * fix_signed(&random) + (c == 2 ? 0.036 : 0);
@@ -588,13 +586,13 @@ static void frame_of_two(hybrid_set *s, const tm_tool_pose to[2], double *most_m
     *most_m = fmax(*most_m, largest_u(s));
 }
 
-/* A grasper lets go beside the interface while a second tool bears on what it held: whatever that is, nothing is flung.
- */
+/* A grasper releases next to the interface while a second tool presses on the grasped tissue: nothing is accelerated
+ * excessively. */
 static void let_go_beside(void **state) {
     (void)state;
     static const char *const name[] = {"nothing", "a probe", "a grasper", "a cautery"};
     static const tm_tool_mode mode[] = {TM_TOOL_PROBE, TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
-    /* In steps of two: each tool and each fade. */
+    /* In steps of two: each tool and each release time. */
     for (int k = test_is_sanitized() ? 8 : 0; k < (test_is_sanitized() ? 9 : 12); k += test_is_long() ? 1 : 2) {
         const int other = k / 3;
         scene_def def = scene_def_default();

@@ -11,7 +11,7 @@ typedef struct set {
     uint8_t *fixed, *dynamic;
 } set;
 
-/* Tensor/mass: tetrahedra whose centre is above a height, in cells; a centre is a quarter, half or three quarters of a
+/* Dynamic: tetrahedra whose centre is above a height, in cells; a centre is a quarter, half or three quarters of a
  * cell above its cell's floor. */
 static set make(double above) {
     fix_random random = {5};
@@ -53,7 +53,7 @@ static tm_hybrid *hybrid_of(const set *s, bool as_marked) {
 static int32_t joined(const set *s, const tm_hybrid *h) {
     int32_t count = 0;
     for (int32_t t = 0; t < s->mesh->tet_count; t++) {
-        assert_true(h->alive[t] || !s->dynamic[t]); /* nothing that was asked for is taken away */
+        assert_true(h->alive[t] || !s->dynamic[t]); /* all requested tetrahedra stay dynamic */
         count += h->alive[t] && !s->dynamic[t];
     }
     return count;
@@ -87,7 +87,7 @@ static void a_smooth_one_stays(void **state) {
     free_set(&s);
 }
 
-/* A tooth here and there is not worth it. */
+/* A few single teeth do not justify smoothing. */
 static void a_few_teeth_stay(void **state) {
     (void)state;
     set s = make(5);

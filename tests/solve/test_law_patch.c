@@ -1,6 +1,7 @@
-/* Patches of tissue with a nonlinear law, pressed by 35 % of its height: the force at 500 Hz against re-solved rest, by
- * the columns of a shallow press and by those of the present tangent, with what the age says; after a cut; with
- * averaged dilatation, whose tangent is compared with differences of the force; and by conjugate gradients. */
+/* Patches of tissue with a nonlinear law, pressed by 35 % of its height: the force at 500 Hz against a recomputed
+ * equilibrium, with the columns of a shallow press and with those of the present tangent, together with the reported
+ * age; after a cut; with averaged dilatation, whose tangent is compared with differences of the force; and by
+ * conjugate gradients. */
 #include "kit.h"
 
 #include "tensormass/cut.h"
@@ -70,7 +71,7 @@ static void destroy(pressed *p) {
     tm_mesh_destroy(p->mesh);
 }
 
-/* Force at rest with the tip there; leaves the tissue at rest there. */
+/* Returns the equilibrium force with the tip there; leaves the tissue at that equilibrium. */
 static void settled(pressed *p, const double tip_m[3], double force_N[3]) {
     tm_tool_pose at = {.tip_m = {tip_m[0], tip_m[1], tip_m[2]}, .active = true};
     tm_settle_def def = tm_settle_def_default();
@@ -95,7 +96,7 @@ static void press(pressed *p, double share, double tip_m[3]) {
     assert_int_equal(tm_world_step(p->world, substeps), TM_OK);
 }
 
-/* Rests that a tool meets within a frame of 25 Hz at 10 to 20 mm/s: 0.2 to 0.8 mm away. */
+/* Equilibria that a tool reaches within a frame of 25 Hz at 10 to 20 mm/s: 0.2 to 0.8 mm away. */
 typedef struct truth {
     double tip_m[3], force_N[3], at_m[MOVES][3], moved_N[MOVES][3];
 } truth;
@@ -129,7 +130,7 @@ static void nearest(const pressed *p, const double tip_m[3], int32_t four[4]) {
     }
 }
 
-/* Largest relative difference of the displacement by a force on these vertices, over the axes. */
+/* Returns the largest relative difference of the displacement by a force on these vertices, over the axes. */
 static double difference(const tm_patch *old, const tm_patch *now, const int32_t four[4]) {
     double most = 0;
     assert_memory_equal(old->vertex, now->vertex, sizeof now->vertex);
@@ -144,7 +145,7 @@ static double difference(const tm_patch *old, const tm_patch *now, const int32_t
     return most;
 }
 
-/* Largest error of the patch, and of the held force, relative to the force. */
+/* Returns the largest errors of the patch's force and of the held force, relative to the force. */
 static double off_by(const pressed *p, const truth *t, double *hold) {
     double worst = 0, at_tip[3];
     tm_patch_force(p->solver, &p->patch, t->tip_m, at_tip, NULL);
@@ -160,7 +161,7 @@ static double off_by(const pressed *p, const truth *t, double *hold) {
     return worst;
 }
 
-/* Removes what is within a slit beside the tool. */
+/* Removes the tetrahedra of a slit next to the tool. */
 static void cut_slit(pressed *p) {
     int32_t n = 0, *tet = malloc(sizeof *tet * (size_t)p->mesh->tet_count);
     for (int32_t t = 0; t < p->mesh->tet_count; t++) {
@@ -172,7 +173,7 @@ static void cut_slit(pressed *p) {
     free(tet);
 }
 
-/* Pressed farther, its columns have aged, and the patch says by how much. Twelve frames later they are new. */
+/* Pressed farther, its columns are outdated, and the patch states by how much. Twelve frames later they are new. */
 static void patch_follows_the_law(tm_law_kind law, bool averaged) {
     pressed p = make(law, 0, averaged);
     double tip_m[3], hold, force[3];
@@ -267,7 +268,8 @@ static void the_averaged_tangent_is_the_change_of_the_force(void **state) {
     }
 }
 
-/* Pressed from a tenth to a third in one frame: the factor is renewed at once, or the patch would be 18 % off. */
+/* Pressed from a tenth to a third in one frame: the factor is renewed at once; otherwise the patch would be 18 %
+ * off. */
 static void a_leap_renews_the_factor_at_once(void **state) {
     (void)state;
     pressed p = make(TM_LAW_NEO_HOOKE, 0, false);
@@ -282,7 +284,7 @@ static void a_leap_renews_the_factor_at_once(void **state) {
     destroy(&p);
 }
 
-/* Without a factor: columns of the present tangent, one by one; meanwhile the age says how far the others are off. */
+/* Without a factor: columns of the present tangent, one by one; meanwhile the age states how far the others are off. */
 static void iterated_columns_follow_a_law(void **state) {
     (void)state;
     pressed p = make(TM_LAW_NEO_HOOKE, 20, false);

@@ -48,7 +48,7 @@ static tm_solve_def problem_of(const block *b) {
     return def;
 }
 
-/* --- each makes a thing, uses it and gives it back; the status of making it --- */
+/* --- each function makes an object, uses it and frees it; returns the status of making it --- */
 
 typedef tm_status (*making)(const block *b, tm_error *error);
 
@@ -88,7 +88,7 @@ static tm_status make_precomputed(const block *b, tm_error *error) {
     assert_true((status == TM_OK) == (model != NULL));
     const int64_t calls = hook.calls;
     if (model) use_precomputed(b, model);
-    assert_int_equal(hook.calls, calls); /* on line it takes nothing more */
+    assert_int_equal(hook.calls, calls); /* updates allocate nothing more */
     tm_precomputed_destroy(model);
     return status;
 }
@@ -185,8 +185,8 @@ static void each_thing(void **state) {
     tm_set_allocator(NULL);
 }
 
-/* The stage "hybrid" that finds no memory leaves the world with contact's own solver; asked again it comes, and runs as
- * one that came at once. */
+/* If the stage "hybrid" finds no memory, the world keeps contact's own solver. Added again it succeeds, and runs
+ * like one added at once. */
 static void stage_of_hybrid(void **state) {
     (void)state;
     uint64_t without = 0, with = 0;
@@ -274,7 +274,7 @@ static void pieces(void **state) {
     tm_set_allocator(NULL);
 }
 
-/* Responses in a file: nothing of ours stays, whether they were written or read. */
+/* Responses in a file: nothing stays allocated, whether they were written or read. */
 static void through_a_file(void **state) {
     (void)state;
     char path[] = "/tmp/tm-memory-XXXXXX";

@@ -23,7 +23,7 @@ typedef struct organ {
 static const tm_tool_pose above = {.tip_m = {0.008, 0.003, 0.050}, .active = true},
                           down = {.tip_m = {0.008, 0.003, 0.0405}, .active = true};
 
-/* A block held from below, half of which the hybrid condenses. */
+/* A block fixed at its bottom, half of which the hybrid condenses. */
 static void make_organ(organ *o, tm_tool_mode mode) {
     static const double g[3] = {0, 0, -9.81};
     scene_def block = scene_def_default();
@@ -114,7 +114,7 @@ static void allow_patches(organ *o, tm_model *model) {
     fix_ok(tm_model_allow_patches(model, &def, &error), &error);
 }
 
-/* The force that a controller finds in the patch with its tool there. */
+/* Returns the force that a controller computes from the patch with its tool there. */
 static void felt_at(const tm_patch *patch, const double tip_m[3], double force_N[3]) {
     tm_patch_solver *solver;
     tm_error error;
@@ -152,7 +152,7 @@ static void three_models_agree_at_rest(void **state) {
         assert_true(model->timing.frame_s == 0.04 && model->timing.substeps >= 1);
         assert_int_equal(tm_model_alive(model), o.mesh->tet_count);
         assert_int_equal(tm_model_surface(model).count, o.mesh->surface_count);
-        assert_false(tm_model_patch(model, 0, &patch)); /* not allowed yet */
+        assert_false(tm_model_patch(model, 0, &patch)); /* not permitted yet */
         allow_patches(&o, model);
         go(model, &above, 2);
         assert_true(fix_largest(tm_model_reaction(model, 0).force_N, 3) == 0);
@@ -175,7 +175,7 @@ static void three_models_agree_at_rest(void **state) {
     free_organ(&o);
 }
 
-/* A frame in pieces is the frame, and a tool that is placed sweeps nothing. */
+/* A frame in several pieces equals the frame, and a tool whose pose is set does not sweep. */
 static void frame_in_pieces_equals_the_frame(void **state) {
     (void)state;
     organ o;
@@ -204,7 +204,7 @@ static void frame_in_pieces_equals_the_frame(void **state) {
     free_organ(&o);
 }
 
-/* Both do the same: every frame, its reaction and its patch are equal to the last bit. */
+/* Both do the same: every frame, its reaction and its patch are bit-identical. */
 static void go_on_alike(tm_model *model, tm_model *other, const tm_tool_pose *to, int frames) {
     for (int i = 0; i < frames; i++) {
         go(model, to, 1);
@@ -221,7 +221,7 @@ static void go_on_alike(tm_model *model, tm_model *other, const tm_tool_pose *to
 static void hand_over(tm_model *model, tm_model *other) {
     tm_error error;
     const int64_t bytes = tm_model_snapshot_bytes(model), own = tm_model_snapshot_bytes(other);
-    assert_true(tm_model_snapshot_bytes_max(model) == tm_model_snapshot_bytes_max(other)); /* wherever they are */
+    assert_true(tm_model_snapshot_bytes_max(model) == tm_model_snapshot_bytes_max(other)); /* at any position */
     unsigned char *buffer = malloc((size_t)bytes), *before = malloc((size_t)own), *after = malloc((size_t)own);
     fix_ok(tm_model_save(model, buffer, bytes, &error), &error);
     fix_ok(tm_model_save(other, before, own, &error), &error);
@@ -245,7 +245,7 @@ static void hand_over(tm_model *model, tm_model *other) {
     free(buffer), free(before), free(after);
 }
 
-/* What was saved goes on with the same bits, also in a model that never was where it came from. */
+/* A saved state continues with the same bits, also in a model with another history. */
 static void snapshot_goes_on_with_the_same_bits(void **state) {
     (void)state;
     organ o;
@@ -264,7 +264,7 @@ static void snapshot_goes_on_with_the_same_bits(void **state) {
     free_organ(&o);
 }
 
-/* While jaws hold, and while what they let go of fades. */
+/* While jaws grasp, and while a release fades. */
 static void snapshots_of_a_hold(void **state) {
     (void)state;
     organ o;
@@ -295,7 +295,8 @@ static void snapshots_of_a_hold(void **state) {
     free_organ(&o);
 }
 
-/* Jaws that open in the first frame after: what they let go of is what held it less what a second tool does there. */
+/* Jaws that open in the first frame after the snapshot: the released force is the grasp's less a second tool's force
+ * there. */
 static void snapshot_before_letting_go(void **state) {
     (void)state;
     organ o;
@@ -320,10 +321,10 @@ static void snapshot_before_letting_go(void **state) {
     free_organ(&o);
 }
 
-/* How far across its normal the only tool is held back. */
+/* Returns how far the only tool is held back across its normal. */
 static double held_back_N(tm_model *model) { return fabs(tm_model_reaction(model, 0).force_N[0]); }
 
-/* While the probe sticks and while it slides, friction's stretch continues with the same bits, in patches too. */
+/* While the probe sticks and while it slides, friction's displacement continues with the same bits, in patches too. */
 static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     (void)state;
     organ o;
@@ -337,11 +338,11 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     static tm_patch a, b;
     tm_tool_pose at = down;
     for (int i = 0; i < 3; i++) allow_patches(&o, i == 0 ? model : i == 1 ? other : third);
-    go(other, &at, 2); /* has friction there too, with its own coefficients */
+    go(other, &at, 2); /* friction there too, with its own coefficients */
     go(model, &above, 1);
     go(model, &at, 4);
     at.tip_m[0] += 0.0001;
-    go(model, &at, 1); /* stretched, and sticks */
+    go(model, &at, 1); /* displaced, and sticks */
     const double stuck = held_back_N(model);
     assert_true(stuck > 0.01);
     hand_over(model, other);
@@ -363,7 +364,7 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
         assert_true(get_patch(model, &a) && get_patch(third, &b));
         assert_memory_equal(&a, &b, sizeof a);
     }
-    /* one of a model without friction is none of this one */
+    /* one of a model without friction does not fit */
     const int64_t bytes = tm_model_snapshot_bytes(without);
     unsigned char *buffer = malloc((size_t)bytes);
     fix_ok(tm_model_save(without, buffer, bytes, &error), &error);
@@ -374,7 +375,7 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
     free_organ(&o);
 }
 
-/* Numbers that cannot be, behind a right checksum: refused and nothing changed, or taken and gone on from. */
+/* Impossible values with a correct checksum are rejected without change, or accepted and continued from. */
 static void snapshots_of_friction_made_by_hand(void **state) {
     (void)state;
     enum { HEAD = 16 + 8 * 13 * TM_MAX_INSTRUMENTS }; /* up to the checksum */
@@ -420,7 +421,7 @@ static void snapshots_of_friction_made_by_hand(void **state) {
     free_organ(&o);
 }
 
-/* A reaction that is no solution is told as none by who goes on from it. */
+/* A reaction of an unconverged solution is marked as such after restoring, too. */
 static void snapshot_of_no_solution(void **state) {
     (void)state;
     organ o;
@@ -469,7 +470,7 @@ static void rest(void **state) {
     free_organ(&o);
 }
 
-/* A hybrid organ that is cut keeps stiffness and patch, and they are those of what is left. */
+/* A cut hybrid organ keeps stiffness and patch, and they are those of the remainder. */
 static void cut_hybrid_keeps_stiffness_and_patch(void **state) {
     (void)state;
     organ o;
@@ -505,7 +506,7 @@ static void cut_hybrid_keeps_stiffness_and_patch(void **state) {
         assert_int_equal(r.stiffness_kind, 2);
         assert_true(off(found, force[m], 3) < 1e-4 && off(force[m], force[0], 3) < 1e-4);
         assert_true(off(K[m], K[0], 9) < 2e-2);
-        /* its rest, the tool away: what was cut bears and weighs nothing */
+        /* its equilibrium without the tool: removed tissue carries no force and has no weight */
         tm_settle_def settle = tm_settle_def_default();
         tm_settle_result result;
         tm_error error;
@@ -520,7 +521,7 @@ static void cut_hybrid_keeps_stiffness_and_patch(void **state) {
     free_organ(&o);
 }
 
-/* Held tissue: the patch holds it too. */
+/* Grasped tissue: the patch contains the grasp. */
 static void held_tissue_has_a_patch(void **state) {
     (void)state;
     organ o;
@@ -664,7 +665,7 @@ static void stages(void **state) {
     free_organ(&o);
 }
 
-/* The hybrid's inside is solved for when somebody looks, and a frame does not depend on whether somebody did. */
+/* The inside of the hybrid model is solved on request, and a frame does not depend on such requests. */
 static void looking_changes_no_frame(void **state) {
     (void)state;
     organ o;

@@ -1,11 +1,11 @@
-/* On-line contact of the precomputed model: against the dynamic model at rest and its own derivative; smoothness,
+/* Online contact of the precomputed model: against the dynamic model at rest and its own derivative; smoothness,
  * grasped vertices. */
 #include "../physics/contact_scene.h"
 #include "kit.h"
 
 #include <time.h>
 
-/* A scene of the contact tests, and the precomputed model of the same. */
+/* A contact-test scene, and its precomputed model. */
 typedef struct pair {
     scene scene;
     uint8_t *fixed;
@@ -62,7 +62,7 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
     def.tools = tools;
     pair p = make_pair(&def, TM_DOUBLE);
     tm_tool_reaction dynamic[2];
-    for (int frame = 0; frame < 100; frame++) /* down in the first ten, then rest */
+    for (int frame = 0; frame < 100; frame++) /* down in the first ten frames, then at rest */
         for (int t = 0; t < tools; t++) {
             const double s = frame < 10 ? (frame + 1) / 10.0 : 1;
             tm_tool_pose at = to[t];
@@ -165,7 +165,7 @@ static void stiffness(void **state) {
 
 /* --- the patch --- */
 
-/* What the controller would feel near the sample, from the patch alone, against the model itself. */
+/* The controller's force near the sample, from the patch alone, against the model itself. */
 static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at, int tools, double step_m,
                         fix_random *random) {
     static tm_patch patch;
@@ -207,14 +207,14 @@ static void patch(void **state) {
     print_message(
         "  force from the patch, tip moved by up to 0.3 mm: off by %.1e alone, %.1e with another tool 11 mm away\n",
         alone, beside);
-    assert_true(alone < 1e-5);  /* the tool stays on the same triangles: nothing but the solver's tolerance */
+    assert_true(alone < 1e-5);  /* the tool stays on the same triangles: only the solver's tolerance remains */
     assert_true(beside < 1e-2); /* the other tool's rows to first order */
     tm_patch_solver_destroy(solver);
 }
 
 /* --- grasping --- */
 
-/* Down, close, lift and turn, let go; the dynamic model at rest at each. */
+/* Down, close, lift and rotate, release; the dynamic model at rest at each. */
 static void grasp_agrees_with_dynamic_at_rest(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -233,7 +233,7 @@ static void grasp_agrees_with_dynamic_at_rest(void **state) {
         tm_tool_reaction settled = {0};
         for (int frame = 0; frame < 40; frame++) settled = scene_frame(&p.scene, 0, way[i], 0.04);
         for (int k = 0; k < (i == 3 ? 60 : 1); k++)
-            assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* 50 updates let go */
+            assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* the release takes 50 updates */
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
         const int32_t *held, *theirs;
         tm_grasp_state mine_is, theirs_is;
@@ -272,8 +272,8 @@ static void grasp_agrees_with_dynamic_at_rest(void **state) {
     free_pair(&p);
 }
 
-/* Releasing while a second tool bears on what was held: whatever it is, the shape never goes farther than it was, and
- * the grasper's force is never more than the share of it that is left. */
+/* Releasing while a second tool presses on the grasped tissue: the shape never goes farther than before, and the
+ * grasper's force never exceeds the share that is left. */
 static void let_go_beside(void **state) {
     (void)state;
     const struct {
@@ -284,7 +284,7 @@ static void let_go_beside(void **state) {
                    {"a probe", TM_TOOL_PROBE, true},
                    {"a grasper", TM_TOOL_GRASPER, true},
                    {"a cautery", TM_TOOL_CAUTERY, true}};
-    /* In steps of two: each tool and each fade. */
+    /* In steps of two: each tool and each release time. */
     for (int k = test_is_sanitized() ? 8 : 0; k < (test_is_sanitized() ? 9 : 12); k += test_is_long() ? 1 : 2) {
         scene_def def = scene_def_default();
         def.cells[0] = def.cells[1] = 8, def.cells[2] = 5, def.tools = 2;
@@ -300,7 +300,7 @@ static void let_go_beside(void **state) {
         int stalled = tm_precomputed_update(p.model, at) < 0;
         at[0].grip = 1;
         const bool grasps = second[k / 3].mode == TM_TOOL_GRASPER;
-        for (int i = 1; i <= 60; i++) { /* up 5 mm, while the second comes down on it, or holds it too and pulls away */
+        for (int i = 1; i <= 60; i++) { /* up 5 mm, while the second presses on it, or grasps it too and pulls away */
             at[0].tip_m[2] = 0.0425 + 0.005 * fmin(1, i / 20.0);
             if (second[k / 3].there) at[1].tip_m[2] = grasps ? 0.0425 : fmax(0.042, 0.065 - 0.0005 * i);
             if (grasps) at[1].tip_m[0] = -0.003 - 1e-4 * i, at[1].grip = i > 2;
@@ -369,7 +369,7 @@ static void smooth(void **state) {
 
 /* --- each tool's own size --- */
 
-/* How large a tool is that touches nothing is nothing to the other: no bit of its force or stiffness. */
+/* The size of a tool without contact does not affect the other one: no bit of its force or stiffness. */
 static void size_of_another_tool(void **state) {
     (void)state;
     tm_tool_reaction r[3];
@@ -453,11 +453,11 @@ static void rough_hands(void **state) {
     free_pair(&p);
 }
 
-/* --- what does not converge is told --- */
+/* --- failed convergence is reported --- */
 
-/* Thrown into the block from a metre away, farther than an update has pieces for: what comes of it is finite and
- * bounded, and where it is no solution both the count of steps and every tool's reaction say so; a tool that comes from
- * outside again is felt as if nothing had been. */
+/* Thrown into the block from a metre away, farther than an update's path steps reach. The result is finite and
+ * bounded. If it is no solution, both the count of steps and every tool's reaction report it. A tool that comes from
+ * outside again is felt as if nothing had happened. */
 static void thrown_tool_is_bounded_and_told(void **state) {
     (void)state;
     scene_def def = scene_def_default();

@@ -33,8 +33,8 @@ static rest settle(const organ *o, tm_tissue *tissue, const double g[3]) {
     return r;
 }
 
-/* A vertex of the free surface far from the supports is moved by hand: the settled world with one more support says how
- * the organ answers. */
+/* Prescribes a vertex of the free surface far from the supports: the settled world with this additional support
+ * gives the reference. */
 static void check_imposed(const organ *o, tm_tissue *tissue, const double *load, const double g[3]) {
     const size_t n = 3 * (size_t)o->mesh->vertex_count;
     tm_precomputed_def def = tm_precomputed_def_default();
@@ -84,7 +84,7 @@ static double largest_off(const organ *o, const tm_tissue *among, const double *
     return worst / fix_largest(b, 3 * o->mesh->vertex_count);
 }
 
-/* The right lobe's front is tensor/mass; twenty tetrahedra of it are cut out. */
+/* The right lobe's front is dynamic; twenty of its tetrahedra are cut out. */
 static void check_hybrid(const organ *o, const tm_material *material, tm_tissue *whole, const double *load,
                          const double g[3], const double *full, double seconds) {
     const tm_mesh *mesh = o->mesh;
@@ -156,7 +156,7 @@ static void check_organ(const char *size, bool hybrid_too) {
     const double g[3] = {0, 0, -9.81};
     organ o = organ_read(size);
     tm_material material = kit_material(20e3, 0.4);
-    material.damping_1_s = 45; /* close to critical for the organ's slowest swing */
+    material.damping_1_s = 45; /* close to critical damping of the organ's lowest mode */
     tm_tissue *tissue = part(o.mesh, &material, NULL);
     const size_t n = 3 * (size_t)o.mesh->vertex_count;
     double *load = malloc(8 * n), *u = malloc(8 * n), *reaction = malloc(8 * n);

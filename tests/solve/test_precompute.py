@@ -86,7 +86,7 @@ def test_ranks_write_the_same_file(bin, root, place):
 
 
 def head(path):
-    """kept, interface, precision, block, where columns begin, bytes"""
+    """kept vertices, interface, precision, block, offset of the columns, bytes"""
     return struct.unpack_from("<iiiiqq", path.open("rb").read(64), 24)
 
 
@@ -95,7 +95,7 @@ def blocks(part):
 
 
 def blocks_done(part):
-    """Of a part file: how many of its sums, behind its end, are there."""
+    """Returns how many checksums of a partial file, behind its end, are present."""
     try:
         kept = head(part)[0]
         data = part.open("rb").read()
@@ -105,7 +105,7 @@ def blocks_done(part):
 
 
 def responses(path):
-    """Columns of a response file, as its head says they lie."""
+    """Returns the columns of a response file, located by its header."""
     data = path.read_bytes()
     kept, interface, precision, _, column, size = struct.unpack_from("<iiiiqq", data, 24)
     assert size == len(data) and precision == 0
@@ -113,7 +113,7 @@ def responses(path):
 
 
 def test_ranks_share_one_factor(bin, root, place):
-    """Each has a piece of it; together they give what one gives, within rounding, in a file that tm-sim takes."""
+    """Each rank has a part of the factor; together they give the same as one, within rounding, in a file that tm-sim accepts."""
     folder, env = place
     job = mpirun(bin, 1)
     if run([job[-1], "--help"], env) and "libdmumps" not in run(["ldd", job[-1]], env).stdout:
@@ -170,18 +170,18 @@ def test_a_rank_that_dies_leaves_the_old_file(bin, root, place):
     os.kill(victim, signal.SIGKILL)
     assert job.wait(timeout=300) != 0
     assert out.read_bytes() == b"the old file"
-    # what was left half-way is no obstacle to another scene's run
+    # a partial file does not obstruct another scene's run
     run([bin / "tm-precompute", write_scene(folder, root, bin, env), "--out", out], env)
     assert out.read_bytes().startswith(b"TMRESP")
     assert not part.exists()
 
 
 def test_what_was_killed_is_gone_on_with(bin, root, place):
-    """By any number of ranks, with the same bits; a block that was harmed meanwhile is solved again."""
+    """Any number of ranks gives the same bits; a block damaged meanwhile is solved again."""
     folder, env = place
     scene, out = write_scene(folder, root, bin, env, mesh="block_10k"), folder / "out.tms"
     part = folder / "out.tms.part"
-    for _ in range(5):  # until it is caught in the middle: on a busy machine it may be done before it is looked at
+    for _ in range(5):  # repeated until it is caught in the middle: on a busy machine it may already have finished
         out.unlink(missing_ok=True)
         job = subprocess.Popen([str(c) for c in [bin / "tm-precompute", scene, "--out", out, "--threads", 1]], env=env, stdout=subprocess.DEVNULL,
                                stderr=subprocess.DEVNULL)
@@ -235,7 +235,7 @@ def test_bad_input(bin, root, place):
 
 @pytest.mark.plain
 def test_a_limit_on_memory_is_told_not_hung_on(bin, root, place):
-    """OpenBLAS asks for ever where it can map nothing: every limit ends in a model or in a sentence about the limit."""
+    """OpenBLAS asks indefinitely where it can map nothing: every limit ends in a model or in a message about the limit."""
     folder, env = place
     scene = write_scene(folder, root, bin, env)
     ends = set()
@@ -252,7 +252,7 @@ def test_a_limit_on_memory_is_told_not_hung_on(bin, root, place):
 
 
 def test_several_users_of_one_cache(bin, root, place):
-    """One computes, the others wait for it and take what it made."""
+    """One computes; the others wait for it and use its file."""
     folder, env = place
     scene = write_scene(folder, root, bin, env)
     users = [subprocess.Popen([str(c) for c in [bin / "tm-sim", "--lockstep", scene, "--frames", 2]], env=env, stdout=subprocess.PIPE,
@@ -269,7 +269,7 @@ def last_force(path):
 
 
 def test_three_models_by_one_line(bin, root, place):
-    """Pressed and held, the three models push back the same."""
+    """Pressed and held, the three models have the same reaction."""
     folder, env = place
     force = {}
     for model in ("dynamic", "precomputed", "hybrid"):
@@ -295,7 +295,7 @@ def test_a_grasper_holds_the_same_in_the_precomputed_model(bin, root, place):
         scene.write_text(head + "path:\n" + path.replace("2.4 s", "3 s"))
         run([bin / "tm-sim", "--lockstep", scene, "--samples", folder / f"{model}.csv"], env)
         force[model] = last_force(folder / f"{model}.csv")
-    assert force["precomputed"][2] < -0.1, force  # it pulls the tool down
+    assert force["precomputed"][2] < -0.1, force  # the tissue pulls the tool down
     assert max(abs(a - b) for a, b in zip(force["dynamic"], force["precomputed"])) < 1e-4 * -force["precomputed"][2], force
 
 

@@ -1,20 +1,20 @@
-/* Estimates are labelled: every stiffness that is sent (kind above 0) matches the change by moving the tool, in random
- * scenes with every effect, also in the frames while it is computed. */
+/* Estimates are labelled: every stiffness that is sent (kind above 0) equals the change of force by moving the tool,
+ * in random scenes with every effect, also in the frames while it is computed. */
 #include "kit.h"
 
 #include "tensormass/cut.h"
 
 #define FELT_N 0.01
-/* Of what moving the tool gives: linear tissue, while the tool moves and where it has stayed; tissue that turns, whose
- * factor leaves out what stress adds (4 to 15 % at rest under a press). */
+/* Tolerances relative to the change by moving the tool: linear tissue, while the tool moves and at rest; rotated
+ * tissue, whose factor omits the geometric stiffness of stress (4 to 15 % at rest under a press). */
 #define STRAIGHT_MOVING 0.15
 #define STRAIGHT 0.08
 #define TURNED 0.3
 #define RUBBED 0.45      /* sent without friction */
-#define DAMPING_1_S 60.0 /* nearly critical for the slowest motion: tissue of a moved tool is soonest at rest */
+#define DAMPING_1_S 60.0 /* nearly critical for the slowest mode: tissue of a moved tool then comes to rest soonest */
 #define TROCAR_X_M 0.05
 #define TROCAR_Y_M 0.02
-enum { TERM_S = 1000 }; /* nothing relaxes while the tool is moved: the stiffness is the sudden one */
+enum { TERM_S = 1000 }; /* nothing relaxes while the tool is moved: the stiffness is the instantaneous one */
 
 typedef struct sent {
     fix_random random;
@@ -81,7 +81,7 @@ static void add_stages(sent *s) {
     if (s->rubs) fix_ok(tm_stage_friction(s->world, s->contact, &rough, &friction, &error), &error);
 }
 
-/* The world of the tissue, and what makes its patches. */
+/* The world of the tissue, and its patch builder. */
 static void make_world(sent *s, const uint8_t *fixed, bool exact) {
     tm_error error;
     tm_world_def world = tm_world_def_default();
@@ -134,9 +134,9 @@ static void frame(sent *s, const tm_tool_pose to[2], double seconds) {
     assert_int_equal(tm_world_step(s->world, substeps), TM_OK);
 }
 
-/* Force at rest with the tool of a hand moved, from the state as it is; the state stays. 0.17 s leave 0.7 % of what the
- * tissue has still to go, with DAMPING_1_S: with a damping that is far from critical 13 % were left after 0.27 s, and
- * taken for errors of what is sent. */
+/* Returns the equilibrium force with a hand's tool moved, from the present state, which is restored. 0.17 s leave
+ * 0.7 % of the tissue's motion with DAMPING_1_S. With damping far from critical, 13 % were left after 0.27 s, and
+ * mistaken for errors of the stiffness. */
 static void force_at(sent *s, int hand, int axis, double by_m, double force_N[3]) {
     tm_error error;
     tm_tool_pose to[2] = {s->pose[0], s->pose[1]};
@@ -150,8 +150,9 @@ static void force_at(sent *s, int hand, int axis, double by_m, double force_N[3]
     fix_ok(tm_snapshot_restore(s->world, s->before, s->bytes, &error), &error);
 }
 
-/* How far the stiffness is off, relative; -1: beside a second hand the tool, moved so, touches nothing. It is said
- * without friction, and what sticks is moved with it: there along the press alone, and no closer than that allows. */
+/* Returns the relative error of the stiffness; -1: next to a second hand the moved tool touches nothing. It is sent
+ * without friction, while sticking tissue moves along: there it is compared along the press only, with a wider
+ * tolerance. */
 static double off_by(sent *s, int hand, const tm_tool_reaction *r) {
     const double step_m = 2e-4;
     double K[9], wrong = 0, size = 0, here[3];
@@ -182,7 +183,7 @@ static void cut_beside(sent *s) {
     }
 }
 
-/* Presses, or grasps, lifts and turns; then stays. */
+/* Presses, or grasps, lifts and rotates; then stays. */
 static tm_tool_pose pose_at(const sent *s, int k) {
     tm_tool_pose to = s->pose[0];
     const double down = fmin(k / 10.0, 1), up = s->holds ? fmin(fmax(k - 16, 0) / 12.0, 1) : 0;
@@ -193,7 +194,7 @@ static tm_tool_pose pose_at(const sent *s, int k) {
     return to;
 }
 
-/* The second hand presses beside it, later, and goes to and fro. */
+/* The second hand presses near it, later, and moves to and fro. */
 static tm_tool_pose other_at(const sent *s, int k) {
     tm_tool_pose to = s->pose[1];
     memcpy(to.tip_m, s->other_m, sizeof s->other_m);
@@ -207,7 +208,7 @@ typedef struct tally {
     double worst[2][3]; /* [friction][kind] */
 } tally;
 
-/* What a hand is sent in frame `k`; `compare`: against moving its tool. */
+/* Checks the sample of frame `k`; `compare`: against moving its tool. */
 static void see(sent *s, int hand, int k, bool compare, tally *t) {
     tm_patch patch;
     const bool made = tm_patch_compute(s->maker, hand, &patch);
@@ -266,7 +267,7 @@ static void each_frame_is_true(void **state) {
     }
 }
 
-/* --- tissue that turns far between two factors --- */
+/* --- tissue that rotates far between two factors --- */
 static void make_bar(sent *s) {
     const int cells[3] = {6, 4, 4};
     const double size[3] = {0.045, 0.03, 0.03};
@@ -280,7 +281,7 @@ static void make_bar(sent *s) {
     fix_ok(tm_tissue_create(&def, &s->tissue, &error), &error);
 }
 
-/* Support and tool about the vertical through the trocar. */
+/* Rotates support and tool about the vertical through the trocar. */
 static void turn_by(sent *s, const uint8_t *fixed, double angle) {
     const double co = cos(angle), si = sin(angle), *tip = s->tip_m;
     int32_t component = 0;
@@ -301,8 +302,8 @@ static double sent_off_by(sent *s) {
     return off_by(s, 0, &r);
 }
 
-/* Tissue, supports and tool turned together by 43 degrees: what is sent is right by the factor of before, which turns
- * with the tissue, and by a new one. */
+/* Tissue, supports and tool are rotated together by 43 degrees: the stiffness is correct with the previous factor,
+ * which rotates with the tissue, and with a new one. */
 static void turned_between_factors(void **state) {
     (void)state;
     const double turned = 0.75;
@@ -317,7 +318,7 @@ static void turned_between_factors(void **state) {
         s.pose[0].grip = holds;
         frame(&s, s.pose, 0.4);
         const double before = sent_off_by(&s);
-        for (int k = 1; k <= 40; k++) { /* nothing is asked for meanwhile: no new factor */
+        for (int k = 1; k <= 40; k++) { /* no compliance is requested meanwhile: no new factor */
             turn_by(&s, fixed, turned * k / 40);
             frame(&s, s.pose, 0.02);
         }

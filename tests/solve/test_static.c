@@ -71,8 +71,8 @@ static void direct(const oracle *o, const tm_tissue *tissue, tm_solver solver) {
     free(fixed), free(value), free(load), free(u), free(reaction);
 }
 
-/* The precomputed model: gravity as its base shape; `press` as displacements imposed on its surface, the paper's way.
- */
+/* The precomputed model: gravity as its base shape; `press` as displacements imposed on its surface, by the paper's
+ * method. */
 static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision precision, double tolerance) {
     const int32_t n = 3 * o->vertex_count;
     uint8_t *fixed = malloc((size_t)n);
@@ -147,7 +147,7 @@ static void check_settled(const int cells[3]) {
     double *value = calloc(n, 8), *load = calloc(n, 8), *u = malloc(8 * n), *reaction = malloc(8 * n),
            *settled = calloc(n, 8);
     for (size_t d = 0; d < n; d++) {
-        if (fixed[d]) value[d] = 1e-3 * fix_signed(&random); /* a crumpled clamp */
+        if (fixed[d]) value[d] = 1e-3 * fix_signed(&random); /* a deformed clamp */
         load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
     }
     kit_support(world, fixed, value);
@@ -178,7 +178,7 @@ static void settled_model(void **state) {
     if (test_is_long()) check_settled((int[]){30, 17, 16}); /* 48,960 */
 }
 
-/* --- refusals --- */
+/* --- rejected input --- */
 
 static tm_status try_solve(const tm_tissue *tissue, const uint8_t *fixed, int64_t limit, tm_error *error) {
     tm_solve_def def = kit_problem(tissue, fixed);
@@ -195,14 +195,14 @@ static void loose_tissue(void **state) {
     tm_error error;
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "no vertex of the tissue is fixed"));
-    for (int i = 0; i < 6; i++) fixed[i] = 1; /* two vertices: it can still turn about their line */
+    for (int i = 0; i < 6; i++) fixed[i] = 1; /* two vertices: it can still rotate about their line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "rigid body"));
     for (int i = 0; i < 9; i++) fixed[i] = 1; /* three in one line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
-    for (int i = 9; i < 12; i++) fixed[i] = 1; /* a fourth, beside it */
+    for (int i = 9; i < 12; i++) fixed[i] = 1; /* a fourth one, off the line */
     fix_ok(try_solve(tissue, fixed, 0, &error), &error);
-    /* a slice taken out of the middle leaves a far part that floats; its vertices are beyond x = 0.04 */
+    /* a slice removed from the middle leaves a far part without support; its vertices are beyond x = 0.04 */
     for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 != 3;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material, def.alive = alive;
@@ -212,7 +212,7 @@ static void loose_tissue(void **state) {
     assert_non_null(strstr(error.message, "has no fixed vertex"));
     assert_true(mesh->rest_m[3 * error.entity] > 0.0399);
     tm_tissue_destroy(apart);
-    /* two parts that share one vertex only: the far one can turn about it */
+    /* two parts with one common vertex only: the far one can rotate about it */
     for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 < 3;
     int32_t corner = -1, keep = -1;
     for (int32_t t = 72; t < 96 && keep < 0; t++)
@@ -261,7 +261,7 @@ static void too_large(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* --- several threads, and what belongs to the process --- */
+/* --- several threads, and state of the process --- */
 
 typedef struct one_solution {
     const tm_solve_def *def;
@@ -309,7 +309,7 @@ static void four_at_once(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* OpenBLAS's threads, SuiteSparse's allocator and rand() are as they were. */
+/* OpenBLAS's threads, SuiteSparse's allocator and rand() are unchanged. */
 static void process_left_alone(void **state) {
     (void)state;
     const tm_material material = kit_material(6e3, 0.45);

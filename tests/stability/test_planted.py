@@ -17,7 +17,7 @@ ONE_SIGN = """    for (int32_t i = 0; i < edges && i < 1 && tissue->precision ==
 MEND_EDGES = "    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);\n"
 RATIO = "vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
 POSITION = f"    vadd(force, capped_ratio(m, {RATIO}), m->change_N);\n"
-# fault: (file, what stands there once, the fault in its place, test program, test in it that must fail)
+# fault: (file, code that occurs there once, the faulty code, test program, test in it that must fail)
 FAULTS = {
     "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
@@ -33,7 +33,7 @@ SOURCES = ("libtensormass", "contact_law", "haptic_rt", "apps", "lcm_types", "te
 
 
 def plant(copy, file, sound, fault):
-    """The sources with one fault in them, and what has been built of the sound ones: times are kept, so that the fault alone is compiled."""
+    """A copy of the sources with one fault, and the objects of the faultless build: file times are kept, so that only the fault is compiled."""
     copy.mkdir()
     for folder in SOURCES:
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__", "*.msh", "*.json"))

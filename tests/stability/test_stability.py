@@ -19,7 +19,7 @@ def page(bin, root, long_run, once):
 
 
 def cases(root):
-    """Names from the tables, so that each case is a test of its own and a new row needs no change here."""
+    """Names from the tables: each case is a test of its own, and a new row needs no change here."""
     import re
     rows = []
     for source in sorted((root / "apps/studies/stability").glob("cases_*.c")):

@@ -40,11 +40,11 @@ def test_a_sweep_is_one_table_and_goes_on(bin, folder):
     words = [folder / "scenes", "-o", folder / "out", *SWEEP, "--local"]
     assert "8 runs, 0 done before" in study(bin, *words)
     rows = table(folder)
-    assert len(rows) == 8 and len({r["hash"] for r in rows}) == 4  # the two scenes are the same text
+    assert len(rows) == 8 and len({r["hash"] for r in rows}) == 4  # the two scenes have the same text
     assert [(r["tissue.materials.*.young"], r["time.frame_rate"]) for r in rows[:4]] == [("5 kPa", "25"), ("5 kPa", "50"), ("10 kPa", "25"), ("10 kPa", "50")]
     assert all(r["error"] == "" and r["frames"] == "2" and len(r["state_hash"]) == 16 for r in rows)
     assert float(rows[0]["frame_s"]) == 0.04 and float(rows[0]["critical_step.guaranteed_s"]) > float(rows[2]["critical_step.guaranteed_s"])
-    # What is done stays done, what was lost or changed is done again.
+    # Finished runs stay; lost or changed ones are repeated.
     kept = {p: p.stat().st_mtime_ns for p in (folder / "out/runs").glob("*.json")}
     lost = next(iter(kept))
     lost.unlink()
@@ -90,7 +90,7 @@ def test_a_bad_key_is_told_with_its_line_and_a_failed_run_with_its_row(bin, fold
         file.write("tempo: {}\n")
     said = study(bin, folder / "scenes", "-o", folder / "out", *SWEEP, "--local", code=2)
     assert "b.yaml:8: " in said and not (folder / "out").exists()
-    # Valid, and of no end that it reaches: its output's disk is full.
+    # Valid, but it cannot finish: its output's disk is full.
     os.unlink(folder / "scenes/b.yaml")
     said = study(bin, folder / "scenes", "-o", folder / "out", "--set", "recording.file=/dev/full", "--frames", "3", "--local", code=1)
     assert table(folder)[0]["error"] in said and table(folder)[0]["error"]

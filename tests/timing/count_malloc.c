@@ -1,6 +1,6 @@
-/* LD_PRELOAD: counts what a loop's thread allocates and frees once it is under way. A loop is known by its
- * clock_nanosleep; its first 500 are the start. Each such thread's line on the file $COUNT_MALLOC at its end: sleeps,
- * allocations, frees. */
+/* LD_PRELOAD: counts the allocations and frees of a loop's thread once it runs. A loop is recognised by its
+ * clock_nanosleep; its first 500 calls are the start. At its end each such thread appends a line to the file
+ * $COUNT_MALLOC: sleeps, allocations, frees. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -22,7 +22,7 @@ extern void __libc_free(void *memory);
 static void tell(void *unused) {
     (void)unused;
     const long counted[3] = {sleeps, allocations, frees};
-    sleeps = 0; /* what follows is ours */
+    sleeps = 0; /* the following calls are our own */
     const char *path = getenv("COUNT_MALLOC");
     FILE *file = path ? fopen(path, "a") : NULL;
     if (!file) return;

@@ -34,7 +34,7 @@ def run(tmp_path, extrapolator, *wrapper, **environment):
 
 @pytest.mark.parametrize("extrapolator", ["tangent", "local_model"])
 def test_no_allocation(tmp_path, extrapolator):
-    """COUNT_MALLOC's lines: sleeps, allocations and frees after the 500th sleep, of each thread that sleeps by the clock."""
+    """Returns COUNT_MALLOC's lines: sleeps, allocations and frees after the 500th sleep, for each thread that sleeps by the clock."""
     run(tmp_path, extrapolator, "env", f"LD_PRELOAD={BUILD}/tests/timing/count_malloc.so", f"COUNT_MALLOC={tmp_path}/count")
     threads = [tuple(map(int, line.split())) for line in (tmp_path / "count").read_text().splitlines()]
     assert len(threads) == 1 and threads[0][0] >= 1990, threads
@@ -42,7 +42,7 @@ def test_no_allocation(tmp_path, extrapolator):
 
 
 def test_counter_counts(tmp_path):
-    """That the counter would see it: a loop that allocates once a tick."""
+    """The counter detects a loop that allocates once per tick."""
     source = tmp_path / "loop.c"
     source.write_text("""
 #include <pthread.h>
@@ -71,7 +71,7 @@ def test_system_calls_with_lcm(tmp_path):
     loop = max(calls.values(), key=lambda names: names.count("clock_nanosleep"))
     first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
     under_way = [name for name in loop[first:last] if name.isidentifier()]
-    # Another thread sends: a full socket is not the loop's concern.
+    # Another thread sends: a full socket does not delay the loop.
     assert under_way.count("clock_nanosleep") > 1500 and under_way.count("futex") > 100
     assert set(under_way) <= {"clock_nanosleep", "futex", "getrusage"}, set(under_way)
     assert max(names.count("sendmsg") for names in calls.values()) > 1000
@@ -79,7 +79,7 @@ def test_system_calls_with_lcm(tmp_path):
 
 @pytest.mark.parametrize("options, held", [([], True), (["--idle-states"], False), (["--priority", "0"], False)])
 def test_idle_states_are_held_off_while_it_runs(tmp_path, options, held):
-    """Seen from outside: the file is open as long as the loop runs, or it says why it could not be opened."""
+    """The file is open while the loop runs, or the program says why it could not be opened."""
     latency = "/dev/cpu_dma_latency"
     (tmp_path / "samples.csv").write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,0\n")
     process = subprocess.Popen([BUILD / "bin/haptic-rt", "--bus", "virtual:idle", "--trocar", "0,0,0", "--samples", tmp_path / "samples.csv", "--duration", "0.5",

@@ -36,7 +36,7 @@ def test_its_command_line_is_taken(tmp_path):
 
 
 def test_the_pages_commands_put_settings_where_the_service_looks(tmp_path):
-    """docs/dedicated-machine.md, The service, as written, but for the machine's own /etc, /usr/local and systemctl."""
+    """docs/dedicated-machine.md, The service, as written, except for the machine's own /etc, /usr/local and systemctl."""
     page = (ROOT / "docs/dedicated-machine.md").read_text()
     lines = re.findall(r"^    (.*)$", page[page.index("## The service"):page.index("## Is it good enough")], re.M)
     assert sum("systemctl" in line for line in lines) == 2
@@ -51,6 +51,6 @@ def test_the_pages_commands_put_settings_where_the_service_looks(tmp_path):
         assert (tmp_path / named.lstrip("/")).is_file(), named
     key = tmp_path / "etc/tensormass/haptic.key"
     assert re.fullmatch(r"[0-9a-f]{32}\n", key.read_text()) and key.stat().st_mode & 0o077 == 0
-    # Any processor where nobody chose one: a machine may have fewer than four.
+    # Any processor if none was selected: a machine may have fewer than four.
     assert "CPUAffinity" not in unit
     assert "CPUAffinity=3" in (tmp_path / "etc/systemd/system/haptic-rt@.service.d/processor.conf").read_text()

@@ -1,8 +1,7 @@
-"""How late haptic-rt's ticks are, beside cyclictest on the same machine: turn by turn, the same period and priority, with idle and with busy processors.
-Nothing here is asserted: how late a tick is depends on the machine and on who else uses it.
+"""Measures how late haptic-rt's ticks are, in alternation with cyclictest on the same machine: the same period and priority, with idle and with busy
+processors. Asserts nothing: lateness depends on the machine and its other users.
 
-    timing.py [--quick] --bin build/bin --json build/bench/timing.json
-"""
+    timing.py [--quick] --bin build/bin --json build/bench/timing.json"""
 import argparse
 import json
 import os
@@ -19,7 +18,7 @@ QUANTILES = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
 
 
 def cyclictest(seconds, directory):
-    """Quantiles of its lateness, us."""
+    """Returns quantiles of its lateness, us."""
     hist = directory / "cyclictest.hist"
     subprocess.run(["cyclictest", "-q", "-m", "-t1", "-p", str(PRIORITY), "-i", str(PERIOD_US), "-l", str(int(seconds * 1e6 / PERIOD_US)), "-h", "100000",
                     f"--histfile={hist}"], check=True, timeout=seconds * 3 + 60, stdout=subprocess.DEVNULL)
@@ -60,7 +59,7 @@ def measure(load, rounds, seconds, directory, bin_directory):
     busy = [subprocess.Popen(["sh", "-c", "while :; do :; done"]) for _ in range(os.cpu_count() if load == "busy" else 0)]
     try:
         turns = []
-        for turn in range(rounds):  # each is first as often as second
+        for turn in range(rounds):  # each program is first equally often
             who = {"cyclictest": lambda: cyclictest(seconds, directory), "haptic_rt": lambda: haptic_rt(seconds, directory, bin_directory)}
             turns.append({name: who[name]() for name in sorted(who, reverse=turn % 2 == 1)})
     finally:

@@ -1,5 +1,6 @@
-"""Attacks a running session inside a network namespace: python attack.py BUILD TESTS DIRECTORY [KEY]. Plays each attack in turn against tm-sim, haptic-rt
-and tm-device, which press tissue; prints the motor commands meanwhile, and the cost, as JSON."""
+"""Attacks a running session inside a network namespace: python attack.py BUILD TESTS DIRECTORY [KEY].
+
+Plays each attack in turn against tm-sim, haptic-rt and tm-device, which press tissue; prints the motor commands meanwhile, and the cost, as JSON."""
 import contextlib
 import csv
 import json
@@ -70,7 +71,7 @@ def memory_kB(process):
         return sum(int(line.split()[1]) for line in file if line.startswith(("VmRSS", "VmLck")))
 
 
-# ---------------------------------------------------------------------------------------------- the attacks: each is called again and again for its time
+# ---------------------------------------------------------------------------------------------- the attacks: each is called repeatedly for its duration
 
 def flood():
     for _ in range(200):
@@ -94,7 +95,7 @@ def not_whole():
 
 
 def sample(**more):
-    """The newest sample, pushed sideways and with a later seq."""
+    """Sends the newest sample with a sideways force and a later seq."""
     listen(0.002)
     f = force_sample_t.decode(newest["FORCE_0"].encode())
     f.force_N, f.flags = [8.0, 8.0, 0.0], 0
@@ -191,13 +192,13 @@ def force(data):
 
 
 def between(begin, end):
-    """Largest torque of each motor, and how many commands pushed along the shaft."""
+    """Returns the largest torque of each motor, and how many commands pushed along the shaft."""
     seen = [force(d) for t, i, d in list(watch.frames) if i == COMMAND and begin <= t < end]
     return {"peak": [max([f[j] for f in seen], default=0) for j in range(3)], "pushing": sum(f[2] > 100 for f in seen), "commands": len(seen)}
 
 
 def pressing(seconds=20.0):
-    """Until it has been engaged and pushing for half a second."""
+    """Waits until it has been engaged and pushing for half a second."""
     end, since = time.monotonic() + seconds, time.monotonic()
     while time.monotonic() < end:
         listen(0.02)
@@ -250,7 +251,7 @@ try:
                       ("forged_patches", forged_patches), ("replayed_samples", replayed_samples), ("foreign_tools", foreign_tools), ("forged_tools", forged_tools),
                       ("replayed_tools", replayed_tools), ("forged_poses", forged_poses), ("forged_commands", forged_commands), ("resets_in_use", forged_resets)):
         attack(name, act)
-    # A fault by the loop standing still, then resets: from the attacker, and from who has the key.
+    # A fault because the loop stands still, then resets: from the attacker, and from the owner of the key.
     result["pressed_again"] = pressing()
     controller.send_signal(signal.SIGSTOP)
     time.sleep(0.6)
@@ -259,7 +260,7 @@ try:
     result["fault"] = newest["CONTROLLER_0"].fault
     before = newest["CONTROLLER_0"].command_seq
     begin = time.monotonic()
-    states = {newest["CONTROLLER_0"].state}  # of the fault: the first reset may be taken before the next is seen
+    states = {newest["CONTROLLER_0"].state}  # of the fault: the first reset may be accepted before the next is seen
     while time.monotonic() - begin < 1.0:
         forged_resets()
         states.add(newest["CONTROLLER_0"].state)
@@ -277,7 +278,7 @@ try:
         send("CONTROLLER_COMMAND_0", command(seal_it=True, extrapolator="time"))
         listen(0.3)
         for _ in range(20):
-            send("CONTROLLER_COMMAND_0", result["own_command"])  # recorded, and sealed
+            send("CONTROLLER_COMMAND_0", result["own_command"])  # recorded, with its tag
         listen(0.3)
         result["after_replay"] = newest["CONTROLLER_0"].extrapolator
         del result["own_command"]

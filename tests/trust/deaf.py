@@ -1,4 +1,4 @@
-"""haptic-rt with a stderr that nobody reads and that is full, under a flood of messages that are none: python deaf.py BUILD TESTS DIRECTORY, inside a network
+"""Runs haptic-rt with a full stderr that nobody reads, under a flood of invalid messages: python deaf.py BUILD TESTS DIRECTORY, inside a network
 namespace. Prints whether it went on pushing, and how it ended, as JSON."""
 import fcntl
 import json
@@ -26,7 +26,7 @@ try:
         os.write(full, b"x" * 1024)
 except BlockingIOError:
     pass
-fcntl.fcntl(full, fcntl.F_SETFL, 0)  # a program must not wait, though its stderr would let it
+fcntl.fcntl(full, fcntl.F_SETFL, 0)  # the program must not block, even if its stderr would
 
 
 def pushing(data):

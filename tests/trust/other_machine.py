@@ -1,4 +1,5 @@
-"""A machine on the same wire talks to a session with ttl=0: python other_machine.py BUILD TESTS DIRECTORY, inside a network namespace. Prints haptic-rt's figures as JSON."""
+"""A machine on the same wire sends to a session with ttl=0: python other_machine.py BUILD TESTS DIRECTORY, inside a network namespace. Prints
+haptic-rt's figures as JSON."""
 import json
 import os
 import subprocess

@@ -1,5 +1,8 @@
-"""Between a running tm-sim and haptic-rt, on a port of its own for each: hands every message on, and plants flags in the force samples.
-python relay.py BUILD TESTS DIRECTORY, inside a network namespace. Prints what the hand felt under each flag as JSON."""
+"""Relays between a running tm-sim and haptic-rt, on a port for each: passes every message on, and plants flags in the force samples.
+
+    python relay.py BUILD TESTS DIRECTORY     (inside a network namespace)
+
+Prints the hand's force under each flag as JSON."""
 import json
 import os
 import select
@@ -47,7 +50,7 @@ def hand_on(packet, to, channels):
         f = force_sample_t.decode(data)
         f.flags |= state["plant"]
         if state["plant"] == FLAGS["unstable"]:
-            f.force_N = [50.0, 50.0, 50.0]  # what came of it must never be felt
+            f.force_N = [50.0, 50.0, 50.0]  # its force must never be rendered
         data, state["planted"] = f.encode(), state["planted"] + 1
     if channel == b"CONTROLLER_0":
         state["status"] = controller_status_t.decode(data)

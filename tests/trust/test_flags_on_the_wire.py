@@ -5,7 +5,7 @@ from trustkit import play
 
 DOUBT, HELD, UNSTABLE = 8192, 4096, 2048
 ENGAGED = 3
-# flag: bits of the limits that must be said, does the force stay, within what time it is gone
+# flag: bits of the limits that must be reported, whether the force stays, time until it is zero
 RULES = {"none": (0, True, None), "capped": (0, True, None), "overflowed": (DOUBT, True, None), "overran": (0, True, None), "unconverged": (DOUBT, True, None),
          "repeated": (HELD, False, 0.25), "unstable": (UNSTABLE, False, 0.15), "too fast": (DOUBT, True, None), "inside": (DOUBT, True, None), "releasing": (DOUBT, True, None), "cutting": (0, True, None), "unknown": (0, False, 0.25)}
 
@@ -26,7 +26,7 @@ def test_rule(seen, flag):
     if stays:
         assert row["state"] == ENGAGED and row["last_felt_s"] > 0.6
     else:
-        # a frame until the first planted sample, then the rule's own time, and what this process is late
+        # a frame until the first planted sample, then the rule's own time, and the delay of this process
         assert row["state"] != ENGAGED and row["last_felt_s"] < gone_s + 0.1
 
 

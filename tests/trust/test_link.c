@@ -1,5 +1,5 @@
-/* One interface over queue and log: messages arrive unchanged, authenticated or not; impairments follow their seed; a
- * log equals liblcm's byte by byte. (The network: test_trust.py, on running programs.) */
+/* One interface over queue and log: messages arrive unchanged, authenticated or not; impairments follow their seed;
+ * a log equals liblcm's byte by byte. (The network: test_trust.py, on running programs.) */
 // clang-format off
 #include <setjmp.h>
 #include <stdarg.h>
@@ -66,7 +66,7 @@ static void a_queue_hands_over_in_order(void **state) {
     assert_true(app_link_publish(from, APP_SIM_STATUS, 0, 3, &words));
     assert_true(app_link_wanted(from, APP_FORCE, 1) && !app_link_wanted(from, APP_TISSUE, 0));
     app_queue_set_clock(queue, 9);
-    assert_int_equal(app_link_receive(a, 1000000, 2), 2); /* never waits, gives no more than asked for */
+    assert_int_equal(app_link_receive(a, 1000000, 2), 2); /* never waits, gives no more than requested */
     assert_int_equal(app_link_receive(a, 0, 100), 3);
     assert_int_equal(app_link_receive(b, 0, 100), 11);
     assert_int_equal(app_link_receive(b, 0, 100), 0);
@@ -74,13 +74,13 @@ static void a_queue_hands_over_in_order(void **state) {
     assert_true(both.count == 10 && both.seq[9] == 9 && status.count == 1);
     assert_true(app_link_now_us(a) == 9);
     app_link_close(a);
-    publish(from, 1, 1, 0); /* who has left is sent nothing */
+    publish(from, 1, 1, 0); /* a receiver that left gets nothing */
     app_link_close(b);
     app_link_close(from);
     app_queue_destroy(queue);
 }
 
-/* 2,000 frames of two messages each through a bad line. */
+/* Sends 2,000 frames of two messages each through a lossy line. */
 static void bad_line(uint64_t seed, heard *h) {
     memset(h, 0, sizeof *h);
     uint64_t random = seed;
@@ -114,8 +114,9 @@ static void a_bad_line_is_what_its_seed_says(void **state) {
         const int64_t late_us = first.utime[i] - 40000 * (first.seq[i] / 2);
         assert_true(late_us >= 40000);
         if (late_us > most_us) most_us = late_us;
-        if (i) assert_true(first.seq[i] > first.seq[i - 1]);                        /* nothing overtakes */
-        assert_true(first.seq[i] % 2 == 1 || first.seq[i + 1] == first.seq[i] + 1); /* an instant goes together */
+        if (i) assert_true(first.seq[i] > first.seq[i - 1]); /* nothing overtakes */
+        assert_true(first.seq[i] % 2 == 1 ||
+                    first.seq[i + 1] == first.seq[i] + 1); /* messages of one instant stay together */
     }
     assert_in_range(most_us, 120000, 160000); /* 140 ms, seen at the next frame */
 }
@@ -194,7 +195,7 @@ static void a_log_is_liblcms_to_the_byte(void **state) {
     unlink(theirs);
 }
 
-/* What is sent and what is taken, and nothing else. */
+/* Sent and accepted messages, and no others. */
 static void a_link_is_copied_into_its_log(void **state) {
     (void)state;
     static heard h, sent;
@@ -205,9 +206,9 @@ static void a_link_is_copied_into_its_log(void **state) {
     const app_topic topic[] = {{APP_FORCE, 0, take_force, &h}};
     app_link *link = app_link_join(queue, &(app_link_def){.topic = topic, .topics = 1, .copy = log}, NULL);
     app_link *other = app_link_join(queue, &(app_link_def){0}, NULL);
-    publish(link, 1, 1, 6); /* nobody hears it */
+    publish(link, 1, 1, 6); /* no receiver */
     publish(other, 2, 0, 6);
-    publish(other, 3, 1, 6); /* not listened to */
+    publish(other, 3, 1, 6); /* not subscribed */
     app_link_receive(link, 0, 100);
     h.verdict = APP_LEFT;
     publish(other, 4, 0, 6);

@@ -24,7 +24,7 @@ static void every_kind_goes_through(void **state) {
         assert_memory_equal(again, bytes, (size_t)size);
         app_message_cleanup((app_message_kind)k, &back);
         for (int cut = 0; cut < size; cut++) {
-            uint8_t *exact = malloc((size_t)cut + !cut); /* under ASan a byte too far is seen */
+            uint8_t *exact = malloc((size_t)cut + !cut); /* ASan detects an access beyond the end */
             memcpy(exact, bytes, (size_t)cut);
             assert_false(app_message_decode((app_message_kind)k, exact, cut, &back));
             free(exact);
@@ -60,10 +60,10 @@ static void lying_strings_are_refused(void **state) {
         uint8_t value;
     } lies[] = {{FAULT_TEXT, 0xff},     /* negative length */
                 {FAULT_TEXT, 0x7f},     /* longer than the message */
-                {FAULT_TEXT + 3, 0},    /* no room for its end */
+                {FAULT_TEXT + 3, 0},    /* no space for its end */
                 {FAULT_TEXT + 3, 4},    /* one more than there are */
-                {FAULT_TEXT + 4, 0},    /* an end before the end */
-                {FAULT_TEXT + 6, 'c'}}; /* no end */
+                {FAULT_TEXT + 4, 0},    /* a terminator before the end */
+                {FAULT_TEXT + 6, 'c'}}; /* no terminator */
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
         controller_bytes(bytes);
         bytes[lies[i].at] = lies[i].value;
@@ -71,7 +71,7 @@ static void lying_strings_are_refused(void **state) {
     }
 }
 
-/* tissue_t with three vertices and one triangle: two counts, arrays of either. */
+/* tissue_t with three vertices and one triangle: two counts, one array of each. */
 static int tissue_bytes(uint8_t bytes[ROOM]) {
     float p[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, *vertex[3] = {p[0], p[1], p[2]};
     int32_t id[3] = {4, 5, 6}, corners[3] = {0, 1, 2}, *triangle[1] = {corners};
@@ -123,7 +123,7 @@ static void channels_are_found(void **state) {
     for (size_t i = 0; i < sizeof none / sizeof *none; i++) assert_false(app_channel_find(none[i], &kind, &instrument));
 }
 
-/* docs/trust.md: all but the pictures. */
+/* docs/trust.md: all messages but the pictures. */
 static void seals_stand_where_the_page_says(void **state) {
     (void)state;
     for (int k = 0; k < APP_KINDS; k++)

@@ -32,7 +32,7 @@ static void take(void *user, const char *channel, int64_t utime, const void *dat
     memcpy(g->data, data, (size_t)size);
 }
 
-/* Without a socket: the driver's packets alone. */
+/* Without a socket: only the packets of the driver. */
 static int setup(void **state) {
     (void)state;
     memset(&got, 0, sizeof got);
@@ -72,7 +72,7 @@ typedef struct piece {
     const struct sockaddr_in *from;
     uint32_t seq, whole, offset;
     uint16_t number, count;
-    const char *channel; /* of the first piece */
+    const char *channel; /* of the first fragment */
     uint8_t fill;
     int size;
     int64_t at_us;
@@ -115,7 +115,7 @@ static void pieces_in_any_order(void **state) {
     for (int i = 0; i < 150; i++) assert_int_equal(got.data[i], i < 40 ? 1 : i < 100 ? 2 : 3);
 }
 
-/* 2^28 - 1 bytes in a packet of 128, and whatever else is announced: refused, and no memory taken. */
+/* 2^28 - 1 bytes announced in a packet of 128, and other false sizes: rejected without allocation. */
 static void giants_cost_nothing(void **state) {
     (void)state;
     const size_t before = mallinfo2().uordblks + mallinfo2().hblkhd;
@@ -125,7 +125,7 @@ static void giants_cost_nothing(void **state) {
     assert_int_equal(atomic_load(&r->counts.oversized), 100000);
     fragment((piece){.seq = 1, .whole = UINT32_MAX, .offset = UINT32_MAX - 5, .number = 1, .count = 2, .size = 100});
     assert_int_equal(atomic_load(&r->counts.oversized), 100001);
-    /* Small enough, but lying. */
+    /* Small enough, but false. */
     fragment((piece){.seq = 1, .whole = 100, .offset = 90, .number = 1, .count = 2, .size = 11});
     fragment((piece){.seq = 1, .whole = 100, .offset = UINT32_MAX, .number = 1, .count = 2, .size = 11});
     fragment((piece){.seq = 1, .whole = 100, .number = 7, .count = 7, .size = 11});
@@ -135,7 +135,8 @@ static void giants_cost_nothing(void **state) {
     assert_true(mallinfo2().uordblks + mallinfo2().hblkhd == before);
 }
 
-/* Never put together: a share of it missing, doubled, of a changed size, too old, or overtaken by the next. */
+/* Messages that are never assembled: a fragment missing, doubled, of a changed size, too old, or overtaken by the
+ * next message. */
 static void what_is_not_whole_never_arrives(void **state) {
     (void)state;
     fragment((piece){.seq = 1, .whole = 100, .number = 0, .count = 2, .channel = "LARGE", .size = 50});
@@ -158,7 +159,7 @@ static void what_is_not_whole_never_arrives(void **state) {
     assert_int_equal(got.count, 1);
 }
 
-/* More senders at once than there is room for: the oldest is given up, the newest arrives. */
+/* More simultaneous senders than capacity: the oldest message is dropped, the newest arrives. */
 static void many_senders(void **state) {
     (void)state;
     for (uint32_t i = 0; i < 1000; i++) {

@@ -58,11 +58,11 @@ static void heard_once(void **state) {
     static app_replay replay;
     assert_true(app_replay_fresh(&replay, 5, UINT32_MAX));
     assert_false(app_replay_fresh(&replay, 5, UINT32_MAX));
-    assert_true(app_replay_fresh(&replay, 5, 3)); /* it wraps */
+    assert_true(app_replay_fresh(&replay, 5, 3)); /* it wraps around */
     assert_false(app_replay_fresh(&replay, 5, UINT32_MAX));
     for (int session = 100; session < 100 + APP_SESSIONS - 1; session++)
         assert_true(app_replay_fresh(&replay, session, 1));
-    assert_false(app_replay_fresh(&replay, 5, 3)); /* sessions of before are remembered */
+    assert_false(app_replay_fresh(&replay, 5, 3)); /* earlier sessions are remembered */
     for (int session = 100; session < 100 + APP_SESSIONS - 1; session++)
         assert_false(app_replay_fresh(&replay, session, 1));
 }
@@ -74,7 +74,7 @@ static void key_files(void **state) {
     static const struct {
         const char *text;
         int mode;
-        const char *expected; /* null: good */
+        const char *expected; /* null: valid */
     } row[] = {{"000102030405060708090a0b0c0d0e0F\n", 0600, NULL},
                {"000102030405060708090a0b0c0d0e0F", 0400, NULL},
                {"000102030405060708090a0b0c0d0e0F\n", 0640, "chmod 600"},
@@ -102,7 +102,7 @@ static void key_files(void **state) {
     assert_non_null(strstr(why, "not a regular file"));
 }
 
-/* Asked for as soon as messages leave the machine. */
+/* A key is required as soon as messages leave the machine. */
 static void asked_for(void **state) {
     (void)state;
     char why[300];

@@ -17,7 +17,7 @@ GROWN_kB = 4096
 
 @pytest.fixture(scope="module")
 def both(build, once):
-    """The session with a key and the one without, side by side, each in a network of its own."""
+    """The session with a key and the one without, concurrently, each in a network of its own."""
     def attacked(folder):
         with concurrent.futures.ThreadPoolExecutor() as pool:
             sessions = {name: pool.submit(play, "attack.py", build, key=name == "keyed") for name in ("keyed", "open_")}
@@ -39,7 +39,7 @@ def open_(both):
 
 
 def no_more_than_calm(session, name):
-    """Not more than the tissue gave before: what is lost is felt as less, never as more."""
+    """Not more than the tissue's force before: lost messages reduce the force and never increase it."""
     seen, calm = session["attacks"][name], session["calm"]["peak"]
     assert session["pressed"] and seen["pressed_before"], "it did not press before the attack"
     assert seen["rounds"] > 10 and seen["commands"] > 200
@@ -60,7 +60,7 @@ def test_without_a_key(open_, attack):
 
 
 def test_without_a_key_who_listens_can_push(open_):
-    """Said in docs/trust.md, and the proof that the attack is one: the device's limits are all that holds."""
+    """Stated in docs/trust.md, and proves that the attack works: only the device's limits bound the force."""
     seen = open_["attacks"]["forged_samples"]
     assert seen["peak"][0] > 2000 and seen["peak"][1] > 2000
     assert open_["attacks"]["forged_commands"]["extrapolator"] == "paper_position"
@@ -77,7 +77,7 @@ def test_resets(keyed, open_):
     assert keyed["fault"] == open_["fault"] == 10 and keyed["states_under_resets"] == [5]
     assert 5 in open_["states_under_resets"] or 1 in open_["states_under_resets"]
     assert open_["controller"]["refused"]["commands"] > 100  # while in use, and more than one a second
-    assert keyed["own_extrapolator"] == "hold" and keyed["after_replay"] == "time"  # its own are taken, once
+    assert keyed["own_extrapolator"] == "hold" and keyed["after_replay"] == "time"  # its own are accepted, once
 
 
 def test_what_was_refused_is_counted(keyed, open_):
@@ -87,7 +87,7 @@ def test_what_was_refused_is_counted(keyed, open_):
 
 
 def test_the_loop_hands_over_and_another_thread_sends(keyed):
-    """Every tick's tool state goes out, but for those that a newer one overtook."""
+    """Every tick's tool state is sent, except those that a newer one overtook."""
     sent, ticks = keyed["controller"]["sent"], keyed["controller"]["ticks"]
     assert sent["tools"] + sent["skipped"] > 0.8 * ticks and sent["skipped"] < 0.05 * sent["tools"]
     assert 0 < sent["lay_us"]["p50"] <= sent["lay_us"]["p99"]
@@ -100,14 +100,14 @@ def test_a_full_stderr_stops_nothing(build):
 
 
 def test_every_row_of_the_page_is_a_test(root):
-    """Each row names its attack as it is called here."""
+    """Each row names its attack by the name used here."""
     rows = re.findall(r"^\|[^|]+\|[^|]+\|[^|]+\|[^|]+\| `(\w+)` \|$", (root / "docs/trust.md").read_text(), re.M)
     known = set(IN_VAIN + BY_KEY) | {"test_resets", "test_a_full_stderr_stops_nothing", "test_another_machine"}
     assert set(rows) == known
 
 
 def test_another_machine(build):
-    """It is heard with ttl=1, and with ttl=0 only counted; this machine is heard in both."""
+    """With ttl=1 its messages arrive, with ttl=0 they are only counted; this machine's arrive in both cases."""
     seen = play("other_machine.py", build)
     assert seen["ttl=0"]["foreign"] > 100 and 100 < seen["ttl=0"]["malformed"] <= 300
     assert seen["ttl=1"]["foreign"] == 0 and seen["ttl=1"]["malformed"] > 400

@@ -1,5 +1,5 @@
-"""tm-view waits for a picture while huge messages are announced: python viewer.py BUILD TESTS DIRECTORY, inside a network namespace. Prints its memory
-growth as JSON."""
+"""tm-view waits for a picture while huge messages are announced: python viewer.py BUILD TESTS DIRECTORY, inside a network namespace. Prints its
+memory growth as JSON."""
 import json
 import os
 import socket

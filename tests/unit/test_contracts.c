@@ -57,7 +57,7 @@ static int teardown(void **state) {
     return 0;
 }
 
-/* Functions of contact search and jaws, for models outside the library. */
+/* Functions of contact detection and jaws, for models outside the library. */
 static void broken_contract_of_jaws_is_told(void **state) {
     const scene *s = &((whole *)*state)->s;
     const double zero[3] = {0};
@@ -137,7 +137,7 @@ static void broken_contract_of_tissue_is_told(void **state) {
     tm_error error;
     double K[9], step_s;
     BREAKS("tm_cut_remove", tm_cut_remove(w->s.tissue, foreign, 2, NULL, 0));
-    assert_int_equal(tm_tissue_alive_count(w->s.tissue), tets); /* nor the first, which is one of its own */
+    assert_int_equal(tm_tissue_alive_count(w->s.tissue), tets); /* nor the first index, which is one of its own */
     BREAKS("tm_cut_remove", tm_cut_remove(w->s.tissue, NULL, 1, NULL, 0));
     BREAKS("tm_cut_remove", tm_cut_remove(NULL, foreign, 1, NULL, 0));
     BREAKS("tm_tissue_vertex_tensor", tm_tissue_vertex_tensor(w->s.tissue, w->s.mesh->vertex_count, K), 0);
@@ -282,7 +282,7 @@ static void data_out_of_range(void **state) {
     contact_def.instrument_count = 1, contact_def.instrument = &tool;
     tm_contact *contact = NULL;
     refused(tm_stage_contact(world, &contact_def, &contact, &error), 0, &error);
-    /* Settling starts from numbers, or not at all. */
+    /* Settling starts from finite numbers, or not at all. */
     tm_settle_def settle = tm_settle_def_default();
     tm_world_state(world)->u_m[3 * 4 + 1] = NAN;
     refused(tm_world_settle(world, &settle, NULL, &error), 4, &error);
@@ -343,7 +343,8 @@ static double seconds_of(const tm_world *world, const char *name) {
     return -1;
 }
 
-/* The list of stages is the step: parts are named, come and go with their stage, and each stage's time is its own. */
+/* The list of stages is the step: substages are named, are added and removed with their stage, and each stage is
+ * timed separately. */
 static void list_of_stages_is_the_step(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -377,9 +378,10 @@ static void list_of_stages_is_the_step(void **state) {
     mine.runs_before = "nothing";
     assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT);
     mine.runs_before = NULL, mine.substage_of = "contact forces";
-    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* a part of a part */
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* a substage of a substage */
     mine.substage_of = NULL, mine.needs[0] = "contact forces";
-    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* which goes with its whole */
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error),
+                     TM_ERR_ARGUMENT); /* which is removed with its stage */
     mine.needs[0] = NULL, mine.substage_of = "contact", mine.runs_before = "contact forces";
     fix_ok(tm_world_add_stage(s.world, &mine, 0, &error), &error);
     assert_int_equal(tm_world_step(s.world, 3), TM_OK);
@@ -402,7 +404,7 @@ static void list_of_stages_is_the_step(void **state) {
     scene_destroy(&s);
 }
 
-/* A tool that outruns contact says so; one that moves less than half its radius a substep does not. */
+/* A tool that outruns contact detection is flagged; one that moves less than half its radius per substep is not. */
 static void tool_that_outruns_contact_is_flagged(void **state) {
     (void)state;
     scene_def def = scene_def_default();
@@ -424,7 +426,7 @@ static bool no_number(void *self, int32_t a, int32_t b, double C[9]) {
     return true;
 }
 
-/* What has to be left out is told, and what cannot be made a patch is none. */
+/* Omissions are reported, and an impossible patch is empty. */
 static void what_is_left_out_is_told(void **state) {
     (void)state;
     scene_def def = scene_def_default();

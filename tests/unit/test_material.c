@@ -79,7 +79,7 @@ static void matrix_is_the_energy(void **state) {
             assert_true(C[i] == C[6 * (i % 6) + i / 6] || fabs(C[i] / C[6 * (i % 6) + i / 6] - 1) < 1e-12);
         }
         assert_true(fabs(w / density(&m, a, E) - 1) < 1e-12);
-        /* The stiffest figure bounds w over unit Mandel strain, and is reached. */
+        /* The maximum stiffness bounds w over unit Mandel strain, and is reached. */
         double norm = 0;
         for (int i = 0; i < 6; i++) norm += e[i] * e[i] * (i < 3 ? 1 : 0.5);
         assert_true(2 * w <= tm_material_stiffest_Pa(&m) * norm * (1 + 1e-12));
@@ -134,7 +134,7 @@ static void refusals(void **state) {
     names(tm_material_check(&m, &e), &e, NAMES("damping >= 0"));
 }
 
-/* The sign of the smallest eigenvalue of C decides as the inequalities do. */
+/* The sign of C's smallest eigenvalue agrees with the inequalities. */
 static void definiteness_agrees_with_the_matrix(void **state) {
     (void)state;
     fix_random random = {5};

@@ -1,5 +1,5 @@
-/* The allocator hook: exact accounts, failure of every n-th allocation, no allocation within a step. Also the helpers
- * of base.h. */
+/* The allocator hook: exact accounts, failure of every n-th allocation, no allocation within a step. Also the
+ * helpers of base.h. */
 #include "../allocator.h"
 #include "tensormass/energy.h"
 
@@ -21,7 +21,7 @@ static void destroy(scene *s) {
 static const double vertex[15] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01, 0.01, 0.01, 0.01};
 static const int32_t tet[8] = {0, 1, 2, 3, 1, 2, 3, 4};
 
-/* Everything the core can allocate for; stops at the first failure. */
+/* Calls everything in the core that allocates; stops at the first failure. */
 static tm_status build_as(scene *s, bool volume, bool cuttable, tm_error *error) {
     static const double fibre[6] = {1, 0, 0, 0, 1, 0}, zero[9] = {0}, force[15] = {[12] = 1e-3};
     static const int32_t dof[9] = {0, 1, 2, 3, 4, 5, 6, 7, 8};
@@ -85,7 +85,7 @@ static void every_allocation_fails_once(void **state) {
     fail_each(true, false);
 }
 
-/* --- what is not aligned --- */
+/* --- memory without alignment --- */
 
 static int told;
 static void on_broken(const char *function, const char *sentence, void *user) {
@@ -100,7 +100,7 @@ static void *askew_alloc(size_t bytes, void *user) {
     (void)user;
     char *memory = aligned_alloc(64, bytes + 64);
     askew_live++;
-    return memory + 16; /* as malloc's */
+    return memory + 16; /* aligned as by malloc */
 }
 static void askew_free(void *memory, size_t bytes, void *user) {
     (void)bytes;
@@ -109,7 +109,7 @@ static void askew_free(void *memory, size_t bytes, void *user) {
     free((char *)memory - 16);
 }
 
-/* Vector loads would fault on it: it is told, given back, and nothing is made. */
+/* Vector loads would fault on it: the error is reported, the memory freed, and no object made. */
 static void askew_memory_is_told(void **state) {
     (void)state;
     scene s;
@@ -126,7 +126,7 @@ static void askew_memory_is_told(void **state) {
     tm_set_allocator(NULL);
 }
 
-/* --- stages of instruments, each added to a world that is there already --- */
+/* --- stages of instruments, each added to an existing world --- */
 
 enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
 
@@ -177,8 +177,8 @@ static uint64_t press(scene *s) {
     return tm_world_hash(s->world);
 }
 
-/* A stage that finds no memory is not there, holds nothing, and the world goes on as if it had not been asked for;
- * asked for again, it comes. */
+/* A stage that finds no memory is absent and holds nothing, and the world continues unchanged; a second request
+ * succeeds. */
 static void a_stage_without_memory_is_not_there(void **state) {
     (void)state;
     for (int kind = 0; kind < KINDS; kind++) {
@@ -226,14 +226,14 @@ static void a_stage_without_memory_is_not_there(void **state) {
 
 static void nothing(void *self, tm_world *world) { (void)self, (void)world; }
 
-/* The same where the world has no place left for it, or not for all of its parts. */
+/* The same if the world has no place left for the stage, or not for all of its substages. */
 static void a_stage_without_room_is_not_there(void **state) {
     (void)state;
     static char name[TM_MAX_STAGES][8];
     for (int kind = 0; kind < KINDS; kind++) {
         uint64_t without = 0;
         int refused = 0;
-        for (int32_t room = -1; room < 6; room++) { /* -1: never asked for */
+        for (int32_t room = -1; room < 6; room++) { /* -1: never requested */
             scene s;
             tm_error error;
             hook_install(0);
@@ -276,7 +276,7 @@ static void accounts_are_exact(void **state) {
     fix_ok(build(&s, &error), &error);
     assert_int_equal(tm_memory_in_use(), hook.live_bytes);
     assert_true(tm_memory_high_water() >= hook.live_bytes);
-    /* A stage costs what it says, and gives it all back. */
+    /* A stage takes exactly the memory that it states, and returns all of it. */
     const int64_t with = tm_memory_in_use();
     tm_stage_report report[TM_MAX_STAGES];
     int64_t bytes = 0;
@@ -339,7 +339,7 @@ static bool is_on_large_pages(const void *memory) {
     return asked;
 }
 
-/* What a pass reads in one go, where the system has large pages; small arrays are left where they are. */
+/* Arrays that a pass reads at once use large pages, if the system has them; small arrays do not. */
 static void large_arrays_lie_on_large_pages(void **state) {
     (void)state;
     enum { LARGE = 12 << 20, SMALL = 1 << 16 };

@@ -119,7 +119,7 @@ static void refusals(void **state) {
     memcpy(bad, cube, sizeof bad);
     bad[11] = 0;
     refuse(4, 1, bad, good, 0, "flat");
-    /* Flat to rounding, away from the axes. */
+    /* Flat to rounding, in any direction. */
     for (int i = 0; i < 3; i++) bad[9 + i] = (bad[i] + bad[3 + i] + bad[6 + i]) / 3 + 0.1;
     for (int v = 0; v < 3; v++)
         for (int i = 0; i < 3; i++) bad[3 * v + i] = 0.1 + cube[3 * v + i] * 0.7;

@@ -122,7 +122,7 @@ static void others_stay(void **state) {
     }
 }
 
-/* Two values for one component: the message and `entity` name the vertex as it was given. */
+/* Two values for one component: the message and `entity` give the vertex's original number. */
 static void messages_name_the_given_number(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
@@ -154,7 +154,7 @@ static void messages_name_the_given_number(void **state) {
     free(load);
     tm_world_destroy(world);
     tm_tissue_destroy(tissue);
-    /* A defect of the mesh itself, too. */
+    /* Also for a defect of the mesh itself. */
     b.tet[4 * 5] = b.tet[4 * 5 + 1];
     const tm_mesh_def def = def_of(&b, TM_NUMBERING_IMPROVED);
     tm_mesh *none = NULL;
@@ -192,7 +192,7 @@ static void short_memory(void **state) {
         tm_mesh_destroy(mesh);
         hook_check_empty();
     }
-    assert_true(failures > 50); /* two meshes and what is between them */
+    assert_true(failures > 50); /* two meshes and the conversion between them */
     tm_set_allocator(NULL);
     give(&b);
 }

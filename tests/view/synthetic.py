@@ -7,7 +7,7 @@ import sys
 
 
 def body(rows):
-    """Unit sphere as rows of latitude: (points, triangles), triangles outward."""
+    """Returns a unit sphere as rows of latitude: (points, triangles), triangles outward."""
     points = [(0.0, 0.0, 1.0)]
     around = 2 * rows
     for i in range(1, rows):
@@ -31,7 +31,7 @@ def body(rows):
 
 
 def shape(points, tip, pressed):
-    """The body 20 x 14 x 6 cm, dented where the tip is."""
+    """Returns the body, 20 x 14 x 6 cm, dented at the tip."""
     out = []
     for x, y, z in points:
         x, y, z = 0.10 * x * (1 + 0.2 * y), 0.07 * y, 0.03 * z * (1 + 0.4 * x)
@@ -42,7 +42,7 @@ def shape(points, tip, pressed):
 
 
 class Session:
-    """The messages of one moment."""
+    """Returns the messages of one moment."""
 
     def __init__(self, types, rows=16, session=77):
         self.types, self.session = types, session

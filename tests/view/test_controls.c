@@ -12,7 +12,7 @@
 
 enum { HEIGHT = 600 };
 
-/* An instrument leaning into the body, looked at from the front. */
+/* An instrument inclined into the body, seen from the front. */
 static void scene(view_picture *p, view_camera *camera) {
     const view_instrument probe = {.shown = true,
                                    .device = hrt_device_types[0],
@@ -71,7 +71,7 @@ static void hand_begins_where_the_instrument_is(void **state) {
     assert_float_equal(c.hand[0].joint[3], 0.1, 1e-9);
 }
 
-/* Another simulation may run another device: its joints are counted, and begin where the instrument is. */
+/* Another simulation may run another device: its joints are counted, and the hand begins at the instrument. */
 static void hand_begins_anew_with_another_device(void **state) {
     (void)state;
     play_controls c;
@@ -105,7 +105,7 @@ static void unknown_instruments_send_nothing(void **state) {
     assert_false(play_controls_hand(&c, &p, 1, &hand));
 }
 
-/* The tip follows the mouse across the picture; the insertion stays. */
+/* The tip follows the mouse in the picture; the insertion is unchanged. */
 static void drag_moves_the_tip_with_the_mouse(void **state) {
     (void)state;
     static const float drag[4][2] = {{10, 0}, {-10, 0}, {0, -10}, {0, 10}};
@@ -177,8 +177,7 @@ static void focus_lost_lets_go_of_everything(void **state) {
     assert_true(play_controls_hand(&c, &p, 1, &hand) && !hand.active);
 }
 
-/* The current runs only in a cautery, only while the key is held, and never stays behind with the instrument that was
- * left. */
+/* Current flows only in a cautery and only while the key is held, and ends when the hand selects another instrument. */
 static void current_follows_key_and_instrument(void **state) {
     (void)state;
     play_controls c;

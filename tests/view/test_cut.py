@@ -1,4 +1,4 @@
-"""The wall of a cut in pictures of a log: each face has the colour of the remaining region; objects inside move with their tissue."""
+"""The wall of a cut in pictures of a log: each face has the colour of the remaining region; inner objects move with their tissue."""
 import subprocess
 import sys
 
@@ -15,7 +15,7 @@ FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # outward
 
 @pytest.fixture(scope="module")
 def organ(bin, tmp_path_factory):
-    """A block of liver, 10 cm, with a cube of vein (blue) in its middle, and its scene."""
+    """Makes a block of liver, 10 cm, with a cube of vein (blue) in its middle, and its scene."""
     m, path = meshlib.block(5), tmp_path_factory.mktemp("cut") / "block.msh"
     m.names = {(3, 1): "liver", (3, 2): "vein"}
     m.region = [2 if all(0.039 < m.points[v][a] < 0.061 for v in t for a in range(3)) else 1 for t in m.tets]
@@ -25,7 +25,7 @@ def organ(bin, tmp_path_factory):
 
 
 def surface_left(m, gone):
-    """Of the tetrahedra that are not gone: [(outward corners, laid open)]."""
+    """Returns the faces of the remaining tetrahedra: [(outward corners, exposed by the cut)]."""
     sides = {}
     for n, t in enumerate(m.tets):
         for f in FACES:
@@ -40,7 +40,7 @@ def surface_left(m, gone):
 
 
 def draw(bin, build, organ, gone, *more):
-    """A log of one moment with this surface, drawn with the organ's scene."""
+    """Writes a log of one moment with this surface; draws it with the organ's scene."""
     import lcm
     m, scene = organ
     types, left = synthetic.import_types(build / "python"), surface_left(m, gone)
@@ -65,7 +65,8 @@ def above(m, height_m):
 
 
 def test_a_wall_has_its_regions_colours(bin, build, organ):
-    """Cut across: jagged tetrahedra of liver, of vein in the middle. Cut with the vein: what is under it is liver, though the face was the vein's too."""
+    """Cut across: jagged tetrahedra of liver, of vein in the middle. Cut together with the vein: the tissue below is liver, though the face was the
+    vein's too."""
     m, _ = organ
     whole, across = draw(bin, build, organ, [False] * len(m.tets)), draw(bin, build, organ, above(m, 0.05))
     assert whole[0] == 0 and across[0] > 0.003 and across[1] > 0.05
@@ -73,7 +74,7 @@ def test_a_wall_has_its_regions_colours(bin, build, organ):
 
 
 def test_what_lies_inside_goes_with_its_tissue(bin, build, organ):
-    """A face between two regions is drawn where both are left; one that lost the tissue on both its sides is not."""
+    """A face between two regions is drawn if both remain; one that lost the tissue on both sides is not."""
     m, _ = organ
     through = ("--through", "0.8")
     whole, low = draw(bin, build, organ, [False] * len(m.tets), *through), draw(bin, build, organ, above(m, 0.062), *through)

@@ -1,4 +1,4 @@
-"""The display of `ssh -X` (a port of the machine's network, with a cookie) from a network namespace that cannot reach it: apps/demo/display.py."""
+"""The display of `ssh -X` (a TCP port of this machine, with a cookie) from a network namespace that cannot reach it: apps/demo/display.py."""
 import json
 import os
 import pathlib
@@ -20,7 +20,7 @@ def bridge(root, *command, env, timeout=120):
 
 @pytest.fixture
 def forwarded(tmp_path):
-    """What sshd makes: DISPLAY=localhost:N.0, the cookie under unix:N, no file of a socket."""
+    """Sets up what sshd does: DISPLAY=localhost:N.0, the cookie under unix:N, no socket file."""
     for program in ("Xvfb", "xauth", "xdpyinfo"):
         if not shutil.which(program):
             pytest.skip(f"{program} is not installed; tools/setup.sh check")
@@ -60,7 +60,7 @@ def test_a_namespace_reaches_the_display_of_ssh(root, forwarded, tmp_path):
 
 @needs_namespace
 def test_play_opens_its_window_there(root, build, forwarded, tmp_path):
-    """make play's driver over such a display: the window is there, and its session ends with it."""
+    """make play's driver over such a display: its window exists, and its session ends with it."""
     env, _ = forwarded
     play = subprocess.Popen([sys.executable, root / "apps/play/play.py", "--build", build, "--out", tmp_path / "out", "--scene", root / SCENE, "--",
                              "--duration", "3", "--json", tmp_path / "play.json"], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

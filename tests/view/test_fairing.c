@@ -1,5 +1,5 @@
-/* The drawn wall of a cut: smoother than the tetrahedra's faces by a given factor, close to them, without gaps, its rim
- * on the outer surface, one wall through all regions; and no wall without a cut. */
+/* The drawn wall of a cut: smoother than the tetrahedra's faces by a given factor, close to them, without gaps, its
+ * outline on the outer surface, one wall through all regions; and no wall without a cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -123,7 +123,7 @@ static void normal_of(const float *at, const int32_t *corner, float out[3]) {
     vunit(out, out);
 }
 
-/* Root mean square angle between neighbours in the wall, radians. */
+/* Returns the root mean square angle between neighbours in the wall, radians. */
 static float roughness(const view_surface *s, const float *at) {
     edge *e = edges_of(s->vertex_m, (const uint32_t *)s->triangle, 3 * s->triangle_count);
     float sum = 0, count = 0;
@@ -195,7 +195,7 @@ static void the_rim_stays_on_the_outside_without_a_gap(void **state) {
         for (int32_t v = 0; v < vertices; v++) vset(vertex[v].at_m, drawn + 3 * v);
         edge *e = edges_of(drawn, index, count);
         for (int32_t i = 0; i < count; i += 2) assert_memory_equal(e[i].end, e[i + 1].end, sizeof e->end);
-        for (int32_t i = 0; i < count; i += 3) { /* nor is what is drawn of it */
+        for (int32_t i = 0; i < count; i += 3) { /* nor is the drawn outline */
             const int32_t corner[3] = {(int32_t)index[i], (int32_t)index[i + 1], (int32_t)index[i + 2]};
             float n[3], top = 1;
             for (int k = 0; k < 3; k++) top = fminf(top, drawn[3 * corner[k] + 2]);
@@ -211,7 +211,7 @@ static void the_rim_stays_on_the_outside_without_a_gap(void **state) {
     view_surface_free(&s);
 }
 
-/* Largest turn from one piece of the drawn rim to the next, radians; `longest`: of its pieces. */
+/* Returns the largest angle between consecutive edges of the drawn outline, radians; `longest`: of its edges. */
 static float largest_turn(const view_surface *s, int levels, float *longest) {
     view_skin *skin = skin_of(s, levels);
     const view_vertex *v;
@@ -231,7 +231,7 @@ static float largest_turn(const view_surface *s, int levels, float *longest) {
     *longest = 0;
     for (int32_t i = 0; i < pieces; i++)
         for (int32_t j = 0; j < i; j++)
-            for (int k = 0; k < 4; k++) { /* which ends meet */
+            for (int k = 0; k < 4; k++) { /* whose ends meet */
                 float a[3], b[3];
                 if (memcmp(rim[i].end + 3 * (k & 1), rim[j].end + 3 * (k >> 1), 3 * sizeof *a) != 0) continue;
                 vsub(rim[i].end + 3 * (k & 1), rim[i].end + 3 * !(k & 1), a);
@@ -307,7 +307,7 @@ static void what_is_not_cut_is_drawn_as_it_is(void **state) {
     }
 }
 
-/* The tissue is turned and shifted, then cut: the wall turns with it, and its texture is where it would be at rest. */
+/* The tissue is rotated and moved, then cut: the wall moves with it, and its texture is as at rest. */
 static void the_wall_goes_with_the_tissue(void **state) {
     (void)state;
     view_surface whole = {0}, s = {0};

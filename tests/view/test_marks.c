@@ -14,7 +14,7 @@
 #include "view/layout.h"
 #include "view/shapes.h"
 
-/* One tetrahedron in a mesh of 9 vertices, of which the surface has one face: vertices 7, 2, 5, in another order. */
+/* One tetrahedron in a mesh of 9 vertices; the surface has one of its faces: vertices 7, 2, 5, in another order. */
 static int32_t face[4 * 4] = {2, 5, 7, 0, 2, 5, 8, 0, 2, 7, 8, 0, 5, 7, 8, 0};
 static float rest[27];
 static float surface_m[9], fibre[3];
@@ -39,7 +39,7 @@ static void set(int32_t vertex, float x, float y, float z) {
     memcpy(rest + 3 * vertex, (float[3]){x, y, z}, sizeof(float[3]));
 }
 
-/* At rest in the plane z = 0; now turned by a quarter about x and sheared along it. */
+/* At rest in the plane z = 0; now rotated by a quarter turn about x and sheared along it. */
 static void deform(const float at[3], float now[3]) { now[0] = at[0] + 0.5f * at[1], now[1] = -at[2], now[2] = at[1]; }
 
 static void prepare(float fx, float fy, float fz) {
@@ -70,19 +70,19 @@ static void test_fibres_go_with_the_tissue(void **state) {
     deform(fibre, wanted); /* linear: a direction deforms as a point does */
     float length = sqrtf(wanted[0] * wanted[0] + wanted[1] * wanted[1] + wanted[2] * wanted[2]);
     for (int k = 0; k < 3; k++) assert_float_equal(run[k], wanted[k] / length, 1e-5);
-    /* Half along the normal: the part in the surface keeps its direction, and is as much shorter. */
+    /* Half along the normal: the component in the surface keeps its direction and is shorter by as much. */
     s.count = 0;
     prepare(0.6f * 0.5f, 0.8f * 0.5f, sqrtf(0.75f));
     view_shape_fibres(&s, &m, &now);
     assert_int_equal(s.count, 6);
     assert_float_equal(run_of(&s, run), 0.5f * whole, 1e-4f * whole);
     for (int k = 0; k < 3; k++) assert_float_equal(run[k], wanted[k] / length, 1e-5);
-    /* Through the surface: nothing runs along it. */
+    /* Through the surface: no component along it. */
     s.count = 0;
     prepare(0, 0, 1);
     view_shape_fibres(&s, &m, &now);
     assert_int_equal(s.count, 0);
-    /* A face of no tetrahedron, a number of no vertex: another scene's, left out. */
+    /* A face of no tetrahedron, a number of no vertex: from another scene, omitted. */
     prepare(1, 0, 0);
     for (int32_t wrong = 8; wrong < 1000; wrong += 991) {
         id[1] = wrong == 8 ? 3 : wrong;
@@ -117,7 +117,7 @@ static void test_supports_stand_where_tissue_is_held(void **state) {
     view_shape_free(&s);
 }
 
-/* Seen end on an arrow is flat and open, a ring; across it is long. */
+/* An arrow seen end on is flat and open, a ring; seen across it is long. */
 static void test_an_arrow_at_the_eye_is_no_disc(void **state) {
     (void)state;
     const view_camera camera = {.eye_m = {0, 0, 1}, .up = {0, 1, 0}};
@@ -152,7 +152,7 @@ static void test_labels_find_room(void **state) {
     view_layout_find_space(&l, 400, 300, 3, free_already);
     assert_float_equal(free_already[0], 220, 0);
     view_layout_find_space(&l, 400, 300, 3, here);
-    assert_float_equal(here[0], 203, 1e-3); /* just beside the panel */
+    assert_float_equal(here[0], 203, 1e-3); /* directly outside the panel */
     assert_float_equal(here[1], 20, 1e-3);
     uint32_t seed = 1;
     for (int i = 0; i < 5000; i++) {

@@ -57,7 +57,7 @@ def xdotool(display_name, *args):
     return subprocess.run(["xdotool", *map(str, args)], env={**os.environ, "DISPLAY": display_name}, capture_output=True, text=True, timeout=120).stdout
 
 
-# A display's driver leaks a little, and is unloaded by the time it could be named as the culprit.
+# A display's driver leaks a little, and is unloaded before a report could name it.
 SOFTWARE = ["--renderer", "osmesa"] if os.environ.get("TM_SANITIZER") else []
 
 
@@ -97,7 +97,7 @@ kill $sim; wait $sim; exit 0
 
 @needs_namespace
 def test_the_displays_opengl_draws_where_it_can(root, bin, display, tmp_path):  # noqa: F811
-    """The same picture by the display's OpenGL as in software; without one, software, and it is said why."""
+    """The same picture by the display's OpenGL as in software; without OpenGL, software, and the reason is printed."""
     script = RENDERERS.format(bin=bin, root=root, scene=SCENE, out=tmp_path)
     run = subprocess.run([root / "apps/demo/netns.sh", "run", tmp_path / "pid", "bash", "-c", script], env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, timeout=600)
     said = {name: (tmp_path / f"{name}.txt").read_text() for name in ("opengl", "osmesa", "auto", "none", "only") if (tmp_path / f"{name}.txt").exists()}
@@ -125,7 +125,7 @@ kill $sim; wait $sim; exit 0
 
 @needs_namespace
 def test_the_window_has_the_scenes_regions(root, bin, display, mesh, tmp_path):  # noqa: F811
-    """Messages tell a surface without regions: the vein within it, the supports' marks and the title are the scene's, as tm-view has them."""
+    """Messages describe a surface without regions: the vein inside, the supports' marks and the title come from the scene, as in tm-view."""
     scene = mesh.with_suffix(".yaml")
     subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=60)
     script = INSIDE.format(bin=bin, scene=scene, out=tmp_path)
@@ -137,7 +137,7 @@ def test_the_window_has_the_scenes_regions(root, bin, display, mesh, tmp_path): 
 
 
 def held(r, g, b):
-    """Points where a support holds."""
+    """Returns points of the picture where a support is."""
     return (g > 0.4) & (g > 1.3 * r) & (g > 1.15 * b)
 
 
@@ -151,7 +151,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
     kinds = synthetic.import_types(build / "python")
 
     def until(condition, what, act=lambda: None, seconds=60):
-        """Acts until the log, which is being written, holds what is waited for."""
+        """Repeats the action until the log, which is being written, satisfies the condition."""
         end = time.monotonic() + seconds
         while not (log.exists() and condition(read_log(log, kinds))):
             assert session.poll() is None and time.monotonic() < end, what
@@ -159,7 +159,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
             time.sleep(0.1)
 
     def drag():
-        """Presses anew: a window that is about to have the focus forgets what was held before."""
+        """Presses again: a window about to get the focus forgets earlier keys."""
         xdotool(display, "mouseup", 1, "mousedown", 1, "mousemove_relative", "--", -4, 2)
 
     def pivoted(heard):
@@ -185,7 +185,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
         until(lambda heard: heard["HAND_0"][-1].joint[2] - heard["HAND_0"][0].joint[2] > 0.02 and max(math.hypot(*m.force_N) for m in heard["CONTROLLER_0"]) > 0.1, "no tissue is felt")
         xdotool(display, "keyup", "w")
         picture = screenshot(display, tmp_path / "screen.png")
-        xdotool(display, "keydown", "s")  # out of the tissue, which presses back, as deep as this process was late
+        xdotool(display, "keydown", "s")  # out of the tissue, whose force depends on how late this process was
         until(lambda heard: not any(heard["CONTROLLER_0"][-1].force_N), "the tissue is not left")
         xdotool(display, "keyup", "s")
         until(followed, "the device does not follow")
@@ -193,7 +193,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
         out, err = session.communicate(timeout=120)
     finally:
         if session.poll() is None:
-            os.killpg(session.pid, signal.SIGINT)  # as a terminal does; the window has this test's pipes, too
+            os.killpg(session.pid, signal.SIGINT)  # like a terminal; the window has this test's pipes, too
             session.communicate(timeout=120)
     assert session.returncode == 0, out + err
     assert share(picture, tissue_red) > 0.02

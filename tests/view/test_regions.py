@@ -14,7 +14,7 @@ FLAT = ("--size", "200x160", "--quality", "0", "--no-words")
 
 @pytest.fixture(scope="module")
 def mesh(tmp_path_factory):
-    """A block of liver, 10 cm, with a cube of vein (blue) in its middle."""
+    """Makes a block of liver, 10 cm, with a cube of vein (blue) in its middle."""
     m, path = meshlib.block(5), tmp_path_factory.mktemp("regions") / "block.msh"
     m.names = {(3, 1): "liver", (3, 2): "vein"}
     m.region = [2 if all(0.039 < m.points[v][a] < 0.061 for v in t for a in range(3)) else 1 for t in m.tets]
@@ -86,7 +86,7 @@ def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):
 
 
 def test_a_film_of_a_log_shows_what_is_inside(bin, mesh, tmp_path):
-    """The vein is nowhere on the surface that the log has; --through shows it from the scene."""
+    """The vein is nowhere on the log's surface; --through shows it from the scene."""
     scene = tmp_path / "block.yaml"
     subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=300)
     subprocess.run([bin / "tm-sim", scene, "--lockstep", "--duration", "1.5", "--record", tmp_path / "a.lcm"], check=True, capture_output=True, timeout=300)

@@ -23,7 +23,7 @@ of_the_demo = pytest.mark.xdist_group("demo")  # one after the other: the second
 
 @pytest.fixture(scope="session")
 def demo(root, build, once):
-    """The demo's driver, 4 s of it and small pictures."""
+    """Runs the demo's driver for 4 s with small pictures."""
     def driven(folder):
         run = subprocess.run([sys.executable, root / "apps" / "demo" / "demo.py", "--build", build, "--out", folder / "out", "--scene", root / SCENE,
                               "--duration", "4", "--set", "time.duration=1 s", "--size", "320x180"], capture_output=True, text=True, timeout=900)
@@ -68,7 +68,7 @@ def test_summary_has_the_promised_keys(demo):
 
 @of_the_demo
 def test_hash_is_of_the_final_state(demo):
-    """The same run stopped a frame earlier ends elsewhere."""
+    """The same run stopped a frame earlier ends in another state."""
     first, second = (json.loads((demo[0] / f"lockstep{n}.json").read_text()) for n in (1, 2))
     assert first["state_hash"] == second["state_hash"] == json.loads((demo[0] / "summary.json").read_text())["state_hash"]
     assert first["frames"] == 25
@@ -105,7 +105,8 @@ def test_controller_follows_the_simulation(demo):
 
 @of_the_demo
 def test_the_extrapolators_are_judged_on_the_recorded_session(bin, root, demo, tmp_path):
-    """The log's two clocks meet: a session whose force samples stream errs less than the same scene in lockstep at 25 of them a second, by every law that guesses least."""
+    """The log's two clocks agree: a session with streamed samples errs less than the same scene in lockstep at 25 samples a second, for every
+    extrapolator that assumes little."""
     subprocess.run([bin / "tm-sim", root / SCENE, "--lockstep", "--duration", "4 s", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "lockstep.lcm"], check=True, timeout=400,
                    capture_output=True)
     run = subprocess.run([bin / "tm-evaluate", demo[0] / "demo.lcm", tmp_path / "lockstep.lcm", "--json", tmp_path / "e.json"], capture_output=True, text=True, timeout=300)
@@ -182,7 +183,7 @@ def test_the_pages_replay_is_felt(bin, demo, netns, root, tmp_path):
 
 @needs_namespace
 def test_without_replay_a_recording_moves_no_motor(bin, demo, netns, tmp_path):
-    """Samples that answer another controller are foreign: played by accident they must not be felt."""
+    """Samples for another controller are foreign: played back by accident, they must not be rendered."""
     script = f"""
         {bin}/tm-device --bus virtual:safe{os.getpid()} --hand {demo[0]}/hand0.csv --duration 4 --json {tmp_path}/device.json & device=$!
         {bin}/haptic-rt --bus virtual:safe{os.getpid()} --duration 4 --json {tmp_path}/controller.json & controller=$!
@@ -218,7 +219,7 @@ for _ in range(3):
 
 @needs_namespace
 def test_lying_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
-    """tm-sim hears CONTROLLER_0, haptic-rt hears SIM_STATUS and CONTROLLER_COMMAND_0: all three hold strings."""
+    """tm-sim receives CONTROLLER_0, haptic-rt SIM_STATUS and CONTROLLER_COMMAND_0: all three contain strings."""
     (tmp_path / "hostile.py").write_text(HOSTILE.format(here=str(HERE), types=str(build / "python")))
     script = f"""
         {bin}/tm-sim {root}/{SCENE} --realtime --duration '4 s' --json {tmp_path}/sim.json & sim=$!
@@ -232,7 +233,8 @@ def test_lying_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
 
 
 def test_the_models_are_those_of_the_scene(root, build, tmp_path):
-    """One's own scene is compared by the models that can run it, no other scene in its place; of ours, one that is cut has a stand-in, named."""
+    """A user's own scene is compared by the models that can run it, and no other scene replaces it; a shipped scene that is cut has a substitute,
+    which is named."""
     sys.path.insert(0, str(root / "apps/demo"))
     import demo
 
@@ -295,7 +297,7 @@ def screenshot(display, path):
 
 
 def listed(picture):
-    """Lines of the picture with text in the table's first rows: channels are listed. None before the window is there."""
+    """Returns the lines of the picture with text in the table's first rows: channels are listed. None before the window exists."""
     dark = picture[20:110, :350].mean(axis=2) < 0.5
     return dark.any(axis=1).sum() if dark.mean() < 0.5 else 0
 

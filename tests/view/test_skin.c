@@ -63,7 +63,7 @@ typedef struct edge {
 
 static int by_bits(const void *a, const void *b) { return memcmp(a, b, sizeof(edge)); }
 
-/* Every edge of the finest triangles, by the exact positions of its ends, is there twice: no gap, however small. */
+/* Every edge of the finest triangles occurs twice, by the exact positions of its ends: no gap of any size. */
 static void assert_closed(view_skin *skin) {
     const view_vertex *v;
     const uint32_t *index;
@@ -86,7 +86,7 @@ static void sphere_is_closed_and_round(void **state) {
     (void)state;
     view_surface s = {0};
     box(&s, 4, true);
-    /* How far inside the sphere the middles of straight edges would be. */
+    /* Depth of straight edges' middles inside the sphere. */
     float flat = 0;
     for (int32_t i = 0; i < 3 * s.triangle_count; i++) {
         const float *a = s.vertex_m + 3 * s.triangle[i], *b = s.vertex_m + 3 * s.triangle[i % 3 == 2 ? i - 2 : i + 1];
@@ -157,7 +157,8 @@ static void opened_flesh_keeps_its_edge(void **state) {
     view_surface_free(&s);
 }
 
-/* A vertex that moves, and another that a cut takes off the list, do not change where the rest was first seen. */
+/* A vertex that moves, and another one that a cut removes from the list, do not change the reference positions first
+ * seen. */
 static void references_outlive_motion_and_cuts(void **state) {
     (void)state;
     view_surface s = {0};

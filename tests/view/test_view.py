@@ -41,7 +41,7 @@ def pixels(path):
 
 
 def share(picture, test):
-    """Part of the pixels for which test(r, g, b) holds."""
+    """Returns the share of pixels for which test(r, g, b) holds."""
     r, g, b = picture[..., 0], picture[..., 1], picture[..., 2]
     return float(test(r, g, b).mean())
 
@@ -71,7 +71,7 @@ def test_picture_shows_tissue_drape_and_force(bin, log, tmp_path):
 
 
 def test_arrow_follows_the_force(bin, log, tmp_path):
-    """At 0.1 s the synthetic force is a tenth of what it is at 1.5 s."""
+    """At 0.1 s the synthetic force is a tenth of that at 1.5 s."""
     parts = []
     for at in ("0.1", "1.5"):
         out = tmp_path / f"{at}.png"
@@ -81,7 +81,7 @@ def test_arrow_follows_the_force(bin, log, tmp_path):
 
 
 def test_cut_surface_is_coloured_apart(bin, log, tmp_path):
-    """Flesh is pink where skin is dark red: nothing else in the picture is."""
+    """Cut flesh is pink, the outer surface dark red: nothing else in the picture is pink."""
 
     def pink(r, g, b):
         return (r > 0.7) & (g > 0.25) & (g < 0.75 * r) & (b > 0.2) & (b < 0.75 * r)
@@ -164,7 +164,7 @@ def test_supports_and_fibres_of_a_scene(bin, root, tmp_path):
 
 
 def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
-    """Title and supports stand in the scene, not in the messages: of a log they are shown when the scene is named."""
+    """Title and supports are in the scene, not in the messages: for a log they are shown if the scene is named."""
     scene, log = root / "apps/scenes/liver-press.yaml", tmp_path / "s.lcm"
     subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.3 s", "--record", log], check=True, capture_output=True, timeout=300)
     renamed = tmp_path / "renamed.yaml"
@@ -181,7 +181,7 @@ def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
 
 
 def test_a_force_at_the_eye_is_a_ring(bin, log, tmp_path):
-    """At 1.5 s the synthetic force points up; from above its arrow used to be a filled disc."""
+    """At 1.5 s the synthetic force points up; seen from above its arrow was once a filled disc."""
     out = tmp_path / "ring.png"
     assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480", "--no-words", "--elevation", "85").returncode == 0
     picture = pixels(out)
@@ -192,7 +192,7 @@ def test_a_force_at_the_eye_is_a_ring(bin, log, tmp_path):
 
 
 def test_the_force_plot_has_a_time_axis(bin, log, tmp_path):
-    """Marks at whole seconds since the source began, below the line of zero; six seconds wide, now at the right."""
+    """Marks at whole seconds since the source began, below the zero line; six seconds wide, now at the right."""
     out = tmp_path / "plot.png"
     assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480", "--quality", "0").returncode == 0
     below = pixels(out)[450:452].mean(axis=(0, 2))
@@ -275,7 +275,7 @@ def test_no_ffmpeg_says_what_to_install(bin, log, tmp_path):
 
 
 def spoilers():
-    """Name, and what it makes of a frame's tissue bytes or status bytes."""
+    """Name, and the change of a frame's tissue or status bytes."""
 
     def put(data, at, form, value):
         return data[:at] + struct.pack(form, value) + data[at + struct.calcsize(form):]
@@ -309,7 +309,7 @@ def spoilers():
 
 @pytest.mark.parametrize("name", spoilers())
 def test_hostile_messages_are_refused(bin, tmp_path, python_types, name):
-    """Sound messages go before and after; the bad one changes nothing but the count."""
+    """Valid messages before and after; the bad one changes nothing but the count."""
     channel, spoil = spoilers()[name]
     clean, dirty = tmp_path / "clean.lcm", tmp_path / "dirty.lcm"
 
@@ -338,7 +338,7 @@ def test_log_cut_off_in_the_middle(bin, log, tmp_path):
 
 
 def test_log_with_an_event_of_two_gigabytes(bin, log, tmp_path):
-    """An event that announces 0x7fffffff bytes, in the middle and at the end: passed over, and said."""
+    """An event that announces 0x7fffffff bytes, in the middle and at the end: skipped, and reported."""
     giant = struct.pack(">IqqII", 0xeda1da01, 5, 5, 6, 0x7fffffff) + b"TISSUE" + bytes(50)
     data = log.read_bytes()
     second = data.index(data[:4], 4)
@@ -379,7 +379,7 @@ for run, pause in ((1, {pause}), (2, 0)):
 
 @needs_namespace
 def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
-    """tm-view is started first; the simulation comes later, goes away for more than a second, and comes back with a new session."""
+    """tm-view starts first; the simulation comes later, stops for more than a second, and returns with a new session."""
     script = PUBLISHER.format(here=str(HERE), types=str(build / "python"), pause=1.6)
     (tmp_path / "publish.py").write_text(script)
     shell = (f'"{bin}/tm-view" --frames "{tmp_path}/f" --fps 10 --duration 4.2 --json "{tmp_path}/j.json" --size 320x240 --quality 0 & view=$!; '
@@ -392,7 +392,7 @@ def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
     assert figures["pictures"] == len(frames) == 42
     assert figures["messages_refused"] == 0 and figures["messages_taken"] > 100
     different = len({p.read_bytes() for p in frames})
-    assert different > 15  # it moved, stood still while nobody sent, and moved again
+    assert different > 15  # it moved, stood still without messages, and moved again
     assert frames[-1].read_bytes() != frames[25].read_bytes()
 
 
@@ -446,7 +446,7 @@ view.kill()
 
 @needs_namespace
 def test_a_large_tissue_gives_its_memory_back(bin, build, tmp_path):
-    """200,000 vertices, twice, then a small tissue again: their memory goes back to the system."""
+    """200,000 vertices, twice, then a small tissue again: the memory is returned to the system."""
     script = LARGE.format(here=str(HERE), types=str(build / "python"), program=str(bin / "tm-view"), frames=str(tmp_path / "f"))
     result = subprocess.run([*NETWORK, sys.executable, "-c", script], capture_output=True, text=True, timeout=200)
     assert result.returncode == 0, result.stderr
@@ -471,7 +471,7 @@ def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
 
 
 def test_random_corruption_ends_nothing(bin, tmp_path, python_types):
-    """Bytes changed at random, among sound messages: refused or drawn, and the picture still comes."""
+    """Bytes changed at random, among valid messages: rejected or drawn, and the picture is still written."""
     import random
 
     chance = random.Random(7)

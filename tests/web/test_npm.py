@@ -24,7 +24,7 @@ def node(script, *arguments):
 
 
 def native(scene, seconds, folder):
-    """State hash and forces of the last frame, as tm-sim computes and prints them with its plain form."""
+    """Returns state hash and forces of the last frame, as tm-sim computes and prints them with its plain form."""
     without = ["--unset", "haptics"] if "haptics" in (ROOT / f"apps/scenes/{scene}.yaml").read_text() else []
     subprocess.run([BUILD / "bin/tm-sim", f"apps/scenes/{scene}.yaml", "--lockstep", *without, "--force", "plain", "--duration", f"{seconds} s",
                     "--json", folder / "run.json", *(["--samples", folder / "samples.csv"] if without else [])], check=True, capture_output=True, timeout=600, cwd=ROOT)

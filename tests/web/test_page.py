@@ -51,7 +51,7 @@ def test_a_choice_shows_its_price(seen):
 
 def test_a_bad_mesh_has_the_librarys_sentence_and_nothing_is_lost(seen):
     assert "bad.msh" in seen["error"] and ";" in seen["error"]
-    assert seen["ran"]["frames"] == 25  # the page goes on with other scenes
+    assert seen["ran"]["frames"] == 25  # the page continues with other scenes
 
 
 def test_a_hidden_tab_has_no_force(seen):
