@@ -44,7 +44,7 @@ CLOCK = (
 )
 
 # Of those: tests that share the set-up of one pytest process run one after the other; the others run concurrently with them.
-TOGETHER = ("devices/test_odrive", "trust/test_trust.py::test_with", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
+TOGETHER = ("devices/test_motors", "trust/test_trust.py::test_with", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
 
 # Long tests of the sanitizers' builds, without clock: they run throughout with the remaining processor time.
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")

@@ -1,6 +1,6 @@
-/* A CAN bus behind a table of functions: classical frames, non-blocking calls. Drivers: `loopback` (in process),
- * `virtual` (between processes, without kernel CAN), `socketcan`. An endpoint receives the frames of all other
- * endpoints but not its own. */
+/* A CAN bus behind a table of functions: classical and CAN-FD frames, non-blocking calls. Drivers: `loopback` (in
+ * process), `virtual` (between processes, without kernel CAN), `socketcan`. An endpoint receives the frames of all
+ * other endpoints but not its own. */
 #ifndef HRT_BUS_H
 #define HRT_BUS_H
 
@@ -41,6 +41,8 @@ typedef struct hrt_bus_driver {
     /* Checks the bus; called from another thread, several times a second. Returns each new event once. Reopens what
      * `recover` then takes over, and closes what `recover` has left. Null: no events. */
     const char *(*look)(hrt_bus *bus);
+    /* Returns whether the bus carries CAN-FD frames. Null: it does. */
+    bool (*has_fd)(const hrt_bus *bus);
 } hrt_bus_driver;
 
 /* Kinds of address "KIND:name". Each has a row here, with the text of its name, and a file bus_KIND.c that defines
@@ -95,7 +97,7 @@ bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size);
 /* Counts a frame and its bits, for drivers. */
 static inline void hrt_bus_count(hrt_bus *bus, uint64_t *what, const hrt_can_frame *frame) {
     (*what)++;
-    bus->bits += hrt_can_bits(frame->length);
+    bus->bits += frame->flags & HRT_CAN_FD ? hrt_can_fd_bits(frame->length) : hrt_can_bits(frame->length);
 }
 
 static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { return bus->driver->send(bus, frame); }
@@ -103,6 +105,7 @@ static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return b
 static inline hrt_bus_state hrt_bus_state_now(hrt_bus *bus) { return bus->driver->state(bus); }
 static inline void hrt_bus_recover(hrt_bus *bus, int64_t now_us) { bus->driver->recover(bus, now_us); }
 static inline const char *hrt_bus_look(hrt_bus *bus) { return bus->driver->look ? bus->driver->look(bus) : NULL; }
+static inline bool hrt_bus_has_fd(const hrt_bus *bus) { return !bus->driver->has_fd || bus->driver->has_fd(bus); }
 static inline void hrt_bus_close(hrt_bus *bus) {
     if (bus->driver) bus->driver->close(bus);
 }

@@ -39,7 +39,7 @@ static void loopback_close(hrt_bus *bus) {
 }
 
 static const hrt_bus_driver loopback_driver = {
-    "loopback", loopback_send, loopback_receive, loopback_state, loopback_recover, loopback_close, NULL, NULL};
+    "loopback", loopback_send, loopback_receive, loopback_state, loopback_recover, loopback_close, NULL, NULL, NULL};
 
 void hrt_loopback_init(hrt_loopback *loopback) { memset(loopback, 0, sizeof *loopback); }
 

@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -34,6 +35,8 @@ static int attach(const hrt_bus *bus) {
     memset(&address, 0, sizeof address);
     address.can_family = AF_CAN;
     address.can_ifindex = (int)index;
+    const int yes = 1;
+    setsockopt(fd, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &yes, sizeof yes); /* a kernel without CAN-FD sends classical ones */
     if (setsockopt(fd, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &wanted, sizeof wanted) != 0 ||
         bind(fd, (const struct sockaddr *)&address, sizeof address) != 0) {
         const int reason = errno;
@@ -58,18 +61,21 @@ static int failed(hrt_bus *bus) {
 
 static int socketcan_send(hrt_bus *bus, const hrt_can_frame *frame) {
     if (bus->now >= HRT_BUS_OFF) return -1;
-    struct can_frame out;
+    struct canfd_frame out; /* a classical frame is its beginning, and its size says which it is */
+    const bool fd = frame->flags & HRT_CAN_FD;
+    const size_t size = fd ? CANFD_MTU : CAN_MTU;
     memset(&out, 0, sizeof out);
     out.can_id = frame->id | ((frame->flags & HRT_CAN_EXTENDED) ? CAN_EFF_FLAG : 0u) |
                  ((frame->flags & HRT_CAN_REMOTE) ? CAN_RTR_FLAG : 0u);
-    out.can_dlc = frame->length;
-    memcpy(out.data, frame->data, sizeof out.data);
-    if (send(bus->fd, &out, sizeof out, MSG_DONTWAIT) != (ssize_t)sizeof out) return failed(bus);
+    out.len = frame->length;
+    out.flags = fd ? CANFD_BRS : 0;
+    memcpy(out.data, frame->data, fd ? CANFD_MAX_DLEN : CAN_MAX_DLEN);
+    if (send(bus->fd, &out, size, MSG_DONTWAIT) != (ssize_t)size) return failed(bus);
     hrt_bus_count(bus, &bus->tx, frame);
     return 1;
 }
 
-static void note_error(hrt_bus *bus, const struct can_frame *in) {
+static void note_error(hrt_bus *bus, const struct canfd_frame *in) {
     bus->errors++;
     if (in->can_id & CAN_ERR_BUSOFF)
         bus->now = HRT_BUS_OFF;
@@ -80,18 +86,19 @@ static void note_error(hrt_bus *bus, const struct can_frame *in) {
 }
 
 static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
-    struct can_frame in;
+    struct canfd_frame in;
     if (bus->now == HRT_BUS_DOWN) return -1;
     const ssize_t got = recv(bus->fd, &in, sizeof in, MSG_DONTWAIT);
     if (got < 0) return failed(bus);
-    if (got != (ssize_t)sizeof in) return 0;
+    if (got != CAN_MTU && got != CANFD_MTU) return 0;
+    const uint8_t most = got == CANFD_MTU ? CANFD_MAX_DLEN : CAN_MAX_DLEN;
     memset(frame, 0, sizeof *frame);
     frame->id = in.can_id & ((in.can_id & CAN_EFF_FLAG) ? CAN_EFF_MASK : CAN_SFF_MASK);
-    frame->flags =
-        (uint8_t)(((in.can_id & CAN_EFF_FLAG) ? HRT_CAN_EXTENDED : 0) |
-                  ((in.can_id & CAN_RTR_FLAG) ? HRT_CAN_REMOTE : 0) | ((in.can_id & CAN_ERR_FLAG) ? HRT_CAN_ERROR : 0));
-    frame->length = in.can_dlc > 8 ? 8 : in.can_dlc;
-    memcpy(frame->data, in.data, sizeof frame->data);
+    frame->flags = (uint8_t)(((in.can_id & CAN_EFF_FLAG) ? HRT_CAN_EXTENDED : 0) |
+                             ((in.can_id & CAN_RTR_FLAG) ? HRT_CAN_REMOTE : 0) |
+                             ((in.can_id & CAN_ERR_FLAG) ? HRT_CAN_ERROR : 0) | (got == CANFD_MTU ? HRT_CAN_FD : 0));
+    frame->length = in.len > most ? most : in.len;
+    memcpy(frame->data, in.data, most);
     if (in.can_id & CAN_ERR_FLAG)
         note_error(bus, &in);
     else {
@@ -159,8 +166,17 @@ static int socketcan_claim(hrt_bus *bus, int place) {
     return 1;
 }
 
-static const hrt_bus_driver socketcan_driver = {"socketcan",       socketcan_send,  socketcan_receive, socketcan_state,
-                                                socketcan_recover, socketcan_close, socketcan_claim,   socketcan_look};
+/* An interface that carries CAN-FD has room for its frames. */
+static bool socketcan_has_fd(const hrt_bus *bus) {
+    struct ifreq request;
+    memset(&request, 0, sizeof request);
+    memcpy(request.ifr_name, bus->name, IFNAMSIZ - 1);
+    return ioctl(bus->fd, SIOCGIFMTU, &request) == 0 && request.ifr_mtu >= (int)CANFD_MTU;
+}
+
+static const hrt_bus_driver socketcan_driver = {"socketcan",     socketcan_send,    socketcan_receive,
+                                                socketcan_state, socketcan_recover, socketcan_close,
+                                                socketcan_claim, socketcan_look,    socketcan_has_fd};
 
 bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
     memset(bus, 0, sizeof *bus);

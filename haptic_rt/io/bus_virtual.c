@@ -94,8 +94,9 @@ static void virtual_close(hrt_bus *bus) {
 static int virtual_claim(hrt_bus *bus, int place) { return hrt_virtual_claim(bus->shared, place); }
 static const char *virtual_look(hrt_bus *bus) { return hrt_virtual_look(bus->shared); }
 
-static const hrt_bus_driver virtual_driver = {"virtual",       virtual_send,  virtual_receive, virtual_state,
-                                              virtual_recover, virtual_close, virtual_claim,   virtual_look};
+static const hrt_bus_driver virtual_driver = {"virtual",     virtual_send,    virtual_receive,
+                                              virtual_state, virtual_recover, virtual_close,
+                                              virtual_claim, virtual_look,    NULL};
 
 bool hrt_bus_virtual(hrt_bus *bus, const char *name, char *why, int why_size) {
     static _Atomic uint64_t opened;

@@ -8,7 +8,7 @@
 #include "can/frame.h"
 
 enum { HRT_VIRTUAL_SLOTS = 4096 };
-#define HRT_VIRTUAL_MAGIC 0x314e414354524854ULL
+#define HRT_VIRTUAL_MAGIC 0x324e414354524854ULL
 
 typedef struct hrt_virtual_bus {
     _Atomic uint64_t magic;

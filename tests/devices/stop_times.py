@@ -4,12 +4,12 @@ import sys
 import tempfile
 
 sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[1]), str(pathlib.Path(__file__).resolve().parent)]
+import motorkit  # noqa: E402
 import test_haply  # noqa: E402
 import test_libraries  # noqa: E402
-import test_odrive  # noqa: E402
 
 SAYS = {"killed": "killed", "frozen": "freezes for 0.4 s", "flood": "sends far too many states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "sends invalid values",
-        "silent": "sends nothing", "close": "closes the connection", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "an axis reports an error", "short": "frames cut short"}
+        "silent": "sends nothing", "close": "closes the connection", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "a motor reports an error", "short": "frames cut short"}
 
 
 def row(device, trouble, result):
@@ -29,11 +29,12 @@ with tempfile.TemporaryDirectory() as top:
             tmp = top / (device[:-2] + trouble)
             tmp.mkdir()
             row(device[:-2], trouble, test_libraries.in_trouble(tmp, top, device, trouble))
-    for trouble in test_odrive.TROUBLES:
-        if trouble == "flood":
-            continue  # valid frames, fifty times as many: no trouble
-        tmp = top / ("odrive" + trouble)
-        tmp.mkdir()
-        bench = test_odrive.Axes(tmp, "--trouble", trouble, "--after", "0.5")
-        row("odrive", trouble, test_odrive.in_trouble(bench, trouble))
-        bench.end()
+    for kind in motorkit.KINDS:
+        for trouble in motorkit.TROUBLES:
+            if trouble == "flood":
+                continue  # valid frames, fifty times as many: no trouble
+            tmp = top / (kind + trouble)
+            tmp.mkdir()
+            bench = motorkit.Axes(tmp, kind, "--trouble", trouble, "--after", "0.3")
+            row(kind, trouble, motorkit.in_trouble(bench, trouble))
+            bench.end()

@@ -30,7 +30,7 @@ void replay_frame(replay_bytes *bytes, hrt_can_frame *frame) {
     raw(bytes, &frame->id, 4);
     replay_u8(bytes, &frame->length);
     replay_u8(bytes, &frame->flags);
-    raw(bytes, frame->data, sizeof frame->data);
+    raw(bytes, frame->data, 8);
 }
 
 void replay_sample(replay_bytes *bytes, hrt_sample *sample) {

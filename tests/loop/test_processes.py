@@ -303,7 +303,7 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
         shutil.rmtree(ring.bus_directory)
     else:
         with open(path + ".new", "wb") as file:
-            file.truncate(64 + 4096 * 32)
+            file.truncate(64 + 4096 * 88)
         os.rename(path + ".new", path)
     what = "its file was truncated" if harm in ("truncate", "shorten") else "its file was removed or replaced"
     # The first of the two repairs it: the other one may find it repaired, or notice first.

@@ -127,10 +127,39 @@ static void sockets_left_over_are_closed(void **state) {
     assert_int_equal(closed, 2);
 }
 
+/* A CAN-FD frame leaves by its own size, with its bit rate switch, and arrives as one; a classical one beside it stays
+ * one. */
+static void fd_frames_pass_with_all_their_bytes(void **state) {
+    (void)state;
+    hrt_bus bus;
+    char why[300];
+    assert_true(hrt_bus_open(&bus, "socketcan:can0", why, sizeof why));
+    hrt_can_frame frame = {.id = 0x8001, .length = 48, .flags = HRT_CAN_EXTENDED | HRT_CAN_FD}, got;
+    for (int i = 0; i < 64; i++) frame.data[i] = (uint8_t)(3 * i + 1);
+    const hrt_can_frame classical = {.id = 5, .length = 8, .data = {1, 2, 3, 4, 5, 6, 7, 8}};
+    struct canfd_frame out;
+    assert_int_equal(hrt_bus_send(&bus, &frame), 1);
+    assert_int_equal(recvfrom(cable, &out, sizeof out, 0, NULL, NULL), CANFD_MTU);
+    assert_true(out.len == 48 && (out.flags & CANFD_BRS) && out.can_id == (0x8001 | CAN_EFF_FLAG));
+    assert_memory_equal(out.data, frame.data, 48);
+    assert_int_equal(send(cable, &out, CANFD_MTU, 0), CANFD_MTU);
+    assert_int_equal(hrt_bus_receive(&bus, &got), 1);
+    assert_true(got.flags == frame.flags && got.length == 48);
+    assert_memory_equal(got.data, frame.data, 48);
+    assert_int_equal(hrt_bus_send(&bus, &classical), 1);
+    assert_int_equal(recvfrom(cable, &out, sizeof out, 0, NULL, NULL), CAN_MTU);
+    assert_int_equal(send(cable, &out, CAN_MTU, 0), CAN_MTU);
+    assert_int_equal(hrt_bus_receive(&bus, &got), 1);
+    assert_true(got.flags == 0 && got.length == 8);
+    assert_memory_equal(got.data, classical.data, 8);
+    hrt_bus_close(&bus);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(recover_takes_over_the_socket_that_look_opened),
         cmocka_unit_test(sockets_left_over_are_closed),
+        cmocka_unit_test(fd_frames_pass_with_all_their_bytes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -53,12 +53,13 @@ static void open_two(hrt_bus bus[2], const char *address) {
 }
 
 static void check_passes(hrt_bus bus[2]) {
-    hrt_can_frame sent = {.id = 0x123, .length = 2, .data = {7, 9}}, got;
+    hrt_can_frame sent = {.id = 0x123, .length = 64, .flags = HRT_CAN_FD, .data = {7, 9, [63] = 5}}, got;
     for (int i = 0; i < 2; i++) {
         assert_int_equal(hrt_bus_send(&bus[i], &sent), 1);
         assert_int_equal(hrt_bus_receive(&bus[1 - i], &got), 1);
         assert_int_equal(got.id, 0x123);
-        assert_memory_equal(got.data, sent.data, 2);
+        assert_true(got.length == 64 && got.flags == HRT_CAN_FD);
+        assert_memory_equal(got.data, sent.data, 64);
     }
 }
 

@@ -5,7 +5,8 @@ import struct
 import threading
 import time
 
-SLOTS, HEADER, SLOT = 4096, 64, 32
+SLOTS, HEADER, SLOT = 4096, 64, 88
+FD = 8  # a flag: CAN-FD
 
 
 class VirtualBus:
@@ -27,6 +28,10 @@ class VirtualBus:
 
     def receive(self):
         """Returns [(id, data)] received since the last call."""
+        return [(identifier, data) for identifier, data, _ in self.receive_flagged()]
+
+    def receive_flagged(self):
+        """Returns [(id, data, flags)] received since the last call."""
         frames = []
         head = self.head()
         while self.next < head:
@@ -34,7 +39,7 @@ class VirtualBus:
             stamp, _, identifier, length, flags = struct.unpack_from("<QQIBB", self.map, at)
             if stamp != self.next + 1:
                 break
-            frames.append((identifier, bytes(self.map[at + 22:at + 22 + length])))
+            frames.append((identifier, bytes(self.map[at + 22:at + 22 + length]), flags))
             self.next += 1
         return frames
 
@@ -43,7 +48,7 @@ class VirtualBus:
         number = self.head()
         struct.pack_into("<Q", self.map, 8, number + 1)
         at = HEADER + SLOT * (number % SLOTS)
-        struct.pack_into("<QQIBB8s", self.map, at, 0, 1, identifier, len(data), flags, bytes(data).ljust(8, b"\0"))
+        struct.pack_into("<QQIBB64s", self.map, at, 0, 1, identifier, len(data), flags, bytes(data).ljust(64, b"\0"))
         struct.pack_into("<Q", self.map, at, number + 1)
 
 
