@@ -50,9 +50,14 @@ def table(head, rows):
     return f"<div class=wide><table><tr>{''.join(f'<th>{html.escape(h)}</th>' for h in head)}</tr>{cells}</table></div>"
 
 
+def derivatives_of(found):
+    """Returns how derivatives were computed, and what they took."""
+    return f"differences ({found['differences']})" if found["differences"] else f"the adjoint, {found['solutions']} solutions"
+
+
 def write_page(path, found):
     name, x = found["along"]
-    body = [f"<h1>Constants of {html.escape(found['scene'])}</h1><p>From {html.escape(found['data'])}: {len(found['measured'])} rows, {found['trials']} trials, {found['seconds']:.0f} s.</p>",
+    body = [f"<h1>Constants of {html.escape(found['scene'])}</h1><p>From {html.escape(found['data'])}: {len(found['measured'])} rows, {found['trials']} trials, derivatives by {html.escape(derivatives_of(found))}, {found['seconds']:.0f} s.</p>",
             table(["constant", "value", "95 % interval", "verdict"],
                   [[c["path"], f"{c['value']:.5g} {c['unit']}", f"{c['interval'][0]:.5g} to {c['interval'][1]:.5g} {c['unit']}", c["verdict"] or "determined"] for c in found["constants"]]),
             "<h2>Fit and residuals</h2><p>Points: measured; line: simulated with these constants. Beside it: simulated less measured.</p>"]

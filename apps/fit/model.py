@@ -7,7 +7,8 @@ import numpy as np
 
 QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 AXES = {"x": 0, "y": 1, "z": 2}
-STEP = 1e-3  # of a constant's logarithm, or of its range, for derivatives
+STEP = 1e-3  # of a constant's logarithm, or of its range, for differences of rests
+SHIFT = 1e-4  # the same, for differences of forces at one displacement (adjoint)
 
 
 class Bad(Exception):
@@ -57,6 +58,12 @@ class Compared:
         if self.kind == "point" and self.name not in points:
             raise Bad(f"--compare {text}: there is no point '{self.name}'; add --point {self.name}=X,Y,Z (m, at rest)")
 
+    def quantity(self, points):
+        """Returns what a request for slopes calls it; None: it has no adjoint."""
+        if self.kind == "point":
+            return ["point", list(points).index(self.name), self.axis]
+        return ["support", self.name, self.axis] if self.kind == "support" else None
+
     def values(self, answer, points):
         """Returns the simulation's values, one a time."""
         if self.kind == "point":
@@ -97,10 +104,15 @@ def read_csv(path):
 class Problem:
     """Measured values, and the simulation's at given constants. `rows` of a curve are settled one by one; a series over time is run once."""
 
-    def __init__(self, constants, data, row_sets, compared, points, time_column=None, tolerance=1e-8, from_first=False, noise=None):
+    def __init__(self, constants, data, row_sets, compared, points, time_column=None, tolerance=1e-8, from_first=False, noise=None, adjoint=True):
         self.constants, self.compared, self.points, self.time = constants, compared, points, time_column
         self.tolerance, self.from_first, self.row_sets, self.data = tolerance, from_first, row_sets, data
-        self.evaluations = 0
+        self.evaluations, self.solutions = 0, 0
+        self.differences = "" if adjoint else "asked for"  # why derivatives are differences of rests; empty: they are the adjoint's
+        if adjoint and time_column is not None:
+            self.differences = "a series over time is no rest"
+        elif adjoint and any(c.kind == "instrument" for c in compared):
+            self.differences = "contact with an instrument is not smooth"
         for name in [c.column for c in compared] + ([time_column] if time_column else []) + [n for s in row_sets for n in re.findall(r"\{(\w+)\}", s)]:
             if name not in data:
                 raise Bad(f"column {name} is not in the data; it has {', '.join(data)}")
@@ -124,11 +136,11 @@ class Problem:
     def _picked(self, answer):
         return np.stack([c.values(answer, self.points) for c in self.compared], 1)
 
-    def _ask(self, trials, inner, row):
+    def _ask(self, trials, inner, row, cold=False):
         self.evaluations += 1
         where = list(self.points.values())
         if self.time is None:
-            return self._picked(trials.ask(self.sets(inner, row), settle=self.tolerance, points_m=where))[0]
+            return self._picked(trials.ask(self.sets(inner, row), settle=self.tolerance, points_m=where, cold=cold))[0]
         times = self.data[self.time]
         answer = trials.ask(self.sets(inner, 0), duration_s=float(times.max()), points_m=where)
         found = self._picked(answer)
@@ -143,19 +155,54 @@ class Problem:
         """Returns the step of constant k that stays within its range."""
         return -STEP if self.constants[k].inner(self.constants[k].high) - inner[k] < STEP else STEP
 
+    def _pairs(self, inner, row):
+        """Returns (settings of the shifted constants (p, 2), their distances). Where rows only move supports or loads, all rows share those of the first."""
+        shared = all(re.match(r"(supports|loads)\b", s) for s in self.row_sets) and not any(re.match(r"(supports|loads)\b", c.path) for c in self.constants)
+        pairs, distance = [], []
+        for k, c in enumerate(self.constants):
+            ends = [self.shifted(inner, k, np.clip(inner[k] + by, c.inner(c.low), c.inner(c.high)) - inner[k]) for by in (SHIFT, -SHIFT)]
+            pairs.append([self.sets(e, 0 if shared else row) for e in ends])
+            distance.append(ends[0][k] - ends[1][k])
+        return pairs, np.array(distance)
+
+    def _adjoint(self, trials, inner, row, cold):
+        """Returns (values (m,), derivatives (m, p)) of a row by one rest and one solution with its tangent a value; derivatives None: by differences, self.differences says why."""
+        self.evaluations += 1
+        pairs, distance = self._pairs(inner, row)
+        answer = trials.ask(self.sets(inner, row), settle=self.tolerance, points_m=list(self.points.values()), cold=cold,
+                            slopes={"of": [c.quantity(self.points) for c in self.compared], "by": pairs})
+        values = self._picked(answer)[0]
+        if answer["slopes"] is None:
+            self.differences = answer["why"]
+            return values, None
+        self.solutions += len(self.compared)
+        return values, np.array([c.sign for c in self.compared])[:, None] * np.array(answer["slopes"]) / distance
+
+    def _slope(self, trials, inner, row, base, told):
+        """Returns derivatives (..., p) by differences: each rest starts from the one before, and is one solution with the tangent there, or two."""
+        slope = []
+        for k in range(len(self.constants)):
+            by = self.step(inner, k)
+            slope.append((self._ask(trials, self.shifted(inner, k, by), row) - base) / by)
+            told((k + 1) / len(self.constants))
+        return np.stack(slope, -1)
+
     def at(self, trials, inner, told=lambda share: None, derivatives=True, data_rows=None):
-        """Returns (values (n, m), derivatives (n, m, p)). A row's derivatives start from its rest: each is one solution with the tangent there, or two."""
+        """Returns (values (n, m), derivatives (n, m, p)): by the adjoint of each rest, or by differences of rests. The first row starts from no displacement,
+        so that the answer does not depend on what was asked before: a fit that is resumed has the same bits."""
         rows = list(data_rows if data_rows is not None else range(self.count)) if self.time is None else [0]
-        p, values, slopes = len(self.constants), [], []
+        values, slopes = [], []
         for done, row in enumerate(rows):
-            base = self._ask(trials, inner, row)
+            slope = None
+            if derivatives and not self.differences:
+                base, slope = self._adjoint(trials, inner, row, cold=not done)
+            else:
+                base = self._ask(trials, inner, row, cold=not done)
+            if derivatives and slope is None:
+                slope = self._slope(trials, inner, row, base, lambda share: told((done + share) / len(rows)))
             values.append(base)
-            slope = []
-            for k in range(p if derivatives else 0):
-                by = self.step(inner, k)
-                slope.append((self._ask(trials, self.shifted(inner, k, by), row) - base) / by)
-                told((done + (k + 1) / p) / len(rows))
-            slopes.append(np.stack(slope, -1) if slope else np.zeros(base.shape + (0,)))
+            slopes.append(slope if derivatives else np.zeros(base.shape + (0,)))
+            told((done + 1) / len(rows))
         if self.time is not None:
             values, slopes = values[0], slopes[0]
         values, slopes = np.array(values), np.array(slopes)

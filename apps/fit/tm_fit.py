@@ -44,6 +44,7 @@ def arguments(words=None):
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="set a value of the scene in all trials, as in tm-sim")
     p.add_argument("--robust", action="store_true", help="give outliers less weight (soft L1)")
     p.add_argument("--profile", action="store_true", help="compute the likelihood profile at the ends of all intervals [of badly determined ones only]")
+    p.add_argument("--differences", action="store_true", help="compute derivatives by differences of equilibria [by the adjoint of each, where it exists]")
     p.add_argument("--tolerance", type=float, default=1e-7, metavar="TOL", help="relative residual of each equilibrium [1e-7]")
     p.add_argument("--again", action="store_true", help="ignore the saved trials of an earlier call")
     p.add_argument("--quiet", action="store_true", help="do not print progress")
@@ -78,7 +79,7 @@ class Fit:
 
     def __init__(self, a, problem, trials):
         self.a, self.problem, self.trials, self.begun, self.calls = a, problem, trials, time.monotonic(), 0
-        text = json.dumps([str(a.scene.resolve()), a.scene.read_text(), a.data.read_text(), a.fit, a.row, a.time, a.compare, a.point, a.from_first, a.noise, a.set, a.tolerance])
+        text = json.dumps([str(a.scene.resolve()), a.scene.read_text(), a.data.read_text(), a.fit, a.row, a.time, a.compare, a.point, a.from_first, a.noise, a.set, a.tolerance, a.differences])
         self.state = State(a.out / "state.json", hashlib.sha256(text.encode()).hexdigest()[:16], a.again)
         self.low = np.array([c.inner(c.low) for c in problem.constants])
         self.high = np.array([c.inner(c.high) for c in problem.constants])
@@ -168,7 +169,8 @@ def run(a, problem, trials):
             "rms": [float(v) for v in np.sqrt(np.mean((values - problem.measured)**2, 0))], "columns": [c.column for c in problem.compared],
             "measured": problem.measured.tolist(), "fitted": values.tolist(), "along": along(a, problem),
             "outliers": [{"row": i // len(problem.compared) + 1, "column": problem.compared[i % len(problem.compared)].column} for i in odd],
-            "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "seconds": time.monotonic() - fit.begun}
+            "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "solutions": problem.solutions,
+            "differences": problem.differences, "seconds": time.monotonic() - fit.begun}
 
 
 def along(a, problem):
@@ -180,7 +182,8 @@ def along(a, problem):
 
 
 def report(found):
-    print(f"{len(found['measured'])} rows, {found['trials']} trials, {found['seconds']:.0f} s; root mean square off: "
+    from fit_page import derivatives_of
+    print(f"{len(found['measured'])} rows, {found['trials']} trials, derivatives by {derivatives_of(found)}, {found['seconds']:.0f} s; root mean square off: "
           + ", ".join(f"{n} {v:.3g}" for n, v in zip(found["columns"], found["rms"])))
     for c in found["constants"]:
         unit = f" {c['unit']}" if c["unit"] else ""
@@ -228,7 +231,8 @@ def prepare(a):
         if not 0 < size < float("inf"):
             raise Bad(f"--noise {text}: no number above 0; write --noise force_N=0.02, or force_N=1% of each value")
         noise[name] = ("%", size / 100) if value.strip().endswith("%") else size
-    return Problem(constants, read_csv(a.data), a.row, [Compared(t, points) for t in a.compare], points, a.time, a.tolerance, a.from_first, noise)
+    return Problem(constants, read_csv(a.data), a.row, [Compared(t, points) for t in a.compare], points, a.time, a.tolerance, a.from_first, noise,
+                   not a.differences)
 
 
 def without_scipy():

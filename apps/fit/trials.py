@@ -30,12 +30,15 @@ class Trials:
         self._process.terminate()
         self._process.wait()
 
-    def ask(self, sets=(), *, settle=None, duration_s=None, points_m=(), cold=False):
+    def ask(self, sets=(), *, settle=None, duration_s=None, points_m=(), cold=False, slopes=None):
         """Settles to a relative residual, or runs `duration_s`. Returns a dict: `time_s` (n), `points_m` (n, points, 3) displacements, `supports` names,
-        `supports_N` (n, supports, 3) and `instruments_N` (n, instruments, 3) forces on the tissue; n is 1 at rest, else frames + 1. Refused: with the
-        simulation's error."""
+        `supports_N` (n, supports, 3) and `instruments_N` (n, instruments, 3) forces on the tissue; n is 1 at rest, else frames + 1. `slopes` of a rest:
+        {"of": quantities, "by": pairs of settings}; the answer then has `slopes` (quantities, pairs), or None and `why`. Refused: with the simulation's
+        error."""
         request = {"set": list(sets), "points": [[float(x) for x in p] for p in points_m], "cold": cold}
         request.update({"settle": settle} if duration_s is None else {"duration": float(duration_s)})
+        if slopes:
+            request["slopes"] = slopes
         self.asked += 1
         try:
             self._process.stdin.write(json.dumps(request) + "\n")

@@ -12,14 +12,9 @@
 
 #include "common/program_host.h"
 #include "run.h"
+#include "trials.h"
 
-enum { POINTS_MAX = 256, TEXT = 1000 };
-
-/* A material point: a tetrahedron and its barycentric coordinates there, outside it too. */
-typedef struct point {
-    int32_t tet;
-    double weight[4];
-} point;
+enum { TEXT = 1000 };
 
 typedef struct trials {
     const run_options *o;
@@ -27,6 +22,7 @@ typedef struct trials {
     tm_diagnostics said;
     double *rest_m; /* [3*vertices] of the last settled trial */
     int32_t vertices;
+    trial_shifts shifts;
 } trials;
 
 /* --- requests --- */
@@ -35,7 +31,7 @@ typedef struct request {
     char *set[RUN_MAX_SETS];
     int set_count;
     double tolerance, duration_s; /* one of them is above 0 */
-    const cJSON *points;
+    const cJSON *points, *slopes; /* slopes may be null */
     bool cold;
 } request;
 
@@ -63,6 +59,8 @@ static const char *read_request(const trials *t, const cJSON *line, request *r) 
         return "neither or both of 'settle' and 'duration'; give one, above 0: {\"settle\": 1e-8}";
     r->cold = cJSON_IsTrue(cJSON_GetObjectItem(line, "cold"));
     r->points = cJSON_GetObjectItem(line, "points");
+    r->slopes = cJSON_GetObjectItem(line, "slopes");
+    if (r->slopes && !(r->tolerance > 0)) return "'slopes' are those of a rest; give 'settle' with them";
     if (cJSON_GetArraySize(r->points) > POINTS_MAX) return "more than 256 points; give fewer";
     cJSON_ArrayForEach(one, r->points) {
         if (cJSON_GetArraySize(one) != 3) return "a point has not three numbers; write \"points\": [[0.1, 0, 0]]";
@@ -74,8 +72,8 @@ static const char *read_request(const trials *t, const cJSON *line, request *r) 
 /* --- points --- */
 
 /* Finds the tetrahedron that holds x, or the one that it lies outside of the least (by its smallest coordinate). */
-static point find_point(const tm_mesh *mesh, const double x[3]) {
-    point best = {.tet = -1};
+static trial_point find_point(const tm_mesh *mesh, const double x[3]) {
+    trial_point best = {.tet = -1};
     double best_least = -HUGE_VAL;
     for (int32_t tet = 0; tet < mesh->tet_count; tet++) {
         double weight[4], least = HUGE_VAL;
@@ -95,7 +93,7 @@ static point find_point(const tm_mesh *mesh, const double x[3]) {
     return best;
 }
 
-static int find_points(const tm_mesh *mesh, const cJSON *list, point found[POINTS_MAX]) {
+static int find_points(const tm_mesh *mesh, const cJSON *list, trial_point found[POINTS_MAX]) {
     int count = 0;
     const cJSON *one;
     cJSON_ArrayForEach(one, list) {
@@ -115,7 +113,7 @@ static void add_vectors(cJSON *to, const double (*v)[3], int count) {
 }
 
 /* Appends displacements of the points and forces of supports and instruments on the tissue, as they are now. */
-static void add_state(const sim *s, const point *at, int count, const double *reaction, cJSON *answer) {
+static void add_state(const sim *s, const trial_point *at, int count, const double *reaction, cJSON *answer) {
     const double *u = sim_displacement(s);
     double moved[POINTS_MAX][3] = {{0}}, touch[TM_MAX_INSTRUMENTS][3];
     for (int i = 0; i < count; i++)
@@ -201,7 +199,7 @@ static tm_status settle(const trials *t, sim *s, const request *r, double *u, do
     return tm_model_settle(s->model, &def, u, reaction, &result, error);
 }
 
-static cJSON *settled(trials *t, sim *s, const request *r, const point *at, int count) {
+static cJSON *settled(trials *t, sim *s, const request *r, const trial_point *at, int count) {
     const size_t n = 3 * (size_t)s->mesh->vertex_count;
     tm_error error = {0};
     double *u = calloc(2 * n, sizeof *u);
@@ -212,13 +210,14 @@ static cJSON *settled(trials *t, sim *s, const request *r, const point *at, int 
     }
     cJSON *answer = begin_answer(s);
     add_state(s, at, count, u + n, answer);
+    if (r->slopes) trial_add_slopes(&t->shifts, t->o, &t->host, s, at, count, r->slopes, answer);
     free(t->rest_m);
     t->rest_m = u;
     t->vertices = s->mesh->vertex_count;
     return answer;
 }
 
-static cJSON *moved(sim *s, const request *r, const point *at, int count) {
+static cJSON *moved(sim *s, const request *r, const trial_point *at, int count) {
     const int64_t frames = llround(r->duration_s / s->frame_s);
     double *reaction = calloc(3 * (size_t)s->mesh->vertex_count, sizeof *reaction);
     if (!reaction) return refuse("out of memory; use a smaller mesh");
@@ -254,7 +253,7 @@ static cJSON *one_trial(trials *t, const cJSON *line) {
     scene->strict = t->o->strict;
     scene->pace = SIM_FRAMES;
     if (sim_create(scene, &s)) return refuse_told(t, "the scene cannot be built; tm-sim SCENE --check says why");
-    point *at = malloc(POINTS_MAX * sizeof *at);
+    trial_point *at = malloc(POINTS_MAX * sizeof *at);
     const int count = at ? find_points(s->mesh, r.points, at) : 0;
     cJSON *answer = !at               ? refuse("out of memory; use a smaller mesh")
                     : r.tolerance > 0 ? settled(t, s, &r, at, count)
@@ -293,6 +292,7 @@ int run_trials(const run_options *o) {
     if (!from_stdin) fclose(in);
     free(text);
     free(t.rest_m);
+    trial_shifts_free(&t.shifts);
     tm_diagnostics_clear(&t.said);
     return app_interrupted() ? app_interrupted_exit() : rc;
 }

@@ -124,23 +124,37 @@ def test_a_series_over_time_gives_viscosity(bin, scene):
     assert found[0]["interval"][0] < 0.3 < found[0]["interval"][1] and abs(found[0]["value"] / 0.3 - 1) < 0.05 and abs(found[1]["value"] / 5 - 1) < 0.02
 
 
-def test_interrupted_it_goes_on(bin, scene):
-    data = write(scene.parent / "press.csv", DEPTHS, press(bin, scene, DEPTHS))
-    words = [bin / "tm-fit", scene, "-o", scene.parent / "fit", "--data", data, "--row", ROW, "--compare", FORCE, "--fit", YOUNG, "--fit", POISSON]
-    process = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    state = scene.parent / "fit/state.json"
+def kept(path):
+    """Returns the number of evaluations in a state file: it is replaced as a whole, so it can be read at any time."""
+    return len(json.loads(path.read_text())["known"]) if path.exists() else 0
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_interrupted_it_goes_on_and_ends_with_the_same_bits(bin, scene, how):
+    data = write(scene.parent / "press.csv", DEPTHS[::3], press(bin, scene, DEPTHS[::3]))
+    words = ["--data", data, "--row", ROW, "--compare", FORCE, "--fit", YOUNG, "--fit", POISSON]
+    folder, state = scene.parent / "fit", scene.parent / "fit/state.json"
+    process = subprocess.Popen([str(w) for w in (bin / "tm-fit", scene, "-o", folder, *words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60
-    while not state.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    while kept(state) < 2 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    process.send_signal(how)
     _, said = process.communicate(timeout=60)
-    if process.returncode == 0:
-        pytest.fail("it ended before it could be interrupted")
-    assert process.returncode == 130 and "the same command goes on from here" in said
-    known = len(json.loads(state.read_text())["known"])
-    assert known > 0
-    tm_fit(bin, scene, *words[4:])
-    assert list(json.loads(state.read_text())["known"])[:known] and (scene.parent / "fit/fit.json").exists()
+    assert process.returncode == (130 if how == signal.SIGINT else -signal.SIGKILL), "it ended before it could be interrupted"
+    known = json.loads(state.read_text())["known"]
+    assert not (folder / "fit.json").exists()
+    if how == signal.SIGINT:
+        assert "the same command goes on from here" in said and len(known) >= 2
+        return
+    tm_fit(bin, scene, *words)
+    resumed = json.loads((folder / "fit.json").read_text())
+    after = json.loads(state.read_text())["known"]
+    assert {k: after[k] for k in known} == known and len(after) > len(known)
+    tm_fit(bin, scene, *words, "--again")
+    whole = json.loads((folder / "fit.json").read_text())
+    assert resumed["trials"] < whole["trials"]
+    for key in ("constants", "correlation", "fitted", "more"):
+        assert resumed[key] == whole[key], key
 
 
 BAD = {

@@ -258,6 +258,21 @@ TM_API tm_settle_def tm_settle_def_default(void);
  * allowed). Leaves u = u_prev = the solution. Contact stages stay active. Allocates its own work space. */
 TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error);
 
+/* Derivatives of an equilibrium with respect to constants. Both refuse (TM_ERR_EXCLUDED) worlds with contact, whose
+ * forces are not smooth, and pressures that follow the surface. Both allocate their own work space and leave the state
+ * alone.
+ *
+ * Computes force_N [3*vertex_count]: what tissue and loads exert on each component at u_m [3*vertex_count], by the
+ * long-term law that settling uses. It vanishes on the free components of an equilibrium; on the prescribed ones it is
+ * minus the support's force on the tissue. */
+TM_API tm_status tm_world_static_force(tm_world *world, const double *u_m, double *force_N, tm_error *error);
+/* Solves (K x)_i = b_i for the free components i of x_m [3*vertex_count], whose prescribed components are given; K is
+ * the symmetric tangent of that force at the present displacement, so that this is the adjoint problem too. b_N
+ * [3*vertex_count] may be null (zeros). Conjugate gradients, until the residual is below `tolerance` of the first one.
+ * TM_ERR_CONVERGENCE: K is not positive there, or rounding stops it. */
+TM_API tm_status tm_world_static_response(tm_world *world, const double *b_N, double tolerance, double *x_m,
+                                          tm_error *error);
+
 /* --- snapshots --- */
 
 /* Snapshot: all data with which a world continues bit-identically (state, active tetrahedra, contact, grasps). Valid

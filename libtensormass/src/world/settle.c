@@ -51,8 +51,7 @@ static bool known(const tm_world *world, const tm_stage *stage) {
            tm_stage_is_viscosity(stage);
 }
 
-/* Returns whether the problem is linear, apart from the tissue's law. */
-static bool is_linear(const tm_world *world) {
+bool tm_settle_is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!known(world, &world->entry[i].stage)) return false;
     return true;
@@ -65,17 +64,18 @@ static void run_phase(tm_world *world, tm_phase phase) {
     }
 }
 
-/* Computes the external forces but pressures, which follow the surface. */
-static void find_loads(relaxation *x) {
-    tm_world *world = x->world;
-    memset(world->state.force_N, 0, sizeof(double) * (size_t)x->n);
+void tm_settle_find_loads(tm_world *world, double *external_N) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    memset(world->state.force_N, 0, bytes);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->entry[i].stage;
         if (stage->phase == TM_PHASE_LOAD && !stage->skip_in_settle && stage->range != tm_stage_pressure_run)
             tm_stage_do(stage, world);
     }
-    memcpy(x->external, world->state.force_N, sizeof(double) * (size_t)x->n);
+    memcpy(external_N, world->state.force_N, bytes);
 }
+
+static void find_loads(relaxation *x) { tm_settle_find_loads(x->world, x->external); }
 
 static bool report(relaxation *x) {
     return !x->def->progress || x->steps % 128 || x->def->progress(x->def->user, x->steps, x->relative);
@@ -356,7 +356,7 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     x.scale = tm_force_scale_of(world->tissue);
     const tm_nonlinear *law = world->nonlinear;
-    const bool linear = is_linear(world);
+    const bool linear = tm_settle_is_linear(world);
     if (!init(&x, linear)) {
         tm_pool_release(&x.pool);
         return tm_fail_memory(error, "settling");

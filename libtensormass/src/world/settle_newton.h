@@ -46,6 +46,13 @@ tm_force_scale tm_force_scale_of(const tm_tissue *tissue);
  * 1e-9 of the stiffness times the size. It exceeds rounding at a tolerance of 1e-10. */
 double tm_force_scale_at(const tm_force_scale *scale, const double *u_m, int32_t n);
 
+/* --- what settling shares with the response of an equilibrium (settle_response.c) --- */
+
+/* Returns whether the problem is linear, apart from the tissue's law. */
+bool tm_settle_is_linear(const tm_world *world);
+/* external_N [3*vertex_count] := the external forces but pressures, which follow the surface. */
+void tm_settle_find_loads(tm_world *world, double *external_N);
+
 typedef struct tm_newton_rest {
     const uint8_t *fixed;     /* [3*vertex_count] prescribed, or without mass */
     const double *external_N; /* [3*vertex_count] */
