@@ -220,10 +220,9 @@ static tm_status check_time(const app_scene *scene) {
     if (scene->mass_scaling_max.line && !scene->mass_scaling.on)
         return app_scene_bad(scene, scene->mass_scaling_max.line,
                              "time.mass_scaling_max needs mass scaling, which is off; write mass_scaling: yes");
-    if (scene->adaptive.on && (scene->model.index != APP_DYNAMIC || scene->mass_scaling.on))
-        return app_scene_bad(scene, scene->adaptive.line, "time.adaptive and %s exclude each other: %s; leave one out",
-                             scene->mass_scaling.on ? "time.mass_scaling" : "a quasi-static part",
-                             scene->mass_scaling.on ? "added mass is for one step" : "it has no step");
+    if (scene->adaptive.on && scene->model.index != APP_DYNAMIC)
+        return app_scene_bad(scene, scene->adaptive.line,
+                             "time.adaptive and a quasi-static part exclude each other: it has no step; leave one out");
     if (!scene->mass_scaling.on) return 0;
     if (!scene->step.line)
         return app_scene_bad(scene, scene->mass_scaling.line,

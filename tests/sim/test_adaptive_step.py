@@ -30,10 +30,20 @@ def test_a_press_takes_short_steps_while_deep(build, root, tmp_path):
 
 @pytest.mark.parametrize("words, said", [
     ([], "no nonlinear law"),
-    ([*LAW, "strain_smoothing={}"], "averaged dilatation"),
-    ([*LAW, "time.step=0.5 ms", "time.mass_scaling=yes"], "time.mass_scaling exclude each other"),
     ([*LAW, "time.step=20 ms"], "guaranteed for strains up to 0.1"),
 ])
 def test_what_it_cannot_be_with_is_refused(build, root, words, said):
     done = subprocess.run([build / "bin/tm-sim", root / "apps/scenes/block-press.yaml", "--explain", *sets(*words, "time.adaptive=yes")], capture_output=True, text=True, timeout=100)
     assert done.returncode == 2 and said in done.stderr and ("--set" in done.stderr or ".yaml:" in done.stderr)
+
+
+def test_mass_is_added_for_the_long_step_only(build, root, tmp_path):
+    scene, added, ran = root / "apps/scenes/block-press.yaml", {}, {}
+    words = [*LAW, "strain_smoothing={}", *DEEP[1:], "time.step=1.4 ms", "time.mass_scaling=yes", "time.mass_scaling_max=20"]
+    for adaptive in "yes", "no":
+        args = sets(*words, f"time.adaptive={adaptive}")
+        added[adaptive] = report(build / "bin/tm-sim", scene, "--explain", "--quiet", *args, tmp=tmp_path)["mass_scaling"]["added_kg"]
+        ran[adaptive] = report(build / "bin/tm-sim", scene, "--frames", "30", "--lockstep", *args, tmp=tmp_path)
+    assert 0 < added["yes"] < 0.5 * added["no"]
+    levels = ran["yes"]["adaptive"]["levels"]
+    assert levels[0]["steps"] > 0 and sum(level["steps"] for level in levels[1:]) > 0

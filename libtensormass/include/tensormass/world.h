@@ -224,7 +224,7 @@ typedef struct tm_adaptive_step {
     int64_t steps[TM_ADAPTIVE_LEVELS]; /* so far, at each level */
 } tm_adaptive_step;
 /* Makes the step adaptive, once, before other stages are added. TM_ERR_STEP: step_s is not guaranteed for strains up to
- * 0.1. TM_ERR_EXCLUDED: the tissue has no nonlinear law, or averaged dilatation. */
+ * 0.1. TM_ERR_EXCLUDED: the tissue has no nonlinear law. */
 TM_API tm_status tm_world_adapt(tm_world *world, double step_s, tm_error *error);
 /* Returns whether the step is adaptive; *adaptive: its state. */
 TM_API bool tm_world_adaptive(const tm_world *world, tm_adaptive_step *adaptive);

@@ -97,4 +97,70 @@ INSIDE double TM_NAME(green_energy)(const TM_NAME(hyper) * w, const V8 H[9], con
     const double C = w->c[0][lane], Q = 2 * own[lane] / C, most = fmin(Q, w->c[1][lane]);
     return 0.5 * C * (expm1(most) + exp(most) * (Q - most)) + volume;
 }
+
+/* Least and largest eigenvalue of the quadratic form 2 w in Mandel form, without lambda. */
+static void TM_NAME(green_range)(const tm_material *m, double mu, double range[2]) {
+    const double c = 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa,
+                 half = sqrt(0.25 * c * c + 2 * m->dlambda_Pa * m->dlambda_Pa);
+    range[0] = 2 * mu + fmin(0.5 * c - half, fmin(0, 2 * m->dmu_Pa));
+    range[1] = 2 * mu + fmax(0.5 * c + half, fmax(0, 2 * m->dmu_Pa));
+}
+
+/* Of the terms in E, with S = dw/dE and X = sym F^T D: d2w along D is S:D^T D + 2 w(X), with |X| <= s |D|, s the
+ * largest stretch, and tr X = F:D <= R |D|. P:N = S:F^T F/R = (4 w + tr S)/R. The part of P normal to N is at most s
+ * |S|; that of 2 mu F E at most mu R s^2/2, as weights s_i^2/R^2 give the values s_i^2 a deviation of at most half
+ * their range. */
+typedef struct TM_NAME(green_bounds) {
+    double most, sideways;
+    double trace; /* least tr S */
+    double range[2];
+} TM_NAME(green_bounds);
+
+static TM_NAME(green_bounds) TM_NAME(green_bounds_of)(const tm_material *m, double lambda, const tm_bound_cell *c) {
+    TM_NAME(green_bounds) g;
+    double more[2];
+    TM_NAME(green_range)(m, m->mu_Pa, g.range);
+    TM_NAME(green_range)(m, 0, more);
+    const double s2 = c->stretch * c->stretch, R = c->R[1], size = fmax(more[1], -more[0]);
+    const double along = fmin(c->e_most, c->strain), push = fmin(0.5, c->strain), any = fmax(along, push);
+    const double I1 = fmin(fmax(fabs(c->trace[0]), fabs(c->trace[1])), sqrt(3) * c->strain);
+    const double fibres =
+        fabs(m->dlambda_Pa) * (any + I1) + 4 * fabs(m->dmu_Pa) * any + fmax(m->beta_Pa * along, -m->beta_Pa * push);
+    const double across = m->dlambda_Pa + 2 * m->mu_Pa + 3 * lambda;
+    const double fibre = 3 * m->dlambda_Pa + m->beta_Pa + 4 * m->dmu_Pa;
+    g.most = 2 * m->mu_Pa * along + fmin(fmax(fibres, 0), size * c->strain) +
+             fmax(lambda * c->trace[0], lambda * c->trace[1]) + fmax(lambda, 0) * R * R + g.range[1] * s2;
+    g.sideways = 0.5 * m->mu_Pa * R * s2 + c->stretch * size * c->strain;
+    g.trace = fmin(across * c->trace[0], across * c->trace[1]) + fmin(fibre * along, -fibre * push);
+    return g;
+}
+
+static void TM_NAME(st_venant_kirchhoff_bound)(const tm_material *m, double lambda_Pa, const tm_bound_cell *c,
+                                               tm_bound *b) {
+    const double rest = (1 - m->law_constant[0]) * lambda_Pa, I1 = fmax(fabs(c->trace[0]), fabs(c->trace[1]));
+    const TM_NAME(green_bounds) g = TM_NAME(green_bounds_of)(m, rest, c);
+    const double w4 = 2 * fmin(g.range[0], 0) * c->strain * c->strain + 2 * fmin(rest, 0) * I1 * I1;
+    const double pull = w4 + g.trace;
+    tm_bound_add(b, c, g.most, pull / c->R[pull > 0], g.sideways);
+    b->bulk_Pa = m->law_constant[0] * lambda_Pa, b->offset_Pa = 0;
+}
+
+/* d2W = e^Q (d2w + 2/C P_w P_w^T), |P_w| <= s |S|, |S|^2 <= 2 c w = c C Q, c the largest eigenvalue; beyond the largest
+ * Q e^Q d2w alone. Below it |E|^2 <= C Q over the least eigenvalue. tr S < 0 pushes only where 4 w < -tr S. */
+static void TM_NAME(fung_bound)(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
+    const double C = m->law_constant[0], limit = tm_law_exponent_limit(m);
+    TM_NAME(green_bounds) g = TM_NAME(green_bounds_of)(m, 0, c);
+    const double Q = fmin(limit, g.range[1] * c->strain * c->strain / C), steep = tm_exponential(Q);
+    tm_bound_cell below = *c;
+    below.strain = fmin(c->strain, sqrt(C * Q / g.range[0]));
+    below.stretch = fmin(c->stretch, sqrt(1 + 2 * below.strain));
+    below.e_most = fmin(c->e_most, below.strain);
+    const TM_NAME(green_bounds) h = TM_NAME(green_bounds_of)(m, 0, &below);
+    double most = steep * (h.most + 2 * below.stretch * below.stretch * g.range[1] * Q);
+    double sideways = steep * fmin(h.sideways, below.stretch * sqrt(g.range[1] * C * Q));
+    if (Q == limit) most = fmax(most, steep * g.most), sideways = fmax(sideways, steep * g.sideways);
+    const double pull = g.trace < 0 ? g.trace * tm_exponential(fmin(Q, -0.5 * g.trace / C)) : 0;
+    tm_bound_add(b, c, most, pull / c->R[0], sideways);
+    b->bulk_Pa = lambda_Pa, b->offset_Pa = 0;
+}
 #endif

@@ -43,4 +43,17 @@ INSIDE double TM_NAME(holzapfel_energy)(const TM_NAME(hyper) * w, const V8 H[9],
                  fibres = k1 / (2 * k2) * expm1(x) + k1 * exp(x) * more * (inner + 0.5 * (1 + 2 * x) * more);
     return TM_NAME(neo_hooke_energy)(w, s, lane) + fibres;
 }
+
+/* y + 1 = F K:F with K = kappa 1 + (1 - 3 kappa) a a^T <= (1 - 2 kappa) 1, so that the fibres' tangent f'' dy dy + f'
+ * d2y is at most (4 f'' (y + 1) + 2 f') (1 - 2 kappa). They pull. */
+static void TM_NAME(holzapfel_bound)(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
+    const double k1 = m->law_constant[0], k2 = m->law_constant[1], kappa = m->law_constant[2];
+    const double s2 = c->stretch * c->stretch, more2 = c->R[1] * c->R[1] - s2; /* s2 along the fibre, at most */
+    const double y = (1 - 2 * kappa) * s2 + kappa * more2 - 1, inner = fmin(fmax(y, 0), tm_law_fibre_limit(m));
+    const double x = k2 * inner * inner, stiff = k1 * tm_exponential(x) * (1 + 2 * x);
+    const double pull = k1 * tm_exponential(x) * inner + stiff * (fmax(y, 0) - inner), share = 1 - 2 * kappa;
+    TM_NAME(neo_hooke_bound)(m, lambda_Pa, c, b);
+    if (y <= 0) return;
+    tm_bound_add(b, c, (4 * stiff * (y + 1) + 2 * pull) * share, 0, 2 * pull * sqrt(share * (y + 1)));
+}
 #endif

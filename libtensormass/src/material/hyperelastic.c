@@ -1,15 +1,13 @@
-/* Nonlinear laws: forms of their kernel, energies, and tangents by the complex step.
- *
- * Over 400 lines: the search of bounds differentiates the kernel that is included here. */
+/* Nonlinear laws: forms of their kernel, energies, and tangents by the complex step. */
 #include "material/hyperelastic.h"
 
 #include <complex.h>
 #undef I
 #include <math.h>
-#include <stdatomic.h>
 #include <string.h>
 
 #include "base/intrinsics.h"
+#include "material/law_bound.h"
 
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
 
@@ -273,185 +271,13 @@ void tm_hyperelastic_add_bend(const tm_hyperelastic *h, const tm_nodal_dilatatio
 
 /* --- the bound --- */
 
-static double largest_eigenvalue(double A[81]) {
-    for (int sweep = 0; sweep < 12; sweep++) {
-        double off = 0, diagonal = 0;
-        for (int i = 0; i < 81; i++) *(i % 10 ? &off : &diagonal) += A[i] * A[i];
-        if (off <= 1e-12 * diagonal) break;
-        for (int p = 0; p < 8; p++)
-            for (int q = p + 1; q < 9; q++) tm_jacobi(A, 9, p, q, &(double){0}, &(double){0});
+void tm_law_bound_terms(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
+    switch (m->law) {
+    case TM_LAW_NEO_HOOKE: tm_plain_neo_hooke_bound(m, lambda_Pa, c, b); break;
+    case TM_LAW_ST_VENANT_KIRCHHOFF: tm_plain_st_venant_kirchhoff_bound(m, lambda_Pa, c, b); break;
+    case TM_LAW_MOONEY_RIVLIN: tm_plain_mooney_rivlin_bound(m, lambda_Pa, c, b); break;
+    case TM_LAW_FUNG: tm_plain_fung_bound(m, lambda_Pa, c, b); break;
+    case TM_LAW_HOLZAPFEL: tm_plain_holzapfel_bound(m, lambda_Pa, c, b); break;
+    default: break;
     }
-    double most = A[0];
-    for (int i = 10; i < 81; i += 10) most = fmax(most, A[i]);
-    return most;
-}
-
-/* A point of the search: |F| relative to that at the limit, and two angles of the principal stretches, of which the
- * third may be negative. Within a range of strain: the norm of Green's strain, and two angles of its principal values.
- * With fibres, two angles of theirs among the principal axes. */
-enum { PLACE = 5, TOPS = 8 };
-typedef struct search {
-    int64_t law;
-    tm_complex_hyper w;
-    int angles;     /* of the stretches alone, or of the fibre too */
-    double bulk_Pa; /* averaged dilatation; 0: none */
-    bool strains;
-    double least, most; /* of x[0] */
-    double top[TOPS], at[TOPS][PLACE];
-} search;
-
-/* The energy of an average is at most the average of the energies: a domain's kappa/2 of the squared dilatation adds at
- * most kappa B B^T to each tetrahedron, B the dilatation's derivative. Its pressure, in a range known, adds the second
- * derivative; the eigenvalue is convex in the pressure, so that an end of the range is worst. */
-static double averaged_stiffness(const search *s, const double H[9], const double A[81]) {
-    double _Complex at[9], slope[9], grown;
-    double bend[81], all[81], most = 0;
-    for (int i = 0; i < 9; i++) at[i] = H[i];
-    tm_complex_dilatation(s->law, &s->w, at, &grown, slope);
-    differentiate(s->law, &s->w, H, true, bend);
-    for (int end = 0; end < 2; end++) {
-        const double pressure = s->bulk_Pa * ((end ? TM_VOLUME_MOST : TM_VOLUME_LEAST) - 1);
-        for (int i = 0; i < 81; i++)
-            all[i] = A[i] + pressure * bend[i] + s->bulk_Pa * creal(slope[i / 9]) * creal(slope[i % 9]);
-        most = fmax(most, largest_eigenvalue(all));
-    }
-    return most;
-}
-
-static double stiffness_at(search *s, const double x[PLACE]) {
-    const double t = s->strains ? x[0] : x[0] * sqrt(creal(s->w.I3_max) + 3);
-    const double e[3] = {t * sin(x[1]) * cos(x[2]), t * sin(x[1]) * sin(x[2]), t * cos(x[1])};
-    double H[9] = {0}, A[81];
-    for (int i = 0; i < 3; i++) H[4 * i] = (s->strains ? sqrt(fmax(1 + 2 * e[i], 0)) : e[i]) - 1;
-    s->w.fibre[0] = sin(x[3]) * cos(x[4]), s->w.fibre[1] = sin(x[3]) * sin(x[4]), s->w.fibre[2] = cos(x[3]);
-    differentiate(s->law, &s->w, H, false, A);
-    if (s->bulk_Pa > 0) return averaged_stiffness(s, H, A);
-    return largest_eigenvalue(A);
-}
-
-/* Climbs from x by steps that halve. */
-static double climb(search *s, double x[PLACE], double best) {
-    for (double step = 0.1; step > 1e-4; step *= 0.5)
-        for (bool moved = true; moved;) {
-            moved = false;
-            for (int k = 0; k < 2 * (1 + s->angles); k++) {
-                double y[PLACE];
-                memcpy(y, x, sizeof y);
-                y[k / 2] += k % 2 ? step : -step;
-                if (!(y[0] > s->least && y[0] < s->most)) continue;
-                const double there = stiffness_at(s, y);
-                if (there > best * (1 + 1e-9)) best = there, memcpy(x, y, sizeof y), moved = true;
-            }
-        }
-    return best;
-}
-
-static bool has_fibres(const tm_material *m) { return m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m); }
-
-static search search_of(const tm_material *m, bool averaged) {
-    const double stretch = m->stretch_max;
-    search s = {
-        .law = m->law, .angles = has_fibres(m) ? 4 : 2, .bulk_Pa = averaged ? tm_material_bulk_Pa(m) : 0, .most = 4};
-    double c[TM_LAW_CONSTANTS];
-    tm_law_constants(m, 1, c);
-    s.w = (tm_complex_hyper){.mu = m->mu_Pa,
-                             .lambda = m->lambda_Pa - s.bulk_Pa,
-                             .dlambda = m->dlambda_Pa,
-                             .dmu = m->dmu_Pa,
-                             .beta = m->beta_Pa,
-                             .I3_max = stretch * stretch + 2 / stretch - 3};
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++) s.w.c[i] = c[i];
-    return s;
-}
-
-/* Keeps x if it is among the stiffest. */
-static void try_place(search *s, const double x[PLACE]) {
-    const double a = stiffness_at(s, x);
-    int least = 0;
-    for (int q = 1; q < TOPS; q++)
-        if (s->top[q] < s->top[least]) least = q;
-    if (a > s->top[least]) s->top[least] = a, memcpy(s->at[least], x, PLACE * sizeof *x);
-}
-
-static double climb_all(search *s) {
-    double most = 0;
-    for (int q = 0; q < TOPS; q++) most = fmax(most, climb(s, s->at[q], s->top[q]));
-    return TM_BOUND_MARGIN * most;
-}
-
-static double search_stiffest_Pa(const tm_material *m, bool averaged) {
-    const double pi = acos(-1);
-    const bool fibred = has_fibres(m);
-    const int lengths = fibred ? 14 : 24, turns = fibred ? 8 : 16, fibres = fibred ? 4 : 0;
-    search s = search_of(m, averaged);
-    const int64_t places = (int64_t)lengths * 2 * turns * (turns + 1) * (fibres + 1) * (fibres + 1);
-    for (int64_t n = 0; n < places; n++) {
-        int64_t left = n;
-        const int i = (int)(left % lengths), j = (int)((left /= lengths) % (2 * turns));
-        const int k = (int)((left /= 2 * turns) % (turns + 1)), f = (int)((left /= turns + 1) % (fibres + 1));
-        const int g = (int)(left / (fibres + 1));
-        try_place(&s, (double[PLACE]){2.0 * (i + 1) / lengths, pi * (j + 0.5) / (2 * turns), pi / 2 * k / turns,
-                                      fibres ? pi / 2 * f / fibres : 0, fibres ? pi / 2 * g / fibres : 0});
-    }
-    return climb_all(&s);
-}
-
-double tm_law_stiffest_between_Pa(const tm_material *m, double from, double to) {
-    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
-    enum { TURNS = 8, FIBRES = 4 };
-    const double pi = acos(-1);
-    const int fibres = has_fibres(m) ? FIBRES : 0;
-    search s = search_of(m, false);
-    s.strains = true, s.least = from, s.most = to * (1 + 1e-12);
-    for (int j = 0; j <= TURNS; j++)
-        for (int k = 0; k < 2 * TURNS; k++)
-            for (int f = 0; f < (fibres + 1) * (fibres + 1); f++)
-                try_place(&s, (double[PLACE]){to, pi * j / TURNS, pi * k / TURNS, pi / 2 * (f % (FIBRES + 1)) / FIBRES,
-                                              pi / 2 * (f / (FIBRES + 1)) / FIBRES});
-    return climb_all(&s);
-}
-
-enum { REMEMBERED = 16 };
-/* The last bounds that were sought. One thread at a time reads or writes them; another searches instead of waiting.
- * Not in thread-local storage: that would need more than the C library. */
-static struct {
-    atomic_flag taken;
-    struct {
-        tm_material material; /* without padding: material.h */
-        bool averaged;
-        double stiffest_Pa;
-    } known[REMEMBERED];
-    int next;
-} remembered = {.taken = ATOMIC_FLAG_INIT};
-
-/* Returns 0 if the bound is unknown. */
-static double recall_Pa(const tm_material *m, bool averaged) {
-    double found = 0;
-    if (atomic_flag_test_and_set_explicit(&remembered.taken, memory_order_acquire)) return 0;
-    for (int i = 0; i < REMEMBERED; i++)
-        if (remembered.known[i].stiffest_Pa > 0 && remembered.known[i].averaged == averaged &&
-            !memcmp(&remembered.known[i].material, m, sizeof *m))
-            found = remembered.known[i].stiffest_Pa;
-    atomic_flag_clear_explicit(&remembered.taken, memory_order_release);
-    return found;
-}
-
-static void remember(const tm_material *m, bool averaged, double stiffest_Pa) {
-    if (atomic_flag_test_and_set_explicit(&remembered.taken, memory_order_acquire)) return;
-    remembered.known[remembered.next].material = *m;
-    remembered.known[remembered.next].averaged = averaged;
-    remembered.known[remembered.next].stiffest_Pa = stiffest_Pa;
-    remembered.next = (remembered.next + 1) % REMEMBERED;
-    atomic_flag_clear_explicit(&remembered.taken, memory_order_release);
-}
-
-/* A search takes 50 ms or more, and programs that fit or compare build the same materials again and again: the last
- * bounds are remembered. */
-double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
-    if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
-    const double known = recall_Pa(m, averaged);
-    if (known > 0) return known;
-    const double found = search_stiffest_Pa(m, averaged);
-    remember(m, averaged, found);
-    return found;
 }

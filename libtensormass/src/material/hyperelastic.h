@@ -66,14 +66,13 @@ void tm_hyperelastic_add_bend(const tm_hyperelastic *h, const tm_nodal_dilatatio
 /* Computes the second derivative of its dilatation by F. */
 void tm_hyperelastic_dilatation_hessian(const tm_hyperelastic *h, int32_t tet, const double *u_m, double A[81]);
 
-/* Returns the largest eigenvalue of d2W/dF2 over all F, Pa: by search over principal stretches, times
- * TM_BOUND_MARGIN. `averaged`: over all averaged pressures too. */
-#define TM_BOUND_MARGIN 1.05
+/* Returns an upper bound of the largest eigenvalue of d2W/dF2, Pa, over all F (law_bound.c, with the proof).
+ * `averaged`: with the bulk modulus by averaged dilatation, over all its pressures too. */
 double tm_law_stiffest_Pa(const tm_material *material, bool averaged);
-/* The same, not averaged, over those F, det F > 0, whose Green's strain has a norm between `from` and `to`, at most
- * TM_STRAIN_MOST. */
+/* The same over those F, det F > 0, whose Green's strain has a norm of at most `strain`; a domain's pressures are those
+ * of tetrahedra within that strain. */
 #define TM_STRAIN_MOST 0.45
-double tm_law_stiffest_between_Pa(const tm_material *material, double from, double to);
+double tm_law_stiffest_within_Pa(const tm_material *material, bool averaged, double strain);
 /* Computes the constants of the law for a volume: law_constant, and those that follow from the limit of stretch. */
 void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 

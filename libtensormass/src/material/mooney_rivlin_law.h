@@ -29,4 +29,13 @@ INSIDE double TM_NAME(mooney_rivlin_energy)(const TM_NAME(hyper) * w, const TM_N
     for (int i = 0; i < 9; i++) II3 += s->cof[i][lane] * s->cof[i][lane];
     return 0.5 * a * s->I3[lane] + 0.5 * b * II3 - (a + 2 * b) * J1 + (w->lambda[lane] + a) * c * (J1 - 0.5 * c);
 }
+
+/* The tangent of II/2 is, in principal stretches, I + 2 (s.v)^2 - 3 sum s_i^2 v_i^2 <= I + (s.v)^2 <= 2 I, and s_k^2 -+
+ * s_i s_j <= I. Its stress is a third of the tangent along F, and pulls. */
+static void TM_NAME(mooney_rivlin_bound)(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
+    const double first = (1 - m->law_constant[0]) * m->mu_Pa, second = m->law_constant[0] * m->mu_Pa, R = c->R[1];
+    tm_bound_add(b, c, first, first * c->R[0], 0);
+    tm_bound_add(b, c, 2 * second * R * R, 0, 2.0 / 3 * second * R * R * R);
+    b->bulk_Pa = lambda_Pa + first, b->offset_Pa = first + 2 * second;
+}
 #endif

@@ -22,4 +22,13 @@ INSIDE double TM_NAME(neo_hooke_energy)(const TM_NAME(hyper) * w, const TM_NAME(
     const double c = fmin(fmax(J1, TM_VOLUME_LEAST - 1), TM_VOLUME_MOST - 1);
     return 0.5 * m * (I3 - log1p(0.25 * I3)) + l * c * (J1 - 0.5 * c) - 0.75 * m * J1;
 }
+
+/* The terms in I depend on R = |F| alone: their tangent is m (1 + (R^2 - 1)/(R^2 + 1)^2) along F, at most 9/8 m, and m
+ * R^2/(R^2 + 1) across. */
+static void TM_NAME(neo_hooke_bound)(const tm_material *material, double lambda_Pa, const tm_bound_cell *c,
+                                     tm_bound *b) {
+    const double m = 4.0 / 3 * material->mu_Pa, least = c->R[0] * c->R[0];
+    tm_bound_add(b, c, 1.125 * m, m * c->R[0] * (least / (1 + least)), 0);
+    b->bulk_Pa = lambda_Pa + 5.0 / 6 * material->mu_Pa, b->offset_Pa = 0.75 * m;
+}
 #endif

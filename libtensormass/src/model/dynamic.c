@@ -35,13 +35,13 @@ static tm_status choose_timing(const tm_model_def *def, tm_model *m, tm_error *e
         if (status) return set_invalid_member(def, "adaptive", status);
     }
     const double largest = def->step_s > 0 ? def->step_s : longest_s * def->step_fraction;
-    if (def->adaptive && largest > longest_s)
+    if (def->adaptive && largest > longest_s * (1 + 1e-9))
         return set_invalid_member(def, "step_s",
                                   tm_fail(error, TM_ERR_STEP, p->critical_tet,
                                           "adaptive step %.4g s is above %.4g s, which is guaranteed for strains up to "
                                           "%g; lower it or leave it out",
                                           largest, longest_s, TM_STRAIN_REST));
-    if (largest > longest_s)
+    if (!def->adaptive && largest > longest_s)
         return set_invalid_member(
             def, "step_s",
             tm_fail(error, TM_ERR_STEP, p->critical_tet,
@@ -250,6 +250,8 @@ tm_status tm_model_dynamic(const tm_model_def *def, tm_model **model, tm_error *
     d->is.kind = &kind;
     tm_tissue_def tissue = def->tissue;
     tissue.cuttable = tissue.cuttable || def->cut;
+    if (def->adaptive && tissue.scaled_step_s > 0 && tissue.material) /* step_s is that of small strains */
+        tissue.scaled_step_s /= tm_adaptive_gain(tissue.material, tissue.material_count, tissue.strain_smoothing);
     status = set_invalid_member(def, "tissue", tm_tissue_create(&tissue, &d->is.tissue, error));
     if (status == TM_OK) status = choose_timing(def, &d->is, error);
     if (status == TM_OK) status = make_world(def, &d->is, error);

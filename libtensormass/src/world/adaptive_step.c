@@ -3,7 +3,9 @@
  * state, is held against the strains that each level allows.
  *
  * Stability: K(u) <= max over tetrahedra of a(strain)/a_max times the sum of bounds that guarantees the finest step
- * (critical_step.c), a the largest eigenvalue of d2W/dF2 over strains up to that one. */
+ * (critical_step.c), a the bound of d2W/dF2 over strains up to that one. An average of dilatations lies within those of
+ * its tetrahedra, so that with averaged dilatation the largest strain limits the pressures too. With mass scaling the
+ * masses guarantee the finest step. */
 #include <math.h>
 #include <string.h>
 
@@ -38,23 +40,26 @@ typedef struct tm_adaptive {
 
 static double node(int i) { return TM_STRAIN_MOST * (i + 1) / NODES; }
 
-/* a[i]: largest eigenvalue of d2W/dF2 up to strain node(i). */
-static void stiffness_by_strain(const tm_material *m, int nodes, double *a) {
-    for (int i = 0; i < nodes; i++) {
-        const double shell = tm_law_stiffest_between_Pa(m, i ? node(i - 1) : 0, node(i));
-        a[i] = i && a[i - 1] > shell ? a[i - 1] : shell;
-    }
+double tm_adaptive_gain(const tm_material *material, int32_t count, bool averaged) {
+    double least = HUGE_VAL;
+    for (int32_t m = 0; m < count; m++)
+        least = fmin(least, tm_law_stiffest_Pa(material + m, averaged) /
+                                tm_law_stiffest_within_Pa(material + m, averaged, TM_STRAIN_REST));
+    return MARGIN * sqrt(least);
 }
 
-/* Returns the guaranteed step if the bound of each material were a[m*stride + i]; 0: no memory. */
+/* Returns the guaranteed step if the bound of each material were a[m*stride + i]; 0: no memory. No tetrahedron is
+ * stiffer than by the largest share that is left. */
 static double step_with(tm_tissue *tissue, const double *a, int stride, int i, const double *limit, double all_s) {
-    if (tissue->material_count == 1) return all_s * sqrt(limit[0] / fmin(a[i], limit[0]));
-    double step_s;
+    double step_s, least = HUGE_VAL;
     int32_t tet;
+    for (int32_t m = 0; m < tissue->material_count; m++)
+        least = fmin(least, limit[m] / fmin(a[m * stride + i], limit[m]));
+    if (tissue->material_count == 1) return all_s * sqrt(least);
     for (int32_t m = 0; m < tissue->material_count; m++) tissue->stiffest_Pa[m] = fmin(a[m * stride + i], limit[m]);
     const bool done = tm_critical_step_find(tissue, &step_s, &tet);
     memcpy(tissue->stiffest_Pa, limit, sizeof *limit * (size_t)tissue->material_count);
-    return done ? step_s : 0;
+    return done ? fmax(step_s, all_s * sqrt(least)) : 0;
 }
 
 /* Calls of creation: steps by strain, of the first `nodes`. Returns false without memory. */
@@ -66,7 +71,8 @@ static bool steps_by_strain(tm_tissue *tissue, int nodes, double *step_s) {
     bool done = !pool.failed && tm_critical_step_find(tissue, &all_s, &tet);
     for (int32_t m = 0; m < count && done; m++) {
         limit[m] = tissue->stiffest_Pa[m];
-        stiffness_by_strain(tissue->material + m, nodes, a + m * nodes);
+        for (int i = 0; i < nodes; i++)
+            a[m * nodes + i] = tm_law_stiffest_within_Pa(tissue->material + m, tissue->smoothed, node(i));
     }
     for (int i = 0; i < nodes && done; i++) {
         step_s[i] = step_with(tissue, a, nodes, i, limit, all_s);
@@ -197,7 +203,7 @@ static tm_status set_levels(adaptive *a, tm_world *world, tm_error *error) {
             return tm_fail(error, TM_ERR_STEP, -1, "adaptive step %.6g s is more than %d times %.6g s; lower it",
                            a->step_s, 1 << (TM_ADAPTIVE_LEVELS - 1), world->state.dt_s);
     for (int32_t k = 0; k < a->levels - 1; k++)
-        for (int i = 0; i < NODES && a->step_s / (1 << k) <= MARGIN * step_s[i] * (1 + 1e-12); i++)
+        for (int i = 0; i < NODES && a->step_s / (1 << k) <= MARGIN * step_s[i] * (1 + 1e-9); i++)
             a->strain[k] = node(i);
     a->strain[a->levels - 1] = HUGE_VAL;
     if (a->strain[0] < TM_STRAIN_REST * (1 - 1e-9))
@@ -208,10 +214,11 @@ static tm_status set_levels(adaptive *a, tm_world *world, tm_error *error) {
 }
 
 tm_status tm_adaptive_check(const tm_tissue *tissue, tm_error *error) {
-    const char *why = !tissue->stiffest_Pa ? "a tissue with no nonlinear law, whose tangent never changes"
-                      : tissue->smoothed   ? "averaged dilatation, whose strains are not those of tetrahedra"
-                                           : NULL;
-    return why ? tm_fail(error, TM_ERR_EXCLUDED, -1, "an adaptive step with %s; leave it out", why) : TM_OK;
+    return tissue->stiffest_Pa
+               ? TM_OK
+               : tm_fail(
+                     error, TM_ERR_EXCLUDED, -1,
+                     "an adaptive step with a tissue with no nonlinear law, whose tangent never changes; leave it out");
 }
 
 tm_status tm_world_adapt(tm_world *world, double step_s, tm_error *error) {

@@ -163,6 +163,8 @@ int32_t tm_adaptive_begin(tm_world *world);
  * memory. */
 #define TM_STRAIN_REST 0.1
 double tm_adaptive_longest_s(tm_tissue *tissue);
+/* Returns by how much an adaptive step of tissue of these materials may exceed the step that holds in every state. */
+double tm_adaptive_gain(const tm_material *material, int32_t count, bool averaged);
 tm_status tm_adaptive_check(const tm_tissue *tissue, tm_error *error); /* TM_ERR_EXCLUDED: it cannot be adaptive */
 /* stage_law.c: the batches of the stage "law"; null: the world has none. */
 const struct tm_hyperelastic *tm_world_hyperelastic(const tm_world *world);
