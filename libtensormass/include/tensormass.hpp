@@ -241,6 +241,11 @@ class world_ref : public reference<tm_world> {
     void add_load(span<const double> force_N) const { /* [3*vertices] */
         check([&](tm_error *e) { return tm_stage_load(p_, force_N.data(), e); });
     }
+    void add_pressure(span<const double> pressure_Pa) const { /* [surface triangles]; follows the deformed surface */
+        if (pressure_Pa.size() != std::size_t(tm_tissue_mesh(tm_world_tissue(p_))->surface_count))
+            throw std::invalid_argument("pressure_Pa: one a triangle of the mesh's surface");
+        check([&](tm_error *e) { return tm_stage_pressure(p_, pressure_Pa.data(), e); });
+    }
     /* u[dof[i]] = value_m[i], dof = 3*vertex + axis; empty: all 0. */
     void add_support(span<const std::int32_t> dof, span<const double> value_m = {}) const {
         std::vector<double> zero(value_m.empty() ? dof.size() : 0);

@@ -254,6 +254,18 @@ class WorldState(Object):
         """Adds constant forces on vertices, (V, 3) N, copied."""
         call(lib.tm_stage_load, self, address(floats(force_N, (self._vertices, 3), "force_N")))
 
+    def add_pressure(self, triangles: Any, pressure_Pa: Any) -> None:
+        """Adds pressures that follow the deformed surface: `triangles` (n,), indices into mesh.surface, bear `pressure_Pa`, one number or (n,), Pa, along
+        their inward normals and over their deformed area. All of them in one call: one pressure stage a world. Of a triangle that is listed twice the
+        pressures add. ArgumentError: no such triangle, or a pressure that is not finite."""
+        listed = ints(triangles, (-1,), "triangles")
+        count = len(self._tissue.mesh.surface)
+        if listed.size and (listed.min() < 0 or listed.max() >= count):
+            raise ArgumentError(f"triangles: has indices outside 0 to {count - 1} of mesh.surface", c.TM_ERR_ARGUMENT)
+        pressure = np.zeros(count)
+        np.add.at(pressure, listed, np.broadcast_to(np.asarray(pressure_Pa, float), (len(listed),)))
+        call(lib.tm_stage_pressure, self, address(pressure))
+
     def traction(self, triangles: Any, traction_Pa: Sequence[float]) -> Floats:
         """Returns forces (V, 3), N, for add_load: a traction (3,), Pa over rest area, on surface triangles (n, 3)."""
         listed, out = ints(triangles, (-1, 3), "triangles"), np.zeros((self._vertices, 3))

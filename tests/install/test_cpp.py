@@ -37,6 +37,16 @@ int main(int, char **word) {
         tensormass::world world(tissue);
         world.add_support(dof);
         world.add_gravity({0, 0, -9.81});
+        std::vector<double> pressure_Pa(std::size_t(mesh->surface_count), 0.0);
+        pressure_Pa[0] = 50;
+        const double unpressed = (assert(world.step() == TM_OK), world.force_N()[3 * std::size_t(mesh->surface[0]) + 2]);
+        world.add_pressure(pressure_Pa);
+        assert(world.step() == TM_OK && world.force_N()[3 * std::size_t(mesh->surface[0]) + 2] != unpressed);
+        try {
+            world.add_pressure(tensormass::span<const double>(pressure_Pa.data(), 1));
+            assert(!"too short an array");
+        } catch (const std::invalid_argument &) {
+        }
         int runs = 0;
         world.add_stage("counter", TM_PHASE_LOAD, [&runs](tensormass::world_ref w) noexcept { runs += w.force_N().size() > 0; });
         const std::vector<double> before = world.snapshot();

@@ -180,6 +180,25 @@ def test_traction_and_load():
     assert world.support_reaction_N.sum(0) == pytest.approx([0, 0, 0.16], abs=1e-6)
 
 
+def test_a_pressure_follows_the_surface():
+    """A block pressed on its top: at rest the floor bears the pressure over the deformed area, which is not that at rest."""
+    mesh, _, world = block()
+    top = np.flatnonzero((mesh.rest_m[mesh.surface][:, :, 2] > 0.02 - 1e-9).all(1))
+    world.add_pressure(top[1:], 200.0 * np.ones(len(top) - 1))
+    with pytest.raises(tm.ArgumentError, match="already has stage pressure"):
+        world.add_pressure(top[:1], 200.0)
+    world.remove_stage("pressure")
+    for wrong, says in ((([len(mesh.surface)], 1.0), "outside 0 to"), ((top[:2], [1.0, np.nan]), f"triangle {top[1]}")):
+        with pytest.raises(tm.ArgumentError, match=says):
+            world.add_pressure(*wrong)
+    world.add_pressure(np.append(top, top), 100.0)
+    world.settle(1e-9)
+    p, q, r = np.moveaxis((mesh.rest_m + world.u_m)[mesh.surface[top]], 1, 0)
+    force = (-200.0 * np.cross(q - p, r - p) / 2).sum(0)
+    assert abs(force[2] / (-200.0 * 0.04 * 0.04) - 1) > 1e-3
+    assert world.support_reaction_N.sum(0) == pytest.approx(-force, abs=1e-6)
+
+
 def test_a_stage_in_python_equals_one_in_c():
     worlds = []
     for mine in (False, True):
