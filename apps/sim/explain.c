@@ -271,7 +271,13 @@ static void print_expected(const sim_expected *x, cJSON *json) {
     printf("expected error of the force at the hand, by %s. Mesh: error of the present scene", x->file);
     if (isfinite(x->uncertainty)) printf(" (the reference solution is uncertain by %.2g %%)", 100 * x->uncertainty);
     puts("; effect: change if it is left out; haptics: error of the extrapolator between frames");
-    const double mass = sim_expected_mass(x);
+    const char *law;
+    const double other = sim_expected_law(x, &law), mass = sim_expected_mass(x);
+    if (isfinite(other)) {
+        printf("law of large strains: '%s' changes the force by %.3g %%\n", law, 100 * other);
+        cJSON_AddStringToObject(out, "other_law", law);
+        cJSON_AddNumberToObject(out, "other_law_change", other);
+    }
     if (!isfinite(mass)) return;
     printf("mass scaling changes the force by %.3g %%\n", 100 * mass);
     cJSON_AddNumberToObject(out, "mass_scaling", mass);

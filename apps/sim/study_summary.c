@@ -88,3 +88,13 @@ double sim_expected_felt(const sim_expected *x, const char *extrapolator, double
 }
 
 double sim_expected_mass(const sim_expected *x) { return of_run(x, "mass", "its own mass", "change"); }
+
+double sim_expected_law(const sim_expected *x, const char **law) {
+    const cJSON *run;
+    cJSON_ArrayForEach(run, cJSON_GetObjectItem(x->study, "runs")) {
+        const char *knob = cJSON_GetStringValue(cJSON_GetObjectItem(run, "knob"));
+        *law = cJSON_GetStringValue(cJSON_GetObjectItem(run, "name"));
+        if (knob && *law && !strcmp(knob, "law")) return number(run, "change");
+    }
+    return NAN;
+}

@@ -19,6 +19,8 @@ void sim_expected_open(sim_expected *x, const sim *s);
 void sim_expected_close(sim_expected *x);
 /* Returns the change of the force without the effect of that name; NAN if the study has none. */
 double sim_expected_without(const sim_expected *x, const char *effect);
+/* Returns the change of the force by another law of large strains, and its name; NAN if the study has none. */
+double sim_expected_law(const sim_expected *x, const char **law);
 /* Returns the relative error at the hand of an extrapolator with force samples at this rate; NAN if the study has
  * none. */
 double sim_expected_felt(const sim_expected *x, const char *extrapolator, double rate_Hz);

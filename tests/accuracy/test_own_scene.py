@@ -57,7 +57,7 @@ def named(data, name):
 
 def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
     data = whole[1]
-    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "mass", "precision", "frame", "drop", "constant", "extrapolator", "rate"}
+    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "mass", "precision", "frame", "drop", "law", "constant", "extrapolator", "rate"}
     assert not [r for r in data["runs"] if "cannot" in r]
     own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0), key=lambda r: r["tets"])
     assert finest["tets"] > 2 * own["tets"] and finest["force_error"] < own["force_error"]
@@ -68,7 +68,8 @@ def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
     assert named(data, "100 Hz")["force_error"] == 0 < named(data, "50 Hz")["force_error"] < named(data, "12.5 Hz")["force_error"]
     assert named(data, "stiffness +20 %")["change"] > 0.1 and named(data, "stiffness +20 %")["peak_change"] > 0
     assert named(data, "stiffness -20 %")["peak_change"] < 0
-    assert not [r["name"] for r in data["runs"] if r["knob"] in ("drop", "add", "constant") and "force_error" in r], "another tissue has another truth"
+    assert 1e-3 < named(data, "neo-hooke")["change"] < 0.5, "a press this deep is felt otherwise under a nonlinear law"
+    assert not [r["name"] for r in data["runs"] if r["knob"] in ("drop", "add", "law", "constant") and "force_error" in r], "another tissue has another truth"
 
 
 def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tmp_path):
@@ -274,6 +275,19 @@ def test_shapes_are_compared_by_the_files_vertices(bin, root, tmp_path):
     assert named(inside, "as it is")["shape_error"] > 0.1
 
 
+@pytest.mark.parametrize("law, other, sets", [
+    ("law: fung, C: 10 kPa, stretch: 1.5", "linear", ["tissue.materials.*.law=linear", "tissue.materials.*.C", "tissue.materials.*.stretch"]),
+    ("law: linear", "neo-hooke", ["tissue.materials.*.law=neo-hooke"])])
+def test_the_law_of_large_strains_is_tried_the_other_way(bin, root, tmp_path, law, other, sets):
+    text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes"))
+    changed = re.sub(r"(poisson: [^,}\n]+)", rf"\1, {law}", text, count=1)
+    assert changed != text
+    (tmp_path / "law.yaml").write_text(changed)
+    _, data = study(bin, root, tmp_path, *OWN, scene=tmp_path / "law.yaml")
+    run, = (r for r in data["runs"] if r["knob"] == "law")
+    assert run["name"] == other and "cannot" not in run and run["change"] > 1e-4 and run["set"][-len(sets):] == sets
+
+
 def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
     (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")
@@ -306,6 +320,9 @@ def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, t
     rows = {r["name"]: r.get("expected_error") for r in report["stages"]}
     assert rows["mesh"] == pytest.approx(own)
     assert sum(v == pytest.approx(named(data, "damping")["change"]) for v in rows.values() if v is not None) == 1
+    law = named(data, "neo-hooke")["change"]
+    assert report["expected_error"]["other_law"] == "neo-hooke" and report["expected_error"]["other_law_change"] == pytest.approx(law)
+    assert f"'neo-hooke' changes the force by {100 * law:.3g} %" in run.stdout
     assert rows["haptics" if "haptics" in rows else "patch"] == pytest.approx(named(data, f"{own_law(root)} at 500 Hz")["force_error"]), "the scene's rate is auto"
     data["set"] = ["tissue.force=best"]
     assert "earlier state of this scene" in explain(data)[0].stderr

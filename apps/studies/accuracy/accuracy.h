@@ -75,6 +75,7 @@ typedef struct run {
     bool quick;         /* the short form: fewer and smaller meshes */
     int rounds;         /* rounds of interleaved timing */
     const cJSON *truth; /* the references */
+    const cJSON *laws;  /* those of nonlinear laws; null: none */
     void (*progress)(const char *knob, double fraction);
 } run;
 
@@ -104,6 +105,6 @@ measured measured_scaled(const measured *m, double scale);
 /* Measures one knob into `out` and its "rows". */
 typedef tm_status knob_measure(const run *r, cJSON *out, cJSON *rows, tm_error *error);
 knob_measure knob_mesh, knob_volume, knob_step, knob_mass, knob_precision, knob_model, knob_rotation, knob_viscosity,
-    knob_friction, knob_fibre;
+    knob_friction, knob_fibre, knob_law;
 
 #endif

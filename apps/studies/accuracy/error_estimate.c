@@ -182,7 +182,8 @@ void study_judge(study *t) {
             continue;
         }
         if (forces(r) != forces(own)) continue;
-        const bool physics = !strcmp(r->knob, "drop") || !strcmp(r->knob, "add") || !strcmp(r->knob, "constant");
+        const bool physics = !strcmp(r->knob, "drop") || !strcmp(r->knob, "add") || !strcmp(r->knob, "law") ||
+                             !strcmp(r->knob, "constant");
         if (!physics) r->force_error = study_distance(r->force_N, t->truth.force_N, forces(r));
         if (!physics && r->points) /* other tissue has another reference solution */
             r->shape_error = study_distance(r->u_m, t->truth.u_m, STUDY_MOMENTS * STUDY_POINTS * 3);

@@ -24,6 +24,8 @@ static const struct {
     {"precision", "single or double stored tensors: error and speed", knob_precision},
     {"model", "linear models: error at large displacements, pressed by 1 % to 40 %", knob_model},
     {"rotation", "rotation, with and without strain smoothing: error at large displacements, and cost", knob_rotation},
+    {"law", "nonlinear laws: verified against an independent code, error by depth against linear tissue, and cost",
+     knob_law},
     {"viscosity", "viscosity: cost, error at fast strains, and the ramp and hold of a liver", knob_viscosity},
     {"friction", "friction: cost, and the error of the force of a slide without it", knob_friction},
     {"fibre", "fibres: error if anisotropy is left out", knob_fibre},
@@ -71,7 +73,10 @@ static int measure(const char *json, const char *reference_path, bool quick, con
         return app_bad_input(
             reference_path, 0,
             "it is not the JSON of the references; make it with make_inp.py --gather, or give another with --reference");
-    run r = {.quick = quick, .rounds = quick ? 5 : 15, .truth = truth, .progress = progress};
+    char file[2048];
+    app_shared_file("apps/studies/accuracy/reference/laws.json", file, sizeof file);
+    cJSON *laws = app_json_read(file);
+    run r = {.quick = quick, .rounds = quick ? 5 : 15, .truth = truth, .laws = laws, .progress = progress};
     cJSON *root = cJSON_CreateObject();
     app_json_add(root, "quick %hhd", quick);
     int exit = APP_DONE;
@@ -88,6 +93,7 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     if (exit == APP_DONE) exit = app_json_save(json, root);
     cJSON_Delete(root);
     cJSON_Delete(truth);
+    cJSON_Delete(laws);
     return exit;
 }
 

@@ -11,6 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "pages"))
 import page_effects as effects  # noqa: E402
+import page_laws  # noqa: E402
 from page import Page, draw_frontier, label_line, label_upright, loglog, series, times  # noqa: E402
 
 MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy", "energy")]
@@ -296,6 +297,7 @@ def main():
     precision(page, data["precision"])
     model(page, data["model"])
     effects.rotation(page, data["rotation"])
+    page_laws.laws(page, data["law"])
     effects.viscosity(page, data["viscosity"])
     effects.friction(page, data["friction"])
     fibre(page, data["fibre"])

@@ -166,6 +166,57 @@ static void plan_effects(study *t, const sim *own) {
             study_set(study_add(t, "add", sim_effects[e]->name), "%s=", sim_effects[e]->name);
 }
 
+/* --- laws of large strains --- */
+
+/* Leaves out what excludes a nonlinear law. */
+static void allow_law(study_run *r, const sim *own) {
+    const app_scene *scene = own->scene;
+    const int smoothing = sim_effect_find(scene, "strain_smoothing");
+    if (sim_has(own, "rotation")) study_set(r, "rotation");
+    if (scene->precision.index == TM_SINGLE) study_set(r, "tissue.precision=double");
+    if (sim_effect_line(scene, smoothing)) study_set(r, "strain_smoothing.shear_share=0");
+}
+
+/* Leaves out a material's keys of its nonlinear law. */
+static void forget_law(study_run *r, const app_material *m) {
+    const struct {
+        const char *key;
+        int line;
+    } row[] = {{"compression", m->compression.line},
+               {"second", m->second.line},
+               {"C", m->C.line},
+               {"k1", m->k1.line},
+               {"k2", m->k2.line},
+               {"dispersion", m->dispersion.line},
+               {"stretch", m->stretch.line}};
+    study_set(r, "tissue.materials.%s.law=linear", m->region.s);
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++)
+        if (row[i].line && r->set_count < STUDY_SETS) study_set(r, "tissue.materials.%s.%s", m->region.s, row[i].key);
+}
+
+/* Plans what another law of large strains changes: for linear tissue the nonlinear one that needs no further constant,
+ * neo-hooke or, with fibres, st-venant-kirchhoff; for nonlinear tissue the linear law. */
+static void plan_laws(study *t, const sim *own) {
+    const app_scene *scene = own->scene;
+    const app_material *all = scene->material.item;
+    bool nonlinear = false, fibred = false;
+    for (int i = 0; i < scene->material.count; i++) {
+        app_law law;
+        nonlinear |= all[i].law.index != TM_LAW_LINEAR;
+        fibred |= !app_scene_law(scene, all + i, &law) && app_law_fibred(law);
+    }
+    if (scene->model.index != APP_DYNAMIC || scene->material.count > STUDY_SETS / 2 - 4) return;
+    const char *other = fibred ? "st-venant-kirchhoff" : "neo-hooke";
+    study_run *r = study_add(t, "law", nonlinear ? "linear" : other);
+    if (!nonlinear) allow_law(r, own);
+    if (nonlinear && scene->adaptive.line) study_set(r, "time.adaptive");
+    for (int i = 0; i < scene->material.count && r->set_count < STUDY_SETS; i++)
+        if (!nonlinear)
+            study_set(r, "tissue.materials.%s.law=%s", all[i].region.s, other);
+        else if (all[i].law.index != TM_LAW_LINEAR)
+            forget_law(r, all + i);
+}
+
 /* --- uncertain constants --- */
 
 #define STIFF(name)                                                                                                    \
@@ -277,6 +328,7 @@ int study_plan(study *t) {
         plan_mass(t, own);
         plan_threads(t, own);
         plan_effects(t, own);
+        plan_laws(t, own);
         plan_constants(t, own);
         study_plan_felt(t, own);
         for (int i = 1; i < t->run_count; i++) study_make_key(t, &t->run[i]);

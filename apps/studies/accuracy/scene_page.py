@@ -152,8 +152,9 @@ def write(study, folder, command):
         page.table("improvements", ("change", "error then", "ms a frame", "price", "--set"), cheap, f"One change at a time; as it is: {percent(own['force_error'])}.")
     else:
         page.text("No single change that was measured lowers the error by a twentieth.")
-    page.section("What each effect contributes", "The effect is left out, or one that the scene does not name is added, and the force compared with that of the scene as it is. An effect is physics, not a setting: leaving it out is never recommended, but shows what its price buys.")
-    effects = [dict(r, label=("without " if r["knob"] == "drop" else "with ") + r["name"]) for r in done(study, "drop", "add")]
+    page.section("What each effect contributes", "The effect is left out, or one that the scene does not name is added, and the force compared with that of the scene as it is. An effect is physics, not a setting: leaving it out is never recommended, but shows what its price buys. So is the law of large strains: a deep press that a nonlinear law changes by more than the mesh's error should have one.")
+    label = {"drop": "without ", "add": "with ", "law": "with the law "}
+    effects = [dict(r, label=label[r["knob"]] + r["name"]) for r in done(study, *label)]
     bars(page, "effects", effects, "Change of the force at the hand; the sign is the peak's.")
     page.section("What the constants hide", "Constants of living tissue are seldom known to a fifth. Where these bars are longer than the error above, a finer mesh does not make the force truer: measure the tissue instead.")
     constants = [dict(r, label=r["name"]) for r in done(study, "constant")]
