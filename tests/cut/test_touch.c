@@ -267,6 +267,24 @@ static void rows_are_those_of_all_pairs_for_any_threads(void **state) {
     assert_true(one == story(1, true, &other));
 }
 
+/* A small body flies off from a large one: it alone is searched again. */
+static void what_moves_alone_is_searched_alone(void **state) {
+    (void)state;
+    setup s = plain();
+    s.fixed_base = true, s.damping_1_s = 5;
+    const part p[] = {{{8, 8, 2}, {0.05, 0.05, 0.02}, {0, 0, 0}, 0}, {{2, 2, 2}, {0.01, 0.01, 0.01}, {0, 0, 0.023}, 0}};
+    bodies b = make(p, 2, &s);
+    throw_body(&b, 1, 0.5, 0.5, 0);
+    run(&b, 0.2);
+    const tm_touching_report r = tm_touching_get_report(b.touching);
+    double way_m = 0;
+    for (int32_t v = b.body_begin[1]; v < b.body_begin[2]; v++)
+        way_m = fmax(way_m, tm_world_state(b.world)->u_m[3 * v]);
+    printf("moved by %.1f mm; %lld searches of the complete surface\n", 1e3 * way_m, (long long)r.gathers);
+    assert_true(way_m > 0.025 && r.gathers == 1);
+    drop(&b);
+}
+
 static void snapshots_continue_bit_for_bit(void **state) {
     (void)state;
     setup s = plain();
@@ -450,6 +468,7 @@ int main(void) {
         cmocka_unit_test(colliding_blocks_keep_their_momentum),
         cmocka_unit_test(nothing_passes_through_at_half_a_metre_a_second),
         cmocka_unit_test(rows_are_those_of_all_pairs_for_any_threads),
+        cmocka_unit_test(what_moves_alone_is_searched_alone),
         cmocka_unit_test(snapshots_continue_bit_for_bit),
         cmocka_unit_test(ties_bear_a_weight_and_break_at_their_load),
         cmocka_unit_test(a_cautery_cuts_the_ties_that_it_touches),

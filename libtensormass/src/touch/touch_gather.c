@@ -1,10 +1,14 @@
 /* Broad phase: lists of pairs of features that may come within reach, found by a hashed grid and kept while they are
  * proven complete.
  *
- * A pair in reach is nearer than `reach_m`. The lists hold every pair nearer than reach_m + margin_m at the gathering.
- * A point of a feature moves no farther than the farthest of its vertices, so a pair that is not in the lists is not in
- * reach as long as no vertex of the surface is farther than margin_m / 2 from its place at the gathering. That is
- * measured only when the integrator's bound of all travel since the last measurement has used up the rest. */
+ * A pair in reach is nearer than `reach_m`. Each vertex of the surface has a place: where it was when its pairs were
+ * last searched. The lists hold every pair that is nearer than reach_m + margin_m in those places. A point of a feature
+ * is no farther from its place than the farthest of its vertices, so a pair that is not in the lists is not in reach as
+ * long as no vertex is farther than margin_m / 2 from its place. That is measured only when the integrator's bound of
+ * all travel since the last measurement has used up the rest.
+ *
+ * Vertices that are too far are then `fresh`: they get new places, and the pairs of all features with a fresh vertex
+ * are searched again. So are those of faces, edges and vertices that a cut changed. All others stay in the lists. */
 #include "touch/touch_internal.h"
 
 #include <math.h>
@@ -12,205 +16,123 @@
 
 #include "base/vec.h"
 
-enum { ENTRIES_A_FACE = 24 };
-
 bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
     const tm_mesh *mesh = t->world->tissue->mesh;
-    tm_touch_grid *g = &t->grid;
-    g->capacity = ENTRIES_A_FACE * mesh->surface_count + 4 * mesh->tet_count + 4096;
-    g->buckets = 1024;
-    while (g->buckets < 4 * mesh->surface_count && g->buckets < 1 << 20) g->buckets *= 2;
-    g->begin = TM_ALLOC(pool, int32_t, g->buckets + 1);
-    g->bucket = TM_ALLOC(pool, int32_t, g->capacity);
-    g->key = TM_ALLOC(pool, int64_t, g->capacity);
-    g->sorted_key = TM_ALLOC(pool, int64_t, g->capacity);
-    g->item = TM_ALLOC(pool, int32_t, g->capacity);
-    g->sorted = TM_ALLOC(pool, int32_t, g->capacity);
-    g->box = TM_ALLOC(pool, tm_touch_box, mesh->edge_count);
     t->vf.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->ee.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
+    t->scratch = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->gathered_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
-    return !pool->failed;
+    t->last_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
+    t->fresh = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
+    t->fresh_face = TM_ALLOC(pool, uint8_t, 4 * (int64_t)mesh->tet_count);
+    t->fresh_edge = TM_ALLOC(pool, uint8_t, mesh->edge_count);
+    t->near = TM_ALLOC(pool, int32_t, mesh->edge_count);
+    return tm_touch_grid_init(&t->grid, pool, mesh);
 }
 
-/* --- the grid --- */
-
 static tm_touch_box around(const tm_touching *t, const int32_t *vertex, int count, double grow_m) {
+    const double *rest = t->world->tissue->mesh->rest_m;
     tm_touch_box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int j = 0; j < count; j++) {
-        double x[3];
-        tm_touch_at(t->world, vertex[j], x);
-        for (int c = 0; c < 3; c++) b.low[c] = law_min(b.low[c], x[c]), b.high[c] = law_max(b.high[c], x[c]);
-    }
+    for (int j = 0; j < count; j++)
+        for (int c = 0; c < 3; c++) {
+            const double x = rest[3 * vertex[j] + c] + t->gathered_u_m[3 * vertex[j] + c];
+            b.low[c] = law_min(b.low[c], x), b.high[c] = law_max(b.high[c], x);
+        }
     for (int c = 0; c < 3; c++) b.low[c] -= grow_m, b.high[c] += grow_m;
     return b;
 }
 
-static int64_t cell_of(const tm_touch_grid *g, double x_m) {
-    return (int64_t)floor(law_clamp(x_m / g->cell_m, -1e6, 1e6)) + 1000000;
-}
-static int64_t key_of(int64_t x, int64_t y, int64_t z) { return x | y << 21 | z << 42; }
-static int32_t bucket_of(const tm_touch_grid *g, int64_t key) {
-    const uint64_t mixed = (uint64_t)key * 0x9e3779b97f4a7c15u;
-    return (int32_t)(mixed >> 40) & (g->buckets - 1);
+/* --- fresh features --- */
+
+static bool is_fresh_face(const tm_touching *t, int32_t face) {
+    int32_t w[3];
+    tm_touch_triangle(t, face, w);
+    return t->fresh[w[0]] | t->fresh[w[1]] | t->fresh[w[2]] | t->fresh_face[face];
 }
 
-/* Adds an item to all cells of its box. Returns false if the grid is full. */
-static bool insert(tm_touch_grid *g, int32_t *count, int32_t item, const tm_touch_box *b) {
-    int64_t low[3], high[3];
-    for (int c = 0; c < 3; c++) low[c] = cell_of(g, b->low[c]), high[c] = cell_of(g, b->high[c]);
-    const double cells =
-        (double)(high[0] - low[0] + 1) * (double)(high[1] - low[1] + 1) * (double)(high[2] - low[2] + 1);
-    if (cells > g->capacity - *count) return false;
-    for (int64_t z = low[2]; z <= high[2]; z++)
-        for (int64_t y = low[1]; y <= high[1]; y++)
-            for (int64_t x = low[0]; x <= high[0]; x++) {
-                g->key[*count] = key_of(x, y, z);
-                g->item[(*count)++] = item;
-            }
-    return true;
+static bool is_fresh_edge(const tm_touching *t, int32_t edge) {
+    const int32_t *end = t->world->tissue->mesh->edge + 2 * (int64_t)edge;
+    return t->fresh[end[0]] | t->fresh[end[1]] | t->fresh_edge[edge];
 }
 
-/* Sorts the entries by bucket, in their order. */
-static void sort_cells(tm_touch_grid *g, int32_t count) {
-    memset(g->begin, 0, sizeof *g->begin * ((size_t)g->buckets + 1));
-    for (int32_t i = 0; i < count; i++) g->begin[(g->bucket[i] = bucket_of(g, g->key[i])) + 1]++;
-    for (int32_t b = 0; b < g->buckets; b++) g->begin[b + 1] += g->begin[b];
-    for (int32_t i = count - 1; i >= 0; i--) { /* from the end: begin[b+1] counts down to the bucket's begin */
-        const int32_t at = --g->begin[g->bucket[i] + 1];
-        g->sorted[at] = g->item[i], g->sorted_key[at] = g->key[i];
+/* Removes the pairs with fresh features. */
+static void drop_fresh(tm_touching *t) {
+    int32_t kept = 0;
+    for (int32_t i = 0; i < t->vf.count; i++) {
+        t->vf.pair[kept] = t->vf.pair[i];
+        kept += !t->fresh[t->vf.pair[i].a] && !is_fresh_face(t, t->vf.pair[i].b);
     }
-    /* now begin[b+1] is the begin of bucket b */
-    memmove(g->begin, g->begin + 1, sizeof *g->begin * (size_t)g->buckets);
-    g->begin[g->buckets] = count;
-}
-
-/* --- the pair's own thickness --- */
-
-static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, double thickness_m) {
-    if (list->count == t->def.max_candidates) {
-        t->report.overflowed = true;
-        return;
+    t->vf.count = kept;
+    kept = 0;
+    for (int32_t i = 0; i < t->ee.count; i++) {
+        t->ee.pair[kept] = t->ee.pair[i];
+        kept += !is_fresh_edge(t, t->ee.pair[i].a) && !is_fresh_edge(t, t->ee.pair[i].b);
     }
-    list->pair[list->count++] = (tm_touch_pair){.a = a, .b = b, .thickness_m = thickness_m, .wake_m = t->odometer_m};
+    t->ee.count = kept;
 }
 
-/* Returns the thickness between features at a distance at rest; below 0: they are one fold, and do not touch.
- * `behind`: the way from one to the other at rest leads through tissue. */
-static double thickness(const tm_touching *t, bool same_body, double rest_m, bool behind) {
-    const double full = t->def.thickness_m;
-    if (same_body && behind && rest_m < 4 * full) return -1;
-    return law_min(full, same_body ? 0.5 * rest_m : rest_m);
-}
+/* --- vertices and faces --- */
 
-static void rest_normal(const tm_mesh *mesh, const int32_t *v, double n[3]) {
-    double ab[3], ac[3];
-    vsub(mesh->rest_m + 3 * v[1], mesh->rest_m + 3 * v[0], ab);
-    vsub(mesh->rest_m + 3 * v[2], mesh->rest_m + 3 * v[0], ac);
-    vcross(ab, ac, n);
-    vunit(n, n);
-}
-
-static void try_vertex_face(tm_touching *t, int32_t v, int32_t f) {
-    const int32_t *w = t->surface.triangle + 3 * f, body = t->surface.body[v],
-                  other = tm_touch_body(t, t->surface.face[f]);
-    if (v == w[0] || v == w[1] || v == w[2] || !tm_touch_enabled(t, body, other)) return;
-    double p[3], x[3][3];
-    tm_touch_at(t->world, v, p);
-    for (int j = 0; j < 3; j++) tm_touch_at(t->world, w[j], x[j]);
-    if (tm_touch_point_triangle(p, x[0], x[1], x[2]).distance_m > t->reach_m + t->margin_m) return;
-    const double *rest = t->world->tissue->mesh->rest_m;
-    double n[3];
-    rest_normal(t->world->tissue->mesh, w, n);
-    const tm_touch_closest c = tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]);
-    const double h = thickness(t, body == other, c.distance_m, vdot(c.offset, n) < 0);
-    if (h >= 0) add(t, &t->vf, v, f, h);
-}
-
-static void try_edges(tm_touching *t, int32_t a, int32_t b) {
-    const tm_mesh *mesh = t->world->tissue->mesh;
-    const int32_t *va = mesh->edge + 2 * a, *vb = mesh->edge + 2 * b;
-    const int32_t body = t->surface.body[va[0]], other = t->surface.body[vb[0]];
-    if (va[0] == vb[0] || va[0] == vb[1] || va[1] == vb[0] || va[1] == vb[1] || !tm_touch_enabled(t, body, other))
-        return;
-    double x[4][3], s, r, n[3] = {0, 0, 0}, from[3], to[3];
-    bool inside;
-    for (int j = 0; j < 2; j++) tm_touch_at(t->world, va[j], x[j]), tm_touch_at(t->world, vb[j], x[2 + j]);
-    if (tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) > t->reach_m + t->margin_m) return;
-    const double *y[4] = {mesh->rest_m + 3 * va[0], mesh->rest_m + 3 * va[1], mesh->rest_m + 3 * vb[0],
-                          mesh->rest_m + 3 * vb[1]};
-    const double rest_m = tm_touch_segments(y[0], y[1], y[2], y[3], &s, &r, &inside);
-    for (int k = 0; k < 2; k++) {
-        double one[3];
-        rest_normal(mesh, t->surface.triangle + 3 * t->surface.of_edge[2 * (int64_t)a + k], one);
-        vmadd(n, 1, one, n);
+/* Collects the indices of fresh faces, and of those near a fresh vertex. */
+static int32_t near_faces(tm_touching *t) {
+    const tm_touch_surface *s = &t->surface;
+    int32_t count = 0;
+    memset(t->marks.bit, 0, sizeof t->marks.bit);
+    for (int32_t i = 0; i < s->vertex_count; i++) {
+        if (!t->fresh[s->vertex[i]]) continue;
+        const tm_touch_box point = around(t, s->vertex + i, 1, 0);
+        tm_touch_mark(&t->marks, &point);
     }
+    for (int32_t f = 0; f < s->face_count; f++) {
+        int32_t w[3];
+        tm_touch_triangle(t, s->face[f], w);
+        t->grid.box[f] = around(t, w, 3, t->reach_m + t->margin_m);
+        if (is_fresh_face(t, s->face[f]) || tm_touch_is_marked(&t->marks, t->grid.box + f)) t->near[count++] = f;
+    }
+    return count;
+}
+
+static void gather_at(tm_touching *t, int32_t v) {
+    const tm_touch_grid *g = &t->grid;
+    double p[3];
+    int64_t cell[3];
     for (int c = 0; c < 3; c++) {
-        from[c] = y[0][c] + s * (y[1][c] - y[0][c]);
-        to[c] = y[2][c] + r * (y[3][c] - y[2][c]) - from[c];
+        p[c] = t->world->tissue->mesh->rest_m[3 * v + c] + t->gathered_u_m[3 * v + c];
+        cell[c] = tm_touch_cell(g->cell_m, p[c]);
     }
-    const double h = thickness(t, body == other, rest_m, vdot(to, n) < 0);
-    if (h >= 0) add(t, &t->ee, a, b, h);
-}
-
-/* --- gathering --- */
-
-/* Orders a list by a, then b: heap sort, without memory. */
-static bool before(const tm_touch_pair *p, const tm_touch_pair *q) { return p->a != q->a ? p->a < q->a : p->b < q->b; }
-
-static void sift(tm_touch_pair *pair, int32_t at, int32_t count) {
-    const tm_touch_pair moving = pair[at];
-    for (int32_t child; (child = 2 * at + 1) < count; at = child) {
-        if (child + 1 < count && before(pair + child, pair + child + 1)) child++;
-        if (!before(&moving, pair + child)) break;
-        pair[at] = pair[child];
+    const int64_t key = tm_touch_key(cell[0], cell[1], cell[2]);
+    const int32_t bucket = tm_touch_bucket(g, key);
+    for (int32_t k = g->begin[bucket]; k < g->begin[bucket + 1]; k++) {
+        if (g->sorted_key[k] != key || !tm_touch_is_in(g->box + g->sorted[k], p)) continue;
+        const int32_t face = t->surface.face[g->sorted[k]];
+        if (t->fresh[v] || is_fresh_face(t, face)) tm_touch_try_vertex_face(t, v, face);
     }
-    pair[at] = moving;
-}
-
-static void sort(tm_touch_list *list) {
-    tm_touch_pair *pair = list->pair;
-    for (int32_t i = list->count / 2 - 1; i >= 0; i--) sift(pair, i, list->count);
-    for (int32_t end = list->count - 1; end > 0; end--) {
-        const tm_touch_pair last = pair[end];
-        pair[end] = pair[0], pair[0] = last;
-        sift(pair, 0, end);
-    }
-}
-
-/* Doubles the cells of a full grid. Returns false, and flags it, if that does not help any more. */
-static bool coarsen(tm_touching *t) {
-    if (t->grid.cell_m < 1) {
-        t->grid.cell_m *= 2;
-        return true;
-    }
-    t->report.overflowed = true;
-    return false;
-}
-
-static bool is_in(const tm_touch_box *b, const double p[3]) {
-    return p[0] >= b->low[0] && p[0] <= b->high[0] && p[1] >= b->low[1] && p[1] <= b->high[1] && p[2] >= b->low[2] &&
-           p[2] <= b->high[2];
 }
 
 static void gather_faces(tm_touching *t) {
-    tm_touch_grid *g = &t->grid;
     const tm_touch_surface *s = &t->surface;
+    const int32_t kept = t->vf.count;
+    if (!tm_touch_grid_fill(&t->grid, t->near, near_faces(t))) t->report.overflowed = true;
+    for (int32_t i = 0; i < s->vertex_count; i++) gather_at(t, s->vertex[i]);
+    tm_touch_list_merge(&t->vf, kept, t->scratch);
+}
+
+/* --- edges --- */
+
+/* Collects the indices of fresh edges, and of those near one. */
+static int32_t near_edges(tm_touching *t) {
+    const tm_touch_surface *s = &t->surface;
+    const int32_t *end = t->world->tissue->mesh->edge;
+    const double grow_m = 0.5 * (t->reach_m + t->margin_m);
     int32_t count = 0;
-    for (int32_t f = 0; f < s->face_count; f++) g->box[f] = around(t, s->triangle + 3 * f, 3, t->reach_m + t->margin_m);
-    for (int32_t f = 0; f < s->face_count; f++)
-        if (!insert(g, &count, f, g->box + f) && coarsen(t)) count = 0, f = -1;
-    sort_cells(g, count);
-    for (int32_t i = 0; i < s->vertex_count; i++) {
-        double p[3];
-        tm_touch_at(t->world, s->vertex[i], p);
-        const int64_t key = key_of(cell_of(g, p[0]), cell_of(g, p[1]), cell_of(g, p[2]));
-        const int32_t bucket = bucket_of(g, key);
-        for (int32_t k = g->begin[bucket]; k < g->begin[bucket + 1]; k++)
-            if (g->sorted_key[k] == key && is_in(g->box + g->sorted[k], p))
-                try_vertex_face(t, s->vertex[i], g->sorted[k]);
+    memset(t->marks.bit, 0, sizeof t->marks.bit);
+    for (int32_t i = 0; i < s->edge_count; i++) {
+        t->grid.box[i] = around(t, end + 2 * (int64_t)s->edge[i], 2, grow_m);
+        if (is_fresh_edge(t, s->edge[i])) tm_touch_mark(&t->marks, t->grid.box + i);
     }
-    sort(&t->vf);
+    for (int32_t i = 0; i < s->edge_count; i++)
+        if (tm_touch_is_marked(&t->marks, t->grid.box + i)) t->near[count++] = i;
+    return count;
 }
 
 /* Returns whether this is the lowest cell that both boxes share: each pair is tried there alone. */
@@ -218,41 +140,42 @@ static bool is_first_cell(const tm_touch_grid *g, int64_t key, const tm_touch_bo
     int64_t cell[3];
     for (int c = 0; c < 3; c++) {
         if (a->high[c] < b->low[c] || b->high[c] < a->low[c]) return false;
-        cell[c] = cell_of(g, law_max(a->low[c], b->low[c]));
+        cell[c] = tm_touch_cell(g->cell_m, law_max(a->low[c], b->low[c]));
     }
-    return key == key_of(cell[0], cell[1], cell[2]);
+    return key == tm_touch_key(cell[0], cell[1], cell[2]);
 }
 
 static void gather_edges(tm_touching *t) {
-    tm_touch_grid *g = &t->grid;
+    const tm_touch_grid *g = &t->grid;
     const tm_touch_surface *s = &t->surface;
-    const int32_t *end = t->world->tissue->mesh->edge;
-    const double grow_m = 0.5 * (t->reach_m + t->margin_m);
-    int32_t count = 0;
-    for (int32_t i = 0; i < s->edge_count; i++) g->box[i] = around(t, end + 2 * s->edge[i], 2, grow_m);
-    for (int32_t i = 0; i < s->edge_count; i++)
-        if (!insert(g, &count, i, g->box + i) && coarsen(t)) count = 0, i = -1;
-    sort_cells(g, count);
+    const int32_t kept = t->ee.count;
+    if (!tm_touch_grid_fill(&t->grid, t->near, near_edges(t))) t->report.overflowed = true;
     for (int32_t bucket = 0; bucket < g->buckets; bucket++)
-        for (int32_t i = g->begin[bucket]; i < g->begin[bucket + 1]; i++)
+        for (int32_t i = g->begin[bucket]; i < g->begin[bucket + 1]; i++) {
+            const int32_t a = g->sorted[i];
+            const bool fresh = is_fresh_edge(t, s->edge[a]);
             for (int32_t k = i + 1; k < g->begin[bucket + 1]; k++) {
-                const int32_t a = g->sorted[i], b = g->sorted[k];
-                if (g->sorted_key[k] == g->sorted_key[i] && is_first_cell(g, g->sorted_key[i], g->box + a, g->box + b))
-                    try_edges(t, s->edge[a], s->edge[b]);
+                const int32_t b = g->sorted[k];
+                if (g->sorted_key[k] == g->sorted_key[i] && (fresh || is_fresh_edge(t, s->edge[b])) &&
+                    is_first_cell(g, g->sorted_key[i], g->box + a, g->box + b))
+                    tm_touch_try_edges(t, s->edge[a], s->edge[b]);
             }
-    sort(&t->ee);
+        }
+    tm_touch_list_merge(&t->ee, kept, t->scratch);
 }
 
-/* For tests: every pair. */
+/* For tests: every pair, in every substep. */
 static void gather_all(tm_touching *t) {
     const tm_touch_surface *s = &t->surface;
     for (int32_t i = 0; i < s->vertex_count; i++)
-        for (int32_t f = 0; f < s->face_count; f++) try_vertex_face(t, s->vertex[i], f);
+        for (int32_t f = 0; f < s->face_count; f++) tm_touch_try_vertex_face(t, s->vertex[i], s->face[f]);
     for (int32_t i = 0; i < s->edge_count; i++)
-        for (int32_t k = i + 1; k < s->edge_count; k++) try_edges(t, s->edge[i], s->edge[k]);
+        for (int32_t k = i + 1; k < s->edge_count; k++) tm_touch_try_edges(t, s->edge[i], s->edge[k]);
 }
 
-/* Widens the margin while gatherings follow each other closely. Rows do not depend on it. */
+/* --- gathering --- */
+
+/* Widens the margin while the complete surface is searched often. Rows do not depend on it. */
 static void adapt_margin(tm_touching *t) {
     const double least_m = law_max(2 * t->def.thickness_m, 0.25 * t->surface.mean_edge_m);
     const bool often = t->gathered && t->since < 8, seldom = !t->gathered || t->since > 64;
@@ -260,50 +183,99 @@ static void adapt_margin(tm_touching *t) {
     t->since = 0;
 }
 
+/* Sets new places of fresh vertices and searches their pairs. */
 static void gather(tm_touching *t) {
-    adapt_margin(t);
-    memcpy(t->gathered_u_m, t->world->state.u_m, sizeof(double) * 3 * (size_t)t->world->tissue->mesh->vertex_count);
-    t->vf.count = t->ee.count = 0;
-    t->odometer_m = t->moved_m = 0;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++)
+        if (t->fresh[t->surface.vertex[i]])
+            memcpy(t->gathered_u_m + 3 * t->surface.vertex[i], t->world->state.u_m + 3 * t->surface.vertex[i],
+                   3 * sizeof(double));
     t->grid.cell_m = t->surface.mean_edge_m + t->reach_m + t->margin_m;
+    t->marks.cell_m = t->grid.cell_m;
     if (t->all_pairs) {
         gather_all(t);
     } else {
         gather_faces(t);
         gather_edges(t);
     }
+    const tm_mesh *mesh = t->world->tissue->mesh;
+    memset(t->fresh, 0, (size_t)mesh->vertex_count);
+    memset(t->fresh_face, 0, 4 * (size_t)mesh->tet_count);
+    memset(t->fresh_edge, 0, (size_t)mesh->edge_count);
+}
+
+static void gather_complete(tm_touching *t) {
+    adapt_margin(t);
+    memset(t->fresh, 1, (size_t)t->world->tissue->mesh->vertex_count);
+    t->vf.count = t->ee.count = 0;
+    t->odometer_m = t->moved_m = 0;
+    gather(t);
     t->gathered = true;
     t->report.gathers++;
 }
 
-/* Returns how far the farthest vertex is from its place at the gathering, m. */
+/* Returns how far the farthest vertex is from its place, m. */
 static double farthest_m(const tm_touching *t) {
     double most2 = 0;
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {
         double d[3];
         vsub(t->world->state.u_m + 3 * t->surface.vertex[i], t->gathered_u_m + 3 * t->surface.vertex[i], d);
-        most2 = law_max(most2, vdot(d, d));
+        if (!t->fresh[t->surface.vertex[i]]) most2 = law_max(most2, vdot(d, d));
     }
     return sqrt(most2);
 }
 
-static void wake_all(tm_touch_list *list) {
-    for (int32_t i = 0; i < list->count; i++) list->pair[i].wake_m = 0;
+/* Makes vertices fresh that are farther than a quarter of the margin from their places. Returns the count of all
+ * fresh ones; moved_m is then that of the others. */
+static int32_t refresh(tm_touching *t) {
+    const double limit2 = 0.0625 * t->margin_m * t->margin_m;
+    double most2 = 0;
+    int32_t count = 0;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        const int32_t v = t->surface.vertex[i];
+        double d[3];
+        vsub(t->world->state.u_m + 3 * v, t->gathered_u_m + 3 * v, d);
+        const double d2 = vdot(d, d);
+        t->fresh[v] |= !(d2 <= limit2);
+        count += t->fresh[v];
+        if (!t->fresh[v]) most2 = law_max(most2, d2);
+    }
+    t->moved_m = sqrt(most2);
+    return count;
+}
+
+/* Returns a bound of how far a vertex of the surface has moved since the last substep, m: measured if the caller may
+ * have moved it. */
+static double travel_m(tm_touching *t) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)t->world->tissue->mesh->vertex_count;
+    double most_m = 0;
+    if (t->maybe_moved || t->world->settling)
+        for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+            double d[3];
+            vsub(t->world->state.u_m + 3 * t->surface.vertex[i], t->last_u_m + 3 * t->surface.vertex[i], d);
+            most_m = law_max(most_m, vdot(d, d));
+        }
+    most_m = t->maybe_moved || t->world->settling ? sqrt(most_m) : tm_max_increment_m(t->world);
+    memcpy(t->last_u_m, t->world->state.u_m, bytes);
+    t->maybe_moved = false;
+    return most_m;
 }
 
 void tm_touch_update(tm_touching *t) {
     const tm_world *world = t->world;
-    if (t->revision != world->tissue->surface.revision) tm_touch_surface_build(t);
-    if (t->maybe_moved || world->settling) { /* no bound of what the caller did */
-        wake_all(&t->vf), wake_all(&t->ee);
-        t->moved_m = INFINITY;
-        t->maybe_moved = false;
-    } else {
-        const double travel_m = tm_max_increment_m(world);
-        t->odometer_m += 2 * travel_m;
-        t->moved_m += travel_m;
-    }
+    const bool cut = t->revision != world->tissue->surface.revision;
+    if (cut) tm_touch_surface_build(t);
+    const double travel = travel_m(t);
+    t->odometer_m += 2 * travel;
+    t->moved_m += travel;
     t->since++;
+    if (t->all_pairs) t->gathered = false;
     if (t->gathered && t->moved_m > 0.5 * t->margin_m) t->moved_m = farthest_m(t);
-    if (!t->gathered || !(t->moved_m <= 0.5 * t->margin_m)) gather(t);
+    const bool moved = !(t->moved_m <= 0.5 * t->margin_m);
+    if (t->gathered && !cut && !moved) return;
+    if (!t->gathered || (moved && 2 * refresh(t) > t->surface.vertex_count)) {
+        gather_complete(t);
+    } else {
+        drop_fresh(t);
+        gather(t);
+    }
 }

@@ -10,16 +10,16 @@ enum { TM_COOKIE_TOUCHING = 0x746f7563 };
 /* Features of the surface as cuts leave it, ascending by their persistent numbers. Rebuilt after a cut. */
 typedef struct tm_touch_surface {
     int32_t face_count, vertex_count, edge_count;
-    int32_t *face;     /* [max_faces] 4*tet + local vertex */
-    int32_t *triangle; /* [3*max_faces] vertices, normal outward */
-    int32_t *vertex;   /* [mesh vertices] */
-    int32_t *edge;     /* [mesh edges] the mesh's edges on the surface */
-    int32_t *of_edge;  /* [2*mesh edges] indices of its two faces; -1: not on the surface */
-    int32_t *body;     /* [mesh vertices] body of a surface vertex; -1: inside */
+    int32_t *face;    /* [max_faces] 4*tet + local vertex */
+    int32_t *before;  /* [max_faces] faces before a cut */
+    int32_t *vertex;  /* [mesh vertices] */
+    int32_t *edge;    /* [mesh edges] the mesh's edges on the surface */
+    int32_t *of_edge; /* [2*mesh edges] its two faces; -1: not on the surface */
+    int32_t *body;    /* [mesh vertices] body of a surface vertex; -1: inside */
     double mean_edge_m;
 } tm_touch_surface;
 
-/* A pair of features that may come within reach: vertex and face (index), or two edges of the mesh. */
+/* A pair of features that may come within reach: vertex and face (4*tet + local vertex), or two edges of the mesh. */
 typedef struct tm_touch_pair {
     int32_t a, b;
     double thickness_m; /* of this pair */
@@ -56,11 +56,19 @@ typedef struct tm_touch_grid {
     tm_touch_box *box; /* [mesh edges] of each edge or face of the surface, which has fewer faces than edges */
     double cell_m;
     int32_t buckets, capacity; /* buckets: a power of two */
+    int32_t count;             /* of entries */
     int32_t *begin;            /* [buckets+1] */
     int32_t *bucket;           /* [capacity] scratch */
     int64_t *key, *sorted_key; /* [capacity] cell of each entry */
     int32_t *item, *sorted;    /* [capacity] */
 } tm_touch_grid;
+
+/* Cells of a coarse grid, hashed to bits: a cell that is not marked is empty. */
+enum { TM_TOUCH_MARKS = 1 << 16 };
+typedef struct tm_touch_marks {
+    double cell_m;
+    uint64_t bit[TM_TOUCH_MARKS / 64];
+} tm_touch_marks;
 
 struct tm_touching {
     tm_pool pool;
@@ -72,12 +80,19 @@ struct tm_touching {
     int32_t revision; /* of the tissue's surface that `surface` was made of */
     /* broad phase */
     bool gathered;    /* the lists are valid */
-    int32_t since;    /* substeps since the last gathering */
+    int32_t since;    /* substeps since the last search of the complete surface */
     bool maybe_moved; /* the caller may have moved tissue since the last substep */
     double reach_m, margin_m, odometer_m, moved_m;
-    double *gathered_u_m; /* [3*mesh vertices] displacements at the last gathering */
+    double *gathered_u_m; /* [3*mesh vertices] displacement of each when its pairs were last searched */
+    double *last_u_m;     /* [3*mesh vertices] displacements in the last substep */
+    uint8_t *fresh;       /* [mesh vertices] their pairs, and those of their faces and edges, must be searched */
+    uint8_t *fresh_face;  /* [4*mesh tetrahedra] of a cut: came or went */
+    uint8_t *fresh_edge;  /* [mesh edges] of a cut: of such a face */
+    int32_t *near;        /* [mesh edges] indices of faces or edges that a search needs */
     tm_touch_grid grid;
+    tm_touch_marks marks;
     tm_touch_list vf, ee;
+    tm_touch_pair *scratch; /* [max_candidates] */
     /* rows */
     int32_t row_count, memory_count, saved_count;
     tm_touching_row *row;
@@ -86,12 +101,18 @@ struct tm_touching {
     uint8_t *fixed;                  /* [3*vertex_count] */
     const void *fixed_by;
     tm_touching_report report;
-    bool all_pairs; /* tests: lists of all pairs, without a broad phase */
+    bool all_pairs; /* tests: all pairs in each substep, without a broad phase */
 };
 
 /* touch_surface.c */
 bool tm_touch_surface_init(tm_touch_surface *surface, tm_pool *pool, const tm_tissue *tissue);
+/* Takes over the surface of the tissue. Features that came, went, or have other faces are fresh. */
 void tm_touch_surface_build(tm_touching *touching);
+/* Returns the vertices of a face (4*tet + local vertex), normal outward. */
+static inline void tm_touch_triangle(const tm_touching *t, int32_t face, int32_t vertex[3]) {
+    const int32_t *tet = t->world->tissue->mesh->tet + 4 * (int64_t)(face / 4);
+    for (int j = 0; j < 3; j++) vertex[j] = tet[tm_face_vertex[face % 4][j]];
+}
 static inline int32_t tm_touch_body(const tm_touching *t, int32_t face) {
     return t->tet_body ? t->tet_body[face / 4] : 0;
 }
@@ -110,6 +131,24 @@ tm_touch_closest tm_touch_point_triangle(const double p[3], const double a[3], c
 /* Returns the distance of two segments; s and t are the nearest points' places on them, inside: both within. */
 double tm_touch_segments(const double a0[3], const double a1[3], const double b0[3], const double b1[3], double *s,
                          double *t, bool *inside);
+
+/* touch_grid.c */
+bool tm_touch_grid_init(tm_touch_grid *grid, tm_pool *pool, const tm_mesh *mesh);
+int64_t tm_touch_cell(double cell_m, double x_m);
+int64_t tm_touch_key(int64_t x, int64_t y, int64_t z);
+int32_t tm_touch_bucket(const tm_touch_grid *grid, int64_t key);
+/* Fills the grid with these items' boxes. Returns false if they do not fit into cells of a metre. */
+bool tm_touch_grid_fill(tm_touch_grid *grid, const int32_t *item, int32_t count);
+bool tm_touch_is_in(const tm_touch_box *box, const double point[3]);
+void tm_touch_mark(tm_touch_marks *marks, const tm_touch_box *box);
+/* Returns false if no box that was marked shares a cell with this one. */
+bool tm_touch_is_marked(const tm_touch_marks *marks, const tm_touch_box *box);
+
+/* touch_pairs.c: add a pair to the lists if it is close in the places of its vertices, and may touch. */
+void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t face);
+void tm_touch_try_edges(tm_touching *touching, int32_t a, int32_t b);
+/* Sorts a list whose first `kept` pairs are sorted. */
+void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch);
 
 /* touch_gather.c: the lists of close pairs. */
 bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);

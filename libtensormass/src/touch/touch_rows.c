@@ -34,7 +34,9 @@ static void send_to_sleep(const tm_touching *t, tm_touch_pair *pair, double dist
 
 static void normal_of(const tm_touching *t, int32_t f, double n[3]) {
     double x[3][3], ab[3], ac[3];
-    for (int j = 0; j < 3; j++) tm_touch_at(t->world, t->surface.triangle[3 * f + j], x[j]);
+    int32_t v[3];
+    tm_touch_triangle(t, f, v);
+    for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
     vsub(x[1], x[0], ab);
     vsub(x[2], x[0], ac);
     vcross(ab, ac, n);
@@ -73,11 +75,11 @@ static void vertex_normal(const tm_touching *t, int32_t v, double n[3]) {
 
 static void set_vertex_face(const tm_touching *t, const tm_touch_pair *pair, const tm_touch_closest *c,
                             const double n[3], double signed_m, tm_touching_row *row) {
-    *row = (tm_touching_row){.a = pair->a, .b = t->surface.face[pair->b], .thickness_m = pair->thickness_m};
+    *row = (tm_touching_row){.a = pair->a, .b = pair->b, .thickness_m = pair->thickness_m};
     row->gap_m = signed_m - pair->thickness_m;
     row->vertex[0] = pair->a, row->weight[0] = 1;
-    for (int j = 0; j < 3; j++)
-        row->vertex[1 + j] = t->surface.triangle[3 * pair->b + j], row->weight[1 + j] = -c->weight[j];
+    tm_touch_triangle(t, pair->b, row->vertex + 1);
+    for (int j = 0; j < 3; j++) row->weight[1 + j] = -c->weight[j];
     vset(n, row->normal);
 }
 
@@ -108,7 +110,9 @@ static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch
 static void try_pair(tm_touching *t, tm_touch_pair *pair, vertex_search *search) {
     double p[3], x[3][3];
     tm_touch_at(t->world, pair->a, p);
-    for (int j = 0; j < 3; j++) tm_touch_at(t->world, t->surface.triangle[3 * pair->b + j], x[j]);
+    int32_t v[3];
+    tm_touch_triangle(t, pair->b, v);
+    for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
     const tm_touch_closest c = tm_touch_point_triangle(p, x[0], x[1], x[2]);
     if (c.distance_m > pair->thickness_m + t->def.thickness_m) {
         send_to_sleep(t, pair, c.distance_m);
@@ -150,8 +154,10 @@ static double fold_of(const tm_touching *t, int32_t edge, double n[3]) {
     vset(first, n);
     vmadd(n, 1, second, n);
     const int32_t *end = t->world->tissue->mesh->edge + 2 * edge;
-    int32_t across = t->surface.triangle[3 * of[1]];
-    for (int j = 1; j < 3 && (across == end[0] || across == end[1]); j++) across = t->surface.triangle[3 * of[1] + j];
+    int32_t v[3];
+    tm_touch_triangle(t, of[1], v);
+    int32_t across = v[0];
+    for (int j = 1; j < 3 && (across == end[0] || across == end[1]); j++) across = v[j];
     tm_touch_at(t->world, across, d);
     tm_touch_at(t->world, end[0], x);
     vsub(d, x, d);

@@ -2,6 +2,7 @@
 #include "touch/touch_internal.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "base/vec.h"
 
@@ -10,7 +11,7 @@ bool tm_touch_surface_init(tm_touch_surface *surface, tm_pool *pool, const tm_ti
     /* a face is on the surface or has two active tetrahedra, so at most 4 faces a tetrahedron are */
     const int64_t faces = tissue->cuttable ? 4 * (int64_t)mesh->tet_count : mesh->surface_count;
     surface->face = TM_ALLOC(pool, int32_t, faces);
-    surface->triangle = TM_ALLOC(pool, int32_t, 3 * faces);
+    surface->before = TM_ALLOC(pool, int32_t, faces);
     surface->vertex = TM_ALLOC(pool, int32_t, mesh->vertex_count);
     surface->body = TM_ALLOC(pool, int32_t, mesh->vertex_count);
     surface->edge = TM_ALLOC(pool, int32_t, mesh->edge_count);
@@ -18,20 +19,52 @@ bool tm_touch_surface_init(tm_touch_surface *surface, tm_pool *pool, const tm_ti
     return !pool->failed;
 }
 
-static void add_face(tm_touching *t, int32_t face) {
+/* Returns the mesh's edges of a face; edge j leads from its vertex j to the next. */
+static void edges_of(const tm_mesh *mesh, int32_t face, int32_t edge[3]) {
     static const int8_t edge_of[4][4] = {{0, 0, 1, 2}, {0, 0, 3, 4}, {1, 3, 0, 5}, {2, 4, 5, 0}};
-    tm_touch_surface *s = &t->surface;
-    const tm_mesh *mesh = t->world->tissue->mesh;
     const int8_t *local = tm_face_vertex[face % 4];
-    const int32_t at = s->face_count++;
-    s->face[at] = face;
+    for (int j = 0; j < 3; j++)
+        edge[j] = mesh->tet_edge[6 * (int64_t)(face / 4) + edge_of[local[j]][local[(j + 1) % 3]]];
+}
+
+enum { INSIDE = -1, WAS_OUTSIDE = -2 };
+
+static void add_face(tm_touching *t, int32_t face) {
+    tm_touch_surface *s = &t->surface;
+    int32_t v[3], edge[3];
+    tm_touch_triangle(t, face, v);
+    edges_of(t->world->tissue->mesh, face, edge);
+    s->face[s->face_count++] = face;
     for (int j = 0; j < 3; j++) {
-        const int32_t v = mesh->tet[4 * (face / 4) + local[j]];
-        const int32_t edge = mesh->tet_edge[6 * (face / 4) + edge_of[local[j]][local[(j + 1) % 3]]];
-        s->triangle[3 * at + j] = v;
-        s->body[v] = tm_touch_body(t, face);
-        int32_t *of = s->of_edge + 2 * (int64_t)edge;
-        of[of[0] >= 0] = at;
+        int32_t *of = s->of_edge + 2 * (int64_t)edge[j];
+        t->fresh[v[j]] |= s->body[v[j]] == INSIDE;
+        s->body[v[j]] = tm_touch_body(t, face);
+        of[of[0] >= 0] = face;
+    }
+}
+
+static void list_vertices(tm_touching *t) {
+    tm_touch_surface *s = &t->surface;
+    for (int32_t v = 0; v < t->world->tissue->mesh->vertex_count; v++) {
+        if (s->body[v] >= 0) s->vertex[s->vertex_count++] = v;
+        if (s->body[v] == WAS_OUTSIDE) s->body[v] = INSIDE, t->fresh[v] = 1;
+    }
+}
+
+/* Makes the faces that are in one list alone fresh, and their edges; both lists ascend. */
+static void mark_changes(tm_touching *t, int32_t before_count) {
+    const tm_touch_surface *s = &t->surface;
+    for (int32_t i = 0, k = 0; i < s->face_count || k < before_count;) {
+        const int32_t now = i < s->face_count ? s->face[i] : INT32_MAX;
+        const int32_t then = k < before_count ? s->before[k] : INT32_MAX;
+        if (now != then) {
+            int32_t edge[3];
+            const int32_t face = now < then ? now : then;
+            edges_of(t->world->tissue->mesh, face, edge);
+            t->fresh_face[face] = 1;
+            for (int j = 0; j < 3; j++) t->fresh_edge[edge[j]] = 1;
+        }
+        i += now <= then, k += then <= now;
     }
 }
 
@@ -39,8 +72,10 @@ void tm_touch_surface_build(tm_touching *t) {
     tm_touch_surface *s = &t->surface;
     const tm_tissue *tissue = t->world->tissue;
     const tm_mesh *mesh = tissue->mesh;
+    const int32_t before_count = s->face_count;
+    memcpy(s->before, s->face, sizeof *s->face * (size_t)before_count);
     s->face_count = s->vertex_count = s->edge_count = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) s->body[v] = -1;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) s->body[v] = s->body[v] >= 0 ? WAS_OUTSIDE : INSIDE;
     for (int64_t i = 0; i < 2 * (int64_t)mesh->edge_count; i++) s->of_edge[i] = -1;
     if (tissue->face_slot)
         for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
@@ -48,8 +83,7 @@ void tm_touch_surface_build(tm_touching *t) {
         }
     else
         for (int32_t i = 0; i < tissue->surface.count; i++) add_face(t, tissue->surface.face[i]);
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        if (s->body[v] >= 0) s->vertex[s->vertex_count++] = v;
+    list_vertices(t);
     double sum = 0;
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         if (s->of_edge[2 * (int64_t)e + 1] < 0) continue;
@@ -60,5 +94,5 @@ void tm_touch_surface_build(tm_touching *t) {
     }
     s->mean_edge_m = s->edge_count ? sum / s->edge_count : 0;
     t->revision = tissue->surface.revision;
-    t->gathered = false;
+    mark_changes(t, before_count);
 }

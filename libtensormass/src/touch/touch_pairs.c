@@ -1,0 +1,127 @@
+/* Lists of close pairs: which features may touch, from what thickness, and the order of the lists. */
+#include "touch/touch_internal.h"
+
+#include <string.h>
+
+#include "base/vec.h"
+
+/* Returns the place of a vertex when its pairs were last searched. */
+static void place(const tm_touching *t, int32_t vertex, double x[3]) {
+    for (int c = 0; c < 3; c++) x[c] = t->world->tissue->mesh->rest_m[3 * vertex + c] + t->gathered_u_m[3 * vertex + c];
+}
+
+static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, double thickness_m) {
+    if (list->count == t->def.max_candidates) {
+        t->report.overflowed = true;
+        return;
+    }
+    list->pair[list->count++] = (tm_touch_pair){.a = a, .b = b, .thickness_m = thickness_m, .wake_m = t->odometer_m};
+}
+
+/* Returns the thickness between features at a distance at rest; below 0: they are one fold, and do not touch.
+ * `behind`: the way from one to the other at rest leads through tissue. */
+static double thickness(const tm_touching *t, bool same_body, double rest_m, bool behind) {
+    const double full = t->def.thickness_m;
+    if (same_body && behind && rest_m < 4 * full) return -1;
+    return law_min(full, same_body ? 0.5 * rest_m : rest_m);
+}
+
+static void rest_normal(const tm_mesh *mesh, const int32_t *v, double n[3]) {
+    double ab[3], ac[3];
+    vsub(mesh->rest_m + 3 * v[1], mesh->rest_m + 3 * v[0], ab);
+    vsub(mesh->rest_m + 3 * v[2], mesh->rest_m + 3 * v[0], ac);
+    vcross(ab, ac, n);
+    vunit(n, n);
+}
+
+void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
+    const int32_t body = t->surface.body[v], other = tm_touch_body(t, face);
+    int32_t w[3];
+    tm_touch_triangle(t, face, w);
+    if (v == w[0] || v == w[1] || v == w[2] || !tm_touch_enabled(t, body, other)) return;
+    double p[3], x[3][3];
+    place(t, v, p);
+    for (int j = 0; j < 3; j++) place(t, w[j], x[j]);
+    if (tm_touch_point_triangle(p, x[0], x[1], x[2]).distance_m > t->reach_m + t->margin_m) return;
+    const double *rest = t->world->tissue->mesh->rest_m;
+    double n[3];
+    rest_normal(t->world->tissue->mesh, w, n);
+    const tm_touch_closest c = tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]);
+    const double h = thickness(t, body == other, c.distance_m, vdot(c.offset, n) < 0);
+    if (h >= 0) add(t, &t->vf, v, face, h);
+}
+
+/* Returns whether balls around two segments are farther from each other than that: cheaper than the distance. */
+static bool are_far(const double x[4][3], double distance_m) {
+    double a[3], b[3], between[3], a2, b2;
+    vsub(x[1], x[0], a);
+    vsub(x[3], x[2], b);
+    for (int c = 0; c < 3; c++) between[c] = 0.5 * (x[0][c] + x[1][c] - x[2][c] - x[3][c]);
+    a2 = vdot(a, a), b2 = vdot(b, b);
+    const double sum = 0.5 * (sqrt(a2) + sqrt(b2)) + distance_m;
+    return vdot(between, between) > sum * sum * (1 + 1e-9);
+}
+
+void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
+    const tm_mesh *mesh = t->world->tissue->mesh;
+    const int32_t *va = mesh->edge + 2 * a, *vb = mesh->edge + 2 * b;
+    const int32_t body = t->surface.body[va[0]], other = t->surface.body[vb[0]];
+    if (va[0] == vb[0] || va[0] == vb[1] || va[1] == vb[0] || va[1] == vb[1] || !tm_touch_enabled(t, body, other))
+        return;
+    double x[4][3], s, r, n[3] = {0, 0, 0}, from[3], to[3];
+    bool inside;
+    for (int j = 0; j < 2; j++) place(t, va[j], x[j]), place(t, vb[j], x[2 + j]);
+    if (are_far(x, t->reach_m + t->margin_m) ||
+        tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) > t->reach_m + t->margin_m)
+        return;
+    const double *y[4] = {mesh->rest_m + 3 * va[0], mesh->rest_m + 3 * va[1], mesh->rest_m + 3 * vb[0],
+                          mesh->rest_m + 3 * vb[1]};
+    const double rest_m = tm_touch_segments(y[0], y[1], y[2], y[3], &s, &r, &inside);
+    for (int k = 0; k < 2; k++) {
+        double one[3];
+        int32_t w[3];
+        tm_touch_triangle(t, t->surface.of_edge[2 * (int64_t)a + k], w);
+        rest_normal(mesh, w, one);
+        vmadd(n, 1, one, n);
+    }
+    for (int c = 0; c < 3; c++) {
+        from[c] = y[0][c] + s * (y[1][c] - y[0][c]);
+        to[c] = y[2][c] + r * (y[3][c] - y[2][c]) - from[c];
+    }
+    const double h = thickness(t, body == other, rest_m, vdot(to, n) < 0);
+    if (h >= 0) add(t, &t->ee, a, b, h);
+}
+
+/* --- order of the lists: by a, then b --- */
+
+static bool before(const tm_touch_pair *p, const tm_touch_pair *q) { return p->a != q->a ? p->a < q->a : p->b < q->b; }
+
+static void sift(tm_touch_pair *pair, int32_t at, int32_t count) {
+    const tm_touch_pair moving = pair[at];
+    for (int32_t child; (child = 2 * at + 1) < count; at = child) {
+        if (child + 1 < count && before(pair + child, pair + child + 1)) child++;
+        if (!before(&moving, pair + child)) break;
+        pair[at] = pair[child];
+    }
+    pair[at] = moving;
+}
+
+/* Heap sort, without memory. */
+static void sort(tm_touch_pair *pair, int32_t count) {
+    for (int32_t i = count / 2 - 1; i >= 0; i--) sift(pair, i, count);
+    for (int32_t end = count - 1; end > 0; end--) {
+        const tm_touch_pair last = pair[end];
+        pair[end] = pair[0], pair[0] = last;
+        sift(pair, 0, end);
+    }
+}
+
+void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch) {
+    tm_touch_pair *pair = list->pair;
+    const int32_t added = list->count - kept;
+    sort(pair + kept, added);
+    if (kept == 0 || added == 0) return;
+    memcpy(scratch, pair + kept, sizeof *pair * (size_t)added);
+    for (int32_t i = kept - 1, k = added - 1, at = list->count - 1; k >= 0; at--)
+        pair[at] = i >= 0 && before(scratch + k, pair + i) ? pair[i--] : scratch[k--];
+}
