@@ -40,6 +40,7 @@ endif
 
 # Python scripts and their library, run from a prefix as from here. tm-session's scripts are in the same folder.
 $(call script,bin/tm-organ,apps/organ/tm_organ.py)
+$(call script,lib/tensormass/organ/organ_bodies.py,apps/organ/organ_bodies.py)
 $(call script,bin/tm-study,apps/study/tm_study.py)
 $(call script,bin/tm-fit,apps/fit/tm_fit.py)
 $(foreach f,fit_page.py model.py statistics_of_fit.py trials.py,$(call script,lib/tensormass/fit/$(f),apps/fit/$(f)))

@@ -78,7 +78,7 @@ install-programs: programs
 	$(call to,$(PREFIX)/bin,$(OTHER_PROGRAMS),755)
 	$(call reference,$(OTHER_PROGRAMS))
 	$(call to,$(PREFIX)/lib/tensormass,$(MODULES),755)
-	$(foreach d,session fit,$(call to,$(PREFIX)/lib/tensormass/$(d),$(filter $(OUT)/lib/tensormass/$(d)/%,$(SCRIPTS)),755) && )true
+	$(foreach d,session fit organ,$(call to,$(PREFIX)/lib/tensormass/$(d),$(filter $(OUT)/lib/tensormass/$(d)/%,$(SCRIPTS)),755) && )true
 	mkdir -p $(STAGE)/$@$(SHARE)/apps && cp -R apps/scenes $(STAGE)/$@$(SHARE)/apps
 	$(call to,$(SHARE)/apps/studies/accuracy/reference,apps/studies/accuracy/reference/reference.json apps/studies/accuracy/reference/laws.json)
 	$(call to,$(SHARE)/apps/studies/accuracy,apps/studies/accuracy/scene_page.py)

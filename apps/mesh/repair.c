@@ -7,7 +7,7 @@
 #include "libtensormass/numeric/union_find.h"
 
 typedef struct options {
-    const char *in, *out, *fibres;
+    const char *in, *out, *fibres, *region;
     double scale, merge_m;
     bool largest;
 } options;
@@ -26,22 +26,27 @@ static void repair_usage(void) {
 }
 
 static void convert_usage(void) {
-    printf("usage: tm-mesh convert [--unit UNIT] [--fibres IN.csv] IN -o OUT\n"
+    printf("usage: tm-mesh convert [--unit UNIT] [--region NAME] [--fibres IN.csv] IN -o OUT\n"
            "Converts between .msh (2.2, 4.1 read; 2.2 written), .vtk, .vtu (ParaView, meshio) and .mesh. .mesh "
            "stores regions as numbers and no vertex groups; the others store both with their names.\n"
            "\n"
            "  --unit UNIT      unit of the file's coordinates: m, cm, mm, um or inch [m]\n"
            "  --scale S        the same as metres per unit of the file: 1e-3 for millimetres\n"
+           "  --region NAME    keep only the tetrahedra of this region, with the groups that have vertices of it\n"
            "  --fibres IN.csv  read fibres of IN and write them into .vtk or .vtu, as 'fibre' of each cell\n"
            "  -o OUT           .msh, .vtk, .mesh or .vtu\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
-    static const struct option names[] = {
-        {"scale", required_argument, NULL, 's'},  {"unit", required_argument, NULL, 'u'},
-        {"merge", required_argument, NULL, 'm'},  {"largest", no_argument, NULL, 'l'},
-        {"fibres", required_argument, NULL, 'f'}, {"output", required_argument, NULL, 'o'},
-        {"help", no_argument, NULL, 'h'},         {0}};
+    static const struct option names[] = {{"scale", required_argument, NULL, 's'},
+                                          {"unit", required_argument, NULL, 'u'},
+                                          {"merge", required_argument, NULL, 'm'},
+                                          {"largest", no_argument, NULL, 'l'},
+                                          {"fibres", required_argument, NULL, 'f'},
+                                          {"output", required_argument, NULL, 'o'},
+                                          {"region", required_argument, NULL, 'r'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     bool sized = false, repair = strcmp(command, "repair") == 0;
     *o = (options){.scale = 1};
     optind = 1;
@@ -55,6 +60,8 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
             o->largest = true;
         else if (c == 'f' && !repair)
             o->fibres = optarg;
+        else if (c == 'r' && !repair)
+            o->region = optarg;
         else if (c == 'o')
             o->out = optarg;
         else if (c == 'h') {
@@ -65,6 +72,8 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
     }
     if (optind + 1 != argc) return command_usage(command, "name one mesh file");
     if (!o->out) return command_usage(command, "no output; give -o OUT");
+    if (o->fibres && o->region)
+        return command_usage(command, "--fibres are those of all regions; leave --region out, or convert twice");
     o->in = argv[optind];
     const char *dot = strrchr(o->out, '.');
     if (o->fibres && !(dot && (strcmp(dot, ".vtk") == 0 || strcmp(dot, ".vtu") == 0)))
@@ -267,6 +276,37 @@ static int take_fibres(const char *path, const tm_mesh *built, tm_mesh_file *mes
     return tm_fibres_load_on(path, built, mesh->fibre, &error) ? app_report(NULL, 0, &error) : APP_DONE;
 }
 
+/* Drops groups without vertices. */
+static void drop_empty_groups(tm_mesh_file *mesh) {
+    int32_t kept = 0;
+    for (int32_t g = 0; g < mesh->group_count; g++) {
+        if (mesh->group_begin[g] == mesh->group_begin[g + 1]) continue;
+        memmove(mesh->group_name[kept], mesh->group_name[g], sizeof *mesh->group_name);
+        mesh->group_begin[++kept] = mesh->group_begin[g + 1];
+    }
+    mesh->group_count = kept;
+}
+
+/* Keeps one region. Returns APP_DONE, or an exit code after an error message. */
+static int keep_region(tm_mesh_file *mesh, const options *o) {
+    int32_t region = 0, count = 0;
+    while (region < mesh->region_count && strcmp(mesh->region_name[region], o->region) != 0) region++;
+    if (region == mesh->region_count)
+        return app_bad_input(o->in, 0, "there is no region '%s'; tm-mesh info lists them", o->region);
+    uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
+    if (!keep) return command_no_memory(o->in);
+    for (int32_t t = 0; t < mesh->tet_count; t++) count += keep[t] = mesh->region[t] == region;
+    const bool good = count > 0 && command_subset(mesh, keep, NULL);
+    free(keep);
+    if (!count) return app_bad_input(o->in, 0, "region '%s' has no tetrahedron; name another", o->region);
+    if (!good) return command_no_memory(o->in);
+    if (region) memcpy(mesh->region_name[0], mesh->region_name[region], sizeof *mesh->region_name);
+    mesh->region_count = 1;
+    for (int32_t t = 0; t < mesh->tet_count; t++) mesh->region[t] = 0;
+    drop_empty_groups(mesh);
+    return APP_DONE;
+}
+
 static int load_write(const char *command, const options *o) {
     tm_mesh_file mesh;
     outcome out = {0};
@@ -274,7 +314,7 @@ static int load_write(const char *command, const options *o) {
     tm_mesh *built = NULL;
     bool repair = strcmp(command, "repair") == 0;
     if (tm_mesh_file_load(o->in, o->scale, &mesh, &error)) return app_report(NULL, 0, &error);
-    int exit = repair ? repair_mesh(&mesh, o, &out) : APP_DONE;
+    int exit = repair ? repair_mesh(&mesh, o, &out) : o->region ? keep_region(&mesh, o) : APP_DONE;
     if (exit == APP_DONE && tm_mesh_file_build(&mesh, &built, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && o->fibres) exit = take_fibres(o->fibres, built, &mesh);
     if (exit == APP_DONE && app_mesh_write(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);

@@ -14,6 +14,9 @@ import sys
 import time
 
 BIN = pathlib.Path(__file__).resolve().parent
+sys.path[:0] = [str(BIN.parent / "lib/tensormass/organ"), str(BIN)]
+from organ_bodies import names_of, split, write_bodies  # noqa: E402
+
 IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 SURFACES = (".stl", ".obj", ".ply", ".off", ".vtp")
 MESHES = (".msh", ".vtk", ".vtu", ".mesh")
@@ -45,6 +48,7 @@ def arguments():
     p.add_argument("--size", metavar="SIZE", help="edge length of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
     p.add_argument("--budget", metavar="N", help="image: largest number of tetrahedra [10000]")
     p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="image: use this label under this name; may be repeated [all]. Names select the materials")
+    p.add_argument("--bodies", action="store_true", help="make a body of each region, with a mesh of its own; bodies touch each other")
     p.add_argument("--smooth", metavar="S", help="image: width of the smoothing of voxels' steps, in voxels; less keeps thin labels [1, and less in thin ones]")
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="direction towards the surgeon [image: -y, the front of a patient; else z]")
     p.add_argument("--no-cut", action="store_true", help="only press: no cautery, and the longer steps of uncuttable tissue")
@@ -78,7 +82,7 @@ def digest(path):
 
 
 class Coarser(Exception):
-    """The mesh is too fine for real time, and a coarser one can be made."""
+    """The mesh is too fine for real time; a coarser one can be made."""
 
 
 class Work:
@@ -173,6 +177,8 @@ def mesh(a, kind, coarser, w):
     f = json.loads(figures.read_text())
     if coarser == 1:
         w.done["edge_m"] = edge_m(a, f)
+    if a.bodies:
+        split(w.call, w.path, f, names_of(f, Stop), Stop)
     return f"{f['tets']:,} tetrahedra, {len(f['regions'])} region{'s' * (len(f['regions']) != 1)}, {f['volume_m3'] * 1e6:.4g} cm3"
 
 
@@ -195,6 +201,8 @@ def scene(a, up, w):
         for line in words.splitlines():
             if "warning:" in line:
                 w.warn(line)
+        if a.bodies:
+            write_bodies(path, names_of(json.loads(w.path("mesh.json").read_text()), Stop))
         w.done["written"], said = digest(path), ""
     out, words = w.call("tm-scene", "check", path)
     w.path("check.txt").write_text(words + out)
@@ -309,7 +317,7 @@ def run(a, kind):
     w = Work(a)
     up = a.up or ("-y" if kind == "image" else "z")
     w.of = 6 if a.no_film else 7
-    wanted = [digest(a.source), kind, a.unit, a.size, a.budget, a.label, a.smooth]
+    wanted = [digest(a.source), kind, a.unit, a.size, a.budget, a.label, a.smooth] + (["bodies"] if a.bodies else [])
     of = hashlib.sha256(json.dumps(wanted).encode()).hexdigest()
     if w.done.get("coarser", {}).get("of") != of or a.again:
         w.done["coarser"] = {"of": of, "share": 1.0}
@@ -320,7 +328,7 @@ def run(a, kind):
         try:
             w.stage("mesh", "tetrahedra", wanted + [share], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, share, w))
             tets = digest(w.path("organ.msh"))
-            w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
+            w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()] + a.bodies * ["bodies"], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
         except BaseException:
             if w.ours:
                 for left in a.out.iterdir():

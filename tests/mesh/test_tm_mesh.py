@@ -27,7 +27,8 @@ def test_help(args, tm_mesh):
     ["refine", "--box", "0,0,0,1,1,0", "--size", "1mm", "MESH", "-o", "OUT"], ["refine", "--region", "upper", "--size", "1mm", "MESH"],
     ["refine", "--region", "upper", "--size", "1mm", "--fibres", "x.csv", "MESH", "-o", "OUT"],
     ["repair", "MESH"], ["repair", "MESH", "-o", "out.xyz"], ["convert", "MESH", "-o", "out.stl"], ["convert", "--merge", "1mm", "MESH", "-o", "OUT"],
-    ["convert", "MESH", "-o", "/nowhere/out.msh"],
+    ["convert", "MESH", "-o", "/nowhere/out.msh"], ["convert", "--region", "none", "MESH", "-o", "OUT"], ["convert", "--region", "upper", "--fibres", "x.csv", "MESH", "-o", "out.vtk"],
+    ["repair", "--region", "upper", "MESH", "-o", "OUT"],
 ])
 def test_bad_usage(args, tm_mesh, env, tmp_path):
     path = write(tmp_path / "b.msh", meshlib.msh2(named_block()))

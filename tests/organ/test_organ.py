@@ -235,3 +235,44 @@ def test_from_an_image(bin, image_module, tmp_path):
     pressed_and_cut(tmp_path / "out")
     film_decodes(tmp_path / "out/organ.mp4")
     assert "3 regions" in said and "tetrahedra cut" in said and "over tumour" in scene and 'group: "ribs"' in scene
+
+
+def two_labels(gap_mm):
+    """A liver (1) and a gallbladder (2) beneath it, `gap_mm` apart; none: they share faces."""
+    import phantom as image
+
+    def at(p):
+        out = np.zeros(p.shape[:-1], np.uint8)
+        liver = image.ellipsoid(p, (0, 0, 12), (50, 36, 26))
+        out[(image.ellipsoid(p, (8, -4, -28), (26, 14, 14)) < 0) & (liver > gap_mm)] = 2
+        out[liver < 0] = 1
+        return out
+    return image.grid_of(at, (120, 90, 100), np.array([3.0, 3.0, 3.0]))
+
+
+def test_labels_with_a_gap_make_bodies_that_touch(bin, image_module, tmp_path):
+    import phantom as image
+    words = ["--label", "1=liver", "--label", "2=gallbladder", "--bodies", "-o", tmp_path / "out", "--no-film", "--budget", "2000"]
+    image.write(tmp_path / "seg.nii.gz", two_labels(8), (3, 3, 3))
+    organ(bin, tmp_path / "seg.nii.gz", *words)
+    pressed_and_cut(tmp_path / "out")
+    scene, whole = (tmp_path / "out/organ.yaml").read_text(), json.loads((tmp_path / "out/mesh.json").read_text())
+    assert '"gallbladder.gallbladder": {young' in scene and "\ntouch:" in scene
+    for body in whole["regions"]:
+        subprocess.run([bin / "tm-mesh", "info", "--json", tmp_path / "one.json", tmp_path / f"out/{body['name']}.msh"], check=True, capture_output=True)
+        one = json.loads((tmp_path / "one.json").read_text())
+        assert [r["name"] for r in one["regions"]] == [body["name"]] and abs(one["volume_m3"] / body["volume_m3"] - 1) < 1e-9 and one["tets"] == body["tets"]
+    explained = subprocess.run([bin / "tm-sim", tmp_path / "out/organ.yaml", "--explain"], check=True, capture_output=True, text=True).stdout
+    assert "body liver:" in explained and "body gallbladder:" in explained and re.search(r"^touch ", explained, re.M)
+    assert organ(bin, tmp_path / "seg.nii.gz", *words).count("(done before)") == 6
+
+
+def test_labels_that_share_faces_make_no_bodies(bin, image_module, tmp_path):
+    import phantom as image
+    image.write(tmp_path / "seg.nii.gz", two_labels(0), (3, 3, 3))
+    words = ["--bodies", "-o", tmp_path / "out", "--no-film", "--budget", "2000"]
+    said = organ(bin, tmp_path / "seg.nii.gz", "--label", "1=liver", "--label", "2=gallbladder", *words, code=2)
+    assert re.search(r"--bodies: regions share \d+ vertices, and so hold each other; raise --budget", said)
+    assert "--bodies needs two regions" in organ(bin, tmp_path / "seg.nii.gz", "--label", "1=liver", *words, code=2)
+    assert "is no name for a body" in organ(bin, tmp_path / "seg.nii.gz", "--label", "1=a liver", "--label", "2=gallbladder", *words, code=2)
+    assert not (tmp_path / "out").exists()
