@@ -122,6 +122,16 @@ def test_each_law_is_that_of_an_independent_code_to_40_percent(page):
     assert any(r["mesh_force_off"] > 0.05 for r in rows), "the mesh's own error is far larger"
 
 
+def test_the_laws_references_are_those_of_their_solver(root):
+    """One case of laws.json, solved again: what is committed is what law_solver.py finds."""
+    sys.path.insert(0, str(root / "apps/studies/accuracy/reference"))
+    import law_cases
+    for law in ("neo-hooke", "fung, fibred"):
+        committed, = (r["small"] for r in json.loads((root / "apps/studies/accuracy/reference/laws.json").read_text())["rows"] if (r["case"], r["law"]) == ("shear", law))
+        (_, force, energy, _), = law_cases.solve("shear", law, "small")
+        assert force == pytest.approx(committed[0]["force"], rel=1e-6) and energy == pytest.approx(committed[0]["energy_J"], rel=1e-6)
+
+
 def test_linear_tissue_in_place_of_a_law_is_worse_the_deeper_it_is_pressed(page):
     for law in {r["truth"] for r in page[1]["law"]["rows"]}:
         own = [r for r in page[1]["law"]["rows"] if r["truth"] == law]

@@ -44,7 +44,7 @@ def test_plots_are_of_the_tables(root, tmp_path):
     """A changed table without its plot fails: tools/pictures/plots.py draws it again."""
     subprocess.run([sys.executable, root / "tools/pictures/plots.py", tmp_path], check=True, timeout=120)
     drawn = sorted(p.name for p in tmp_path.iterdir())
-    assert drawn == ["extrapolation-operating.svg", "performance-step.svg", "reality-differences.svg", "stability-outcomes.svg"]
+    assert drawn == ["extrapolation-operating.svg", "performance-step.svg", "reality-differences.svg", "stability-outcomes.svg", "which-law.svg"]
     for name in drawn:
         assert (tmp_path / name).read_bytes() == (root / "docs/images" / name).read_bytes(), f"{name}: run tools/pictures/plots.py"
 

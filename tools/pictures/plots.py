@@ -93,6 +93,20 @@ def reality(out):
     save(figure, out, "reality-differences")
 
 
+def which_law(out):
+    depths = (10, 20, 40)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.4, 4.2))
+    for axes, rows, styles in ((left, table("which-law.md", "law | linear"), [(INK, "o"), (BLUE, "s"), (RED, "^"), (GREEN, "D"), ("#8a4fa3", "v"), ("#b58900", "P")]),
+                               (right, table("which-law.md", "computed as"), [(GREY, "o"), (RED, "s"), ("#b58900", "^"), (BLUE, "D"), (INK, "v")])):
+        for row, (colour, mark) in zip(rows, styles):
+            axes.plot(depths, [number(cell) for cell in row[1:4]], color=colour, marker=mark, label=row[0].replace("`", ""))
+        axes.set(xlim=(8, 42), ylim=(0, None), xlabel="indented, % of the block's size", xticks=depths)
+        axes.legend(frameon=False, loc="upper left", fontsize=9)
+    left.set(ylabel="% of the force", title="linear tissue in place of the law", ylim=(0, 70))
+    right.set(ylabel="% of the largest displacement", title="shape of a neo-Hookean block", ylim=(0, 100))
+    save(figure, out, "which-law")
+
+
 def extrapolation(out):
     rows = table("extrapolation.md", "scene, instrument")
     columns = ((1, "25 Hz, `hold`", GREY), (2, "25 Hz, `position`", RED), (4, "25 Hz, `adaptive`", BLUE), (5, "100 Hz, `adaptive`", GREEN), (6, "500 Hz, `adaptive`", INK))
@@ -109,7 +123,7 @@ def extrapolation(out):
 def main():
     out = pathlib.Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs/images"
     with matplotlib.rc_context(STYLE):
-        for draw in (performance, stability, extrapolation, reality):
+        for draw in (performance, stability, extrapolation, reality, which_law):
             draw(out)
 
 
