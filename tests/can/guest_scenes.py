@@ -84,10 +84,22 @@ printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
 strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 3 || exit 1
 wait
 """
+# Commands to moteus, which no motor answers; an interface that carries classical frames only.
+FD = f"""
+cd {ROOT}
+printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,0\\n' > $TMPDIR/s.csv
+candump -L $CAN_A > $OUT/a.log & listener=$!
+listening $OUT/a.log
+{BUILD}/bin/haptic-rt --device moteus:socketcan:$CAN_A/1:20,2:20,3:20 --device-type desk --trocar 0,0,0 --samples $TMPDIR/s.csv --priority 0 --duration 0.3 || exit 1
+heard $OUT/a.log
+kill $listener
+{BUILD}/bin/haptic-rt --device moteus:socketcan:can0/1:20,2:20,3:20 --device-type desk --samples $TMPDIR/s.csv --duration 0.3 2> $OUT/refused.txt; echo $? > $OUT/code
+true
+"""
 # Scenes judged by what the programs do, not by the bus: on emulated controllers only in the long form.
 PLAYED = {"vcan": SCENES, "controllers": SCENES if LONG else {"steady": SCENES["steady"]}}
 # Per bus: jobs, each with a folder as OUT that also receives its status; then the scenes.
-PARTS = {"vcan": {"traffic": TRAFFIC, "places": PLACES, "calls": CALLS}, "controllers": {"traffic": TRAFFIC}}
+PARTS = {"vcan": {"traffic": TRAFFIC, "places": PLACES, "calls": CALLS, "fd": FD}, "controllers": {"traffic": TRAFFIC}}
 INTERFACES = {"vcan": "CAN_A=vcan0 CAN_B=vcan0", "controllers": "CAN_A=can0 CAN_B=can1"}
 
 
