@@ -1,5 +1,6 @@
-/* Novint Falcon, by Force Dimension's library (io/drive_dhd.c). Force limit 8.9 N (2 lbf) is the maker's figure; mass
- * and friction of the twin are estimates. */
+/* Novint Falcon, by Force Dimension's library (io/drive_dhd.c). Force limit 8.9 N, as in the wiki of H3DAPI
+ * (github.com/SenseGraphics/h3dapi/wiki/Novint_Falcon: "> 8.9 N", "approximate"). Mass and friction of the twin are
+ * estimates. */
 
 #ifdef HRT_DESCRIBE
 static const hrt_device_type falcon_type = {CURSOR("falcon", "Novint Falcon: force at a ball; grip by a button", 8.9f)};

@@ -1,5 +1,5 @@
-/* Force Dimension omega, by the maker's library (io/drive_dhd.c). Force limit 12 N is the maker's figure; mass and
- * friction of the twin are estimates. */
+/* Force Dimension omega, by the maker's library (io/drive_dhd.c). Force limit 12 N is a typical value from memory, not
+ * checked against a data sheet: a profile (--profile) replaces it. Mass and friction of the twin are estimates. */
 
 #ifdef HRT_DESCRIBE
 static const hrt_device_type omega_type = {

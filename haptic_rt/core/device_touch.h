@@ -1,5 +1,6 @@
-/* 3D Systems Touch, by the maker's library (io/drive_hd.c). Force limit 3.3 N, apparent mass 45 g and friction 0.26 N
- * are the maker's figures; the twin adds a hand of 0.1 kg. */
+/* 3D Systems Touch, by the maker's library (io/drive_touch.c). Force limit 3.3 N, apparent mass 45 g and friction 0.26
+ * N are typical values from memory, not checked against a data sheet: a profile (--profile) replaces the limits. The
+ * twin adds a hand of 0.1 kg. */
 
 #ifdef HRT_DESCRIBE
 static const hrt_device_type touch_type = {

@@ -27,6 +27,8 @@ parser.add_argument("--dbc", default="0.6.10")
 parser.add_argument("--trouble", default="")
 parser.add_argument("--after", type=float, default=0.5)
 parser.add_argument("--pause", type=float, default=0.001, help="s, between two positions of an ODrive")
+parser.add_argument("--start", type=float, default=0.0, help="turns, of the last node's hand")
+parser.add_argument("--swing", type=float, default=0.0, help="turns, of that hand onwards, every two seconds")
 parser.add_argument("--seconds", type=float, default=1e9, help="end after this time")
 args = parser.parse_args()
 log = open(args.log, "w", buffering=1)
@@ -94,7 +96,8 @@ class Plant:
     """A motor's shaft."""
 
     def __init__(self, node):
-        self.node, self.torque, self.turns, self.speed, self.last_us = node, 0.0, 0.0, 0.0, now_us()
+        self.start, self.swing = (args.start, args.swing) if node == NODES[-1] else (0.0, 0.0)
+        self.node, self.torque, self.turns, self.speed, self.last_us = node, 0.0, self.start, 0.0, now_us()
 
     def push(self, torque, commanded):
         """Sets the torque that acts, and notes the one that was commanded."""
@@ -108,6 +111,7 @@ class Plant:
         now = now_us()
         dt = min(1e-6 * (now - self.last_us), 0.005)
         self.last_us = now
-        v = (self.speed + dt * (2 * math.pi * self.torque - 0.2 * self.turns) / 0.002) / (1 + dt * 0.04 / 0.002)
+        hand = self.start + self.swing * 0.5 * (1 - math.cos(math.pi * 1e-6 * (now - begin_us)))
+        v = (self.speed + dt * (2 * math.pi * self.torque - 0.2 * (self.turns - hand)) / 0.002) / (1 + dt * 0.04 / 0.002)
         if not in_trouble("still"):
             self.speed, self.turns = v, self.turns + dt * v

@@ -13,7 +13,7 @@ READY, SWITCHED_ON, ENABLED, FAULT = 0x0221, 0x0223, 0x0227, 0x0208
 
 class Drive:
     def __init__(self, node, network):
-        self.plant, self.status, self.word, self.pending, self.beat_us, self.late_us = Plant(node), SWITCH_ON_DISABLED, 0, None, now_us(), 0
+        self.plant, self.status, self.word, self.pending, self.beat_us, self.late_us = Plant(node), SWITCH_ON_DISABLED, 0, None, None, 0
         self.node = canopen.LocalNode(node, dictionary(node))
         self.network, self.mapped = network, False
         network.add_node(self.node)
@@ -37,7 +37,7 @@ class Drive:
             self.mapped = True
             master = self.entry(0x1016, 1) >> 16
             self.network.subscribe(0x700 + master, self.on_beat)
-        self.beat_us = now_us()
+        self.beat_us = None  # the watch begins with the first beat (CiA 301)
 
     def on_beat(self, can_id, data, timestamp):
         self.beat_us = now_us()
@@ -91,7 +91,7 @@ class Drive:
 
     def check(self):
         gone_ms = self.entry(0x1016, 1) & 0xffff
-        if gone_ms and self.status != FAULT and now_us() - self.beat_us > 1000 * gone_ms:
+        if gone_ms and self.beat_us is not None and self.status != FAULT and now_us() - self.beat_us > 1000 * gone_ms:
             self.fail(0x8130)
         if in_trouble("error") and self.status == ENABLED:
             self.fail(0x2310)

@@ -16,8 +16,9 @@ ADDRESS = "{kind}:{bus}/" + ",".join(f"{n}:{t}" for n, t in zip(NODES, TURNS))
 TORQUES, JOINTS = ("force_x_N", "force_y_N", "force_z_N"), ("x_m", "y_m", "z_m")  # of `desk`: three slides
 RATED_mNm = 240  # cia402_axes.py
 # Half the last step of a motor's torque, N m, and of its position, turns.
-QUANTUM_Nm = {"odrive": 1e-9, "moteus": 1e-9, "cia402": 0.5e-6 * RATED_mNm}
+QUANTUM_Nm = {"odrive": 0.5e-9, "moteus": 0.5e-9, "cia402": 0.5e-6 * RATED_mNm}
 QUANTUM_TURNS = {"odrive": 0, "moteus": 0, "cia402": 0.5 / 65536}
+FLOAT = 2.0 ** -22  # forces and torques are floats: their rounding, twice
 STOP_MS = 50  # stated: docs/devices.md
 TROUBLES = ("killed", "frozen", "error", "nonsense", "short", "late", "flood")
 FORCE = (0.3, 0.2, -1.5)
@@ -67,7 +68,7 @@ def compare(kind, sent, rows):
         at, quantum_N = 0, QUANTUM_Nm[kind] * 2 * math.pi * abs(turns)
         for time_us, _, torque, _ in [row for row in sent if row[1] == node and row[2]]:
             joint = torque * 2 * math.pi * turns
-            while abs(rows[at][name] - joint) > quantum_N + 1e-6 + 1e-6 * abs(joint):
+            while abs(rows[at][name] - joint) > quantum_N + FLOAT * abs(joint):
                 at += 1
                 assert at < len(rows) and rows[at]["t_us"] <= time_us, (node, joint)
             worst, checked = max(worst, abs(rows[at][name] - joint)), checked + 1

@@ -17,10 +17,9 @@ def row(device, trouble, result):
     print(f"| {device} | {SAYS[trouble]} | {controller_ms:.1f} | {device_ms:.1f} | {report['state'] if report['fault'] == 'none' else report['fault']} |", flush=True)
 
 
-print("| device | failure | controller, ms | at the device, ms | afterwards |\n|---|---|---|---|---|")
-with tempfile.TemporaryDirectory() as top:
-    top = pathlib.Path(top)
-    test_libraries.build_stubs(top)
+def main(top):
+    """Plays each failure of each device; `top` holds the stub libraries."""
+    print("| device | failure | controller, ms | at the device, ms | afterwards |\n|---|---|---|---|---|")
     for k, trouble in enumerate(test_haply.TROUBLES if test_haply.built_in() else ()):
         (top / f"h{k}").mkdir()
         row("haply", trouble, test_haply.in_trouble(top / f"h{k}", trouble))
@@ -38,3 +37,10 @@ with tempfile.TemporaryDirectory() as top:
             bench = motorkit.Axes(tmp, kind, "--trouble", trouble, "--after", "0.3")
             row(kind, trouble, motorkit.in_trouble(bench, trouble))
             bench.end()
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        test_libraries.build_stubs(folder)
+        main(folder)

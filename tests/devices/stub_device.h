@@ -2,6 +2,7 @@
  * axes: right, away, up; m and N.
  *
  * STUB_LOG: file; lines "time_us,force x,y,z (N, user axes),cursor x,y,z (m)", "# broken RULE", "# trouble TIME".
+ * STUB_SWING: m, the hand moves up and down by this every two seconds, and nowhere else.
  * STUB_TROUBLE: open, start, position, force, frozen, late, nonsense, still; STUB_AFTER: s from the first force. */
 #include <math.h>
 #include <stdarg.h>
@@ -69,7 +70,9 @@ static void move_cursor(void) {
                  mass = 0.15;
     last_us = now;
     const double share = fmin(fmax(time_s - 1.0, 0.0), 1.0),
-                 goal[3] = {0.02 * share, -0.01 * share, 0.02 - 0.03 * share};
+                 swing = getenv("STUB_SWING") ? atof(getenv("STUB_SWING")) : 0.0,
+                 down = swing > 0.0 ? 0.5 * swing * (1.0 - cos(3.14159265358979 * time_s)) : 0.03 * share,
+                 goal[3] = {swing > 0.0 ? 0.0 : 0.02 * share, swing > 0.0 ? 0.0 : -0.01 * share, 0.02 - down};
     for (int i = 0; i < 3; i++) {
         const double push = force[i] + 300.0 * (goal[i] - cursor[i]);
         speed[i] = (speed[i] + dt * push / mass) / (1.0 + dt * 11.5 / mass);

@@ -1,49 +1,57 @@
-"""The demo's scene with a desk device: in lockstep with the virtual form of each device, and in real time with the emulator of Haply's service."""
-import csv
-import json
-import subprocess
-import sys
+"""The demo's scene with each device: in lockstep with its virtual form, in real time with its emulator; and the table of docs/devices.md that
+device_table.py makes of these runs."""
+import re
 
+import motorkit
 import pytest
-from drivekit import HERE, commands, expected
-from kit import NETWORK, report
-from paths import BUILD, ROOT
-from test_haply import QUANTUM_N, built_in
+import scenekit
+import test_libraries
+from paths import LONG, ROOT
+from test_haply import built_in
 
-SCENE = ROOT / "apps/scenes/liver-press.yaml"
-DEVICES = ("inverse3", "touch", "omega", "falcon")
+TWINS = sorted({scenekit.type_of(name) for name in scenekit.NAMES} | {"minverse"})
 
 
-@pytest.mark.parametrize("device", DEVICES)
-def test_lockstep_with_the_twin(tmp_path, device):
-    seen = report(BUILD / "bin/tm-sim", SCENE, "--lockstep", "--quiet", "--set", f"instruments[0].device={device}", "--set", "time.duration=2.4 s", tmp=tmp_path)
-    print(device, seen["force_N"], seen["state_hash"])
-    assert 0.1 < seen["force_N"]["peak"] < 2.0
+@pytest.fixture(scope="module")
+def stubs(once):
+    return once("stub-libraries", test_libraries.build_stubs)
+
+
+def table():
+    """{device: cells} of the page's table of devices."""
+    text = (ROOT / "docs/devices.md").read_text()
+    lines = text[text.index(scenekit.HEAD):].split("\n\n")[0].splitlines()[2:]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return {row[0]: row[1:] for row in rows}
+
+
+@pytest.mark.parametrize("device", TWINS)
+def test_lockstep_with_the_virtual_device_gives_the_force_of_the_page(tmp_path, device):
+    seen = scenekit.lockstep(tmp_path, device)
     assert seen["controllers"][0]["state"] == "engaged" and not seen["controllers"][0]["fault"]
+    assert 0.1 < seen["force_N"]["peak"] < 2.0
+    for name, cells in table().items():
+        if cells[0] == device:
+            assert cells[1] == f"{seen['force_N']['peak']:.2f}", f"{name}: run build/venv/bin/python tests/devices/device_table.py --write"
 
 
-RUN = """
-{bin}/tm-sim {scene} --realtime --quiet --set 'instruments[0].device=inverse3' --set 'time.duration=20 s' --json {tmp}/s.json 2> {tmp}/sim.txt & sim=$!
-{python} {here}/haply_service.py --port 18001 --log {tmp}/service.csv --swing 0.045 > {tmp}/port & service=$!
-{bin}/haptic-rt --device haply:0@127.0.0.1:18001 --workspace depth=0.105 --duration 6 --record {tmp}/r.csv --json {tmp}/r.json 2> {tmp}/said.txt
-kill -INT $sim; kill $service; wait
-"""
+# The short form runs one of each way in: service, library, bus with steps of its own.
+@pytest.mark.parametrize("name", scenekit.NAMES if LONG else ("haply", "touch", "cia402"))
+def test_real_time_with_the_emulator(tmp_path, stubs, name):
+    """The force at the emulator is that of the controller's ticks, one after the other, within half its last step."""
+    if name == "haply" and not built_in():
+        pytest.skip("haptic-rt was built without libwebsockets (libwebsockets-dev)")
+    told, compared, worst = scenekit.real_time(tmp_path, name, stubs)
+    print(name, told["force_N"], compared, worst)
+    assert told["force_N"]["peak"] > 0.1 and compared > 200
+    assert worst <= scenekit.quantum_N(name) + 4 * motorkit.FLOAT
 
 
-@pytest.mark.skipif(not built_in(), reason="haptic-rt was built without libwebsockets (libwebsockets-dev)")
-def test_real_time_with_the_emulator(tmp_path):
-    """The emulator's forces equal those of the controller's ticks, in order, to the last digit of the message."""
-    text = RUN.format(bin=BUILD / "bin", scene=SCENE, tmp=tmp_path, python=sys.executable, here=HERE)
-    subprocess.run([*NETWORK, "sh", "-c", text], timeout=60, check=False, capture_output=True)
-    told = json.loads((tmp_path / "r.json").read_text())
-    rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader((tmp_path / "r.csv").open())]
-    felt = [row for row in commands(tmp_path / "service.csv")[0] if any(row[1])]
-    print(told["force_N"], told["drive"], told["samples"], len(felt))
-    assert told["fault"] == "none" and told["force_N"]["peak"] > 0.1, (tmp_path / "said.txt").read_text()
-    ticks = iter(rows)
-    tick = next(ticks)
-    for time_us, wanted, _, _ in felt:
-        while max(abs(a - b) for a, b in zip(wanted, expected(tick))) > QUANTUM_N:
-            tick = next(ticks, None)
-            assert tick and told["start_us"] + 1e6 * tick["time_s"] <= time_us
-    assert len(felt) > 200
+def test_the_page_holds_every_device_and_what_was_found():
+    page, text = table(), (ROOT / "docs/devices.md").read_text()
+    assert set(page) == set(scenekit.NAMES)
+    for name, (twin, _, emulator, compared, worst, quantum, hardware) in page.items():
+        assert twin == scenekit.type_of(name) and emulator == scenekit.EMULATORS[name] and hardware == "not tested"
+        assert int(compared.replace(",", "")) > 200 and float(worst) <= float(quantum) * 1.05 + 4e3 * motorkit.FLOAT and float(quantum) == float(f"{1e3 * scenekit.quantum_N(name):.2g}")
+    drivers = re.findall(r"ROW\((\w+)\)", (ROOT / "haptic_rt/io/drive_table.h").read_text().split("#define HRT_DRIVES")[1])
+    assert set(drivers) == set(page), "each driver has a row"

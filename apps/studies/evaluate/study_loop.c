@@ -327,9 +327,11 @@ static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
 /* Adds the Z-width of each desk device, by its virtual twin, which differ in mass and friction: `hold` at a sample each
  * tick. */
 static void add_devices(cJSON *rows, bool quick) {
+    const int32_t inverse3 = hrt_device_type_find("inverse3"), omega = hrt_device_type_find("omega");
     for (int32_t d = 0; d < hrt_device_type_count; d++) {
         const hrt_device_type *device = hrt_device_types[d];
-        if (!device->slides || (quick && d % 2 != 0)) continue; /* the short form: the lightest and the heaviest */
+        if (!device->slides || (quick && d != inverse3 && d != omega))
+            continue; /* the short form: a light and a heavy one */
         const hrt_device_config config = hrt_device_config_of(device, 0);
         progress("desk devices", (double)d / hrt_device_type_count);
         for (int rate = 500; rate <= (quick ? 500 : 2000); rate *= 2) {
