@@ -274,6 +274,7 @@ int main(int argc, char **argv) {
     if (code >= 0) return code;
     const int failed = open_all(&p);
     if (failed) return close_device(&p), failed;
+    p.setup.tick_s = 1.0 / p.set.common.rate;
     p.loop.program = "haptic-rt";
     p.loop.period_ns = 1000000000 / p.set.common.rate;
     p.loop.priority = p.set.common.priority;

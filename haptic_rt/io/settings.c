@@ -42,7 +42,7 @@ static void usage(void) {
         "  --json FILE              write all figures at the end\n"
         "  --record FILE            write every tick as CSV\n"
         "  --quiet                  print warnings and errors only\n"
-        "  --setup                  push the tip along each axis by a growing millinewton ramp: proves units and signs; hold it loosely\n"
+        "  --setup                  push the tip along each axis by a growing millinewton ramp, then shake it: proves units and signs, finds mass and friction; hold it loosely\n"
         "  --list                   list extrapolators, modes, buses and the devices that are connected\n"
         "  -h, --help, --version\n"
         "\n"

@@ -5,7 +5,7 @@
 
 enum { REST_US = 600000, PAUSE_US = 300000 };
 static const float GROWS_N_S = 1.0f, FALLS_N_S = 5.0f, FORCE_MAX_N = 1.0f;
-static const double FAR_M = 1.0e-3;
+static const double FAR_M = 1.0e-3, SHAKE_S = 2.5;
 
 static const char *const push_name[HRT_SETUP_PUSHES] = {"+x", "-x", "+y", "-y", "+z", "-z"};
 
@@ -38,6 +38,12 @@ static void judge(hrt_setup *s, const double tip_m[3]) {
     s->at_N = s->force_N;
 }
 
+static bool is_proved(const hrt_setup *s) {
+    for (int k = 0; k < HRT_SETUP_PUSHES; k++)
+        if (s->result[k].verdict != HRT_SETUP_GOOD) return false;
+    return true;
+}
+
 static void post(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool) {
     tensormass_force_sample_t sample = {.utime = tool->utime,
                                         .session = 1,
@@ -46,6 +52,7 @@ static void post(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *to
                                         .seq = (int32_t)++s->seq,
                                         .instrument = tool->instrument};
     for (int i = 0; i < 3; i++) sample.tip_m[i] = tool->tip_m[i];
+    if (s->push == HRT_SETUP_PUSHES && s->axis < 3) sample.force_N[s->axis] = (double)s->force_N;
     if (s->push < HRT_SETUP_PUSHES) sample.force_N[s->push / 2] = (s->push % 2 ? -1.0 : 1.0) * (double)s->force_N;
     hrt_node_post_sample(node, &sample);
 }
@@ -64,8 +71,29 @@ static void begin(hrt_setup *s, const double tip_m[3], int64_t now_us) {
     for (int i = 0; i < 3; i++) s->low_m[i] = s->high_m[i] = tip_m[i];
 }
 
+/* Shakes an axis after the other; a pause begins the axis anew. Returns false after the last. */
+static bool shake(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
+    if (!is_proved(s) || s->axis == 3) return false;
+    if (tool->state != HRT_ENGAGED || s->axis_us == 0) {
+        s->axis_us = tool->state == HRT_ENGAGED ? now_us : 0;
+        s->identify[s->axis] = (hrt_identify){.ticks = 0};
+    }
+    const double time_s = 1.0e-6 * (double)(now_us - s->axis_us);
+    if (s->axis_us != 0 && time_s < SHAKE_S) {
+        hrt_identify_take(&s->identify[s->axis], (double)node->result.force_N[s->axis], tool->tip_m[s->axis],
+                          s->tick_s);
+        s->force_N = (float)hrt_identify_signal(time_s, SHAKE_S);
+    } else if (s->axis_us != 0) {
+        s->axis++;
+        s->axis_us = 0;
+        s->force_N = 0.0f;
+    }
+    post(s, node, tool);
+    return true;
+}
+
 bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
-    if (s->push == HRT_SETUP_PUSHES) return false;
+    if (s->push == HRT_SETUP_PUSHES) return shake(s, node, tool, now_us);
     if (tool->state != HRT_ENGAGED) { /* a pause takes the force away: the push begins anew */
         s->since_us = 0;
         s->force_N = 0.0f;
@@ -76,7 +104,7 @@ bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t 
     }
     if (s->since_us == 0) begin(s, tool->tip_m, now_us);
     const bool resting = now_us - s->since_us < (s->push == 0 ? REST_US : PAUSE_US);
-    const float tick_s = 0.002f;
+    const float tick_s = (float)s->tick_s;
     if (resting && !s->falling && s->force_N <= 0.0f) {
         if (s->push == 0) rest(s, tool->tip_m);
         for (int i = 0; i < 3; i++) s->start_m[i] = tool->tip_m[i];
@@ -93,8 +121,21 @@ bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t 
         judge(s, tool->tip_m);
     }
     post(s, node, tool);
-    if (s->push == HRT_SETUP_PUSHES) atomic_store(&s->done, true);
     return true;
+}
+
+static void print_identified(const hrt_setup *s) {
+    for (int a = 0; a < s->axis; a++) {
+        hrt_identified f;
+        if (hrt_identify_solve(&s->identify[a], &f))
+            printf(
+                "with the hand, %c  mass %.3f kg, damping %.1f N s/m, friction %.2f N, stiffness %.0f N/m, delay %.1f "
+                "ms; %.0f %% unexplained\n",
+                'x' + a, f.mass_kg, f.damping_N_s_m, f.friction_N, f.stiffness_N_m, 1.0e3 * f.delay_s,
+                100.0 * f.residual);
+        else
+            printf("with the hand, %c  not identified: the tip did not move\n", 'x' + a);
+    }
 }
 
 bool hrt_setup_print(const hrt_setup *s) {
@@ -113,6 +154,7 @@ bool hrt_setup_print(const hrt_setup *s) {
         printf("  %s\n", said[r->verdict]);
         good = good && r->verdict == HRT_SETUP_GOOD;
     }
+    print_identified(s);
     printf(good ? "units and signs are proved\n" : "units and signs are NOT proved\n");
     return good;
 }

@@ -1,9 +1,12 @@
 /* First-time check of a device (haptic-rt --setup): a push test. Along each axis, both ways, a force grows by a
  * millinewton in a millisecond until the tip has moved by a millimetre, and falls again. The way it moved proves the
- * signs, the force that it took the units. The controller renders the force, with all its limits. */
+ * signs, the force that it took the units. If all is well, a weak sum of sines then shakes each axis for 2.5 s, which
+ * identifies mass, damping, friction, stiffness and delay of device and hand. The controller renders the force, with
+ * all its limits. */
 #ifndef HRT_SETUP_H
 #define HRT_SETUP_H
 
+#include "identify.h"
 #include "node.h"
 
 enum { HRT_SETUP_PUSHES = 6 };
@@ -28,7 +31,10 @@ typedef struct hrt_setup {
     double start_m[3], low_m[3], high_m[3]; /* tip before the push; its range at rest */
     uint32_t seq;
     hrt_setup_push result[HRT_SETUP_PUSHES];
-    _Atomic bool done;
+    double tick_s; /* period of the calls; set it before the first */
+    int32_t axis;  /* that is shaken; 3: done */
+    int64_t axis_us;
+    hrt_identify identify[3];
 } hrt_setup;
 
 /* Continues the test by a tick: posts a sample. Returns false once it is done. */

@@ -162,12 +162,21 @@ def _events(whole: bytes) -> Iterator[Tuple[int, str, bytes]]:
         at = end
 
 
-def read_log(path: Union[str, "os.PathLike[str]"]) -> Dict[str, Channel]:
-    """Returns {channel: Channel} of an LCM log. Skips messages of unknown types and damaged ones. FileError: not a log, or unreadable."""
+def _bytes(path: Union[str, "os.PathLike[str]"]) -> bytes:
     try:
-        data = pathlib.Path(path).read_bytes()
+        return pathlib.Path(path).read_bytes()
     except OSError as error:
         raise FileError(f"{os.fspath(path)}: cannot be read: {error.strerror}; give a log of tm-sim --record or lcm-logger", c.TM_ERR_FILE) from None
+
+
+def read_events(path: Union[str, "os.PathLike[str]"]) -> Iterator[Tuple[int, str, bytes]]:
+    """Yields (us, channel, message with its fingerprint) of an LCM log. FileError: unreadable."""
+    return _events(_bytes(path))
+
+
+def read_log(path: Union[str, "os.PathLike[str]"]) -> Dict[str, Channel]:
+    """Returns {channel: Channel} of an LCM log. Skips messages of unknown types and damaged ones. FileError: not a log, or unreadable."""
+    data = _bytes(path)
     types = message_types()
     found: Dict[str, Tuple[Type, List[int], List[bytes]]] = {}
     events = 0

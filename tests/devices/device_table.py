@@ -1,7 +1,7 @@
-"""Makes the two tables of docs/devices.md by runs: the demo's scene with each device, and how long a force lasts when something fails. Run it with the
+"""Makes the tables of docs/devices.md and docs/device-failures.md by runs: the demo's scene with each device, and how long a force lasts when something fails. Run it with the
 tests' Python.
 
-    device_table.py [--write]   prints them, or puts them into the page"""
+    device_table.py [--write]   prints them, or puts them into the pages"""
 import contextlib
 import io
 import pathlib
@@ -45,11 +45,9 @@ with tempfile.TemporaryDirectory() as top:
     top = pathlib.Path(top)
     test_libraries.build_stubs(top)
     tables = [scenes(top), stops(top)]
-page = ROOT / "docs/devices.md"
+PAGES = (ROOT / "docs/devices.md", ROOT / "docs/device-failures.md")
 if "--write" in sys.argv[1:]:
-    text = page.read_text()
-    for lines in tables:
-        text = put(text, lines)
-    page.write_text(text)
+    for page, lines in zip(PAGES, tables):
+        page.write_text(put(page.read_text(), lines))
 else:
     print("\n\n".join("\n".join(lines) for lines in tables))

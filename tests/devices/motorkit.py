@@ -19,7 +19,7 @@ RATED_mNm = 240  # cia402_axes.py
 QUANTUM_Nm = {"odrive": 0.5e-9, "moteus": 0.5e-9, "cia402": 0.5e-6 * RATED_mNm}
 QUANTUM_TURNS = {"odrive": 0, "moteus": 0, "cia402": 0.5 / 65536}
 FLOAT = 2.0 ** -22  # forces and torques are floats: their rounding, twice
-STOP_MS = 50  # stated: docs/devices.md
+STOP_MS = 50  # stated: docs/device-failures.md
 TROUBLES = ("killed", "frozen", "error", "nonsense", "short", "late", "flood")
 FORCE = (0.3, 0.2, -1.5)
 

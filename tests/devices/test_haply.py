@@ -10,7 +10,7 @@ from paths import BUILD
 HAPTIC = BUILD / "bin/haptic-rt"
 ENGAGED, FAULT = 3, 5
 QUANTUM_N = 0.5e-5 + 2e-6  # half the last digit of a command, and of a float
-STOP_MS = 50               # stated: docs/devices.md
+STOP_MS = 50               # stated: docs/device-failures.md
 
 
 def built_in():

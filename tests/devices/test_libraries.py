@@ -9,7 +9,7 @@ from kit import NETWORK
 from paths import BUILD, ROOT
 
 HAPTIC = [*NETWORK, BUILD / "bin/haptic-rt"]  # in a network namespace: devices are claimed there, and tests run concurrently
-STOP_MS = 50  # stated: docs/devices.md
+STOP_MS = 50  # stated: docs/device-failures.md
 KINDS = {"touch:0": ("hd", "TM_LIBHD", {}), "omega:0": ("dhd", "TM_LIBDHD", {}), "falcon:0": ("dhd", "TM_LIBDHD", {"STUB_FALCON": "1"})}
 
 

@@ -1,4 +1,4 @@
-"""`haptic-rt --setup`, the push test of a new device: it confirms correct units and signs, and finds wrong ones."""
+"""`haptic-rt --setup`: the push test proves right units and signs and finds wrong ones; identification then finds the emulated hand and cursor."""
 import re
 
 import pytest
@@ -6,22 +6,30 @@ from drivekit import commands, emulator, in_setup
 from test_haply import built_in
 
 pytestmark = pytest.mark.skipif(not built_in(), reason="haptic-rt was built without libwebsockets (libwebsockets-dev)")
+FOUND = re.compile(r"with the hand, (\w)  mass ([\d.]+) kg, damping ([\d.]+) N s/m, friction ([-\d.]+) N, stiffness (\d+) N/m, delay ([-\d.]+) ms; (\d+) % unexplained")
 
 
-def test_a_right_device_is_proved(tmp_path):
+def test_a_right_device_is_proved_and_identified(tmp_path):
     with emulator(tmp_path) as (_, port, log):
         code, said = in_setup(tmp_path, port)
     assert code == 0 and "units and signs are proved" in said and said.count("as commanded") == 6, said
     stiffness = [int(n) for n in re.findall(r"\((\d+) N/m\)", said)]
     assert all(250 <= s <= 1000 for s in stiffness), "a hand of 300 N/m with 0.15 N of friction, pushed by a ramp"
     sizes = [max(map(abs, row[1])) for row in commands(log)[0]]
-    assert max(sizes) <= 1.0 and max(b - a for a, b in zip(sizes, sizes[1:])) < 0.1, "millinewtons at a time"
+    assert max(sizes) <= 1.3
+    found = FOUND.findall(said)
+    assert [row[0] for row in found] == ["x", "y", "z"], said
+    for _, mass, damping, friction, hand, delay, unexplained in found:  # haply_service.py: 0.12 kg, 11.3 N s/m, 0.15 N, 300 N/m
+        assert 0.09 < float(mass) < 0.16 and 9 < float(damping) < 14 and 0.05 < float(friction) < 0.3 and 240 < float(hand) < 360, said
+        assert -1 < float(delay) < 8 and float(unexplained) < 10, said
 
 
 def test_wrong_signs_and_units_are_found(tmp_path):
-    with emulator(tmp_path, "--wrong=-1,0.001,1") as (_, port, _):
+    with emulator(tmp_path, "--wrong=-1,0.001,1") as (_, port, log):
         code, said = in_setup(tmp_path, port)
+    sizes = [max(map(abs, row[1])) for row in commands(log)[0]]
+    assert max(sizes) <= 1.0 and max(b - a for a, b in zip(sizes, sizes[1:])) < 0.1, "millinewtons at a time"
     lines = {line.split()[1]: line for line in said.splitlines() if line.startswith("push")}
-    assert code == 1 and "NOT proved" in said, said
+    assert code == 1 and "NOT proved" in said and not FOUND.findall(said), said
     assert all("AGAINST" in lines[k] for k in ("+x", "-x")) and all("did not move: hold it loosely" in lines[k] for k in ("+y", "-y"))
     assert all("as commanded" in lines[k] for k in ("+z", "-z"))
