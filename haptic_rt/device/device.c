@@ -95,10 +95,19 @@ static void move(hrt_device *d, double dt_s) {
     }
 }
 
+/* Lets the commands act whose delay has passed. */
+static void act_late(hrt_device *d) {
+    while (d->late_count > 0 && d->late[0].due_us <= d->now_us) {
+        memcpy(d->torque, d->late[0].torque, sizeof d->torque);
+        memmove(d->late, d->late + 1, sizeof d->late[0] * (size_t)--d->late_count);
+    }
+}
+
 /* ---------------------------------------------------------------------------------------------- frames */
 
 static void motors_off(hrt_device *d) {
     d->motors_on = false;
+    d->late_count = 0;
     for (int j = 0; j < HRT_MOTORS; j++) d->torque[j] = 0.0;
 }
 
@@ -137,10 +146,15 @@ static void take_command(hrt_device *d, const hrt_can_message *m) {
     }
     if (d->fault != HRT_DEVICE_FINE) return;
     d->motors_on = true;
+    double *into = d->torque;
+    if (d->config.delay_us > 0.0 && d->late_count < HRT_DEVICE_LATE) {
+        d->late[d->late_count].due_us = d->heard_us + (int64_t)d->config.delay_us;
+        into = d->late[d->late_count++].torque;
+    }
     for (int j = 0; j < HRT_MOTORS; j++) {
         const double most = (double)d->config.profile.torque_max[j];
         const double torque = (double)m->torque[j] / (double)hrt_can_torque_scale(d->config.profile.device, j);
-        d->torque[j] = fmin(fmax(torque, -most), most);
+        into[j] = fmin(fmax(torque, -most), most);
     }
 }
 
@@ -232,6 +246,7 @@ void hrt_device_step(hrt_device *d, int64_t now_us) {
         const int64_t step = now_us - d->now_us < STEP_US ? now_us - d->now_us : STEP_US;
         d->now_us += step;
         if (d->motors_on && (double)(d->now_us - d->command_us) > d->config.watchdog_us) fail(d, HRT_DEVICE_WATCHDOG);
+        act_late(d);
         move(d, 1.0e-6 * (double)step);
     }
     send_frames(d, now_us);

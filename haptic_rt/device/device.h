@@ -24,6 +24,7 @@ typedef struct hrt_device_config {
     double rest[HRT_JOINTS]; /* initial joints */
     double watchdog_us;      /* time without a command after which the torque drops; default 20000 */
     double period_us;        /* period of encoder frames; default 2000 */
+    double delay_us;         /* from a command's arrival to its torque; default 0, at most 16 periods */
     double start_us;         /* delay of the script's time zero after the first step */
     uint64_t seed;           /* seed of the noise; 0: none */
     double noise_counts;     /* RMS noise of each encoder, before rounding */
@@ -41,6 +42,7 @@ typedef enum hrt_device_fault {
     HRT_DEVICE_BUS_OFF = 3
 } hrt_device_fault;
 
+enum { HRT_DEVICE_LATE = 16 };
 typedef struct hrt_device {
     hrt_device_config config;
     hrt_bus *bus;
@@ -49,6 +51,11 @@ typedef struct hrt_device {
     bool unplugged; /* for tests: neither receives nor sends */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
     double torque[HRT_MOTORS]; /* current torque, N m or N */
+    struct {
+        int64_t due_us;
+        double torque[HRT_MOTORS];
+    } late[HRT_DEVICE_LATE]; /* commands that wait for config.delay_us, oldest first */
+    int32_t late_count;
     double target[HRT_JOINTS]; /* current target of the hand */
     bool external;             /* targets come from hrt_device_hand */
     double external_target[HRT_JOINTS];

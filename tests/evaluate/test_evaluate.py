@@ -232,6 +232,14 @@ def test_each_desk_device_carries_what_theory_says(page):
     assert all(0.5 < r["stiffness_N_m"] / r["theory_N_m"] < 2.5 for r in rows.values()), rows
 
 
+def test_errors_at_the_hand_fall_with_the_rate_and_grow_with_delay(page):
+    """Measured (omega): 28 mN at 500 Hz, 4.8 mN at 4000; with 2 ms of delay in the device 46 and 17 mN."""
+    at = {(r["rate_Hz"], r["late_ms"]): r for r in page[1]["loop"]["device_errors"]}
+    assert set(at) == {(500, 0), (500, 2), (4000, 0), (4000, 2)} and all(r["settled"] for r in at.values())
+    assert 3 < at[500, 0]["error_mN"] / at[4000, 0]["error_mN"] < 12
+    assert at[500, 2]["error_mN"] > 1.3 * at[500, 0]["error_mN"] and at[4000, 2]["error_mN"] > 2 * at[4000, 0]["error_mN"]
+
+
 def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     """Measured 13.7 times the stiffness with hold."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)

@@ -239,6 +239,9 @@ def loop(page, data):
     page.table("devices", ["device", "samples and ticks a second", "largest stable stiffness, N/m", "theory, N/m"],
                [[r["device"], r["rate_Hz"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])] for r in data["devices"]],
                "Largest stable stiffness of a wall by hold.")
+    page.table("device_errors", ["device", "samples and ticks a second", "delay of its torques, ms", "error, mN", "largest, mN"],
+               [[r["device"], r["rate_Hz"], r["late_ms"], round(r["error_mN"], 1), round(r["error_max_mN"], 1)] for r in data["device_errors"]],
+               "Error of the force at the hand by hold, root mean square over 0.2 s after a step of 1 mm of the hand, on a surface of compliance 2 mm/N. haptic-rt itself ticks at most 2000 times a second.")
     page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
                  f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
     delays = sorted({r["delay_frames"] for r in rows})

@@ -10,7 +10,9 @@
  * stable beyond it.
  *
  * On tissue (loop_tissue.c) the same loop is searched from above. There tissue with mass responds in the next frame to
- * an encoder step of the tool, and a few counts of motion may remain. */
+ * an encoder step of the tool, and a few counts of motion may remain.
+ *
+ * Over 400 lines: the loop, its search and the tables that are made of it share their cases and results. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +27,7 @@ enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
 static const double TISSUE_COUNTS = 4;
 static const double TISSUE_M_N = 1.0 / 50; /* approximate compliance of the study's tissue under the tip */
 static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002,
-                    SECONDS = 6, STEP_AT_S = 3;
+                    SECONDS = 6, STEP_AT_S = 3, ERROR_S = 0.2;
 
 /* Makes a flat patch below the tool, prepared like a received one: surface at insertion SURFACE_M, outward normal
  * towards the trocar. */
@@ -86,6 +88,7 @@ typedef struct loop_case {
     int tick_us;                   /* period of controller and device */
     double wall_N_s_m;             /* damping of the exponential surface along the shaft, constant between samples */
     const hrt_device_type *device; /* null: the default; else its limits are lifted, so that none is active */
+    double device_late_us;         /* delay of the device's torques */
 } loop_case;
 
 /* Above this rate a simulation sends neither stiffness nor patch (libtensormass/scene/queries.c). */
@@ -98,6 +101,7 @@ typedef struct loop_result {
     bool settled, limited, engaged;
     double stiffness_N_m; /* stiffness of the surface along the shaft where the tool rests */
     double last_swing_m;
+    double error_N, error_max_N; /* force at the motors less that of the surface at the tip, for 0.2 s from the step */
 } loop_result;
 
 typedef struct waiting {
@@ -132,6 +136,7 @@ static bool set_up(loop *l, const loop_case *c, double compliance) {
     hrt_device_config device = hrt_device_config_of(c->device ? c->device : hrt_device_types[0], 0);
     for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
     device.period_us = c->tick_us;
+    device.delay_us = c->device_late_us;
     device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* on tissue the tool starts outside */
     hrt_node_config node = hrt_node_config_default(0);
     if (c->device) {
@@ -214,11 +219,23 @@ static void deliver(loop *l, int64_t now_us) {
     }
 }
 
+/* Adds the difference between the device's force along the shaft and that of the surface where the tip is now. */
+static void add_error(loop *l, loop_result *r, int *count) {
+    const float tip[3] = {(float)l->device.joint[0], (float)l->device.joint[1], (float)l->device.joint[2]};
+    float force[3];
+    surface_force(&l->patch, &l->node.config.params, tip, force);
+    const double error = l->device.torque[2] - (double)force[2];
+    r->error_N += error * error;
+    r->error_max_N = fmax(r->error_max_N, fabs(error));
+    ++*count;
+}
+
 static loop_result run_loop(const loop_case *c, double compliance) {
     static loop l;
     loop_result r = {0};
     tensormass_tool_state_t tool = {0};
     double low = 1, high = 0;
+    int samples = 0;
     if (!set_up(&l, c, compliance)) return r;
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
     for (int64_t t = 0; t < end; t += c->tick_us) {
@@ -237,6 +254,7 @@ static loop_result run_loop(const loop_case *c, double compliance) {
         if (s > STEP_AT_S - 1)
             r.limited |=
                 (l.node.result.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
+        if (!l.tissue && s > STEP_AT_S && s <= STEP_AT_S + ERROR_S) add_error(&l, &r, &samples);
         if (s > SECONDS - 1)
             low = fmin(low, l.device.joint[HRT_INSERTION]), high = fmax(high, l.device.joint[HRT_INSERTION]);
     }
@@ -244,6 +262,7 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     double K[9];
     if (!l.tissue) surface_stiffness(&l.patch, &l.node.config.params, tip, K), l.along_N_m = -K[8];
     r.stiffness_N_m = l.along_N_m;
+    if (samples) r.error_N = sqrt(r.error_N / samples);
     r.last_swing_m = high - low;
     r.settled =
         r.engaged && l.node.result.state == HRT_ENGAGED && !r.limited &&
@@ -313,13 +332,14 @@ static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
         const int tick_us = quick ? brief[k].tick_us : whole[k].tick_us;
         progress("Z-width", (double)k / count);
         for (int w = 0; w < 4; w += quick ? 2 : 1)
-            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, 0, false, -1, tick_us, wall_N_s_m[w], NULL}, quick,
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, 0, false, -1, tick_us, wall_N_s_m[w], NULL, 0}, quick,
                         damping_N_s_m);
         for (int late = 0; late < (quick ? 0 : 3); late++) {
             if (late)
-                add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, false, -1, tick_us, 0, NULL}, quick,
+                add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, false, -1, tick_us, 0, NULL, 0}, quick,
                             damping_N_s_m);
-            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, true, -1, tick_us, 0, NULL}, quick, damping_N_s_m);
+            add_largest(rows, &(loop_case){HRT_HOLD, rate_Hz, late, true, -1, tick_us, 0, NULL, 0}, quick,
+                        damping_N_s_m);
         }
     }
 }
@@ -336,10 +356,33 @@ static void add_devices(cJSON *rows, bool quick) {
         progress("desk devices", (double)d / hrt_device_type_count);
         for (int rate = 500; rate <= (quick ? 500 : 2000); rate *= 2) {
             const int tick_us = 1000000 / rate;
-            add_largest(rows, &(loop_case){HRT_HOLD, rate, 0, false, -1, tick_us, 0, device}, quick,
+            add_largest(rows, &(loop_case){HRT_HOLD, rate, 0, false, -1, tick_us, 0, device, 0}, quick,
                         config.viscous[2] + config.hand_damping[2]);
             cJSON_AddStringToObject(cJSON_GetArrayItem(rows, cJSON_GetArraySize(rows) - 1), "device", device->name);
         }
+    }
+}
+
+/* Adds the error at the hand of each desk device by rate and delay: the hand presses by a millimetre more on a surface
+ * that every twin renders stably. */
+static void add_device_errors(cJSON *rows, bool quick) {
+    static const double compliance_m_N = 1.0 / 500;
+    for (int32_t d = 0; d < hrt_device_type_count; d++) {
+        const hrt_device_type *device = hrt_device_types[d];
+        if (!device->slides || (quick && d != hrt_device_type_find("omega"))) continue;
+        progress("desk devices' errors", (double)d / hrt_device_type_count);
+        for (int rate = 500; rate <= 4000; rate *= quick ? 8 : 2)
+            for (int late_us = 0; late_us <= 2000; late_us += 2000) {
+                const loop_case c = {.which = HRT_HOLD,
+                                     .rate_Hz = rate,
+                                     .model = -1,
+                                     .tick_us = 1000000 / rate,
+                                     .device = device,
+                                     .device_late_us = late_us};
+                const loop_result r = run_loop(&c, compliance_m_N);
+                app_json_add(rows, "device %s rate_Hz %d late_ms %g error_mN %g error_max_mN %g settled %hhd",
+                             device->name, rate, 1e-3 * late_us, 1e3 * r.error_N, 1e3 * r.error_max_N, r.settled);
+            }
     }
 }
 
@@ -354,12 +397,13 @@ int study_loop(const study_run *run, cJSON *out) {
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
             for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell++)
-                add_largest(rows,
-                            &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0, NULL},
-                            run->quick, b);
+                add_largest(
+                    rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0, NULL, 0},
+                    run->quick, b);
         }
     add_z_width(cJSON_AddArrayToObject(out, "z_width"), run->quick, b);
     add_devices(cJSON_AddArrayToObject(out, "devices"), run->quick);
+    add_device_errors(cJSON_AddArrayToObject(out, "device_errors"), run->quick);
     app_json_add(out, "damping_N_s_m %g hand_stiffness_N_m %g mass_kg %g", b, device.hand_stiffness[HRT_INSERTION],
                  device.inertia[HRT_INSERTION]);
     return 0;
@@ -370,7 +414,7 @@ int study_tissue_loop(const study_run *run, cJSON *rows) {
     static const model tissue[] = {MODEL_ISOTROPIC, MODEL_CUT};
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
-            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0, NULL};
+            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US, 0, NULL, 0};
             bool beyond;
             progress("closed loop on tissue", (4.0 * i + x) / 8);
             const loop_result r = largest(&c, run->quick, &beyond);
