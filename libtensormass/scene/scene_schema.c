@@ -155,7 +155,7 @@ static const app_field fields[] = {
     {"loads[].traction", APP_VECTOR, "pressure", NULL, 0, 0, offsetof(app_load, traction), 0,
      "force per undeformed area, on the surface triangles whose three vertices are selected"},
     {"loads[].pressure", APP_NUMBER, "pressure", NULL, -1e9, 1e9, offsetof(app_load, pressure), 0,
-     "pressure on these triangles, along the inward normals of the deformed surface and over its area; `model: dynamic` only. Keep it below a tenth of Young's modulus: the guaranteed step does not include its stiffness"},
+     "pressure on these triangles, along the inward normals of the deformed surface and over its area; `model: dynamic` only. Its stiffness bounds the step, and a longer step is refused"},
 
     {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument),
      "one or two, numbered 0 and 1"},

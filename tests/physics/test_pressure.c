@@ -6,7 +6,9 @@
 
 #include <string.h>
 
+#include "dense.h"
 #include "tensormass/cut.h"
+#include "world/pressure.h"
 
 typedef struct body {
     tm_mesh *mesh;
@@ -165,6 +167,79 @@ static void removed_tetrahedra_bear_nothing(void **state) {
     destroy(&b);
 }
 
+/* Minus the derivative of tissue and pressures at u, symmetric part, over the masses, by differences. */
+static double frequency2(const body *b, const double *u) {
+    const double h = 1e-7, *mass = tm_tissue_mass_kg(b->tissue);
+    const size_t n = (size_t)b->n;
+    double *x = malloc(sizeof *x * n), *A = calloc(n * n, sizeof *A), *f = calloc(2 * n, sizeof *f);
+    memcpy(x, u, sizeof *x * n);
+    for (size_t j = 0; j < n; j++) {
+        for (int end = 0; end < 2; end++) {
+            x[j] = u[j] + (end ? h : -h);
+            tm_tissue_force(b->tissue, x, f + (end ? n : 0));
+            tm_pressure_add(b->world, x, f + (end ? n : 0));
+        }
+        x[j] = u[j];
+        for (size_t i = 0; i < n; i++) {
+            const double K = (f[i] - f[n + i]) / (2 * h);
+            A[i * n + j] += 0.5 * K / sqrt(mass[i / 3] * mass[j / 3]);
+            A[j * n + i] += 0.5 * K / sqrt(mass[i / 3] * mass[j / 3]);
+        }
+    }
+    const double most = dense_largest(A, b->n);
+    free(x), free(A), free(f);
+    return most;
+}
+
+/* Tissue under a pressure, or a suction, of the size of Young's modulus: a single tetrahedron, whose own bound is
+ * exact, and blocks that may be cut or not. Without the load's stiffness the bound is exceeded; with it never, at rest
+ * and deformed. */
+static void the_step_holds_the_load(void **state) {
+    (void)state;
+    double nearest = 0, exceeded = 0;
+    for (int k = 0; k < 6; k++) {
+        fix_random random = {(uint64_t)(3 + k)};
+        tm_material m;
+        tm_error error;
+        fix_ok(tm_material_young(5e3, 0.3, &m, &error), &error);
+        body b = {.mesh = k < 2 ? NULL : fix_block((int[]){2, 1, 1}, (double[]){0.02, 0.01, 0.01}, 0.2, &random)};
+        static const double corner[12] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01};
+        if (k < 2) fix_ok(fix_one_tet(corner, &b.mesh, &error), &error);
+        b.n = 3 * b.mesh->vertex_count;
+        tm_tissue_def def = tm_tissue_def_default();
+        def.mesh = b.mesh, def.material_count = 1, def.material = &m, def.cuttable = k % 2;
+        fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
+        double *pressure = malloc(sizeof *pressure * (size_t)b.mesh->surface_count);
+        double *u = calloc((size_t)b.n, sizeof *u);
+        for (int32_t t = 0; t < b.mesh->surface_count; t++) pressure[t] = (k % 2 ? -1 : 1) * 3e3 * fix_uniform(&random);
+        tm_world_def world = tm_world_def_default();
+        world.tissue = b.tissue, world.step_fraction = 0.3;
+        fix_ok(tm_world_create(&world, &b.world, &error), &error);
+        const double own = tm_critical_step_guaranteed(b.tissue, NULL);
+        fix_ok(tm_stage_pressure(b.world, pressure, &error), &error);
+        assert_int_equal(tm_world_set_step(b.world, 0.9999 * own, &error), TM_ERR_STEP);
+        assert_non_null(strstr(error.message, "the limit of stage pressure"));
+        double low = 0.3 * own, high = own; /* the limit, by what is accepted */
+        for (int i = 0; i < 50; i++) {
+            const double middle = 0.5 * (low + high);
+            *(tm_world_set_step(b.world, middle, &error) ? &high : &low) = middle;
+        }
+        double most = frequency2(&b, u);
+        for (int round = 0; round < 8; round++) {
+            for (int32_t i = 0; i < b.n; i++)
+                u[i] = 0.4 * (b.mesh->rest_m[i] + 0.002 * fix_signed(&random)) * (round % 2 ? 1 : fix_signed(&random));
+            most = fmax(most, frequency2(&b, u));
+        }
+        exceeded = fmax(exceeded, most * own * own / 4);
+        nearest = fmax(nearest, most * low * low / 4);
+        assert_true(most <= 4 / (low * low));
+        free(u), free(pressure);
+        destroy(&b);
+    }
+    print_message("  up to %.3f of the bound, %.3f of that without the load\n", nearest, exceeded);
+    assert_true(nearest > 0.7 && exceeded > 1.01);
+}
+
 static void refusals_say_why(void **state) {
     (void)state;
     body b = block(TM_LAW_LINEAR, (int[]){1, 1, 1}, 1);
@@ -218,6 +293,7 @@ int main(void) {
         cmocka_unit_test(bits_do_not_depend_on_threads),
         cmocka_unit_test(removed_tetrahedra_bear_nothing),
         cmocka_unit_test(a_fibred_beam_bends_as_the_benchmark),
+        cmocka_unit_test(the_step_holds_the_load),
         cmocka_unit_test(refusals_say_why),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

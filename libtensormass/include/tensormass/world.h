@@ -82,7 +82,8 @@ typedef struct tm_stage {
      * stiffens the tissue and must set one:
      *     the minimum over vertices of 1 / sqrt(1/g^2 + k/(4 m)),
      * g the tissue's guaranteed step, m the mass of a vertex, k the stage's stiffness there. k is a spring's constant;
-     * with several springs, or springs between vertices, it is the sum of absolute entries in the vertex' row. */
+     * with several springs, or springs between vertices, it is the sum of absolute entries in the vertex' row. With
+     * several such stages the k add. */
     double step_limit_s;
     const char *settle_refusal; /* why tm_world_settle cannot settle a world with this stage; null: it can */
     /* Name of the stage that it is a further part of: removed with it, owns nothing; null: an independent stage. */
@@ -183,8 +184,9 @@ TM_API tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_er
 /* Adds constant forces on vertices, including lumped tractions. [3*vertex_count] N, copied. */
 TM_API tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error);
 /* Adds the stage "pressure": pressure_Pa [surface_count] on the triangles of the mesh's surface, along the inward
- * normals of the deformed surface, over its deformed area. Its stiffness, of the size of pressure
- * times edge, is not in the guaranteed step. On a surface with a free border a pressure is not conservative. Copied. */
+ * normals of the deformed surface, over its deformed area. Its stiffness, of the size of pressure times
+ * edge, bounds the step (step_limit_s), for edges stretched by up to the law's limit, 1.6 of linear tissue; a longer
+ * step: TM_ERR_STEP. On a surface with a free border a pressure is not conservative. Copied. */
 TM_API tm_status tm_stage_pressure(tm_world *world, const double *pressure_Pa, tm_error *error);
 /* Adds a traction (Pa, over the undeformed area) on surface triangles to force_N, the caller's array. Needs no
  * world. */

@@ -13,7 +13,6 @@
 #include "world/world_internal.h"
 
 enum { NODES = 18, CALM = 8 };
-static const double MARGIN = 0.95; /* of the step that the bound allows */
 
 /* State between steps: what a snapshot keeps. */
 typedef struct kept {
@@ -45,7 +44,7 @@ double tm_adaptive_gain(const tm_material *material, int32_t count, bool average
     for (int32_t m = 0; m < count; m++)
         least = fmin(least, tm_law_stiffest_Pa(material + m, averaged) /
                                 tm_law_stiffest_within_Pa(material + m, averaged, TM_STRAIN_REST));
-    return MARGIN * sqrt(least);
+    return TM_ADAPTIVE_MARGIN * sqrt(least);
 }
 
 /* Returns the guaranteed step if the bound of each material were a[m*stride + i]; 0: no memory. No tetrahedron is
@@ -85,7 +84,7 @@ static bool steps_by_strain(tm_tissue *tissue, int nodes, double *step_s) {
 double tm_adaptive_longest_s(tm_tissue *tissue) {
     double step_s[NODES];
     const int rest = (int)(TM_STRAIN_REST * NODES / TM_STRAIN_MOST - 1 + 1e-9);
-    return steps_by_strain(tissue, rest + 1, step_s) ? MARGIN * step_s[rest] : 0;
+    return steps_by_strain(tissue, rest + 1, step_s) ? TM_ADAPTIVE_MARGIN * step_s[rest] : 0;
 }
 
 /* --- the step --- */
@@ -203,7 +202,7 @@ static tm_status set_levels(adaptive *a, tm_world *world, tm_error *error) {
             return tm_fail(error, TM_ERR_STEP, -1, "adaptive step %.6g s is more than %d times %.6g s; lower it",
                            a->step_s, 1 << (TM_ADAPTIVE_LEVELS - 1), world->state.dt_s);
     for (int32_t k = 0; k < a->levels - 1; k++)
-        for (int i = 0; i < NODES && a->step_s / (1 << k) <= MARGIN * step_s[i] * (1 + 1e-9); i++)
+        for (int i = 0; i < NODES && a->step_s / (1 << k) <= TM_ADAPTIVE_MARGIN * step_s[i] * (1 + 1e-9); i++)
             a->strain[k] = node(i);
     a->strain[a->levels - 1] = HUGE_VAL;
     if (a->strain[0] < TM_STRAIN_REST * (1 - 1e-9))
@@ -255,7 +254,7 @@ tm_status tm_world_adapt(tm_world *world, double step_s, tm_error *error) {
     }
     a->pool = pool;
     tm_world_set_divides(world, stage.name);
-    world->adaptive = a;
+    world->adaptive = a, world->long_step_s = step_s;
     tm_world_change_step(world, step_s);
     return TM_OK;
 }

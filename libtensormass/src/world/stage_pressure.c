@@ -94,6 +94,46 @@ void tm_pressure_add_tangent(const tm_world *world, const double *u_m, tm_tangen
             add_tangent(world->entry[i].stage.self, world->tissue, u_m, tangent);
 }
 
+/* --- the step --- */
+
+static double edge_stretch(const tm_tissue *tissue, int32_t tet) {
+    const tm_material *m = tm_tissue_tet_material(tissue, tet);
+    return m->law == TM_LAW_LINEAR ? TM_STRETCH_DEFAULT : m->stretch_max;
+}
+
+/* Returns 1/s2, a bound of the largest eigenvalue of M^-1 L, L the symmetric part of minus the derivative of all
+ * forces. Its blocks are p/12 [e_j - e_i] (add_tangent), so that a triangle adds at most p/12 sum_j |e_j - e_i| to the
+ * diagonal at its corner i. Tissue that may be cut, or is bounded by tetrahedra, has it by tetrahedra: each then bears
+ * its triangles on its own mass. */
+static bool stiffness(const pressure *p, const tm_tissue *tissue, double *most_1_s2) {
+    const tm_mesh *mesh = tissue->mesh;
+    const bool alone = tissue->cuttable || tissue->extra_mass_kg || tissue->required_mass_kg;
+    tm_pool pool = {0};
+    double *sum = TM_ALLOC(&pool, double, alone ? 4 * (int64_t)mesh->tet_count : mesh->vertex_count);
+    *most_1_s2 = 0;
+    for (int32_t t = 0; t < p->count && sum; t++) {
+        const int32_t *v = p->corner + 3 * (int64_t)t, tet = p->tet[t];
+        const double scale = 0.5 * fabs(p->sixth_Pa[t]) * edge_stretch(tissue, tet);
+        double edge[3][3];
+        for (int k = 0; k < 3; k++)
+            vsub(mesh->rest_m + 3 * (int64_t)v[(k + 2) % 3], mesh->rest_m + 3 * (int64_t)v[(k + 1) % 3], edge[k]);
+        for (int i = 0; i < 3; i++) {
+            double a[3], b[3];
+            int k = 0;
+            while (mesh->tet[4 * (int64_t)tet + k] != v[i]) k++;
+            vsub(edge[(i + 1) % 3], edge[i], a);
+            vsub(edge[(i + 2) % 3], edge[i], b);
+            double *at = sum + (alone ? 4 * (int64_t)tet + k : v[i]);
+            *at += scale * (sqrt(vdot(a, a)) + sqrt(vdot(b, b)));
+            const double mass = alone ? tm_tissue_tet_material(tissue, tet)->density_kg_m3 * mesh->volume_m3[tet] / 4
+                                      : tissue->mass_kg[v[i]];
+            if (mass > 0) *most_1_s2 = fmax(*most_1_s2, *at / mass);
+        }
+    }
+    tm_pool_release(&pool);
+    return sum;
+}
+
 /* --- creation --- */
 
 static void destroy(void *self) {
@@ -147,7 +187,14 @@ tm_status tm_stage_pressure(tm_world *world, const double *pressure_Pa, tm_error
         return tm_fail_memory(error, "pressure stage");
     }
     p->pool = pool;
+    double more_1_s2;
+    if (!stiffness(p, world->tissue, &more_1_s2)) {
+        destroy(p);
+        return tm_fail_memory(error, "pressure stage");
+    }
+    const double g = world->guaranteed_step_s, tissue_1_s2 = isfinite(g) ? 4 / (g * g) : 0;
     const tm_stage stage = {.size = sizeof stage,
+                            .step_limit_s = count ? 2 / sqrt(tissue_1_s2 + more_1_s2) : 0,
                             .name = "pressure",
                             .phase = TM_PHASE_LOAD,
                             .range = tm_stage_pressure_run,

@@ -6,13 +6,32 @@
 
 /* --- the length of the step --- */
 
-static bool is_step_allowed(const tm_stage *stage, double dt_s) {
-    return !(stage->step_limit_s > 0) || dt_s <= stage->step_limit_s;
+/* Returns the step that the stages and one more (or null) allow: their stiffnesses k/(4 m) add. An adaptive step leaves
+ * a share of the tissue's stiffness free at every level, and that bounds theirs. *least: the stage of the lowest limit.
+ */
+static double step_limit(const tm_world *world, const tm_stage *more, const tm_stage **least) {
+    const double own =
+        isfinite(world->guaranteed_step_s) ? 1 / (world->guaranteed_step_s * world->guaranteed_step_s) : 0;
+    double sum = 0;
+    *least = NULL;
+    for (int32_t i = 0; i <= world->stage_count; i++) {
+        const tm_stage *stage = i < world->stage_count ? &world->entry[i].stage : more;
+        if (!stage || !(stage->step_limit_s > 0)) continue;
+        sum += fmax(1 / (stage->step_limit_s * stage->step_limit_s) - own, 0);
+        if (!*least || stage->step_limit_s < (*least)->step_limit_s) *least = stage;
+    }
+    if (!*least) return HUGE_VAL;
+    const double only_s = (*least)->step_limit_s; /* of one stage: to the last bit */
+    const double limit_s = fmin(1 / sqrt(own + sum) * (1 + 1e-12), only_s);
+    return world->adaptive ? sqrt((1 - TM_ADAPTIVE_MARGIN * TM_ADAPTIVE_MARGIN) / sum) : limit_s;
 }
 
-static tm_status above_limit(const tm_stage *stage, double dt_s, tm_error *error) {
+static tm_status check_limits(const tm_world *world, const tm_stage *more, double dt_s, tm_error *error) {
+    const tm_stage *least;
+    const double limit_s = step_limit(world, more, &least);
+    if (dt_s <= limit_s) return TM_OK;
     return tm_fail(error, TM_ERR_STEP, -1, "time step %.6g s is above %.6g s, the limit of stage %s; lower the step",
-                   dt_s, stage->step_limit_s, stage->name);
+                   dt_s, limit_s, least->name);
 }
 
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error) {
@@ -23,9 +42,7 @@ tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *erro
                        "time step %.6g s is above the guaranteed critical step %.6g s, set by "
                        "tetrahedron %d; lower the step or repair that tetrahedron",
                        dt_s, world->guaranteed_step_s, world->guaranteed_tet);
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (!is_step_allowed(&world->entry[i].stage, dt_s)) return above_limit(&world->entry[i].stage, dt_s, error);
-    return TM_OK;
+    return check_limits(world, NULL, dt_s, error);
 }
 
 /* --- stages --- */
@@ -117,8 +134,8 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
                TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->checkpoint == !stage->rollback && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
-    const tm_status status = is_step_allowed(stage, world->state.dt_s) ? check_needs(world, stage, error)
-                                                                       : above_limit(stage, world->state.dt_s, error);
+    tm_status status = check_limits(world, stage, world->adaptive ? world->long_step_s : world->state.dt_s, error);
+    if (!status) status = check_needs(world, stage, error);
     if (status) return status;
     if (find_stage(world, stage->name) >= 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "the world already has stage %s; add it once, with all its settings",

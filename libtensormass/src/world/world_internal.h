@@ -57,6 +57,7 @@ struct tm_world {
     bool damped, timing;
     bool wide;                /* stages may use AVX2 where its bits equal those of the plain loop */
     int32_t revision;         /* of the tissue's surface for which masses and stages are current */
+    double long_step_s;       /* of an adaptive step */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
     struct tm_adaptive *adaptive; /* null: all steps have one length */
@@ -163,6 +164,8 @@ int32_t tm_adaptive_begin(tm_world *world);
  * memory. */
 #define TM_STRAIN_REST 0.1
 double tm_adaptive_longest_s(tm_tissue *tissue);
+/* Share of the step that the bound of the present strains allows. */
+#define TM_ADAPTIVE_MARGIN 0.95
 /* Returns by how much an adaptive step of tissue of these materials may exceed the step that holds in every state. */
 double tm_adaptive_gain(const tm_material *material, int32_t count, bool averaged);
 tm_status tm_adaptive_check(const tm_tissue *tissue, tm_error *error); /* TM_ERR_EXCLUDED: it cannot be adaptive */
