@@ -102,7 +102,7 @@ static bool compute_grasped(tm_patch_builder *builder, int32_t t, const tm_patch
     if (!whole) patch->vertex_count = patch->triangle_count = 0;
     if (!whole && tm_patch_has_outside_load(patch, vnorm(held_N), contact->row, contact->row_count)) return false;
     describe(builder, t, patch);
-    if (!tm_patch_fill_grasped(builder->solver, patch, grasp, tool->pose.tip_m, tm_patch_known_block, builder,
+    if (!tm_patch_fill_grasped(builder->solver, patch, grasp, tool->pose.tip_m, tm_patch_coupled_block, builder,
                                contact->row, contact->row_count))
         return false;
     memcpy(tool->stiffness_N_m, patch->grasp_stiffness_N_m, sizeof tool->stiffness_N_m);
@@ -124,13 +124,15 @@ static bool compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     patch->instrument = t;
     tm_patch_grasp grasp;
     const int32_t count = held(builder, t, &grasp);
+    if (builder->behind) builder->behind_count = tm_patch_behind_choose(builder->behind, &builder->behind_vertex);
     tm_patch_want(builder, t, grasp.vertex, count, patch);
+    if (builder->behind) tm_patch_behind_prepare(builder->behind, builder);
     /* The patch does not contain the force of fading rows, which slip or weaken independently of the tool. */
     if (tm_fading_has(contact->fading, t)) return false;
     if (count > 0) return compute_grasped(builder, t, &grasp, patch);
     if (count < 0 || !find_surface(builder, t, builder->def.max_vertices, 0, patch)) return false;
     describe(builder, t, patch);
-    if (!tm_patch_fill(patch, tm_patch_known_block, builder, contact->row, contact->row_count) ||
+    if (!tm_patch_fill(patch, tm_patch_coupled_block, builder, contact->row, contact->row_count) ||
         !find_stiffness(builder, patch, tool))
         return false;
     tool->stiffness_kind = patch->kind;
@@ -203,6 +205,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     tm_pool pool = {0};
     tm_patch_builder *builder = TM_ALLOC(&pool, tm_patch_builder, 1);
     tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    tm_patch_behind *behind = def->source ? tm_patch_behind_create(&pool, world) : NULL;
     tm_status status =
         !pool.failed ? tm_patch_solver_create(&builder->solver, error) : tm_fail_memory(error, "patch stage");
     if (status) {
@@ -215,6 +218,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     builder->contact = contact;
     builder->world = world;
     builder->columns = columns;
+    builder->behind = behind;
     builder->corotated = turns;
     if (def->surface) builder->surface = *def->surface;
     if (def->source) builder->source = *def->source;

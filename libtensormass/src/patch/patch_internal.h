@@ -44,6 +44,7 @@ int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surfa
                          int32_t vertex[TM_COMPLIANCE_REQUEST_MAX]);
 
 typedef struct tm_columns tm_columns;
+typedef struct tm_patch_behind tm_patch_behind;
 struct tm_patch_builder {
     tm_pool pool;
     tm_patch_def def;
@@ -51,6 +52,9 @@ struct tm_patch_builder {
     tm_world *world;
     tm_columns *columns; /* null with a source */
     tm_compliance_source source;
+    tm_patch_behind *behind; /* null: the world has no stage "touch", or columns come from conjugate gradients */
+    int32_t behind_count;    /* vertices of its rows, which a request contains after those of the patch */
+    const int32_t *behind_vertex;
     tm_patch_surface surface;           /* view null: the tissue's */
     const tm_compliance *columns_known; /* last result of the source */
     bool corotated;                     /* the law of the world is nonlinear */
@@ -73,6 +77,18 @@ bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex);
 bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]);
 /* Returns tm_patch.kind by the source of the compliance. */
 int32_t tm_patch_known_kind(const tm_patch_builder *builder);
+
+/* --- patch_behind.c: tissue that the tissue under the tool rests on --- */
+
+/* Returns null if the world has no stage "touch". */
+tm_patch_behind *tm_patch_behind_create(tm_pool *pool, tm_world *world);
+/* Chooses the rows that bear most, as far as a request has room for their vertices. Returns the count of the
+ * vertices. */
+int32_t tm_patch_behind_choose(tm_patch_behind *behind, const int32_t **vertex);
+/* Eliminates those chosen rows whose columns are known. Returns false if they have no Cholesky factor. */
+bool tm_patch_behind_prepare(tm_patch_behind *behind, const tm_patch_builder *builder);
+/* tm_patch_block for the known compliance with the rows behind; self: the builder. */
+bool tm_patch_coupled_block(void *self, int32_t a, int32_t b, double C[9]);
 
 /* compliance_cg.c: columns of the quasi-static compliance, computed incrementally and stored. */
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);

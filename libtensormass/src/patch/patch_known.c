@@ -166,6 +166,8 @@ static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, con
     const tm_surface_view surface = tm_patch_surface_of(builder);
     int32_t near[TM_COMPLIANCE_REQUEST_MAX], n = list_patch(builder, t, patch, list, fixed);
     if (n > TM_COMPLIANCE_REQUEST_MAX) n = TM_COMPLIANCE_REQUEST_MAX;
+    for (int32_t i = 0; i < builder->behind_count && n < TM_COMPLIANCE_REQUEST_MAX; i++)
+        if (!among(list, n, builder->behind_vertex[i])) list[n++] = builder->behind_vertex[i];
     const int32_t needed = n, found = tm_patch_nearest(
                                   tissue->mesh->rest_m, builder->world->state.u_m, &surface, &contact->tool[t].capsule,
                                   builder->velocity_m_s[t], builder->def.horizon_s, contact->row, contact->row_count,

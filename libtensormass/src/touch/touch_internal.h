@@ -162,6 +162,8 @@ void tm_touch_find(tm_touching *touching);
 double tm_touching_stored_J(const tm_touching *touching, int32_t row);
 
 /* touch_solve.c */
+/* Returns the derivative of a row's depth by its force, m/N, and whether its friction sticks. */
+double tm_touching_slope_m_N(const tm_touching *touching, int32_t row, bool *sticks);
 void tm_touch_prepare(tm_touching *touching);
 void tm_touch_sweep(tm_touching *touching, int32_t sweep);
 void tm_touch_remember(tm_touching *touching);

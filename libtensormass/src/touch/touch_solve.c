@@ -126,6 +126,12 @@ double tm_touching_stored_J(const tm_touching *t, int32_t row) {
                : 0;
 }
 
+double tm_touching_slope_m_N(const tm_touching *t, int32_t row, bool *sticks) {
+    const tm_touch_solver *s = t->solver + row;
+    *sticks = t->def.mu_static > 0 && !s->slips;
+    return law_compliance_slope(s->compliance_m_N, s->soft_m, t->row[row].lambda_N);
+}
+
 void tm_touch_remember(tm_touching *t) {
     t->memory_count = 0;
     for (int32_t i = 0; i < t->row_count; i++) {
