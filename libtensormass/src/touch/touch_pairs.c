@@ -39,6 +39,7 @@ void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
     int32_t w[3];
     tm_touch_triangle(t, face, w);
     if (v == w[0] || v == w[1] || v == w[2] || !tm_touch_enabled(t, body, other)) return;
+    if (v == t->world->tissue->mesh->tet[face]) return; /* of one tetrahedron: through it only by its inversion */
     double p[3], x[3][3];
     place(t, v, p);
     for (int j = 0; j < 3; j++) place(t, w[j], x[j]);
@@ -60,6 +61,18 @@ static bool are_far(const double x[4][3], double distance_m) {
     a2 = vdot(a, a), b2 = vdot(b, b);
     const double sum = 0.5 * (sqrt(a2) + sqrt(b2)) + distance_m;
     return vdot(between, between) > sum * sum * (1 + 1e-9);
+}
+
+/* Returns whether two edges are opposite edges of one tetrahedron: they cross only by its inversion. */
+static bool are_opposite(const tm_tissue *tissue, const int32_t a[2], const int32_t b[2]) {
+    const tm_mesh *mesh = tissue->mesh;
+    for (int32_t i = mesh->vertex_tet_begin[a[0]]; i < mesh->vertex_tet_begin[a[0] + 1]; i++) {
+        const int32_t *tet = mesh->tet + 4 * (int64_t)mesh->vertex_tet[i];
+        int found = 0;
+        for (int j = 0; j < 4; j++) found += tet[j] == a[1] || tet[j] == b[0] || tet[j] == b[1];
+        if (found == 3 && tissue->alive[mesh->vertex_tet[i]]) return true;
+    }
+    return false;
 }
 
 void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
@@ -89,7 +102,7 @@ void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
         to[c] = y[2][c] + r * (y[3][c] - y[2][c]) - from[c];
     }
     const double h = thickness(t, body == other, rest_m, vdot(to, n) < 0);
-    if (h >= 0) add(t, &t->ee, a, b, h);
+    if (h >= 0 && !are_opposite(t->world->tissue, va, vb)) add(t, &t->ee, a, b, h);
 }
 
 /* --- order of the lists: by a, then b --- */
