@@ -77,9 +77,10 @@ static tm_status check_law(const app_scene *scene, const app_material *m) {
             scene, m->law.line,
             "law '%s' needs 'model: dynamic', as the other models support only the linear law; write 'model: dynamic'",
             tm_law_name((tm_law_kind)m->law.index));
-    if (scene->precision.index == TM_SINGLE)
-        return app_scene_bad(scene, m->law.line,
-                             "law '%s' and tissue.precision = single exclude each other; write 'precision: double'",
+    if (scene->precision.index == TM_SINGLE && sim_options(scene, "viscosity"))
+        return app_scene_bad(scene, scene->precision.line,
+                             "tissue.precision = single and law '%s' with 'viscosity:' exclude each other: what "
+                             "relaxes is kept in double; write 'precision: double', or leave viscosity out",
                              tm_law_name((tm_law_kind)m->law.index));
     return 0;
 }

@@ -381,8 +381,8 @@ static void refusals_say_why(void **state) {
     tissue_is_refused(other, TM_ERR_EXCLUDED, "rotation");
     other = def, other.strain_smoothing = true; /* by default it averages shear too */
     tissue_is_refused(other, TM_ERR_EXCLUDED, "averaged shear");
-    other = def, other.precision = TM_SINGLE;
-    tissue_is_refused(other, TM_ERR_EXCLUDED, "single");
+    other = def, other.smoothed_shear_share = 0, other.strain_smoothing = true, other.precision = TM_SINGLE;
+    tissue_is_refused(other, TM_ERR_ARGUMENT, "double precision");
     tm_material m = linear;
     assert_int_equal(tm_material_set_law(&m, TM_LAW_NEO_HOOKE, NULL, 1.1, &error), TM_ERR_MATERIAL);
     assert_non_null(strstr(error.message, "1.2 <= stretch <= 4 is violated"));

@@ -4,6 +4,7 @@
 #define V8 double _Complex
 #define M8 int64_t
 #define INSIDE static inline
+#define REAL(x) (x)
 
 INSIDE void TM_NAME(choose)(V8 *to, const M8 *mask, const V8 *yes, const V8 *no) { *to = *mask ? *yes : *no; }
 INSIDE bool TM_NAME(any)(const M8 *mask) { return *mask != 0; }

@@ -329,3 +329,4 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_tet_batches *batches, const int
 #undef V8
 #undef M8
 #undef INSIDE
+#undef REAL

@@ -61,13 +61,13 @@ INSIDE void TM_NAME(st_venant_kirchhoff)(const TM_NAME(hyper) * w, const V8 H[9]
     TM_NAME(pull_forward)(H, S, &pressure, s, P);
 }
 
-/* c: C times the volume, 1/C per volume, largest exponent; beyond it the exponential is constant. */
+/* c: C times the volume, largest exponent, 2/C per volume; beyond the exponent the exponential is constant. */
 INSIDE void TM_NAME(fung)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9], M8 *outside) {
     V8 E[9], S[9], J1, energy, Q, steep;
     TM_NAME(green_strain)(H, E);
     TM_NAME(green_stress)(w, E, S, &energy);
     TM_NAME(clamp)(&s->J1, TM_VOLUME_LEAST - 1, TM_VOLUME_MOST - 1, &J1, outside);
-    Q = 2.0 * energy / w->c[0];
+    Q = w->c[2] * energy;
     const M8 above = TM_NAME(exceeds)(&Q, &w->c[1]);
     TM_NAME(choose)(&Q, &above, &w->c[1], &Q);
     *outside = *outside | above;

@@ -47,6 +47,7 @@
 #undef V8
 #undef M8
 #undef INSIDE
+#undef REAL
 #undef TM_NAME
 #undef TM_TARGET
 
@@ -110,7 +111,7 @@ static const double NO_LIMIT = 1e300;
 
 void tm_law_constants(const tm_material *m, double volume, double c[TM_LAW_CONSTANTS]) {
     memcpy(c, m->law_constant, TM_LAW_CONSTANTS * sizeof *c);
-    if (m->law == TM_LAW_FUNG) c[0] *= volume, c[1] = tm_law_exponent_limit(m);
+    if (m->law == TM_LAW_FUNG) c[0] *= volume, c[1] = tm_law_exponent_limit(m), c[2] = 2 / c[0];
     if (m->law == TM_LAW_HOLZAPFEL) c[0] *= volume, c[3] = tm_law_fibre_limit(m);
 }
 

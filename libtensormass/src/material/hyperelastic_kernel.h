@@ -21,7 +21,7 @@ typedef struct TM_NAME(strain) {
 } TM_NAME(strain);
 
 INSIDE void TM_NAME(clamp)(const V8 *x, double least, double most, V8 *y, M8 *outside) {
-    const V8 low = *x * 0 + least, high = *x * 0 + most;
+    const V8 low = *x * 0 + REAL(least), high = *x * 0 + REAL(most);
     const M8 above = TM_NAME(exceeds)(x, &high), below = TM_NAME(exceeds)(&low, x);
     TM_NAME(choose)(y, &above, &high, x);
     TM_NAME(choose)(y, &below, &low, y);
@@ -71,13 +71,13 @@ INSIDE void TM_NAME(scale_back)(const TM_NAME(hyper) * w, const V8 *I3, V8 H[9],
     V8 t = *I3 + 3.0, limit = w->I3_max + 3.0;
     TM_NAME(root)(&t);
     TM_NAME(root)(&limit);
-    const V8 band = TM_STRETCH_BAND * limit, x = (t - limit) / band, over = 1.0 / (1.0 + x);
+    const V8 band = REAL(TM_STRETCH_BAND) * limit, x = (t - limit) / band, over = 1.0 / (1.0 + x);
     b->excess = t - limit;
     b->scale = (limit + band * x * over) / t;
     b->slope = over * over;
     for (int i = 0; i < 9; i++) {
-        b->N[i] = (H[i] + (i % 4 ? 0.0 : 1.0)) / t;
-        const V8 scaled = b->scale * H[i] + (i % 4 ? 0.0 : 1.0) * (b->scale - 1.0);
+        b->N[i] = (H[i] + REAL(i % 4 ? 0.0 : 1.0)) / t;
+        const V8 scaled = b->scale * H[i] + REAL(i % 4 ? 0.0 : 1.0) * (b->scale - 1.0);
         TM_NAME(choose)(&H[i], &b->who, &scaled, &H[i]);
     }
 }
@@ -108,7 +108,7 @@ INSIDE void TM_NAME(hyper_stress)(int64_t law, const TM_NAME(hyper) * w, const V
     TM_NAME(scale_back)(w, &s.I3, G, &b);
     TM_NAME(strain_of)(G, &s);
     TM_NAME(stress_of_law)(law, w, G, &s, P, outside);
-    const V8 spring = (4.0 / 3) * w->mu * b.excess;
+    const V8 spring = REAL(4.0 / 3) * w->mu * b.excess;
     TM_NAME(pull_back)(&b, &spring, P);
 }
 
@@ -120,7 +120,7 @@ INSIDE void TM_NAME(dilatation)(int64_t law, const TM_NAME(hyper) * w, const V8 
     V8 G[9];
     TM_NAME(strain_of)(H, &s);
     const V8 zero = 0.0 * s.trace;
-    for (int i = 0; i < 9; i++) slope[i] = zero + (i % 4 ? 0.0 : 1.0);
+    for (int i = 0; i < 9; i++) slope[i] = zero + REAL(i % 4 ? 0.0 : 1.0);
     *grown = s.trace;
     if (law == TM_LAW_LINEAR) return;
     b.who = TM_NAME(exceeds)(&s.I3, &w->I3_max);

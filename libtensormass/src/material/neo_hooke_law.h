@@ -6,13 +6,13 @@
 
 INSIDE void TM_NAME(neo_hooke)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
                                M8 *outside) {
-    const V8 m = (4.0 / 3) * w->mu, l = w->lambda + (5.0 / 6) * w->mu, over = 1.0 / (s->I3 + 4.0);
+    const V8 m = REAL(4.0 / 3) * w->mu, l = w->lambda + REAL(5.0 / 6) * w->mu, over = 1.0 / (s->I3 + 4.0);
     V8 J1;
     TM_NAME(clamp)(&s->J1, TM_VOLUME_LEAST - 1, TM_VOLUME_MOST - 1, &J1, outside);
     /* shear (F - cof F) + pressure cof F: each vanishes at rest without a difference of large numbers. */
     const V8 shear = m - m * over, pressure = l * J1 + 0.25 * m * s->I3 * over;
     for (int i = 0; i < 9; i++)
-        P[i] = shear * (H[i] - s->cof[i]) + pressure * s->cof[i] + (i % 4 ? 0.0 : 1.0) * pressure;
+        P[i] = shear * (H[i] - s->cof[i]) + pressure * s->cof[i] + REAL(i % 4 ? 0.0 : 1.0) * pressure;
 }
 
 #ifdef TM_ENERGIES

@@ -1,7 +1,15 @@
 /* Gradients of batches, and forces on their corners; a part of every kernel over tetrahedra (corotated_kernel.h,
  * hyperelastic_kernel.h). */
 
-INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8 *there) {
+#ifdef TM_FLOATS
+#define TM_BATCHES tm_single_batches
+#define TM_BATCH tm_single_batch
+#else
+#define TM_BATCHES tm_tet_batches
+#define TM_BATCH tm_tet_batch
+#endif
+
+INSIDE void TM_NAME(living)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
     if (p < batches->count - 1 &&
         !memcmp(batches->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
         *there = (M8){0} == 0;
@@ -14,8 +22,8 @@ INSIDE void TM_NAME(living)(const tm_tet_batches *batches, int32_t p, int at, M8
 }
 
 /* Computes grad u of the batch's active tetrahedra, 0 of the others. */
-INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, const double *u, V8 H[9]) {
-    const tm_tet_batch *batch = batches->batch + p;
+INSIDE void TM_NAME(gradient)(const TM_BATCHES *batches, int32_t p, int at, const double *u, V8 H[9]) {
+    const TM_BATCH *batch = batches->batch + p;
     TM_NAME(origin) first;
     M8 there;
     TM_NAME(living)(batches, p, at, &there);
@@ -33,8 +41,8 @@ INSIDE void TM_NAME(gradient)(const tm_tet_batches *batches, int32_t p, int at, 
 }
 
 /* Computes the corner forces of a stress times the volume: corners 1, 2, 3, and corner 0 as minus their sum. */
-INSIDE void TM_NAME(pull)(const tm_tet_batches *batches, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
-    const tm_tet_batch *batch = batches->batch + p;
+INSIDE void TM_NAME(pull)(const TM_BATCHES *batches, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
+    const TM_BATCH *batch = batches->batch + p;
     V8 alpha[9];
     __asm__("" : "+r"(batch)); /* reads alpha again: kept since the gradient, it would be spilled */
     for (int i = 0; i < 9; i++) memcpy(&alpha[i], batch->shape_1_m[i] + at, sizeof(V8));
@@ -46,3 +54,5 @@ INSIDE void TM_NAME(pull)(const tm_tet_batches *batches, int32_t p, int at, cons
         }
     }
 }
+#undef TM_BATCHES
+#undef TM_BATCH

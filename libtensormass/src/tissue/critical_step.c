@@ -11,7 +11,9 @@
 #include "tissue/tissue_internal.h"
 
 /* Covers rounding of the assembled tensors, single ones above all. */
-double tm_critical_margin(const tm_tissue *tissue) { return tissue->precision == TM_SINGLE ? 1e-5 : 1e-12; }
+double tm_critical_margin(const tm_tissue *tissue) {
+    return tissue->precision == TM_SINGLE || tissue->has_single_law ? 1e-5 : 1e-12;
+}
 
 static double step_of(const tm_tissue *tissue, double eigenvalue) {
     return 2 / sqrt(eigenvalue * (1 + tm_critical_margin(tissue)));

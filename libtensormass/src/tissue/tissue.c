@@ -99,7 +99,6 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
     if (def->rotation > 0) with = "rotation, which a nonlinear law includes";
     if (def->strain_smoothing && def->smoothed_shear_share != 0)
         with = "averaged shear, which rotated tetrahedra do not support (give smoothed_shear_share = 0)";
-    if (def->precision == TM_SINGLE) with = "single precision, which only the linear law supports";
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed) with = "a condensed part, which is linear";
     return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s excludes %s; leave one of them out", name, with) : TM_OK;
 }
@@ -154,6 +153,11 @@ static bool any_nonlinear(const tm_tissue_def *def) {
     return false;
 }
 
+/* Tensors of tissue with a nonlinear law stay double: only tangents use them. */
+static tm_precision tensor_precision(const tm_tissue_def *def) {
+    return any_nonlinear(def) ? TM_DOUBLE : def->precision;
+}
+
 static void alloc_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, int32_t pairs,
                         tm_precision precision) {
     graph->vertex_count = mesh->vertex_count;
@@ -197,10 +201,11 @@ static void init(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_ALLOC(pool, double, mesh->vertex_count);
     alloc_pairs(tissue, pool, def);
-    alloc_graph(&tissue->graph, pool, mesh, tissue->pair_count, def->precision);
+    alloc_graph(&tissue->graph, pool, mesh, tissue->pair_count, tensor_precision(def));
     if (def->cuttable || def->alive) tissue->edge_index = TM_ALLOC(pool, int32_t, tissue->pair_count);
     if (def->cuttable && !def->strain_smoothing) {
-        if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_ALLOC(pool, double, 36 * (int64_t)mesh->tet_count);
+        if (tensor_precision(def) == TM_DOUBLE)
+            tissue->vertex_block = TM_ALLOC(pool, double, 36 * (int64_t)mesh->tet_count);
         tissue->edge_block = TM_ALLOC(pool, double, 54 * (int64_t)mesh->tet_count);
     }
     if (def->cuttable) {
@@ -231,12 +236,13 @@ static void set_capacities(tm_force_graph *graph, const int32_t *pair, int32_t p
 static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     const tm_mesh *mesh = def->mesh;
     tissue->material_count = def->material_count;
-    tissue->precision = def->precision;
+    tissue->precision = tensor_precision(def);
+    tissue->has_single_law = def->precision != tissue->precision;
     tissue->cuttable = def->cuttable;
     tissue->plain = def->form == TM_FORCE_PLAIN;
     tissue->rotation = def->rotation;
     tissue->scaled_step_s = def->scaled_step_s;
-    tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
+    tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, tissue->precision == TM_SINGLE);
     if (def->extra_mass_kg)
         memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
     if (def->extra_damping_kg_s)
@@ -308,7 +314,8 @@ tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume
     def.mesh = tissue->mesh;
     def.material_count = tissue->material_count, def.material = material;
     def.region_material = tissue->region_material, def.fibre = tissue->fibre;
-    def.precision = tissue->precision, def.form = tissue->plain ? TM_FORCE_PLAIN : TM_FORCE_BEST;
+    def.precision = tissue->has_single_law ? TM_SINGLE : tissue->precision;
+    def.form = tissue->plain ? TM_FORCE_PLAIN : TM_FORCE_BEST;
     def.alive = tissue->alive;
     def.rotation = tissue->rotation;
     def.strain_smoothing = tissue->smoothed;

@@ -15,11 +15,12 @@ struct tm_tissue {
     int32_t material_count;
     int32_t *region_material; /* [region_count] */
     double *fibre;            /* [3*tet_count] or null */
-    tm_precision precision;
-    bool cuttable, plain; /* plain: the force loop's form */
-    double *stiffest_Pa;  /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
-    double rotation;      /* threshold of the stage "rotation", 0: the stage is not allowed */
-    uint8_t *alive;       /* [tet_count] */
+    tm_precision precision;   /* of the tensors */
+    bool has_single_law;      /* the step computes the nonlinear law in single precision */
+    bool cuttable, plain;     /* plain: the force loop's form */
+    double *stiffest_Pa;      /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
+    double rotation;          /* threshold of the stage "rotation", 0: the stage is not allowed */
+    uint8_t *alive;           /* [tet_count] */
     int32_t alive_count;
     uint8_t *condensed;             /* [tet_count] or null: present, but in another model */
     double *mass_kg, *damping_kg_s; /* [vertex_count] */

@@ -34,6 +34,7 @@ static uint64_t scene_hash(const tm_tissue *tissue) {
     h = tm_hash(tissue->material, sizeof(tm_material) * (size_t)tissue->material_count, h);
     h = tm_hash(tissue->region_material, sizeof(int32_t) * (size_t)mesh->region_count, h);
     if (tissue->fibre) h = tm_hash(tissue->fibre, sizeof(double) * 3 * (size_t)mesh->tet_count, h);
+    if (tissue->has_single_law) h = tm_hash(&tissue->has_single_law, sizeof tissue->has_single_law, h);
     return tm_hash(&tissue->precision, sizeof tissue->precision, h);
 }
 

@@ -3,7 +3,7 @@
  * that results are bit-identical to those of one thread. */
 #include <string.h>
 
-#include "material/hyperelastic.h"
+#include "material/hyperelastic_single.h"
 #include "tissue/tangent.h"
 #include "world/viscosity.h"
 
@@ -12,6 +12,9 @@ typedef struct law_stage {
     tm_world *world;
     tm_hyperelastic hyper;
     tm_hyper_force force;
+    tm_single_law single; /* in single precision, else empty */
+    tm_single_force single_force;
+    float *single_N; /* [12*TM_LANES*packs.count] its corner forces */
     tm_nodal_dilatation averages;
     tm_hyper_strain strain;
     tm_viscous work; /* corner_N; with averaged dilatation stress_J; with viscosity the terms */
@@ -34,8 +37,10 @@ static int32_t batches_before(const law_stage *l, int32_t part) {
 
 static void stress_part(void *context, int32_t part) {
     const law_stage *l = context;
-    l->beyond[part] = l->force(&l->hyper, batches_before(l, part), batches_before(l, part + 1), l->world->state.u_m,
-                               l->work.corner_N);
+    const double *u_m = l->world->state.u_m;
+    const int32_t begin = batches_before(l, part), end = batches_before(l, part + 1);
+    l->beyond[part] = l->single_N ? l->single_force(&l->single, begin, end, u_m, l->single_N)
+                                  : l->force(&l->hyper, begin, end, u_m, l->work.corner_N);
 }
 
 static bool is_averaged(const law_stage *l) { return tm_nodal_dilatation_is_on(&l->averages); }
@@ -90,6 +95,19 @@ static void gather(const law_stage *l, const double *corner_N, int32_t begin, in
     }
 }
 
+/* Sums are double. */
+static void gather_single(const law_stage *l, int32_t begin, int32_t end, double *TM_RESTRICT force) {
+    const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
+    for (int32_t v = begin; v < end; v++) {
+        double x = 0, y = 0, z = 0;
+        for (int32_t i = first[v]; i < first[v + 1]; i++) {
+            const float *pull = l->single_N + l->place[i];
+            x -= (double)pull[0], y -= (double)pull[TM_LANES], z -= (double)pull[2 * TM_LANES];
+        }
+        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
+    }
+}
+
 /* The law of the stage "force"; energy accounting reads the tensors' part separately. */
 static void force_range(void *self, tm_world *world, const tm_range *range) {
     const law_stage *l = self;
@@ -97,7 +115,10 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
     if (world->internal_N)
         tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end,
                       world->state.u_m, world->internal_N);
-    gather(l, l->work.corner_N, range->begin, range->end, world->state.force_N);
+    if (l->single_N)
+        gather_single(l, range->begin, range->end, world->state.force_N);
+    else
+        gather(l, l->work.corner_N, range->begin, range->end, world->state.force_N);
 }
 
 /* --- interface to other components: the law minus the tensors, which are its own for small strains --- */
@@ -242,6 +263,12 @@ static void destroy(void *self) {
     tm_pool_release(&pool);
 }
 
+static bool take_single(law_stage *l, tm_pool *pool) {
+    l->single_force = tm_single_force_choose(l->world->tissue->plain);
+    l->single_N = TM_ALLOC(pool, float, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
+    return l->single_N && tm_single_law_init(&l->single, pool, &l->hyper);
+}
+
 static bool take(law_stage *l, tm_pool *pool) {
     const tm_tissue *tissue = l->world->tissue;
     const tm_material_field field = tm_tissue_field(tissue);
@@ -249,6 +276,7 @@ static bool take(law_stage *l, tm_pool *pool) {
     if (!tm_nodal_dilatation_init(&l->averages, pool, &field, l->hyper.packs.count)) return false;
     l->force = tm_hyper_force_choose(tissue->plain);
     l->strain = tm_hyper_strain_choose(tissue->plain);
+    if (tissue->has_single_law && !take_single(l, pool)) return false;
     l->work.corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)l->hyper.packs.count);
     if (is_averaged(l)) l->work.stress_J = TM_ALLOC(pool, double, 9 * TM_LANES * (int64_t)l->hyper.packs.count);
     l->place = TM_ALLOC(pool, int32_t, 4 * (int64_t)tissue->mesh->tet_count);

@@ -261,6 +261,9 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
     if (world->tissue->extra_mass_kg)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "viscosity does not support a condensed part, which cannot relax; leave one of them out");
+    if (world->tissue->has_single_law)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "viscosity of a nonlinear law needs double precision; set precision to TM_DOUBLE");
     tm_pool pool = {0};
     viscosity *v = TM_ALLOC(&pool, viscosity, 1);
     if (v) {

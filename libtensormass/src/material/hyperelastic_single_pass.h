@@ -1,0 +1,73 @@
+/* The pass of nonlinear laws in single precision; a part of hyperelastic_single.c. */
+
+#include "material/simd_vector.h"
+
+/* Vectors at the first corner, in double, and d[i]: component i of the vectors at another corner less those. */
+#if TM_WIDTH == 8
+typedef __m256d TM_NAME(origin)[8];
+/* Three numbers: a fourth may be beyond the array. */
+#define THREE(from) _mm256_maskload_pd(from, _mm256_setr_epi64x(-1, -1, -1, 0))
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int l = 0; l < 8; l++) first[l] = THREE(from + corner[l]);
+}
+
+/* Lanes l and l + 4 share a vector, which is turned by fours. */
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const TM_NAME(origin) first, V8 d[3]) {
+    __m256 r[4];
+#pragma GCC unroll 4
+    for (int l = 0; l < 4; l++) {
+        const __m128 low = _mm256_cvtpd_ps(THREE(from + corner[l]) - first[l]);
+        const __m128 high = _mm256_cvtpd_ps(THREE(from + corner[l + 4]) - first[l + 4]);
+        r[l] = _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+    }
+    const __m256 low = _mm256_unpacklo_ps(r[0], r[1]), low2 = _mm256_unpacklo_ps(r[2], r[3]);
+    const __m256 high = _mm256_unpackhi_ps(r[0], r[1]), high2 = _mm256_unpackhi_ps(r[2], r[3]);
+    d[0] = (V8)_mm256_shuffle_ps(low, low2, 0x44);
+    d[1] = (V8)_mm256_shuffle_ps(low, low2, 0xee);
+    d[2] = (V8)_mm256_shuffle_ps(high, high2, 0x44);
+}
+#undef THREE
+#else
+typedef double TM_NAME(origin)[3][TM_WIDTH];
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int i = 0; i < 3; i++)
+        for (int l = 0; l < TM_WIDTH; l++) first[i][l] = from[corner[l] + i];
+}
+
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, TM_NAME(origin) first, V8 d[3]) {
+    for (int i = 0; i < 3; i++)
+        for (int l = 0; l < TM_WIDTH; l++) d[i][l] = (float)(from[corner[l] + i] - first[i][l]);
+}
+#endif
+
+#include "material/tet_batch_kernel.h"
+
+#include "material/hyperelastic_kernel.h"
+
+#include "material/hyperelastic_batch.h"
+
+/* Computes corner forces of the batches [begin, end). Returns how many tetrahedra are beyond a limit. */
+TM_TARGET static int32_t TM_NAME(force)(const tm_single_law *s, int32_t begin, int32_t end, const double *u_m,
+                                        float *corner_N) {
+    int32_t count = 0;
+    for (int32_t p = begin; p < end; p++)
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 H[9], P[9], f[4][3];
+            M8 outside;
+            TM_NAME(gradient)(&s->packs, p, at, u_m, H);
+            TM_NAME(batch_stress)(s, p, at, H, P, &outside);
+            TM_NAME(pull)(&s->packs, p, at, P, f);
+#pragma GCC unroll 12
+            for (int i = 0; i < 12; i++)
+                memcpy(corner_N + 12 * TM_LANES * (int64_t)p + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
+            if (TM_NAME(any)(&outside))
+                for (int l = 0; l < TM_WIDTH; l++) count += outside[l] != 0;
+        }
+    return count;
+}
+#undef V8
+#undef M8
+#undef INSIDE
+#undef REAL
