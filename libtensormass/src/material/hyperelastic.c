@@ -39,6 +39,18 @@
 #undef TM_WIDTH
 #endif
 
+#ifdef TM_HAS_NEON
+#define TM_NEON_FORM
+#define TM_NAME(x) tm_neon_##x
+#define TM_TARGET
+#define TM_WIDTH 2
+#include "material/hyperelastic_pass.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+#undef TM_NEON_FORM
+#endif
+
 #define TM_NAME(x) tm_complex_##x
 #define TM_TARGET
 #include "material/complex_lane.h"
@@ -58,6 +70,9 @@ tm_hyper_force tm_hyper_force_form(int form) {
         return tm_avx512_hyper_force;
     if (form == 1 && __builtin_cpu_supports("avx2")) return tm_avx2_hyper_force;
 #endif
+#ifdef TM_HAS_NEON
+    if (form == 1) return tm_neon_hyper_force;
+#endif
     return form == 0 ? tm_plain_hyper_force : NULL;
 }
 
@@ -73,6 +88,9 @@ tm_hyper_strain tm_hyper_strain_choose(bool plain) {
     if (form == tm_avx512_hyper_force) return tm_avx512_hyper_strain;
     if (form == tm_avx2_hyper_force) return tm_avx2_hyper_strain;
 #endif
+#ifdef TM_HAS_NEON
+    if (form == tm_neon_hyper_force) return tm_neon_hyper_strain;
+#endif
     (void)form;
     return tm_plain_hyper_strain;
 }
@@ -82,6 +100,9 @@ tm_hyper_green tm_hyper_green_choose(bool plain) {
 #ifdef TM_HAS_AVX2
     if (form == tm_avx512_hyper_force) return tm_avx512_hyper_green;
     if (form == tm_avx2_hyper_force) return tm_avx2_hyper_green;
+#endif
+#ifdef TM_HAS_NEON
+    if (form == tm_neon_hyper_force) return tm_neon_hyper_green;
 #endif
     (void)form;
     return tm_plain_hyper_green;

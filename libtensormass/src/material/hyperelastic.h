@@ -33,7 +33,7 @@ bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_f
  * tetrahedra are beyond a limit, where the law is continued linearly. Every form is bit-identical to the plain one. */
 typedef int32_t (*tm_hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
                                   double *corner_N);
-/* 0 plain, 1 AVX2, 2 AVX-512; null: not supported by this processor. */
+/* 0 plain, 1 AVX2 or NEON, 2 AVX-512; null: not supported by this processor. */
 tm_hyper_force tm_hyper_force_form(int form);
 tm_hyper_force tm_hyper_force_choose(bool plain);
 

@@ -26,11 +26,27 @@
 #undef TM_TARGET
 #undef TM_WIDTH
 #endif
+
+#ifdef TM_HAS_NEON
+#define TM_NEON_FORM
+#define TM_NAME(x) tm_single_neon_##x
+#define TM_TARGET
+#define TM_WIDTH 4
+#include "material/hyperelastic_single_pass.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+#undef TM_NEON_FORM
+#endif
+
 #undef TM_FLOATS
 
 tm_single_force tm_single_force_form(int form) {
 #ifdef TM_HAS_AVX2
     if (form == 1 && __builtin_cpu_supports("avx2")) return tm_single_avx2_force;
+#endif
+#ifdef TM_HAS_NEON
+    if (form == 1) return tm_single_neon_force;
 #endif
     return form == 0 ? tm_single_plain_force : NULL;
 }

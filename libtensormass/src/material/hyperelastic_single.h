@@ -39,7 +39,7 @@ bool tm_single_law_init(tm_single_law *s, tm_pool *pool, const tm_hyperelastic *
 /* As tm_hyper_force, with corner_N in single. */
 typedef int32_t (*tm_single_force)(const tm_single_law *s, int32_t begin, int32_t end, const double *u_m,
                                    float *corner_N);
-/* 0 plain, 1 the widest SIMD form, eight lanes: AVX2, or NEON by two vectors; null: not supported by this processor. */
+/* 0 plain, 1 AVX2 or NEON; null: not supported by this processor. */
 tm_single_force tm_single_force_form(int form);
 tm_single_force tm_single_force_choose(bool plain);
 

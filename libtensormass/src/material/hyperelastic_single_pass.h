@@ -28,6 +28,30 @@ INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const
     d[2] = (V8)_mm256_shuffle_ps(high, high2, 0x44);
 }
 #undef THREE
+#elif defined(TM_NEON_FORM)
+typedef struct TM_NAME(origin) {
+    float64x2_t xy[4], z[2];
+} TM_NAME(origin)[1];
+
+INSIDE float64x2_t TM_NAME(third)(const double *from, const int32_t *corner) {
+    return vld1q_lane_f64(from + corner[1] + 2, vld1q_dup_f64(from + corner[0] + 2), 1);
+}
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int l = 0; l < 4; l++) first->xy[l] = vld1q_f64(from + corner[l]);
+    for (int h = 0; h < 2; h++) first->z[h] = TM_NAME(third)(from, corner + 2 * h);
+}
+
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const TM_NAME(origin) first, V8 d[3]) {
+    float32x4_t xy[2]; /* x y of a lane, then of the next */
+    for (int h = 0; h < 2; h++) {
+        const float64x2_t one = vld1q_f64(from + corner[2 * h]) - first->xy[2 * h];
+        xy[h] = vcvt_high_f32_f64(vcvt_f32_f64(one), vld1q_f64(from + corner[2 * h + 1]) - first->xy[2 * h + 1]);
+    }
+    d[0] = (V8)vuzp1q_f32(xy[0], xy[1]), d[1] = (V8)vuzp2q_f32(xy[0], xy[1]);
+    d[2] = (V8)vcvt_high_f32_f64(vcvt_f32_f64(TM_NAME(third)(from, corner) - first->z[0]),
+                                 TM_NAME(third)(from, corner + 2) - first->z[1]);
+}
 #else
 typedef double TM_NAME(origin)[3][TM_WIDTH];
 

@@ -28,7 +28,9 @@ INSIDE void TM_NAME(choose)(V8 *to, const M8 *mask, const V8 *yes, const V8 *no)
 }
 
 INSIDE bool TM_NAME(any)(const M8 *mask) {
-#ifdef TM_FLOATS
+#ifdef TM_NEON_FORM
+    return vmaxvq_u32((uint32x4_t)*mask);
+#elif defined(TM_FLOATS)
 #if TM_WIDTH == 8
     return _mm256_movemask_ps((__m256)*mask);
 #else
@@ -59,7 +61,25 @@ INSIDE void TM_NAME(pick)(const double *from, const int32_t *at, int step, V8 *t
 
 /* Vectors at the first corner, and d[i]: component i of the vectors at another corner less those. Reads vectors whole
  * and turns them into lanes after the difference: a third of the loads of numbers one by one. */
-#if TM_WIDTH >= 4
+#ifdef TM_NEON_FORM
+typedef struct TM_NAME(origin) {
+    float64x2_t xy[2];
+    V8 z;
+} TM_NAME(origin)[1];
+
+INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAME(origin) first) {
+    for (int l = 0; l < 2; l++) first->xy[l] = vld1q_f64(from + corner[l]);
+    TM_NAME(pick)(from + 2, corner, 1, &first->z);
+}
+
+INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const TM_NAME(origin) first, V8 d[3]) {
+    const float64x2_t one = vld1q_f64(from + corner[0]) - first->xy[0];
+    const float64x2_t other = vld1q_f64(from + corner[1]) - first->xy[1];
+    d[0] = (V8)vzip1q_f64(one, other), d[1] = (V8)vzip2q_f64(one, other);
+    TM_NAME(pick)(from + 2, corner, 1, &d[2]);
+    d[2] -= first->z;
+}
+#elif TM_WIDTH >= 4
 typedef __m256d TM_NAME(origin)[TM_WIDTH];
 /* Three numbers: a fourth may be beyond the array. */
 #define THREE(from) _mm256_maskload_pd(from, _mm256_setr_epi64x(-1, -1, -1, 0))
@@ -106,11 +126,15 @@ INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const
 
 INSIDE void TM_NAME(root)(V8 *x) {
 #ifdef TM_FLOATS
-#if TM_WIDTH == 8
+#ifdef TM_NEON_FORM
+    *x = (V8)vsqrtq_f32((float32x4_t)*x);
+#elif TM_WIDTH == 8
     *x = (V8)_mm256_sqrt_ps((__m256)*x);
 #else
     for (int l = 0; l < TM_WIDTH; l++) (*x)[l] = __builtin_sqrtf((*x)[l]);
 #endif
+#elif defined(TM_NEON_FORM)
+    *x = (V8)vsqrtq_f64((float64x2_t)*x);
 #elif TM_WIDTH == 8
     *x = (V8)_mm512_sqrt_pd((__m512d)*x);
 #elif TM_WIDTH == 4

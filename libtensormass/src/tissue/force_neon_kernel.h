@@ -48,7 +48,7 @@ static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_partitio
                             double *TM_RESTRICT force_N) {
     int32_t zeroed = part->begin;
     for (int32_t i = 0; i < part->halo_count; i++) {
-        const int32_t j = part->below[i];
+        const int32_t j = part->halo[i];
         const double x = u_m[3 * (int64_t)j], y = u_m[3 * (int64_t)j + 1], z = u_m[3 * (int64_t)j + 2];
         for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
             const int32_t l = graph->upper_vertex[e];
@@ -70,7 +70,7 @@ void TM_NAME(const tm_force_graph *graph, tm_force_partition *part, int32_t from
     const int32_t *upper_vertex = graph->upper_vertex, part_end = part->end;
     int32_t zeroed = from == part->begin ? TM_OF(below)(graph, part, u_m, force_N) : part->zeroed;
     if (to > zeroed) zeroed = tm_force_zero(zeroed, to, part_end, force_N);
-    for (int32_t begin, end = from; tm_next_run(graph->living, to, &begin, &end);)
+    for (int32_t begin, end = from; tm_next_run(graph->active, to, &begin, &end);)
         for (int32_t k = begin; k < end; k++) {
             const double *A = vertex_tensor + 9 * (int64_t)k, *uk = u_m + 3 * (int64_t)k;
             const double x = uk[0], y = uk[1], z = uk[2];
