@@ -9,7 +9,7 @@ import importlib
 import math
 import sys
 import time
-from typing import Any, Dict, Iterator, List, Optional, Protocol, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Protocol, Tuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ _ROLL = 3  # joint of all devices with at least five
 Message = Tuple[str, Dict[str, Any]]
 
 
-def _vector(v: Sequence[float]) -> Dict[str, float]:
+def _vector(v: Any) -> Dict[str, float]:
     return {"x": float(v[0]), "y": float(v[1]), "z": float(v[2])}
 
 
@@ -98,7 +98,7 @@ class Bridge:
         return out
 
 
-def _wrench(header: Dict[str, Any], force: Sequence[float]) -> Dict[str, Any]:
+def _wrench(header: Dict[str, Any], force: Any) -> Dict[str, Any]:
     return {"header": header, "wrench": {"force": _vector(force), "torque": _vector((0, 0, 0))}}
 
 
