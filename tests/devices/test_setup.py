@@ -12,7 +12,7 @@ FOUND = re.compile(r"with the hand, (\w)  mass ([\d.]+) kg, damping ([\d.]+) N s
 def test_a_right_device_is_proved_and_identified(tmp_path):
     with emulator(tmp_path) as (_, port, log):
         code, said = in_setup(tmp_path, port)
-    assert code == 0 and "units and signs are proved" in said and said.count("as commanded") == 6, said
+    assert code == 0 and "units and signs are right" in said and said.count("as commanded") == 6, said
     stiffness = [int(n) for n in re.findall(r"\((\d+) N/m\)", said)]
     assert all(250 <= s <= 1000 for s in stiffness), "a hand of 300 N/m with 0.15 N of friction, pushed by a ramp"
     sizes = [max(map(abs, row[1])) for row in commands(log)[0]]
@@ -30,6 +30,6 @@ def test_wrong_signs_and_units_are_found(tmp_path):
     sizes = [max(map(abs, row[1])) for row in commands(log)[0]]
     assert max(sizes) <= 1.0 and max(b - a for a, b in zip(sizes, sizes[1:])) < 0.1, "millinewtons at a time"
     lines = {line.split()[1]: line for line in said.splitlines() if line.startswith("push")}
-    assert code == 1 and "NOT proved" in said and not FOUND.findall(said), said
+    assert code == 1 and "NOT confirmed" in said and not FOUND.findall(said), said
     assert all("AGAINST" in lines[k] for k in ("+x", "-x")) and all("did not move: hold it loosely" in lines[k] for k in ("+y", "-y"))
     assert all("as commanded" in lines[k] for k in ("+z", "-z"))
