@@ -21,7 +21,7 @@ def page(bin, root, once):
 def test_every_knob_has_its_figure_table_and_numbers(page):
     out, data = page
     html = (out / "index.html").read_text()
-    for knob in ("mesh", "volume", "step", "mass", "precision", "model", "law", "viscosity", "friction", "fibre"):
+    for knob in ("mesh", "strain_smoothing", "step", "mass", "precision", "model", "law", "viscosity", "friction", "fibre"):
         assert data[knob]["rows"], knob
         assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
         assert (out / f"{knob}.png").stat().st_size > 5000, knob
@@ -53,9 +53,9 @@ def test_no_mesh_is_dominated(page):
 def test_volume_does_not_lock_and_is_exacter_on_every_mesh(page):
     """Strain smoothing has at most half the error of linear tetrahedra from the second mesh on, with a longer step; a beam bends correctly up to nu =
     0.499."""
-    rows, beams = page[1]["volume"]["rows"], page[1]["volume"]["cantilever"]
+    rows, beams = page[1]["strain_smoothing"]["rows"], page[1]["strain_smoothing"]["cantilever"]
     for linear in (r for r in rows if r["form"] == "linear"):
-        own = {r["shear"]: r for r in rows if r["form"] == "volume" and r["tets"] == linear["tets"]}
+        own = {r["shear"]: r for r in rows if r["form"] == "strain_smoothing" and r["tets"] == linear["tets"]}
         assert sorted(own) == [0.4, 0.75, 1]
         for r in own.values():
             assert r["displacement"] < (0.65 if linear["tets"] < 1000 else 0.5) * linear["displacement"], r

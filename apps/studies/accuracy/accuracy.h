@@ -104,7 +104,7 @@ measured measured_scaled(const measured *m, double scale);
 
 /* Measures one knob into `out` and its "rows". */
 typedef tm_status knob_measure(const run *r, cJSON *out, cJSON *rows, tm_error *error);
-knob_measure knob_mesh, knob_volume, knob_step, knob_mass, knob_precision, knob_model, knob_rotation, knob_viscosity,
-    knob_friction, knob_fibre, knob_law;
+knob_measure knob_mesh, knob_strain_smoothing, knob_step, knob_mass, knob_precision, knob_model, knob_rotation,
+    knob_viscosity, knob_friction, knob_fibre, knob_law;
 
 #endif

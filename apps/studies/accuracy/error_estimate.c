@@ -26,7 +26,7 @@ static int family(const study *t, study_form form, int *run) {
     int n = 0;
     for (int i = 0; i < t->run_count; i++) {
         const study_run *r = &t->run[i];
-        const bool mesh = !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
+        const bool mesh = !strcmp(r->knob, "own") || !strcmp(r->knob, "strain_smoothing") || !strcmp(r->knob, "mesh");
         if (!mesh || r->form != form || r->foreign || !usable(r) || forces(r) != forces(&t->run[0])) continue;
         int at = n++;
         for (; at > 0 && t->run[run[at - 1]].tets > r->tets; at--) run[at] = run[at - 1];

@@ -291,7 +291,7 @@ def main():
                  "form": "quick" if data["quick"] else "whole"})
     page.record("bandwidth_B_s", data["bandwidth_B_s"])
     mesh(page, data["mesh"], data["bandwidth_B_s"])
-    effects.volume(page, data["volume"])
+    effects.strain_smoothing(page, data["strain_smoothing"])
     step(page, data["step"], data.get("mesh", {}).get("rows", []))
     mass(page, data["mass"])
     precision(page, data["precision"])

@@ -6,10 +6,10 @@ import numpy as np
 from page import draw_frontier, label_line, label_upright, loglog, series, times
 
 
-def volume_words(rows, beams):
+def strain_smoothing_words(rows, beams):
     """Describes strain smoothing on the finest mesh: its error and cost against linear tetrahedra, and what refining these would cost for the same error."""
     tets = max(r["tets"] for r in rows)
-    own = {r["shear"] if r["form"] == "volume" else None: r for r in rows if r["tets"] == tets}
+    own = {r["shear"] if r["form"] == "strain_smoothing" else None: r for r in rows if r["tets"] == tets}
     linear, best = own[None], min((r for s, r in own.items() if s is not None), key=lambda r: r["displacement"])
     price = best["wall_per_simulated"] / linear["wall_per_simulated"]
     words = (f"On {tets:,} tetrahedra the effect with shear {best['shear']:g} is {100 * best['displacement']:.1f} % off in displacement instead of {100 * linear['displacement']:.1f} %, "
@@ -25,11 +25,11 @@ def volume_words(rows, beams):
                     f"linear tetrahedra {100 * at[low]['linear']:.0f} % and {100 * at[high]['linear']:.0f} %.")
 
 
-def volume(page, data):
+def strain_smoothing(page, data):
     """Adds the section on strain smoothing: error against cost of a pressed block, and a bent cantilever as nu nears 0.5."""
     rows, beams = data["rows"], data["cantilever"]
     forms = sorted({(r["form"], r["shear"]) for r in rows})
-    page.section("Volume", "The effect <code>volume</code> (averaged changes of volume, and a share of the shear averaged over edges) beside linear tetrahedra, on the block of above (ν = 0.45), "
+    page.section("Strain smoothing", "The effect <code>strain_smoothing</code> (averaged changes of volume, and a share of the shear averaged over edges) beside linear tetrahedra, on the block above (ν = 0.45), "
                  "and a cantilever of 1 × 1 × 6 pulled sideways from ν = 0.3 towards 0.5.")
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
     points = []
@@ -50,22 +50,22 @@ def volume(page, data):
     axes[1].axhline(1, color="#999999", linewidth=1)
     axes[1].set(xscale="log", xlabel="1 − 2ν", ylabel="tip of the cantilever over Timoshenko's")
     axes[1].invert_xaxis()
-    page.figure("volume", figure, volume_words(rows, beams), "tm-accuracy --knob volume")
-    page.table("volume", ["form", "shear", "tets", "displacement", "reaction", "energy", "critical step s", "estimated step s", "µs/step", "wall s per s", "bytes", "pairs a vertex"],
-               [[r["form"], r["shear"] if r["form"] == "volume" else "", r["tets"], r["displacement"], r["reaction"], r["energy"], r["step_s"], r.get("sharp_s", ""),
+    page.figure("strain_smoothing", figure, strain_smoothing_words(rows, beams), "tm-accuracy --knob strain_smoothing")
+    page.table("strain_smoothing", ["form", "shear", "tets", "displacement", "reaction", "energy", "critical step s", "estimated step s", "µs/step", "wall s per s", "bytes", "pairs a vertex"],
+               [[r["form"], r["shear"] if r["form"] == "strain_smoothing" else "", r["tets"], r["displacement"], r["reaction"], r["energy"], r["step_s"], r.get("sharp_s", ""),
                  r["seconds_per_step"] * 1e6, r["wall_per_simulated"], r["bytes"], round(r["pairs"] / (round((r["tets"] / 6)**(1 / 3)) + 1)**3, 1)] for r in rows] +
                [["cantilever", key[6:] if key != "linear" else "", f"nu {b['nu']:g}", b[key], "", "", "", "", "", "", "", ""] for b in beams for key in b if key != "nu"])
-    page.record("volume", data)
+    page.record("strain_smoothing", data)
 
 
 def rotation(page, data):
     """Adds the section on corotational elasticity: displacement error against the depth of a press, and cost."""
     rows, price = data["rows"], data["price"]
-    page.section("Rotation", f"The effect <code>rotation</code> on {data['tets']:,.0f} tetrahedra, without <code>volume</code> and with it (shear 0), against CalculiX with large displacements: neo-Hookean, "
+    page.section("Rotation", f"The effect <code>rotation</code> on {data['tets']:,.0f} tetrahedra, without <code>strain_smoothing</code> and with it (shear 0), against CalculiX with large displacements: neo-Hookean, "
                  "and of St. Venant and Kirchhoff, whose block has no rest beyond 15 %. The mesh's own error (dotted) is that of linear tissue against linear CalculiX.")
     figure, axis = plt.subplots()
     neo = {volume: [r for r in rows if r["law"] == "neo" and r["volume"] == volume] for volume in (False, True)}
-    for j, (volume, key, name) in enumerate(((False, "displacement", "turning"), (False, "linear_displacement", "linear"), (True, "displacement", "turning, volume"))):
+    for j, (volume, key, name) in enumerate(((False, "displacement", "turning"), (False, "linear_displacement", "linear"), (True, "displacement", "turning, strain_smoothing"))):
         depth, error = [100 * r["depth"] for r in neo[volume]], [100 * r[key] for r in neo[volume]]
         axis.plot(depth, error, **series(j))
         label_line(axis, depth[-1], error[-1], name, series(j))
@@ -74,11 +74,11 @@ def rotation(page, data):
     axis.set(xlabel="pressed by % of the tissue's size", ylabel="displacement error, %", ylim=(0, None))
     worst = max(r["displacement"] for r in rows if not r["volume"]) / data["mesh_alone"]
     first, last = neo[True][0], neo[True][-1]
-    page.figure("rotation", figure, f"Without <code>volume</code> at most {worst:.2f} times the mesh's own error, {100 * data['mesh_alone']:.1f} %. With it the mesh's own is {100 * data['mesh_alone_volume']:.1f} %, and what is left grows from "
+    page.figure("rotation", figure, f"Without <code>strain_smoothing</code> at most {worst:.2f} times the mesh's own error, {100 * data['mesh_alone']:.1f} %. With it the mesh's own is {100 * data['mesh_alone_volume']:.1f} %, and what is left grows from "
                 f"{100 * first['displacement']:.1f} % pressed by {100 * first['depth']:.0f} % to {100 * last['displacement']:.1f} % by {100 * last['depth']:.0f} %: the law's difference from that of the reference, which no mesh takes away. "
                 f"{price['tets']:,} tetrahedra that all turn cost {price['turning_ns']:.1f} ns a tetrahedron and step, "
                 f"linear ones {price['linear_ns']:.1f}; the step is {price['step_ratio']:.3f} of the linear one.", "tm-accuracy --knob rotation")
-    page.table("rotation", ["against", "volume", "pressed %", "displacement", "reaction", "energy", "linear displacement", "linear reaction"],
+    page.table("rotation", ["against", "strain_smoothing", "pressed %", "displacement", "reaction", "energy", "linear displacement", "linear reaction"],
                [[r["law"], "yes" if r["volume"] else "no", 100 * r["depth"], r["displacement"], r["reaction"], r["energy"], r["linear_displacement"], r["linear_reaction"]] for r in rows])
     page.record("rotation", data)
 

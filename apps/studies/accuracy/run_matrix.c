@@ -32,7 +32,7 @@ static uint64_t files_hash(const study *t, const sim *own) {
 
 /* --- meshes, each with and without strain smoothing --- */
 
-static void toggle_volume(study_run *r, bool named) {
+static void toggle_strain_smoothing(study_run *r, bool named) {
     r->form = STUDY_OTHER_VOLUME;
     study_set(r, named ? "strain_smoothing" : "strain_smoothing.shear_share=0.4");
 }
@@ -43,8 +43,8 @@ static void plan_meshes(study *t, const sim *own) {
     for (int m = 0; m < t->mesh_count; m++)
         for (int form = 0; form < 2; form++) {
             if (m == 0 && form == 0) continue; /* as it is */
-            snprintf(name, sizeof name, "%.60s%s", t->mesh[m].name, !form ? "" : named ? ", no volume" : ", volume");
-            study_run *r = study_add(t, m ? "mesh" : "volume", name);
+            snprintf(name, sizeof name, "%.60s%s", t->mesh[m].name, !form ? "" : named ? ", no strain_smoothing" : ", strain_smoothing");
+            study_run *r = study_add(t, m ? "mesh" : "strain_smoothing", name);
             r->mesh = m;
             if (m) study_set(r, "tissue.mesh=%s", t->mesh[m].path);
             r->foreign = t->mesh[m].foreign;
@@ -55,7 +55,7 @@ static void plan_meshes(study *t, const sim *own) {
                 study_set(r, "anisotropy");
                 study_set(r, "anisotropy.file=%s", t->mesh[m].fibres);
             }
-            if (form) toggle_volume(r, named);
+            if (form) toggle_strain_smoothing(r, named);
         }
 }
 

@@ -9,7 +9,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "pages"))
 import page as pages  # noqa: E402
 from page import plt  # noqa: E402
 
-MESHES = ("own", "volume", "mesh")
+MESHES = ("own", "strain_smoothing", "mesh")
 NUMBERS = ("step", "mass", "precision", "model")
 
 
@@ -60,7 +60,7 @@ def frontier_figure(page, study):
     own, choice = study["runs"][0], study.get("recommendation")
     rows = [r for r in done(study, *MESHES, *NUMBERS) if r.get("force_error", 0) > 0]
     figure, axis = plt.subplots()
-    for i, (knob, label) in enumerate((("own", "the scene as it is"), ("volume", "its mesh, volume the other way"), ("mesh", "other meshes"), ("step", "step"), ("mass", "mass scaling"), ("precision", "precision"), ("model", "model"))):
+    for i, (knob, label) in enumerate((("own", "the scene as it is"), ("strain_smoothing", "its mesh, with or without strain_smoothing"), ("mesh", "other meshes"), ("step", "step"), ("mass", "mass scaling"), ("precision", "precision"), ("model", "model"))):
         points = [r for r in rows if r["knob"] == knob]
         style = pages.series(i)
         axis.plot([1e3 * r["cpu_s"] for r in points], [100 * r["force_error"] for r in points], linestyle="none", marker=style["marker"], color=style["color"], markersize=11 if knob == "own" else 6, label=label)

@@ -39,7 +39,7 @@ typedef enum study_form { STUDY_AS_IT_IS, STUDY_OTHER_VOLUME } study_form;
 /* One setting, run along the hand's path in lockstep without haptics. */
 typedef struct study_run {
     char key[17]; /* hash of the program's version, the scene, its files and the settings */
-    char knob[16], name[80], why[400];
+    char knob[24], name[96], why[400];
     char *set[STUDY_SETS]; /* in the syntax of --set; the first `edits_from` are common to all runs */
     int set_count, edits_from;
     int mesh; /* index in study.mesh */

@@ -22,7 +22,7 @@ static bool usable(const study *t, const study_run *r) {
 }
 
 static bool is_mesh(const study_run *r) {
-    return !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
+    return !strcmp(r->knob, "own") || !strcmp(r->knob, "strain_smoothing") || !strcmp(r->knob, "mesh");
 }
 
 enum { STEP, MASS, MODEL = 4, EXTRAS };

@@ -90,7 +90,7 @@ static yaml_node_pair_t *walk(text *t, char **path, yaml_node_t **in) {
             if (!value || value->type != YAML_MAPPING_NODE) return NULL;
             rest += *rest == ']';
         }
-        if (value->type != YAML_MAPPING_NODE) return pair; /* "volume:" without a value */
+        if (value->type != YAML_MAPPING_NODE) return pair; /* "gravity:" without a value */
         *in = value, *path = rest + (*rest == '.');
     }
 }

@@ -22,7 +22,7 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
         def[f] = problem_default(cells);
         def[f].depth = depth, def[f].volume = shears[f] >= 0, def[f].smoothed_shear_share = shears[f];
     }
-    const tm_status status = matrix_solve(r, "volume", def, FORMS, 1e-9, truth, s, error);
+    const tm_status status = matrix_solve(r, "strain_smoothing", def, FORMS, 1e-9, truth, s, error);
     for (int f = 0; f < FORMS && status == TM_OK; f++) {
         const tm_tissue *tissue = s[f].p.tissue;
         double sharp = NAN;
@@ -30,7 +30,7 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
         if (tm_critical_step_estimate(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
         cJSON *row =
             app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
-                         shears[f] < 0 ? "linear" : "volume", shears[f] < 0 ? 0 : shears[f], s[f].p.mesh->tet_count,
+                         shears[f] < 0 ? "linear" : "strain_smoothing", shears[f] < 0 ? 0 : shears[f], s[f].p.mesh->tet_count,
                          tm_critical_step_guaranteed(tissue, NULL), sharp, tm_tissue_pairs(tissue).count);
         price_add(differences_add(row, &s[f].off), &s[f]);
     }
@@ -96,12 +96,12 @@ static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
             status = tip(nus[n], shears[f], &ratio, error);
             cJSON_AddNumberToObject(row, name, ratio);
         }
-        r->progress("volume, cantilever", (double)(n + 1) / count);
+        r->progress("strain_smoothing, cantilever", (double)(n + 1) / count);
     }
     return status;
 }
 
-tm_status knob_volume(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
+tm_status knob_strain_smoothing(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     measured truth;
     double depth;
     tm_status status = reference_take(r, "iso", 0, &depth, &truth, error);
