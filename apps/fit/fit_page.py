@@ -68,7 +68,7 @@ def write_page(path, found):
     if found["outliers"]:
         body.append("<p class=bad>Far from the others: " + ", ".join(f"row {o['row']} ({html.escape(o['column'])})" for o in found["outliers"]) + ". Check them, or use --robust.</p>")
     names = [c["path"] for c in found["constants"]]
-    body.append("<h2>Correlation</h2><p>Near 1 or -1: the data determine a combination better than each constant. Condition of the Fisher matrix: "
+    body.append("<h2>Correlation</h2><p>Near 1 or -1: the data determine a combination better than each constant alone. Condition of the Fisher matrix: "
                 f"{found['condition']:.3g}.</p>" + table(["", *names], [[n, *(f"{v:.3f}" for v in row)] for n, row in zip(names, found["correlation"])]))
     body.append("<h2>What more to measure</h2><p>To what share each interval shrinks, at the same noise; best first.</p>"
                 + table(["measurement", *names], [[m["what"], *(f"{100 * s:.0f} %" for s in m["shrinks_to"])] for m in found["more"]]))

@@ -32,7 +32,7 @@ class Constant:
         self.log = self.low > 0
         self.start = values[1] if len(values) == 3 else math.sqrt(self.low * self.high) if self.log else (self.low + self.high) / 2
         if not self.low <= self.start <= self.high:
-            raise Bad(f"--fit {text}: the start lies outside the range; move one of them")
+            raise Bad(f"--fit {text}: the start is outside the range; change one of them")
 
     def inner(self, value):
         return math.log(value) if self.log else (value - self.low) / (self.high - self.low)
@@ -83,21 +83,21 @@ def read_csv(path):
         with open(path, newline="") as file:
             rows = [r for r in csv.reader(file) if r and not r[0].lstrip().startswith("#")]
     except (OSError, UnicodeDecodeError) as error:
-        raise Bad(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; give a CSV file with a head line") from None
+        raise Bad(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}; give a CSV file with a header line") from None
     if len(rows) < 2:
-        raise Bad(f"{path}: no rows under a head line; the first line names the columns")
+        raise Bad(f"{path}: no rows after the header line; write the column names first, then the rows")
     head = [name.strip() for name in rows[0]]
     table = {name: [] for name in head}
     for number, row in enumerate(rows[1:], 2):
         if len(row) != len(head):
-            raise Bad(f"{path}:{number}: {len(row)} values under {len(head)} names; give one each")
+            raise Bad(f"{path}:{number}: {len(row)} values for {len(head)} columns; give one per column")
         for name, text in zip(head, row):
             try:
                 table[name].append(float(text))
             except ValueError:
                 raise Bad(f"{path}:{number}: '{text}' of column {name} is not a number; write one, in SI units") from None
             if not math.isfinite(table[name][-1]):
-                raise Bad(f"{path}:{number}: column {name} is not finite; leave the row out") from None
+                raise Bad(f"{path}:{number}: column {name} is not finite; remove the row") from None
     return {name: np.array(values) for name, values in table.items()}
 
 

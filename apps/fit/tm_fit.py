@@ -161,7 +161,7 @@ def run(a, problem, trials):
             for end in np.clip(found["interval"][k], fit.low[k], fit.high[k]):
                 profiled.append((profile(fit.evaluate, x, k, end, fit.low, fit.high) - square) / limit if limit > 0 else float("inf"))
             if min(profiled) < 0.25:
-                why = "not identifiable from this: at an end of its interval the others make up for it"
+                why = "not identifiable from this: at an end of its interval the other constants compensate it"
         constants.append({"path": c.path, "unit": c.unit, "value": c.outer(x[k]), "interval": interval(c, found["interval"][k]), "verdict": why, "profile": profiled})
     odd = outliers(residual)
     values = problem.measured + residual.reshape(problem.measured.shape) * problem.scale
@@ -183,7 +183,7 @@ def along(a, problem):
 
 def report(found):
     from fit_page import derivatives_of
-    print(f"{len(found['measured'])} rows, {found['trials']} trials, derivatives by {derivatives_of(found)}, {found['seconds']:.0f} s; root mean square off: "
+    print(f"{len(found['measured'])} rows, {found['trials']} trials, derivatives by {derivatives_of(found)}, {found['seconds']:.0f} s; root mean square error: "
           + ", ".join(f"{n} {v:.3g}" for n, v in zip(found["columns"], found["rms"])))
     for c in found["constants"]:
         unit = f" {c['unit']}" if c["unit"] else ""
@@ -191,23 +191,23 @@ def report(found):
     for i, c in enumerate(found["constants"]):
         for j in range(i):
             if abs(found["correlation"][i][j]) > 0.95:
-                print(f"  {c['path']} and {found['constants'][j]['path']} are correlated ({found['correlation'][i][j]:.3f}): the data determine a combination better than each")
+                print(f"  {c['path']} and {found['constants'][j]['path']} are correlated ({found['correlation'][i][j]:.3f}): the data determine their combination better than each alone")
     for o in found["outliers"]:
         print(f"  row {o['row']}, {o['column']}: far from the others; check it, or use --robust")
     if found["more"]:
         best = found["more"][0]
-        print(f"  measure more: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
+        print(f"  to measure next: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
 
 
 def prepare(a):
     from model import Bad, Compared, Constant, Problem, read_csv
     if not a.scene.is_file():
-        raise Bad(f"{a.scene}: is not there; name a scene")
+        raise Bad(f"{a.scene}: does not exist; name a scene")
     if not 1 <= len(a.fit) <= 8:
-        raise Bad(f"{len(a.fit)} times --fit; name one to eight constants, as --fit 'tissue.materials.*.young=1 kPa..50 kPa'")
+        raise Bad(f"{len(a.fit)} --fit options; name one to eight constants, as in --fit 'tissue.materials.*.young=1 kPa..50 kPa'")
     constants = [Constant(t) for t in a.fit]
     if not a.compare:
-        raise Bad("no --compare; name a column and what it is, as --compare 'force_N=-support top z'")
+        raise Bad("--compare is missing; name a column and the simulated quantity, as in --compare 'force_N=-support top z'")
     if a.time and a.row:
         raise Bad("--time and --row: a series runs one scene; leave --row out, or fit a curve")
     if a.out.exists() and not a.out.is_dir():

@@ -42,8 +42,10 @@ static int take_address(const hrt_command_line *line, hrt_common *c, const char 
 static int refine_counts(hrt_common *c) {
     const hrt_device_type *device = c->params.device;
     if (!device->slides && !c->joints)
-        return app_bad_input("--device-type", 0, "%s is not driven so; leave it out, or choose a cursor's (--list)",
-                             device->name);
+        return app_bad_input(
+            "--device-type", 0,
+            "%s has joints, which this device does not move; leave --device-type out, or choose a cursor's (--list)",
+            device->name);
     for (int32_t j = 0; j < device->motors; j++)
         if (c->params.counts_per_unit[j] == device->joint[j].counts_per_unit) c->params.counts_per_unit[j] = 500000.0f;
     return -1;

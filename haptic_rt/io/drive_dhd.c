@@ -110,17 +110,18 @@ static bool delta_open(hrt_drive *d, const char *name, char *why, int why_size) 
     const bool falcon = strcmp(d->driver->kind, "falcon") == 0;
     if (!load(why, why_size)) return false;
     if (strlen(name) != 1 || name[0] < '0' || name[0] > '9')
-        return snprintf(why, (size_t)why_size, "'%s:%s' names no device; write %s:0", d->driver->kind, name,
+        return snprintf(why, (size_t)why_size, "'%s:%s' is not a device address; write %s:0", d->driver->kind, name,
                         d->driver->kind),
                false;
     const int id = dhd.open_id((char)(name[0] - '0'));
     if (id < 0)
-        return snprintf(why, (size_t)why_size, "libdhd opens no device %s: %s; see `haptic-rt --list`", name,
+        return snprintf(why, (size_t)why_size, "libdhd cannot open device %s: %s; see haptic-rt --list", name,
                         dhd.error_text()),
                false;
     delta *t = calloc(1, sizeof *t);
     if (is_falcon((char)id) != falcon || !t || dhd.enable_force(DHD_ON, (char)id) < 0) {
-        snprintf(why, (size_t)why_size, "device %s is %s and takes no force so: %s; choose %s:%s", name,
+        snprintf(why, (size_t)why_size,
+                 "device %s is a %s, whose force cannot be enabled by this address (%s); choose %s:%s", name,
                  dhd.system_name((char)id), dhd.error_text(), falcon ? "omega" : "falcon", name);
         dhd.close_id((char)id);
         return free(t), false;

@@ -199,7 +199,9 @@ static bool make(haply *h, char *why, int why_size) {
     info.gid = info.uid = (gid_t)-1;
     info.user = h;
     h->context = lws_create_context(&info);
-    if (!h->context) snprintf(why, (size_t)why_size, "no WebSocket can be opened: out of memory or descriptors");
+    if (!h->context)
+        snprintf(why, (size_t)why_size,
+                 "no WebSocket can be opened: out of memory or descriptors; close other programs");
     return h->context != NULL;
 }
 
@@ -214,7 +216,8 @@ static bool read_name(const char *name, haply *h, char *why, int why_size) {
     const int got = sscanf(name, "%d@%63[^:]:%d%c", &h->number, h->host, &h->port, &tail);
     const bool plain = got == 1 && strspn(name, "0123456789") == strlen(name);
     if ((plain || got == 3) && h->number >= 0 && h->port > 0 && h->port < 65536) return true;
-    snprintf(why, (size_t)why_size, "'haply:%s' names no device; write haply:0 or haply:0@127.0.0.1:10001", name);
+    snprintf(why, (size_t)why_size, "'haply:%s' is not a device address; write haply:0 or haply:0@127.0.0.1:10001",
+             name);
     return false;
 }
 
@@ -230,7 +233,7 @@ static void haply_close(hrt_drive *d) {
 
 static bool haply_open(hrt_drive *d, const char *name, char *why, int why_size) {
     haply *h = calloc(1, sizeof *h);
-    if (!h) return snprintf(why, (size_t)why_size, "out of memory"), false;
+    if (!h) return snprintf(why, (size_t)why_size, "out of memory; close other programs"), false;
     h->drive = d;
     if (!read_name(name, h, why, why_size) || !make(h, why, why_size)) return free(h), false;
     d->own = h;

@@ -43,12 +43,14 @@ bool hrt_haply_inventory(const char *text, int32_t number, hrt_haply_device *dev
     *device = (hrt_haply_device){.number = number, .force_gate = -1.0, .damping = -1.0};
     bool good = false;
     if (!cJSON_IsArray(list))
-        snprintf(why, (size_t)why_size, "its first message is no inventory of Haply devices");
+        snprintf(why, (size_t)why_size,
+                 "its first message is not an inventory of Haply devices; update the Haply Inverse Service");
     else if (!item)
         snprintf(why, (size_t)why_size, "the service has %d Inverse3; plug it in, or choose a lower number",
                  cJSON_GetArraySize(list));
     else if (!copy_text(at(item, "device_id"), device->id))
-        snprintf(why, (size_t)why_size, "the device has no device_id");
+        snprintf(why, (size_t)why_size,
+                 "the inventory gives the device no device_id; update the Haply Inverse Service");
     else
         good = true;
     if (good && !copy_text(at(config, "type"), device->type)) strcpy(device->type, "inverse3");

@@ -36,7 +36,7 @@ static bool claim(hrt_drive *d, const char *address, char *why, int why_size) {
     const socklen_t size = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length);
     if (fd < 0 || length >= (int)sizeof name.sun_path - 1 || bind(fd, (const struct sockaddr *)&name, size) != 0) {
         snprintf(why, (size_t)why_size,
-                 errno == EADDRINUSE ? "another haptic-rt drives %s; end it, or choose another device"
+                 errno == EADDRINUSE ? "another haptic-rt uses %s; end it, or choose another device"
                                      : "%s cannot be claimed; give a shorter address, or close other programs",
                  address);
         if (fd >= 0) close(fd);
@@ -49,7 +49,8 @@ static bool claim(hrt_drive *d, const char *address, char *why, int why_size) {
 bool hrt_drive_open(hrt_drive *d, const char *address, char *why, int why_size) {
     const hrt_drive_driver *driver = hrt_drive_find(address);
     d->claim_fd = -1;
-    if (!driver) return snprintf(why, (size_t)why_size, "'%s' names no device", address), false;
+    if (!driver)
+        return snprintf(why, (size_t)why_size, "'%s' is not a device address; see haptic-rt --list", address), false;
     if (!claim(d, address, why, why_size)) return false;
     d->driver = driver;
     snprintf(d->name, sizeof d->name, "%s", address);
@@ -95,7 +96,7 @@ bool hrt_drive_workspace(const char *text, hrt_workspace *w, char *why, int why_
         int used = 0;
         const int got = sscanf(text, "%15[a-z]=%lf%n%c", name, &value, &used, &end);
         if (got < 2 || (got == 3 && end != ',') || !isfinite(value) || !set(w, name, value)) {
-            snprintf(why, (size_t)why_size, "'%s' is no setting; write scale=S,depth=M,clutch=BUTTON,grip=BUTTON",
+            snprintf(why, (size_t)why_size, "'%s' is not a setting; write scale=S,depth=M,clutch=BUTTON,grip=BUTTON",
                      text);
             return false;
         }

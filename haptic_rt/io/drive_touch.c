@@ -133,14 +133,14 @@ static unsigned servo(void *user) {
 static bool touch_open(hrt_drive *d, const char *name, char *why, int why_size) {
     if (!load(why, why_size)) return false;
     touch *t = calloc(1, sizeof *t);
-    if (!t) return snprintf(why, (size_t)why_size, "out of memory"), false;
+    if (!t) return snprintf(why, (size_t)why_size, "out of memory; close other programs"), false;
     t->drive = d;
     /* The number 0 is the default device; else the name that the maker's setup gave it. */
     t->device = hd.init(strcmp(name, "0") == 0 ? NULL : name);
     hd_error error = hd.error();
     if (error.code != 0 || t->device == HD_INVALID) {
         snprintf(why, (size_t)why_size,
-                 "libHD opens no device '%s': %s; run the maker's setup, or give the name from it", name,
+                 "libHD cannot open device '%s': %s; run the maker's setup, or give the name from it", name,
                  hd.error_text(error.code));
         return free(t), false;
     }
@@ -151,7 +151,9 @@ static bool touch_open(hrt_drive *d, const char *name, char *why, int why_size) 
     hd.start();
     error = hd.error();
     if (error.code == 0) return d->own = t, true;
-    snprintf(why, (size_t)why_size, "libHD starts no scheduler: %s", hd.error_text(error.code));
+    snprintf(why, (size_t)why_size,
+             "libHD cannot start its scheduler: %s; restart the device, or install OpenHaptics again",
+             hd.error_text(error.code));
     hd.unschedule(t->call);
     hd.disable(t->device);
     return free(t), false;

@@ -16,8 +16,8 @@ static void usage(void) {
         "The controller of one device: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
         "\n"
         "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES ",\n"
-        "                          or a device with a service or library of its own: --list says which there are (docs/devices.md)\n"
-        "  --workspace SETTINGS     of such a device: scale=S,depth=M,clutch=BUTTON,grip=BUTTON (scale=1,depth=0.1,clutch=0,grip=1)\n"
+        "                          or a device that a service or library drives; --list lists them (docs/devices.md)\n"
+        "  --workspace SETTINGS     place such a device: scale=S,depth=M,clutch=BUTTON,grip=BUTTON (scale=1,depth=0.1,clutch=0,grip=1)\n"
         "  --instrument N           0 or 1: selects channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and CAN ids (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
         "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (adaptive)\n"
@@ -42,7 +42,7 @@ static void usage(void) {
         "  --json FILE              write all figures at the end\n"
         "  --record FILE            write every tick as CSV\n"
         "  --quiet                  print warnings and errors only\n"
-        "  --setup                  push the tip along each axis by a growing millinewton ramp, then shake it: proves units and signs, finds mass and friction; hold it loosely\n"
+        "  --setup                  push the tip along each axis with a slowly growing force, then shake it: checks units and signs, estimates mass and friction; hold it loosely\n"
         "  --list                   list extrapolators, modes, buses and the devices that are connected\n"
         "  -h, --help, --version\n"
         "\n"
@@ -108,7 +108,7 @@ static void list(void) {
     printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\ndevice types\n");
     for (int32_t t = 0; t < hrt_device_type_count; t++)
         printf("  %-16s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
-    printf("devices with a service or library of their own\n");
+    printf("devices that a service or library drives\n");
     hrt_drive_list(stdout);
 }
 

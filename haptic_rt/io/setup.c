@@ -140,10 +140,10 @@ static void print_identified(const hrt_setup *s) {
 
 bool hrt_setup_print(const hrt_setup *s) {
     static const char *const said[] = {"not tried", "as commanded",
-                                       "AGAINST the force or across it: an axis or a sign is wrong",
-                                       "did not move: hold it loosely, or it takes no force in newtons"};
+                                       "moved AGAINST the force or across it: correct the axis or the sign",
+                                       "did not move: hold it loosely; otherwise its unit of force is wrong"};
     bool good = true;
-    printf("at rest the tip moved within %.0f, %.0f, %.0f um\n", 1.0e6 * (s->high_m[0] - s->low_m[0]),
+    printf("without force the tip moved by %.0f, %.0f, %.0f um\n", 1.0e6 * (s->high_m[0] - s->low_m[0]),
            1.0e6 * (s->high_m[1] - s->low_m[1]), 1.0e6 * (s->high_m[2] - s->low_m[2]));
     for (int k = 0; k < HRT_SETUP_PUSHES; k++) {
         const hrt_setup_push *r = &s->result[k];
@@ -155,6 +155,6 @@ bool hrt_setup_print(const hrt_setup *s) {
         good = good && r->verdict == HRT_SETUP_GOOD;
     }
     print_identified(s);
-    printf(good ? "units and signs are proved\n" : "units and signs are NOT proved\n");
+    printf(good ? "units and signs are right\n" : "units and signs are NOT confirmed\n");
     return good;
 }

@@ -246,7 +246,7 @@ static tm_status check_path(const app_scene *scene, const app_body *body) {
     const app_body_waypoint *way = body->path.item;
     if (body->path.line && !body->rigid.on)
         return app_scene_bad(scene, body->path.line,
-                             "body '%s' has a path and is not rigid; add 'rigid: yes', or lead it by its supports",
+                             "body '%s' has a path and is not rigid; add 'rigid: yes', or move it by its supports",
                              body->name.s);
     if (body->path.line && scene->model.index != APP_DYNAMIC)
         return app_scene_bad(
@@ -275,7 +275,7 @@ tm_status sim_check_bodies(const app_scene *scene) {
                                    "the scene");
     if (scene->body.count && scene->scale.line)
         return app_scene_bad(scene, scene->scale.line,
-                             "tissue.scale is of tissue.mesh; write bodies.NAME.scale for each body");
+                             "tissue.scale applies to tissue.mesh only; write bodies.NAME.scale for each body");
     if (scene->body.count > SIM_MAX_BODIES)
         return app_scene_bad(scene, scene->body.line, "%d bodies; give at most %d", scene->body.count, SIM_MAX_BODIES);
     for (int i = 0; i < scene->body.count; i++) {

@@ -37,9 +37,10 @@ static const app_field fields[] = {
 static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (o->sliding.si > o->at_rest.si)
-        return app_scene_bad(scene, o->sliding.line ? o->sliding.line : o->at_rest.line,
-                             "touch.friction: kinetic %g is above static %g; give a kinetic coefficient that is not",
-                             o->sliding.si, o->at_rest.si);
+        return app_scene_bad(
+            scene, o->sliding.line ? o->sliding.line : o->at_rest.line,
+            "touch.friction: kinetic %g is above static %g; give a kinetic coefficient of at most that", o->sliding.si,
+            o->at_rest.si);
     if (o->pairs.count && !scene->body.count)
         return app_scene_bad(scene, o->pairs.line,
                              "touch.pairs names bodies, and the scene has none; add 'bodies:', or leave the pairs out: "

@@ -189,10 +189,10 @@ def test_it_builds_without_the_library(root, tmp_path):
 
 
 @pytest.mark.parametrize("words, says", [
-    (["--device", "haply:x"], "'haply:x' names no device; write haply:0"),
-    (["--device", "haply:0", "--device-type", "impulse_engine"], "impulse_engine is not driven so"),
+    (["--device", "haply:x"], "'haply:x' is not a device address; write haply:0"),
+    (["--device", "haply:0", "--device-type", "impulse_engine"], "impulse_engine has joints, which this device does not move"),
     (["--device", "haply:0", "--workspace", "scale=9"], "keep scale within 0.05..2"),
-    (["--device", "haply:0", "--workspace", "size=1"], "'size=1' is no setting")])
+    (["--device", "haply:0", "--workspace", "size=1"], "'size=1' is not a setting")])
 def test_bad_words_are_refused(tmp_path, words, says):
     done = subprocess.run([HAPTIC, *words, "--duration", "0.1"], capture_output=True, text=True, timeout=20)
     assert done.returncode == 2 and says in done.stderr, done.stderr

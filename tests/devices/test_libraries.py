@@ -106,7 +106,7 @@ def test_trouble_ends_the_force(tmp_path, stubs, device, trouble):
 
 
 @pytest.mark.parametrize("device", ["touch:0", "omega:0"])
-@pytest.mark.parametrize("trouble, says", [("open", "opens no device"), ("start", "error")])
+@pytest.mark.parametrize("trouble, says", [("open", "cannot open device"), ("start", "error")])
 def test_what_cannot_be_opened_says_why(tmp_path, stubs, device, trouble, says):
     done = subprocess.run([*HAPTIC, "--device", device, "--duration", "0.2"], capture_output=True, text=True, timeout=20,
                           env=environment(stubs, device, tmp_path / "log", STUB_TROUBLE=trouble))

@@ -81,3 +81,10 @@ def test_no_sentence_that_testers_could_not_understand_is_left(root):
 
 def test_a_riddle_would_be_seen():
     assert "what the tools look at" in plain("/* What the\n * tools look at */")
+
+
+def test_versions_that_pages_name_are_the_present_one(root):
+    version = re.search(r"^VERSION := (\d+\.\d+)", (root / "Makefile").read_text(), re.M)[1]
+    text = "".join(page.read_text() for page in (root / "docs").rglob("*.md"))
+    named = re.findall(r"find_package\(tensormass (\d+\.\d+)|`libtensormass[a-z-]*(\d+\.\d+)`", text)
+    assert len(named) > 3 and {a or b for a, b in named} == {version}, named

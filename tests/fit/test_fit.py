@@ -67,7 +67,7 @@ def test_constants_come_back_with_intervals_and_a_page(bin, scene):
     for constant, truth in zip(found["constants"], (8, 0.35)):
         assert constant["interval"][0] < truth < constant["interval"][1] and not constant["verdict"]
         assert abs(constant["value"] / truth - 1) < 0.1
-    assert "measure more:" in done.stdout and all(0 < s <= 1 for m in found["more"] for s in m["shrinks_to"])
+    assert "to measure next:" in done.stdout and all(0 < s <= 1 for m in found["more"] for s in m["shrinks_to"])
     page = (scene.parent / "fit/index.html").read_text()
     assert page.count("<svg") == 2 and "95 % interval" in page and "nan" not in page
     again = tm_fit(bin, scene, *words)
@@ -161,7 +161,7 @@ BAD = {
     "no range": (["--fit", "a.b"], "no range"),
     "empty range": (["--fit", "a.b=5..1"], "the range is empty"),
     "two units": (["--fit", "a.b=1 kPa..2 Pa"], "two units"),
-    "no compare": (["--fit", YOUNG], "no --compare"),
+    "no compare": (["--fit", YOUNG], "--compare is missing"),
     "what": (["--fit", YOUNG, "--compare", "force_N=top"], "not COLUMN=WHAT"),
     "point": (["--fit", YOUNG, "--compare", "force_N=point tip z"], "there is no point 'tip'"),
     "column": (["--fit", YOUNG, "--compare", "f=support top z", "--row", ROW], "column f is not in the data; it has depth_m, force_N"),

@@ -64,7 +64,7 @@ export class Library {
 
   allocate(size) {
     const address = this.module._malloc(Math.max(1, size));
-    if (!address) throw new TensormassError(`${size} bytes are not free; use a smaller mesh`, 'TM_ERR_MEMORY');
+    if (!address) throw new TensormassError(`${size} bytes cannot be allocated; use a smaller mesh`, 'TM_ERR_MEMORY');
     return address;
   }
 
@@ -125,7 +125,7 @@ export class Library {
 
   // Calls a function by its name in C. Strings are passed as text, structs by their address, typed arrays as copies. Structs are returned as owned.
   call(name, ...values) {
-    const [result, kinds] = functions[name] ?? (() => { throw new TensormassError(`${name} is no function of the library`); })();
+    const [result, kinds] = functions[name] ?? (() => { throw new TensormassError(`${name} is not a function of the library; see bindings.js`); })();
     const temporary = [];
     const given = values.map((value, i) => this.argument(value, kinds[i], temporary));
     const sized = structs[result];

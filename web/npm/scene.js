@@ -105,7 +105,7 @@ export class Scene {
   instrument(instrument = 0) { return this.read('tm_scene_instrument', instrument); }
 
   read(name, instrument) {
-    if (!(instrument >= 0 && instrument < this.instrumentCount)) throw new TensormassError(`instrument ${instrument} of ${this.instrumentCount}`);
+    if (!(instrument >= 0 && instrument < this.instrumentCount)) throw new TensormassError(`instrument ${instrument} does not exist; give 0 to ${this.instrumentCount - 1}`);
     const struct = this.library.call(name, this.pointer, instrument), copy = struct.toObject();
     struct.free();
     return copy;

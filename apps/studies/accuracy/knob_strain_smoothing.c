@@ -28,10 +28,10 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
         double sharp = NAN;
         tm_error ignored;
         if (tm_critical_step_estimate(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
-        cJSON *row =
-            app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
-                         shears[f] < 0 ? "linear" : "strain_smoothing", shears[f] < 0 ? 0 : shears[f], s[f].p.mesh->tet_count,
-                         tm_critical_step_guaranteed(tissue, NULL), sharp, tm_tissue_pairs(tissue).count);
+        cJSON *row = app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
+                                  shears[f] < 0 ? "linear" : "strain_smoothing", shears[f] < 0 ? 0 : shears[f],
+                                  s[f].p.mesh->tet_count, tm_critical_step_guaranteed(tissue, NULL), sharp,
+                                  tm_tissue_pairs(tissue).count);
         price_add(differences_add(row, &s[f].off), &s[f]);
     }
     matrix_free(s, FORMS);

@@ -18,7 +18,8 @@ static const struct {
     knob_measure *measure;
 } knobs[] = {
     {"mesh", "number of tetrahedra: error of displacement, reaction and energy, isotropic and fibred", knob_mesh},
-    {"strain_smoothing", "strain smoothing against linear tetrahedra: pressed, and bent with nu near 0.5", knob_strain_smoothing},
+    {"strain_smoothing", "strain smoothing against linear tetrahedra: pressed, and bent with nu near 0.5",
+     knob_strain_smoothing},
     {"step", "time step: error of trajectory, phase, energy and settling", knob_step},
     {"mass", "mass scaling: length of the step, and error of the force at the indenter", knob_mass},
     {"precision", "single or double stored tensors: error and speed", knob_precision},

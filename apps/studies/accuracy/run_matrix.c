@@ -43,7 +43,10 @@ static void plan_meshes(study *t, const sim *own) {
     for (int m = 0; m < t->mesh_count; m++)
         for (int form = 0; form < 2; form++) {
             if (m == 0 && form == 0) continue; /* as it is */
-            snprintf(name, sizeof name, "%.60s%s", t->mesh[m].name, !form ? "" : named ? ", no strain_smoothing" : ", strain_smoothing");
+            snprintf(name, sizeof name, "%.60s%s", t->mesh[m].name,
+                     !form   ? ""
+                     : named ? ", no strain_smoothing"
+                             : ", strain_smoothing");
             study_run *r = study_add(t, m ? "mesh" : "strain_smoothing", name);
             r->mesh = m;
             if (m) study_set(r, "tissue.mesh=%s", t->mesh[m].path);

@@ -161,7 +161,7 @@ def main():
     p.add_argument("-o", "--out", type=pathlib.Path, required=True, help="folder of scenes, figures.json and index.html")
     p.add_argument("--sim", type=pathlib.Path, required=True, help="tm-sim")
     p.add_argument("--quick", action="store_true", help="coarser meshes, one law")
-    p.add_argument("--predict", metavar="N", type=float, action="append", default=[], help="a further load on the beam, N: its rest, period and decrement")
+    p.add_argument("--predict", metavar="N", type=float, action="append", default=[], help="predict rest, period and decrement for another load on the beam, N")
     a = p.parse_args()
     found = study(a)
     (a.out / "figures.json").write_text(json.dumps(found, indent=1) + "\n")

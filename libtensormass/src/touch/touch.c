@@ -124,8 +124,8 @@ static tm_status check(const tm_touching_def *def, const tm_world *world, tm_err
     for (int32_t a = 0; def->pair && a < def->body_count; a++)
         for (int32_t b = 0; b < a; b++)
             if (!def->pair[a * def->body_count + b] != !def->pair[b * def->body_count + a])
-                return tm_fail(error, TM_ERR_ARGUMENT, a, "touch: body %d touches %d, and not the other way round", a,
-                               b);
+                return tm_fail(error, TM_ERR_ARGUMENT, a,
+                               "touch: body %d touches %d, but not the reverse; make 'pair' symmetric", a, b);
     return TM_OK;
 }
 

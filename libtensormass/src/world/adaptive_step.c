@@ -217,7 +217,7 @@ tm_status tm_adaptive_check(const tm_tissue *tissue, tm_error *error) {
                ? TM_OK
                : tm_fail(
                      error, TM_ERR_EXCLUDED, -1,
-                     "an adaptive step with a tissue with no nonlinear law, whose tangent never changes; leave it out");
+                     "an adaptive step needs a nonlinear law, as a linear tangent never changes; leave the adaptive step out");
 }
 
 tm_status tm_world_adapt(tm_world *world, double step_s, tm_error *error) {

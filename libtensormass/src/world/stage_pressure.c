@@ -175,7 +175,7 @@ tm_status tm_stage_pressure(tm_world *world, const double *pressure_Pa, tm_error
     int32_t count = 0;
     for (int32_t t = 0; t < mesh->surface_count; t++) {
         if (!isfinite(pressure_Pa[t]))
-            return tm_fail(error, TM_ERR_ARGUMENT, t, "pressure: it is %g Pa on triangle %d; give a finite number",
+            return tm_fail(error, TM_ERR_ARGUMENT, t, "pressure: %g Pa on triangle %d; give a finite number",
                            pressure_Pa[t], (int)t);
         count += pressure_Pa[t] != 0;
     }
