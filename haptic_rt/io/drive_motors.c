@@ -164,14 +164,15 @@ bool hrt_motors_open(hrt_drive *d, const hrt_motor_protocol *protocol, const cha
     char bus[128];
     const char *kind = d->driver->kind;
     hrt_motors *m = calloc(1, sizeof *m);
-    if (!m) return snprintf(why, (size_t)why_size, "out of memory"), false;
+    if (!m) return snprintf(why, (size_t)why_size, "out of memory; close other programs"), false;
     m->drive = d;
     m->protocol = protocol;
     if (!read_name(m, name, bus) || m->motors != d->type->motors)
-        snprintf(why, (size_t)why_size,
-                 "'%s:%s' names no %d axes; write %s:BUS/NODE:TURNS,..., TURNS of the motor per rad or m of its joint, "
-                 "NODE within %u..%u",
-                 kind, name, d->type->motors, kind, protocol->node_min, protocol->node_max);
+        snprintf(
+            why, (size_t)why_size,
+            "'%s:%s' does not name %d axes; write %s:BUS/NODE:TURNS,..., TURNS of the motor per rad or m of its joint, "
+            "NODE within %u..%u",
+            kind, name, d->type->motors, kind, protocol->node_min, protocol->node_max);
     else if (open_bus(m, bus, why, why_size)) {
         d->own = m;
         if (pthread_create(&d->thread, NULL, run, m) == 0) return true;

@@ -66,8 +66,8 @@ def refused(tmp_path, device):
     return done.stderr if done.returncode == 2 else done
 
 
-@pytest.mark.parametrize("device, says", [("odrive:virtual:o/0:8,1:8", "names no 3 axes"), ("odrive:virtual:o/0:8,0:8,1:8", "names no 3 axes"),
-                                          ("odrive:virtual:o/0:8,1:0,2:8", "names no 3 axes"), ("odrive:serial:o/0:8,1:8,2:8", "is not a bus address"),
+@pytest.mark.parametrize("device, says", [("odrive:virtual:o/0:8,1:8", "does not name 3 axes"), ("odrive:virtual:o/0:8,0:8,1:8", "does not name 3 axes"),
+                                          ("odrive:virtual:o/0:8,1:0,2:8", "does not name 3 axes"), ("odrive:serial:o/0:8,1:8,2:8", "is not a bus address"),
                                           ("moteus:virtual:o/0:8,1:8,2:8", "NODE within 1..126"), ("cia402:virtual:o/1:8,2:8,127:8", "NODE within 1..126")])
 def test_bad_addresses_are_refused(tmp_path, device, says):
     assert says in refused(tmp_path, device)
