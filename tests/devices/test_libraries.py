@@ -116,7 +116,7 @@ def test_what_cannot_be_opened_says_why(tmp_path, stubs, device, trouble, says):
 def test_the_other_kind_is_named(tmp_path, stubs):
     done = subprocess.run([*HAPTIC, "--device", "omega:0", "--duration", "0.2"], capture_output=True, text=True, timeout=20,
                           env=environment(stubs, "falcon:0", tmp_path / "log"))
-    assert done.returncode == 2 and "device 0 is Novint Falcon" in done.stderr and "choose falcon:0" in done.stderr
+    assert done.returncode == 2 and "device 0 is a Novint Falcon" in done.stderr and "choose falcon:0" in done.stderr
 
 
 @pytest.mark.parametrize("device, library, says", [("touch:0", "libHD.so", "OpenHaptics (libHD)"), ("omega:0", "libdhd.so.3", "Force Dimension's SDK (libdhd)"),

@@ -181,7 +181,7 @@ def test_bad_input_is_refused(bin, scene, name):
     assert part in done.stderr and ";" in done.stderr and not (scene.parent / "fit/fit.json").exists()
 
 
-@pytest.mark.parametrize("text, part", [("", "no rows"), ("a,b\n1\n", ":2: 1 values under 2 names"), ("a,b\n1,x\n", ":2: 'x' of column b is not a number"), ("a\nnan\n", "column a is not finite")])
+@pytest.mark.parametrize("text, part", [("", "no rows"), ("a,b\n1\n", ":2: 1 values for 2 columns"), ("a,b\n1,x\n", ":2: 'x' of column b is not a number"), ("a\nnan\n", "column a is not finite")])
 def test_bad_data_are_refused_with_their_line(tmp_path, text, part):
     (tmp_path / "d.csv").write_text(text)
     with pytest.raises(model.Bad, match=part):
