@@ -29,7 +29,7 @@ def test_a_press_takes_short_steps_while_deep(build, root, tmp_path):
 
 
 @pytest.mark.parametrize("words, said", [
-    ([], "no nonlinear law"),
+    ([], "needs a nonlinear law"),
     ([*LAW, "time.step=20 ms"], "guaranteed for strains up to 0.1"),
 ])
 def test_what_it_cannot_be_with_is_refused(build, root, words, said):
