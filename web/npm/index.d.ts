@@ -120,3 +120,78 @@ export class Controller {
   tick(t_us: number, tip_m: number[], options?: { enable?: boolean; passivity?: boolean; coupling?: boolean; reset?: boolean; bus_ok?: boolean }): any;
   free(): void;
 }
+
+/** Rest positions and topology, named as in Python. free() objects in the reverse order of their creation. */
+export class Mesh {
+  constructor(library: Library, vertices: ArrayLike<number>, tets: ArrayLike<number>, regions?: ArrayLike<number> | null);
+  static read(library: Library, content: string | Uint8Array, options?: { name?: string; scale?: number }): Mesh;
+  /** A box of cubes of six tetrahedra each. */
+  static block(library: Library, size_m: number[], cells: number[], origin_m?: number[]): Mesh;
+  readonly vertexCount: number;
+  readonly tetCount: number;
+  /** [3 * vertexCount] m */
+  readonly rest_m: Float64Array;
+  readonly tets: Int32Array;
+  readonly groups: Record<string, Int32Array>;
+  /** Vertices within within_m of a plane. */
+  near(point_m: number[], normal: number[], within_m?: number): Int32Array;
+  free(): void;
+}
+
+export type Law = 'linear' | 'neo-hooke' | 'st-venant-kirchhoff' | 'mooney-rivlin' | 'fung' | 'holzapfel';
+
+export class Material {
+  static young(library: Library, young_Pa: number, poisson: number, options?: { density_kg_m3?: number; damping_1_s?: number }): Material;
+  /** E_L, E_T in Pa, nu_LT, nu_TT, G_L in Pa. */
+  static engineering(library: Library, constants: number[], options?: { density_kg_m3?: number; damping_1_s?: number }): Material;
+  withLaw(law: Law, options?: { stretch_max?: number; values?: number[] }): this;
+}
+
+export class Tissue {
+  /** options: fields of tm_tissue_def. */
+  constructor(mesh: Mesh, materials: Material | Material[], options?: { fibres?: ArrayLike<number> | null; [field: string]: unknown });
+  readonly mesh: Mesh;
+  readonly mass_kg: Float64Array;
+  readonly aliveCount: number;
+  free(): void;
+}
+
+export interface InstrumentDefinition extends Pose {
+  mode?: 'probe' | 'grasper' | 'cautery';
+  trocar_m: Vector;
+  radius_m?: number;
+  contact_length_m?: number;
+}
+
+export class World {
+  /** options: fields of tm_world_def. */
+  constructor(tissue: Tissue, options?: Record<string, unknown>);
+  readonly tissue: Tissue;
+  /** [3 * vertexCount] m: a view; get it again after a step. */
+  readonly u_m: Float64Array;
+  readonly force_N: Float64Array;
+  readonly time_s: number;
+  readonly dt_s: number;
+  readonly hash: string;
+  step(count?: number): void;
+  addGravity(g_m_s2?: number[]): void;
+  addSupport(vertices: ArrayLike<number>, value_m?: number[]): void;
+  addContact(instruments: InstrumentDefinition[], options?: Record<string, unknown>): Contact;
+  addGrasp(contact: Contact, options?: Record<string, unknown>): Grasp;
+  addFriction(contact: Contact, coefficients: [number, number][]): void;
+  addCut(contact: Contact, options?: Record<string, unknown>): void;
+  free(): void;
+}
+
+export class Contact {
+  readonly instrumentCount: number;
+  frame(poses: Pose[], substeps: number, average?: number): Reaction[];
+  reaction(instrument?: number): Reaction;
+}
+
+export class Grasp {
+  vertices(instrument?: number): { vertices: Int32Array; state: 'open' | 'holding' | 'releasing' };
+}
+
+/** An LCM log (tm-sim --record, lcm-logger) as messages, one list a channel. */
+export function readLog(bytes: Uint8Array): { channels: Record<string, { utime_us: number; type: string; message: any }[]>; skipped: number };

@@ -6,7 +6,7 @@ let opened = 0;
 // One scene. Instruments follow the scene's hands or the poses that you give. Vertices keep the numbers of the mesh file.
 export class Scene {
   // yaml: text of the scene. files: {path: text or bytes} that the scene names, by paths relative to it. sets: values that replace the scene's,
-  // {"time.frame_rate": 50, "gravity": null} (null removes a key). Throws with "scene.yaml:line: what; what to do". Warnings are in `warnings`.
+  // {"time.frame_rate": 50, "gravity": null} (null removes a key); one thread unless they say otherwise. Throws with "scene.yaml:line: what; what to do". Warnings are in `warnings`.
   constructor(library, yaml, { files = {}, sets = {}, name = 'scene.yaml', progress = null } = {}) {
     this.library = library;
     this.warnings = [];
@@ -19,7 +19,7 @@ export class Scene {
 
   open(path, sets, progress) {
     const { library } = this, definition = library.call('tm_scene_def_default');
-    const lines = Object.entries(sets).map(([key, value]) => library.newText(value === null ? key : `${key}=${yamlOf(value)}`));
+    const lines = Object.entries({ threads: 1, ...sets }).map(([key, value]) => library.newText(value === null ? key : `${key}=${yamlOf(value)}`));
     const list = library.newArray(lines, 'pointer'), file = library.newText(path), place = library.newArray([0], 'pointer');
     let callback = 0;
     if (progress) callback = library.module.addFunction((user, what, done, left) => Number(progress(library.text(what), done, left) !== false), 'iiidd');
@@ -79,7 +79,7 @@ export class Scene {
     if (poses) {
       if (poses.length !== this.instrumentCount) throw new TensormassError(`${poses.length} poses for ${this.instrumentCount} instruments; give one each`);
       this.poses ??= library.makeArray('tm_tool_pose', this.instrumentCount);
-      poses.forEach((pose, i) => setPose(this.poses[i], pose));
+      poses.forEach((pose, i) => poseInto(this.poses[i], pose));
       to = this.poses[0] ?? null;
     }
     const status = library.call('tm_scene_step', this.pointer, to);
@@ -165,7 +165,8 @@ export class Scene {
   }
 }
 
-function setPose(struct, { tip_m, roll_rad = 0, grip = 0, active = true }) {
+// Writes a pose {tip_m, roll_rad, grip, active} to a struct tm_tool_pose.
+export function poseInto(struct, { tip_m, roll_rad = 0, grip = 0, active = true }) {
   struct.tip_m = tip_m;
   struct.roll_rad = roll_rad;
   struct.grip = grip;
