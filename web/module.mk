@@ -53,7 +53,7 @@ $(WEB)/npm/messages.js: $(call files,lcm_types/*.lcm)
 	$(Q)node -e 'console.log("export const definitions = " + JSON.stringify(process.argv.slice(1).map((f) => fs.readFileSync(f, "utf8"))) + ";")' $^ > $@
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM)
 # The page: one folder of static files. three.js is bundled; the library is copied as it is.
-WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js))
+WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js web/page/haply.js web/page/own_mesh.js))
 WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
 	$(call step,COPY)
@@ -64,7 +64,7 @@ $(WEB)/page/data/%.msh: meshes/%.msh
 $(WEB)/page/data/%.yaml: apps/scenes/%.yaml
 	$(call step,COPY)
 	$(Q)cp $< $@
-$(WEB)/page/main.js: $(call files,web/page/*.js) $(WEB)/node_modules/.done
+$(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
 	$(call step,PACK)
 	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/main.js --bundle --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outfile=$@
 $(WEB)/page/lib/index.js: web-npm

@@ -1,88 +1,138 @@
-// Drives the page in a browser: node drive.mjs PLAYWRIGHT BROWSER URL FOLDER -> JSON of what was seen; pictures in FOLDER.
-import { writeFile } from 'node:fs/promises';
-import { createRequire } from 'node:module';
+// Drives the page in a browser: node drive.mjs PUPPETEER BROWSER URL FOLDER HAPLY_URL MESH LOG -> JSON of what was seen; pictures in FOLDER.
+import { readFile, writeFile } from 'node:fs/promises';
+import path from 'node:path';
+import { pathToFileURL } from 'node:url';
 
-const [, , playwright, browser, url, folder] = process.argv;
-const { chromium, firefox } = createRequire(import.meta.url)(playwright);
-const seen = { console: [] };
-const engine = browser.includes('firefox') ? firefox : chromium;
-const args = engine === chromium ? ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking',
-  '--disable-component-update', '--disable-sync', '--no-first-run'] : [];
-const app = await engine.launch({ executablePath: browser, args });
+const [, , puppeteer, executablePath, url, folder, haply, mesh, log] = process.argv;
+const { default: engine } = await import(pathToFileURL(path.join(puppeteer, 'lib/puppeteer/puppeteer-core.js')));
+const firefox = executablePath.includes('firefox'), seen = { console: [] }, WAIT = { timeout: 40000, polling: 100 };
+const app = await engine.launch({
+  executablePath, headless: !firefox, extraPrefsFirefox: { 'webgl.force-enabled': true }, browser: firefox ? 'firefox' : 'chrome', protocolTimeout: 180000,
+  args: firefox ? [] : ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-component-update', '--disable-sync',
+    '--no-first-run', '--disable-background-timer-throttling', '--disable-renderer-backgrounding'],
+});
+const begun = Date.now(), step = (what) => console.error(`${((Date.now() - begun) / 1000).toFixed(1)} s: ${what}`);
 
-async function opened(options) {
-  const context = await app.newContext(options), page = await context.newPage();
-  page.on('console', (m) => { if (m.type() === 'error') seen.console.push(m.text()); });
-  page.on('pageerror', (e) => seen.console.push(String(e)));
-  const begun = Date.now();
-  await page.goto(url);
-  await page.waitForFunction(() => globalThis.tensormass?.state.last, null, { timeout: 90000 });
-  return [page, Date.now() - begun];
+async function opened(query, { width = 1000, height = 640, dark = false, scale = 1 } = {}) {
+  const page = await app.newPage();
+  page.on('console', (m) => { if (m.type() === 'error') { seen.console.push(m.text()); console.error(m.text()); } });
+  page.on('pageerror', (e) => { seen.console.push(String(e)); console.error(e); });
+  await page.setViewport({ width, height, deviceScaleFactor: scale, ...(width < 500 && !firefox ? { isMobile: true, hasTouch: true } : {}) });
+  if (!firefox) await page.emulateMediaFeatures([{ name: 'prefers-color-scheme', value: dark ? 'dark' : 'light' }]);
+  const from = Date.now();
+  await page.goto(url + query, { waitUntil: 'load' });
+  await page.waitForFunction(() => globalThis.tensormass?.state.last && tensormass.view.frames > 0, WAIT);
+  return [page, Date.now() - from];
 }
-
-// The protocol's own call: Playwright's waits for a still page.
-async function picture(page, path) {
-  if (engine === firefox) return page.screenshot({ path, timeout: 90000 });
-  const protocol = await page.context().newCDPSession(page), { data } = await protocol.send('Page.captureScreenshot', { format: 'png' });
-  return writeFile(path, Buffer.from(data, 'base64'));
-}
-
-// By the document: a mouse of Playwright's waits for pictures that a busy machine draws late.
-const choose = (field, value) => page.evaluate(([f, v]) => {
+const until = (page, f, ...given) => page.waitForFunction(f, WAIT, ...given).catch(async (error) => {
+  console.error(`${f}: page says ${await page.evaluate(() => tensormass.state.error)}`);
+  throw error;
+});
+const choose = (page, field, value) => page.evaluate((f, v) => {
   const element = document.querySelector(f);
   element.value = v;
   element.dispatchEvent(new Event('change'));
-}, [field, value]);
+}, field, value);
+const hide = (page, value) => page.evaluate((v) => {
+  Object.defineProperty(document, 'hidden', { value: v, configurable: true });
+  document.dispatchEvent(new Event('visibilitychange'));
+}, value);
+const give = (page, files) => page.evaluate((list) => {
+  const all = new DataTransfer();
+  for (const [name, base64] of list) all.items.add(new File([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], name));
+  const event = new Event('drop', { bubbles: true, cancelable: true });
+  Object.defineProperty(event, 'dataTransfer', { value: all });
+  dispatchEvent(event);
+}, files);
+const picture = (page, name) => page.screenshot({ path: `${folder}/${name}.png` });
 
-const [page, first_ms] = await opened({ viewport: { width: 1280, height: 800 } });
-seen.first_ms = first_ms;
-await page.waitForTimeout(4000);
+// Small scene first: every check but the liver's.
+let [page] = await opened('?scene=block-press&hard=none');
+step('a block');
+await new Promise((r) => setTimeout(r, 1500));
 seen.frames = await page.evaluate(() => tensormass.view.frames);
+await until(page, () => document.querySelectorAll('#stages tr').length > 2);
+seen.stages = await page.evaluate(() => document.querySelectorAll('#stages tr').length);
 seen.figures = await page.evaluate(() => Object.fromEntries([...document.querySelectorAll('#figures td')].map((c) => [c.id, c.textContent])));
 seen.controller = await page.evaluate(() => tensormass.state.law?.state);
-seen.stages = await page.evaluate(() => document.querySelectorAll('#stages tr').length);
-await picture(page, `${folder}/desktop.png`);
 
-// Taken by the keyboard, the tip moves and the tissue answers.
 await page.evaluate(() => document.getElementById('take').click());
-const before = await page.evaluate(() => tensormass.state.poses[0].tip_m);
+const before = await page.evaluate(() => [...tensormass.state.poses[0].tip_m]);
 await page.evaluate(() => document.getElementById('view').focus());
 for (let i = 0; i < 10; i++) await page.keyboard.press('PageDown');
-await page.waitForTimeout(500);
-const after = await page.evaluate(() => tensormass.state.last.poses[0].tip_m);
-seen.moved_m = Math.hypot(...after.map((x, a) => x - before[a]));
+const at = await page.evaluate(() => [...tensormass.state.poses[0].tip_m]);
+await until(page, (tip) => Math.hypot(...tensormass.state.last.poses[0].tip_m.map((x, a) => x - tip[a])) < 1e-4, at);
+seen.moved_m = Math.hypot(...at.map((x, a) => x - before[a]));
 await page.evaluate(() => document.getElementById('take').click());
+step('keys');
 
-// A law that changes forces; the page shows the price.
-await choose('#choice-law', 'neo-hooke');
-await page.waitForFunction(() => /→/.test(document.getElementById('price-law').textContent), null, { timeout: 60000 });
-seen.price = await page.textContent('#price-law');
-
-// A mesh that is none: the library's own sentence.
-await page.setInputFiles('#file', { name: 'bad.msh', mimeType: 'text/plain', buffer: Buffer.from('$MeshFormat\nnonsense\n') });
-await page.waitForFunction(() => document.getElementById('error').open, null, { timeout: 60000 });
-seen.error = await page.textContent('#error pre');
-await page.evaluate(() => document.querySelector('#error button').click());
-
-// Hidden, the force is zero.
-await page.evaluate(() => { Object.defineProperty(document, 'hidden', { value: true, configurable: true }); document.dispatchEvent(new Event('visibilitychange')); });
-await page.waitForTimeout(200);
-seen.hidden = await page.evaluate(() => [tensormass.state.law.state, Math.hypot(...tensormass.state.law.vector[0])]);
-await page.evaluate(() => { Object.defineProperty(document, 'hidden', { value: false, configurable: true }); document.dispatchEvent(new Event('visibilitychange')); });
-
-// A scripted press in the worker, for comparison with the native build.
-await choose('#choice-law', 'linear');
-await choose('#choice-scene', 'block-press');
-await page.waitForFunction(() => document.body.dataset.scene === 'block-press', null, { timeout: 60000 });
-await choose('#choice-mesh', '1,176 tetrahedra');
-await page.waitForFunction(() => tensormass.state.opened.tetCount === 1176, null, { timeout: 60000 });
 await page.evaluate(() => tensormass.fresh(25));
-await page.waitForFunction(() => tensormass.state.ran, null, { timeout: 60000 });
+await until(page, () => tensormass.state.ran);
 seen.ran = await page.evaluate(() => tensormass.state.ran);
+step('scripted press');
 
-const [phone] = await opened({ viewport: { width: 390, height: 844 }, deviceScaleFactor: 2, hasTouch: true, isMobile: engine === chromium || undefined, colorScheme: 'dark' });
-await phone.waitForTimeout(2000);
-seen.overflow = await phone.evaluate(() => document.documentElement.scrollWidth - innerWidth);
-await picture(phone, `${folder}/phone.png`);
-console.log(JSON.stringify(seen));
+await choose(page, '#choice-law', 'neo-hooke');
+await until(page, () => /→/.test(document.getElementById('price-law').textContent));
+seen.price = await page.$eval('#price-law', (e) => e.textContent);
+await choose(page, '#choice-law', 'linear');
+await choose(page, '#choice-hard', 'tremor');
+await until(page, () => tensormass.state.last.energy?.put_in_J > 1e-4);
+seen.energy = await page.evaluate(() => tensormass.state.last.energy);
+await choose(page, '#choice-hard', 'forged');
+await until(page, () => !document.getElementById('rejected-row').hidden && Math.max(...tensormass.state.law.force.filter((_, i) => i % 2)) > 0.1);
+seen.rejected = await page.$eval('#rejected', (e) => e.textContent);
+seen.largest_N = await page.evaluate(() => Math.max(...tensormass.state.law.force.filter((_, i) => i % 2)));
+await choose(page, '#choice-hard', 'none');
+step('hard cases');
+
+await give(page, [['bad.msh', Buffer.from('$MeshFormat\nnonsense\n').toString('base64')]]);
+await until(page, () => document.getElementById('error').open);
+seen.error = await page.$eval('#error pre', (e) => e.textContent);
+await page.evaluate(() => document.querySelector('#error button').click());
+await give(page, [['own.msh', (await readFile(mesh)).toString('base64')]]);
+await until(page, () => tensormass.state.opened.title === 'own.msh' && tensormass.state.last.time_s > 2 && tensormass.state.last.generation > 1);
+seen.own = await page.evaluate(() => [tensormass.state.opened.tetCount, Math.hypot(...tensormass.state.last.reactions[0].force_N)]);
+step('own mesh');
+await give(page, [['press.log', (await readFile(log)).toString('base64')]]);
+await until(page, () => tensormass.state.played?.frame > 5);
+seen.played = await page.evaluate(() => [tensormass.state.played.frames, tensormass.state.played.triangles.length / 3, document.getElementById('title').textContent]);
+await page.evaluate(() => document.getElementById('live').click());
+await until(page, () => !tensormass.state.played);
+step('recorded session');
+
+await hide(page, true);
+await until(page, () => tensormass.state.law.state !== 'engaged' && Math.hypot(...tensormass.state.law.vector[0]) === 0);
+seen.hidden = await page.evaluate(() => [tensormass.state.law.state, Math.hypot(...tensormass.state.law.vector[0])]);
+await hide(page, false);
+await page.close();
+
+// A device: its hand moves down into the block; hidden, no force is sent.
+[page] = await opened('?scene=block-press');
+await page.evaluate((service) => { document.getElementById('service').value = service; document.getElementById('connect').click(); }, haply);
+await until(page, () => tensormass.state.device?.startsWith('Inverse3'));
+await until(page, () => tensormass.state.law.sent_N > 0.1);
+seen.felt_N = await page.evaluate(() => tensormass.state.law.sent_N);
+await hide(page, true);
+seen.hidden_ms = Date.now();
+await until(page, () => tensormass.state.law.sent_N === 0);
+await new Promise((r) => setTimeout(r, 300));
+await page.close();
+step('device');
+
+[page, seen.first_ms] = await opened('?scene=liver-press', { width: 1280, height: 800 });
+await new Promise((r) => setTimeout(r, 5000));
+seen.liver = await page.evaluate(() => Object.fromEntries([...document.querySelectorAll('#figures td')].map((c) => [c.id, c.textContent])));
+seen.errors = await page.evaluate(() => Object.fromEntries([...document.querySelectorAll('#choices .error')].map((c) => [c.id, c.textContent])));
+await page.evaluate(() => document.getElementById('marks').click());
+await new Promise((r) => setTimeout(r, 300));
+seen.marks = await page.evaluate(() => Object.values(tensormass.view.marks).map((m) => m.geometry.attributes.position.count));
+await picture(page, 'desktop');
+await page.close();
+step('liver');
+[page] = await opened('?scene=liver-press&mesh=1%2C180%20tetrahedra', { width: 390, height: 844, dark: true, scale: 2 });
+await new Promise((r) => setTimeout(r, 1500));
+seen.overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+await picture(page, 'phone');
+await writeFile(`${folder}/seen.json`, JSON.stringify(seen));
 await app.close();
+console.log(JSON.stringify(seen));

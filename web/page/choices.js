@@ -1,4 +1,6 @@
-// What the page lets one choose: each choice is a setting of the scene, with the price that was measured here.
+// What the page lets one choose: each choice is a setting of the scene, with the price that was measured here and the error of the study in study.json.
+import study from './study.json';
+
 const LIVERS = { '1,180 tetrahedra': 'liver_1k.msh', '10,198 tetrahedra': 'liver_10k.msh' }, BLOCKS = { '1,176 tetrahedra': 'block_1k.msh' };
 export const SCENES = {
   'liver-press': { text: 'A liver pressed by a probe', meshes: LIVERS },
@@ -7,6 +9,11 @@ export const SCENES = {
 };
 
 const nothing = () => ({});
+// Hard cases that are settings of the scene. "jumps" and "still" are the tissue worker's, "late", "lost" and "forged" the law's.
+const HARD = {
+  incompressible: { 'tissue.materials.*.poisson': 0.4999 }, smoothed: { 'tissue.materials.*.poisson': 0.4999, strain_smoothing: '{}' },
+  soft: { 'tissue.materials.*.young': '1 kPa' }, tremor: { 'hand[0].tremor': '{amplitude: 1 mm, frequency: 9 Hz}' },
+};
 const CHOICES = {
   scene: { text: 'Scene', values: Object.keys(SCENES), names: Object.values(SCENES).map((s) => s.text), sets: nothing },
   mesh: { text: 'Mesh', values: [], sets: nothing },
@@ -19,32 +26,57 @@ const CHOICES = {
   viscosity: { text: 'Viscosity', values: ['off', 'on'], sets: (v) => (v === 'on' ? { viscosity: '{terms: [{time: 0.3 s, shear: 0.4}]}' } : {}) },
   friction: { text: 'Friction', values: ['off', 'on'], sets: (v) => (v === 'on' ? { friction: '{static: 0.3, kinetic: 0.2}' } : {}) },
   gravity: { text: 'Gravity', values: ['off', 'on'], sets: (v) => (v === 'on' ? { gravity: '[0, 0, -9.81]' } : {}) },
-  step: { text: 'Step', values: ['0.9', '0.6', '0.3'], names: ['0.9 of the critical', '0.6', '0.3'], sets: (v) => (v === '0.9' ? {} : { 'time.step_fraction': v }) },
+  step: { text: 'Step', values: ['0.9', '0.45', '1'], names: ['0.9 of the critical', 'half of that', 'the whole critical step'], sets: (v) => (v === '0.9' ? {} : { 'time.step_fraction': v }) },
   rate: { text: 'Samples', values: ['25 Hz', '50 Hz', '100 Hz'], sets: (v) => (v === '25 Hz' ? {} : { 'time.frame_rate': v }) },
   extrapolator: { text: 'Extrapolator', values: ['adaptive', 'local_model', 'tangent', 'position', 'time', 'hold'], sets: nothing },
+  hard: {
+    text: 'Hard case', values: ['none', 'incompressible', 'smoothed', 'soft', 'tremor', 'jumps', 'still', 'late', 'lost', 'forged'],
+    names: ['none', "Poisson's ratio 0.4999", '0.4999, strain smoothing', 'ten times as soft', 'the hand trembles by 1 mm', 'the tool jumps', 'the tool stands still', 'samples 100 ms late',
+      'every second sample lost', 'every third sample forged'],
+    sets: (v) => (v === 'none' ? {} : { energy: '{}', ...HARD[v] }), // with the account of energy, as the verdict
+  },
 };
 
 const meshesOf = (scene) => Object.keys(SCENES[scene].meshes);
 
 function select(name, { text, values, names = values }, state, changed) {
-  const label = document.createElement('label'), field = document.createElement('select'), price = document.createElement('span');
+  const label = document.createElement('label'), field = document.createElement('select'), price = document.createElement('span'), error = document.createElement('span');
   label.textContent = text;
   label.htmlFor = field.id = `choice-${name}`;
   price.className = 'price';
   price.id = `price-${name}`;
+  error.className = 'error';
+  error.id = `error-${name}`;
   fill(field, values, names);
   state.chosen[name] = field.value;
   field.onchange = () => {
     state.chosen[name] = field.value;
     if (name === 'scene') offer(state);
+    tell(state);
     state.changed = { name, before_ms: state.last?.median_ms, at: performance.now() };
     changed(name);
   };
-  return [label, field, price];
+  return [label, field, error, price];
 }
 
 function fill(field, values, names) {
   field.replaceChildren(...values.map((value, i) => new Option(names[i], value)));
+}
+
+const percent = (x) => `${(100 * x).toPrecision(x < 0.1 ? 1 : 2)} %`;
+
+// The study's error of what is chosen: of the force against a refined mesh, of the force at the hand between samples, or by how much the force changes.
+function errorOf(name, chosen) {
+  const of = (table, prefix = '') => (table?.[chosen[name]] === undefined ? '' : `${prefix}${percent(table[chosen[name]])}`);
+  if (chosen.scene !== study.scene || (name !== 'mesh' && chosen.mesh !== Object.keys(LIVERS).at(-1))) return '';
+  if (name === 'mesh') return of(Object.fromEntries(Object.entries(LIVERS).map(([text, file]) => [text, study.error.mesh[file]])), 'error ');
+  if (name === 'extrapolator') return of(study.samples[chosen.rate], 'error ');
+  if (name === 'smoothing' && chosen.law === 'linear') return of(study.error.smoothing, 'error ');
+  return of(study.change[name], 'changes by ');
+}
+
+function tell(state) {
+  for (const name of Object.keys(CHOICES)) document.getElementById(`error-${name}`).textContent = errorOf(name, state.chosen);
 }
 
 function offer(state) {
@@ -58,7 +90,19 @@ export const choices = {
   show(form, state, changed) {
     form.replaceChildren(...Object.entries(CHOICES).flatMap(([name, choice]) => select(name, choice, state, changed)));
     offer(state);
+    this.follow(new URLSearchParams(location.search), state);
+    tell(state);
   },
+  // Chooses what the address says: ?scene=block-press&law=fung
+  follow(asked, state) {
+    for (const name of Object.keys(CHOICES)) {
+      const field = document.getElementById(`choice-${name}`);
+      if (![...field.options].some((o) => o.value === asked.get(name))) continue;
+      field.value = state.chosen[name] = asked.get(name);
+      if (name === 'scene') offer(state);
+    }
+  },
+  uncertainty: percent(study.uncertainty),
   sets(chosen) { return Object.assign({}, ...Object.entries(CHOICES).map(([name, { sets }]) => sets(chosen[name]))); },
   // Two seconds after a change: what a frame cost before and costs now.
   price({ changed }, now_ms) {

@@ -1,9 +1,10 @@
 // The force law: haptic-rt's tick, 500 times a second, between the simulation's samples. Without a device the hand is the pointer.
 import { Controller, load } from './lib/index.js';
+import { Haply } from './haply.js';
 
-const TICK_US = 2000, HISTORY = 2000;
-let library, controllers = [], tips = [], targets = [], extrapolator = 'adaptive', tick_us = 0, hidden = false, told = 0;
-let late = [], force = [], sampled = [];
+const TICK_US = 2000, HISTORY = 2000, LIMIT_N = 5, LONGEST_US = 20000;
+let library, controllers = [], tips = [], targets = [], extrapolator = 'adaptive', tick_us = 0, hidden = false, told = 0, trouble = 'none', count = 0;
+let late = [], force = [], sampled = [], device = null, cursor = null, law_ms = -Infinity, reasons = {};
 
 const messages = {
   async start({ port }) {
@@ -19,6 +20,7 @@ const messages = {
     controllers = instruments.map((i) => controllerOf(i));
     force = [];
     sampled = [];
+    cursor = null;
   },
   extrapolator({ name }) {
     extrapolator = name;
@@ -26,19 +28,50 @@ const messages = {
   },
   // The pointer's or script's newest target of each tip; the tip follows with a time constant of 20 ms, as a hand does.
   target({ all }) { all.forEach((tip, i) => { if (targets[i]) targets[i] = tip; }); },
-  hidden({ value }) { hidden = value; },
-  sample({ instrument, reaction, pose, t_us, patch }) {
-    const c = controllers[instrument];
-    if (!c || hidden) return;
-    if (patch) library.bytes.set(patch, c.received.address);
-    c.sample(reaction, t_us, patch ? c.received : null, c.unilateral);
-    if (!c.held) targets[instrument] = Array.from(pose.tip_m);
-    if (instrument === 0) sampled.push([t_us, Math.hypot(...reaction.force_N)]);
-    if (sampled.length > 200) sampled.shift();
+  hidden({ value }) {
+    hidden = value;
+    if (!device) return;
+    if (value) device.stop();
+    else device.enabled = true;
+  },
+  trouble({ value }) { trouble = value; },
+  sample(message) {
+    count++;
+    const delay = { late: 100, lost: count % 2 ? Infinity : 0 }[trouble] ?? 0;
+    if (delay === Infinity) return;
+    if (delay) setTimeout(take, delay, message);
+    else take(trouble === 'forged' && count % 3 === 0 ? { ...message, reaction: { ...message.reaction, force_N: [NaN, 1e9, 0] } } : message);
   },
   hold({ instrument, value }) { if (controllers[instrument]) controllers[instrument].held = value; },
+  // A device holds instrument 0. url: of its service; empty: none.
+  device({ url }) {
+    device?.close();
+    device = !url ? null : new Haply(url, LIMIT_N, { tick: felt, force: () => ({ N: controllers[0] ? Array.from(controllers[0].result.force_N) : [0, 0, 0], at_ms: law_ms }), tell: (text) => postMessage({ kind: 'device', text }) });
+    cursor = null;
+    if (!device) postMessage({ kind: 'device', text: 'not connected' });
+  },
 };
 onmessage = ({ data }) => messages[data.kind](data);
+
+function take({ instrument, reaction, pose, t_us, patch }) {
+  const c = controllers[instrument];
+  if (!c || hidden) return;
+  if (patch) library.bytes.set(patch, c.received.address);
+  const why = c.sample(reaction, t_us, patch ? c.received : null, c.unilateral);
+  if (why) reasons[why] = (reasons[why] ?? 0) + 1;
+  if (!c.held && !device) targets[instrument] = Array.from(pose.tip_m);
+  if (instrument === 0 && !why) sampled.push([t_us, Math.hypot(...reaction.force_N)]);
+  if (sampled.length > 200) sampled.shift();
+}
+
+// A new state of the device: the tip moves as far as the cursor did since it was taken.
+function felt(at_m, buttons) {
+  if (!targets[0]) return;
+  cursor ??= at_m.map((x, a) => x - targets[0][a]);
+  targets[0] = at_m.map((x, a) => x - cursor[a]);
+  tips[0] = [...targets[0]];
+  postMessage({ kind: 'cursor', tip_m: targets[0], closed: buttons.a });
+}
 
 function controllerOf({ trocar_m, pose, mode }) {
   const axis = pose.tip_m.map((p, a) => p - trocar_m[a]), up = Math.abs(axis[2]) > 0.9 * Math.hypot(...axis) ? [0, 1, 0] : [0, 0, 1];
@@ -51,23 +84,27 @@ function controllerOf({ trocar_m, pose, mode }) {
 
 const now_us = () => (performance.timeOrigin + performance.now()) * 1000;
 
-// Ticks that are due; after a pause of more than 100 ms they are not made up for.
+// Ticks that are due. After a pause of more than 20 ms, by this worker's own clock, they are not made up for, and a device gets zero force first.
 function run() {
   const now = now_us();
+  if (device && now - tick_us > LONGEST_US) device.send(true);
   if (hidden || now - tick_us > 100000) tick_us = now - TICK_US;
   if (hidden) force = [];
   for (; tick_us + TICK_US <= now; ) {
     tick_us += TICK_US;
     late.push(now - tick_us);
-    controllers.forEach((c, i) => {
-      tips[i] = tips[i].map((x, a) => x + (targets[i][a] - x) * 0.1);
-      const result = c.tick(tick_us, tips[i], { enable: !hidden });
-      if (i === 0) force.push([tick_us, Math.hypot(...result.force_N)]);
-    });
+    controllers.forEach((c, i) => tick(c, i));
+    law_ms = performance.now();
   }
   if (late.length > 2000) late.splice(0, late.length - 2000);
   if (force.length > HISTORY) force.splice(0, force.length - HISTORY);
   if (now - told > 50000) report(now);
+}
+
+function tick(c, i) {
+  tips[i] = tips[i].map((x, a) => x + (targets[i][a] - x) * 0.1);
+  const result = c.tick(tick_us, tips[i], { enable: !hidden });
+  if (i === 0) force.push([tick_us, Math.hypot(...result.force_N)]);
 }
 
 function report(now) {
@@ -75,6 +112,7 @@ function report(now) {
   const sorted = [...late].sort((a, b) => a - b);
   postMessage({
     kind: 'law', now, force: new Float64Array(force.flat()), sampled: new Float64Array(sampled.flat()), late_ms: (sorted[Math.floor(sorted.length * 0.99)] ?? 0) / 1000,
-    state: controllers[0]?.state ?? '-', fault: controllers[0]?.fault ?? '', vector: controllers.map((c) => Array.from(c.result.force_N)),
+    state: controllers[0]?.state ?? '-', fault: controllers[0]?.fault ?? '', vector: controllers.map((c) => Array.from(c.result.force_N)), reasons: { ...reasons },
+    sent: device?.sent ?? 0, sent_N: device?.sent_N ?? 0,
   });
 }

@@ -1,8 +1,9 @@
 // The tissue: steps the scene in real time, sends positions and figures to the page, force samples to the law.
-import { Scene, constants, load } from './lib/index.js';
+import { Mesh, Scene, constants, load, readLog } from './lib/index.js';
+import { sceneFor } from './own_mesh.js';
 
 let library, scene, law, form, timer = 0, hidden = false, sent = -1, generation = 0;
-let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null;
+let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null;
 
 const messages = {
   async start({ port }) {
@@ -32,11 +33,35 @@ const messages = {
     timed(true);
     postMessage({
       kind: 'opened', title: scene.title, instruments, tetCount: scene.tetCount, frame_s: scene.frame_s, dt_s: scene.dt_s, substeps: scene.substeps,
-      warnings: scene.warnings, duration_s: scene.duration_s, rest: Float32Array.from(scene.rest_m),
+      warnings: scene.warnings, duration_s: scene.duration_s, rest: Float32Array.from(scene.rest_m), supports: supported(),
     });
     next = performance.now();
     schedule(0);
   },
+  // A mesh by itself: a scene is made for it.
+  mesh({ name, files, sets }) {
+    try {
+      const mesh = Mesh.read(library, files[name], { name }), yaml = sceneFor(name, mesh.rest_m);
+      mesh.free();
+      postMessage({ kind: 'made', yaml });
+      messages.open({ yaml, files, sets });
+    } catch (error) {
+      postMessage({ kind: 'error', message: error.message });
+    }
+  },
+  // Plays a recorded session: its tissue, tools and forces, at its own pace.
+  play({ bytes }) {
+    try {
+      const { channels, skipped } = readLog(bytes);
+      if (!channels.TISSUE) throw new Error(`the log has no TISSUE channel, only ${Object.keys(channels).join(', ')}; record a scene with 'rendering:'`);
+      playing = { channels, frame: 0, skipped };
+      schedule(0);
+    } catch (error) {
+      postMessage({ kind: 'error', message: error.message });
+    }
+  },
+  live() { playing = null; next = performance.now(); sent = -1; postMessage({ kind: 'live' }); schedule(0); },
+  trouble({ value }) { trouble = value; },
   pose({ all }) { poses = all; },
   hidden({ value }) { hidden = value; next = performance.now(); if (!hidden) schedule(0); },
   snapshot() { try { postMessage({ kind: 'snapshot', bytes: scene.save() }); } catch (error) { postMessage({ kind: 'error', message: error.message }); } },
@@ -58,11 +83,13 @@ function timed(on) {
 function schedule(ms) { clearTimeout(timer); timer = setTimeout(frame, Math.max(0, ms)); }
 
 function frame() {
-  if (!scene || hidden) return;
+  if (hidden) return;
+  if (playing) { play(); return; }
+  if (!scene) return;
   const begun = performance.now(), t_us = (performance.timeOrigin + begun) * 1000;
   let reactions;
   try {
-    reactions = scene.step(poses);
+    reactions = scene.step(troubled());
   } catch (error) {
     postMessage({ kind: 'error', message: error.message });
     return;
@@ -76,6 +103,27 @@ function frame() {
   schedule(next - performance.now());
 }
 
+// The poses of this frame. A tool that jumps does so once a second, by 15 mm; one that stands still stays where it is.
+function troubled() {
+  if (trouble !== 'jumps' && trouble !== 'still') return poses;
+  const now = (poses ?? Array.from({ length: scene.instrumentCount }, (_, i) => scene.pose(i))).map((p) => ({ ...p, tip_m: Array.from(p.tip_m) }));
+  const jump = trouble === 'jumps' && scene.frames % Math.round(1 / scene.frame_s) === 0;
+  if (jump) away = away ? 0 : 0.015;
+  return jump ? now.map((p) => ({ ...p, tip_m: p.tip_m.map((x, a) => (a === 2 ? x + (away ? 0.015 : -0.015) : x)) })) : now;
+}
+
+// Shows one frame of a recorded session, and asks for the next.
+function play() {
+  const all = playing.channels.TISSUE, { message, utime_us } = all[playing.frame];
+  const before = (list) => (list ?? []).filter((m) => m.utime_us <= utime_us).at(-1)?.message;
+  const tools = [0, 1].map((i) => before(playing.channels[`TOOL_${i}`])).filter(Boolean), forces = [0, 1].map((i) => before(playing.channels[`FORCE_${i}`])?.force_N ?? [0, 0, 0]);
+  postMessage({ kind: 'played', position: Float32Array.from(message.vertex_m), triangles: Uint32Array.from(message.triangle), forces, frame: playing.frame, frames: all.length,
+    tips: tools.map((t) => t.tip_m), time_s: Number(message.sim_utime) / 1e6, first: playing.frame === 0 });
+  playing.frame = (playing.frame + 1) % all.length;
+  const wait_ms = playing.frame ? (all[playing.frame].utime_us - utime_us) / 1000 : 1000;
+  schedule(Math.min(1000, wait_ms));
+}
+
 function sample(reactions, t_us) {
   reactions.forEach((reaction, i) => {
     const patch = scene.patch(i);
@@ -84,17 +132,51 @@ function sample(reactions, t_us) {
   });
 }
 
+let original = new Set();
+
+// Triangles of the organ's own surface first, then those that cuts exposed; and the number of the first.
+function sorted({ count, triangles, faces }) {
+  if (sent < 0) original = new Set(faces);
+  const first = [], last = [];
+  for (let i = 0; i < count; i++) (original.has(faces[i]) ? first : last).push(triangles[3 * i], triangles[3 * i + 1], triangles[3 * i + 2]);
+  return [Uint32Array.from(first.concat(last)), first.length / 3];
+}
+
+function patchOf() {
+  const patch = scene.instrumentCount ? scene.patch(0) : null;
+  return patch ? Float32Array.from(patch.vertex_m.subarray(0, 3 * patch.vertex_count)) : new Float32Array(0);
+}
+
+// Rest positions of vertices with a prescribed component.
+function supported() {
+  const world = library.call('tm_scene_world', scene.pointer), rest = scene.rest_m, found = [];
+  if (!world) return new Float32Array(0);
+  const mask = library.allocate(rest.length), marked = library.view(mask, rest.length, 'u8');
+  marked.fill(0);
+  library.call('tm_support_mask', world, mask);
+  for (let i = 0; i < rest.length; i += 3) if (library.bytes[mask + i] || library.bytes[mask + i + 1] || library.bytes[mask + i + 2]) found.push(rest[i], rest[i + 1], rest[i + 2]);
+  library.free(mask);
+  return Float32Array.from(found);
+}
+
 function draw(reactions, t_us) {
   const u = scene.displacement_m, rest = scene.rest_m, position = new Float32Array(u.length);
   for (let i = 0; i < u.length; i++) position[i] = rest[i] + u[i];
   const surface = scene.surface, changed = surface.revision !== sent;
-  const triangles = changed ? Uint32Array.from(surface.triangles) : null;
+  const [triangles, own] = changed ? sorted(surface) : [null, 0];
   sent = surface.revision;
-  const sorted = [...load_ms].sort((a, b) => a - b), median = sorted[sorted.length >> 1];
+  const times = [...load_ms].sort((a, b) => a - b), median = times[times.length >> 1];
   postMessage({
-    kind: 'frame', generation, position, triangles, reactions, poses: reactions.map((_, i) => scene.pose(i)), time_s: scene.time_s, alive: scene.aliveCount,
+    kind: 'frame', generation, own, patch: patchOf(), energy: balance(), position, triangles, reactions, poses: reactions.map((_, i) => scene.pose(i)), time_s: scene.time_s, alive: scene.aliveCount,
     median_ms: median, factor: (1000 * scene.frame_s) / median, memory: library.bytes.length, t_us, stages: stages(),
   }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
+}
+
+// Energy that contact generated and that no term explains, of all that hands did, J; null if the scene has no account.
+function balance() {
+  const world = library.call('tm_scene_world', scene.pointer), account = (balance.account ??= library.make('tm_energy'));
+  if (!world || library.call('tm_world_energy', world, account, null) !== constants.TM_OK) return null;
+  return { generated_J: account.generated_J, residual_J: account.residual_J, put_in_J: account.tool_work_J.reduce((sum, w) => sum + Math.abs(w), 0) };
 }
 
 // Mean time of each stage in a frame, ms; null between its updates.

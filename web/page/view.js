@@ -1,7 +1,7 @@
 // The picture: organ, instruments and force, by three.js.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight, DynamicDrawUsage, Group, HemisphereLight, Mesh, MeshPhysicalMaterial,
-  MeshStandardMaterial, PerspectiveCamera, Plane, Raycaster, Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer,
+  MeshStandardMaterial, PerspectiveCamera, Plane, Points, PointsMaterial, Raycaster, Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 
@@ -18,9 +18,15 @@ export class View {
     key.position.set(-1, -2, 3);
     this.camera.add(key);
     this.scene.add(this.camera, new HemisphereLight(0xffffff, 0x886655, 1.1), new AmbientLight(0xffffff, 0.25));
-    this.organ = new Mesh(new BufferGeometry(), new MeshPhysicalMaterial({ color: 0x9c3b32, roughness: 0.42, clearcoat: 0.35, clearcoatRoughness: 0.4 }));
+    // Materials of the organ's own surface and of what cuts exposed.
+    const wet = (color) => new MeshPhysicalMaterial({ color, roughness: 0.42, clearcoat: 0.35, clearcoatRoughness: 0.4 });
+    this.organ = new Mesh(new BufferGeometry(), [wet(0x9c3b32), wet(0xd98a76)]);
     this.organ.frustumCulled = false;
     this.scene.add(this.organ);
+    // Marks on request: supported vertices, and the vertices of the patch that the law feels between samples.
+    const points = (color) => new Points(new BufferGeometry(), new PointsMaterial({ color, size: 5, sizeAttenuation: false, depthTest: false }));
+    this.marks = { supports: points(0x3d7fd9), patch: points(0xf2c14e) };
+    for (const one of Object.values(this.marks)) { one.visible = false; one.frustumCulled = false; this.scene.add(one); }
     this.instruments = [];
     this.frames = 0;
     this.fineness = 1; // share of the screen's resolution
@@ -62,11 +68,25 @@ export class View {
     return { group, shaft, tip, trocar: new Vector3(...trocar_m) };
   }
 
-  frame(position, triangles, poses) {
+  show(on) {
+    for (const one of Object.values(this.marks)) one.visible = on;
+    this.dirty = true;
+  }
+
+  // Places the marks of a kind at these positions, [3n].
+  mark(kind, position) { this.marks[kind].geometry.setAttribute('position', new BufferAttribute(position, 3)); }
+
+  // position: [3n]. triangles: [3m] if they changed, those that cuts exposed last; own: number of the others.
+  frame(position, triangles, poses, own = Infinity) {
     const geometry = this.organ.geometry;
     geometry.attributes.position.array.set(position);
     geometry.attributes.position.needsUpdate = true;
-    if (triangles) geometry.setIndex(new BufferAttribute(triangles, 1));
+    if (triangles) {
+      geometry.setIndex(new BufferAttribute(triangles, 1));
+      geometry.clearGroups();
+      geometry.addGroup(0, Math.min(3 * own, triangles.length), 0);
+      geometry.addGroup(Math.min(3 * own, triangles.length), Infinity, 1);
+    }
     if (geometry.index) geometry.computeVertexNormals();
     poses.forEach((pose, i) => this.place(i, pose.tip_m));
     this.frames++;

@@ -1,0 +1,53 @@
+// Figures and the plot of the force.
+import { choices } from './choices.js';
+import { $, state } from './state.js';
+
+export function figures({ median_ms, factor, memory, stages, energy }) {
+  const { substeps, dt_s, frame_s } = state.opened;
+  $('factor').textContent = `${factor.toFixed(2)}`;
+  $('frame').textContent = `${median_ms.toFixed(1)} ms of ${(1000 * frame_s).toFixed(0)} ms`;
+  $('substep').textContent = `${((1000 * median_ms) / substeps).toFixed(0)} us for ${(1e6 * dt_s).toFixed(0)} us`;
+  $('memory').textContent = `${(memory / 1048576).toFixed(0)} MB`;
+  $('energy-row').hidden = !energy;
+  if (energy) $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)} mJ made, of ${(1000 * energy.put_in_J).toFixed(2)} mJ put in; ${energy.residual_J.toExponential(0)} J unexplained`;
+  choices.price(state, median_ms);
+  if (!stages) return;
+  const rows = stages.filter((s) => s.ms > 0.005).sort((a, b) => b.ms - a.ms).slice(0, 8);
+  $('stages').tBodies[0].replaceChildren(...rows.map(({ name, ms }) => {
+    const row = document.createElement('tr'), head = document.createElement('th'), cell = document.createElement('td');
+    head.scope = 'row';
+    head.textContent = name;
+    cell.textContent = `${ms.toFixed(2)} ms`;
+    row.append(head, cell);
+    return row;
+  }));
+}
+
+export function plot({ now, force, sampled, late_ms, state: name, fault, reasons, sent, sent_N }) {
+  $('late').textContent = `${late_ms.toFixed(1)} ms`;
+  $('state').textContent = fault || name;
+  $('rejected-row').hidden = !Object.keys(reasons).length;
+  $('rejected').textContent = Object.entries(reasons).map(([why, n]) => `${n}: ${why}`).join('; ');
+  if (sent) $('device').textContent = `${state.device}: ${sent_N.toFixed(2)} N sent, ${sent} messages`;
+  const last = force.length ? force[force.length - 1] : 0;
+  $('force-now').textContent = `${last.toFixed(2)} N`;
+  const canvas = $('force'), style = getComputedStyle(document.body), ratio = Math.min(devicePixelRatio, 2), w = canvas.clientWidth, h = canvas.clientHeight;
+  if (canvas.width !== Math.floor(w * ratio)) { canvas.width = Math.floor(w * ratio); canvas.height = Math.floor(h * ratio); }
+  const c = canvas.getContext('2d');
+  let top = 0.5;
+  for (let i = 1; i < force.length; i += 2) top = Math.max(top, force[i]);
+  const x = (t) => w - ((now - t) / 4e6) * w, y = (f) => h - 6 - (f / (1.15 * top)) * (h - 12);
+  c.setTransform(ratio, 0, 0, ratio, 0, 0);
+  c.clearRect(0, 0, w, h);
+  c.fillStyle = style.getPropertyValue('--soft');
+  c.font = '12px system-ui';
+  c.fillText(`${top.toFixed(1)} N`, 4, y(top) + 4);
+  c.strokeStyle = style.getPropertyValue('--accent');
+  c.lineWidth = 1.5;
+  c.beginPath();
+  for (let i = 0; i < force.length; i += 2) c.lineTo(x(force[i]), y(force[i + 1]));
+  c.stroke();
+  c.fillStyle = style.getPropertyValue('--dot');
+  for (let i = 0; i < sampled.length; i += 2) c.fillRect(x(sampled[i]) - 1.5, y(sampled[i + 1]) - 1.5, 3, 3);
+}
+
