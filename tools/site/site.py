@@ -1,4 +1,5 @@
-"""site.py OUT MAN: collects the pages' sources in OUT: docs/ with its tutorial, one page for each public header, one for each program's man page."""
+"""site.py OUT MAN [PAGE]: collects the pages' sources in OUT: docs/ with its tutorial, one page for each public header, one for each program's man page.
+PAGE: the page that `make web` built; the first screen then leads to it."""
 import pathlib
 import re
 import shutil
@@ -44,8 +45,15 @@ def programs(out, man):
     (out / "programs.md").write_text("# Programs\n\nTheir man pages.\n\n```{toctree}\n:maxdepth: 1\n" + "\n".join(f"programs/{n}" for n in names) + "\n```\n")
 
 
+TRY = """```{raw} html
+<p><a class="try" href="try/index.html">Press, grasp and cut it here, in your browser</a></p>
+<iframe class="try" src="try/index.html?mesh=1,180 tetrahedra" title="A liver in your browser" loading="lazy"></iframe>
+```
+"""
+
+
 def main():
-    out, man = map(pathlib.Path, sys.argv[1:])
+    out, man = map(pathlib.Path, sys.argv[1:3])
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     guides(out)
@@ -54,6 +62,9 @@ def main():
     (out / "static").mkdir()
     for name, place in (("conf.py", out), ("index.md", out), ("site.css", out / "static")):
         shutil.copy(pathlib.Path(__file__).with_name(name), place)
+    index, picture = out / "index.md", "![A liver grasped, pulled and cut](images/demo.png)\n"
+    if len(sys.argv) > 3:
+        index.write_text(index.read_text().replace(picture, TRY))
 
 
 if __name__ == "__main__":
