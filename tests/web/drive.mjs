@@ -111,7 +111,7 @@ await page.close();
 await page.evaluate((service) => { document.getElementById('service').value = service; document.getElementById('connect').click(); }, haply);
 await until(page, () => tensormass.state.device?.startsWith('Inverse3'));
 await until(page, () => tensormass.state.law.sent_N > 0.1);
-seen.felt_N = await page.evaluate(() => tensormass.state.law.sent_N);
+seen.sent_N = await page.evaluate(() => tensormass.state.law.sent_N);
 await hide(page, true);
 seen.hidden_ms = Date.now();
 await until(page, () => tensormass.state.law.sent_N === 0);
