@@ -40,11 +40,11 @@ IN = {
 CLOCK = (
     "devices/", "trust/test_trust", "trust/test_flags", "loop/test_messages", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "sanitize/test_sanitize.py::test_the_ring",
     "sim/test_lockstep.py::test_a_scene_without_solver", "sim/test_lockstep.py::test_realtime", "sim/test_realtime", "timing/test_loop",
-    "view/test_session", "view/test_display", "view/test_play", "view/test_view.py::test_a_large_tissue", "view/test_view.py::test_live",
+    "view/test_session", "view/test_display", "view/test_play", "view/test_view.py::test_memory_of_a_large_tissue", "view/test_view.py::test_live",
 )
 
 # Of those: tests that share the set-up of one pytest process run one after the other; the others run concurrently with them.
-TOGETHER = ("devices/test_motors", "trust/test_trust.py::test_with", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
+TOGETHER = ("devices/test_motors", "trust/test_trust.py::test_attacks", "trust/test_trust.py::test_effects_of_attacks", "trust/test_trust.py::test_listening_attacker", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
 
 # Long tests of the sanitizers' builds, without clock: they run throughout with the remaining processor time.
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")
@@ -52,7 +52,7 @@ LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::te
 # Examine the plain build itself (instructions, memory, system calls, libraries, speed) or make builds of their own: tests/sanitize/run.py skips them.
 # (test_ranks: OpenMPI leaks from modules that it has already closed; no suppression can name them.)
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "devices/", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
-         "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
+         "loop/test_processes.py::test_report_has", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
          "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
          "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "web/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
 # Moves a hand in a window for two seconds; ThreadSanitizer makes the simulation ten times slower.

@@ -50,7 +50,7 @@ def test_no_mesh_is_dominated(page):
     assert all(a["displacement"] > b["displacement"] for a, b in zip(rows, rows[1:]))
 
 
-def test_volume_does_not_lock_and_is_exacter_on_every_mesh(page):
+def test_strain_smoothing_does_not_lock_and_is_more_accurate_on_every_mesh(page):
     """Strain smoothing has at most half the error of linear tetrahedra from the second mesh on, with a longer step; a beam bends correctly up to nu =
     0.499."""
     rows, beams = page[1]["strain_smoothing"]["rows"], page[1]["strain_smoothing"]["cantilever"]
@@ -66,7 +66,7 @@ def test_volume_does_not_lock_and_is_exacter_on_every_mesh(page):
         assert beam["linear"] < beam["shear_0.4"] < beam["shear_0.75"] < beam["shear_1"], beam
 
 
-def test_the_step_is_second_order_and_rest_does_not_depend_on_it(page):
+def test_step_error_is_second_order_and_rest_does_not_depend_on_it(page):
     step = page[1]["step"]
     for key in ("trajectory", "phase", "energy"):
         assert 1.8 < step["orders"][key] < 2.3, (key, step["orders"][key])
@@ -144,7 +144,7 @@ def test_linear_tissue_in_place_of_a_law_is_worse_the_deeper_it_is_pressed(page)
     assert all(0 < p["step_ratio"] <= 1 and p["ns_per_tet"] > 0 for p in prices)
 
 
-def test_leaving_fibres_out_is_worse_than_the_mesh(page):
+def test_omitting_fibres_errs_more_than_the_mesh(page):
     rows = page[1]["fibre"]["rows"]
     assert rows[0]["model"] == "fibred"
     assert all(r["displacement"] > 1.5 * rows[0]["displacement"] for r in rows[1:])
@@ -157,7 +157,7 @@ def test_leaving_fibres_out_is_worse_than_the_mesh(page):
     (["--reference", "nowhere.json", "--json", "x.json"], "nowhere.json"),
     (["--json", "no/such/folder/x.json", "--quick", "--knob", "precision"], "no/such/folder"),
 ])
-def test_bad_use(bin, root, tmp_path, arguments, says):
+def test_invalid_options_are_rejected(bin, root, tmp_path, arguments, says):
     if "--reference" not in arguments:
         arguments = [*arguments, "--reference", root / "apps/studies/accuracy/reference/reference.json"]
     run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=400)
@@ -166,7 +166,7 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
     assert not list(tmp_path.iterdir())
 
 
-def test_tissue_that_turns_is_nearer_the_truth(page):
+def test_rotation_is_nearer_the_nonlinear_reference(page):
     """Displacements agree with neo-Hooke and St. Venant-Kirchhoff within 1.5 times the mesh's own error; with strain smoothing, which lowers that
     error, within two thirds of it."""
     data = page[1]["rotation"]

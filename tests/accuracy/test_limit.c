@@ -54,7 +54,7 @@ static void a_run_starts_only_where_it_fits(void **state) {
     free(t);
 }
 
-static void a_run_is_given_up_by_its_own_beginning(void **state) {
+static void a_run_is_given_up_if_its_first_frames_take_too_long(void **state) {
     (void)state;
     study *t = plan(100, false);
     t->time.run_began_s = app_seconds() - 10, t->time.run_allowed_s = 60;
@@ -70,7 +70,7 @@ static void a_run_is_given_up_by_its_own_beginning(void **state) {
     free(t);
 }
 
-static void the_path_ends_where_the_scene_alone_takes_too_long(void **state) {
+static void the_path_is_shortened_if_the_scene_itself_takes_too_long(void **state) {
     (void)state;
     double force_N[300] = {0};
     study *t = plan(0, false);
@@ -90,7 +90,7 @@ static void the_path_ends_where_the_scene_alone_takes_too_long(void **state) {
     free(t);
 }
 
-static void a_solver_that_would_take_too_long_is_stopped(void **state) {
+static void a_solver_is_stopped_at_its_time_limit(void **state) {
     (void)state;
     app_be_quiet();
     app_solve_allow(30);
@@ -106,9 +106,9 @@ static void a_solver_that_would_take_too_long_is_stopped(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_run_starts_only_where_it_fits),
-        cmocka_unit_test(a_run_is_given_up_by_its_own_beginning),
-        cmocka_unit_test(the_path_ends_where_the_scene_alone_takes_too_long),
-        cmocka_unit_test(a_solver_that_would_take_too_long_is_stopped),
+        cmocka_unit_test(a_run_is_given_up_if_its_first_frames_take_too_long),
+        cmocka_unit_test(the_path_is_shortened_if_the_scene_itself_takes_too_long),
+        cmocka_unit_test(a_solver_is_stopped_at_its_time_limit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -72,7 +72,7 @@ def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
     assert not [r["name"] for r in data["runs"] if r["knob"] in ("drop", "add", "law", "constant") and "force_error" in r], "another tissue has another truth"
 
 
-def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tmp_path):
+def test_extrapolators_are_compared_with_the_scene_at_500_hz(whole, bin, root, tmp_path):
     """Compares extrapolators between frames with the truth at 500 Hz; the result of `hold` is also computed here, from tm-sim's forces at 25 and 500
     Hz."""
     felt = {r["name"]: r["felt"] for r in whole[1]["runs"] if r["knob"] == "extrapolator"}
@@ -111,7 +111,7 @@ def test_sample_rates_are_judged_and_leave_frames_alone(whole, root):
     assert {r["law"] for r in rows if r["sample_rate_Hz"] == 500} == set(laws(root)) - {"tangent", "local_model", "paper_position"} | {own_law(root)}
 
 
-def test_force_is_tm_sims(whole, bin, root, tmp_path):
+def test_force_equals_tm_sims(whole, bin, root, tmp_path):
     subprocess.run([bin / "tm-sim", SCENE, "--lockstep", "--unset", "haptics", "--duration", "1", "--samples", tmp_path / "f.csv"], cwd=root, check=True, capture_output=True)
     rows = (tmp_path / "f.csv").read_text().splitlines()
     column = [rows[0].split(",").index(f"f{a}_N") for a in "xyz"]
@@ -120,7 +120,7 @@ def test_force_is_tm_sims(whole, bin, root, tmp_path):
     assert whole[1]["runs"][0]["force_N"] == pytest.approx(force, rel=1e-6, abs=1e-9)
 
 
-def test_recommendation_is_a_scene_and_was_held(whole, bin, root):
+def test_recommendation_is_a_scene_and_was_verified(whole, bin, root):
     out, data = whole
     choice = data["recommendation"]
     assert choice["fits"] and choice["kept"], choice
@@ -145,7 +145,7 @@ def test_recommendation_is_a_scene_and_was_held(whole, bin, root):
     assert choice["held_dearer"] <= choice["held_over"] and choice["verdict"] in (out / "said.txt").read_text()
 
 
-def test_page(whole):
+def test_page_is_complete(whole):
     html = (whole[0] / "page/index.html").read_text()
     assert "http" not in html.replace("http-equiv", ""), "the page is not self-contained"
     for name in ("frontier", "effects", "constants", "samples"):
@@ -160,7 +160,7 @@ def test_page(whole):
     assert [r["cpu_s"] for r in cheap] == sorted(r["cpu_s"] for r in cheap)
 
 
-def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
+def test_ctrl_c_keeps_finished_runs(whole, bin, root, tmp_path):
     done = {**whole[1], "whole": False, "runs": whole[1]["runs"][:6]}
     (tmp_path / "s.json").write_text(json.dumps(done))
     process = subprocess.Popen([bin / "tm-accuracy", "--scene", SCENE, "--json", tmp_path / "s.json", *SHORT], cwd=root, stderr=subprocess.PIPE, text=True)
@@ -177,7 +177,7 @@ def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
         assert page.returncode == 1 and "broken off" in page.stderr and not (tmp_path / "page").exists()
 
 
-def test_a_setting_that_came_out_worse_is_not_taken(whole, bin, root, tmp_path):
+def test_setting_measured_worse_is_not_recommended(whole, bin, root, tmp_path):
     """A run in the file claims the reference's error: it is measured before it is recommended, loses to others, and that is reported."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
@@ -194,7 +194,7 @@ def test_a_setting_that_came_out_worse_is_not_taken(whole, bin, root, tmp_path):
     assert choice["held_error"] == pytest.approx(choice["error"], rel=1e-6) and "1 setting came out worse than predicted" in run.stdout
 
 
-def test_what_is_promised_was_measured(whole, bin, root, tmp_path):
+def test_promised_error_is_the_measured_one(whole, bin, root, tmp_path):
     """A prediction from another mesh or run may be far too low: planted as a quarter of the error, but the promise states the measured one."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
@@ -218,7 +218,7 @@ def test_no_setting_within_the_budget_is_said(whole, bin, root, tmp_path):
     assert "nothing measured fits" in run.stdout and "(nothing measured fits that" in (tmp_path / "s-recommended.yaml").read_text()
 
 
-def test_a_price_of_a_faster_machine_is_not_promised(whole, bin, root, tmp_path):
+def test_cost_from_a_faster_machine_is_not_promised(whole, bin, root, tmp_path):
     """Runs claim a millionth of their time: the choice is run to measure its cost, and then nothing fits the budget."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
@@ -229,7 +229,7 @@ def test_a_price_of_a_faster_machine_is_not_promised(whole, bin, root, tmp_path)
     assert said["recommendation"]["fits"] is False and said["recommendation"]["share"] > 1e-4, said["recommendation"]  # measured
 
 
-def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
+def test_runs_of_another_scene_are_not_reused(whole, bin, root, tmp_path):
     """A finished run is reused only for the same scene: a softer block is run again."""
     text = (root / SCENE).read_text().replace("5 kPa", "4 kPa").replace("../../meshes", str(root / "meshes"))
     (tmp_path / "soft.yaml").write_text(text)
@@ -288,7 +288,7 @@ def test_the_law_of_large_strains_is_tried_the_other_way(bin, root, tmp_path, la
     assert run["name"] == other and "cannot" not in run and run["change"] > 1e-4 and run["set"][-len(sets):] == sets
 
 
-def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root, tmp_path):
+def test_fibres_follow_finer_meshes_and_impossible_ones_are_reported(bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
     (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")
     _, data = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s", scene=tmp_path / "fibred.yaml")
@@ -345,7 +345,7 @@ def fnv(data):
     (["--scene", "no-hand.yaml", "--json", "x.json", "--finest", "many"], "--finest many"),
     (["--scene", "no-hand.yaml", "--json", "x.json", "--frame", "25 mm"], "--frame 25 mm"),
 ])
-def test_bad_use(bin, root, tmp_path, arguments, says):
+def test_invalid_options_are_rejected(bin, root, tmp_path, arguments, says):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes"))
     (tmp_path / "no-hand.yaml").write_text(text[:text.index("hand:")] + text[text.index("haptics:"):])
     run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
@@ -353,7 +353,7 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
     assert not (tmp_path / "x.json").exists()
 
 
-def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin, root, tmp_path):
+def test_threads_are_recommended_if_one_processor_is_not_enough(bin, root, tmp_path):
     short = ["--duration", "0.2 s", *OWN, "--set", "threads=1"]
     liver = "apps/scenes/liver-press.yaml"
     run, data = study(bin, root, tmp_path, *short, scene=liver)
@@ -373,7 +373,7 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
     assert "threads: 2" in (tmp_path / "s-recommended.yaml").read_text()
 
 
-def test_one_thread_where_several_wait_for_each_other(bin, root, tmp_path):
+def test_one_thread_is_recommended_if_processors_are_busy(bin, root, tmp_path):
     """A scene with two threads is also run with one, which is chosen if other programs occupy the second processor."""
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one processor")
@@ -400,12 +400,12 @@ def test_a_scene_with_a_step_of_its_own_gets_finer_meshes_with_theirs(bin, root,
 
 
 @pytest.mark.parametrize("budget", ["2 boxes", "cores", "-1", "0"])
-def test_a_budget_is_processors(bin, root, tmp_path, budget):
+def test_budget_counts_processors(bin, root, tmp_path, budget):
     run, _ = study(bin, root, tmp_path, f"--budget={budget}", good=2)
     assert "--budget" in run.stderr and not (tmp_path / "s.json").exists()
 
 
-def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bin, root, tmp_path):
+def test_higher_sample_rate_is_recommended_if_more_accurate(whole, bin, root, tmp_path):
     """`hold` at 50 Hz is planted as exact, in place of patches: it is tried, promised and verified with two samples a frame. Paths are relative;
     other extrapolators are compared too."""
     data = json.loads(json.dumps(whole[1]))
@@ -427,7 +427,7 @@ def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bi
     assert "extrapolator hold, haptics.rate 50 Hz" in run.stdout and "broyden at 500 Hz errs by 0.005 %, a difference that no hand feels" in run.stdout
 
 
-def test_what_a_scene_says_of_its_samples_is_run_too(bin, root, tmp_path):
+def test_scenes_own_rate_and_extrapolator_are_run_too(bin, root, tmp_path):
     """The scene's own rate and extrapolator are run too, at the requested frame rate; what it sends is rewritten if the recommended rate sends
     something else."""
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes"))
@@ -444,7 +444,7 @@ def test_what_a_scene_says_of_its_samples_is_run_too(bin, root, tmp_path):
     assert "the scene as it is: tangent at 200 Hz" in choice["rate_reason"] or choice["sample_rate_Hz"] == 200
 
 
-def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
+def test_time_limit_holds_and_the_shortened_path_is_reported(bin, root, tmp_path):
     """Two seconds suffice neither for the complete path nor for all settings. All settings get the same beginning of the path; omissions are
     reported; the scene as it is gets the remaining time."""
     began = time.monotonic()
@@ -465,7 +465,7 @@ def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
     assert again["runs"][0]["cpu_s"] == data["runs"][0]["cpu_s"]
 
 
-def test_a_path_of_any_number_of_frames_is_gone_on_with(bin, root, tmp_path):
+def test_study_continues_for_any_number_of_frames(bin, root, tmp_path):
     """41 frames of 40 ms are 1.6400000000000001 s in a study and 1.64 s in its file: the same path, so nothing is run again."""
     _, data = study(bin, root, tmp_path, *OWN, "--duration", f"{41 * 0.04!r} s")
     _, again = study(bin, root, tmp_path, *OWN, "--duration", "1.64 s")
@@ -473,7 +473,7 @@ def test_a_path_of_any_number_of_frames_is_gone_on_with(bin, root, tmp_path):
     assert [r["cpu_s"] for r in again["runs"]] == [r["cpu_s"] for r in data["runs"]]
 
 
-def test_without_a_terminal_it_says_every_ten_seconds_what_it_does(whole, bin, root, tmp_path):
+def test_progress_is_printed_every_ten_seconds_without_a_terminal(whole, bin, root, tmp_path):
     (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
     run, _ = study(bin, root, tmp_path, "--budget", "20", "--hold", "11 s")

@@ -34,7 +34,7 @@ static const char *said(study_speed held, bool in_time) {
     return text;
 }
 
-static void test_a_machine_as_it_was(void **state) {
+static void test_same_machine_speed_keeps_the_promise(void **state) {
     (void)state;
     const study_speed held = plant(0.7, 0, 0, 1, 1);
     assert_true(held.slower == 1 && held.over == 0 && held.costlier == 0);
@@ -42,7 +42,7 @@ static void test_a_machine_as_it_was(void **state) {
     assert_non_null(strstr(said(held, false), "other programs had the processors"));
 }
 
-static void test_a_slower_machine_is_no_dearer_setting(void **state) {
+static void test_slower_machine_does_not_break_the_promise(void **state) {
     (void)state;
     const study_speed held = plant(0.7, 100, 220, 1.8, 1);
     assert_true(fabs(held.slower - 1.8) < 1e-9);
@@ -57,7 +57,7 @@ static void test_a_slower_machine_is_no_dearer_setting(void **state) {
     assert_non_null(strstr(said(milder, false), "when the machine is itself. The machine was 1.8 times slower"));
 }
 
-static void test_a_dearer_setting_is_not_excused(void **state) {
+static void test_costlier_setting_breaks_the_promise(void **state) {
     (void)state;
     const study_speed held = plant(0.7, 100, 220, 1, 1.8);
     assert_true(held.slower == 1 && fabs(held.costlier - 120.0 / FRAMES) < 1e-9 && held.over == held.costlier);
@@ -68,7 +68,7 @@ static void test_a_dearer_setting_is_not_excused(void **state) {
     assert_non_null(strstr(said(both, true), "costlier than that explains"));
 }
 
-static void test_a_faster_machine_and_an_unknown_one_change_nothing(void **state) {
+static void test_faster_or_unknown_machine_leaves_the_verdict_unchanged(void **state) {
     (void)state;
     const study_speed faster = plant(0.7, 0, FRAMES, 0.5, 3.2); /* 1.12 of the budget */
     assert_true(faster.slower == 1 && fabs(faster.costlier - 1) < 1e-9);
@@ -80,18 +80,18 @@ static void test_a_faster_machine_and_an_unknown_one_change_nothing(void **state
 }
 
 /* Checks only that the work takes time and is repeatable, not how long it takes. */
-static void test_work_is_timed(void **state) {
+static void test_reference_work_takes_time_and_repeats(void **state) {
     (void)state;
     for (int i = 0; i < 50; i++) assert_true(study_work_s() > 0);
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_a_machine_as_it_was),
-        cmocka_unit_test(test_a_slower_machine_is_no_dearer_setting),
-        cmocka_unit_test(test_a_dearer_setting_is_not_excused),
-        cmocka_unit_test(test_a_faster_machine_and_an_unknown_one_change_nothing),
-        cmocka_unit_test(test_work_is_timed),
+        cmocka_unit_test(test_same_machine_speed_keeps_the_promise),
+        cmocka_unit_test(test_slower_machine_does_not_break_the_promise),
+        cmocka_unit_test(test_costlier_setting_breaks_the_promise),
+        cmocka_unit_test(test_faster_or_unknown_machine_leaves_the_verdict_unchanged),
+        cmocka_unit_test(test_reference_work_takes_time_and_repeats),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -60,7 +60,7 @@ static void changes(const char *edit, const char *was, const char *is) {
     assert_string_equal(after(&edit, 1), wanted);
 }
 
-static void a_value_becomes_another(void **state) {
+static void a_value_is_replaced(void **state) {
     (void)state;
     changes("time.frame_rate=50", "25 Hz", "50");
     changes("tissue.mesh=b.msh", "liver.msh", "b.msh");
@@ -72,7 +72,7 @@ static void a_value_becomes_another(void **state) {
     changes("supports[1].axes=x", "axes: z", "axes: x");
 }
 
-static void what_is_not_there_is_added(void **state) {
+static void missing_keys_are_added(void **state) {
     (void)state;
     changes("time.step=1e-4", "{frame", "{step: 1e-4, frame");
     changes("tissue.scale=1", "mesh: l", "scale: 1\n  mesh: l");
@@ -83,7 +83,7 @@ static void what_is_not_there_is_added(void **state) {
     changes("supports[1].group=g", "name: b", "group: g\n    name: b");
 }
 
-static void what_is_unset_goes(void **state) {
+static void unset_keys_are_removed(void **state) {
     (void)state;
     changes("supports[0].vertex", ", vertex: [1,\n      2]", "");
     changes("supports[1].vertex", "vertex: [3]\n    ", "");
@@ -96,7 +96,7 @@ static void what_is_unset_goes(void **state) {
     changes("anisotropy", "time", "time");
 }
 
-static void several_follow_one_another(void **state) {
+static void several_edits_apply_in_order(void **state) {
     (void)state;
     static const char *const edits[] = {"strain_smoothing", "strain_smoothing.shear_share=0.4", "supports[0].vertex",
                                         "supports[0].group=g"};
@@ -118,10 +118,10 @@ static int drop_folder(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_value_becomes_another),
-        cmocka_unit_test(what_is_not_there_is_added),
-        cmocka_unit_test(what_is_unset_goes),
-        cmocka_unit_test(several_follow_one_another),
+        cmocka_unit_test(a_value_is_replaced),
+        cmocka_unit_test(missing_keys_are_added),
+        cmocka_unit_test(unset_keys_are_removed),
+        cmocka_unit_test(several_edits_apply_in_order),
     };
     return cmocka_run_group_tests(tests, make_folder, drop_folder);
 }

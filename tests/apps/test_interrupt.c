@@ -46,20 +46,20 @@ static void ended_by(void (*catch_signals)(void), int (*seen)(void), int one, in
 
 static void catch_controller(void) { hrt_stop_on_signals(&stop); }
 
-static void programs(void **state) {
+static void second_signal_ends_a_program(void **state) {
     (void)state;
     ended_by(app_catch_signals, first, SIGINT, SIGINT);
     ended_by(app_catch_signals, first, SIGINT, SIGTERM);
     ended_by(app_catch_signals, first, SIGTERM, SIGINT);
 }
 
-static void controllers(void **state) {
+static void second_signal_ends_a_controller(void **state) {
     (void)state;
     ended_by(catch_controller, first_of_controller, SIGINT, SIGINT);
     ended_by(catch_controller, first_of_controller, SIGTERM, SIGTERM);
 }
 
-static void number(void **state) {
+static void exit_status_contains_the_signal_number(void **state) {
     (void)state;
     app_catch_signals();
     assert_int_equal(app_interrupted_exit(), 0);
@@ -69,7 +69,8 @@ static void number(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(programs), cmocka_unit_test(controllers),
-                                       cmocka_unit_test(number)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(second_signal_ends_a_program),
+                                       cmocka_unit_test(second_signal_ends_a_controller),
+                                       cmocka_unit_test(exit_status_contains_the_signal_number)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

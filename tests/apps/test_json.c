@@ -18,7 +18,7 @@ static void members_have_their_names_and_types(void **state) {
     cJSON_Delete(object);
 }
 
-static void what_is_not_finite_is_null_or_left_out(void **state) {
+static void non_finite_numbers_are_null_or_omitted(void **state) {
     (void)state;
     cJSON *object = cJSON_CreateObject();
     app_json_add(object, "null %g out %f in %f", NAN, INFINITY, 2.0);
@@ -42,7 +42,7 @@ static void an_array_gets_a_row(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(members_have_their_names_and_types),
-        cmocka_unit_test(what_is_not_finite_is_null_or_left_out),
+        cmocka_unit_test(non_finite_numbers_are_null_or_omitted),
         cmocka_unit_test(an_array_gets_a_row),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

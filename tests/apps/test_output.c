@@ -83,7 +83,7 @@ static void write_out(const char *path, const char *text, bool commit) {
     app_output_abandon(&output); /* does nothing */
 }
 
-static void whole_or_not_at_all(void **state) {
+static void output_is_complete_or_absent(void **state) {
     (void)state;
     put("a.json", "old");
     chmod("a.json", 0640);
@@ -100,7 +100,7 @@ static void whole_or_not_at_all(void **state) {
 
 /* Killed by SIGKILL while writing: the next run removes the remains, but not a file that another process is still
  * writing. */
-static void killed(void **state) {
+static void killed_writer_leaves_remains_that_the_next_removes(void **state) {
     (void)state;
     pid_t child = fork();
     if (!child) {
@@ -122,7 +122,7 @@ static void killed(void **state) {
     unlink("k.json.99~.txt");
 }
 
-static void links_stay(void **state) {
+static void links_are_followed_and_kept(void **state) {
     (void)state;
     mkdir("sub", 0777);
     put("sub/target", "old");
@@ -139,7 +139,7 @@ static void links_stay(void **state) {
     assert_int_equal(system("rm -r sub link"), 0);
 }
 
-static void no_files(void **state) {
+static void paths_that_are_no_regular_file_are_handled(void **state) {
     (void)state;
     mkfifo("pipe", 0666);
     pid_t reader = fork();
@@ -173,7 +173,7 @@ static void no_files(void **state) {
     assert_int_equal(files(), 0);
 }
 
-static void endings(void **state) {
+static void wrong_file_endings_are_rejected(void **state) {
     (void)state;
     assert_int_equal(app_output_ending("--png", "a.png", ".png .ppm"), 0);
     assert_int_equal(app_output_ending("--png", "a.b/c.PPM", ".png .ppm"), 0);
@@ -185,7 +185,7 @@ static void endings(void **state) {
 }
 
 /* Also with an empty description of the error: the step fails without a message. */
-static void reports(void **state) {
+static void failing_step_reports_its_error(void **state) {
     (void)state;
     assert_int_equal(app_report(NULL, 0, &(tm_error){0}), APP_FAILED);
     assert_int_equal(app_report(NULL, 0, &(tm_error){.status = TM_ERR_MEMORY}), APP_FAILED);
@@ -193,12 +193,12 @@ static void reports(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(whole_or_not_at_all),
-                                       cmocka_unit_test(killed),
-                                       cmocka_unit_test(links_stay),
-                                       cmocka_unit_test(no_files),
-                                       cmocka_unit_test(endings),
-                                       cmocka_unit_test(reports)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(output_is_complete_or_absent),
+                                       cmocka_unit_test(killed_writer_leaves_remains_that_the_next_removes),
+                                       cmocka_unit_test(links_are_followed_and_kept),
+                                       cmocka_unit_test(paths_that_are_no_regular_file_are_handled),
+                                       cmocka_unit_test(wrong_file_endings_are_rejected),
+                                       cmocka_unit_test(failing_step_reports_its_error)};
     int failed = cmocka_run_group_tests(tests, enter, NULL);
     no_unnamed_files = true;
     return failed + cmocka_run_group_tests(tests, NULL, leave);

@@ -29,7 +29,7 @@ def mesh(root):
 
 # --- output ---
 
-def test_stdout_is_a_file_and_holds_nothing_else(bin, scene, mesh):
+def test_output_to_stdout_contains_nothing_else(bin, scene, mesh):
     for path in ("-", "/dev/stdout"):
         out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--json", path)
         assert out.returncode == 0 and json.loads(out.stdout)["frames"] == 2
@@ -39,14 +39,14 @@ def test_stdout_is_a_file_and_holds_nothing_else(bin, scene, mesh):
     assert out.returncode == 2 and "two outputs go to stdout; write one of them to a file" in out.stderr
 
 
-def test_what_others_wrote_into_the_same_file_stays(bin, scene, tmp_path):
+def test_stdout_appends_to_a_shared_file(bin, scene, tmp_path):
     for _ in range(2):
         with open(tmp_path / "all.txt", "ab") as file:
             subprocess.run([bin / "tm-sim", scene, "--lockstep", "--frames", "1", "--quiet", "--json", "/dev/stdout"], stdout=file, check=True, timeout=300)
     assert (tmp_path / "all.txt").read_text().count('"frames":\t1') == 2
 
 
-def test_a_pipe_and_a_link_stay_what_they_are(bin, scene, tmp_path):
+def test_pipes_and_links_are_written_through_and_kept(bin, scene, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     got = []
     reader = threading.Thread(target=lambda: got.append((tmp_path / "pipe").read_text()))
@@ -85,7 +85,7 @@ def test_a_folder_is_refused_before_the_run(bin, root, scene, mesh, tmp_path, co
 
 
 @pytest.mark.parametrize("words", ["tm-view {mesh} --png {tmp}/x.jpg", "tm-view {mesh} --video {tmp}/x.avi", "tm-play --png {tmp}/x.jpg", "tm-sim {scene} --settle 1e-3 --write {tmp}/x.txt"])
-def test_an_ending_that_would_lie_is_refused(bin, scene, mesh, tmp_path, words):
+def test_wrong_file_ending_is_rejected(bin, scene, mesh, tmp_path, words):
     words = words.format(scene=scene, mesh=mesh, tmp=tmp_path).split()
     out = run(bin / words[0], *words[1:])
     assert out.returncode == 2 and ("this ending" in out.stderr or "one of these endings" in out.stderr) and not list(tmp_path.iterdir())
@@ -130,7 +130,7 @@ def test_a_signal_ends_a_run_inside_a_frame(bin, scene, tmp_path, number):
     assert json.loads((tmp_path / "o.json").read_text())["interrupted"] is True
 
 
-def test_half_a_frame_is_nobodys(bin, scene, tmp_path):
+def test_incomplete_frame_is_not_written(bin, scene, tmp_path):
     """A snapshot of frame 1 stays as it is if the run is ended inside frame 2."""
     snapshot = tmp_path / "s.tms"
     p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--unset", "haptics", "--set", "tissue.materials.*.young=2e11", "--json", tmp_path / "o.json",
@@ -147,7 +147,7 @@ def test_half_a_frame_is_nobodys(bin, scene, tmp_path):
 
 
 @pytest.mark.parametrize("words", ["tm-precompute {scenes}/liver-press.yaml --out {tmp}/r", "tm-sim {scenes}/evaluate-precomputed.yaml --lockstep --json {tmp}/o.json"])
-def test_a_signal_ends_what_computes_ahead(bin, root, tmp_path, words):
+def test_signal_ends_precomputation(bin, root, tmp_path, words):
     words = words.format(scenes=root / "apps/scenes", tmp=tmp_path).split()
     p = subprocess.Popen([bin / words[0], *words[1:]], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache")))
     for _ in range(1000):  # as soon as it receives
@@ -161,7 +161,7 @@ def test_a_signal_ends_what_computes_ahead(bin, root, tmp_path, words):
     assert [f.name for f in tmp_path.iterdir() if f.name != "cache"] == []
 
 
-def test_absurd_numbers_of_substeps_are_told_or_refused(bin, scene):
+def test_absurd_numbers_of_substeps_are_warned_of_or_rejected(bin, scene):
     out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e13")
     assert out.returncode == 0 and re.search(r"warning: a frame takes 1\.\d+e\+06 substeps of 3\.\d+e-08 s because of tetrahedron \d+; check its material", out.stderr)
     out = run(bin / "tm-sim", scene, "--check", "--strict", "--set", "tissue.materials.*.young=1e13")
@@ -184,7 +184,7 @@ LISTS = {"tm-sim": ["block-press.yaml  A block pressed by a probe", "contact", "
 
 
 @pytest.mark.parametrize("program", LISTS)
-def test_lists(bin, program):
+def test_list_options_print_their_names(bin, program):
     out = run(bin / program, "--list")
     assert out.returncode == 0 and out.stderr == "" and all(word in out.stdout for word in LISTS[program])
     names = {"tm-accuracy": "--knob", "tm-stability": "--case"}.get(program)
@@ -201,7 +201,7 @@ def test_extrapolators_that_are_listed_are_taken(bin, tmp_path):
         assert "--extrapolator" not in run(bin / "haptic-rt", "--extrapolator", name).stderr  # the name is accepted: the program goes on to ask for a bus
 
 
-def test_quiet(bin, scene, mesh, tmp_path):
+def test_quiet_prints_warnings_and_errors_only(bin, scene, mesh, tmp_path):
     env = dict(os.environ, TM_BUS_DIR=str(tmp_path), TM_CACHE_DIR=str(tmp_path / "cache"))
     for command in (["tm-sim", scene, "--lockstep", "--frames", 2], ["tm-sim", scene, "--realtime", "--frames", 2, "--unset", "haptics"], ["tm-mesh", "check", mesh],
                     ["tm-mesh", "convert", mesh, "-o", tmp_path / "a.msh"], ["tm-mesh", "repair", mesh, "-o", tmp_path / "b.msh"],
@@ -218,11 +218,11 @@ def test_quiet(bin, scene, mesh, tmp_path):
 
 
 @pytest.mark.parametrize("program", ["tm-sim", "tm-view", "tm-play", "haptic-rt", "tm-device"])
-def test_one_name_for_the_network(bin, program):
+def test_network_option_has_one_name(bin, program):
     assert "--lcm-url URL" in run(bin / program, "--help").stdout
 
 
-def test_the_old_name_is_still_taken(bin, scene, tmp_path):
+def test_old_network_option_still_works(bin, scene, tmp_path):
     for name in ("--url", "--lcm-url"):
         out = run(bin / "tm-sim", scene, "--realtime", "--frames", 1, name, "nonsense://")
         assert out.returncode != 0 and "nonsense" in out.stderr
@@ -230,7 +230,7 @@ def test_the_old_name_is_still_taken(bin, scene, tmp_path):
         assert out.returncode == 2 and "nonsense" in out.stderr
 
 
-def test_one_substep_is_one(bin, scene):
+def test_messages_use_the_singular_for_one(bin, scene):
     out = run(bin / "tm-sim", scene, "--check", "--set", "time.frame_rate=2000", "--set", "tissue.materials.*.young=1 kPa")
     assert ", 1 substep of " in out.stdout
 

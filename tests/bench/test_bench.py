@@ -52,13 +52,13 @@ def test_bad_option_is_refused(args, said, build, root):
     assert run.returncode == 2 and said in run.stderr
 
 
-def test_one_row_alone(build, tmp_path):
+def test_one_row_can_be_run_alone(build, tmp_path):
     subprocess.run([build / "tests" / "bench" / "bench", "--quick", "--row", "numbering", "--json", tmp_path / "b.json"], check=True, capture_output=True, timeout=120)
     rows = json.loads((tmp_path / "b.json").read_text())
     assert len(rows["numbering"]) == 4 and "force" not in rows
 
 
-def test_what_local_steps_could_save(bin, root):
+def test_saving_of_local_steps_is_that_counted_by_hand(bin, root):
     """The shortest step equals that of a scene that cuts. Regular tetrahedra together with some of half the size save what can be counted by hand."""
     sys.path.insert(0, str(root / "tests/bench"))
     import local_steps

@@ -85,7 +85,7 @@ def test_two_devices_without_a_lost_command(bus):
 
 
 @pytest.mark.parametrize("bus", buses("silent"))
-def test_simulation_killed(bus):
+def test_force_fades_when_the_simulation_is_killed(bus):
     """The samples stop. The last one is visible as the last step of the force."""
     out = scene(bus, "silent")
     log = Log(out / "a.log")
@@ -102,7 +102,7 @@ def test_simulation_killed(bus):
 
 
 @pytest.mark.parametrize("bus", buses("unplugged"))
-def test_device_unplugged(bus):
+def test_unplugged_device_is_a_fault(bus):
     out = scene(bus, "unplugged")
     log = Log(out / "a.log")
     assert not log.holes
@@ -118,7 +118,7 @@ def test_device_unplugged(bus):
 
 
 @pytest.mark.parametrize("bus", buses("orphaned"))
-def test_controller_killed(bus):
+def test_killed_controllers_torque_is_dropped_by_the_device(bus):
     """The device's watchdog drops the torque within 20 ms and reports it."""
     out = scene(bus, "orphaned")
     log = Log(out / "a.log")
@@ -133,7 +133,7 @@ def test_controller_killed(bus):
     assert not [t for t, _ in log.all("DeviceFault1")] and gaps(log.all("MotorCommand1")) == 0
 
 
-def test_bus_off():
+def test_bus_off_is_a_fault_until_reset():
     """Bus-off is announced by an error frame, the only possible way on vcan. Both controllers drop the force and return only after a reset."""
     out = scene("vcan", "bus_off")
     log = Log(out / "a.log")
@@ -149,7 +149,7 @@ def test_bus_off():
         assert commands[-1][0] > off_us + 500000 and not commands[-1][1]["MotorsOn"], "recovered: commands again, without torque"
 
 
-def test_interface_down():
+def test_interface_down_drops_the_torque():
     """The controller's own interface goes down and up again: the device receives nothing and its watchdog acts."""
     out = scene("controllers", "down")
     log = Log(out / "b.log")
@@ -164,7 +164,7 @@ def test_interface_down():
         assert all(push(s) == 0 for t, s in commands if t > silence[0][1]), "no torque before a reset"
 
 
-def test_system_calls_over_socketcan():
+def test_loop_sleeps_receives_and_sends_only():
     """docs/dedicated-machine.md: the loop's thread sleeps, receives and sends."""
     out = part("calls")
     calls = {}

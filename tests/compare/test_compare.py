@@ -64,7 +64,7 @@ def kinds(out):
     return {(r["program"], r["kind"]) for r in rows(out)}
 
 
-def test_all_well(run):
+def test_all_programs_fill_the_table(run):
     status, said, _ = run("--only", "tensormass,MuJoCo")
     assert status == 0 and kinds(run.out) == {("tensormass", "ran"), ("MuJoCo", "ran")} and len(rows(run.out)) == 8
     for row in rows(run.out):
@@ -77,7 +77,7 @@ def test_all_well(run):
     assert (run.out / "compare.png").exists()
 
 
-def test_what_goes_wrong_is_told_and_the_others_stand(run):
+def test_failures_are_reported_and_other_rows_stay(run):
     status, said, _ = run(MuJoCo="missing", Newton="nan")
     assert status == 1 and kinds(run.out) == {("tensormass", "ran"), ("MuJoCo", "missing"), ("Newton", "not finite")}
     assert "MuJoCo: missing: it is missing" in said and "not a number" in said
@@ -85,12 +85,12 @@ def test_what_goes_wrong_is_told_and_the_others_stand(run):
     assert status == 1 and kinds(run.out) == {("tensormass", "ran"), ("Newton", "too slow")} and "Newton: too slow" in said
 
 
-def test_without_ours_nothing_is_compared(run):
+def test_missing_reference_ends_the_comparison(run):
     status, _, said = run(tensormass="failed")
     assert status == 2 and "tensormass itself: failed" in said
 
 
-def test_stopped_it_keeps_what_is_done(run):
+def test_stopped_comparison_keeps_finished_rows(run):
     status, _, said = run("--only", "tensormass,MuJoCo", MuJoCo="stopped")
     assert status == 130 and "5 runs are in" in said and kinds(run.out) == {("tensormass", "ran")}
 
@@ -111,7 +111,7 @@ def test_wrong_options(run, wrong, said, capsys):
     ("import resource, sys; sys.exit(str(resource.getrlimit(resource.RLIMIT_CPU)[0]))", 60, "failed", "60"),
     (None, 60, "missing", "was it installed?"),
 ])
-def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, said):
+def test_runner_without_result_is_reported(modules, tmp_path, runner, limit, kind, said):
     """Runs in a process of its own, like the programs."""
     compare, _, _ = modules
     (tmp_path / "run_mujoco.py").write_text(runner or "")
@@ -123,7 +123,7 @@ def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, sai
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # modules on which matplotlib depends
-def test_a_recorded_table(modules, tmp_path, capsys):
+def test_table_is_formed_from_recorded_results(modules, tmp_path, capsys):
     recorded = tmp_path / "then.json"
     row = {"program": "tensormass", "setting": "dynamic", "tets": 1536, "version": "9", "differs": "a word", "dt_s": 1e-3, "step_s": 1e-5, "per_second": 0.01, "prepare_s": 1,
            "force_N": 0.03, "kind": "ran", "why": "", "displacement_error": 0.25, "force_error": 0.123, "from_own": 1e-3, "force_from_own": 0.02}
@@ -139,7 +139,7 @@ def test_a_recorded_table(modules, tmp_path, capsys):
     assert modules[0].main(["--from", str(tmp_path / "no.json")]) == 2 and "no.json" in capsys.readouterr().err
 
 
-def test_the_case(modules):
+def test_case_is_as_documented(modules):
     c = modules[2]
     x = np.array([[0.03, 0.03, 0.03], [0.015, 0.03, 0.03], [0.05, 0.03, 0.03], [0.03, 0.03, 0], [0.0225, 0.03, 0.03]])
     made = c.make(x, [[0, 1, 2, 3]], 0.02)
@@ -155,7 +155,7 @@ def test_the_case(modules):
 
 
 @pytest.mark.long
-def test_the_programs_themselves(root, build, tmp_path):
+def test_programs_agree_on_a_small_mesh(root, build, tmp_path):
     """On a small mesh each program is at rest at the solution of its law on that mesh; with a press ten times smaller the laws agree."""
     made = subprocess.run(["make", "--no-print-directory", "compare", f"ARGS=--meshes 1 --reference 2 --press 0.002 --out {tmp_path / 'out'}"], cwd=root, capture_output=True, text=True,
                           timeout=1800)

@@ -30,7 +30,7 @@ def here(root, build, tmp_path_factory):
     return said([folder / "everywhere", "scratch.msh"], folder), folder
 
 
-def test_this_machine(here):
+def test_programs_run_on_this_machine(here):
     lines, _ = here
     assert len(lines) == 4 and lines[0].startswith("version 0.2.0, forces ") and lines[3].startswith("nowhere/a.msh: cannot open: ")
 
@@ -43,7 +43,7 @@ def crossed(root, make_once):
 
 @pytest.mark.long
 @pytest.mark.parametrize("target", RUNNERS)
-def test_another_machine_says_the_same_to_the_bit(here, crossed, target, tmp_path):
+def test_other_machines_print_the_same_bits(here, crossed, target, tmp_path):
     runner, words, ending = RUNNERS[target]
     if not shutil.which(runner):
         pytest.skip(f"{runner} is not here; apt-get install qemu-user-static libc6-arm64-cross wine wine64")
@@ -61,7 +61,7 @@ def test_another_machine_says_the_same_to_the_bit(here, crossed, target, tmp_pat
 
 @pytest.mark.long
 @pytest.mark.parametrize("target, triple", [("aarch64-linux", "aarch64-linux-gnu.2.28"), ("x86_64-windows", "x86_64-windows-gnu")])
-def test_structs_lie_there_as_python_takes_them(root, crossed, target, triple, tmp_path):
+def test_struct_layouts_equal_those_in_the_wheel(root, crossed, target, triple, tmp_path):
     """Struct sizes, which python/bind.py measures here and writes into every wheel, as measured by the other machine's compiler and run there."""
     runner, words, ending = RUNNERS[target]
     if not shutil.which(runner):
@@ -86,7 +86,7 @@ print(bind.read("cc", {include}, [("a", "libtensormass/include/tensormass.h"), (
 
 @pytest.mark.long
 @pytest.mark.parametrize("target, magic", [("aarch64-macos", b"\xcf\xfa\xed\xfe\x0c\x00\x00\x01"), ("x86_64-macos", b"\xcf\xfa\xed\xfe\x07\x00\x00\x01")])
-def test_macos_is_built_and_no_more(crossed, target, magic):
+def test_macos_builds(crossed, target, magic):
     for name in ("libtensormass", "libtensormass_io", "libtensormass_controller"):
         assert (crossed / target / f"{name}.dylib").read_bytes()[:8] == magic
 
@@ -115,7 +115,7 @@ def wheels(root, crossed, make_once):
 
 @pytest.mark.long
 @pytest.mark.parametrize("tag", WHEELS)
-def test_a_wheel_for_each(wheels, tag):
+def test_each_platform_has_a_wheel(wheels, tag):
     """Three libraries under the names by which they load each other, and the package."""
     with zipfile.ZipFile(wheels[tag]) as wheel:
         names = wheel.namelist()
@@ -124,7 +124,7 @@ def test_a_wheel_for_each(wheels, tag):
 
 
 @pytest.mark.long
-def test_the_arm64_wheel_says_what_this_one_says(root, wheels, tmp_path):
+def test_arm64_wheel_gives_the_same_bits(root, wheels, tmp_path):
     """Runs in Debian's Python for arm64, unpacked into a folder and run by qemu-user: bit-identical displacements."""
     if not shutil.which("qemu-aarch64-static"):
         pytest.skip("qemu-aarch64-static is not here; apt-get install qemu-user-static")

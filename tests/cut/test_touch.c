@@ -138,7 +138,7 @@ static part above(double gap_m, double turn_rad) {
 
 /* --- closed forms --- */
 
-static void block_at_rest_weighs_on_the_other(void **state) {
+static void upper_block_at_rest_bears_its_weight_on_the_lower(void **state) {
     (void)state;
     setup s = plain();
     s.gravity_m_s2 = 9.81, s.fixed_base = true, s.mu = 0.1;
@@ -464,7 +464,7 @@ static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(block_at_rest_weighs_on_the_other),
+        cmocka_unit_test(upper_block_at_rest_bears_its_weight_on_the_lower),
         cmocka_unit_test(colliding_blocks_keep_their_momentum),
         cmocka_unit_test(nothing_passes_through_at_half_a_metre_a_second),
         cmocka_unit_test(rows_are_those_of_all_pairs_for_any_threads),

@@ -52,7 +52,7 @@ def test_force_and_motion_arrive_with_their_units_and_signs(tmp_path, version):
     assert "filters" not in said
 
 
-def test_filters_that_stay_are_told(tmp_path):
+def test_filters_that_stay_on_are_reported(tmp_path):
     with emulator(tmp_path, "--stuck-filters") as (_, port, log):
         said = Controller(tmp_path, f"haply:0@127.0.0.1:{port}", "--samples", samples(tmp_path), "--duration", 1)
         said.child.wait(timeout=20)
@@ -161,13 +161,13 @@ def test_two_devices_at_once(tmp_path):
     assert {1.0, 2.0} <= sizes
 
 
-def test_what_is_there_is_listed(tmp_path):
+def test_devices_are_listed(tmp_path):
     with emulator(tmp_path, "--devices", 2) as (_, port, _):
         said = subprocess.run([HAPTIC, "--list"], capture_output=True, text=True, timeout=30, env={"TM_HAPLY": f"127.0.0.1:{port}"}).stdout
     assert "haply:0          inverse3 049D, service 3.5 or later" in said and "haply:1          inverse3 04BA" in said
 
 
-def test_the_tick_makes_no_system_call_for_it(tmp_path):
+def test_tick_makes_no_system_call(tmp_path):
     with emulator(tmp_path) as (_, port, _):
         subprocess.run(["strace", "-f", "-o", tmp_path / "trace", HAPTIC, "--device", f"haply:0@127.0.0.1:{port}", "--trocar", "0,0,0", "--samples", samples(tmp_path), "--duration", "2"],
                        check=True, timeout=60, capture_output=True)
@@ -193,7 +193,7 @@ def test_it_builds_without_the_library(root, tmp_path):
     (["--device", "haply:0", "--device-type", "impulse_engine"], "impulse_engine has joints, which this device does not move"),
     (["--device", "haply:0", "--workspace", "scale=9"], "keep scale within 0.05..2"),
     (["--device", "haply:0", "--workspace", "size=1"], "'size=1' is not a setting")])
-def test_bad_words_are_refused(tmp_path, words, says):
+def test_invalid_addresses_are_rejected(tmp_path, words, says):
     done = subprocess.run([HAPTIC, *words, "--duration", "0.1"], capture_output=True, text=True, timeout=20)
     assert done.returncode == 2 and says in done.stderr, done.stderr
 
@@ -207,7 +207,7 @@ def test_a_device_is_driven_once(tmp_path):
         controller.end()
 
 
-def test_without_a_service_it_waits_and_pushes_nothing(tmp_path):
+def test_without_a_service_it_waits_without_force(tmp_path):
     controller = Controller(tmp_path, "haply:0@127.0.0.1:9", "--samples", samples(tmp_path), "--duration", 0.6)
     controller.child.wait(timeout=20)
     report, rows, _ = controller.end()

@@ -11,7 +11,7 @@ from drivekit import HERE, commands, emulator
 
 
 @pytest.mark.parametrize("version, key", [("3.5", "vector"), ("3.4", "values")])
-def test_the_tutorials_loop(tmp_path, version, key):
+def test_tutorial_loop_runs_against_the_emulator(tmp_path, version, key):
     async def play(port):
         async with websockets.connect(f"ws://127.0.0.1:{port}") as socket:
             first = json.loads(await socket.recv())
@@ -32,7 +32,7 @@ def test_the_tutorials_loop(tmp_path, version, key):
 
 
 @pytest.mark.long
-def test_the_makers_client(tmp_path):
+def test_makers_client_runs_against_the_emulator(tmp_path):
     if not shutil.which("cargo"):
         pytest.skip("no cargo (apt-get install cargo) to build the maker's client with")
     shutil.copytree(HERE / "maker_client", tmp_path / "client")

@@ -107,13 +107,13 @@ def test_trouble_ends_the_force(tmp_path, stubs, device, trouble):
 
 @pytest.mark.parametrize("device", ["touch:0", "omega:0"])
 @pytest.mark.parametrize("trouble, says", [("open", "cannot open device"), ("start", "error")])
-def test_what_cannot_be_opened_says_why(tmp_path, stubs, device, trouble, says):
+def test_failure_to_open_is_explained(tmp_path, stubs, device, trouble, says):
     done = subprocess.run([*HAPTIC, "--device", device, "--duration", "0.2"], capture_output=True, text=True, timeout=20,
                           env=environment(stubs, device, tmp_path / "log", STUB_TROUBLE=trouble))
     assert done.returncode == 2 and says in done.stderr, done.stderr
 
 
-def test_the_other_kind_is_named(tmp_path, stubs):
+def test_wrong_kind_of_device_is_named(tmp_path, stubs):
     done = subprocess.run([*HAPTIC, "--device", "omega:0", "--duration", "0.2"], capture_output=True, text=True, timeout=20,
                           env=environment(stubs, "falcon:0", tmp_path / "log"))
     assert done.returncode == 2 and "device 0 is a Novint Falcon" in done.stderr and "choose falcon:0" in done.stderr
@@ -135,7 +135,7 @@ def test_a_library_without_a_call_is_refused(tmp_path):
     assert done.returncode == 2 and "has no hdInitDevice" in done.stderr
 
 
-def test_they_are_listed(tmp_path, stubs):
+def test_devices_are_listed(tmp_path, stubs):
     env = {**environment(stubs, "touch:0", tmp_path / "a"), **environment(stubs, "falcon:0", tmp_path / "a")}
     said = subprocess.run([*HAPTIC, "--list"], capture_output=True, text=True, timeout=30, env=env).stdout
     assert "touch:0          PHANTOM Omni" in said and "falcon:0         Novint Falcon" in said and "omega            libdhd finds none" in said and wait_for

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.skipif(not built_in(), reason="haptic-rt was built with
 FOUND = re.compile(r"with the hand, (\w)  mass ([\d.]+) kg, damping ([\d.]+) N s/m, friction ([-\d.]+) N, stiffness (\d+) N/m, delay ([-\d.]+) ms; (\d+) % unexplained")
 
 
-def test_a_right_device_is_proved_and_identified(tmp_path):
+def test_correct_device_is_confirmed_and_identified(tmp_path):
     with emulator(tmp_path) as (_, port, log):
         code, said = in_setup(tmp_path, port)
     assert code == 0 and "units and signs are right" in said and said.count("as commanded") == 6, said

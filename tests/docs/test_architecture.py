@@ -24,7 +24,7 @@ def arrows(build, files):
     return architecture.uses(architecture.symbols(build, files))
 
 
-def test_the_tables_name_what_is_there(root, page, files):
+def test_tables_name_existing_folders(root, page, files):
     assert all((root / folder).is_dir() for folder in page.leans)
     assert not [f for f in files if page.folder_of(f) is None]
     assert set(page.gives) == {p.name for p in (root / "libtensormass/src").iterdir() if p.is_dir()}
@@ -33,7 +33,7 @@ def test_the_tables_name_what_is_there(root, page, files):
     assert not code, "meshes/ holds data"
 
 
-def test_a_row_leans_on_rows_above_it(page):
+def test_row_depends_on_rows_above_it(page):
     for names in (page.leans, page.room_leans):
         above = set()
         for name, leans in names.items():
@@ -41,7 +41,7 @@ def test_a_row_leans_on_rows_above_it(page):
             above.add(name)
 
 
-def test_a_row_leans_on_five_at_most(page):
+def test_row_depends_on_at_most_five(page):
     assert not {name: leans for names in (page.leans, page.room_leans) for name, leans in names.items() if len(leans) > 5}
 
 
@@ -61,14 +61,14 @@ def test_links(root, page):
     assert not list(architecture.outside_links(page, links))
 
 
-def test_no_circle_of_files(root, files, arrows):
+def test_files_have_no_cyclic_dependencies(root, files, arrows):
     assert not architecture.circles(arrows)
     between = [(a, b) for a, _, b in architecture.includes(root, files) if a.endswith(".h")]
     assert len(between) > 100
     assert not architecture.circles(between)
 
 
-def test_no_circle_of_python_modules(root):
+def test_python_modules_have_no_cyclic_imports(root):
     arrows = architecture.python_imports(root / "python/tensormass")
     assert len(arrows) > 25 and ("world", "instruments") in arrows
     assert not architecture.circles(arrows)
@@ -109,13 +109,13 @@ def test_a_planted_include_is_found(copy, page):
     assert [line.split(":")[0] for line in found] == ["haptic_rt/io/status_log.c", "libtensormass/src/tissue/force.c", "libtensormass/src/world/step.c"], found
 
 
-def test_a_planted_circle_of_python_modules_is_found(root, tmp_path):
+def test_planted_cycle_of_python_modules_is_found(root, tmp_path):
     shutil.copytree(root / "python/tensormass", tmp_path / "package")
     plant(tmp_path / "package/state.py", "        from .patch import PatchBuilder\n        call(lib.tm_stage_energy, self)\n", "        call(lib.tm_stage_energy, self)\n")
     assert ["instruments", "patch", "state"] == [m for m in architecture.circles(architecture.python_imports(tmp_path / "package"))[0] if m in ("instruments", "patch", "state")]
 
 
-def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path):
+def test_planted_use_and_cycle_are_found(root, build, files, page, tmp_path):
     shutil.copytree(build / "obj", tmp_path / "obj", ignore=lambda folder, names: [n for n in names if n.endswith(".d")] + (["tests"] if folder == str(build / "obj") else []))
     os.symlink(build / "lib", tmp_path / "lib")
     code = tmp_path / "planted.c"

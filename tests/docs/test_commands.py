@@ -127,7 +127,7 @@ def test_make_demo_opens_with_what_it_will_do(root, build, tmp_path):
         assert all(words in said for words in ("demo: runs a.yaml", "minute", f"results in {out}/demo", of_the_build)), said
 
 
-def test_scenes_are_taken_as_they_are_given(root, bin):
+def test_scenes_of_command_lines_load(root, bin):
     """Command lines of tm-sim with a scene of the tree: --set and --unset name keys of the scene. --check builds it and runs nothing."""
     tried = set()
     for page in pages(root):
@@ -157,7 +157,7 @@ def test_every_guide_is_in_the_site(root):
     assert listed - guides == {"c-api", "programs"} and len(names) == len(listed), sorted(listed - guides)
 
 
-def test_no_page_says_a_thing_twice(root):
+def test_headings_of_a_page_are_unique(root):
     """Headings of a page are unique: a section that a merge duplicated becomes outdated in one of its places."""
     for page in pages(root):
         headings = re.findall(r"^##+ .*$", page.read_text(), re.M)

@@ -11,6 +11,6 @@ def test_c_is_formatted(root):
     assert run.returncode == 0, f"clang-format -i {' '.join(wrong)}"
 
 
-def test_it_would_tell(root, tmp_path):
+def test_wrong_format_is_detected(root, tmp_path):
     (tmp_path / "a.c").write_text("int  main( void ){return 0;}\n")
     assert subprocess.run(["clang-format", f"--style=file:{root}/.clang-format", "--dry-run", "-Werror", tmp_path / "a.c"], capture_output=True).returncode != 0

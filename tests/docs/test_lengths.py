@@ -45,6 +45,6 @@ def test_files_are_short_or_say_why(root):
     assert not long, "\n".join(long)
 
 
-def test_a_long_one_would_be_seen():
+def test_long_function_is_detected():
     text = "static int\nfine(void) {\n    return 0;\n}\n\nint much(int a,\n         int b) {\n" + "    a += b;\n" * FUNCTION + "    return a;\n}\n"
     assert dict(functions(text.split("\n"))) == {"fine": 4, "much": FUNCTION + 4}

@@ -238,7 +238,7 @@ def test_a_device_is_a_file_and_a_row(root, plain, tmp_path):
         assert "arm," in said and "desk," in said and "impulse_engine," in said
 
 
-def test_nobody_else_knows_the_device(root):
+def test_no_other_file_names_the_device(root):
     """A device's numbers and geometry are in its own file: nothing else includes that file or names its joints in a string."""
     for folder in ("haptic_rt", "apps", "libtensormass/scene"):
         for path in sorted((root / folder).rglob("*.[ch]")):
@@ -246,7 +246,7 @@ def test_nobody_else_knows_the_device(root):
             assert path.name in ("device_types.h", "device_impulse_engine.h") or not re.search(r'"device_impulse_engine\.h"|"[^"\n]*pitch_rad', text), path
 
 
-def test_contributing_says_so(root):
+def test_contributing_describes_each_addition(root):
     page = (root / "CONTRIBUTING.md").read_text()
     for file, row in (("libtensormass/io/mesh_NAME.c", "TM_IO_FORMATS"), ("libtensormass/scene/effect_NAME.c", "EFFECTS"), ("haptic_rt/core/device_NAME.h", "HRT_DEVICE_TYPES"),
                       ("haptic_rt/io/bus_KIND.c", "HRT_BUSES"), ("haptic_rt/core/extrapolate.c", "HRT_EXTRAPOLATORS"), ("apps/studies/stability/", "cases_")):

@@ -40,7 +40,7 @@ def test_result_pages_are_short_and_open_with_a_plot(root, name):
     assert "not in the tree" not in page, "a figure has a command in the tree"
 
 
-def test_plots_are_of_the_tables(root, tmp_path):
+def test_plots_equal_their_tables(root, tmp_path):
     """A changed table without its plot fails: tools/pictures/plots.py draws it again."""
     subprocess.run([sys.executable, root / "tools/pictures/plots.py", tmp_path], check=True, timeout=120)
     drawn = sorted(p.name for p in tmp_path.iterdir())

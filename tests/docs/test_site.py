@@ -27,7 +27,7 @@ def test_headings_do_not_skip_a_level(root):
         assert all(b <= a + 1 for a, b in zip(levels, levels[1:])), f"{page.name}: {levels}"
 
 
-def test_pictures_stand_on_white(root):
+def test_pictures_have_a_white_ground(root):
     """Dark lines on a transparent ground would be invisible in the dark theme."""
     images = pytest.importorskip("PIL.Image")
     seen = 0
@@ -50,7 +50,7 @@ def test_every_picture_is_on_a_page(root):
     assert {p.name for p in (root / "docs/images").iterdir()} <= used, sorted({p.name for p in (root / "docs/images").iterdir()} - used)
 
 
-def test_comments_of_headers_go_where_they_belong(root):
+def test_comments_of_headers_document_the_right_name(root):
     """The first comment belongs to the file; a section title is not the comment of the line below it."""
     headers = [*sorted((root / "libtensormass").rglob("include/**/*.h")), root / "haptic_rt/core/hrt.h"]
     assert len(headers) > 15
@@ -77,7 +77,7 @@ def dead_links(folder):
     return dead
 
 
-def test_a_dead_link_would_be_seen(tmp_path):
+def test_dead_link_is_detected(tmp_path):
     (tmp_path / "a.html").write_text('<h1 id="x"></h1><a href="b.html#y"></a><a href="#x"></a><img src="no.png"><a href="#z"></a>')
     (tmp_path / "b.html").write_text('<p id="y"></p><a href="a.html#y"></a>')
     assert sorted(dead_links(tmp_path)) == ["a.html: #z", "a.html: no.png", "b.html: a.html#y"]

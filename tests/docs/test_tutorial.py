@@ -13,7 +13,7 @@ CHAPTERS = tutorial.chapters()
 
 
 @pytest.mark.parametrize("number", [*range(1, 6), pytest.param(6, marks=pytest.mark.clock), *range(7, 10)])
-def test_a_chapter(build, tmp_path, number):
+def test_chapter_shows_the_real_output(build, tmp_path, number):
     page = CHAPTERS[number - 1]
     if number == 7 and not (build / "lib/tensormass/image.so").exists():
         pytest.skip("no module 'image' in this build")
@@ -36,5 +36,5 @@ def test_nine_short_chapters_front_to_back(root):
 @pytest.mark.parametrize("expected, line, same", [
     ("a …; peak 2.02 N", "a 1 b; peak 2.04 N", True), ("a …; peak 2.02 N", "a 1 b; peak 2.2 N", False), ("peak 2.02 N", "peak two N", False),
     ('"tets": 20,', '\t"tets":\t20,', True), ("1,2e-3", "1,2.01e-3", True), ("1,2e-3", "1,3e-3", False)])
-def test_what_is_shown_is_compared(expected, line, same):
+def test_changed_output_is_detected(expected, line, same):
     assert tutorial.shows(expected, line) == same

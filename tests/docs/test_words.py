@@ -49,12 +49,12 @@ def test_no_private_word_comes_back(root):
     assert not left, "\n".join(left)
 
 
-def test_the_lists_are_whole():
+def test_lists_of_renamed_words_are_complete():
     assert len(PUBLIC) > 60 and len(IDENTIFIERS) > 200 and len(WORDS) > 10
     assert not set(PUBLIC) & set(PUBLIC.values()) and len(rows()) == len({old for _, old, _ in rows()}), "a name stands on both sides, or twice"
 
 
-def test_each_would_be_seen(tmp_path):
+def test_planted_old_name_is_detected(tmp_path):
     assert found("a tm_patch_maker *m;\n", re.compile(r"(?<![A-Za-z0-9_])tm_patch_maker(?![A-Za-z0-9_])")) == [(1, "tm_patch_maker")]
     assert not found("tm_patch_makers", re.compile(r"(?<![A-Za-z0-9_])tm_patch_maker(?![A-Za-z0-9_])"))
 
@@ -68,7 +68,7 @@ def test_spelling(root):
     assert len(names) > 800 and run.returncode == 0, run.stdout
 
 
-def test_a_misspelling_would_be_seen(root, tmp_path):
+def test_misspelling_is_detected(root, tmp_path):
     pytest.importorskip("codespell_lib")
     wrong = "rec" + "ieve"
     (tmp_path / "a.c").write_text(f"/* {wrong} */\n")

@@ -34,7 +34,7 @@ def test_the_table_has_pairs():
 
 
 @pytest.mark.parametrize("one,model", EXCLUDED, ids=lambda v: v)
-def test_both_lines_are_named(bin, root, tmp_path, one, model):
+def test_exclusion_names_both_lines(bin, root, tmp_path, one, model):
     text = EFFECT[one] + f"model: {model}\n" + ("hybrid: {box: {min: [0, 0, 0], max: [50 mm, 100 mm, 50 mm]}}\n" if model == "hybrid" else "")
     scene, code, said = check(bin, root, tmp_path, text)
     lines = SCENE.count("\n")
@@ -42,7 +42,7 @@ def test_both_lines_are_named(bin, root, tmp_path, one, model):
     assert "exclude each other" in said and ("remove" in said or "write 'model: dynamic'" in said), said
 
 
-def test_the_others_go_together(bin, root, tmp_path):
+def test_compatible_effects_run_in_one_scene(bin, root, tmp_path):
     for text in ("strain_smoothing viscosity friction", "rotation viscosity friction", "rotation strain_smoothing viscosity friction", "friction model: precomputed"):
         effects = "".join(EFFECT.get(e, "") for e in text.split())
         if "rotation" in text:
@@ -52,7 +52,7 @@ def test_the_others_go_together(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("other", ["rotation", "strain_smoothing: {shear_share: 0.4}", "model: precomputed", "stretch", "single"])
-def test_a_nonlinear_law_names_what_it_is_not_for(bin, root, tmp_path, other):
+def test_nonlinear_law_rejects_incompatible_effects_by_name(bin, root, tmp_path, other):
     law = "density: 1000 kg/m3, law: neo-hooke"
     text = SCENE.replace("density: 1000 kg/m3", law + (", stretch: 1.1" if other == "stretch" else ""))
     if other == "single":
@@ -87,14 +87,14 @@ def test_a_law_runs_with_averaged_changes_of_volume_and_viscosity(bin, root, tmp
 
 @pytest.mark.parametrize("law,said", [("fung", "needs 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' belongs to the law 'fung'"),
                                       ("holzapfel, k1: 1 kPa, k2: 1", "add 'anisotropy:'"), ("mooney-rivlin, second: 0.3", ""), ("fung, C: 5 kPa", "")])
-def test_a_law_asks_for_its_constants(bin, root, tmp_path, law, said):
+def test_law_without_its_constants_is_rejected(bin, root, tmp_path, law, said):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.replace("density: 1000 kg/m3", f"law: {law}").format(root=root))
     done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
     assert done.returncode == (2 if said else 0) and said in done.stderr and (not said or f"{scene}:4: " in done.stderr), done.stderr
 
 
-def test_turning_tissue_averages_no_shear(bin, root, tmp_path):
+def test_rotation_rejects_averaged_shear(bin, root, tmp_path):
     """rotation accepts strain smoothing with a shear share of 0, its default there."""
     scene, code, said = check(bin, root, tmp_path, EFFECT["rotation"] + EFFECT["strain_smoothing"])
     lines = SCENE.count("\n")

@@ -47,14 +47,14 @@ def ten_frames(program, tmp_path, mode, *options):
     return {name: many[0][name] - few[0].get(name, 0) for name in many[0]}, many[1]
 
 
-def test_no_function_of_another_effect(program, tmp_path):
+def test_plain_step_calls_no_other_effect(program, tmp_path):
     cost, _ = callgrind(program, tmp_path, "library", 3, "--toggle-collect=tm_world_step")
     assert sum(cost.values()) > 1e6
     assert {"tm_world_step", "tm_force_plain_double"} <= cost.keys()
     assert not [name for name in cost if not ALLOWED.match(name)]
 
 
-def test_within_half_a_percent_of_a_driver_by_hand(program, tmp_path):
+def test_plain_step_costs_within_half_a_percent_of_handwritten_code(program, tmp_path):
     library = sum(ten_frames(program, tmp_path, "library")[0].values())
     driver = sum(ten_frames(program, tmp_path, "driver")[0].values())
     print(f"{library} instructions by the library, {driver} by hand: {100 * (library / driver - 1):.3f} % more")

@@ -42,7 +42,7 @@ def test_logs_hold_samples_patches_and_truth(bin, root, logs, tmp_path):
     assert rms["local_model"] < rms["position"] / 10
 
 
-def test_latency_is_felt_by_hold_and_not_by_contact(bin, root, logs, tmp_path):
+def test_latency_affects_hold_and_not_local_model(bin, root, logs, tmp_path):
     now, = figures(bin, root, tmp_path, logs / "precomputed-tour.lcm")
     late, = figures(bin, root, tmp_path, "--latency", "1", logs / "precomputed-tour.lcm")
     rms = [{r["extrapolator"]: r["rms"] for r in x["rows"]} for x in (now, late)]
@@ -95,7 +95,7 @@ def test_two_clocks_change_no_figure(bin, root, build, logs, tmp_path):
     assert told(moved) == told(plain) and plain["rows"][0]["judged"] > 1000 and plain["rows"][0]["rms"] > 0.01
 
 
-def test_a_wall_clock_that_is_set_and_messages_that_lag(bin, root, build, logs, tmp_path):
+def test_clock_steps_and_late_messages_change_no_figure(bin, root, build, logs, tmp_path):
     """The clock is set back by an hour in the middle; every message takes up to 1 ms."""
     begin = []
 
@@ -131,7 +131,7 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
     assert rows["position"]["rms"] > 0.001 and rows["hold"]["rms"] > rows["position"]["rms"]
 
 
-def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
+def test_tangent_and_local_model_report_missing_data(bin, root, tmp_path):
     """A session of `position` sends neither stiffness nor patches: `tangent` and `local_model` ran as `broyden` and are not shown under their names."""
     subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--set", "haptics.extrapolator=position", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "s.lcm"],
                    check=True, timeout=400, capture_output=True)
@@ -175,7 +175,7 @@ def test_the_page_is_complete(page):
     assert json.loads((out / "rates.json").read_text())["rows"]
 
 
-def test_the_page_sets_aims_beside_figures(page):
+def test_page_compares_aims_with_figures(page):
     """Each aim of the runs is listed with a verdict that follows from its two numbers; then the threshold of perception and the times of patches."""
     out, data = page
     aims = {a["what"]: a for a in data["aims"]}
@@ -225,7 +225,7 @@ def test_streaming_widens_what_a_hand_can_touch(page):
     assert at[500, 0]["stiffness_N_m"] < at[500, 6]["stiffness_N_m"] < 4 * at[500, 0]["stiffness_N_m"]
 
 
-def test_each_desk_device_carries_what_theory_says(page):
+def test_desk_devices_reach_the_theoretical_stiffness(page):
     """Measured by twins, at 500 samples a second. The theory is sufficient for any passive hand; this hand may be stable beyond it."""
     rows = {r["device"]: r for r in page[1]["loop"]["devices"]}
     assert set(rows) == {"inverse3", "omega"}
@@ -258,7 +258,7 @@ def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     (["--study", "--part", "all"], "no part 'all'"),
     (["--frobnicate"], "unknown option, or its value is missing"),
 ])
-def test_bad_use(bin, tmp_path, arguments, says):
+def test_invalid_options_are_rejected(bin, tmp_path, arguments, says):
     run = subprocess.run([bin / "tm-evaluate", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and says in run.stderr, run
     assert not list(tmp_path.iterdir())
@@ -320,7 +320,7 @@ def hands(bin, root, once):
 
 
 @pytest.mark.parametrize("late", [0, 1, 2])
-def test_contact_feels_what_the_other_hand_cuts(hands, late):
+def test_local_model_follows_cuts_of_the_other_hand(hands, late):
     """Measured 0.44, 0.21 and 0.14 of `position`'s error; a cut elsewhere causes no jump at the hand. Without latency, samples of two simulation
     rates already differ by 0.36 % of the peak, and patches from their samples by 0.7 %; `position` errs by 1.84 %."""
     at = hands("other-hand-cuts", late)
@@ -390,13 +390,13 @@ def test_more_samples_err_less_by_every_law_and_at_the_tick_rate_none_guesses(op
         assert own[name, rates[-1]] < own[name, rates[0]], (scene, mode)
 
 
-def test_what_streaming_reaches(operating):
+def test_streaming_reaches_its_aims(operating):
     """Samples at the tick rate, one late, with `hold`: aims of 0.5 % for grasped or pressed tissue, 3 % under a cautery."""
     late = {(r["scene"], r["mode"]): r["rms"] for r in operating if r["extrapolator"] == "hold" and r["rate_Hz"] == 500 and r["latency_samples"] == 1}
     assert all(rms <= (0.03 if mode == "cautery" else 0.005) for (_, mode), rms in late.items()), late
 
 
-def test_a_cut_that_fades_is_felt_evenly(operating):
+def test_fading_cut_has_a_smooth_force(operating):
     """`cut.fade` 50 ms, samples at the tick rate, one late: the cautery's error is half as large (aim 1.5 %), its jumps half as far, and the other
     hand's force is as before."""
     at = {(r["scene"], r["mode"]): r for r in operating if r["extrapolator"] == "adaptive" and r["rate_Hz"] == 500 and r["latency_samples"] == 1}

@@ -50,7 +50,7 @@ def recordings(built, once):
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_recording_covers(recordings, variant):
+def test_recording_reaches_every_state_and_branch(recordings, variant):
     """The recording reaches every state and branch: otherwise equal outputs would prove little."""
     ticks = [values for kind, values in image.outputs(recordings[variant] / "replay.out") if kind == "output"]
     assert len(ticks) == DEVICES * TICKS
@@ -92,7 +92,7 @@ def costs(board, host_ticks):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("cpu", image.MACHINE)
-def test_replay(built, recordings, cpu, variant):
+def test_replay_equals_the_host(built, recordings, cpu, variant):
     host = recordings[variant]
     board = built / cpu / variant
     shutil.rmtree(board, ignore_errors=True)
@@ -120,7 +120,7 @@ def test_replay(built, recordings, cpu, variant):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("cpu", image.MACHINE)
-def test_product_ticks(built, cpu, variant):
+def test_product_image_ticks_without_watchdog_reset(built, cpu, variant):
     """The image without test code: ticks continue, and its watchdog does not restart it."""
     elf = FIRMWARE / cpu / variant / "haptic_rt.elf"
     clock = [low for low, in image.peek(cpu, elf, [image.symbol(elf, "now_us")], 5, 0.2)]

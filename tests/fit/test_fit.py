@@ -58,7 +58,7 @@ def tm_fit(bin, scene, *words, code=0):
 DEPTHS = np.linspace(0.0008, 0.008, 10)
 
 
-def test_constants_come_back_with_intervals_and_a_page(bin, scene):
+def test_fit_recovers_constants_with_intervals_and_a_page(bin, scene):
     noise = 1 + 0.01 * np.random.default_rng(4).standard_normal(len(DEPTHS))
     data = write(scene.parent / "press.csv", DEPTHS, noise * press(bin, scene, DEPTHS, "tissue.materials.*.young=8 kPa", "tissue.materials.*.poisson=0.35"))
     words = ("--data", data, "--row", ROW, "--compare", FORCE, "--noise", "force_N=1%", "--fit", YOUNG, "--fit", POISSON)
@@ -86,7 +86,7 @@ def test_a_derivative_is_that_of_central_differences(bin, scene):
     assert value[0, 0] > 0
 
 
-def test_what_the_data_do_not_determine_is_said(bin, scene):
+def test_undetermined_constants_are_reported(bin, scene):
     """At rest only the product of Young's modulus and a share of relaxation is determined."""
 
     scene.write_text(LINEAR)
@@ -130,7 +130,7 @@ def kept(path):
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_interrupted_it_goes_on_and_ends_with_the_same_bits(bin, scene, how):
+def test_interrupted_fit_continues_with_the_same_bits(bin, scene, how):
     data = write(scene.parent / "press.csv", DEPTHS[::3], press(bin, scene, DEPTHS[::3]))
     words = ["--data", data, "--row", ROW, "--compare", FORCE, "--fit", YOUNG, "--fit", POISSON]
     folder, state = scene.parent / "fit", scene.parent / "fit/state.json"

@@ -31,7 +31,7 @@ def test_every_target_is_run():
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_no_input_breaks_a_promise(target, fuzz_build, long_run, tmp_path):
+def test_no_input_violates_a_property(target, fuzz_build, long_run, tmp_path):
     out = tmp_path / "fuzz"
     (out / "tests").mkdir(parents=True)
     (out / "tests" / "fuzz").symlink_to(fuzz_build / "tests" / "fuzz")

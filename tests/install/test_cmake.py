@@ -84,7 +84,7 @@ def test_versions_and_components(moved, tmp_path, what, pointer, answer):
     assert re.search(rf"found: {answer[0]}", words) and (len(answer) == 1 or answer[3:] in words), out
 
 
-def test_nothing_installed_names_the_first_place(moved):
+def test_no_installed_file_names_the_original_prefix(moved):
     """Searches the files that CMake and the loader use; pkg-config files use their folder."""
     first = str(moved.parent / "first").encode()
     holders = [p for p in moved.rglob("*") if p.is_file() and p.suffix not in (".pc", "") and "installed" not in p.parts and first in p.read_bytes()]

@@ -7,7 +7,7 @@ import pytest
 
 
 @pytest.mark.parametrize("sanitizer", [[], ["-fsanitize=address,undefined"]], ids=["plain", "sanitized"])
-def test_an_engine_has_organs(root, build, tmp_path, sanitizer):
+def test_engine_example_runs_with_its_own_memory_and_jobs(root, build, tmp_path, sanitizer):
     program = tmp_path / "engine"
     subprocess.run(["gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", *sanitizer, f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include", root / "examples/engine/engine.c",
                     build / "lib/libtensormass_io.a", build / "lib/libtensormass.a", "-lpthread", "-lm", "-o", program], check=True, timeout=400)

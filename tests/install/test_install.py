@@ -48,7 +48,7 @@ def test_a_program_outside_the_tree_simulates_a_block(prefix, root, tmp_path, co
     assert run.stderr == ""
 
 
-def test_it_leaks_nothing_and_reads_nothing_unset(prefix, root, tmp_path):
+def test_installed_program_is_clean_under_valgrind(prefix, root, tmp_path):
     program = build(prefix, root, tmp_path, "gcc", "-g")
     run = subprocess.run(["valgrind", "--quiet", "--leak-check=full", "--show-leak-kinds=all", "--error-exitcode=9", program],
                          capture_output=True, text=True, timeout=600)
@@ -141,7 +141,7 @@ int main(void) {
 """
 
 
-def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
+def test_peer_can_be_written_in_c_and_python(prefix, build, tmp_path):
     """Controller core, CAN codec and message types, from the prefix only."""
     (tmp_path / "peer.c").write_text(PEER)
     libraries = [w for package in ("tensormass_hrt", "tensormass_lcm") for w in flags(prefix, "--cflags", "--libs", package=package)]

@@ -48,7 +48,7 @@ def until_engaged(prefix, build, out, *extrapolator):
     assert run.returncode == 0, run.stderr
 
 
-def test_a_session_is_felt(prefix, tmp_path):
+def test_session_renders_forces(prefix, tmp_path):
     run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4 s", "--out", "out", "--record",
                           "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
@@ -98,7 +98,7 @@ def test_bad_input(prefix, tmp_path, words, said):
 # --- pages that need a live session, as written ---
 
 
-def test_ones_own_organ_is_felt(prefix, root, tmp_path):
+def test_users_organ_renders_forces(prefix, root, tmp_path):
     """docs/your-own-organ.md, last step: the liver's first scene, with the page's command."""
     page = (root / "docs/your-own-organ.md").read_text()
     (tmp_path / "felt").mkdir()
@@ -110,7 +110,7 @@ def test_ones_own_organ_is_felt(prefix, root, tmp_path):
     assert json.loads((tmp_path / "session/controller0.json").read_text())["force_N"]["peak"] > 0.05
 
 
-def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
+def test_manual_command_is_obeyed(prefix, root, build, tmp_path):
     """docs/messages.md, By hand: the session's controller switches to the extrapolator that the page's lines request."""
     block = re.search(r"## By hand.*?```sh\n(.*?)```", (root / "docs/messages.md").read_text(), re.S).group(1)
     for named, here in (("session/netns.pid", tmp_path / "session/netns.pid"), ("build/venv/bin/python", sys.executable), ("build/python", build / "python")):

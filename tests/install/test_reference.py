@@ -24,7 +24,7 @@ def completions(reference, bin, *words):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_man_page_tells_every_option(reference, bin, name):
+def test_man_pages_list_every_option(reference, bin, name):
     page = reference / "man1" / f"{name}.1"
     shown = subprocess.run(["groff", "-ww", "-man", "-Tutf8", "-P-c", page], capture_output=True, text=True, check=True, env=dict(os.environ, LC_ALL="C.UTF-8"))
     assert shown.stderr == ""

@@ -139,7 +139,7 @@ def test_the_page_shows_that_program(root):
 
 
 @pytest.mark.parametrize("changed, says", [("young: 5 kPa", r"scene.yaml:7: .*young.*; .+"), ("mode: prod", r"scene.yaml:13: .*'prod' is not allowed; use one of: probe grasper cautery"), ("", r"scene.yaml:1: the scene is empty; .+")])
-def test_a_fault_is_a_line_and_no_more(root, bin, press, tmp_path, changed, says):
+def test_fault_prints_one_line(root, bin, press, tmp_path, changed, says):
     """Faults have the program's own place and remedy, status 1, and no other output than the program's."""
     text = (root / "apps/scenes/block-press.yaml").read_text().replace("../../meshes", str(root / "meshes"))
     new = {"young: 5 kPa": text.replace("young: 5 kPa", "young: 5 kg"), "mode: prod": text.replace("mode: probe", "mode: prod"), "": ""}[changed]
@@ -165,7 +165,7 @@ def test_warnings_are_diagnostics(root, face):
     assert what.startswith("fibres have no effect") and remedy.startswith("give a material")
 
 
-def test_an_exception_is_the_fault(root, face):
+def test_exception_carries_the_fault(root, face):
     out = run(face, root / "apps/scenes/block-press.yaml", "tissue.mesh=nowhere.msh", code=1)
     assert re.match(r"TM_ERR_\w+ --set tissue.mesh=nowhere.msh: tissue.mesh: nowhere.msh cannot be read: .*; correct the path \(it is relative to the working folder\)", out.stdout) and out.stderr == ""
 

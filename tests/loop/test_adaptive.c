@@ -37,7 +37,7 @@ static double period(int64_t at_us, const float miss_N[LAWS], bool with_patch, d
     return blend_error2;
 }
 
-static void the_law_that_foretells_gets_the_weight(void **unused) {
+static void best_extrapolator_gets_the_weight(void **unused) {
     (void)unused;
     for (int best = 0; best < LAWS; best++) {
         hrt_adaptive_reset(&state);
@@ -48,7 +48,7 @@ static void the_law_that_foretells_gets_the_weight(void **unused) {
     }
 }
 
-static void the_weight_moves_within_three_samples_when_another_law_becomes_right(void **unused) {
+static void weight_moves_within_three_samples_to_a_new_best_extrapolator(void **unused) {
     (void)unused;
     hrt_adaptive_reset(&state);
     const float first[LAWS] = {0.2f, 0.002f, 0.2f, 0.2f}, then[LAWS] = {0.2f, 0.2f, 0.002f, 0.2f};
@@ -76,7 +76,7 @@ static void the_patch_is_trusted_first_and_has_no_weight_without_one(void **unus
 }
 
 /* One extrapolator is the best throughout: after a few samples the blend is as accurate. */
-static void where_nothing_changes_the_blend_is_near_the_best_law(void **unused) {
+static void blend_is_near_the_best_extrapolator_if_that_is_constant(void **unused) {
     (void)unused;
     fix_random random = {3};
     const int sequences = test_is_long() ? 5000 : 200;
@@ -100,7 +100,7 @@ static void where_nothing_changes_the_blend_is_near_the_best_law(void **unused) 
 /* The best extrapolator changes at random, like phases of the work. Tracking bound: the loss is at most half more
  * than that of a choice that knows the best one of every period, plus the loss of the worst one for half a period
  * after each change. */
-static void where_laws_change_the_blend_follows(void **unused) {
+static void blend_follows_a_changing_best_extrapolator(void **unused) {
     (void)unused;
     fix_random random = {5};
     const int sequences = test_is_long() ? 2000 : 100;
@@ -133,7 +133,7 @@ static void where_laws_change_the_blend_follows(void **unused) {
     assert_true(worst < 1);
 }
 
-static void any_numbers_leave_the_force_between_the_laws(void **unused) {
+static void blend_is_between_its_extrapolators_for_any_input(void **unused) {
     (void)unused;
     fix_random random = {11};
     const int calls = test_is_long() ? 2000000 : 100000;
@@ -162,7 +162,7 @@ static void any_numbers_leave_the_force_between_the_laws(void **unused) {
     }
 }
 
-static void out_of_touch_nothing_is_forgotten(void **unused) {
+static void weights_are_kept_without_contact(void **unused) {
     (void)unused;
     hrt_adaptive_reset(&state);
     const float miss[LAWS] = {0.2f, 0.002f, 0.2f, 0.2f};
@@ -178,13 +178,13 @@ static void out_of_touch_nothing_is_forgotten(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_law_that_foretells_gets_the_weight),
-        cmocka_unit_test(the_weight_moves_within_three_samples_when_another_law_becomes_right),
+        cmocka_unit_test(best_extrapolator_gets_the_weight),
+        cmocka_unit_test(weight_moves_within_three_samples_to_a_new_best_extrapolator),
         cmocka_unit_test(the_patch_is_trusted_first_and_has_no_weight_without_one),
-        cmocka_unit_test(where_nothing_changes_the_blend_is_near_the_best_law),
-        cmocka_unit_test(where_laws_change_the_blend_follows),
-        cmocka_unit_test(any_numbers_leave_the_force_between_the_laws),
-        cmocka_unit_test(out_of_touch_nothing_is_forgotten),
+        cmocka_unit_test(blend_is_near_the_best_extrapolator_if_that_is_constant),
+        cmocka_unit_test(blend_follows_a_changing_best_extrapolator),
+        cmocka_unit_test(blend_is_between_its_extrapolators_for_any_input),
+        cmocka_unit_test(weights_are_kept_without_contact),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -55,7 +55,7 @@ static void by_sweeps(law_problem *p) {
         }
 }
 
-static void test_only_what_bears_is_coupled(void **state) {
+static void test_only_loaded_rows_are_coupled(void **state) {
     (void)state;
     for (int32_t under = 0; under < LAW_ROWS; under++)
         for (int mm = 1; mm <= 4; mm++) {
@@ -77,6 +77,6 @@ static void test_only_what_bears_is_coupled(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_only_what_bears_is_coupled)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_only_loaded_rows_are_coupled)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

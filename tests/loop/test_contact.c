@@ -152,7 +152,7 @@ static void settle(hrt_extrapolation *x, const float tip[3], float force[3]) {
 }
 
 /* On flat, even ground the reaction points straight up and equals that of springs in series. */
-static void pressing_flat_ground(void **state) {
+static void pressing_flat_ground_gives_springs_in_series(void **state) {
     (void)state;
     static hrt_extrapolation x;
     ground(0.0f);
@@ -178,7 +178,7 @@ static float size_of(const float a[3]) { return sqrtf(a[0] * a[0] + a[1] * a[1] 
 
 /* Viscous drag on the tip's motion along the force: zero at rest, at a steady speed and across; at most half of the
  * force; over a cycle it dissipates energy. Each is compared with a twin whose patch has no drag. */
-static void waves_carry_off_a_swing(void **state) {
+static void viscous_drag_only_dissipates(void **state) {
     (void)state;
     static hrt_extrapolation x[2];
     static hrt_patch with;
@@ -215,7 +215,7 @@ static void waves_carry_off_a_swing(void **state) {
 
 /* Checks 0 <= gap + depth(lambda) _|_ lambda >= 0 at the converged shape, with rows of the simulation's own
  * detection. */
-static void complementarity(void **state) {
+static void solution_satisfies_complementarity(void **state) {
     (void)state;
     static hrt_extrapolation x;
     uint64_t seed = 21;
@@ -259,7 +259,7 @@ static void complementarity(void **state) {
 }
 
 /* The simulation's own patch solver, in double and to convergence, gives the same force. */
-static void the_force_is_that_of_the_simulation(void **state) {
+static void force_equals_the_simulations_solver(void **state) {
     (void)state;
     static hrt_extrapolation x;
     static tm_patch truth;
@@ -367,7 +367,7 @@ static void take_grasper(hrt_extrapolation *x, int64_t t_us, const float tip[3],
 
 /* A grasper that pulls, and one that presses tissue next to its jaws: the library's law in double equals the
  * controller's. */
-static void a_hold_pulls_as_the_simulation_says(void **state) {
+static void grasp_force_equals_the_simulations(void **state) {
     (void)state;
     static hrt_extrapolation x;
     static tm_patch truth;
@@ -553,7 +553,7 @@ static void narrower(const hrt_patch *whole, hrt_patch *to) {
 
 /* Beyond the patch's end, compared with a patch that covers the tissue there: a patch that errs by less than 2 % is
  * kept, one that errs by more than 3.5 % is left. */
-static void a_patch_is_left_where_it_errs(void **state) {
+static void patch_is_left_beyond_its_end_only_if_inaccurate(void **state) {
     (void)state;
     static hrt_extrapolation whole, part;
     static hrt_patch less;
@@ -584,7 +584,7 @@ static void a_patch_is_left_where_it_errs(void **state) {
     assert_true(best_left > 0.02f && worst_kept < 0.035f && beyond > 0.5f);
 }
 
-static void cut_stale_or_missing_patch(void **state) {
+static void cut_stale_or_missing_patch_blends_to_tangent(void **state) {
     (void)state;
     static hrt_extrapolation x;
     ground(0.0002f);
@@ -625,7 +625,7 @@ static void take_cut(hrt_extrapolation *x, int64_t t_us, const float tip[3], con
 
 /* The tool moves on, deeper or out, slower or faster than the force blends over to cut tissue. A tick changes the
  * force by the blend's rate, or by what the law itself changes, never by both. */
-static void going_over_while_the_tool_moves(void **state) {
+static void blending_to_cut_tissue_is_bounded_while_the_tool_moves(void **state) {
     (void)state;
     static hrt_extrapolation x, twin; /* the twin has cut tissue from the start */
     static hrt_patch softer;
@@ -705,7 +705,7 @@ static float denied(hrt_extrapolation *x, const float tip[3], float said_N, uint
 /* Under an active cautery, a patch without force where its sample has one (the tool is in a slit that the patch does
  * not contain), or with too much force, is not used; a patch that differs a little is corrected to its sample. For
  * any other tool the patch is used: it crossed an edge before the tissue did. */
-static void a_patch_that_denies_its_sample(void **state) {
+static void patch_that_contradicts_its_sample_is_not_used_under_a_cautery(void **state) {
     (void)state;
     static hrt_extrapolation x;
     ground(0.0002f);
@@ -726,7 +726,7 @@ static void a_patch_that_denies_its_sample(void **state) {
 
 /* After a cut by another hand the patch still predicts the force of motion; under an active cautery the force hardly
  * follows the patch's prediction. */
-static void a_cautery_at_work_foretells_little(void **state) {
+static void prediction_is_limited_under_an_active_cautery(void **state) {
     (void)state;
     static hrt_extrapolation x;
     const float at[3] = {0.0f, 0.0f, 0.1185f};
@@ -758,7 +758,7 @@ static void a_cautery_at_work_foretells_little(void **state) {
 }
 
 /* A new patch of the same tissue, chosen a little further on and numbered otherwise, does not change the force. */
-static void a_new_patch_is_not_felt(void **state) {
+static void new_patch_of_the_same_tissue_does_not_change_the_force(void **state) {
     (void)state;
     static hrt_extrapolation x;
     static hrt_patch other;
@@ -794,7 +794,7 @@ static void a_new_patch_is_not_felt(void **state) {
 
 /* The first patch arrives with the tool already deep in it, without reactions to start from: the force converges and
  * does not oscillate. */
-static void met_deep_it_settles(void **state) {
+static void first_patch_under_a_deep_tool_converges(void **state) {
     (void)state;
     static hrt_extrapolation x;
     uint64_t seed = 12;
@@ -893,7 +893,7 @@ static void spoil_patch(hrt_patch *p, int what) {
     }
 }
 
-static void bad_patches(void **state) {
+static void bad_patches_are_rejected(void **state) {
     (void)state;
     static const hrt_reject verdict[] = {HRT_ACCEPT,
                                          HRT_REJECT_INDEX,
@@ -929,7 +929,7 @@ static void spoil_hold(hrt_patch *p, int what) {
     }
 }
 
-static void bad_holds(void **state) {
+static void bad_grasps_are_rejected(void **state) {
     (void)state;
     static const hrt_reject verdict[] = {
         HRT_ACCEPT,      HRT_REJECT_INDEX,      HRT_REJECT_INDEX, HRT_REJECT_ASYMMETRIC,
@@ -952,7 +952,7 @@ static void spoil_drag(hrt_patch *p, int what) {
     }
 }
 
-static void bad_drags(void **state) {
+static void bad_drags_are_rejected(void **state) {
     (void)state;
     static const hrt_reject verdict[] = {HRT_REJECT_HUGE, HRT_REJECT_NOT_FINITE, HRT_REJECT_HUGE, HRT_REJECT_HUGE,
                                          HRT_REJECT_HUGE, HRT_REJECT_NOT_FINITE, HRT_REJECT_HUGE, HRT_ACCEPT};
@@ -998,25 +998,25 @@ static void wild_patches_stay_bounded(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_simulation),
-                                       cmocka_unit_test(pressing_flat_ground),
-                                       cmocka_unit_test(waves_carry_off_a_swing),
-                                       cmocka_unit_test(complementarity),
-                                       cmocka_unit_test(the_force_is_that_of_the_simulation),
-                                       cmocka_unit_test(a_hold_pulls_as_the_simulation_says),
+                                       cmocka_unit_test(pressing_flat_ground_gives_springs_in_series),
+                                       cmocka_unit_test(viscous_drag_only_dissipates),
+                                       cmocka_unit_test(solution_satisfies_complementarity),
+                                       cmocka_unit_test(force_equals_the_simulations_solver),
+                                       cmocka_unit_test(grasp_force_equals_the_simulations),
                                        cmocka_unit_test(jaws_close_and_open_without_a_jump),
                                        cmocka_unit_test(two_linearisations_suffice),
                                        cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
-                                       cmocka_unit_test(going_over_while_the_tool_moves),
+                                       cmocka_unit_test(blending_to_cut_tissue_is_bounded_while_the_tool_moves),
                                        cmocka_unit_test(samples_in_every_tick_are_followed),
-                                       cmocka_unit_test(a_patch_that_denies_its_sample),
-                                       cmocka_unit_test(a_cautery_at_work_foretells_little),
-                                       cmocka_unit_test(a_patch_is_left_where_it_errs),
-                                       cmocka_unit_test(cut_stale_or_missing_patch),
-                                       cmocka_unit_test(a_new_patch_is_not_felt),
-                                       cmocka_unit_test(met_deep_it_settles),
-                                       cmocka_unit_test(bad_patches),
-                                       cmocka_unit_test(bad_holds),
-                                       cmocka_unit_test(bad_drags),
+                                       cmocka_unit_test(patch_that_contradicts_its_sample_is_not_used_under_a_cautery),
+                                       cmocka_unit_test(prediction_is_limited_under_an_active_cautery),
+                                       cmocka_unit_test(patch_is_left_beyond_its_end_only_if_inaccurate),
+                                       cmocka_unit_test(cut_stale_or_missing_patch_blends_to_tangent),
+                                       cmocka_unit_test(new_patch_of_the_same_tissue_does_not_change_the_force),
+                                       cmocka_unit_test(first_patch_under_a_deep_tool_converges),
+                                       cmocka_unit_test(bad_patches_are_rejected),
+                                       cmocka_unit_test(bad_grasps_are_rejected),
+                                       cmocka_unit_test(bad_drags_are_rejected),
                                        cmocka_unit_test(wild_patches_stay_bounded)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }

@@ -81,7 +81,7 @@ static void run(double seconds, const double speed_m_s[3]) {
 
 static const double REST[3] = {0, 0, 0}, DOWN[3] = {0, 0, -0.02}, RIGHT[3] = {0.05, 0, 0}, AWAY[3] = {0, 0.05, 0};
 
-static void axes_and_signs(void **state) {
+static void axes_and_signs_agree_with_the_device(void **state) {
     (void)state;
     start(1.0, "inverse3");
     run(0.3, REST);
@@ -189,7 +189,7 @@ static void silence_of_either_side_is_zero_force(void **state) {
 }
 
 /* Input that no device can send; ten in a row are a fault, which a reset clears. */
-static void nonsense_is_refused(void **state) {
+static void invalid_input_is_rejected_and_ten_in_a_row_are_a_fault(void **state) {
     (void)state;
     const double bad[] = {NAN, INFINITY, -INFINITY, 1.5, -1e300};
     start(1.0, "inverse3");
@@ -213,7 +213,7 @@ static void nonsense_is_refused(void **state) {
 }
 
 /* The last limit reduces a force that the core would never send, and keeps its direction. */
-static void the_last_limit_keeps_the_direction(void **state) {
+static void last_force_limit_keeps_the_direction(void **state) {
     (void)state;
     start(1.0, "touch");
     const hrt_result push = {.motors_on = true, .torque = {-6.0f, 8.0f, 0.0f}};
@@ -225,12 +225,12 @@ static void the_last_limit_keeps_the_direction(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(axes_and_signs),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(axes_and_signs_agree_with_the_device),
                                        cmocka_unit_test(power_is_never_amplified),
                                        cmocka_unit_test(the_clutch_recentres_without_a_jump),
                                        cmocka_unit_test(a_button_closes_the_grip),
                                        cmocka_unit_test(silence_of_either_side_is_zero_force),
-                                       cmocka_unit_test(nonsense_is_refused),
-                                       cmocka_unit_test(the_last_limit_keeps_the_direction)};
+                                       cmocka_unit_test(invalid_input_is_rejected_and_ten_in_a_row_are_a_fault),
+                                       cmocka_unit_test(last_force_limit_keeps_the_direction)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -37,7 +37,7 @@ static float force_at(int64_t t_us, float z) {
     return force[2];
 }
 
-static void names(void **state) {
+static void names_and_numbers_of_extrapolators_agree(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
         hrt_extrapolator found;
@@ -50,7 +50,7 @@ static void names(void **state) {
     assert_false(hrt_extrapolator_find("", &none));
 }
 
-static void along_the_line(void **state) {
+static void force_along_a_line_is_extrapolated(void **state) {
     (void)state;
     const float truth = -400.0f * 3.0f * STEP;
     begin(HRT_HOLD, 0.1f + STEP, 0.1f + 2 * STEP);
@@ -70,7 +70,7 @@ static void along_the_line(void **state) {
     assert_true((x.limits & HRT_LIMIT_PATCH) != 0);
 }
 
-static void reversal(void **state) {
+static void force_after_a_reversal_is_that_of_the_earlier_place(void **state) {
     (void)state;
     /* The tool returns to an earlier place: signed laws give the force of that place, the printed one grows. */
     const float truth = -400.0f * STEP, tolerance = 0.02f * 400.0f * STEP;
@@ -100,7 +100,7 @@ static void tissue_never_pulls(void **state) {
     }
 }
 
-static void standstill(void **state) {
+static void standstill_keeps_the_force(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
         hrt_extrapolation_reset(&x, (hrt_extrapolator)w);
@@ -115,7 +115,7 @@ static void standstill(void **state) {
 
 /* The tool stands still, one encoder count comes and goes, and the force of the samples is rough by 0.05 N: the
  * rendered force stays near. */
-static void one_count_jitter(void **state) {
+static void jitter_of_one_count_hardly_changes_the_force(void **state) {
     (void)state;
     const float count = 1.0f / 40000.0f;
     uint64_t seed = 3;
@@ -138,7 +138,7 @@ static void one_count_jitter(void **state) {
     }
 }
 
-static void bounded_whatever_the_differences(void **state) {
+static void force_is_bounded_for_any_differences(void **state) {
     (void)state;
     uint64_t seed = 11;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
@@ -156,7 +156,7 @@ static void bounded_whatever_the_differences(void **state) {
     }
 }
 
-static void horizon(void **state) {
+static void extrapolation_stops_at_the_horizon(void **state) {
     (void)state;
     begin(HRT_TIME, 0.1f, 0.1f + STEP);
     const float at = force_at(50000 + (int64_t)params.horizon_us, 0.1f);
@@ -168,7 +168,7 @@ static void horizon(void **state) {
     assert_true((x.limits & HRT_LIMIT_HORIZON) != 0);
 }
 
-static void changing_the_law_makes_no_jump(void **state) {
+static void changing_the_extrapolator_makes_no_jump(void **state) {
     (void)state;
     for (int from = 0; from < HRT_EXTRAPOLATOR_COUNT; from++)
         for (int to = 0; to < HRT_EXTRAPOLATOR_COUNT; to++) {
@@ -187,7 +187,7 @@ static void changing_the_law_makes_no_jump(void **state) {
 
 /* The force falls because tissue is removed, while the tool hardly moves: no estimator mistakes that for stiffness
  * and raises the force again when the tool is withdrawn. */
-static void a_cut_teaches_nothing(void **state) {
+static void falling_force_of_a_cut_is_not_taken_for_stiffness(void **state) {
     (void)state;
     const hrt_extrapolator estimating[] = {HRT_BROYDEN, HRT_TANGENT,
                                            HRT_LOCAL_MODEL}; /* the laws without a sent stiffness */
@@ -210,7 +210,7 @@ static void a_cut_teaches_nothing(void **state) {
 
 /* A grasp is pulled until its stiffness is well known, then released while the hand withdraws: the force is the
  * sample's, and the learned stiffness is not used again. */
-static void what_is_let_go_is_not_stiff(void **state) {
+static void learned_stiffness_ends_with_the_grasp(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++)
         for (int flagged = 1; flagged < 3; flagged++) {
@@ -236,7 +236,7 @@ static void what_is_let_go_is_not_stiff(void **state) {
 
 /* Deep in a cut a stiffness may belong to another equilibrium: 2,000 N/m where the force hardly follows the tool. It
  * is used for at most one sample. */
-static void a_stiffness_that_does_not_come_true(void **state) {
+static void wrong_stiffness_lasts_at_most_one_sample(void **state) {
     (void)state;
     const hrt_extrapolator receiving[] = {HRT_TANGENT, HRT_LOCAL_MODEL};
     for (int i = 0; i < 2; i++)
@@ -256,7 +256,7 @@ static void a_stiffness_that_does_not_come_true(void **state) {
 
 /* With samples in every tick and noise of 10 mN, estimates from differences stay as accurate as with 25 samples a
  * second. */
-static void differences_in_every_tick(void **state) {
+static void estimates_stay_accurate_with_samples_in_every_tick(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
         uint64_t seed = 5;
@@ -275,7 +275,7 @@ static void differences_in_every_tick(void **state) {
 }
 
 /* Broyden's update keeps directions off the line: after probing z, then x, both stiffnesses are known. */
-static void broyden_remembers(void **state) {
+static void broyden_keeps_the_stiffness_of_earlier_directions(void **state) {
     (void)state;
     hrt_extrapolation_reset(&x, HRT_BROYDEN);
     const float path[5][2] = {{0, 0.110f}, {0, 0.112f}, {0.002f, 0.112f}, {0.002f, 0.114f}, {0.004f, 0.114f}};
@@ -303,7 +303,7 @@ static void give(uint32_t seq, int64_t t_us, float force) {
     r.in.encoder_us = r.now_us;
 }
 
-static void lost_late_doubled_reordered(void **state) {
+static void lost_late_doubled_and_reordered_samples_are_handled(void **state) {
     (void)state;
     rig_engage(&r);
     r.sim = false;
@@ -342,7 +342,7 @@ static void seq_wraps(void **state) {
 }
 
 /* A damaged seq far ahead blocks the stream until it is stale; then the good stream is accepted again. */
-static void a_wild_seq_does_not_lock_the_door(void **state) {
+static void damaged_seq_blocks_only_until_stale(void **state) {
     (void)state;
     rig_engage(&r);
     const uint32_t good = r.sample.seq;
@@ -356,7 +356,7 @@ static void a_wild_seq_does_not_lock_the_door(void **state) {
 /* ---------------------------------------------------------------------------------------------- rejected before the
  * tick */
 
-static void samples_are_checked(void **state) {
+static void invalid_samples_are_rejected(void **state) {
     (void)state;
     const hrt_sample good = spring(1000, 0.11f);
     const float wild[] = {NAN, INFINITY, -INFINITY, 3.4e38f};
@@ -382,23 +382,23 @@ static void samples_are_checked(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(names),
-                                       cmocka_unit_test(along_the_line),
-                                       cmocka_unit_test(reversal),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(names_and_numbers_of_extrapolators_agree),
+                                       cmocka_unit_test(force_along_a_line_is_extrapolated),
+                                       cmocka_unit_test(force_after_a_reversal_is_that_of_the_earlier_place),
                                        cmocka_unit_test(tissue_never_pulls),
-                                       cmocka_unit_test(standstill),
-                                       cmocka_unit_test(one_count_jitter),
-                                       cmocka_unit_test(bounded_whatever_the_differences),
-                                       cmocka_unit_test(horizon),
-                                       cmocka_unit_test(changing_the_law_makes_no_jump),
-                                       cmocka_unit_test(what_is_let_go_is_not_stiff),
-                                       cmocka_unit_test(a_stiffness_that_does_not_come_true),
-                                       cmocka_unit_test(differences_in_every_tick),
-                                       cmocka_unit_test(broyden_remembers),
-                                       cmocka_unit_test(a_cut_teaches_nothing),
-                                       cmocka_unit_test(lost_late_doubled_reordered),
+                                       cmocka_unit_test(standstill_keeps_the_force),
+                                       cmocka_unit_test(jitter_of_one_count_hardly_changes_the_force),
+                                       cmocka_unit_test(force_is_bounded_for_any_differences),
+                                       cmocka_unit_test(extrapolation_stops_at_the_horizon),
+                                       cmocka_unit_test(changing_the_extrapolator_makes_no_jump),
+                                       cmocka_unit_test(learned_stiffness_ends_with_the_grasp),
+                                       cmocka_unit_test(wrong_stiffness_lasts_at_most_one_sample),
+                                       cmocka_unit_test(estimates_stay_accurate_with_samples_in_every_tick),
+                                       cmocka_unit_test(broyden_keeps_the_stiffness_of_earlier_directions),
+                                       cmocka_unit_test(falling_force_of_a_cut_is_not_taken_for_stiffness),
+                                       cmocka_unit_test(lost_late_doubled_and_reordered_samples_are_handled),
                                        cmocka_unit_test(seq_wraps),
-                                       cmocka_unit_test(a_wild_seq_does_not_lock_the_door),
-                                       cmocka_unit_test(samples_are_checked)};
+                                       cmocka_unit_test(damaged_seq_blocks_only_until_stale),
+                                       cmocka_unit_test(invalid_samples_are_rejected)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }

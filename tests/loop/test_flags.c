@@ -9,7 +9,7 @@ static const int32_t whole[] = {0, HRT_FLAG_CAPPED, HRT_FLAG_OVERRAN, HRT_FLAG_P
 static const int32_t force_only[] = {HRT_FLAG_OVERFLOWED, HRT_FLAG_UNCONVERGED, HRT_FLAG_TOO_FAST,
                                      HRT_FLAG_INSIDE,     HRT_FLAG_RELEASING,   HRT_FLAG_INSIDE | HRT_FLAG_CAPPED};
 
-static void taken_whole(void **state) {
+static void restricting_flags_keep_the_complete_sample(void **state) {
     (void)state;
     for (size_t k = 0; k < sizeof whole / sizeof *whole; k++) {
         loop_press(&l, HRT_TANGENT);
@@ -22,7 +22,7 @@ static void taken_whole(void **state) {
     }
 }
 
-static void of_some_the_force_alone(void **state) {
+static void restricting_flags_drop_stiffness_and_patch(void **state) {
     (void)state;
     for (size_t k = 0; k < sizeof force_only / sizeof *force_only; k++) {
         loop_press(&l, HRT_TANGENT);
@@ -41,7 +41,7 @@ static void of_some_the_force_alone(void **state) {
 }
 
 /* A patch that arrives with an unreliable sample is not used either. */
-static void nor_its_patch(void **state) {
+static void unreliable_samples_patch_is_not_used(void **state) {
     (void)state;
     for (int doubt = 0; doubt < 2; doubt++) {
         loop_press(&l, HRT_LOCAL_MODEL);
@@ -58,7 +58,7 @@ static void nor_its_patch(void **state) {
 }
 
 /* A repeated reaction carries no new information: one frame of it is bridged, many count as silence. */
-static void held_over_grows_old(void **state) {
+static void repeated_reaction_becomes_stale(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
     const int64_t good_us = l.node.controller.sample_us;
@@ -104,7 +104,7 @@ static void unstable_fades_at_once(void **state) {
 }
 
 /* One unstable frame among good ones: the force dips and returns, never above. */
-static void one_unstable_frame(void **state) {
+static void one_unstable_frame_dips_and_recovers(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
     const double before = loop_force(&l);
@@ -123,7 +123,7 @@ static void one_unstable_frame(void **state) {
     assert_true(loop_force(&l) > 2.0);
 }
 
-static void unknown_flags_are_no_sample(void **state) {
+static void unknown_flags_are_rejected(void **state) {
     (void)state;
     loop_press(&l, HRT_POSITION);
     for (int bit = 11; bit < 32; bit++) {
@@ -139,12 +139,12 @@ static void unknown_flags_are_no_sample(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(taken_whole),
-                                       cmocka_unit_test(of_some_the_force_alone),
-                                       cmocka_unit_test(nor_its_patch),
-                                       cmocka_unit_test(held_over_grows_old),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(restricting_flags_keep_the_complete_sample),
+                                       cmocka_unit_test(restricting_flags_drop_stiffness_and_patch),
+                                       cmocka_unit_test(unreliable_samples_patch_is_not_used),
+                                       cmocka_unit_test(repeated_reaction_becomes_stale),
                                        cmocka_unit_test(unstable_fades_at_once),
-                                       cmocka_unit_test(one_unstable_frame),
-                                       cmocka_unit_test(unknown_flags_are_no_sample)};
+                                       cmocka_unit_test(one_unstable_frame_dips_and_recovers),
+                                       cmocka_unit_test(unknown_flags_are_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

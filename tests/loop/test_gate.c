@@ -25,7 +25,7 @@ static hrt_gate_verdict say_pinned(hrt_gate *g, int64_t now_us, int64_t session,
     return hrt_gate_accept(g, now_us, true, &m);
 }
 
-static void one_after_another(void **state) {
+static void messages_in_order_are_accepted(void **state) {
     (void)state;
     hrt_gate g = {.known = false};
     assert_int_equal(say(&g, 0, 5, 10, 100), HRT_GATE_NEW_SESSION);
@@ -42,7 +42,7 @@ static void one_after_another(void **state) {
 }
 
 /* Neither the larger nor the smaller session number has priority. */
-static void another_is_taken_after_a_second(void **state) {
+static void another_sender_is_accepted_after_a_second(void **state) {
     (void)state;
     const int64_t sessions[] = {1, 4, INT64_MAX, INT64_MIN, 0, -1};
     for (size_t i = 0; i < sizeof sessions / sizeof *sessions; i++) {
@@ -56,7 +56,7 @@ static void another_is_taken_after_a_second(void **state) {
 }
 
 /* One packet far ahead with the current sender's session: recovers a second later. */
-static void a_mark_far_ahead_heals(void **state) {
+static void seq_far_ahead_recovers(void **state) {
     (void)state;
     hrt_gate g = {.known = false};
     int64_t now_us = 0, taken_us = -1;
@@ -70,7 +70,7 @@ static void a_mark_far_ahead_heals(void **state) {
     assert_int_equal(say(&g, now_us, 3, seq, now_us), HRT_GATE_ACCEPTED);
 }
 
-static void pinned_lets_nobody_else_in(void **state) {
+static void pinned_gate_accepts_no_other_sender(void **state) {
     (void)state;
     hrt_gate g = {.known = false};
     assert_int_equal(say_pinned(&g, 0, 3, 1, 1), HRT_GATE_NEW_SESSION);
@@ -80,7 +80,7 @@ static void pinned_lets_nobody_else_in(void **state) {
     assert_int_equal(say(&g, 9000001, 4, 1, 1), HRT_GATE_FOREIGN);
 }
 
-static void every_verdict_has_words(void **state) {
+static void every_verdict_has_a_text(void **state) {
     (void)state;
     for (int v = 0; v < HRT_GATE_VERDICT_COUNT; v++) assert_true(strlen(hrt_gate_text((hrt_gate_verdict)v)) > 5);
     assert_string_equal(hrt_gate_text(HRT_GATE_VERDICT_COUNT), "unknown");
@@ -179,7 +179,7 @@ static void conversation(uint64_t number, int messages) {
 
 static uint64_t seed, seeds;
 
-static void random_conversations(void **state) {
+static void random_messages_follow_the_rules(void **state) {
     (void)state;
     seeds = test_is_long() ? 20000 : 500;
     for (seed = 1; seed <= seeds; seed++) conversation(seed, 3000);
@@ -192,9 +192,11 @@ static int tell_the_seed(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(one_after_another),       cmocka_unit_test(another_is_taken_after_a_second),
-        cmocka_unit_test(a_mark_far_ahead_heals),  cmocka_unit_test(pinned_lets_nobody_else_in),
-        cmocka_unit_test(every_verdict_has_words), cmocka_unit_test_teardown(random_conversations, tell_the_seed)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(messages_in_order_are_accepted),
+                                       cmocka_unit_test(another_sender_is_accepted_after_a_second),
+                                       cmocka_unit_test(seq_far_ahead_recovers),
+                                       cmocka_unit_test(pinned_gate_accepts_no_other_sender),
+                                       cmocka_unit_test(every_verdict_has_a_text),
+                                       cmocka_unit_test_teardown(random_messages_follow_the_rules, tell_the_seed)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -42,7 +42,7 @@ static void say(int64_t now_us, int64_t session, int32_t seq, double joint) {
     app_link_receive(listener, 0, 16);
 }
 
-static void messages_out_of_order_leave_the_hand(void **state) {
+static void messages_out_of_order_do_not_move_the_hand(void **state) {
     (void)state;
     open_links(NULL);
     say(1000000, 7, 1, 0.1);
@@ -61,6 +61,6 @@ static void messages_out_of_order_leave_the_hand(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(messages_out_of_order_leave_the_hand)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(messages_out_of_order_do_not_move_the_hand)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

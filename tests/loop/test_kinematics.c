@@ -49,7 +49,7 @@ static void jacobian_is_the_derivative(void **state) {
     for (int32_t t = 0; t < hrt_device_type_count; t++) check_jacobian(hrt_device_types[t]);
 }
 
-static void inverse_undoes(void **state) {
+static void inverse_of_kinematics_returns_the_joints(void **state) {
     (void)state;
     uint64_t seed = 2;
     for (int k = 0; k < 4000; k++) {
@@ -68,7 +68,7 @@ static void inverse_undoes(void **state) {
 }
 
 /* Checks the properties of a description that the programs rely on. */
-static void descriptions_are_whole(void **state) {
+static void device_descriptions_are_complete(void **state) {
     (void)state;
     for (int32_t t = 0; t < hrt_device_type_count; t++) {
         const hrt_device_type *d = hrt_device_types[t];
@@ -113,7 +113,7 @@ static void frame_is_a_rotation(void **state) {
 }
 
 /* Torque by the transpose does the work of the force: tau . dq = F . dP. */
-static void virtual_work(void **state) {
+static void torques_do_the_work_of_the_force(void **state) {
     (void)state;
     rig r;
     rig_engage(&r);
@@ -175,7 +175,7 @@ static void both_precisions_agree(void **state) {
     for (int32_t t = 0; t < hrt_device_type_count; t++) check_precisions(hrt_device_types[t]);
 }
 
-static void counts_go_and_come(void **state) {
+static void counts_convert_there_and_back(void **state) {
     (void)state;
     hrt_params p;
     hrt_params_default(&p);
@@ -196,9 +196,9 @@ static void counts_go_and_come(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(jacobian_is_the_derivative), cmocka_unit_test(inverse_undoes),
-        cmocka_unit_test(frame_is_a_rotation),        cmocka_unit_test(virtual_work),
-        cmocka_unit_test(both_precisions_agree),      cmocka_unit_test(descriptions_are_whole),
-        cmocka_unit_test(counts_go_and_come)};
+        cmocka_unit_test(jacobian_is_the_derivative),   cmocka_unit_test(inverse_of_kinematics_returns_the_joints),
+        cmocka_unit_test(frame_is_a_rotation),          cmocka_unit_test(torques_do_the_work_of_the_force),
+        cmocka_unit_test(both_precisions_agree),        cmocka_unit_test(device_descriptions_are_complete),
+        cmocka_unit_test(counts_convert_there_and_back)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -54,7 +54,7 @@ static void *poster(void *user) {
 
 static bool enough(uint32_t taken, uint32_t with_patch) { return taken > 500 && with_patch > 500 && posted > taken; }
 
-static void never_torn(void **state) {
+static void samples_are_never_torn(void **state) {
     (void)state;
     const hrt_device_config d = loop_device_config();
     hrt_node_config n = loop_node_config();
@@ -92,7 +92,7 @@ static void never_torn(void **state) {
 
 /* Simulation and controller both run at 500 Hz, each by its own clock, so sometimes two samples arrive between two
  * ticks. The newest is used; the other one does not count as lost by the network. */
-static void superseded_is_not_lost(void **state) {
+static void superseded_samples_do_not_count_as_lost(void **state) {
     (void)state;
     const hrt_device_config d = loop_device_config();
     hrt_node_config n = loop_node_config();
@@ -126,6 +126,7 @@ static void superseded_is_not_lost(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(never_torn), cmocka_unit_test(superseded_is_not_lost)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(samples_are_never_torn),
+                                       cmocka_unit_test(superseded_samples_do_not_count_as_lost)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

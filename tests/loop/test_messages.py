@@ -42,12 +42,12 @@ def in_time(seen, name, since, late=None):
     return any(int(row["limits"]) & PAUSE or row["state"] == STALE or row["fault"] == TICK_LATE for row in rows)
 
 
-def test_nothing_is_told_before_the_pose_is_known(seen):
+def test_nothing_is_sent_before_the_pose_is_known(seen):
     assert seen["published_before_the_pose"] == 0
     assert "waiting for the trocar's pose" in seen["logs"]
 
 
-def test_the_ring_closes(seen):
+def test_control_loop_over_lcm_reaches_equilibrium(seen):
     assert seen["pressed"] and in_time(seen, "first", None), seen["logs"]
     first = seen["first"]
     assert first["state"] == 3 and first["fault"] == 0 and first["text"] == ""
@@ -90,7 +90,7 @@ def test_every_line_of_the_controller_has_its_time(seen):
     assert all(re.fullmatch(r"haptic-rt \d+\.\d{3} s: .+", line) for line in lines[begun:]), lines
 
 
-def test_device_gone_and_back(seen):
+def test_device_restart_is_handled(seen):
     assert in_time(seen, "device_gone", "two_simulations")
     assert seen["device_gone"]["state"] in (0, 5) and seen["device_gone"]["force"] == [0, 0, 0]
     assert seen["pressed_again"], seen["logs"]

@@ -13,7 +13,7 @@ static tensormass_force_sample_t forged(void) {
 }
 
 /* Each of these once replaced an unread sample. */
-static void an_unread_sample_stays(void **state) {
+static void unread_sample_is_kept_against_foreign_ones(void **state) {
     (void)state;
     for (int kind = 0; kind < 6; kind++) {
         loop_press(&l, HRT_LOCAL_MODEL);
@@ -35,7 +35,7 @@ static void an_unread_sample_stays(void **state) {
     }
 }
 
-static void a_foreign_patch_takes_no_place(void **state) {
+static void foreign_patch_uses_no_buffer(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
     l.seq++;
@@ -51,7 +51,7 @@ static void a_foreign_patch_takes_no_place(void **state) {
 }
 
 /* Samples of a simulation that has received no tool state yet are not accepted, and not counted as rejected. */
-static void an_answer_to_nobody_is_no_refusal(void **state) {
+static void sample_without_tool_state_is_ignored_and_not_reported(void **state) {
     (void)state;
     loop_press(&l, HRT_HOLD);
     tensormass_force_sample_t s = forged();
@@ -65,7 +65,7 @@ static void an_answer_to_nobody_is_no_refusal(void **state) {
 }
 
 /* Not while its force is rendered, however long it is silent; then after a second of silence. */
-static void another_simulation_waits(void **state) {
+static void another_simulation_is_accepted_after_a_second_of_silence(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
     tensormass_force_sample_t s = forged();
@@ -94,7 +94,7 @@ static void another_simulation_waits(void **state) {
 }
 
 /* t_n is this controller's own clock: a recorded sample is older than the newest one, however long the silence. */
-static void recorded_samples_never_fit(void **state) {
+static void recorded_samples_are_never_accepted(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
     tensormass_force_sample_t recorded[8];
@@ -131,7 +131,7 @@ static void no_reset_while_it_is_felt(void **state) {
 }
 
 /* The load of a patch's row is bounded, like every other quantity. */
-static void a_patch_has_a_bounded_cap(void **state) {
+static void patch_with_an_unbounded_row_load_is_rejected(void **state) {
     (void)state;
     loop_press(&l, HRT_LOCAL_MODEL);
     const float cap[] = {50.0f, 1000.0f, 1001.0f, 3.0e38f};
@@ -143,12 +143,12 @@ static void a_patch_has_a_bounded_cap(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(an_unread_sample_stays),
-                                       cmocka_unit_test(a_foreign_patch_takes_no_place),
-                                       cmocka_unit_test(an_answer_to_nobody_is_no_refusal),
-                                       cmocka_unit_test(another_simulation_waits),
-                                       cmocka_unit_test(recorded_samples_never_fit),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(unread_sample_is_kept_against_foreign_ones),
+                                       cmocka_unit_test(foreign_patch_uses_no_buffer),
+                                       cmocka_unit_test(sample_without_tool_state_is_ignored_and_not_reported),
+                                       cmocka_unit_test(another_simulation_is_accepted_after_a_second_of_silence),
+                                       cmocka_unit_test(recorded_samples_are_never_accepted),
                                        cmocka_unit_test(no_reset_while_it_is_felt),
-                                       cmocka_unit_test(a_patch_has_a_bounded_cap)};
+                                       cmocka_unit_test(patch_with_an_unbounded_row_load_is_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

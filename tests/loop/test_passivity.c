@@ -40,7 +40,7 @@ static double swing(void) {
     return high - low;
 }
 
-static void the_account_is_the_work_done(void **state) {
+static void observer_account_equals_the_work(void **state) {
     (void)state;
     start(HRT_HOLD, 600.0, false, false);
     double work = 0.0, last_tip[3], last_force[3] = {0, 0, 0}, free_s = 0.0;
@@ -62,7 +62,7 @@ static void the_account_is_the_work_done(void **state) {
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
 
-static void the_controller_calms_a_loop_that_swings(void **state) {
+static void passivity_controller_damps_an_oscillating_loop(void **state) {
     (void)state;
     const double walls[] = {300.0, 600.0, 1000.0};
     for (int i = 0; i < 3; i++) {
@@ -80,7 +80,7 @@ static void the_controller_calms_a_loop_that_swings(void **state) {
     }
 }
 
-static void switched_while_running(void **state) {
+static void passivity_control_can_be_switched_while_running(void **state) {
     (void)state;
     start(HRT_HOLD, 600.0, false, false);
     loop_run(&l, 4.0);
@@ -106,7 +106,7 @@ static void switched_while_running(void **state) {
 }
 
 /* Already passive: the controller does not intervene. */
-static void a_passive_loop_is_left_alone(void **state) {
+static void passive_loop_is_not_changed(void **state) {
     (void)state;
     double swings[2], force[2];
     for (int on = 0; on < 2; on++) {
@@ -148,9 +148,10 @@ static void the_coupling_bounds_the_stiffness(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_account_is_the_work_done), cmocka_unit_test(the_controller_calms_a_loop_that_swings),
-        cmocka_unit_test(switched_while_running), cmocka_unit_test(a_passive_loop_is_left_alone),
-        cmocka_unit_test(the_coupling_bounds_the_stiffness)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(observer_account_equals_the_work),
+                                       cmocka_unit_test(passivity_controller_damps_an_oscillating_loop),
+                                       cmocka_unit_test(passivity_control_can_be_switched_while_running),
+                                       cmocka_unit_test(passive_loop_is_not_changed),
+                                       cmocka_unit_test(the_coupling_bounds_the_stiffness)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

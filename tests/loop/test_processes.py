@@ -89,7 +89,7 @@ def end(process, code=0):
 
 
 @pytest.mark.parametrize("device_first", [True, False])
-def test_any_order_and_what_they_wait_for(ring, device_first):
+def test_programs_start_in_any_order_and_report_what_they_wait_for(ring, device_first):
     first = ring.device("--hand", ring.hand(), "--repeat") if device_first else ring.controller("--samples", ring.samples())
     until(lambda: "waiting for" in text(first), "the first says what it waits for")
     second = ring.controller("--samples", ring.samples()) if device_first else ring.device("--hand", ring.hand(), "--repeat")
@@ -101,7 +101,7 @@ def test_any_order_and_what_they_wait_for(ring, device_first):
     until(lambda: watch.last(COMMAND)[1][6] & 0x80 == 0, "motors off at the end")
 
 
-def test_figures(ring):
+def test_report_has_the_expected_figures(ring):
     device = ring.start("tm-device", "--bus", "virtual:t", "--hand", ring.hand(), "--repeat", "--duration", 4, "--json", ring.directory / "d.json", "--stats")
     controller = ring.controller("--samples", ring.samples(), "--duration", 3, "--stats", "--json", ring.directory / "c.json", "--record", ring.directory / "r.csv",
                                  "--extrapolator", "hold", "--no-passivity")  # recorded forces do not react to the hand: they are not passive
@@ -271,7 +271,7 @@ def test_a_second_controller_or_device_is_refused_and_disturbs_nobody(bin, ring)
     until(lambda: pushing(watch, since), "force of the next one")
 
 
-def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
+def test_bus_conflict_is_a_fault_with_its_reason(ring):
     """A controller on another machine, where no lock applies: one forged frame under the controller's own id."""
     ring.device()
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1.5)
@@ -287,7 +287,7 @@ def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
 
 
 @pytest.mark.parametrize("harm", ["truncate", "shorten", "unlink", "replace", "remove the folder"])
-def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
+def test_lost_bus_file_is_noticed_and_repaired(ring, harm):
     device = ring.device()
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.5)
     watch = Watch(VirtualBus(ring.bus_directory, "t"))
@@ -406,7 +406,7 @@ BAD = [
 
 
 @pytest.mark.parametrize("program,argv,expected", BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else None)
-def test_bad_options(bin, tmp_path, program, argv, expected):
+def test_invalid_options_are_rejected(bin, tmp_path, program, argv, expected):
     if any("socketcan:" in a for a in argv):
         expected = "cannot open no_such_interface" if len("no_such_interface") < 16 else "not an interface name"
     run = subprocess.run([bin / program, *argv], cwd=tmp_path, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=120)
@@ -426,7 +426,7 @@ def test_bad_options(bin, tmp_path, program, argv, expected):
     ("p.profile", "force_max_N 8\n", 1, "no '='"),
     ("p.profile", "joint_min = 1 1 1 1 1\n", 0, "lower end"),
 ])
-def test_bad_files(bin, tmp_path, name, content, line, expected):
+def test_invalid_files_are_rejected(bin, tmp_path, name, content, line, expected):
     path = tmp_path / name
     path.write_text(content)
     option = {"s.csv": "--samples", "h.csv": "--hand", "p.profile": "--profile"}[name]
@@ -491,7 +491,7 @@ def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
     assert subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=120).stdout == plain
 
 
-def test_a_bus_full_of_garbage_comes_back(ring):
+def test_bus_recovers_from_overwritten_contents(ring):
     """Another process writes over the file: it is a bus again within 100 ms. After a reset, if the controller had noticed, force returns."""
     ring.device("--hand", ring.hand(), "--repeat")
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1)
@@ -506,7 +506,7 @@ def test_a_bus_full_of_garbage_comes_back(ring):
     assert controller.poll() is None, text(controller)
 
 
-def test_a_desk_device_by_name(ring):
+def test_desk_device_is_selected_by_name(ring):
     """Controller and virtual device of another type than the default: its own joints in records, each force along one of its slides."""
     hand = ring.directory / "desk.csv"
     hand.write_text("time_s,x_m,y_m,z_m\n0,0,0,0.10\n1,0.01,-0.01,0.13\n2,0,0,0.10\n")
@@ -528,6 +528,6 @@ def test_a_desk_device_by_name(ring):
     ("haptic-rt", ["--set", "force_max_N=3", "--device-type", "desk"], "comes after --profile or --set; put it before them"),
     ("haptic-rt", ["--device-type", "desk", "--set", "joint_min=0,0,0,0,0"], "give 3 value(s)"),
     ("tm-device", ["--device-type", "desk", "--start", "0,0,0.1,0,0"], "a desk has 3 joints")])
-def test_a_device_type_that_will_not_do(bin, program, words, says):
+def test_unsuitable_device_type_is_rejected(bin, program, words, says):
     run = subprocess.run([bin / program, "--bus", "virtual:t", *words], capture_output=True, text=True, timeout=60)
     assert run.returncode == 2 and says in run.stderr

@@ -43,7 +43,7 @@ static void give(run *r, const hrt_params *params, const tm_tool_reaction *is, c
     hrt_extrapolation_sample(&r->x, params, &s);
 }
 
-static void pulling_follows_the_hand(void **state) {
+static void pulling_force_follows_the_simulation_at_every_tick(void **state) {
     (void)state;
     static const tm_tool_mode mode[2] = {TM_TOOL_GRASPER, TM_TOOL_GRASPER};
     static hrt_patch patches[2];
@@ -107,6 +107,6 @@ static void pulling_follows_the_hand(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(pulling_follows_the_hand)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pulling_force_follows_the_simulation_at_every_tick)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

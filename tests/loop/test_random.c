@@ -215,13 +215,13 @@ static void run_device(const hrt_device_type *device, int64_t ticks) {
     for (size_t i = 0; i < sizeof seen / sizeof *seen; i++) assert_true(w.faults[seen[i]] > 0);
 }
 
-static void random_inputs(void **state) {
+static void random_inputs_exceed_no_limit(void **state) {
     (void)state;
     const int64_t ticks = test_is_long() ? 100000000 : 1000000;
     for (int32_t t = 0; t < hrt_device_type_count; t++) run_device(hrt_device_types[t], ticks);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(random_inputs)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(random_inputs_exceed_no_limit)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

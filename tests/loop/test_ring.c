@@ -35,7 +35,7 @@ static void press(hrt_extrapolator which) {
 }
 
 /* At rest the hand's spring and the wall's share the displacement, for any extrapolator. */
-static void the_loop_settles(void **state) {
+static void loop_settles_between_hand_and_wall(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
         start((hrt_extrapolator)w);
@@ -90,7 +90,7 @@ static void the_same_bits_every_time(void **state) {
 }
 
 /* The simulation is killed in contact: 150 ms after t_n of the last valid sample the force is zero. */
-static void simulation_killed(void **state) {
+static void force_ends_when_the_simulation_is_killed(void **state) {
     (void)state;
     for (int32_t frames = 0; frames < 2; frames++) {
         start(HRT_POSITION);
@@ -113,7 +113,7 @@ static void simulation_killed(void **state) {
     }
 }
 
-static void controller_killed(void **state) {
+static void force_ends_when_the_controller_is_killed(void **state) {
     (void)state;
     press(HRT_HOLD);
     assert_true(torque() > 1.0);
@@ -135,7 +135,7 @@ static void controller_killed(void **state) {
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
 
-static void device_unplugged(void **state) {
+static void force_ends_when_the_device_is_unplugged(void **state) {
     (void)state;
     press(HRT_HOLD);
     l.device.unplugged = true;
@@ -151,7 +151,7 @@ static void device_unplugged(void **state) {
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
 
-static void device_restarted(void **state) {
+static void restarted_device_is_a_fault_until_reset(void **state) {
     (void)state;
     press(HRT_HOLD);
     hrt_device_config d = loop_device_config();
@@ -171,7 +171,7 @@ static void device_restarted(void **state) {
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
 
-static void bus_off(void **state) {
+static void force_ends_when_the_bus_is_off(void **state) {
     (void)state;
     press(HRT_HOLD);
     l.wires.off = true;
@@ -208,7 +208,7 @@ static void no_pose_no_force(void **state) {
 }
 
 /* Two devices on one bus feel their own forces and never each other's. */
-static void two_devices(void **state) {
+static void two_devices_feel_only_their_own_forces(void **state) {
     (void)state;
     static hrt_loopback wires;
     static hrt_bus bus[4];
@@ -255,7 +255,7 @@ static void two_devices(void **state) {
 
 /* ---------------------------------------------------------------------------------------------- invalid frames */
 
-static void device_judges_commands(void **state) {
+static void device_rejects_invalid_commands(void **state) {
     (void)state;
     press(HRT_HOLD);
     hrt_bus intruder;
@@ -288,7 +288,7 @@ static void device_judges_commands(void **state) {
 }
 
 /* A transmitter that repeats a frame does not feed the watchdog; a gap is counted. */
-static void repeated_and_lost_commands(void **state) {
+static void repeated_commands_feed_no_watchdog_and_gaps_are_counted(void **state) {
     (void)state;
     press(HRT_HOLD);
     hrt_bus intruder;
@@ -354,7 +354,7 @@ static void old_commands_are_refused(void **state) {
     }
 }
 
-static void gaps_that_the_device_tells(void **state) {
+static void gaps_reported_by_the_device_are_counted(void **state) {
     (void)state;
     press(HRT_HOLD);
     assert_int_equal(l.node.exchange.can.command_gaps, 0);
@@ -373,7 +373,7 @@ static void gaps_that_the_device_tells(void **state) {
 }
 
 /* Another controller on the same bus is detected by its frames, or by the gaps that the device counts. */
-static void a_rival_is_heard(void **state) {
+static void second_controller_is_a_bus_conflict(void **state) {
     (void)state;
     const hrt_can_kind kinds[] = {HRT_CAN_COMMAND, HRT_CAN_CONTROLLER_BEAT, HRT_CAN_RESET, HRT_CAN_DEVICE_BEAT};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
@@ -445,7 +445,7 @@ static void flipped_bits_are_refused(void **state) {
         }
 }
 
-static void encoder_frames_lost_and_repeated(void **state) {
+static void lost_and_repeated_encoder_frames_are_handled(void **state) {
     (void)state;
     press(HRT_HOLD);
     const uint32_t lost = l.node.exchange.can.lost, repeated = l.node.exchange.can.repeated;
@@ -464,22 +464,22 @@ static void encoder_frames_lost_and_repeated(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(the_loop_settles),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(loop_settles_between_hand_and_wall),
                                        cmocka_unit_test(seeded_noise_stays_bounded),
                                        cmocka_unit_test(the_same_bits_every_time),
-                                       cmocka_unit_test(simulation_killed),
-                                       cmocka_unit_test(controller_killed),
-                                       cmocka_unit_test(device_unplugged),
-                                       cmocka_unit_test(device_restarted),
-                                       cmocka_unit_test(bus_off),
+                                       cmocka_unit_test(force_ends_when_the_simulation_is_killed),
+                                       cmocka_unit_test(force_ends_when_the_controller_is_killed),
+                                       cmocka_unit_test(force_ends_when_the_device_is_unplugged),
+                                       cmocka_unit_test(restarted_device_is_a_fault_until_reset),
+                                       cmocka_unit_test(force_ends_when_the_bus_is_off),
                                        cmocka_unit_test(no_pose_no_force),
-                                       cmocka_unit_test(two_devices),
-                                       cmocka_unit_test(device_judges_commands),
-                                       cmocka_unit_test(repeated_and_lost_commands),
+                                       cmocka_unit_test(two_devices_feel_only_their_own_forces),
+                                       cmocka_unit_test(device_rejects_invalid_commands),
+                                       cmocka_unit_test(repeated_commands_feed_no_watchdog_and_gaps_are_counted),
                                        cmocka_unit_test(old_commands_are_refused),
-                                       cmocka_unit_test(gaps_that_the_device_tells),
-                                       cmocka_unit_test(a_rival_is_heard),
+                                       cmocka_unit_test(gaps_reported_by_the_device_are_counted),
+                                       cmocka_unit_test(second_controller_is_a_bus_conflict),
                                        cmocka_unit_test(flipped_bits_are_refused),
-                                       cmocka_unit_test(encoder_frames_lost_and_repeated)};
+                                       cmocka_unit_test(lost_and_repeated_encoder_frames_are_handled)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -140,7 +140,7 @@ def test_a_message_is_its_type_and_a_row(root, tmp_path):
     assert out == ["weather_t 1000 1"]
 
 
-def test_the_names_stand_in_one_table(root):
+def test_names_are_in_one_table(root):
     for folder in ("haptic_rt", "apps"):
         for path in sorted((root / folder).rglob("*.[ch]")):
             if path.name not in ("hrt.h", "extrapolate.c"):

@@ -96,7 +96,7 @@ static tm_tool_pose hand(double t) {
                       0.004 + 0.004 * stroke(t, 1.35, 1.75), 0.0447 - 0.003 * stroke(t, 0.0, 0.3));
 }
 
-static void it_is_the_friction_of_the_simulation(void **state) {
+static void friction_equals_the_simulations(void **state) {
     (void)state;
     static rubbing r;
     static hrt_extrapolation x[LAWS];
@@ -150,7 +150,7 @@ static void it_is_the_friction_of_the_simulation(void **state) {
 
 /* Pressed and pushed aside to most of its cone, then held still on one patch that is sent again and again;
  * TM_LONG=1: two minutes. Then to and fro: over a cycle the hand has lost energy. */
-static void it_sticks_and_only_takes(void **state) {
+static void friction_sticks_and_only_dissipates(void **state) {
     (void)state;
     static rubbing r;
     static hrt_extrapolation x;
@@ -201,7 +201,7 @@ static int set_up(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(it_is_the_friction_of_the_simulation),
-                                       cmocka_unit_test(it_sticks_and_only_takes)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(friction_equals_the_simulations),
+                                       cmocka_unit_test(friction_sticks_and_only_dissipates)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }

@@ -90,7 +90,7 @@ static double error_of(hrt_extrapolator which, line kind, double rate_Hz, uint64
     return sqrt(sum / judged / peak);
 }
 
-static void more_samples_err_less_by_every_law(void **state) {
+static void error_falls_with_the_sample_rate_for_every_extrapolator(void **state) {
     (void)state;
     static const double rates_Hz[] = {10, 25, 50, 100, 250, 500};
     enum { RATES = sizeof rates_Hz / sizeof *rates_Hz };
@@ -109,7 +109,7 @@ static void more_samples_err_less_by_every_law(void **state) {
             }
 }
 
-static void with_a_sample_in_every_tick_a_law_is_hold(void **state) {
+static void every_extrapolator_is_hold_with_a_sample_in_every_tick(void **state) {
     (void)state;
     for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++)
         assert_true(error_of((hrt_extrapolator)w, LINE_EVEN, 500, 1) < 5e-4);
@@ -123,8 +123,8 @@ static int set_up(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(more_samples_err_less_by_every_law),
-        cmocka_unit_test(with_a_sample_in_every_tick_a_law_is_hold),
+        cmocka_unit_test(error_falls_with_the_sample_rate_for_every_extrapolator),
+        cmocka_unit_test(every_extrapolator_is_hold_with_a_sample_in_every_tick),
     };
     return cmocka_run_group_tests(tests, set_up, NULL);
 }

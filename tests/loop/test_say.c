@@ -42,7 +42,7 @@ static int said(const char *words, double from_s, double to_s) {
 }
 
 /* A simulation at the limit of real time: alternately engaged and waiting, ten times a second for half a minute. */
-static void a_line_a_second_of_each_kind(void **state) {
+static void at_most_one_line_a_second_of_each_kind(void **state) {
     (void)state;
     hrt_teller teller = teller_new();
     const double last_s = 30;
@@ -70,7 +70,7 @@ static void a_line_a_second_of_each_kind(void **state) {
 }
 
 /* The last line of a kind is printed even if it came too soon. */
-static void what_was_left_out_is_said_when_due(void **state) {
+static void omitted_lines_are_printed_when_due(void **state) {
     (void)state;
     hrt_teller teller = teller_new();
     for (int i = 0; i < 60; i++) {
@@ -83,7 +83,7 @@ static void what_was_left_out_is_said_when_due(void **state) {
     assert_non_null(strstr(line[lines - 1].text, "engaged"));
 }
 
-static void a_silent_device_is_not_a_silent_simulation(void **state) {
+static void silent_device_and_silent_simulation_are_distinguished(void **state) {
     (void)state;
     hrt_teller teller = teller_new();
     for (int i = 0; i < 40; i++)
@@ -99,8 +99,8 @@ static void a_silent_device_is_not_a_silent_simulation(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_line_a_second_of_each_kind),
-                                       cmocka_unit_test(what_was_left_out_is_said_when_due),
-                                       cmocka_unit_test(a_silent_device_is_not_a_silent_simulation)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(at_most_one_line_a_second_of_each_kind),
+                                       cmocka_unit_test(omitted_lines_are_printed_when_due),
+                                       cmocka_unit_test(silent_device_and_silent_simulation_are_distinguished)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -82,7 +82,7 @@ static bool tick(hrt_bus *bus, int64_t now_us) {
     return hrt_bus_state_now(bus) < HRT_BUS_OFF;
 }
 
-static void recover_takes_over_the_socket_that_look_opened(void **state) {
+static void recover_uses_the_socket_opened_by_monitoring(void **state) {
     (void)state;
     hrt_bus bus;
     char why[300];
@@ -112,7 +112,7 @@ static void recover_takes_over_the_socket_that_look_opened(void **state) {
 }
 
 /* The bus is closed before the tick took over the opened socket. */
-static void sockets_left_over_are_closed(void **state) {
+static void unused_sockets_are_closed(void **state) {
     (void)state;
     hrt_bus bus;
     char why[300];
@@ -157,8 +157,8 @@ static void fd_frames_pass_with_all_their_bytes(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(recover_takes_over_the_socket_that_look_opened),
-        cmocka_unit_test(sockets_left_over_are_closed),
+        cmocka_unit_test(recover_uses_the_socket_opened_by_monitoring),
+        cmocka_unit_test(unused_sockets_are_closed),
         cmocka_unit_test(fd_frames_pass_with_all_their_bytes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -38,7 +38,7 @@ static void engaging_ramps_in(void **state) {
     assert_true(fabs(rig_force(&r) - 2.0) < 1e-5);
 }
 
-static void no_permission_no_force(void **state) {
+static void no_force_without_permission(void **state) {
     (void)state;
     rig_start(&r);
     r.in.enable = false;
@@ -80,7 +80,7 @@ static void stale_fades_to_zero(void **state) {
     }
 }
 
-static void stale_comes_back(void **state) {
+static void stale_returns_to_engaged(void **state) {
     (void)state;
     rig_engage(&r);
     r.sim = false;
@@ -301,7 +301,7 @@ static void fault_parameter(void **state) {
     }
 }
 
-static void fault_rival(void **state) {
+static void fault_bus_conflict(void **state) {
     (void)state;
     rig_start(&r);
     r.in.bus_conflict_us = r.now_us; /* a predecessor's last messages, before any other */
@@ -325,7 +325,7 @@ static void fault_internal(void **state) {
     expect_fault(HRT_FAULT_INTERNAL);
 }
 
-static void every_name_is_there(void **state) {
+static void every_state_and_fault_has_a_name(void **state) {
     (void)state;
     for (int f = 0; f < HRT_FAULT_COUNT; f++) {
         assert_string_not_equal(hrt_fault_name((hrt_fault)f), "unknown");
@@ -338,9 +338,9 @@ static void every_name_is_there(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(from_boot_to_engaged),
                                        cmocka_unit_test(engaging_ramps_in),
-                                       cmocka_unit_test(no_permission_no_force),
+                                       cmocka_unit_test(no_force_without_permission),
                                        cmocka_unit_test(stale_fades_to_zero),
-                                       cmocka_unit_test(stale_comes_back),
+                                       cmocka_unit_test(stale_returns_to_engaged),
                                        cmocka_unit_test(a_late_tick_pauses),
                                        cmocka_unit_test(a_silent_device_pauses_then_faults),
                                        cmocka_unit_test(the_device_watchdog_pauses),
@@ -355,8 +355,8 @@ int main(void) {
                                        cmocka_unit_test(fault_tick_late),
                                        cmocka_unit_test(fault_self_test),
                                        cmocka_unit_test(fault_parameter),
-                                       cmocka_unit_test(fault_rival),
+                                       cmocka_unit_test(fault_bus_conflict),
                                        cmocka_unit_test(fault_internal),
-                                       cmocka_unit_test(every_name_is_there)};
+                                       cmocka_unit_test(every_state_and_fault_has_a_name)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -90,14 +90,14 @@ def error_percent(ticks, sent, controller):
 # RMS in % of the peak. The extrapolation study has 7.4 for `position` and 3.7 for `tangent` a frame late. This hand is faster, and a wire that loses a
 # twentieth of its packets and reorders as many delays every tenth sample by another frame.
 @pytest.mark.parametrize("wire, extrapolator, bound_percent", [("clean", "position", 8.0), ("clean", "tangent", 8.0), ("bad", "tangent", 16.0)])
-def test_forces_stay_right(wire, extrapolator, bound_percent):
+def test_forces_stay_accurate_over_a_bad_network(wire, extrapolator, bound_percent):
     controller, result = forces_are_right(f"{wire}_{extrapolator}", BAD if wire == "bad" else CLEAN, extrapolator, bound_percent, "25 Hz")
     if wire == "bad":
         assert min(result["count"][k] for k in ("dropped", "doubled", "reordered")) > SECONDS
         assert controller["samples"]["lost"] > 0 and controller["samples"]["late"] > 0
 
 
-def test_a_stream_of_samples_stays_right():
+def test_streamed_forces_stay_accurate_over_a_bad_network():
     """As many samples as the machine computes, hundreds a second on a quiet one: no worse than at 25, and never so few."""
     controller, _ = forces_are_right("stream", CLEAN, "tangent", 8.0, "auto")
     assert controller["samples"]["received"] > 40 * SECONDS
@@ -117,7 +117,7 @@ def pushing(tick):
     return math.dist((tick["fx_N"], tick["fy_N"], tick["fz_N"]), (0, 0, 0)) > 0
 
 
-def test_wire_cut_and_mended():
+def test_force_stops_while_the_wire_is_cut():
     ticks, controller, directory, result = play("cut", {"cut_at_s": 3.0, "heal_at_s": 4.5}, seconds=7)
     on_one_clock(ticks, sent(directory), controller)
     silence = [t for t in ticks if t["sample_age_s"] > 0.3]
@@ -129,7 +129,7 @@ def test_wire_cut_and_mended():
     assert controller["fault"] == "none" and controller["resets"] == 0
 
 
-def test_simulation_killed_in_contact():
+def test_force_stops_when_the_simulation_is_killed():
     """SIGKILL while the hand pushes: the last sample of the simulation has no effect after 150 ms."""
     ticks, controller, directory, _ = play("killed", CLEAN, seconds=5, kill={"at_s": 3.1, "host": "simulation", "command": 0})
     silence = [t for t in ticks if t["sample_age_s"] > 0.3]

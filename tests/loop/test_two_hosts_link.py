@@ -34,12 +34,12 @@ def counted(name, link):
     return json.loads((directory / "got.json").read_text()), result
 
 
-def test_clean_wire():
+def test_clean_wire_changes_nothing():
     got, _ = counted("link_clean", {})
     assert [number for number, _, _ in got] == list(range(400))
 
 
-def test_bad_wire():
+def test_bad_wire_impairs_as_specified():
     got, result = counted("link_bad", {"delay_ms": 20, "jitter_ms": 4, "drop": 0.1, "double": 0.1, "reorder": 0.05, "seed": 3})
     numbers = [number for number, _, _ in got]
     lost = 400 - len(set(numbers))
@@ -50,7 +50,7 @@ def test_bad_wire():
     assert result["count"]["dropped"] >= lost
 
 
-def test_cut_wire():
+def test_cut_wire_delivers_nothing():
     got, result = counted("link_cut", {"cut_at_s": 1.5})
     numbers = [number for number, _, _ in got]
     assert 0 < len(numbers) < 380 and numbers == list(range(len(numbers))), "after the cut nothing crosses"

@@ -118,13 +118,13 @@ static void check_cut_short(void) {
 }
 
 /* One test: each would get cmocka's own handler of SIGBUS, and the bus sets its own only once. */
-static void recover_takes_over_what_look_mapped(void **state) {
+static void recover_uses_the_file_mapped_by_monitoring(void **state) {
     (void)state;
     check_removed();
     check_cut_short();
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(recover_takes_over_what_look_mapped)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(recover_uses_the_file_mapped_by_monitoring)};
     return cmocka_run_group_tests(tests, start, end);
 }

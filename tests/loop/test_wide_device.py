@@ -54,7 +54,7 @@ def wide(once):
 
 
 @pytest.mark.parametrize("program", ["haptic-rt", "tm-device"])
-def test_a_bus_is_not_opened_for_it(wide, program):
+def test_wide_device_on_a_bus_is_rejected(wide, program):
     assert SAYS in run(wide / program, "--bus", "virtual:wide", "--duration", "0.1", "--device-type", "wide", code=2).stderr
 
 
@@ -63,12 +63,12 @@ def scene(wide, tmp_path, *words, code=0):
                "--csv", tmp_path / "t.csv", *words, code=code)
 
 
-def test_lockstep_opens_none_either(wide, tmp_path):
+def test_wide_device_in_lockstep_with_a_bus_is_rejected(wide, tmp_path):
     stderr = scene(wide, tmp_path, "--set", "haptics.sends=force", code=2).stderr
     assert "--set instruments[0].device=wide: instrument 0: " + SAYS in stderr, stderr
     assert not (tmp_path / "t.csv").exists()
 
 
-def test_without_a_bus_it_is_simulated(wide, tmp_path):
+def test_wide_device_without_a_bus_is_simulated(wide, tmp_path):
     scene(wide, tmp_path, "--unset", "haptics")
     assert "x_m,y_m,z_m,a_m,b_m,c_m,age_s" in (tmp_path / "t.csv").read_text().splitlines()[0]

@@ -152,7 +152,7 @@ def check_refused(result, path, expected):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_refused(case, tm_mesh, env, tmp_path):
+def test_bad_mesh_is_refused_with_its_entity(case, tm_mesh, env, tmp_path):
     make, expected = CASES[case]
     path = tmp_path / "bad.msh"
     write(path, make(meshlib.block()))
@@ -163,7 +163,7 @@ def test_refused(case, tm_mesh, env, tmp_path):
 
 @pytest.mark.parametrize("write_format,ending", [(meshlib.vtk, "vtk"), (meshlib.medit, "mesh")])
 @pytest.mark.parametrize("share", [0.5, 0.7, 0.8, 0.9, 0.97])
-def test_cut_short(write_format, ending, share, tm_mesh, env, tmp_path):
+def test_truncated_mesh_is_refused(write_format, ending, share, tm_mesh, env, tmp_path):
     text = write_format(meshlib.block())
     if ending == "vtk":
         share *= text.index("CELL_TYPES") / len(text)
@@ -195,7 +195,7 @@ BAD_VTK5 = {
 
 
 @pytest.mark.parametrize("case", BAD_VTK5)
-def test_bad_vtk_5(case, tm_mesh, env, tmp_path):
+def test_bad_vtk_5_is_refused(case, tm_mesh, env, tmp_path):
     text, expected = BAD_VTK5[case]
     path = tmp_path / "bad.vtk"
     assert text != VTK5
@@ -205,20 +205,20 @@ def test_bad_vtk_5(case, tm_mesh, env, tmp_path):
 
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.999])
 @pytest.mark.parametrize("contents", [VTK5.encode()[:-1], meshlib.vtk5_binary(meshlib.block())[:-len("\nCELL_DATA 1\n")]], ids=["text", "binary"])
-def test_vtk_5_cut_short(contents, share, tm_mesh, env, tmp_path):
+def test_truncated_vtk_5_is_refused(contents, share, tm_mesh, env, tmp_path):
     path = tmp_path / "bad.vtk"
     path.write_bytes(contents[:int(share * len(contents))])
     check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, "truncated|no tetrahedr|does not begin|expected|neither|cannot be read")
 
 
-def test_quadratic_vtk(tm_mesh, env, tmp_path):
+def test_quadratic_vtk_is_refused(tm_mesh, env, tmp_path):
     path = tmp_path / "bad.vtk"
     path.write_text(QUADRATIC_VTK)
     check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, r"cell 0 is of higher order \(type 24\)")
 
 
 @pytest.mark.parametrize("ending,write_format", [("vtk", meshlib.vtk), ("mesh", meshlib.medit)])
-def test_isolated_vertex_of_other_formats(ending, write_format, tm_mesh, env, tmp_path):
+def test_isolated_vertex_is_refused_in_other_formats(ending, write_format, tm_mesh, env, tmp_path):
     path = tmp_path / f"bad.{ending}"
     path.write_text(write_format(isolated(meshlib.block())))
     check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, "vertex 28 .*is in no tetrahedron")

@@ -50,7 +50,7 @@ def figures(tm_mesh, path, env, tmp_path):
 
 @pytest.mark.parametrize("write_format", [text, binary])
 @pytest.mark.parametrize("inside_out", [False, True])
-def test_sphere(write_format, inside_out, tm_mesh, env, tmp_path):
+def test_sphere_is_filled_with_its_volume(write_format, inside_out, tm_mesh, env, tmp_path):
     triangles = sphere(12, 50)
     if inside_out:
         triangles = [(a, c, b) for a, b, c in triangles]
@@ -79,7 +79,7 @@ def vtk_of(tm_mesh, path, env, tmp_path):
 
 
 @pytest.mark.parametrize("name,what", [("s.vtp", "it has no <VTKFile> element; save it again"), ("s.xyz", "unknown type of surface file"), ("s.stl", "neither text nor binary")])
-def test_other_kinds_are_named(name, what, tm_mesh, env, tmp_path):
+def test_other_file_types_are_named(name, what, tm_mesh, env, tmp_path):
     (tmp_path / name).write_text("ply\nformat ascii 1.0\n")
     result = meshlib.run(tm_mesh, "fill", "--size", "5mm", "--unit", "mm", tmp_path / name, "-o", tmp_path / "out.msh", env=env)
     assert result.returncode == 2 and what in result.stderr
@@ -97,7 +97,7 @@ def test_make_tests_renews_a_stale_module(root, tmp_path):
     assert [f"-o {stale}" in text for text in told] == [False, True]
 
 
-def test_units_are_asked_for(tm_mesh, env, tmp_path):
+def test_missing_unit_is_an_error(tm_mesh, env, tmp_path):
     (tmp_path / "s.stl").write_text(text(sphere(4)))
     for words, what in ([], "give --unit mm"), (["--unit", "parsec"], "m, cm, mm"), (["--unit", "mm", "--scale", "1"], "give one"), (["--scale", "0"], "above 0"):
         result = meshlib.run(tm_mesh, "fill", "--size", "0.3", *words, tmp_path / "s.stl", "-o", tmp_path / "out.msh", env=env)
@@ -138,13 +138,13 @@ def test_every_kind_gives_the_same_volume(ending, image_module, tm_mesh, env, tm
 
 
 @pytest.mark.parametrize("name,contents", [("a.obj", "v 0 0 0\nf 1 2 3\n"), ("b.obj", "v 0 0 0\n"), ("c.ply", "ply\nformat ascii 1.0\nelement vertex 999999999999\nend_header\n"), ("d.off", "OFF\n3 1 0\n0 0 0\n")])
-def test_damaged_surfaces(name, contents, image_module, tm_mesh, env, tmp_path):
+def test_damaged_surfaces_are_reported(name, contents, image_module, tm_mesh, env, tmp_path):
     (tmp_path / name).write_text(contents)
     result = meshlib.run(tm_mesh, "fill", "--size", "5mm", "--unit", "mm", tmp_path / name, "-o", tmp_path / "out.msh", env=env)
     assert result.returncode in (1, 2) and result.stderr.startswith(f"{tmp_path / name}: ") and "; " in result.stderr and not list(tmp_path.glob("out*"))
 
 
-def test_holes_and_crossings_are_named_and_mended(image_module, tm_mesh, env, tmp_path):
+def test_holes_and_crossings_are_named_and_repaired(image_module, tm_mesh, env, tmp_path):
     ball = sphere(8, 50)
     pushed = [tuple(tuple(-1.3 * x for x in p) if math.dist(p, (0, 0, 50)) < 1e-6 else p for p in t) for t in ball]  # the pole, through the opposite side
     for name, triangles, what in ("hole", ball[:20] + ball[21:], r"1 hole, the largest of 3 edges near"), ("cross", pushed, r"\d+ pairs of triangles that intersect"), (
@@ -200,7 +200,7 @@ def test_one_file_of_nested_surfaces(image_module, tm_mesh, env, tmp_path):
     ("too coarse", text(sphere(4)), ["--size", "2 m"], "smaller --size"),
     ("too fine", text(sphere(4)), ["--size", "1 mm"], "larger --size"),
 ])
-def test_refused(name, contents, args, expected, tm_mesh, env, tmp_path):
+def test_bad_surface_is_refused(name, contents, args, expected, tm_mesh, env, tmp_path):
     stl, out = tmp_path / "s.stl", tmp_path / "out.msh"
     stl.write_bytes(contents if isinstance(contents, bytes) else contents.encode())
     result = meshlib.run(tm_mesh, "fill", *(args or ["--size", "0.3"]), "--unit", "m", stl, "-o", out, env=env)
@@ -209,7 +209,7 @@ def test_refused(name, contents, args, expected, tm_mesh, env, tmp_path):
     assert not list(tmp_path.glob("out*"))
 
 
-def test_no_memory_is_told(tm_mesh, env, build, tmp_path):
+def test_exhausted_memory_is_reported(tm_mesh, env, build, tmp_path):
     """For any amount of memory: a complete file, or exit 1 with a reason and no file."""
     if build.name in ("asan", "tsan", "debug"):
         pytest.skip("sanitizers reserve address space of their own")

@@ -58,7 +58,7 @@ def come_in(ending, how, tm_mesh, env, folder):
     return tried[0]
 
 
-def test_each_row_of_the_table(rows, build, tm_mesh, env, tmp_path):
+def test_formats_of_the_table_are_read_and_written(rows, build, tm_mesh, env, tmp_path):
     assert len(rows) == 15
     assert {e for e, (_, out) in rows.items() if out.startswith("yes")} == set(re.search(r"-o OUT +(.*)", meshlib.run(tm_mesh, "convert", "--help").stdout).group(1).replace(" or ", ", ").split(", "))
     module = (build / "lib/tensormass/image.so").exists()
@@ -153,7 +153,7 @@ def test_there_and_back_keeps_regions_groups_and_names(ending, tm_mesh, env, tmp
     assert sorted(map(str, told[0]["groups"])) == sorted(map(str, told[1]["groups"])) and "clamp & b 100%" in str(told[0]["groups"])
 
 
-def test_fibres_go_out(tm_mesh, env, tmp_path):
+def test_fibres_are_written(tm_mesh, env, tmp_path):
     m = named_block()
     fibres = np.random.default_rng(2).normal(size=(48, 3))
     write(tmp_path / "m.msh", meshlib.msh2(m))

@@ -17,7 +17,7 @@ GROUPS = {
 
 
 @pytest.mark.parametrize("shape,size", MESHES)
-def test_same_bytes(shape, size, build, root, tmp_path):
+def test_generator_gives_the_committed_bytes(shape, size, build, root, tmp_path):
     name = f"{shape}_{size // 1000}k"
     result = meshlib.run(build / "obj" / "apps" / "mesh" / "generate", shape, size, tmp_path / name)
     assert result.returncode == 0, result.stderr
@@ -40,7 +40,7 @@ def test_the_cut_liver_is_the_refined_one_renumbered(tm_mesh, env, root, tmp_pat
 
 
 @pytest.mark.parametrize("shape,size", MESHES)
-def test_quality(shape, size, tm_mesh, env, root, tmp_path):
+def test_quality_is_that_of_the_readme(shape, size, tm_mesh, env, root, tmp_path):
     """The worst element sets the critical step: it must not be far below the median's."""
     result = meshlib.run(tm_mesh, "info", root / "meshes" / f"{shape}_{size // 1000}k.msh", "--json", tmp_path / "f.json", env=env)
     assert result.returncode == 0, result.stderr

@@ -80,7 +80,7 @@ def proposed(done):
     return found and (found[1].split(), int(found[2]))
 
 
-def test_what_a_label_loses_is_told_with_what_mends_it(tmp_path, run):
+def test_lost_volume_is_reported_with_a_remedy(tmp_path, run):
     path, report = phantom.write(tmp_path / "a.nrrd", phantom.phantom((4, 4, 5)), (4, 4, 5)), tmp_path / "a.json"
     words = ("--budget", "3500", "--json", report)
     done = run(path, *words, "--optimise", "exude,improve")
@@ -142,7 +142,7 @@ def corners_off(image, spacing, msh):
     return off
 
 
-def test_no_thorns(tmp_path, run):
+def test_surfaces_have_no_spikes(tmp_path, run):
     """No vertex of a label's surface is far from it: 18 mm on the liver and 23 mm on the ribs when vertices once slid round thin labels."""
     spacing = (4, 4, 5)
     image = phantom.phantom(spacing)
@@ -153,7 +153,7 @@ def test_no_thorns(tmp_path, run):
 
 
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
-def test_every_format_gives_the_same_place(tmp_path, run, name, bin):
+def test_every_format_gives_the_same_position(tmp_path, run, name, bin):
     turn = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, 1.0]])  # a mirrored grid
     path = phantom.write(tmp_path / name, small(), (2, 3, 4), origin=(10, -20, 30), direction=turn)
     done = run(path, *FAST)
@@ -277,7 +277,7 @@ def test_labels_that_are_not_there_vanish_or_fall_apart(tmp_path, run):
     assert "node" not in out.read_text(), "a region without tetrahedra"
 
 
-def test_what_vanished_comes_back_by_the_words_of_the_message(tmp_path, run):
+def test_remedy_in_the_message_restores_a_lost_label(tmp_path, run):
     """No label was named: following the message keeps the others."""
     image = small()
     image[11:13, 9:11, 7:9] = 4

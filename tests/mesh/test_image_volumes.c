@@ -104,7 +104,7 @@ static void fit(const double wanted[4], double got[4]) {
     free(m.label);
 }
 
-static void test_labels_grow_and_shrink(void **state) {
+static void test_labels_reach_their_volumes(void **state) {
     static const double wanted[3][4] = {{0, 1, 1.1, 1.2}, {0, 0.97, 0.9, 1.3}, {0, 1.05, 1, 0.8}};
     (void)state;
     for (int i = 0; i < 3; i++) {
@@ -116,7 +116,7 @@ static void test_labels_grow_and_shrink(void **state) {
 
 /* A core three times as large is more than its tetrahedra permit: it grows as far as possible, and its neighbours
  * get their volumes. */
-static void test_a_label_that_cannot_spoils_no_other(void **state) {
+static void test_unreachable_volume_leaves_other_labels_exact(void **state) {
     double got[4];
     (void)state;
     fit((const double[4]){0, 1, 1, 3}, got);
@@ -128,8 +128,8 @@ static void test_a_label_that_cannot_spoils_no_other(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_labels_grow_and_shrink),
-        cmocka_unit_test(test_a_label_that_cannot_spoils_no_other),
+        cmocka_unit_test(test_labels_reach_their_volumes),
+        cmocka_unit_test(test_unreachable_volume_leaves_other_labels_exact),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -38,7 +38,7 @@ def info(tm_mesh, path, env, *args):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_formats(name, tm_mesh, env, tmp_path):
+def test_formats_give_the_same_model(name, tm_mesh, env, tmp_path):
     figures, text = info(tm_mesh, write(tmp_path / name, FORMATS[name](named_block())), env)
     assert (figures["tets"], figures["vertices"], figures["surface_triangles"], figures["pieces"]) == (48, 27, 48, 1)
     assert figures["volume_m3"] == pytest.approx(1e-3, rel=1e-6 if "f.vtk" in name else 1e-12)
@@ -62,12 +62,12 @@ WAYS = {
 
 @pytest.mark.parametrize("write_format", [meshlib.msh2, meshlib.msh4])
 @pytest.mark.parametrize("way", WAYS)
-def test_ways_of_writing(write_format, way, tm_mesh, env, tmp_path):
+def test_variants_of_a_format_give_the_same_model(write_format, way, tm_mesh, env, tmp_path):
     figures, _ = info(tm_mesh, write(tmp_path / "b.msh", WAYS[way](write_format(named_block()))), env)
     assert figures["tets"] == 48 and {r["name"] for r in figures["regions"]} == {"lower part", "upper"}
 
 
-def test_scale(tm_mesh, env, tmp_path):
+def test_unit_scales_the_mesh(tm_mesh, env, tmp_path):
     path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
     figures, _ = info(tm_mesh, path, env, "--scale", "1e-3")
     assert figures["high_m"] == pytest.approx([1e-4] * 3) and figures["volume_m3"] == pytest.approx(1e-12)
@@ -126,7 +126,7 @@ def partitioned(m, write_format):
     return (text[:at] + "$Entities\n0 0 0 0\n$EndEntities\n" + parts + text[end:]).replace("\n3 1 4 48\n", "\n3 7 4 48\n")
 
 
-def test_partitioned(tm_mesh, env, tmp_path):
+def test_partitioned_mesh_is_read(tm_mesh, env, tmp_path):
     m = meshlib.block()
     m.names = {(3, 1): "whole"}
     figures, _ = info(tm_mesh, write(tmp_path / "p.msh", partitioned(m, meshlib.msh4)), env)
@@ -165,7 +165,7 @@ def test_isolated_vertices_are_repaired(tm_mesh, env, tmp_path):
     assert info(tm_mesh, out, env)[0]["vertices"] == 27
 
 
-def test_nothing_is_left_behind(tm_mesh, env, tmp_path, root):
+def test_reading_leaves_no_files(tm_mesh, env, tmp_path, root):
     """Reading creates no cache and writes nothing into a home folder."""
     env["HOME"] = str(tmp_path / "home")
     assert meshlib.run(tm_mesh, "check", root / "meshes" / "liver_1k.msh", env=env).returncode == 0
@@ -186,6 +186,6 @@ def test_what_is_written_reads_the_same(name, tm_mesh, env, tmp_path):
             assert first.split("\n")[1] == second.split("\n")[1]
 
 
-def test_names_of_paths_are_no_script(tm_mesh, env, tmp_path):
+def test_paths_are_not_interpreted_by_a_shell(tm_mesh, env, tmp_path):
     path = write(tmp_path / "a b;$(touch owned) 'é\".msh", meshlib.msh2(meshlib.block()))
     assert info(tm_mesh, path, env)[0]["tets"] == 48

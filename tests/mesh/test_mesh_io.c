@@ -19,7 +19,7 @@ static tm_status parse(const char *path, const char *text, tm_mesh_file *file, t
     return tm_mesh_file_parse(path, text, strlen(text), 1, file, error);
 }
 
-static void a_message_names_its_place(void **state) {
+static void message_names_file_and_line(void **state) {
     (void)state;
     tm_mesh_file file;
     tm_error error;
@@ -59,7 +59,7 @@ static void a_message_names_its_place(void **state) {
 }
 
 /* Makes a locale with a decimal comma if the machine has none. */
-static void numbers_have_a_point_in_any_locale(void **state) {
+static void numbers_have_a_decimal_point_in_any_locale(void **state) {
     (void)state;
     char folder[] = "/tmp/tm_locale_XXXXXX", command[200];
     assert_non_null(mkdtemp(folder));
@@ -118,7 +118,7 @@ static void a_null_pointer_is_a_broken_contract(void **state) {
     tm_set_contract_handler(NULL, NULL);
 }
 
-static void what_a_full_disk_did_not_take_is_an_error(void **state) {
+static void write_to_a_full_disk_is_an_error(void **state) {
     (void)state;
     tm_mesh_file file;
     tm_error error;
@@ -135,10 +135,10 @@ static void what_a_full_disk_did_not_take_is_an_error(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_message_names_its_place),
-        cmocka_unit_test(numbers_have_a_point_in_any_locale),
+        cmocka_unit_test(message_names_file_and_line),
+        cmocka_unit_test(numbers_have_a_decimal_point_in_any_locale),
         cmocka_unit_test(a_null_pointer_is_a_broken_contract),
-        cmocka_unit_test(what_a_full_disk_did_not_take_is_an_error),
+        cmocka_unit_test(write_to_a_full_disk_is_an_error),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

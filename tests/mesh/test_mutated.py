@@ -173,7 +173,7 @@ def test_known_files_are_refused(tmp_path, bin, name, data, said):
 
 
 @pytest.mark.parametrize("bad", ["nan", "inf", "-inf", "1e300"])
-def test_vertices_that_are_no_places_are_refused(tmp_path, bin, bad):
+def test_non_finite_vertices_are_refused(tmp_path, bin, bad):
     for ending, data in ((".ply", next(ply(sphere(2, 20.0)))), (".off", off(sphere(2, 20.0))), (".obj", obj(sphere(2, 20.0))), (".stl", text(sphere(2, 20.0)).encode()), (".vtp", vtp(sphere(2, 20.0), "ascii"))):
         path = tmp_path / f"a{ending}"
         path.write_bytes(data.replace(b"-20", bad.encode()))
@@ -235,7 +235,7 @@ def test_damaged_files_end_with_a_sentence(tmp_path, seeds):
     assert 0.3 < refused / (1000 * batches) < 0.99, "mutations are too mild, or nothing is read"
 
 
-def test_the_whole_program_says_the_same(tmp_path, seeds, bin):
+def test_complete_program_gives_the_same_message(tmp_path, seeds, bin):
     """Some damaged files with tm-mesh itself, from its start."""
     for words, path in damaged(tmp_path, seeds, 50, 7):
         began = time.monotonic()

@@ -73,7 +73,7 @@ def test_geometry_groups_and_labels_stay(tm_mesh, env, root, tmp_path):
 
 
 @pytest.mark.parametrize("pieces", [1, 2])
-def test_the_numbers_that_were_there_do_not_matter(pieces, tm_mesh, env, tmp_path):
+def test_result_is_independent_of_the_original_numbers(pieces, tm_mesh, env, tmp_path):
     """Three numberings of one mesh, and a renumbered result, give the same bytes."""
     m = named_block()
     if pieces == 2:
@@ -113,7 +113,7 @@ def test_numbers_and_fibres_are_carried(tm_mesh, env, tmp_path):
     assert len((tmp_path / "h.csv").read_text().splitlines()) == 49
 
 
-def test_it_is_told_where_it_is_worth_it(tm_mesh, bin, env, tmp_path):
+def test_renumbering_is_recommended_if_it_pays(tm_mesh, bin, env, tmp_path):
     """info, check and --explain recommend it for a shuffled block, on the scene's line; not for the block itself, for the renumbered one, or if
     everything fits the cache anyway."""
     scene = tmp_path / "scene.yaml"
@@ -143,7 +143,7 @@ def test_it_is_told_where_it_is_worth_it(tm_mesh, bin, env, tmp_path):
     (["--fibres", "x.csv", "MESH", "-o", "OUT"], "go together"), (["--nonsense", "MESH", "-o", "OUT"], "unknown option"), (["--scale", "0", "MESH", "-o", "OUT"], "scale"),
     (["BAD", "-o", "OUT"], "flat"), (["MESH", "--fibres", "F", "--write-fibres", "OUTF", "-o", "OUT"], "f.csv:"), (["MESH", "-o", "/nowhere/out.msh"], "/nowhere"),
     (["MESH", "-o", "OUT", "--write-numbers", "/nowhere/n.csv"], "/nowhere"), (["none.msh", "-o", "OUT"], "none.msh")])
-def test_refused(args, said, tm_mesh, env, tmp_path):
+def test_invalid_use_is_refused(args, said, tm_mesh, env, tmp_path):
     m = named_block()
     write(tmp_path / "m.msh", meshlib.msh2(m))
     m.points[13] = [0.05, 0.05, 0.0]

@@ -13,7 +13,7 @@ static double *corners(double odd, int at) {
     return corner_m;
 }
 
-static void corners_that_are_no_places_are_refused(void **state) {
+static void non_finite_corners_are_rejected(void **state) {
     (void)state;
     static const double odd[] = {NAN, INFINITY, -INFINITY, 1e300, -1e200};
     for (int i = 0; i < 5; i++)
@@ -28,7 +28,7 @@ static void corners_that_are_no_places_are_refused(void **state) {
     assert_int_equal(shell_of_triangles(malloc(8), 0, true, &s, &error), TM_ERR_MESH);
 }
 
-static void places_far_away_have_their_distance(void **state) {
+static void distance_of_far_points_is_correct(void **state) {
     (void)state;
     static const double way_m[] = {2, 1e6, 1e12, 1e30};
     shell *s = NULL;
@@ -48,8 +48,8 @@ static void places_far_away_have_their_distance(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(corners_that_are_no_places_are_refused),
-        cmocka_unit_test(places_far_away_have_their_distance),
+        cmocka_unit_test(non_finite_corners_are_rejected),
+        cmocka_unit_test(distance_of_far_points_is_correct),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

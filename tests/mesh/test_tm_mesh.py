@@ -195,7 +195,7 @@ def test_refine_is_sound_on_any_mesh(seed, tm_mesh, env, tmp_path):
     assert fine["volume_m3"] == pytest.approx(1e-3, rel=1e-9) and fine["tets"] > 162
 
 
-def test_repair(tm_mesh, env, tmp_path):
+def test_repair_fixes_all_defects_at_once(tm_mesh, env, tmp_path):
     """All repairable defects at once are reported and repaired; groups and regions stay."""
     m = named_block()
     m.tets[7][0], m.tets[7][1] = m.tets[7][1], m.tets[7][0]

@@ -69,7 +69,7 @@ def film_decodes(path):
     assert organ[60:80].max() > 0.5 and organ[-1] > 0.5  # instruments arrive, and the tissue changes
 
 
-def test_from_a_mesh_to_a_film(felt):
+def test_mesh_becomes_scenes_and_a_video(felt):
     folder, said = felt
     assert {p.name for p in (folder / "felt").iterdir()} == MADE | {"organ.mp4"}
     assert (folder / "felt/organ.png").read_bytes()[:4] == b"\x89PNG"
@@ -78,7 +78,7 @@ def test_from_a_mesh_to_a_film(felt):
     assert f"{cut} tetrahedra cut" in said and "7/7 film" in said and "done before" not in said
 
 
-def test_what_is_done_stays_done_and_an_edited_scene_is_yours(bin, felt):
+def test_finished_stages_and_edited_scenes_are_kept(bin, felt):
     folder, _ = felt
     again = ["-o", folder / "felt", "--no-film"]
     assert organ(bin, folder / "phantom.msh", *again).count("(done before)") == 6
@@ -125,7 +125,7 @@ def test_small_tetrahedra_are_made_heavier_until_half_a_core_steps_it(bin, tmp_p
     assert organ(bin, tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-film", "--no-cut").count("(done before)") == 6
 
 
-def test_a_scene_that_is_yours_is_measured_and_not_changed(bin, tmp_path):
+def test_edited_scene_is_measured_and_not_changed(bin, tmp_path):
     (tmp_path / "thin.msh").write_text(meshlib.msh2(thin_layers()))
     words = [tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-film", "--no-cut"]
     organ(bin, *words)

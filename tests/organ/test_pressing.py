@@ -26,7 +26,7 @@ def test_random_pressing(bin, image_module, tmp_path):
 @pytest.mark.parametrize("what, energy, tick", [
     ("stable", {}, {}), ("not finite", {}, {"fy_N": np.nan}), ("above the device's limit", {}, {"fx_N": 9.0}), ("latched a fault", {}, {"fault": 3}),
     ("more energy than the hand put in", {"generated_J": 1.2}, {}), ("does not close", {"residual_J": -1e-3}, {}), ("not at rest", {"kinetic_J": 1e-3}, {})])
-def test_the_verdict_sees_what_is_planted(what, energy, tick):
+def test_verdict_detects_planted_failures(what, energy, tick):
     rows = np.zeros(100, [(n, float) for n in ("fx_N", "fy_N", "fz_N", "fault")])
     rows["fz_N"][:60] = 0.5
     for name, value in tick.items():

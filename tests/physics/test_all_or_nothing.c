@@ -214,14 +214,14 @@ static void nothing_happens(tm_tool_mode first, bool *cut_in_vain) {
     scene_destroy(&shaken.s);
 }
 
-static void beside_a_probe(void **state) {
+static void failed_step_with_a_probe_changes_nothing(void **state) {
     (void)state;
     bool cut;
     nothing_happens(TM_TOOL_PROBE, &cut);
     assert_false(cut);
 }
 
-static void beside_a_cautery(void **state) {
+static void failed_step_with_a_cautery_changes_nothing(void **state) {
     (void)state;
     bool cut;
     nothing_happens(TM_TOOL_CAUTERY, &cut);
@@ -229,7 +229,7 @@ static void beside_a_cautery(void **state) {
 }
 
 /* Nothing changes between two steps: the complete snapshot must be equal. */
-static void to_the_last_bit(void **state) {
+static void failed_step_leaves_the_snapshot_bit_identical(void **state) {
     (void)state;
     for (tm_tool_mode first = TM_TOOL_PROBE; first <= TM_TOOL_CAUTERY; first += TM_TOOL_CAUTERY) {
         trial t = trial_create(first);
@@ -252,7 +252,7 @@ static void to_the_last_bit(void **state) {
     }
 }
 
-static void no_force_of_no_number(void **state) {
+static void nan_gives_no_contact_force(void **state) {
     (void)state;
     assert_true(tm_contact_compliance_reaction(5e-4, 2.5e-3, NAN, 1e-4, 50) == 0);
     assert_true(tm_contact_compliance_reaction(5e-4, 2.5e-3, -1e-3, NAN, 50) == 0);
@@ -261,7 +261,9 @@ static void no_force_of_no_number(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(beside_a_probe), cmocka_unit_test(beside_a_cautery),
-                                       cmocka_unit_test(to_the_last_bit), cmocka_unit_test(no_force_of_no_number)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(failed_step_with_a_probe_changes_nothing),
+                                       cmocka_unit_test(failed_step_with_a_cautery_changes_nothing),
+                                       cmocka_unit_test(failed_step_leaves_the_snapshot_bit_identical),
+                                       cmocka_unit_test(nan_gives_no_contact_force)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

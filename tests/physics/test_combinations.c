@@ -47,7 +47,7 @@ static felt story(int effects) {
     return f;
 }
 
-static void every_combination_tells_the_story(void **state) {
+static void every_combination_passes_all_events(void **state) {
     (void)state;
     felt f[COMBINATIONS];
     bool told[COMBINATIONS];
@@ -70,7 +70,7 @@ static void every_combination_tells_the_story(void **state) {
     }
 }
 
-static void averaged_shears_that_turn_are_refused(void **state) {
+static void averaged_shears_with_rotation_are_rejected(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = def.cells[2] = 2;
@@ -91,7 +91,7 @@ static void averaged_shears_that_turn_are_refused(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_combination_tells_the_story),
-                                       cmocka_unit_test(averaged_shears_that_turn_are_refused)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_combination_passes_all_events),
+                                       cmocka_unit_test(averaged_shears_with_rotation_are_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

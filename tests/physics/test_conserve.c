@@ -94,7 +94,7 @@ static double drift(const hot *h, int32_t steps) {
     return worst;
 }
 
-static void test_energy_stays(void **state) {
+static void test_undamped_energy_is_conserved(void **state) {
     (void)state;
     static const hot all[] = {
         {"warm", 1, 0.45, false, false, 0.05, 0, 1, 3e-4, 0.01},
@@ -130,7 +130,7 @@ static void test_slivers_come_to_rest(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_energy_stays),
+        cmocka_unit_test(test_undamped_energy_is_conserved),
         cmocka_unit_test(test_slivers_come_to_rest),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

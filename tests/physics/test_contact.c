@@ -19,7 +19,7 @@ static int32_t substeps_in(const scene *s, double seconds) {
 /* --- geometry --- */
 
 /* Gathering once while tool and surface move, and gathering before each detection, give the same rows. */
-static void test_looks_leave_nothing_out(void **unused) {
+static void test_gathered_triangles_give_the_same_rows(void **unused) {
     (void)unused;
     enum { LOOKS = 400, MAX_COUNT = 64 };
     scene_def d = scene_def_default();
@@ -99,7 +99,7 @@ static int32_t find(const scene *s, const tm_capsule *capsule, double margin, tm
 }
 
 /* On a plane with any triangulation the rows of a sphere act as one row: same normal, gap, compliance and point. */
-static void test_flat_surface_hides_its_triangles(void **unused) {
+static void test_rows_on_a_plane_act_as_one_for_any_triangulation(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     scene s = scene_create(&d);
@@ -165,7 +165,7 @@ static void test_rows_measure_the_true_distance(void **unused) {
 }
 
 /* The rows are the same for any order of the triangles and any ids, however large. */
-static void test_order_is_by_name(void **unused) {
+static void test_rows_do_not_depend_on_triangle_order(void **unused) {
     (void)unused;
     enum { LARGE = 3 << 28 };
     scene_def d = scene_def_default();
@@ -428,7 +428,7 @@ static void test_force_is_smooth_and_follows(void **unused) {
 
 /* Pressed deeper than an edge, in lightly damped tissue: no oscillation (46 % of the peak from frame to frame
  * without viscous drag). */
-static void test_deep_and_lightly_damped_stays_calm(void **unused) {
+static void test_deep_press_of_lightly_damped_tissue_does_not_oscillate(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     memcpy(d.tip_m[0], (double[3]){-0.01, 0.0035, d.size_m[2] + 0.0027}, sizeof d.tip_m[0]);
@@ -556,7 +556,7 @@ static void test_supports_are_never_moved(void **unused) {
     scene_destroy(&s);
 }
 
-static void test_pinched_triangle(void **unused) {
+static void test_pinched_triangle_stays_bounded(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
@@ -583,7 +583,7 @@ static void test_pinched_triangle(void **unused) {
 
 /* Set inside the tissue: no force until it has left; then it acts like any other tool. Set overlapping: pushed out
  * smoothly. */
-static void test_tool_that_appears_inside(void **unused) {
+static void test_tool_set_inside_has_no_force_until_it_left(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
@@ -626,7 +626,7 @@ static void test_inactive_probe_touches_nothing(void **unused) {
 /* --- frames, instruments, bits --- */
 
 /* P, t and F are means over the same substeps: on a steady path P is the path at t. */
-static void test_averages_belong_together(void **unused) {
+static void test_frame_averages_are_over_the_same_substeps(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
@@ -720,22 +720,22 @@ static void test_bad_definitions_are_refused(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_looks_leave_nothing_out),
+        cmocka_unit_test(test_gathered_triangles_give_the_same_rows),
         cmocka_unit_test(test_tip_force_does_the_same_work),
-        cmocka_unit_test(test_flat_surface_hides_its_triangles),
+        cmocka_unit_test(test_rows_on_a_plane_act_as_one_for_any_triangulation),
         cmocka_unit_test(test_rows_measure_the_true_distance),
-        cmocka_unit_test(test_order_is_by_name),
+        cmocka_unit_test(test_rows_do_not_depend_on_triangle_order),
         cmocka_unit_test(test_too_many_rows_keep_the_deepest),
         cmocka_unit_test(test_action_is_reaction),
         cmocka_unit_test(test_held_probe_feels_the_static_reaction),
         cmocka_unit_test(test_force_is_smooth_and_follows),
-        cmocka_unit_test(test_deep_and_lightly_damped_stays_calm),
+        cmocka_unit_test(test_deep_press_of_lightly_damped_tissue_does_not_oscillate),
         cmocka_unit_test(test_never_passes_through),
         cmocka_unit_test(test_supports_are_never_moved),
-        cmocka_unit_test(test_pinched_triangle),
-        cmocka_unit_test(test_tool_that_appears_inside),
+        cmocka_unit_test(test_pinched_triangle_stays_bounded),
+        cmocka_unit_test(test_tool_set_inside_has_no_force_until_it_left),
         cmocka_unit_test(test_inactive_probe_touches_nothing),
-        cmocka_unit_test(test_averages_belong_together),
+        cmocka_unit_test(test_frame_averages_are_over_the_same_substeps),
         cmocka_unit_test(test_two_tools_feel_their_own_forces),
         cmocka_unit_test(test_same_bits_every_time),
         cmocka_unit_test(test_bad_definitions_are_refused),

@@ -58,7 +58,7 @@ static void finish(scene *s) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void twenty_orders(void **state) {
+static void cuts_in_twenty_orders_equal_a_fresh_build(void **state) {
     (void)state;
     for (int order = 0; order < 20; order++) {
         scene s = make(order % 2, order % 3 == 2 ? TM_SINGLE : TM_DOUBLE);
@@ -81,7 +81,7 @@ static void twenty_orders(void **state) {
     }
 }
 
-static void down_to_nothing(void **state) {
+static void tissue_can_be_removed_completely(void **state) {
     (void)state;
     scene s = make(true, TM_DOUBLE);
     start(&s);
@@ -111,7 +111,7 @@ static void down_to_nothing(void **state) {
 
 /* Two boxes have only an edge in common after the cut: the smaller fan about it is removed, with everything that
  * hangs only on it. */
-static void hanging_parts_go(void **state) {
+static void parts_hanging_on_an_edge_are_removed(void **state) {
     (void)state;
     fix_random random = {1};
     tm_mesh *mesh = fix_block((int[3]){2, 2, 1}, (double[3]){0.02, 0.02, 0.01}, 0, &random);
@@ -133,7 +133,7 @@ static void hanging_parts_go(void **state) {
 
 /* A tunnel that ends in a point: the star of its end vertex is a ring, which must be opened. Found by removing every
  * line of cells. */
-static void rings_are_opened(void **state) {
+static void ring_around_a_vertex_is_opened(void **state) {
     (void)state;
     fix_random random = {9};
     tm_mesh *mesh = fix_block((int[3]){4, 4, 4}, (double[3]){0.04, 0.04, 0.04}, 0.2, &random);
@@ -162,7 +162,7 @@ static void rings_are_opened(void **state) {
 }
 
 /* Removed tetrahedra cost nothing: none of their numbers is read, and every force on them is 0. */
-static void the_dead_are_not_read(void **state) {
+static void removed_tetrahedra_are_not_read(void **state) {
     (void)state;
     for (int kind = 0; kind < 8; kind++) {
         scene s = make(kind % 2, kind & 2 ? TM_SINGLE : TM_DOUBLE);
@@ -199,7 +199,7 @@ static void the_dead_are_not_read(void **state) {
 
 /* Repair removes only what it must: each tetrahedron that it removed, put back alone, would share no face with the
  * others or make the surface non-manifold. */
-static void mending_takes_no_more_than_it_must(void **state) {
+static void repair_removes_no_more_than_necessary(void **state) {
     (void)state;
     scene s = make(false, TM_DOUBLE);
     start(&s);
@@ -246,7 +246,7 @@ static void plain_free(void *memory, size_t bytes, void *user) {
     free(memory);
 }
 
-static void no_allocation(void **state) {
+static void cuts_allocate_nothing(void **state) {
     (void)state;
     scene s = make(true, TM_DOUBLE);
     start(&s);
@@ -261,12 +261,12 @@ static void no_allocation(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go),
-                                       cmocka_unit_test(rings_are_opened),
-                                       cmocka_unit_test(twenty_orders),
-                                       cmocka_unit_test(down_to_nothing),
-                                       cmocka_unit_test(no_allocation),
-                                       cmocka_unit_test(the_dead_are_not_read),
-                                       cmocka_unit_test(mending_takes_no_more_than_it_must)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(parts_hanging_on_an_edge_are_removed),
+                                       cmocka_unit_test(ring_around_a_vertex_is_opened),
+                                       cmocka_unit_test(cuts_in_twenty_orders_equal_a_fresh_build),
+                                       cmocka_unit_test(tissue_can_be_removed_completely),
+                                       cmocka_unit_test(cuts_allocate_nothing),
+                                       cmocka_unit_test(removed_tetrahedra_are_not_read),
+                                       cmocka_unit_test(repair_removes_no_more_than_necessary)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -27,7 +27,7 @@ static void story(scene *s, int i, bool active) {
     scene_frame(s, PROBE, scene_pose(-0.012, 0.005, 0.05 - 0.0005 * (i < 30 ? i : 30)), FRAME_S);
 }
 
-static void cuts_at_its_rate(void **state) {
+static void cautery_cuts_at_its_rate(void **state) {
     (void)state;
     const double rate = 150;
     scene s = cutting_scene(rate, TM_LOOSE_FALL);
@@ -74,7 +74,7 @@ static int32_t cut_the_top_off(scene *s, double from_m, double to_m) {
     return above;
 }
 
-static void loose_pieces(void **state) {
+static void detached_fragments_are_removed(void **state) {
     (void)state;
     for (tm_cut_loose loose = TM_LOOSE_FALL; loose <= TM_LOOSE_REMOVE; loose++) {
         scene s = cutting_scene(100, loose);
@@ -165,7 +165,7 @@ static void snapshot_goes_on_with_the_same_bits(void **state) {
     free(kept), free(again);
 }
 
-static void snapshot_refusals(void **state) {
+static void snapshots_that_do_not_fit_are_rejected(void **state) {
     (void)state;
     scene s = cutting_scene(300, TM_LOOSE_REMOVE);
     tm_error error;
@@ -225,11 +225,11 @@ static void steps_allocate_nothing(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cuts_at_its_rate),
-                                       cmocka_unit_test(loose_pieces),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cautery_cuts_at_its_rate),
+                                       cmocka_unit_test(detached_fragments_are_removed),
                                        cmocka_unit_test(search_is_spread_over_substeps),
                                        cmocka_unit_test(snapshot_goes_on_with_the_same_bits),
-                                       cmocka_unit_test(snapshot_refusals),
+                                       cmocka_unit_test(snapshots_that_do_not_fit_are_rejected),
                                        cmocka_unit_test(steps_allocate_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -52,7 +52,7 @@ static void assert_closed(const char *what, const scene *s) {
 }
 
 /* Undamped and damped oscillations: only damping removes energy, and the account states how much. */
-static void test_swings(void **unused) {
+static void test_account_of_oscillations_closes(void **unused) {
     (void)unused;
     for (int damping = 0; damping <= 200; damping += 100) {
         scene s = open_scene(damping, false, 1);
@@ -70,7 +70,7 @@ static void test_swings(void **unused) {
 
 /* Gravity, a load, a moving support: their works by quadrature of the same run, and at rest by the static
  * solution's. */
-static void test_each_has_its_share(void **unused) {
+static void test_each_source_is_attributed(void **unused) {
     (void)unused;
     scene s = open_scene(60, false, 1);
     tm_error error;
@@ -105,7 +105,7 @@ static void test_each_has_its_share(void **unused) {
     scene_destroy(&s);
 }
 
-static void test_steps_cuts_and_states(void **unused) {
+static void test_account_closes_over_steps_cuts_and_states(void **unused) {
     (void)unused;
     scene s = open_scene(5, true, 1);
     tm_error error;
@@ -141,7 +141,7 @@ static void test_steps_cuts_and_states(void **unused) {
 
 /* A probe and a grasper press and pull: the tissue's side closes to rounding, and no energy is generated between
  * hand and tissue. */
-static void test_hands(void **unused) {
+static void test_account_of_tools_closes(void **unused) {
     (void)unused;
     scene s = open_scene(60, false, 2);
     tm_error error;
@@ -201,10 +201,10 @@ static void test_costs_nothing_unless_named(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_swings),
-        cmocka_unit_test(test_each_has_its_share),
-        cmocka_unit_test(test_steps_cuts_and_states),
-        cmocka_unit_test(test_hands),
+        cmocka_unit_test(test_account_of_oscillations_closes),
+        cmocka_unit_test(test_each_source_is_attributed),
+        cmocka_unit_test(test_account_closes_over_steps_cuts_and_states),
+        cmocka_unit_test(test_account_of_tools_closes),
         cmocka_unit_test(test_costs_nothing_unless_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

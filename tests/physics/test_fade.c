@@ -51,7 +51,7 @@ static double cut_along(scene *s, int from, int to) {
     return jump_N / most_N;
 }
 
-static void force_falls_evenly(void **state) {
+static void force_of_removed_tissue_falls_evenly(void **state) {
     (void)state;
     double jump[2];
     for (int k = 0; k < 2; k++) {
@@ -66,7 +66,7 @@ static void force_falls_evenly(void **state) {
 }
 
 /* Tissue is cut at once and exactly; after all has faded no trace is left. */
-static void what_is_left_is_a_fresh_build(void **state) {
+static void remaining_tissue_equals_a_fresh_build(void **state) {
     (void)state;
     scene s = fading_scene(FADE_S, 1);
     cut_along(&s, 0, 20);
@@ -101,7 +101,7 @@ static void energy_is_accounted_for(void **state) {
 }
 
 /* A fading force only decreases: it does not follow a tool that moves back, and ends if the tool is set elsewhere. */
-static void it_drives_nothing(void **state) {
+static void fading_force_never_drives_the_tool(void **state) {
     (void)state;
     scene s = fading_scene(10, 1); /* practically never fades */
     double most_N = 0;
@@ -207,10 +207,12 @@ static void bad_fades_are_refused(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(force_falls_evenly),          cmocka_unit_test(what_is_left_is_a_fresh_build),
-        cmocka_unit_test(energy_is_accounted_for),     cmocka_unit_test(it_drives_nothing),
-        cmocka_unit_test(no_stiffness_while_it_fades), cmocka_unit_test(snapshots_and_threads_keep_the_bits),
-        cmocka_unit_test(bad_fades_are_refused)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(force_of_removed_tissue_falls_evenly),
+                                       cmocka_unit_test(remaining_tissue_equals_a_fresh_build),
+                                       cmocka_unit_test(energy_is_accounted_for),
+                                       cmocka_unit_test(fading_force_never_drives_the_tool),
+                                       cmocka_unit_test(no_stiffness_while_it_fades),
+                                       cmocka_unit_test(snapshots_and_threads_keep_the_bits),
+                                       cmocka_unit_test(bad_fades_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -73,7 +73,7 @@ static tm_tool_reaction press_in(rubbing *r, int tool, double x, double depth_m)
 }
 
 /* Pressed, pushed aside to most of its cone, and held there: the force stays constant. TM_LONG=1: for two minutes. */
-static void test_does_not_creep(void **unused) {
+static void test_sticking_force_does_not_creep(void **unused) {
     (void)unused;
     rubbing r = open_rubbing(1, 0.4, 0.3);
     const double z = TOP_M + 0.0025 - 0.003;
@@ -125,7 +125,7 @@ static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *b
 
 /* Within the static cone, though beyond the kinetic one, it stays at rest; beyond the static cone it slides down.
  * TM_LONG=1: for a million steps. */
-static void test_lies_on_a_slope(void **unused) {
+static void test_tool_stays_on_a_slope_within_the_static_cone(void **unused) {
     (void)unused;
     pull inside, outside;
     double still, slides;
@@ -164,7 +164,7 @@ static void test_slides_at_its_coefficient(void **unused) {
 }
 
 /* Rest restores the static coefficient: the force at which it slides again grows with the time at rest. */
-static void test_sticks_and_slips(void **unused) {
+static void test_static_coefficient_returns_with_rest(void **unused) {
     (void)unused;
     double took[3];
     for (int k = 0; k < 3; k++) {
@@ -216,7 +216,7 @@ static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
 /* The work of friction is never negative and is supplied by the hands. Contact returns energy only from what it
  * dissipated before (contact_passivity.c): no more than in absolute terms before it had an energy account, 2.1e-4
  * and 2.3e-4 J, and with friction no more than twice that without. */
-static void test_makes_no_energy(void **unused) {
+static void test_friction_generates_no_energy(void **unused) {
     (void)unused;
     tm_energy plain, e;
     double plain_hands, hands;
@@ -233,7 +233,7 @@ static void wander(rubbing *r, int from, int to) {
         go(r, 0, 0.008 + 0.002 * sin(0.05 * i), 0.004 + 0.001 * sin(0.08 * i), TOP_M - 0.001 * sin(0.03 * i));
 }
 
-static void test_comes_back_from_a_snapshot(void **unused) {
+static void test_friction_is_restored_from_a_snapshot(void **unused) {
     (void)unused;
     rubbing r = open_rubbing(1, 0.4, 0.3);
     wander(&r, 0, 100);
@@ -280,12 +280,12 @@ static void test_costs_nothing_unless_named(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_does_not_creep),
-                                       cmocka_unit_test(test_lies_on_a_slope),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sticking_force_does_not_creep),
+                                       cmocka_unit_test(test_tool_stays_on_a_slope_within_the_static_cone),
                                        cmocka_unit_test(test_slides_at_its_coefficient),
-                                       cmocka_unit_test(test_sticks_and_slips),
-                                       cmocka_unit_test(test_makes_no_energy),
-                                       cmocka_unit_test(test_comes_back_from_a_snapshot),
+                                       cmocka_unit_test(test_static_coefficient_returns_with_rest),
+                                       cmocka_unit_test(test_friction_generates_no_energy),
+                                       cmocka_unit_test(test_friction_is_restored_from_a_snapshot),
                                        cmocka_unit_test(test_costs_nothing_unless_named)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

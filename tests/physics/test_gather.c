@@ -79,7 +79,7 @@ static story play(tm_force_form form, int32_t threads, double damping_1_s, bool 
     return told;
 }
 
-static void as_if_gathered_in_every_substep(void **state) {
+static void reuse_equals_gathering_in_every_substep(void **state) {
     (void)state;
     for (int kind = 0; kind < 3; kind++) {
         const tm_force_form form = kind == 1 ? TM_FORCE_PLAIN : TM_FORCE_BEST;
@@ -96,6 +96,6 @@ static void as_if_gathered_in_every_substep(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(as_if_gathered_in_every_substep)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(reuse_equals_gathering_in_every_substep)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

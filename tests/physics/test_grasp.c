@@ -50,7 +50,7 @@ static scene_def small_block(int tools) {
 
 /* Presses a little, closes, pulls 6 mm up: the tool is pulled down by the tissue's own elastic force. After opening,
  * the force falls monotonically and is zero within the stated time, and nothing is grasped any more. */
-static void test_hold_pull_and_let_go(void **unused) {
+static void test_grasp_pull_and_release(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
     grasp_scene g = open_scene(&d, false);
@@ -102,7 +102,7 @@ static void test_hold_pull_and_let_go(void **unused) {
 
 /* Half a turn of roll twists the tissue and creates no net force; between the two thresholds the jaw state stays
  * unchanged. */
-static void test_roll_twists(void **unused) {
+static void test_roll_twists_without_net_force(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
     grasp_scene g = open_scene(&d, false);
@@ -125,7 +125,7 @@ static void test_roll_twists(void **unused) {
 
 /* Two graspers hold the same tissue and pull apart; the tetrahedra between them are cut: each force falls to its own
  * new value. */
-static void test_two_hold_and_a_cut_between(void **unused) {
+static void test_cut_between_two_graspers_ends_their_pull(void **unused) {
     (void)unused;
     scene_def d = small_block(2);
     grasp_scene g = open_scene(&d, true);
@@ -162,7 +162,7 @@ static void test_two_hold_and_a_cut_between(void **unused) {
 }
 
 /* All tissue around the grasped vertices is removed: they are released, and the tool's force is 0. */
-static void test_dead_vertices_are_let_go(void **unused) {
+static void test_removed_vertices_are_released(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
     grasp_scene g = open_scene(&d, true);
@@ -193,7 +193,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
 }
 
 /* A grasper whose pose is set elsewhere releases its vertices; the tissue is not thrown. */
-static void test_a_leap_lets_go(void **unused) {
+static void test_setting_the_pose_releases_the_grasp(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
     grasp_scene g = open_scene(&d, false);
@@ -243,11 +243,11 @@ static void test_costs_nothing_unless_named(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_hold_pull_and_let_go),
-        cmocka_unit_test(test_roll_twists),
-        cmocka_unit_test(test_two_hold_and_a_cut_between),
-        cmocka_unit_test(test_dead_vertices_are_let_go),
-        cmocka_unit_test(test_a_leap_lets_go),
+        cmocka_unit_test(test_grasp_pull_and_release),
+        cmocka_unit_test(test_roll_twists_without_net_force),
+        cmocka_unit_test(test_cut_between_two_graspers_ends_their_pull),
+        cmocka_unit_test(test_removed_vertices_are_released),
+        cmocka_unit_test(test_setting_the_pose_releases_the_grasp),
         cmocka_unit_test(test_costs_nothing_unless_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -233,7 +233,7 @@ static void turned(double angle, bool together, double *stored_J, double *moment
     destroy(&b);
 }
 
-static void ends_that_turn_come_to_rest(void **state) {
+static void rotated_ends_settle(void **state) {
     (void)state;
     double most_N, moment, before = 0;
     for (int part = 1; part <= 6; part++) {
@@ -251,7 +251,7 @@ static void ends_that_turn_come_to_rest(void **state) {
 /* --- the step --- */
 
 /* Deformed at random, partly inverted, base fixed: returns to rest. */
-static void comes_back_from_inside_out(void **state) {
+static void inverted_tissue_recovers(void **state) {
     (void)state;
     const tm_material base = material_of(0.45, TM_LAW_NEO_HOOKE);
     tm_material m = base;
@@ -276,7 +276,7 @@ static void comes_back_from_inside_out(void **state) {
 }
 
 /* Released from a stretch, undamped: the account closes, and energy varies only within the scheme's oscillation. */
-static void keeps_its_energy(void **state) {
+static void energy_account_closes_and_energy_is_conserved(void **state) {
     (void)state;
     const tm_material m = material_of(0.45, TM_LAW_NEO_HOOKE);
     block b = make((int[]){3, 3, 3}, &m, 1, false);
@@ -444,9 +444,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(uniaxial_stretch_and_press_to_40_percent),
         cmocka_unit_test(simple_shear_by_40_percent),
-        cmocka_unit_test(ends_that_turn_come_to_rest),
-        cmocka_unit_test(comes_back_from_inside_out),
-        cmocka_unit_test(keeps_its_energy),
+        cmocka_unit_test(rotated_ends_settle),
+        cmocka_unit_test(inverted_tissue_recovers),
+        cmocka_unit_test(energy_account_closes_and_energy_is_conserved),
         cmocka_unit_test(has_the_same_bits_by_threads_and_snapshots),
         cmocka_unit_test(a_cut_equals_a_fresh_build),
         cmocka_unit_test(refusals_say_why),

@@ -99,13 +99,13 @@ static uint64_t story(tm_law_kind law, bool effects, int32_t threads, int snapsh
     return hash;
 }
 
-static void laws_are_rubbed_held_and_cut(void **state) {
+static void laws_with_friction_grasp_and_cut_keep_bits_and_energy(void **state) {
     (void)state;
     assert_true(story(TM_LAW_NEO_HOOKE, true, 1, -1) == story(TM_LAW_NEO_HOOKE, true, 2, 40));
     assert_true(story(TM_LAW_HOLZAPFEL, false, 1, -1) == story(TM_LAW_HOLZAPFEL, false, 2, 40));
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(laws_are_rubbed_held_and_cut)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(laws_with_friction_grasp_and_cut_keep_bits_and_energy)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

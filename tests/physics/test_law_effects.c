@@ -35,7 +35,7 @@ static double confined_Pa(const tm_material *m, double s) {
 
 /* A stiff linear slab under a neo-Hookean one, with fixed sides and pressed by 20 %: both have uniform strain and
  * the same stress. The linear material is the first in the list, or the last. */
-static void presses_a_linear_body_beside_another(void **state) {
+static void linear_body_next_to_another_law_shares_its_stress(void **state) {
     (void)state;
     const tm_material soft = material_of(TM_LAW_NEO_HOOKE, 0.3, false);
     tm_material hard = material_of(TM_LAW_LINEAR, 0.3, false);
@@ -179,7 +179,7 @@ static void add_viscosity(body *b) {
 }
 
 /* Released from a stretch, undamped: the account closes, and energy varies only within the scheme's oscillation. */
-static void keeps_its_energy(void **state) {
+static void energy_account_closes_and_energy_is_conserved(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {
         const tm_material m = material_of(TWO[law], 0.49, false);
@@ -282,10 +282,10 @@ static void a_cut_equals_a_fresh_build(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(does_not_lock_near_incompressible),
-        cmocka_unit_test(keeps_its_energy),
+        cmocka_unit_test(energy_account_closes_and_energy_is_conserved),
         cmocka_unit_test(has_the_same_bits_by_threads_forms_and_snapshots),
         cmocka_unit_test(a_cut_equals_a_fresh_build),
-        cmocka_unit_test(presses_a_linear_body_beside_another),
+        cmocka_unit_test(linear_body_next_to_another_law_shares_its_stress),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

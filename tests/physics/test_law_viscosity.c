@@ -123,7 +123,7 @@ static void relaxes_by_the_series_at_any_strain(void **state) {
 }
 
 /* Rotated by two radians while it relaxes: the same stress, rotated. */
-static void relaxes_alike_while_it_turns(void **state) {
+static void relaxation_is_rotation_invariant(void **state) {
     (void)state;
     const double F[9] = {1.25, 0.1, 0, 0.05, 0.9, 0, 0, 0.1, 0.92};
     const tm_viscosity_def def = series(0.4, 0.1);
@@ -143,7 +143,7 @@ static void relaxes_alike_while_it_turns(void **state) {
 
 /* Closed strain loops of several relaxation times: tissue at rest never returns more energy than it received, and
  * each loop dissipates. */
-static void gains_nothing_by_loops(void **state) {
+static void strain_loops_gain_no_energy(void **state) {
     (void)state;
     enum { STEPS = 400, LOOPS = 3 };
     const tm_viscosity_def def = series(0.5, 0.2);
@@ -259,7 +259,7 @@ static void loses_energy_by_the_account(void **state) {
 }
 
 /* Inverted tissue recovers. */
-static void comes_back_from_inside_out(void **state) {
+static void inverted_tissue_recovers(void **state) {
     (void)state;
     tm_error error;
     const tm_viscosity_def def = series(0.4, 0.3);
@@ -288,12 +288,12 @@ static void comes_back_from_inside_out(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(relaxes_by_the_series_at_any_strain),
-        cmocka_unit_test(relaxes_alike_while_it_turns),
-        cmocka_unit_test(gains_nothing_by_loops),
+        cmocka_unit_test(relaxation_is_rotation_invariant),
+        cmocka_unit_test(strain_loops_gain_no_energy),
         cmocka_unit_test(moves_like_linear_tissue_when_small),
         cmocka_unit_test(rests_by_the_long_term_law),
         cmocka_unit_test(loses_energy_by_the_account),
-        cmocka_unit_test(comes_back_from_inside_out),
+        cmocka_unit_test(inverted_tissue_recovers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

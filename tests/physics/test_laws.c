@@ -370,7 +370,7 @@ static void averages_its_dilatation(const tm_law *law, bool fibred) {
     destroy(&b);
 }
 
-static void every_row(void **state) {
+static void every_law_meets_the_requirements(void **state) {
     (void)state;
     int rows = 0;
     for (const tm_law *const *law = tm_laws; *law; law++, rows++)
@@ -398,7 +398,7 @@ static void every_row(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_law_meets_the_requirements),
                                        cmocka_unit_test(every_tetrahedron_has_its_own_law)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

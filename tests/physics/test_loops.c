@@ -97,7 +97,7 @@ static void loops(const piece *p, double size_m, int count, int points, fix_rand
 
 static const double RATIO[] = {1, 1, 2, 5, 10}, POISSON[] = {0.3, 0.45, 0.4, 0.4, 0.4};
 
-static void test_one_tetrahedron_gives_back_what_it_took(void **state) {
+static void test_one_tetrahedron_returns_the_energy_of_a_loop(void **state) {
     (void)state;
     static const double corner[12] = {0, 0, 0, 0.01, 0, 0, 0.002, 0.009, 0, 0.003, 0.002, 0.011};
     for (int volume = 0; volume < 2; volume++)
@@ -115,7 +115,7 @@ static void test_one_tetrahedron_gives_back_what_it_took(void **state) {
 }
 
 /* A small mesh with tetrahedra that are inverted on the way; a path in many more dimensions. */
-static void test_meshes_give_back_what_they_took(void **state) {
+static void test_meshes_return_the_energy_of_a_loop(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++) {
         fix_random random = {5};
@@ -128,7 +128,7 @@ static void test_meshes_give_back_what_they_took(void **state) {
 
 /* Fibres ten times as stiff, of random directions, in flat tetrahedra; every vertex displaced at random by up to
  * twice their height. */
-static void test_fibred_tissue_comes_back(void **state) {
+static void test_fibred_tissue_returns_to_its_shape(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++)
         for (int round = 0; round < (test_is_long() ? 3 : 1); round++) {
@@ -149,9 +149,9 @@ static void test_fibred_tissue_comes_back(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_one_tetrahedron_gives_back_what_it_took),
-        cmocka_unit_test(test_meshes_give_back_what_they_took),
-        cmocka_unit_test(test_fibred_tissue_comes_back),
+        cmocka_unit_test(test_one_tetrahedron_returns_the_energy_of_a_loop),
+        cmocka_unit_test(test_meshes_return_the_energy_of_a_loop),
+        cmocka_unit_test(test_fibred_tissue_returns_to_its_shape),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -65,7 +65,7 @@ static void check_closed_form(double damping) {
     destroy_oscillator(&o);
 }
 
-static void one_free_vertex(void **state) {
+static void free_vertex_follows_the_closed_form(void **state) {
     (void)state;
     check_closed_form(0);
     check_closed_form(40);
@@ -116,7 +116,7 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     return world;
 }
 
-static void energy_is_kept(void **state) {
+static void undamped_energy_is_conserved(void **state) {
     (void)state;
     const int32_t steps = 1000000;
     fix_random random = {29};
@@ -138,7 +138,7 @@ static void energy_is_kept(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-static void grows_past_the_sharp_step(void **state) {
+static void motion_grows_past_the_estimated_step(void **state) {
     (void)state;
     fix_random random = {31};
     tm_mesh *mesh = fix_block((int[3]){2, 1, 1}, (double[3]){0.02, 0.01, 0.01}, 0, &random);
@@ -163,7 +163,7 @@ static void grows_past_the_sharp_step(void **state) {
 }
 
 /* Damping only removes energy; a change of the step keeps the velocity. */
-static void damping_and_step_changes(void **state) {
+static void damping_dissipates_and_step_changes_keep_velocity(void **state) {
     (void)state;
     oscillator o = make_oscillator(50);
     tm_state *s = tm_world_state(o.world);
@@ -240,7 +240,7 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
 
 /* Damped tissue without loads comes to rest in exactly its own shape, without denormals. Steps are independent of
  * their grouping. */
-static void dies_away_to_nothing(void **state) {
+static void damped_motion_ends_at_exactly_zero(void **state) {
     (void)state;
     oscillator o = make_oscillator(400), p = make_oscillator(400);
     tm_world_state(o.world)->u_m[FREE_DOF] = tm_world_state(p.world)->u_m[FREE_DOF] = 1e-3;
@@ -259,7 +259,7 @@ static void dies_away_to_nothing(void **state) {
     destroy_oscillator(&o);
 }
 
-static void refusals(void **state) {
+static void invalid_steps_and_supports_are_rejected(void **state) {
     (void)state;
     oscillator o = make_oscillator(50);
     tm_error error;
@@ -339,7 +339,7 @@ static double turned(tm_precision precision, int held, int32_t steps, tm_status 
 }
 
 /* Rounded tensors rotate free tissue, so single precision requires supports, and the library checks them. */
-static void single_is_for_what_is_held(void **state) {
+static void single_precision_requires_supports(void **state) {
     (void)state;
     tm_status status;
     const int32_t steps = test_is_long() ? 1000000 : 150000;
@@ -355,13 +355,13 @@ static void single_is_for_what_is_held(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(one_free_vertex),
-                                       cmocka_unit_test(energy_is_kept),
-                                       cmocka_unit_test(grows_past_the_sharp_step),
-                                       cmocka_unit_test(damping_and_step_changes),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(free_vertex_follows_the_closed_form),
+                                       cmocka_unit_test(undamped_energy_is_conserved),
+                                       cmocka_unit_test(motion_grows_past_the_estimated_step),
+                                       cmocka_unit_test(damping_dissipates_and_step_changes_keep_velocity),
                                        cmocka_unit_test(damped_world_comes_to_the_settled_rest),
-                                       cmocka_unit_test(dies_away_to_nothing),
-                                       cmocka_unit_test(refusals),
-                                       cmocka_unit_test(single_is_for_what_is_held)};
+                                       cmocka_unit_test(damped_motion_ends_at_exactly_zero),
+                                       cmocka_unit_test(invalid_steps_and_supports_are_rejected),
+                                       cmocka_unit_test(single_precision_requires_supports)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -158,7 +158,7 @@ static void a_rigid_motion_gives_no_force(void **state) {
 
 /* Small strains on a large rotation equal those of strain smoothing alone, rotated; a stretch without rotation does
  * so at any size below the tension bound. */
-static void small_strains_and_stretches_are_those_of_volume(void **state) {
+static void small_strains_and_stretches_equal_strain_smoothing(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
         turning t = block(fibred, 0.49, &(how){0});
@@ -246,7 +246,7 @@ static void all_forms_give_the_same_bits(void **state) {
 
 /* The stage "viscosity" does not apply the tensors: with zero shares its force is the tensors' plus the corotational
  * correction. */
-static void what_hardly_relaxes_has_the_force_of_both_parts(void **state) {
+static void zero_relaxation_gives_the_force_of_both_parts(void **state) {
     (void)state;
     for (int law = 0; law < 4; law++) {
         turning t = block(law % 2, 0.45, &(how){.plain_volume = law > 1, .cuttable = law == 0});
@@ -363,7 +363,7 @@ static void the_account_of_energy_closes(void **state) {
 }
 
 /* Every vertex is moved anywhere in a box of half the size; damped, the tissue recovers. */
-static void tissue_inside_out_comes_back(void **state) {
+static void inverted_tissue_recovers(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
         fix_random random = {29};
@@ -404,7 +404,7 @@ static void settle(turning *t) {
 }
 
 /* Relaxed tissue is at equilibrium as tissue with the remaining moduli, and stays there. */
-static void what_relaxes_rests_as_what_is_left(void **state) {
+static void relaxed_tissue_rests_by_the_remaining_moduli(void **state) {
     (void)state;
     turning t[2];
     double *u = NULL;
@@ -510,14 +510,14 @@ static void a_nearly_incompressible_beam_follows_the_elastica(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(force_and_tangent_are_derivatives),
                                        cmocka_unit_test(a_rigid_motion_gives_no_force),
-                                       cmocka_unit_test(small_strains_and_stretches_are_those_of_volume),
+                                       cmocka_unit_test(small_strains_and_stretches_equal_strain_smoothing),
                                        cmocka_unit_test(cut_and_snapshot_go_on_to_the_last_bit),
                                        cmocka_unit_test(all_forms_give_the_same_bits),
-                                       cmocka_unit_test(what_hardly_relaxes_has_the_force_of_both_parts),
+                                       cmocka_unit_test(zero_relaxation_gives_the_force_of_both_parts),
                                        cmocka_unit_test(no_state_needs_a_shorter_step),
                                        cmocka_unit_test(the_account_of_energy_closes),
-                                       cmocka_unit_test(tissue_inside_out_comes_back),
-                                       cmocka_unit_test(what_relaxes_rests_as_what_is_left),
+                                       cmocka_unit_test(inverted_tissue_recovers),
+                                       cmocka_unit_test(relaxed_tissue_rests_by_the_remaining_moduli),
                                        cmocka_unit_test(a_nearly_incompressible_beam_follows_the_elastica)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

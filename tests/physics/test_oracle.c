@@ -83,12 +83,13 @@ static void check_set(const char *name) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) { (void)state, check_set("iso"); }
-static void paper_law(void **state) { (void)state, check_set("fibre"); }
-static void engineering(void **state) { (void)state, check_set("muscle"); }
+static void isotropic_law_agrees_with_reference(void **state) { (void)state, check_set("iso"); }
+static void paper_law_agrees_with_reference(void **state) { (void)state, check_set("fibre"); }
+static void engineering_constants_agree_with_reference(void **state) { (void)state, check_set("muscle"); }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic), cmocka_unit_test(paper_law),
-                                       cmocka_unit_test(engineering)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic_law_agrees_with_reference),
+                                       cmocka_unit_test(paper_law_agrees_with_reference),
+                                       cmocka_unit_test(engineering_constants_agree_with_reference)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

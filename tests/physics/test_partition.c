@@ -51,7 +51,7 @@ static void play(scene *s, bool moves, uint64_t hash[FRAMES]) {
     assert_true(tm_tissue_alive_count(s->tissue) < s->mesh->tet_count);
 }
 
-static void anywhere_the_same_bits(void **state) {
+static void any_partition_ends_give_the_same_bits(void **state) {
     (void)state;
     for (int form = 0; form < 2; form++) {
         uint64_t one[FRAMES], many[FRAMES];
@@ -77,7 +77,7 @@ static void note_range(void *self, tm_world *world, const tm_range *range) {
     if (range->begin == 0) note(self, world);
 }
 
-static void others_see_the_same_tools_on_any_threads(void **state) {
+static void stages_see_the_same_tool_poses_for_any_threads(void **state) {
     (void)state;
     for (int kind = 0; kind < 2; kind++) {
         uint64_t seen[2] = {TM_HASH_SEED, TM_HASH_SEED}, hash[2][FRAMES];
@@ -110,7 +110,7 @@ static void place(void *self, tm_world *world) {
 static bool begin_nothing(void *self, tm_world *world) { return (void)self, (void)world, false; }
 static void work_nothing(void *self, tm_world *world, int32_t part) { (void)self, (void)world, (void)part; }
 
-static void what_places_a_tool_before_a_look_is_seen_by_it(void **state) {
+static void pose_set_before_detection_is_detected(void **state) {
     (void)state;
     static const tm_overlap nothing = {begin_nothing, work_nothing};
     uint64_t hash[2][FRAMES];
@@ -154,7 +154,7 @@ static bool is_missed(tm_world *world, int32_t first, int32_t vertex) {
 }
 
 /* Vertices of contact and grasps are checked again; after a later stage that may write anywhere, all are. */
-static void what_contact_changes(void **state) {
+static void changed_vertices_are_checked_again(void **state) {
     (void)state;
     scene s = create(TM_FORCE_BEST, 2);
     tm_world *world = s.world;
@@ -198,7 +198,7 @@ static int32_t size_of(const tm_world *world, int32_t p) {
     return world->partition[p].force.end - world->partition[p].force.begin;
 }
 
-static void to_where_time_is(void **state) {
+static void ends_move_to_balance_the_times(void **state) {
     (void)state;
     enum { EVERY = 32 };
     scene s = create(TM_FORCE_BEST, 3);
@@ -228,9 +228,10 @@ static void to_where_time_is(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(anywhere_the_same_bits),
-                                       cmocka_unit_test(others_see_the_same_tools_on_any_threads),
-                                       cmocka_unit_test(what_places_a_tool_before_a_look_is_seen_by_it),
-                                       cmocka_unit_test(what_contact_changes), cmocka_unit_test(to_where_time_is)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(any_partition_ends_give_the_same_bits),
+                                       cmocka_unit_test(stages_see_the_same_tool_poses_for_any_threads),
+                                       cmocka_unit_test(pose_set_before_detection_is_detected),
+                                       cmocka_unit_test(changed_vertices_are_checked_again),
+                                       cmocka_unit_test(ends_move_to_balance_the_times)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

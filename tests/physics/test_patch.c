@@ -288,7 +288,7 @@ static void patch_of_a_hold(const char *what, const double trocar_m[3], const do
     scene_destroy(&p.s);
 }
 
-static void test_patch_of_a_hold(void **unused) {
+static void test_patch_of_a_grasp(void **unused) {
     (void)unused;
     patch_of_a_hold("held and pulled 3 mm", (double[3]){0.1, 0, 0.25}, (double[3]){0, 0, 0.003}, false);
     patch_of_a_hold("held, the shaft pressed", (double[3]){0.15, 0, 0.06}, (double[3]){0.001, 0, -0.004}, true);
@@ -340,7 +340,7 @@ static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
     scene_destroy(&p.s);
 }
 
-static void test_making_allocates_nothing(void **unused) {
+static void test_computing_a_patch_allocates_nothing(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, false);
     int64_t before = tm_memory_in_use();
@@ -359,10 +359,10 @@ int main(void) {
         cmocka_unit_test(test_patch_follows_settled_tissue),
         cmocka_unit_test(test_patch_after_a_cut),
         cmocka_unit_test(test_stiffness_on_the_lip_of_a_slit),
-        cmocka_unit_test(test_patch_of_a_hold),
+        cmocka_unit_test(test_patch_of_a_grasp),
         cmocka_unit_test(test_patch_leads_the_tool),
         cmocka_unit_test(test_no_patch_for_a_tool_that_touches_nothing),
-        cmocka_unit_test(test_making_allocates_nothing),
+        cmocka_unit_test(test_computing_a_patch_allocates_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

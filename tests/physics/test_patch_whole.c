@@ -16,7 +16,7 @@ static double pressed_at(scene *s, double z) {
 }
 
 /* Pressed 6.5 mm and held, on a block of 14,400 tetrahedra: its 24 columns take some 170 frames. */
-static void test_no_stiffness_of_half_a_patch(void **unused) {
+static void test_incomplete_patch_has_no_stiffness(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     memcpy(d.cells, (int[3]){20, 15, 8}, sizeof d.cells);
@@ -51,6 +51,6 @@ static void test_no_stiffness_of_half_a_patch(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_no_stiffness_of_half_a_patch)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_incomplete_patch_has_no_stiffness)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -110,7 +110,7 @@ static void let_go(second other, double damping_1_s, double press_m, double fade
     scene_destroy(&r.s);
 }
 
-static void test_every_second_tool(void **unused) {
+static void test_release_is_gentle_for_every_second_tool(void **unused) {
     (void)unused;
     const double fade_s[] = {0, 0.1, 0.3};
     for (second other = NOTHING; other <= CAUTERY; other++)
@@ -118,7 +118,7 @@ static void test_every_second_tool(void **unused) {
             for (int p = 0; p < (other == NOTHING ? 1 : 2); p++) let_go(other, 20, p ? 0.004 : 0.001, fade_s[f], true);
 }
 
-static void test_every_depth(void **unused) {
+static void test_release_is_gentle_at_every_depth(void **unused) {
     (void)unused;
     const bool all = test_is_long(), few = test_is_sanitized();
     for (second other = PROBE; other <= GRASPER; other++)
@@ -128,8 +128,8 @@ static void test_every_depth(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_every_second_tool),
-        cmocka_unit_test(test_every_depth),
+        cmocka_unit_test(test_release_is_gentle_for_every_second_tool),
+        cmocka_unit_test(test_release_is_gentle_at_every_depth),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -370,7 +370,7 @@ static void test_a_snapshot_goes_on_to_the_last_bit(void **state) {
 }
 
 /* Invalid requests are rejected with the remedy, and leave no trace. */
-static void test_refusals(void **state) {
+static void test_invalid_rotation_settings_are_rejected(void **state) {
     (void)state;
     const tm_material m = material(false, 0.45);
     fix_random random = {1};
@@ -398,7 +398,7 @@ static void test_refusals(void **state) {
 
 /* Each vertex is moved anywhere in a box of half the size, so most tetrahedra are crushed or inverted. Damped, the
  * tissue recovers its shape, at any position. */
-static void test_tissue_inside_out_comes_back(void **state) {
+static void test_inverted_tissue_recovers(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
         fix_random random = {29};
@@ -640,8 +640,8 @@ int main(void) {
         cmocka_unit_test(test_the_account_of_energy_closes),
         cmocka_unit_test(test_cut_equals_a_fresh_build_bit_for_bit),
         cmocka_unit_test(test_a_snapshot_goes_on_to_the_last_bit),
-        cmocka_unit_test(test_refusals),
-        cmocka_unit_test(test_tissue_inside_out_comes_back),
+        cmocka_unit_test(test_invalid_rotation_settings_are_rejected),
+        cmocka_unit_test(test_inverted_tissue_recovers),
         cmocka_unit_test(test_a_cantilever_follows_the_elastica),
         cmocka_unit_test(test_compliance_is_the_tangents),
         cmocka_unit_test(test_a_bar_twisted_by_a_right_angle_settles),

@@ -169,7 +169,7 @@ static void the_energy_account_closes(void **state) {
     stop(&s);
 }
 
-static void refused(void **state) {
+static void impossible_mass_scaling_is_rejected(void **state) {
     (void)state;
     const double even = even_step();
     scene s = make(6 * even, 0.2, true, TM_DOUBLE);
@@ -197,9 +197,9 @@ static void refused(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(the_step_is_guaranteed_and_little_is_added),
-                                       cmocka_unit_test(cuts_keep_the_step),
-                                       cmocka_unit_test(rest_and_weight_are_untouched),
-                                       cmocka_unit_test(the_energy_account_closes), cmocka_unit_test(refused)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_step_is_guaranteed_and_little_is_added), cmocka_unit_test(cuts_keep_the_step),
+        cmocka_unit_test(rest_and_weight_are_untouched), cmocka_unit_test(the_energy_account_closes),
+        cmocka_unit_test(impossible_mass_scaling_is_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

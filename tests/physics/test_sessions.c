@@ -243,7 +243,7 @@ static void take(void *to, uint64_t seed, const verdict *v) {
     sum->hands_J += v->hands_J;
 }
 
-static void test_sessions(void **unused) {
+static void test_random_sessions_stay_within_bounds(void **unused) {
     (void)unused;
     const session_range range = sessions_to_run(100, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
     tally sum = {0};
@@ -257,6 +257,6 @@ static void test_sessions(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sessions)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_random_sessions_stay_within_bounds)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

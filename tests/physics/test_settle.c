@@ -134,7 +134,7 @@ static tm_settle_result settle(const bar *b, double tolerance) {
 }
 
 /* With the default tolerance no force is left, and every vertex is where the rotation moves it. */
-static void ends_that_turn_together_take_the_bar_along(void **state) {
+static void ends_rotated_together_rotate_the_bar(void **state) {
     (void)state;
     for (law kind = TURNING; kind < LAWS; kind++)
         for (int degrees = 30; degrees <= 180; degrees += kind < NEO ? 30 : degrees < 90 ? 60 : 90) {
@@ -157,7 +157,7 @@ static void ends_that_turn_together_take_the_bar_along(void **state) {
 /* One call, compared with steps of 15 degrees: no more energy, and no inverted tetrahedra. Laws in steps of 45:
  * where the bar's inner side is bent by 40 % there are several equilibria (Mooney-Rivlin: 0.6 % apart, each a
  * minimum). */
-static void one_call_ends_where_small_steps_lead(void **state) {
+static void one_call_finds_the_equilibrium_of_small_steps(void **state) {
     (void)state;
     for (law kind = TURNING; kind < LAWS; kind++)
         for (way how = TWISTED; how <= BENT; how++) {
@@ -199,19 +199,19 @@ static void far_end_is_led(far_end how, int boxes) {
     destroy(&led);
 }
 
-static void ends_that_slide_go_round_too(void **state) {
+static void sliding_ends_follow_the_rotation(void **state) {
     (void)state;
     far_end_is_led(SLIDES, 4);
 }
 
 /* Without a known rotation path, an increment that leaves the path of small steps is rolled back and halved. */
-static void straight_ways_are_halved_where_they_leave_the_path(void **state) {
+static void increments_off_the_path_are_halved(void **state) {
     (void)state;
     far_end_is_led(SPOTS, 2);
 }
 
 /* A bar of 20 x 20 x 80 mm: the straight path of its end passes through a point, and the stored energy is 0.00655 J. */
-static void a_bar_twisted_by_half_a_turn_stores_what_it_must(void **state) {
+static void bar_twisted_by_half_a_turn_stores_the_right_energy(void **state) {
     (void)state;
     bar b = make(TURNING_VOLUME, 0.45, (const int[]){4, 4, 16}, (const double[]){0.02, 0.02, 0.08});
     lead(&b, TWISTED, 180);
@@ -221,7 +221,7 @@ static void a_bar_twisted_by_half_a_turn_stores_what_it_must(void **state) {
 }
 
 /* Both ends are rotated by different angles: only the angle between them counts, in the shorter direction. */
-static void ends_go_round_by_the_shorter_way(void **state) {
+static void ends_rotate_in_the_shorter_direction(void **state) {
     (void)state;
     bar both = usual(TURNING_VOLUME), one = usual(TURNING_VOLUME);
     const double x = 0.01, y = 0.01, L = 0.08;
@@ -255,7 +255,7 @@ static void a_slender_bar_buckles(void **state) {
 }
 
 /* With stages that are relaxed the same equilibrium is found: a tool exists, far away. */
-static void beside_contact_supports_are_led_too(void **state) {
+static void supports_rotate_with_contact_too(void **state) {
     (void)state;
     for (way how = TURNED; how <= TWISTED; how++) {
         bar b = usual(TURNING), same = usual(TURNING);
@@ -381,14 +381,14 @@ static void a_blow_up_is_bounded_by_the_bodys_size(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(ends_that_turn_together_take_the_bar_along),
-        cmocka_unit_test(one_call_ends_where_small_steps_lead),
-        cmocka_unit_test(ends_that_slide_go_round_too),
-        cmocka_unit_test(straight_ways_are_halved_where_they_leave_the_path),
-        cmocka_unit_test(a_bar_twisted_by_half_a_turn_stores_what_it_must),
-        cmocka_unit_test(ends_go_round_by_the_shorter_way),
+        cmocka_unit_test(ends_rotated_together_rotate_the_bar),
+        cmocka_unit_test(one_call_finds_the_equilibrium_of_small_steps),
+        cmocka_unit_test(sliding_ends_follow_the_rotation),
+        cmocka_unit_test(increments_off_the_path_are_halved),
+        cmocka_unit_test(bar_twisted_by_half_a_turn_stores_the_right_energy),
+        cmocka_unit_test(ends_rotate_in_the_shorter_direction),
         cmocka_unit_test(a_slender_bar_buckles),
-        cmocka_unit_test(beside_contact_supports_are_led_too),
+        cmocka_unit_test(supports_rotate_with_contact_too),
         cmocka_unit_test(linear_tissue_says_when_it_is_far_outside_its_range),
         cmocka_unit_test(tetrahedra_inside_out_are_counted),
         cmocka_unit_test(work_is_bounded_and_the_error_says_what_can_be_done),

@@ -85,7 +85,7 @@ static void run_in_turns(body *b, int count, spent *least) {
         }
 }
 
-static void elastic_part_of_both_is_the_rotations(void **state) {
+static void elastic_part_is_attributed_to_rotation(void **state) {
     (void)state;
     body b[2] = {make(true, NULL), make(true, SHEAR)};
     spent s[2];
@@ -99,7 +99,7 @@ static void elastic_part_of_both_is_the_rotations(void **state) {
     for (int i = 0; i < 2; i++) destroy(&b[i]);
 }
 
-static void bulk_pass_of_unlike_shares_is_the_viscositys(void **state) {
+static void bulk_pass_of_unlike_shares_is_attributed_to_viscosity(void **state) {
     (void)state;
     body b[3] = {make(false, NULL), make(false, ALIKE), make(false, SHEAR)};
     spent s[3];
@@ -123,8 +123,8 @@ static void timers_change_no_bit(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(elastic_part_of_both_is_the_rotations),
-        cmocka_unit_test(bulk_pass_of_unlike_shares_is_the_viscositys),
+        cmocka_unit_test(elastic_part_is_attributed_to_rotation),
+        cmocka_unit_test(bulk_pass_of_unlike_shares_is_attributed_to_viscosity),
         cmocka_unit_test(timers_change_no_bit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -46,7 +46,7 @@ static double least_element(const tm_tissue *tissue) {
     return least;
 }
 
-static void never_above_the_sharp_step(void **state) {
+static void guaranteed_step_is_below_the_true_one(void **state) {
     (void)state;
     tm_material m[2];
     tm_error error;
@@ -90,7 +90,7 @@ static void never_above_the_sharp_step(void **state) {
 }
 
 /* One vertex moved close to a face: its slivers alone would need a shorter step than with the masses around them. */
-static void slivers_share(void **state) {
+static void slivers_use_the_masses_around_them(void **state) {
     (void)state;
     tm_material material;
     tm_error error;
@@ -127,6 +127,7 @@ static void slivers_share(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(never_above_the_sharp_step), cmocka_unit_test(slivers_share)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(guaranteed_step_is_below_the_true_one),
+                                       cmocka_unit_test(slivers_use_the_masses_around_them)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -49,7 +49,7 @@ static void same_story(tm_force_form form, tm_precision precision, int32_t threa
     scene_destroy(&s);
 }
 
-static void same_bits_for_any_number(void **state) {
+static void bits_are_the_same_for_any_number_of_threads(void **state) {
     (void)state;
     static const struct {
         tm_force_form form;
@@ -75,7 +75,7 @@ static void last_part_first(void *user, void (*work)(void *context, int32_t part
     for (int32_t p = parts - 1; p >= 0; p--) work(context, p);
 }
 
-static void the_callers_threads(void **state) {
+static void caller_threads_give_the_same_bits(void **state) {
     (void)state;
     uint64_t one[FRAMES];
     scene s = create(TM_FORCE_BEST, TM_DOUBLE, 1, NULL);
@@ -102,7 +102,7 @@ static int32_t calls_with(double other_tip_z) {
 
 /* All tools are detected during the force pass, and each partition checks its new displacements: there are no
  * further waits. */
-static void tools_look_while_force_is_computed(void **state) {
+static void contact_detection_overlaps_the_force_pass(void **state) {
     (void)state;
     assert_int_equal(calls_with(0.0445), 1);
     assert_int_equal(calls_with(0.2), 1);
@@ -163,7 +163,7 @@ static tm_mesh *shuffled(void) {
     return mesh;
 }
 
-static void any_numbering(void **state) {
+static void bits_are_the_same_for_any_numbering(void **state) {
     (void)state;
     tm_mesh *mesh = shuffled();
     tm_material material;
@@ -201,7 +201,7 @@ static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_partition *p
 
 /* In order a tenth of the edges connects two partitions, at random half of them; the later partitions once computed
  * all of those. */
-static void parts_cost_the_same(void **state) {
+static void partitions_have_equal_cost(void **state) {
     (void)state;
     fix_random random = {5};
     tm_mesh *mesh[2] = {fix_block((int[3]){14, 14, 14}, (double[3]){0.1, 0.1, 0.1}, 0.2, &random), shuffled()};
@@ -285,7 +285,7 @@ static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind,
     return hash;
 }
 
-static void tissue_that_turns_swells_and_relaxes(void **state) {
+static void rotation_dilatation_and_viscosity_have_the_same_bits(void **state) {
     (void)state;
     tm_mesh *mesh = shuffled();
     for (int kind = 1; kind < KINDS; kind++) {
@@ -307,7 +307,7 @@ static void tissue_that_turns_swells_and_relaxes(void **state) {
 
 /* Gravity and integration written out, one vertex at a time: the step has the same bits for any number of vertices
  * at a time. */
-static void loops_have_the_bits_of_one(void **state) {
+static void vertex_loops_have_the_bits_of_single_vertices(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = 5, def.cells[1] = 6, def.cells[2] = 4;
@@ -340,7 +340,7 @@ static void loops_have_the_bits_of_one(void **state) {
 
 /* --- other guarantees of a step --- */
 
-static void one_vertex_fails_all(void **state) {
+static void one_bad_vertex_fails_the_complete_step(void **state) {
     (void)state;
     scene s = create(TM_FORCE_BEST, TM_DOUBLE, 3, NULL);
     uint64_t hash[FRAMES];
@@ -359,7 +359,7 @@ static void one_vertex_fails_all(void **state) {
     scene_destroy(&s);
 }
 
-static void small_tissue_stays_on_one(void **state) {
+static void small_tissue_uses_one_thread(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 6, def.cells[2] = 4, def.threads = 8;
@@ -378,7 +378,7 @@ static void small_tissue_stays_on_one(void **state) {
 }
 
 /* Threads exist as long as their world; a call of one step does not wake them. */
-static void threads_come_and_go(void **state) {
+static void threads_start_and_end_with_their_world(void **state) {
     (void)state;
     const int64_t before = tm_memory_in_use();
     for (int i = 0; i < 3; i++) {
@@ -400,7 +400,7 @@ static void late_parts(void *user, void (*work)(void *context, int32_t part), vo
 
 /* The wait is attributed to the stage in which the other threads still work: mostly "force", not the last stage of
  * the pass. */
-static void waiting_is_booked_where_work_is(void **state) {
+static void waiting_is_attributed_to_the_stage_at_work(void **state) {
     (void)state;
     fix_random random = {9};
     tm_mesh *mesh = fix_block((int[]){10, 10, 8}, (double[]){0.1, 0.1, 0.08}, 0.1, &random);
@@ -443,17 +443,17 @@ static void waiting_is_booked_where_work_is(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
-                                       cmocka_unit_test(the_callers_threads),
-                                       cmocka_unit_test(tools_look_while_force_is_computed),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(bits_are_the_same_for_any_number_of_threads),
+                                       cmocka_unit_test(caller_threads_give_the_same_bits),
+                                       cmocka_unit_test(contact_detection_overlaps_the_force_pass),
                                        cmocka_unit_test(patches_have_the_same_bits),
-                                       cmocka_unit_test(any_numbering),
-                                       cmocka_unit_test(parts_cost_the_same),
-                                       cmocka_unit_test(tissue_that_turns_swells_and_relaxes),
-                                       cmocka_unit_test(loops_have_the_bits_of_one),
-                                       cmocka_unit_test(one_vertex_fails_all),
-                                       cmocka_unit_test(small_tissue_stays_on_one),
-                                       cmocka_unit_test(threads_come_and_go),
-                                       cmocka_unit_test(waiting_is_booked_where_work_is)};
+                                       cmocka_unit_test(bits_are_the_same_for_any_numbering),
+                                       cmocka_unit_test(partitions_have_equal_cost),
+                                       cmocka_unit_test(rotation_dilatation_and_viscosity_have_the_same_bits),
+                                       cmocka_unit_test(vertex_loops_have_the_bits_of_single_vertices),
+                                       cmocka_unit_test(one_bad_vertex_fails_the_complete_step),
+                                       cmocka_unit_test(small_tissue_uses_one_thread),
+                                       cmocka_unit_test(threads_start_and_end_with_their_world),
+                                       cmocka_unit_test(waiting_is_attributed_to_the_stage_at_work)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

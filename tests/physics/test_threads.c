@@ -85,7 +85,7 @@ static void *play(void *of) {
     return NULL;
 }
 
-static void two_worlds_in_two_threads(void **state) {
+static void two_worlds_in_two_threads_are_independent(void **state) {
     (void)state;
     half *h[4]; /* 0 and 1 concurrently, then the same two one after the other */
     for (int i = 0; i < 4; i++) h[i] = half_create(i % 2 ? 0.003 : 0, i % 2 ? 5000 : 8000);
@@ -141,7 +141,7 @@ static void *come_and_go(void *of) {
     return NULL;
 }
 
-static void worlds_that_come_and_go(void **state) {
+static void worlds_created_and_freed_meanwhile_share_nothing(void **state) {
     (void)state;
     uint64_t hash[3] = {TM_HASH_SEED, TM_HASH_SEED, TM_HASH_SEED};
     const int64_t before = tm_memory_in_use();
@@ -211,8 +211,8 @@ static void contact_fits_a_small_stack(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(two_worlds_in_two_threads),
-                                       cmocka_unit_test(worlds_that_come_and_go),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(two_worlds_in_two_threads_are_independent),
+                                       cmocka_unit_test(worlds_created_and_freed_meanwhile_share_nothing),
                                        cmocka_unit_test(contact_fits_a_small_stack)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -24,7 +24,7 @@ static bool on_boundary(const tm_mesh *mesh, int32_t v) {
 }
 
 /* A linear displacement prescribed on the boundary is the solution inside. */
-static void patch_test(void **state) {
+static void linear_displacements_are_solutions(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -112,7 +112,7 @@ static double element_energy(const tm_mesh *mesh, const tm_material *m, const do
     return w * mesh->volume_m3[0];
 }
 
-static void blocks(void **state) {
+static void stiffness_blocks_are_symmetric(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -144,7 +144,7 @@ static void blocks(void **state) {
     }
 }
 
-static void rigid_motions(void **state) {
+static void rigid_motions_give_no_force(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -172,7 +172,7 @@ static void rigid_motions(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-static void mass_and_views(void **state) {
+static void mass_and_views_are_consistent(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -212,7 +212,7 @@ static void mass_and_views(void **state) {
 }
 
 /* Checks guaranteed <= estimated step, that the named element sets it, and its value by power iteration on K_e. */
-static void critical_steps(void **state) {
+static void critical_steps_name_the_element_that_sets_them(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -251,7 +251,7 @@ static void critical_steps(void **state) {
 }
 
 /* One tetrahedron is its own assembled system: both steps must agree, down to slivers of aspect 1e6. */
-static void critical_step_of_one(void **state) {
+static void critical_steps_agree_for_one_tetrahedron(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -279,7 +279,7 @@ static void critical_step_of_one(void **state) {
 
 /* The selected form against the plain one; the arrays end where the last vertex does, so that ASan detects any
  * access beyond. */
-static void forms_agree(void **state) {
+static void force_forms_agree(void **state) {
     (void)state;
     tm_material m[3];
     three_materials(m);
@@ -400,14 +400,14 @@ static void wide_form_sums_by_lanes(void **state) {
 #endif
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(forms_agree),
-                                       cmocka_unit_test(patch_test),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(force_forms_agree),
+                                       cmocka_unit_test(linear_displacements_are_solutions),
                                        cmocka_unit_test(force_is_the_gradient),
-                                       cmocka_unit_test(blocks),
-                                       cmocka_unit_test(rigid_motions),
-                                       cmocka_unit_test(mass_and_views),
-                                       cmocka_unit_test(critical_steps),
-                                       cmocka_unit_test(critical_step_of_one),
+                                       cmocka_unit_test(stiffness_blocks_are_symmetric),
+                                       cmocka_unit_test(rigid_motions_give_no_force),
+                                       cmocka_unit_test(mass_and_views_are_consistent),
+                                       cmocka_unit_test(critical_steps_name_the_element_that_sets_them),
+                                       cmocka_unit_test(critical_steps_agree_for_one_tetrahedron),
                                        cmocka_unit_test(wide_form_sums_by_lanes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

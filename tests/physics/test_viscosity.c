@@ -280,7 +280,7 @@ static void lead_turned(const relaxing *r, double s, double angle, double *u) {
 
 /* Tissue that is stretched by 1 % while it begins to rotate, through the band of the threshold, relaxes like tissue
  * rotated before: a history stores almost nothing of the rotation. */
-static void what_begins_to_turn_keeps_its_strain(void **state) {
+static void history_excludes_a_beginning_rotation(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
         const plan bare = {.rotation_of = true, .fibred = fibred};
@@ -316,7 +316,7 @@ static void what_begins_to_turn_keeps_its_strain(void **state) {
 
 /* Tissue that is stretched while it rotates by 70 degrees relaxes in its own axes as it does at rest; for any
  * history its forces have no sum and no moment. */
-static void what_turns_relaxes_in_its_own_axes(void **state) {
+static void rotating_tissue_relaxes_in_its_own_axes(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
         const plan still_plan = {.term = SHEAR, .count = 2, .rotation_of = true, .fibred = fibred};
@@ -411,7 +411,7 @@ static void check_rest(const plan *p) {
     destroy(&r);
 }
 
-static void it_settles_to_what_has_relaxed(void **state) {
+static void settles_to_the_relaxed_equilibrium(void **state) {
     (void)state;
     check_rest(&(plan){.term = SERIES, .count = 3, .damped = true});
     check_rest(&(plan){.term = SHEAR, .count = 2, .damped = true, .cuttable = true});
@@ -428,7 +428,7 @@ static void shake(const relaxing *r, uint64_t seed) {
 }
 
 /* Just below the estimated critical step of the instantaneous law, undamped and free: nothing grows, for any terms. */
-static void the_step_stays_as_it_is(void **state) {
+static void guaranteed_step_needs_no_change(void **state) {
     (void)state;
     static const tm_viscosity_term hard[][2] = {{{1e-6, 0.9999, 0.9999}}, {{1e6, 0.9999, 0.9999}},
                                                 {{3e-3, 0.9999, 0.9999}}, {{1e-3, 0.9, 0}, {1e-2, 0.0999, 0.9999}},
@@ -561,12 +561,12 @@ static void check_failure(bool turned, bool volume) {
     destroy(&a), destroy(&b);
 }
 
-static void a_failed_step_has_not_happened(void **state) {
+static void failed_step_is_rolled_back(void **state) {
     (void)state;
     for (int k = 0; k < 4; k++) check_failure(k & 1, k & 2);
 }
 
-static void what_leaves_leaves_nothing(void **state) {
+static void removed_stage_returns_its_memory(void **state) {
     (void)state;
     const plan with = {.term = SHEAR, .count = 2, .damped = true}, without = {.damped = true};
     relaxing a = make(&with), b = make(&without);
@@ -591,7 +591,7 @@ static void refuses(tm_viscosity_def def, const char *says) {
     destroy(&r);
 }
 
-static void what_cannot_be_is_refused(void **state) {
+static void invalid_terms_are_rejected(void **state) {
     (void)state;
     refuses(terms(NULL, 0), "1 to 3");
     refuses(terms(&(tm_viscosity_term){0, 0.5, 0.5}, 1), "term 0");
@@ -604,15 +604,15 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(relaxation_is_the_closed_form),
         cmocka_unit_test(creep_is_the_closed_form),
-        cmocka_unit_test(what_begins_to_turn_keeps_its_strain),
-        cmocka_unit_test(what_turns_relaxes_in_its_own_axes),
-        cmocka_unit_test(it_settles_to_what_has_relaxed),
-        cmocka_unit_test(the_step_stays_as_it_is),
+        cmocka_unit_test(history_excludes_a_beginning_rotation),
+        cmocka_unit_test(rotating_tissue_relaxes_in_its_own_axes),
+        cmocka_unit_test(settles_to_the_relaxed_equilibrium),
+        cmocka_unit_test(guaranteed_step_needs_no_change),
         cmocka_unit_test(snapshots_go_on_with_the_same_bits),
         cmocka_unit_test(a_cut_is_a_fresh_build_in_the_same_state),
-        cmocka_unit_test(a_failed_step_has_not_happened),
-        cmocka_unit_test(what_leaves_leaves_nothing),
-        cmocka_unit_test(what_cannot_be_is_refused),
+        cmocka_unit_test(failed_step_is_rolled_back),
+        cmocka_unit_test(removed_stage_returns_its_memory),
+        cmocka_unit_test(invalid_terms_are_rejected),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

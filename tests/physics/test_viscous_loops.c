@@ -124,7 +124,7 @@ static void say(const char *what, int k, double size_m, const balance *b) {
 
 static const double SIZE_M[] = {1e-4, 1e-3, 1e-2};
 
-static void test_what_stands_still_is_elastic(void **state) {
+static void test_frozen_histories_are_elastic(void **state) {
     (void)state;
     static const tm_viscosity_term frozen = {1e6, 0.6, 0.3};
     for (int k = 0; k < 8; k++)
@@ -139,7 +139,7 @@ static void test_what_stands_still_is_elastic(void **state) {
 }
 
 /* Relaxation times from far below a loop's duration to far above it. */
-static void test_what_relaxes_only_loses(void **state) {
+static void test_relaxing_terms_only_dissipate(void **state) {
     (void)state;
     const int points = 1 << 13, rounds = test_is_long() ? 20 : 2;
     for (int k = 0; k < 8; k++)
@@ -217,7 +217,7 @@ static double spin(double threshold) {
 
 /* The linear law below the threshold interprets rotation as strain: it takes momentum once, while the block begins
  * to rotate. If the first step is already beyond the threshold, it takes none. */
-static void test_what_spins_goes_on(void **state) {
+static void test_rotating_block_keeps_angular_momentum(void **state) {
     (void)state;
     assert_true(spin(TM_ROTATION_THRESHOLD) < 3e-4);
     assert_true(spin(0.002) < 1e-12);
@@ -225,9 +225,9 @@ static void test_what_spins_goes_on(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_what_stands_still_is_elastic),
-        cmocka_unit_test(test_what_relaxes_only_loses),
-        cmocka_unit_test(test_what_spins_goes_on),
+        cmocka_unit_test(test_frozen_histories_are_elastic),
+        cmocka_unit_test(test_relaxing_terms_only_dissipate),
+        cmocka_unit_test(test_rotating_block_keeps_angular_momentum),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -149,7 +149,7 @@ static double drift(const rest *r) {
     return fmax(off[0], off[1]);
 }
 
-static void it_stays_where_elastic_tissue_of_what_is_left_rests(void **state) {
+static void relaxed_tissue_stays_at_the_long_term_equilibrium(void **state) {
     (void)state;
     static const rest all[] = {
         {"in the band", {1.03, 0.99, 1}, 0.02, false, 0.45, 1e-4, false, false, ALIKE, 2},
@@ -178,7 +178,7 @@ static void it_stays_where_elastic_tissue_of_what_is_left_rests(void **state) {
 
 /* Every vertex is moved anywhere in a box of half the size, and nearly all of the law relaxes: the energy does not
  * grow. */
-static void fibred_tissue_inside_out_does_not_run_away(void **state) {
+static void inverted_fibred_tissue_gains_no_energy(void **state) {
     (void)state;
     static const tm_viscosity_term most[2] = {{0.02, 0.475, 0.2375}, {0.2, 0.475, 0.7125}};
     const rest r = {.fibred = true, .term = most, .count = 2};
@@ -204,7 +204,7 @@ static void fibred_tissue_inside_out_does_not_run_away(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(it_stays_where_elastic_tissue_of_what_is_left_rests),
-                                       cmocka_unit_test(fibred_tissue_inside_out_does_not_run_away)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(relaxed_tissue_stays_at_the_long_term_equilibrium),
+                                       cmocka_unit_test(inverted_fibred_tissue_gains_no_energy)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -142,7 +142,7 @@ static double defined_energy(const tm_tissue *tissue, const int *law_of_region, 
     return sum;
 }
 
-static void blocks_are_those_of_the_energy(void **state) {
+static void stiffness_blocks_equal_the_energys_definition(void **state) {
     (void)state;
     static const int law_of_region[4] = {0, 1, 2, 0};
     static const int32_t material[4] = {0, 1, 2, 0};
@@ -294,7 +294,7 @@ static void guaranteed_step_is_below_the_sharp_one(void **state) {
 
 /* Free tissue has exactly six modes without energy; the seventh mode is as stiff as that of linear tetrahedra,
  * except for their locking. */
-static void no_mode_is_without_energy(void **state) {
+static void only_rigid_modes_have_no_energy(void **state) {
     (void)state;
     fix_random random = {59};
     tm_mesh *mesh = make_mesh((int[3]){3, 3, 2}, 1, &random);
@@ -359,7 +359,7 @@ static bool slippery_box(const double x[3], int axis) {
 /* A box of nearly incompressible tissue under its own weight has the pressure of water. The pressures of vertices,
  * which the law uses, follow the depth: their error and their roughness (a vertex against the mean of its
  * neighbours) are a few thousandths. */
-static void pressures_are_those_of_water(void **state) {
+static void pressures_under_gravity_are_hydrostatic(void **state) {
     (void)state;
     const double young = 5e3, nu = 0.499, bulk = young / (3 * (1 - 2 * nu)), weight = 1000 * 9.81;
     fix_random random = {61};
@@ -446,7 +446,7 @@ static double tip(double nu, bool volume, double shear) {
                     pull * length / (young / (2 * (1 + nu)) * 5 / 6 * side * side));
 }
 
-static void beams_bend_however_incompressible(void **state) {
+static void nearly_incompressible_beams_bend_correctly(void **state) {
     (void)state;
     static const double nu[] = {0.3, 0.45, 0.49, 0.499};
     for (int i = 0; i < 4; i++) {
@@ -458,7 +458,7 @@ static void beams_bend_however_incompressible(void **state) {
     }
 }
 
-static void what_cannot_be_is_refused(void **state) {
+static void invalid_settings_are_rejected(void **state) {
     (void)state;
     tm_material law[LAWS];
     make_laws(law);
@@ -485,10 +485,14 @@ static void what_cannot_be_is_refused(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(blocks_are_those_of_the_energy),    cmocka_unit_test(cut_tissue_is_a_fresh_build),
-        cmocka_unit_test(snapshots_go_on_to_the_last_bit),   cmocka_unit_test(guaranteed_step_is_below_the_sharp_one),
-        cmocka_unit_test(no_mode_is_without_energy),         cmocka_unit_test(pressures_are_those_of_water),
-        cmocka_unit_test(beams_bend_however_incompressible), cmocka_unit_test(what_cannot_be_is_refused),
+        cmocka_unit_test(stiffness_blocks_equal_the_energys_definition),
+        cmocka_unit_test(cut_tissue_is_a_fresh_build),
+        cmocka_unit_test(snapshots_go_on_to_the_last_bit),
+        cmocka_unit_test(guaranteed_step_is_below_the_sharp_one),
+        cmocka_unit_test(only_rigid_modes_have_no_energy),
+        cmocka_unit_test(pressures_under_gravity_are_hydrostatic),
+        cmocka_unit_test(nearly_incompressible_beams_bend_correctly),
+        cmocka_unit_test(invalid_settings_are_rejected),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

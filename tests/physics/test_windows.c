@@ -340,7 +340,7 @@ static void take(void *to, uint64_t seed, const verdict *v) {
     sum->stored_J = fmax(sum->stored_J, v->stored_J);
 }
 
-static void test_random_sessions(void **unused) {
+static void test_random_sessions_gain_no_energy_in_any_window(void **unused) {
     (void)unused;
     const session_range range =
         sessions_to_run(test_is_sanitized() ? 10 : 100, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
@@ -370,7 +370,7 @@ static const session PLAIN = {.mode = {TM_TOOL_GRASPER, TM_TOOL_GRASPER},
                               .radius_m = 0.003};
 
 /* Rotation alone, four actions: squeezed and released, pulled, pulled, squeezed and released. */
-static void test_smallest_that_was_found(void **unused) {
+static void test_smallest_known_session_stays_within_the_bound(void **unused) {
     (void)unused;
     const action pull[2] = {{PULL, 0, 8, {0}, 0.012, 0}, {PULL, 1, 8, {0}, 0.012, 0}},
                  squeeze = {SQUEEZE, 0, 12, {0.002, 0.003, -0.008}, 0.006, 0}, release = {RELEASE, 0, 8, {0}, 0.01, 0};
@@ -381,7 +381,7 @@ static void test_smallest_that_was_found(void **unused) {
 }
 
 /* Squeezed deep from both sides, drawn far above the block and held there: once exceeded the bound while drawn. */
-static void test_drawn_up_and_held(void **unused) {
+static void test_tissue_drawn_up_and_held_stays_within_the_bound(void **unused) {
     (void)unused;
     const action stand = {STAND, 0, 50, {0}, 0, 0};
     const action all[] = {
@@ -392,7 +392,7 @@ static void test_drawn_up_and_held(void **unused) {
 }
 
 /* A slowly sliding hand feels the force at rest (test_contact.c): the energy from that is bounded too. */
-static void test_slow_slide(void **unused) {
+static void test_slow_slide_stays_within_its_credit(void **unused) {
     (void)unused;
     const action all[] = {{PRESS, 0, 40, {-0.01, 0.002, -0.004}, 0, 0},
                           {PRESS, 0, 160, {-0.004, 0.004, -0.004}, 0, 0},
@@ -406,10 +406,10 @@ static void test_slow_slide(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_smallest_that_was_found),
-        cmocka_unit_test(test_drawn_up_and_held),
-        cmocka_unit_test(test_slow_slide),
-        cmocka_unit_test(test_random_sessions),
+        cmocka_unit_test(test_smallest_known_session_stays_within_the_bound),
+        cmocka_unit_test(test_tissue_drawn_up_and_held_stays_within_the_bound),
+        cmocka_unit_test(test_slow_slide_stays_within_its_credit),
+        cmocka_unit_test(test_random_sessions_gain_no_energy_in_any_window),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

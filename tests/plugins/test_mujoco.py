@@ -44,7 +44,7 @@ def python(build, script, tmp_path):
     return subprocess.run([build / "mujoco/venv/bin/python", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900)
 
 
-def test_an_arm_bears_what_the_tissue_gives(root, build, plugin, tmp_path):
+def test_arm_bears_the_tissues_force(root, build, plugin, tmp_path):
     run = python(build, SCRIPT.format(root=root, plugin=plugin), tmp_path)
     assert run.returncode == 0 and run.stderr == "", run.stderr
     told = json.loads(run.stdout)
@@ -66,7 +66,7 @@ def test_an_arm_bears_what_the_tissue_gives(root, build, plugin, tmp_path):
     ('value="tip"', 'value="tip tip"', "2 sites for 1 instruments"),
     ('<config key="sites"', '<config key="set" value="gravitas=yes"/><config key="sites"', "gravitas"),
 ])
-def test_what_is_wrong_is_said(root, build, plugin, tmp_path, old, new, said):
+def test_errors_are_reported(root, build, plugin, tmp_path, old, new, said):
     script = f"""
 import mujoco
 mujoco.mj_loadPluginLibrary({str(plugin)!r})

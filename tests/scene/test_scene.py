@@ -117,7 +117,7 @@ ODD = [  # change of the scene, words of the message
 
 
 @pytest.mark.parametrize("change,said", ODD, ids=[str(i) for i in range(len(ODD))])
-def test_what_is_odd_is_found(bin, made, change, said):
+def test_unusual_settings_are_found(bin, made, change, said):
     text = made.read_text()
     assert change[0] in text
     copy = made.parent / "odd.yaml" if said is None else made.parent / f"odd{abs(hash(change))}" / "organ.yaml"
@@ -133,7 +133,7 @@ def test_a_sound_scene_is_called_sound(bin, made):
     assert "no warnings" in run(bin / "tm-scene", "check", "--strict", made)
 
 
-def test_a_bare_scene_lacks_things(bin, made):
+def test_missing_sections_are_reported(bin, made):
     (made.parent / "bare.yaml").write_text('tissue: {mesh: organ.msh, materials: {"*": {young: 5 kPa, poisson: 0.45}}}\n')
     said = run(bin / "tm-scene", "check", made.parent / "bare.yaml")
     for what in ("the organ has no supports", "the scene has no instruments", "no 'haptics:'", "no 'rendering:'", "no 'damping:'"):
@@ -165,7 +165,7 @@ def overhang():
     return meshlib.Mesh(curved + [(x + 0.007, y + 0.009, z + 0.15) for x, y, z in curved], tets + [[v + len(used) for v in t] for t in tets])
 
 
-def test_what_hangs_by_too_little_is_held_by_more(bin, tmp_path):
+def test_weakly_supported_bodies_get_more_support(bin, tmp_path):
     scene, figures = tmp_path / "a.yaml", tmp_path / "rest.json"
     (tmp_path / "a.msh").write_text(meshlib.msh2(overhang()))
     run(bin / "tm-scene", "new", tmp_path / "a.msh")

@@ -32,7 +32,7 @@ def test_a_press_takes_short_steps_while_deep(build, root, tmp_path):
     ([], "needs a nonlinear law"),
     ([*LAW, "time.step=20 ms"], "guaranteed for strains up to 0.1"),
 ])
-def test_what_it_cannot_be_with_is_refused(build, root, words, said):
+def test_incompatible_settings_are_refused(build, root, words, said):
     done = subprocess.run([build / "bin/tm-sim", root / "apps/scenes/block-press.yaml", "--explain", *sets(*words, "time.adaptive=yes")], capture_output=True, text=True, timeout=100)
     assert done.returncode == 2 and said in done.stderr and ("--set" in done.stderr or ".yaml:" in done.stderr)
 

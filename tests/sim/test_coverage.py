@@ -64,7 +64,7 @@ def test_lost_patches_are_counted(bin, root, tmp_path):
     assert any(i["carried"] < 0.5 * i["touched"] for i in r["coverage"]), r["coverage"]
 
 
-def test_what_costs_coverage_is_named(bin, root):
+def test_cause_of_lost_coverage_is_named(bin, root):
     scene = [bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain", "--set", "haptics.rate=25",
              "--set", "rotation=", "--set", "haptics.compliance=iterations"]
     _, said = run(*scene)

@@ -72,5 +72,5 @@ def test_a_profile_is_of_one_device(bin, root, tmp_path, words, says):
 @pytest.mark.parametrize("words, says", [
     (["instruments[0].device=deks"], "device 'deks' is not known; use one of impulse_engine desk"),
     (["instruments[0].device=desk", "hand[0].path[1].roll=0.2 rad"], "the device of instrument 0, desk, has no such joint; leave it out")])
-def test_what_cannot_be_is_told(bin, root, words, says):
+def test_impossible_assignments_are_reported(bin, root, words, says):
     assert says in sim(bin, root, "--check", *(w for word in words for w in ("--set", word)), code=2).stderr

@@ -22,7 +22,7 @@ def cut_session(bin, root, tmp_path_factory):
     return r, tmp
 
 
-def test_cut_events_and_tissue_tell_the_same_story(cut_session, types):
+def test_cut_events_agree_with_the_tissue(cut_session, types):
     r, tmp = cut_session
     removed, revision, alive, open_faces = [], 0, r["tets"], 0
     for e in lcm.EventLog(str(tmp / "log")):
@@ -48,7 +48,7 @@ def test_cut_events_and_tissue_tell_the_same_story(cut_session, types):
     assert open_faces > 10
 
 
-def test_the_grasper_pulls_and_lets_go(cut_session):
+def test_grasper_pulls_and_releases(cut_session):
     _, tmp = cut_session
     s = columns(tmp / "s.csv")
     s = s[s["instrument"] == 0]

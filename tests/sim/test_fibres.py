@@ -45,7 +45,7 @@ def run(bin, folder, fibres, code=0):
     return json.loads((folder / "rest.json").read_text())["energy_J"] if code == 0 else out.stderr
 
 
-def test_from_end_to_end_of_an_arc_is_round_it(bin, folder):
+def test_fibres_between_two_ends_follow_the_arc(bin, folder):
     round_it, laplace = run(bin, folder, CIRCULAR), run(bin, folder, "rule: laplace, from: begin, to: end")
     assert laplace == pytest.approx(round_it, rel=0.03)  # a six-part mesh's gradient
     assert run(bin, folder, "rule: laplace, from: end, to: begin") == pytest.approx(laplace, rel=1e-6)
@@ -56,7 +56,7 @@ def write(path, word, vectors):
     path.write_text(f"{word},ax,ay,az\n" + "".join("%d,%r,%r,%r\n" % (i, *v) for i, v in enumerate(vectors)))
 
 
-def test_vectors_a_vertex_either_way_round(bin, folder):
+def test_vectors_per_vertex_may_have_either_sign(bin, folder):
     m = arc()
     write(folder / "vertex.csv", "vertex", [(s * p[1], -s * p[0], 0) for p, s in zip(m.points, [1, -1, 1, 1, -1] * 99)])
     assert run(bin, folder, "file: vertex.csv") == pytest.approx(run(bin, folder, CIRCULAR), rel=0.01)
@@ -88,7 +88,7 @@ def test_bad_input(bin, folder, fibres, said):
     assert said in run(bin, folder, fibres, code=2)
 
 
-def test_a_piece_without_an_end_is_named(bin, tmp_path):
+def test_component_without_an_end_is_named(bin, tmp_path):
     m, lone = arc(2), meshlib.block(1, 0.01)
     m.tets += [[v + len(m.points) for v in t] for t in lone.tets]
     m.region += [9] * len(lone.tets)

@@ -33,7 +33,7 @@ def write(path, axes="image", five=False, change=lambda v: v, header=lambda h: N
 
 
 @pytest.mark.parametrize("axes,name,five", [("image", "v.nii.gz", False), ("image", "v.nii", True), ("lps", "v.nii", True), ("ras", "v.nii.gz", False)])
-def test_an_image_says_what_the_rule_says(bin, folder, axes, name, five):
+def test_fibres_from_an_image_follow_the_rule(bin, folder, axes, name, five):
     write(folder / name, axes, five)
     rule = run(bin, folder, CIRCULAR)
     assert run(bin, folder, f"file: {name}, axes: {axes}") == pytest.approx(rule, rel=0.01)

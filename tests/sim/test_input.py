@@ -86,7 +86,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_scene(bin, root, tmp_path, what):
+def test_bad_scene_is_refused_with_its_line(bin, root, tmp_path, what):
     text, line, words = BAD[what]
     scene = tmp_path / "bad.yaml"
     scene.write_text(text.format(mesh=root / "meshes" / "block_1k.msh"))
@@ -114,7 +114,7 @@ MESHES = {
 
 
 @pytest.mark.parametrize("what", MESHES)
-def test_mesh(bin, tmp_path, what):
+def test_bad_mesh_is_refused_with_its_reason(bin, tmp_path, what):
     write_mesh(tmp_path / "bad.msh", *MESHES[what])
     scene = tmp_path / "scene.yaml"
     scene.write_text(BASE.format(mesh="bad.msh").replace("group: z_min", "vertex: 0"))
@@ -153,7 +153,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("what", COMMANDS)
-def test_command(bin, root, tmp_path, what):
+def test_bad_command_line_is_refused(bin, root, tmp_path, what):
     args, words = COMMANDS[what]
     scene = block_scene(tmp_path, root)
     _, said = run(bin / "tm-sim", *[a.format(scene=scene, folder=tmp_path) for a in args], code=2)

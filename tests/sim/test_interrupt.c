@@ -7,7 +7,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-static void second_signal(void **state) {
+static void second_signal_ends_the_run_at_once(void **state) {
     (void)state;
     const int number[2] = {SIGINT, SIGTERM};
     for (int i = 0; i < 2; i++) {
@@ -28,6 +28,6 @@ static void second_signal(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(second_signal)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(second_signal_ends_the_run_at_once)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

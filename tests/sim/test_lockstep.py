@@ -39,7 +39,7 @@ def test_summary_has_the_keys_of_the_contract(bin, root, tmp_path):
     assert c["state"] == "engaged" and c["samples_rejected"] == 0 and c["samples_received"] >= 998
 
 
-def test_the_force_pushes_back_and_vanishes_after(bin, root, tmp_path):
+def test_force_resists_the_press_and_vanishes_after_it(bin, root, tmp_path):
     run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--csv", tmp_path / "t.csv", "--samples", tmp_path / "s.csv")
     t, s = columns(tmp_path / "t.csv"), columns(tmp_path / "s.csv")
     pressed = (t["time_s"] > 1.1) & (t["time_s"] < 1.3)

@@ -27,7 +27,7 @@ def test_a_longer_step_with_its_price_told(bin, root, tmp_path):
     (4, "", "", 11, "physical mass"),
     (1, ", mass_scaling_max: 2", "model: precomputed\n", 11, "dynamic model"),
 ])
-def test_refused(bin, root, tmp_path, step, more, extra, line, words):
+def test_invalid_mass_scaling_is_refused(bin, root, tmp_path, step, more, extra, line, words):
     scene = block_scene(tmp_path, root, ASKED.format(step, more) + extra)
     _, err = run(bin / "tm-sim", scene, "--check", code=2)
     assert f"scene.yaml:{line}: " in err and words in err, err
@@ -41,7 +41,7 @@ def test_goes_with_tissue_that_turns_and_averages(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("time, words", [("{mass_scaling: yes}", "needs time.step"), ("{mass_scaling_max: 0.1}", "needs mass scaling")])
-def test_needs(bin, root, tmp_path, time, words):
+def test_mass_scaling_reports_its_requirements(bin, root, tmp_path, time, words):
     scene = block_scene(tmp_path, root, f"time: {time}\n")
     _, err = run(bin / "tm-sim", scene, "--check", code=2)
     assert "scene.yaml:8: " in err and words in err, err

@@ -84,7 +84,7 @@ def settled(bin, scene, folder):
     return table, np.hstack(grid), tets
 
 
-def test_at_rest_the_tables_speak_of_the_files_vertices(bin, scenes, tmp_path):
+def test_tables_at_rest_use_the_files_vertices(bin, scenes, tmp_path):
     """Groups, numbers and fibres of the file are found; displacements and reactions are in its rows."""
     ordered, shuffled, was = scenes
     (table, grid, tets), (other, other_grid, other_tets) = settled(bin, ordered, tmp_path), settled(bin, shuffled, tmp_path)
@@ -113,7 +113,7 @@ print(json.dumps(out))
 
 
 @pytest.mark.parametrize("model", ["dynamic", "hybrid", "precomputed"])
-def test_series_and_pictures_say_the_same(bin, build, scenes, tmp_path, model):
+def test_series_and_pictures_use_the_files_vertices(bin, build, scenes, tmp_path, model):
     """For each model: every frame's displacements, and the messages that viewers get."""
     ordered, shuffled, was = scenes
     more = {"dynamic": [], "hybrid": HYBRID, "precomputed": ["--set", "model=precomputed"]}[model]

@@ -16,7 +16,7 @@ def session(bin, build, root, tmp_path_factory):
     return json.loads(out), json.loads((tmp / "report.json").read_text()), scene
 
 
-def test_it_ends_cleanly_and_says_who_came(session):
+def test_session_ends_cleanly_and_reports_its_peers(session):
     heard, report, scene = session
     assert heard["exit"] == 0 and "controller of instrument 0 is connected" in heard["said"]
     assert heard["scene"] == str(scene) and heard["trocar"] == [0.05, 0.05, 0.18]
@@ -51,7 +51,7 @@ def test_a_controller_restarted_with_an_earlier_clock_is_taken_up(session):
     assert "a new controller of instrument 0 is connected (session 4999993 after 5000000)" in heard["said"]
 
 
-def test_one_packet_from_the_future_locks_nobody_out(session):
+def test_one_packet_from_the_future_blocks_no_sender(session):
     heard, _, _ = session
     # Of another session: not accepted while the controller was active.
     assert all(f[0] in (0, 5000000, 5000000 - 7) for f in heard["forces"])
@@ -66,7 +66,7 @@ def test_refusals_are_told_with_their_reason_once_a_second(session):
     assert 3 <= len(lines) <= 7  # in six seconds
 
 
-def test_what_was_said_is_in_the_log(session):
+def test_messages_are_in_the_log(session):
     heard, report, scene = session
     count = {}
     for e in lcm.EventLog(str(scene.parent / "report.json.lcm")):

@@ -70,7 +70,7 @@ def test_a_lockstep_run_frame_by_frame(bin, root, tmp_path):
 
 
 @pytest.mark.parametrize("model", ["dynamic", "hybrid"])
-def test_what_is_cut_is_dead_and_hidden(bin, root, tmp_path, model):
+def test_removed_tetrahedra_are_marked_and_hidden(bin, root, tmp_path, model):
     more = [] if model == "dynamic" else ["--set", "model=hybrid", "--set", "hybrid.box={min: [30 mm, 0 mm, 15 mm], max: [90 mm, 100 mm, 51 mm]}"]
     scene = root / "apps/scenes/block-cut.yaml"
     said = report(bin / "tm-sim", scene, *more, "--unset", "haptics", "--lockstep", "--paraview", tmp_path / "series", "--paraview-every", 10, tmp=tmp_path)

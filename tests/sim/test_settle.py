@@ -25,7 +25,7 @@ def solve(bin, tmp_path, oracle, name, case, *options):
 
 @pytest.mark.parametrize("precision,tolerance", [("double", 1e-7), ("single", 1e-4)])
 @pytest.mark.parametrize("name,case", CASES)
-def test_oracle(bin, tmp_path, oracle, name, case, precision, tolerance):
+def test_settled_tissue_agrees_with_the_reference(bin, tmp_path, oracle, name, case, precision, tolerance):
     o, table, report = solve(bin, tmp_path, oracle, name, case, "--set", f"tissue.precision={precision}")
     assert np.array_equal(table[:, 0], np.arange(len(o.vertex)))
     assert np.allclose(table[:, 1:4], o.vertex, rtol=0, atol=1e-15)
@@ -61,7 +61,7 @@ def test_traction_by_box_is_balanced_by_the_support(bin, tmp_path, root):
     assert np.allclose(json.loads((tmp_path / "box.json").read_text())["supports"][0]["reaction_N"], reaction, atol=1e-12)
 
 
-def test_nothing_holds_it(bin, tmp_path, root):
+def test_tissue_without_supports_is_refused(bin, tmp_path, root):
     scene = block_scene(tmp_path, root, "gravity:\n")
     _, said = run(bin / "tm-sim", scene, "--settle", "1e-8", "--unset", "supports", "--write", tmp_path / "no.csv", code=2)
     assert "support" in said and not (tmp_path / "no.csv").exists()
@@ -130,7 +130,7 @@ def test_ends_that_turn_or_twist_lead_the_bar_along(bin, tmp_path, volume):
     assert report["deformation"]["inverted"] == 0 and report["deformation"]["min_det"] > 0.8
 
 
-def test_a_rest_not_to_be_believed_is_told(bin, tmp_path):
+def test_unreliable_equilibrium_is_reported(bin, tmp_path):
     """Linear tissue that sags beyond its range, and tissue pressed through itself, give a warning with place and remedy."""
     sags = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else None, "gravity: {acceleration: [6 m/s2, 0, 0]}\n")
     said, report = settled(bin, tmp_path, sags)

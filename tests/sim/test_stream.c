@@ -39,14 +39,14 @@ static int changes(sim_stream *stream, int frames, double base_s, double sample_
     return count;
 }
 
-static void a_quick_machine_keeps_the_top_rate(void **state) {
+static void fast_machine_keeps_the_highest_rate(void **state) {
     (void)state;
     sim_stream stream = stream_of(0.4e-3);
     assert_int_equal(changes(&stream, 2000, 0.4e-3, 80e-6, 10e-3), 0);
     assert_true(fabs(sim_stream_rate_Hz(&stream) - 500) < 1e-9);
 }
 
-static void expensive_samples_lower_the_rate_to_what_is_held(void **state) {
+static void expensive_samples_lower_the_rate(void **state) {
     (void)state;
     sim_stream stream = stream_of(0.4e-3);
     changes(&stream, 500, 0.4e-3, 1.6e-3, 1e-3); /* 20 samples take 32 ms of 40, with 8 ms of simulation */
@@ -92,7 +92,7 @@ static void random_costs_keep_a_divisor_and_change_seldom(void **state) {
     assert_true(count < frames / 50); /* never before a second of stable times */
 }
 
-static void a_rate_that_is_a_number_stays(void **state) {
+static void numeric_rate_is_not_adapted(void **state) {
     (void)state;
     sim_stream stream = stream_of(0.4e-3);
     stream.adapts = false;
@@ -102,12 +102,12 @@ static void a_rate_that_is_a_number_stays(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_quick_machine_keeps_the_top_rate),
-        cmocka_unit_test(expensive_samples_lower_the_rate_to_what_is_held),
+        cmocka_unit_test(fast_machine_keeps_the_highest_rate),
+        cmocka_unit_test(expensive_samples_lower_the_rate),
         cmocka_unit_test(the_rate_rises_again_when_the_machine_is_free),
         cmocka_unit_test(a_machine_too_slow_for_any_rate_takes_the_cheapest),
         cmocka_unit_test(random_costs_keep_a_divisor_and_change_seldom),
-        cmocka_unit_test(a_rate_that_is_a_number_stays),
+        cmocka_unit_test(numeric_rate_is_not_adapted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -125,7 +125,7 @@ static void no_transition_makes_a_new_peak(void **state) {
 
 /* --- accuracy --- */
 
-static void contact_is_as_true_as_position(void **state) {
+static void local_model_is_as_accurate_as_position(void **state) {
     (void)state;
     for (int k = 0; k < scenes(); k++)
         for (int i = 0; i < HANDS; i++)
@@ -144,7 +144,7 @@ static void contact_is_as_true_as_position(void **state) {
 
 /* A lagging simulation: each sample is up to three frames late at random, some are lost, so one may last for half a
  * second. The force from old samples stays within 1.5 times their forces, however small. */
-static void a_lag_makes_nothing_up(void **state) {
+static void lagging_samples_create_no_force(void **state) {
     (void)state;
     static const hrt_extrapolator law[] = {HRT_ADAPTIVE, HRT_LOCAL_MODEL};
     const int seeds = test_is_long() ? 40 : 4;
@@ -167,7 +167,7 @@ static void a_lag_makes_nothing_up(void **state) {
 }
 
 /* A cautery's samples carry the flag "cutting" while its pedal is down; a grasper's never do. */
-static void a_cautery_at_work_says_so(void **state) {
+static void active_cautery_sets_its_flag(void **state) {
     (void)state;
     int cutting[HANDS] = {0};
     for (int i = 0; i < HANDS; i++)
@@ -179,7 +179,7 @@ static void a_cautery_at_work_says_so(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(no_transition_makes_a_new_peak), cmocka_unit_test(contact_is_as_true_as_position),
-        cmocka_unit_test(a_lag_makes_nothing_up), cmocka_unit_test(a_cautery_at_work_says_so)};
+        cmocka_unit_test(no_transition_makes_a_new_peak), cmocka_unit_test(local_model_is_as_accurate_as_position),
+        cmocka_unit_test(lagging_samples_create_no_force), cmocka_unit_test(active_cautery_sets_its_flag)};
     return cmocka_run_group_tests(tests, record_all, free_all);
 }

@@ -76,7 +76,7 @@ static void check_samples(const char *path, bool felt_before) {
     assert_true(rows[n - 1].force == 0 && rows[n - 1].kind == 0);
 }
 
-static void lockstep(void **state) {
+static void unstable_frame_is_not_rendered_in_lockstep(void **state) {
     (void)state;
     char samples[] = "/tmp/tm-unstable-XXXXXX", csv[] = "/tmp/tm-unstable-XXXXXX", line[1000];
     close(mkstemp(samples)), close(mkstemp(csv));
@@ -107,7 +107,7 @@ static void lockstep(void **state) {
     unlink(samples), unlink(csv);
 }
 
-static void realtime(void **state) {
+static void unstable_frame_is_not_rendered_in_real_time(void **state) {
     (void)state;
     char samples[] = "/tmp/tm-unstable-XXXXXX";
     close(mkstemp(samples));
@@ -122,7 +122,7 @@ static void realtime(void **state) {
 }
 
 /* For any model: a force that is not a number is not sent. */
-static void nothing_but_numbers_leaves(void **state) {
+static void non_finite_forces_are_not_sent(void **state) {
     (void)state;
     sim *s = spoilt_sim(NULL, 0);
     sim_publisher p = {0};
@@ -156,7 +156,8 @@ static void nothing_but_numbers_leaves(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(lockstep), cmocka_unit_test(realtime),
-                                       cmocka_unit_test(nothing_but_numbers_leaves)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(unstable_frame_is_not_rendered_in_lockstep),
+                                       cmocka_unit_test(unstable_frame_is_not_rendered_in_real_time),
+                                       cmocka_unit_test(non_finite_forces_are_not_sent)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

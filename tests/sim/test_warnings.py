@@ -24,7 +24,7 @@ WARN = {
 
 
 @pytest.mark.parametrize("what", WARN)
-def test_a_warning_and_on_it_goes(bin, root, tmp_path, what):
+def test_warning_is_printed_and_the_run_continues(bin, root, tmp_path, what):
     text, line, words = WARN[what]
     scene = tmp_path / "scene.yaml"
     scene.write_text(text.format(mesh=root / "meshes" / "block_1k.msh"))
@@ -34,7 +34,7 @@ def test_a_warning_and_on_it_goes(bin, root, tmp_path, what):
     assert words in said and not (tmp_path / "o.json").exists()
 
 
-def test_scenes_of_ours_are_meant(bin, root):
+def test_shipped_scenes_have_no_warnings(bin, root):
     scenes = sorted((root / "apps/scenes").glob("*.yaml"))
     assert len(scenes) > 8
     for scene in scenes:
@@ -139,7 +139,7 @@ HUGE = {
 
 
 @pytest.mark.parametrize("what", HUGE)
-def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
+def test_oversized_yaml_is_refused(bin, tmp_path, what):
     text, line, words = HUGE[what]
     scene = tmp_path / "scene.yaml"
     scene.write_text(text)
@@ -158,7 +158,7 @@ def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
     assert said.count("\n") == (words is not None) and (words or "") in said, said
 
 
-def test_a_law_says_how_much_went_on_linearly(bin, root, tmp_path):
+def test_share_beyond_the_laws_range_is_reported(bin, root, tmp_path):
     """Pressed by 30 mm of 50 under a maximum stretch of 1.2: stated in the report and as a warning; a shallow press of the same scene gives no
     warning."""
     for depth, loud in (("30 mm", True), ("48 mm", False)):

@@ -31,7 +31,7 @@ static void refused(tm_status status, int64_t entity, const tm_error *error) {
     assert_non_null(strstr(error->message, "; "));
 }
 
-static void problems(void **state) {
+static void invalid_problems_are_rejected(void **state) {
     (void)state;
     block b = make_block();
     tm_error error;
@@ -68,7 +68,7 @@ static void problems(void **state) {
     free_block(&b);
 }
 
-static void imposed(void **state) {
+static void invalid_imposed_displacements_are_rejected(void **state) {
     (void)state;
     block b = make_block();
     tm_error error;
@@ -101,7 +101,7 @@ static void on_broken(const char *function, const char *sentence, void *user) {
     broken++;
 }
 
-static void broken_contract_is_told(void **state) {
+static void contract_errors_reach_the_handler(void **state) {
     (void)state;
     block b = make_block();
     tm_error error;
@@ -217,8 +217,8 @@ static void late_failure_leaves_nothing_half_set(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(problems), cmocka_unit_test(imposed),
-                                       cmocka_unit_test(broken_contract_is_told),
-                                       cmocka_unit_test(late_failure_leaves_nothing_half_set)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(invalid_problems_are_rejected), cmocka_unit_test(invalid_imposed_displacements_are_rejected),
+        cmocka_unit_test(contract_errors_reach_the_handler), cmocka_unit_test(late_failure_leaves_nothing_half_set)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

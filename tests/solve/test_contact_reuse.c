@@ -22,7 +22,7 @@ static double off(const double a[3], const double b[3]) {
 /* --- rows alone --- */
 
 /* Checks that the force of every row equals that of its contact compliance at its gap. */
-static void each_row_bears_what_its_skin_does(void **state) {
+static void row_force_equals_its_contact_compliance(void **state) {
     (void)state;
     static tms_reuse_system s;
     fix_random random = {7};
@@ -61,7 +61,7 @@ static void each_row_bears_what_its_skin_does(void **state) {
 /* --- at rest --- */
 
 /* A resting tool far from the interface reaches the longest reuse interval and the precomputed model's force. */
-static void tool_at_rest_has_the_longest_span(void **state) {
+static void tool_at_rest_has_the_longest_interval(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true},
                        down = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
@@ -149,7 +149,7 @@ static double differ(const stroke *st, int32_t *followed) {
     return differ_in(&def, st, followed);
 }
 
-static void moving(void **state) {
+static void moving_contact_stays_close_to_full_solves(void **state) {
     (void)state;
     const stroke slide = {{-0.020, -0.006, 0.0405}, {0.004, 0.012, 0}, 300, -1, 0};
     int32_t followed;
@@ -163,7 +163,7 @@ static void moving(void **state) {
 
 /* In a steady slide each reuse interval has the same force drift, which the next one predicts: intervals get longer
  * for the same jump of the force. Drift that two intervals do not share is not predicted. */
-static void even_slide_lengthens_spans(void **state) {
+static void steady_slide_lengthens_intervals(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, -0.006, 0.05}, .active = true};
     double most[2] = {0};
@@ -231,7 +231,7 @@ static void surroundings_are_kept_while_nothing_comes_near(void **state) {
 
 /* On dynamic tissue far from the interface, where rows are detected in every substep: no loaded row is missed,
  * however far the tissue oscillates. */
-static void swinging_tissue_misses_no_row(void **state) {
+static void oscillating_tissue_misses_no_row(void **state) {
     (void)state;
     scene_def def = set_def();
     def.young_Pa = 700; /* soft, light under a blunt tool, and weakly damped */
@@ -248,7 +248,7 @@ static void swinging_tissue_misses_no_row(void **state) {
 }
 
 /* At the end of a reuse interval such a tool keeps the force just computed; it is not solved again. */
-static void left_as_it_is(void **state) {
+static void tool_keeps_its_force_at_the_end_of_an_interval(void **state) {
     (void)state;
     const scene_def def = set_def();
     tm_tool_pose at = {.tip_m = {0.018, -0.006, 0.0405}, .active = true};
@@ -272,7 +272,7 @@ static void left_as_it_is(void **state) {
 }
 
 /* Tissue of little mass that a cut has left at the interface: rows are detected in every substep. */
-static void light_remnant_is_searched_every_substep(void **state) {
+static void light_remnant_is_detected_in_every_substep(void **state) {
     (void)state;
     const stroke lip = {{0.006, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.012};
     int32_t followed;
@@ -292,7 +292,7 @@ static void light_remnant_is_searched_every_substep(void **state) {
 /* --- snapshots --- */
 
 /* A snapshot of any substep of a reuse interval continues in a world with another history. */
-static void snapshot_within_a_span_goes_on_alike(void **state) {
+static void snapshot_within_an_interval_continues_identically(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true};
     hybrid_set a = set_touched(&above), b = set_touched(&above);
@@ -324,7 +324,7 @@ static void snapshot_within_a_span_goes_on_alike(void **state) {
 }
 
 /* A failed step rolls the reuse interval back. */
-static void failed_step_gives_the_span_back(void **state) {
+static void failed_step_restores_the_interval(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
     hybrid_set s = set_touched(&at);
@@ -346,7 +346,7 @@ static void failed_step_gives_the_span_back(void **state) {
 }
 
 /* A tool that is moved away from its loaded rows and back: reuse keeps none of them. */
-static void tool_put_away_and_back_keeps_no_row(void **state) {
+static void tool_moved_away_and_back_reuses_no_row(void **state) {
     (void)state;
     const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true},
                        far = {.tip_m = {-0.018, 0.003, 0.12}, .active = true};
@@ -369,16 +369,16 @@ static void tool_put_away_and_back_keeps_no_row(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(each_row_bears_what_its_skin_does),
-                                       cmocka_unit_test(tool_at_rest_has_the_longest_span),
-                                       cmocka_unit_test(moving),
-                                       cmocka_unit_test(even_slide_lengthens_spans),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(row_force_equals_its_contact_compliance),
+                                       cmocka_unit_test(tool_at_rest_has_the_longest_interval),
+                                       cmocka_unit_test(moving_contact_stays_close_to_full_solves),
+                                       cmocka_unit_test(steady_slide_lengthens_intervals),
                                        cmocka_unit_test(surroundings_are_kept_while_nothing_comes_near),
-                                       cmocka_unit_test(swinging_tissue_misses_no_row),
-                                       cmocka_unit_test(left_as_it_is),
-                                       cmocka_unit_test(light_remnant_is_searched_every_substep),
-                                       cmocka_unit_test(snapshot_within_a_span_goes_on_alike),
-                                       cmocka_unit_test(failed_step_gives_the_span_back),
-                                       cmocka_unit_test(tool_put_away_and_back_keeps_no_row)};
+                                       cmocka_unit_test(oscillating_tissue_misses_no_row),
+                                       cmocka_unit_test(tool_keeps_its_force_at_the_end_of_an_interval),
+                                       cmocka_unit_test(light_remnant_is_detected_in_every_substep),
+                                       cmocka_unit_test(snapshot_within_an_interval_continues_identically),
+                                       cmocka_unit_test(failed_step_restores_the_interval),
+                                       cmocka_unit_test(tool_moved_away_and_back_reuses_no_row)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -100,7 +100,7 @@ static bool rest_is_positive(const set *s, double room) {
     return positive;
 }
 
-static void between(void **state) {
+static void coupling_stiffness_is_between_its_bounds(void **state) {
     (void)state;
     set s = make();
     tms_coupling *c = &s.hybrid->coupling;
@@ -154,7 +154,7 @@ static double energy(const set *s, double *border_x) {
     return sum + tm_tissue_energy(s->tissue, s->x) + border_of(s, s->x, border_x, condensed_form);
 }
 
-static void account(void **state) {
+static void energy_account_closes(void **state) {
     (void)state;
     set s = make();
     const tms_coupling *c = &s.hybrid->coupling;
@@ -214,7 +214,7 @@ static void single_changes_reach_the_double_force(void **state) {
 }
 
 /* Removed vertices of the world's tissue are checked too, though not in every substep. */
-static void dead_tissue_is_watched_too(void **state) {
+static void removed_vertices_are_checked_too(void **state) {
     (void)state;
     set s = make();
     tm_state *at = tm_world_state(s.world);
@@ -227,8 +227,8 @@ static void dead_tissue_is_watched_too(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(between), cmocka_unit_test(account),
-                                       cmocka_unit_test(single_changes_reach_the_double_force),
-                                       cmocka_unit_test(dead_tissue_is_watched_too)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(coupling_stiffness_is_between_its_bounds), cmocka_unit_test(energy_account_closes),
+        cmocka_unit_test(single_changes_reach_the_double_force), cmocka_unit_test(removed_vertices_are_checked_too)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -165,19 +165,19 @@ static void exact_as(bool volume, int states, int renewed, int32_t few) {
     tear_down(&b);
 }
 
-static void exact_whole_and_cut(void **state) {
+static void compliance_is_exact_before_and_after_cuts(void **state) {
     (void)state;
     exact_as(false, test_is_sanitized() ? 8 : 24, test_is_sanitized() ? 4 : 12, 3);
 }
 
 /* A cut changes the stiffness of every domain that was averaged with it. */
-static void exact_where_strains_are_averaged(void **state) {
+static void compliance_is_exact_with_strain_smoothing(void **state) {
     (void)state;
     exact_as(true, 6, 5, 1);
 }
 
 /* Without a thread, the call after a cut returns the compliance of the present tissue. */
-static void fresh_after_a_cut(void **state) {
+static void compliance_is_current_after_a_cut(void **state) {
     (void)state;
     bench b;
     fix_random random = {3};
@@ -195,7 +195,7 @@ static void fresh_after_a_cut(void **state) {
 
 /* Cut completely through: the part on the support stays exact (held only by inertia its values would be
  * meaningless); the part without support is so compliant that it cannot be mistaken for tissue. */
-static void piece_cut_loose_gives_way(void **state) {
+static void detached_part_is_recognisably_compliant(void **state) {
     (void)state;
     bench b;
     int calls;
@@ -250,7 +250,7 @@ static double off_turned(const tm_compliance *c, const double *C, const double R
 
 /* A rotated body has the rotated compliance, with fibres and strain smoothing too; until the factor is renewed, by
  * the rotation that the caller reports. */
-static void turns_with_the_tissue(void **state) {
+static void compliance_rotates_with_the_tissue(void **state) {
     (void)state;
     for (int volume = 0; volume < 2; volume++) {
         bench b;
@@ -338,7 +338,7 @@ static void on_broken(const char *function, const char *sentence, void *user) {
     broken++;
 }
 
-static void broken_contract_is_told(void **state) {
+static void contract_errors_reach_the_handler(void **state) {
     (void)state;
     bench b;
     tm_error error;
@@ -375,10 +375,13 @@ static void broken_contract_is_told(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(exact_whole_and_cut),         cmocka_unit_test(exact_where_strains_are_averaged),
-        cmocka_unit_test(fresh_after_a_cut),           cmocka_unit_test(piece_cut_loose_gives_way),
-        cmocka_unit_test(turns_with_the_tissue),       cmocka_unit_test(same_calls_give_the_same_bits),
-        cmocka_unit_test(with_a_thread_no_call_waits), cmocka_unit_test(broken_contract_is_told)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(compliance_is_exact_before_and_after_cuts),
+                                       cmocka_unit_test(compliance_is_exact_with_strain_smoothing),
+                                       cmocka_unit_test(compliance_is_current_after_a_cut),
+                                       cmocka_unit_test(detached_part_is_recognisably_compliant),
+                                       cmocka_unit_test(compliance_rotates_with_the_tissue),
+                                       cmocka_unit_test(same_calls_give_the_same_bits),
+                                       cmocka_unit_test(with_a_thread_no_call_waits),
+                                       cmocka_unit_test(contract_errors_reach_the_handler)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

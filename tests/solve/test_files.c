@@ -79,7 +79,7 @@ static bool opens(const set_up *s, char why[160]) {
     return report.from_file;
 }
 
-static void cached(void **state) {
+static void responses_are_cached(void **state) {
     (void)state;
     set_up s = open_set_up("cached");
     char why[160];
@@ -128,7 +128,7 @@ static void cached(void **state) {
     close_set_up(&s);
 }
 
-static void same_bits(void **state) {
+static void any_number_of_threads_gives_the_same_bits(void **state) {
     (void)state;
     set_up s = open_set_up("bits");
     unsigned char *bytes[3];
@@ -148,7 +148,7 @@ static void same_bits(void **state) {
     close_set_up(&s);
 }
 
-static void damaged(void **state) {
+static void damaged_files_are_recomputed(void **state) {
     (void)state;
     set_up s = open_set_up("damaged");
     char why[160];
@@ -210,7 +210,7 @@ static void killed(void) {
     tm_precomputed_write(&s.def, NULL, &error);
 }
 
-static void interrupted(void **state) {
+static void killed_run_leaves_the_old_file(void **state) {
     (void)state;
     set_up s = open_set_up("interrupted");
     char why[160];
@@ -266,7 +266,7 @@ int flock(int fd, int operation) {
     return (int)syscall(SYS_flock, fd, operation);
 }
 
-static void lost_race(void **state) {
+static void file_finished_by_another_process_is_used(void **state) {
     (void)state;
     set_up s = open_set_up("race");
     const char text[] = "what the winner wrote";
@@ -382,7 +382,7 @@ static void without_a_cache_only_the_file_is_missing(void **state) {
 }
 
 /* Links and FIFOs in place of the files. */
-static void traps(void **state) {
+static void links_and_fifos_are_handled(void **state) {
     (void)state;
     set_up s = open_set_up("traps");
     char why[160], target[300];
@@ -457,14 +457,14 @@ static void counts_that_wrap_are_refused(void **state) {
 int main(int argc, char **argv) {
     if (argc == 2 && !strcmp(argv[1], "killed")) return killed(), 0;
     if (argc == 2 && !strcmp(argv[1], "user")) return one_user();
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cached),
-                                       cmocka_unit_test(same_bits),
-                                       cmocka_unit_test(damaged),
-                                       cmocka_unit_test(interrupted),
-                                       cmocka_unit_test(lost_race),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(responses_are_cached),
+                                       cmocka_unit_test(any_number_of_threads_gives_the_same_bits),
+                                       cmocka_unit_test(damaged_files_are_recomputed),
+                                       cmocka_unit_test(killed_run_leaves_the_old_file),
+                                       cmocka_unit_test(file_finished_by_another_process_is_used),
                                        cmocka_unit_test(four_processes_at_once_share_one_file),
                                        cmocka_unit_test(without_a_cache_only_the_file_is_missing),
-                                       cmocka_unit_test(traps),
+                                       cmocka_unit_test(links_and_fifos_are_handled),
                                        cmocka_unit_test(counts_that_wrap_are_refused)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

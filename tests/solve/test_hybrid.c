@@ -90,7 +90,7 @@ static void rest_case(const int cells[3], double seconds) {
     set_free(&s);
 }
 
-static void same_rest(void **state) {
+static void equals_the_full_model_at_rest(void **state) {
     (void)state;
     rest_case((int[]){8, 5, 4}, 1.8);
     if (test_is_long()) rest_case((int[]){17, 10, 10}, 1.8), rest_case((int[]){30, 17, 16}, 1.8);
@@ -98,7 +98,7 @@ static void same_rest(void **state) {
 
 /* --- stability --- */
 
-static void stable(void **state) {
+static void stable_at_the_guaranteed_step(void **state) {
     (void)state;
     fix_random random = {17};
     tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
@@ -225,7 +225,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     set_free(&s);
 }
 
-static void contact(void **state) {
+static void contact_on_either_part_and_across(void **state) {
     (void)state;
     press("on the tensor/mass part", &(tm_tool_pose){.tip_m = {0.018, 0.004, 0.0405}, .active = true});
     press("on the condensed part", &(tm_tool_pose){.tip_m = {-0.018, 0.003, 0.0405}, .active = true});
@@ -242,7 +242,7 @@ static double seconds_of(const tm_world *world, const char *name) {
 }
 
 /* The model's work between steps is timed separately, not in a stage of the step. */
-static void work_between_steps_is_in_no_step(void **state) {
+static void work_between_steps_is_timed_separately(void **state) {
     (void)state;
     static tm_patch patch;
     const tm_tool_pose down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
@@ -301,7 +301,7 @@ static void probe_near_the_interface_gives_the_static_force(void **state) {
     for (int c = 0; c < 3; c++) assert_true(fabs(cut[0][c] - cut[1][c]) < 1e-7 * fix_largest(cut[0], 3));
 }
 
-static void step_limit(void **state) {
+static void step_above_the_limit_is_rejected(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
     hybrid_set s = set_touched(&above);
@@ -331,7 +331,7 @@ static void step_limit(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-static void settle_refusal(void **state) {
+static void settling_is_rejected_with_its_reason(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
     hybrid_set s = set_touched(&above);
@@ -419,7 +419,7 @@ static void other_division_refuses_the_snapshot(void **state) {
 }
 
 /* A malicious snapshot with a correct checksum is rejected or restored, without an access outside its arrays. */
-static void hostile_snapshot_is_never_believed(void **state) {
+static void malicious_snapshot_is_rejected_or_harmless(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
                        down = {.tip_m = {-0.002, 0.003, 0.0405}, .active = true};
@@ -525,7 +525,7 @@ static double unaccounted(const tms_contact_solver *l) {
 
 /* Where normals and shares jump with the shape (a tool between the lips of a cut) there may be no solution. Newton's
  * last iterate there once threw the tissue away. The report then says that the sweep over rows did not converge. */
-static void jumping_normals_are_told_and_throw_nothing(void **state) {
+static void jumping_normals_are_reported_and_stay_bounded(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
     fix_random random = {57};
@@ -588,7 +588,7 @@ static void frame_of_two(hybrid_set *s, const tm_tool_pose to[2], double *most_m
 
 /* A grasper releases next to the interface while a second tool presses on the grasped tissue: nothing is accelerated
  * excessively. */
-static void let_go_beside(void **state) {
+static void release_next_to_the_interface_is_gentle(void **state) {
     (void)state;
     static const char *const name[] = {"nothing", "a probe", "a grasper", "a cautery"};
     static const tm_tool_mode mode[] = {TM_TOOL_PROBE, TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
@@ -648,18 +648,18 @@ static void let_go_beside(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(jumping_normals_are_told_and_throw_nothing),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(jumping_normals_are_reported_and_stay_bounded),
                                        cmocka_unit_test(any_cut_leaves_a_manifold_surface),
                                        cmocka_unit_test(probe_near_the_interface_gives_the_static_force),
-                                       cmocka_unit_test(work_between_steps_is_in_no_step),
-                                       cmocka_unit_test(step_limit),
-                                       cmocka_unit_test(settle_refusal),
+                                       cmocka_unit_test(work_between_steps_is_timed_separately),
+                                       cmocka_unit_test(step_above_the_limit_is_rejected),
+                                       cmocka_unit_test(settling_is_rejected_with_its_reason),
                                        cmocka_unit_test(same_bits_after_restore),
                                        cmocka_unit_test(other_division_refuses_the_snapshot),
-                                       cmocka_unit_test(hostile_snapshot_is_never_believed),
-                                       cmocka_unit_test(same_rest),
-                                       cmocka_unit_test(stable),
-                                       cmocka_unit_test(contact),
-                                       cmocka_unit_test(let_go_beside)};
+                                       cmocka_unit_test(malicious_snapshot_is_rejected_or_harmless),
+                                       cmocka_unit_test(equals_the_full_model_at_rest),
+                                       cmocka_unit_test(stable_at_the_guaranteed_step),
+                                       cmocka_unit_test(contact_on_either_part_and_across),
+                                       cmocka_unit_test(release_next_to_the_interface_is_gentle)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

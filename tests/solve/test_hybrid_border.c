@@ -59,7 +59,7 @@ static int32_t joined(const set *s, const tm_hybrid *h) {
     return count;
 }
 
-static void teeth_are_filled(void **state) {
+static void jagged_interface_is_smoothed(void **state) {
     (void)state;
     set s = make(5.4); /* through a layer of cells: two thirds of their tetrahedra are above */
     tm_hybrid *marked = hybrid_of(&s, true), *smooth = hybrid_of(&s, false);
@@ -80,7 +80,7 @@ static void assert_stays(const set *s) {
     tm_hybrid_destroy(smooth);
 }
 
-static void a_smooth_one_stays(void **state) {
+static void smooth_interface_is_unchanged(void **state) {
     (void)state;
     set s = make(5);
     assert_stays(&s);
@@ -88,7 +88,7 @@ static void a_smooth_one_stays(void **state) {
 }
 
 /* A few single teeth do not justify smoothing. */
-static void a_few_teeth_stay(void **state) {
+static void few_teeth_are_not_smoothed(void **state) {
     (void)state;
     set s = make(5);
     int32_t taken = 0;
@@ -102,7 +102,7 @@ static void a_few_teeth_stay(void **state) {
 }
 
 /* The last condensed tetrahedra are kept: without them there would be no interface. */
-static void not_all_of_it(void **state) {
+static void last_condensed_tetrahedra_are_kept(void **state) {
     (void)state;
     set s = make(0);
     const int32_t middle = s.mesh->tet_count / 2;
@@ -113,7 +113,8 @@ static void not_all_of_it(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(teeth_are_filled), cmocka_unit_test(a_smooth_one_stays),
-                                       cmocka_unit_test(a_few_teeth_stay), cmocka_unit_test(not_all_of_it)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(jagged_interface_is_smoothed), cmocka_unit_test(smooth_interface_is_unchanged),
+        cmocka_unit_test(few_teeth_are_not_smoothed), cmocka_unit_test(last_condensed_tetrahedra_are_kept)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

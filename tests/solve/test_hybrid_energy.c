@@ -61,7 +61,7 @@ static void go_along(hybrid_set *s, const tm_tool_pose *from, const tm_tool_pose
 }
 
 /* Presses on the condensed half, slides over the interface to the dynamic half and back, holds, releases. */
-static void test_account_closes(void **unused) {
+static void test_energy_account_closes_with_condensed_contact(void **unused) {
     (void)unused;
     const scene_def def = set_def();
     const double top = def.size_m[2];
@@ -255,7 +255,7 @@ static void take(void *to, uint64_t seed, const verdict *v) {
     sum->worst = fmax(sum->worst, v->worst), sum->hands_J += v->hands_J;
 }
 
-static void test_random_sessions(void **unused) {
+static void test_random_sessions_gain_no_energy_in_any_window(void **unused) {
     (void)unused;
     const bool few = test_is_sanitized();
     session_range range = sessions_to_run(few ? 3 : 30, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
@@ -268,6 +268,7 @@ static void test_random_sessions(void **unused) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(test_account_closes), cmocka_unit_test(test_random_sessions)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_energy_account_closes_with_condensed_contact),
+                                       cmocka_unit_test(test_random_sessions_gain_no_energy_in_any_window)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -207,7 +207,7 @@ static void patch_follows_the_law(tm_law_kind law, bool averaged) {
     destroy(&p);
 }
 
-static void patches_follow_laws(void **state) {
+static void patch_force_follows_the_laws_equilibrium(void **state) {
     (void)state;
     patch_follows_the_law(TM_LAW_NEO_HOOKE, false);
     patch_follows_the_law(TM_LAW_FUNG, false);
@@ -270,7 +270,7 @@ static void the_averaged_tangent_is_the_change_of_the_force(void **state) {
 
 /* Pressed from a tenth to a third in one frame: the factor is renewed at once; otherwise the patch would be 18 %
  * off. */
-static void a_leap_renews_the_factor_at_once(void **state) {
+static void deep_press_renews_the_factor_at_once(void **state) {
     (void)state;
     pressed p = make(TM_LAW_NEO_HOOKE, 0, false);
     double tip_m[3], hold, force[3];
@@ -285,7 +285,7 @@ static void a_leap_renews_the_factor_at_once(void **state) {
 }
 
 /* Without a factor: columns of the present tangent, one by one; meanwhile the age states how far the others are off. */
-static void iterated_columns_follow_a_law(void **state) {
+static void columns_by_conjugate_gradients_follow_the_law(void **state) {
     (void)state;
     pressed p = make(TM_LAW_NEO_HOOKE, 20, false);
     double tip_m[3], hold, force[3], told = 0;
@@ -308,9 +308,10 @@ static void iterated_columns_follow_a_law(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(patches_follow_laws), cmocka_unit_test(patches_follow_laws_with_averaged_dilatation),
-        cmocka_unit_test(the_averaged_tangent_is_the_change_of_the_force),
-        cmocka_unit_test(a_leap_renews_the_factor_at_once), cmocka_unit_test(iterated_columns_follow_a_law)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(patch_force_follows_the_laws_equilibrium),
+                                       cmocka_unit_test(patches_follow_laws_with_averaged_dilatation),
+                                       cmocka_unit_test(the_averaged_tangent_is_the_change_of_the_force),
+                                       cmocka_unit_test(deep_press_renews_the_factor_at_once),
+                                       cmocka_unit_test(columns_by_conjugate_gradients_follow_the_law)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

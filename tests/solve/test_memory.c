@@ -152,7 +152,7 @@ static tm_status make_factored_alone(const block *b, tm_error *error) {
     return status;
 }
 
-static void each_thing(void **state) {
+static void any_failed_allocation_leaves_no_object(void **state) {
     (void)state;
     const making make[] = {solve_static, solve_cg, make_precomputed, make_hybrid_alone, make_factored_alone};
     const char *name[] = {"static", "static, conjugate gradients", "precomputed", "hybrid", "factored"};
@@ -187,7 +187,7 @@ static void each_thing(void **state) {
 
 /* If the stage "hybrid" finds no memory, the world keeps contact's own solver. Added again it succeeds, and runs
  * like one added at once. */
-static void stage_of_hybrid(void **state) {
+static void hybrid_stage_without_memory_leaves_the_world_unchanged(void **state) {
     (void)state;
     uint64_t without = 0, with = 0;
     int64_t calls = 0;
@@ -240,7 +240,7 @@ static void stage_of_hybrid(void **state) {
 }
 
 /* Compliance is computed at the first request: a failure gives no result, leaks nothing and changes nothing else. */
-static void pieces(void **state) {
+static void compliance_without_memory_gives_no_result(void **state) {
     (void)state;
     int64_t calls = 0;
     for (int64_t n = 0; n <= calls; n++) {
@@ -275,7 +275,7 @@ static void pieces(void **state) {
 }
 
 /* Responses in a file: nothing stays allocated, whether they were written or read. */
-static void through_a_file(void **state) {
+static void responses_in_a_file_leak_nothing(void **state) {
     (void)state;
     char path[] = "/tmp/tm-memory-XXXXXX";
     assert_non_null(mkdtemp(path));
@@ -304,7 +304,9 @@ static void through_a_file(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(each_thing), cmocka_unit_test(stage_of_hybrid),
-                                       cmocka_unit_test(pieces), cmocka_unit_test(through_a_file)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(any_failed_allocation_leaves_no_object),
+                                       cmocka_unit_test(hybrid_stage_without_memory_leaves_the_world_unchanged),
+                                       cmocka_unit_test(compliance_without_memory_gives_no_result),
+                                       cmocka_unit_test(responses_in_a_file_leak_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

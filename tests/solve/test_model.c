@@ -176,7 +176,7 @@ static void three_models_agree_at_rest(void **state) {
 }
 
 /* A frame in several pieces equals the frame, and a tool whose pose is set does not sweep. */
-static void frame_in_pieces_equals_the_frame(void **state) {
+static void frame_in_several_calls_equals_the_frame(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -265,7 +265,7 @@ static void snapshot_goes_on_with_the_same_bits(void **state) {
 }
 
 /* While jaws grasp, and while a release fades. */
-static void snapshots_of_a_hold(void **state) {
+static void snapshots_while_grasping_continue_identically(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_GRASPER);
@@ -297,7 +297,7 @@ static void snapshots_of_a_hold(void **state) {
 
 /* Jaws that open in the first frame after the snapshot: the released force is the grasp's less a second tool's force
  * there. */
-static void snapshot_before_letting_go(void **state) {
+static void snapshot_before_a_release_continues_identically(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_GRASPER);
@@ -325,7 +325,7 @@ static void snapshot_before_letting_go(void **state) {
 static double held_back_N(tm_model *model) { return fabs(tm_model_reaction(model, 0).force_N[0]); }
 
 /* While the probe sticks and while it slides, friction's displacement continues with the same bits, in patches too. */
-static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
+static void snapshot_with_friction_continues_identically(void **state) {
     (void)state;
     organ o;
     tm_error error;
@@ -376,7 +376,7 @@ static void snapshot_while_rubbing_goes_on_with_the_same_bits(void **state) {
 }
 
 /* Impossible values with a correct checksum are rejected without change, or accepted and continued from. */
-static void snapshots_of_friction_made_by_hand(void **state) {
+static void impossible_friction_snapshots_are_rejected(void **state) {
     (void)state;
     enum { HEAD = 16 + 8 * 13 * TM_MAX_INSTRUMENTS }; /* up to the checksum */
     organ o;
@@ -422,7 +422,7 @@ static void snapshots_of_friction_made_by_hand(void **state) {
 }
 
 /* A reaction of an unconverged solution is marked as such after restoring, too. */
-static void snapshot_of_no_solution(void **state) {
+static void snapshot_of_an_unconverged_solution_stays_marked(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -444,7 +444,7 @@ static void snapshot_of_no_solution(void **state) {
     free_organ(&o);
 }
 
-static void rest(void **state) {
+static void rest_is_found_with_the_tool_away(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -522,7 +522,7 @@ static void cut_hybrid_keeps_stiffness_and_patch(void **state) {
 }
 
 /* Grasped tissue: the patch contains the grasp. */
-static void held_tissue_has_a_patch(void **state) {
+static void grasped_tissue_has_a_patch(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_GRASPER);
@@ -570,7 +570,7 @@ static void refused(organ *o, int which, tm_status status, const char *blame) {
     assert_true(strchr(error.message, ';') != NULL);
 }
 
-static void errors(void **state) {
+static void invalid_calls_are_reported(void **state) {
     (void)state;
     organ o;
     tm_error error;
@@ -616,7 +616,7 @@ static void spoil(void *self, tm_world *world) {
 }
 
 /* A failed frame sends no force and changes no state. */
-static void failed_frame_has_not_happened(void **state) {
+static void failed_frame_changes_nothing(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -643,7 +643,7 @@ static void failed_frame_has_not_happened(void **state) {
     free_organ(&o);
 }
 
-static void stages(void **state) {
+static void models_time_their_stages(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -666,7 +666,7 @@ static void stages(void **state) {
 }
 
 /* The inside of the hybrid model is solved on request, and a frame does not depend on such requests. */
-static void looking_changes_no_frame(void **state) {
+static void queries_change_no_frame(void **state) {
     (void)state;
     organ o;
     make_organ(&o, TM_TOOL_PROBE);
@@ -698,20 +698,20 @@ static void looking_changes_no_frame(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(looking_changes_no_frame),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(queries_change_no_frame),
                                        cmocka_unit_test(three_models_agree_at_rest),
-                                       cmocka_unit_test(frame_in_pieces_equals_the_frame),
+                                       cmocka_unit_test(frame_in_several_calls_equals_the_frame),
                                        cmocka_unit_test(snapshot_goes_on_with_the_same_bits),
-                                       cmocka_unit_test(snapshots_of_a_hold),
-                                       cmocka_unit_test(snapshot_before_letting_go),
-                                       cmocka_unit_test(snapshot_while_rubbing_goes_on_with_the_same_bits),
-                                       cmocka_unit_test(snapshots_of_friction_made_by_hand),
-                                       cmocka_unit_test(snapshot_of_no_solution),
-                                       cmocka_unit_test(rest),
+                                       cmocka_unit_test(snapshots_while_grasping_continue_identically),
+                                       cmocka_unit_test(snapshot_before_a_release_continues_identically),
+                                       cmocka_unit_test(snapshot_with_friction_continues_identically),
+                                       cmocka_unit_test(impossible_friction_snapshots_are_rejected),
+                                       cmocka_unit_test(snapshot_of_an_unconverged_solution_stays_marked),
+                                       cmocka_unit_test(rest_is_found_with_the_tool_away),
                                        cmocka_unit_test(cut_hybrid_keeps_stiffness_and_patch),
-                                       cmocka_unit_test(held_tissue_has_a_patch),
-                                       cmocka_unit_test(errors),
-                                       cmocka_unit_test(failed_frame_has_not_happened),
-                                       cmocka_unit_test(stages)};
+                                       cmocka_unit_test(grasped_tissue_has_a_patch),
+                                       cmocka_unit_test(invalid_calls_are_reported),
+                                       cmocka_unit_test(failed_frame_changes_nothing),
+                                       cmocka_unit_test(models_time_their_stages)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

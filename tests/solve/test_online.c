@@ -95,7 +95,7 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
     free_pair(&p);
 }
 
-static void agrees_with_dynamic(void **state) {
+static void online_contact_agrees_with_the_dynamic_model_at_rest(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
@@ -117,7 +117,7 @@ static void force_at(tm_precomputed *model, const double tip[3], double force[3]
     tm_precomputed_force(model, 0, force);
 }
 
-static void stiffness(void **state) {
+static void stiffness_is_the_forces_derivative(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
@@ -189,7 +189,7 @@ static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at
     return worst / most;
 }
 
-static void patch(void **state) {
+static void patch_gives_the_models_force(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     tm_patch_solver *solver;
@@ -274,7 +274,7 @@ static void grasp_agrees_with_dynamic_at_rest(void **state) {
 
 /* Releasing while a second tool presses on the grasped tissue: the shape never goes farther than before, and the
  * grasper's force never exceeds the share that is left. */
-static void let_go_beside(void **state) {
+static void release_under_a_second_tool_is_bounded(void **state) {
     (void)state;
     const struct {
         const char *name;
@@ -334,7 +334,7 @@ static void let_go_beside(void **state) {
 
 /* --- smoothness: a stroke at 500 Hz --- */
 
-static void smooth(void **state) {
+static void stroke_at_500_Hz_is_smooth(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     pair p = make_pair(&def, TM_DOUBLE);
@@ -370,7 +370,7 @@ static void smooth(void **state) {
 /* --- each tool's own size --- */
 
 /* The size of a tool without contact does not affect the other one: no bit of its force or stiffness. */
-static void size_of_another_tool(void **state) {
+static void size_of_an_idle_tool_changes_no_bit(void **state) {
     (void)state;
     tm_tool_reaction r[3];
     const double radius[3] = {2.5e-3, 2e-4, 3e-2};
@@ -419,7 +419,7 @@ static void size_of_another_tool(void **state) {
 
 /* --- hard use: two tools at random, up to 0.3 m/s, in and out --- */
 
-static void rough_hands(void **state) {
+static void random_tools_stay_bounded(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.tools = 2;
@@ -458,7 +458,7 @@ static void rough_hands(void **state) {
 /* Thrown into the block from a metre away, farther than an update's path steps reach. The result is finite and
  * bounded. If it is no solution, both the count of steps and every tool's reaction report it. A tool that comes from
  * outside again is felt as if nothing had happened. */
-static void thrown_tool_is_bounded_and_told(void **state) {
+static void thrown_tool_is_bounded_and_reported(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
@@ -498,14 +498,14 @@ static void thrown_tool_is_bounded_and_told(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(size_of_another_tool),
-                                       cmocka_unit_test(agrees_with_dynamic),
-                                       cmocka_unit_test(stiffness),
-                                       cmocka_unit_test(patch),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(size_of_an_idle_tool_changes_no_bit),
+                                       cmocka_unit_test(online_contact_agrees_with_the_dynamic_model_at_rest),
+                                       cmocka_unit_test(stiffness_is_the_forces_derivative),
+                                       cmocka_unit_test(patch_gives_the_models_force),
                                        cmocka_unit_test(grasp_agrees_with_dynamic_at_rest),
-                                       cmocka_unit_test(let_go_beside),
-                                       cmocka_unit_test(smooth),
-                                       cmocka_unit_test(rough_hands),
-                                       cmocka_unit_test(thrown_tool_is_bounded_and_told)};
+                                       cmocka_unit_test(release_under_a_second_tool_is_bounded),
+                                       cmocka_unit_test(stroke_at_500_Hz_is_smooth),
+                                       cmocka_unit_test(random_tools_stay_bounded),
+                                       cmocka_unit_test(thrown_tool_is_bounded_and_reported)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

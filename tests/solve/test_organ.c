@@ -179,16 +179,20 @@ static void check_organ(const char *size, bool hybrid_too) {
     organ_free(&o);
 }
 
-static void thousand(void **state) { (void)state, check_organ("1k", true); }
-static void ten_thousand(void **state) { (void)state, check_organ("10k", test_is_long()); }
-static void fifty_thousand(void **state) {
+static void organ_of_1k_agrees_with_the_settled_model(void **state) { (void)state, check_organ("1k", true); }
+static void organ_of_10k_agrees_with_the_settled_model(void **state) {
+    (void)state, check_organ("10k", test_is_long());
+}
+static void organ_of_50k_agrees_with_the_settled_model(void **state) {
     (void)state;
     check_organ("50k", true);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(thousand), cmocka_unit_test(ten_thousand)};
-    const struct CMUnitTest more[] = {cmocka_unit_test(fifty_thousand)}; /* the long form's */
+    const struct CMUnitTest tests[] = {cmocka_unit_test(organ_of_1k_agrees_with_the_settled_model),
+                                       cmocka_unit_test(organ_of_10k_agrees_with_the_settled_model)};
+    const struct CMUnitTest more[] = {
+        cmocka_unit_test(organ_of_50k_agrees_with_the_settled_model)}; /* the long form's */
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     return test_is_long() ? failed + cmocka_run_group_tests(more, NULL, NULL) : failed;
 }

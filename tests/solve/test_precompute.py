@@ -176,7 +176,7 @@ def test_a_rank_that_dies_leaves_the_old_file(bin, root, place):
     assert not part.exists()
 
 
-def test_what_was_killed_is_gone_on_with(bin, root, place):
+def test_killed_run_is_continued(bin, root, place):
     """Any number of ranks gives the same bits; a block damaged meanwhile is solved again."""
     folder, env = place
     scene, out = write_scene(folder, root, bin, env, mesh="block_10k"), folder / "out.tms"
@@ -205,7 +205,7 @@ def test_what_was_killed_is_gone_on_with(bin, root, place):
     assert out.read_bytes() == (folder / "whole.tms").read_bytes() and not part.exists()
 
 
-def test_what_was_computed_ahead_is_found(bin, root, place):
+def test_precomputed_file_is_found(bin, root, place):
     folder, env = place
     scene = write_scene(folder, root, bin, env)
     run([bin / "tm-precompute", scene], env)

@@ -239,7 +239,7 @@ static void follow(uint64_t seed, int hands, bool each_frame, tally *t) {
     destroy(&s);
 }
 
-static void sent_is_true(void **state) {
+static void sent_stiffness_is_the_change_of_force(void **state) {
     (void)state;
     tally t = {0};
     const uint64_t seeds = test_is_long() ? 200 : test_is_sanitized() ? 2 : 10;
@@ -252,7 +252,7 @@ static void sent_is_true(void **state) {
 }
 
 /* Every frame, not a few: pressed and cut, lifted, and two hands at once. */
-static void each_frame_is_true(void **state) {
+static void sent_stiffness_is_correct_in_every_frame(void **state) {
     (void)state;
     const struct {
         uint64_t seed;
@@ -304,7 +304,7 @@ static double sent_off_by(sent *s) {
 
 /* Tissue, supports and tool are rotated together by 43 degrees: the stiffness is correct with the previous factor,
  * which rotates with the tissue, and with a new one. */
-static void turned_between_factors(void **state) {
+static void sent_stiffness_rotates_between_factors(void **state) {
     (void)state;
     const double turned = 0.75;
     for (int holds = 0; holds < 2; holds++) {
@@ -335,7 +335,8 @@ static void turned_between_factors(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(sent_is_true), cmocka_unit_test(each_frame_is_true),
-                                       cmocka_unit_test(turned_between_factors)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(sent_stiffness_is_the_change_of_force),
+                                       cmocka_unit_test(sent_stiffness_is_correct_in_every_frame),
+                                       cmocka_unit_test(sent_stiffness_rotates_between_factors)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

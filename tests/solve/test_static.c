@@ -127,9 +127,9 @@ static void check_oracle(const char *name) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) { (void)state, check_oracle("iso"); }
-static void paper_law(void **state) { (void)state, check_oracle("fibre"); }
-static void engineering(void **state) { (void)state, check_oracle("muscle"); }
+static void isotropic_law_agrees_with_reference(void **state) { (void)state, check_oracle("iso"); }
+static void paper_law_agrees_with_reference(void **state) { (void)state, check_oracle("fibre"); }
+static void engineering_constants_agree_with_reference(void **state) { (void)state, check_oracle("muscle"); }
 
 /* --- settled tensor/mass --- */
 
@@ -171,7 +171,7 @@ static void check_settled(const int cells[3]) {
     tm_mesh_destroy(mesh);
 }
 
-static void settled_model(void **state) {
+static void static_solution_agrees_with_the_settled_model(void **state) {
     (void)state;
     check_settled((int[]){8, 5, 4});                        /* 960 */
     check_settled((int[]){17, 10, 10});                     /* 10,200 */
@@ -186,7 +186,7 @@ static tm_status try_solve(const tm_tissue *tissue, const uint8_t *fixed, int64_
     return tm_solve_static(&def, NULL, NULL, NULL, error);
 }
 
-static void loose_tissue(void **state) {
+static void tissue_without_supports_is_rejected(void **state) {
     (void)state;
     const tm_material material = kit_material(1e4, 0.4);
     tm_mesh *mesh = fix_block((int[]){6, 2, 2}, (double[]){0.06, 0.02, 0.02}, 0, NULL);
@@ -234,7 +234,7 @@ static void loose_tissue(void **state) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void too_large(void **state) {
+static void too_large_problems_are_rejected(void **state) {
     (void)state;
     const tm_material material = kit_material(1e4, 0.4);
     tm_mesh *mesh = fix_block((int[]){10, 6, 6}, (double[]){0.1, 0.06, 0.06}, 0, NULL);
@@ -274,7 +274,7 @@ static void *solve_one(void *argument) {
     return tm_solve_static(s->def, s->u, NULL, NULL, &error) == TM_OK ? NULL : argument;
 }
 
-static void four_at_once(void **state) {
+static void four_threads_agree(void **state) {
     (void)state;
     fix_random random = {7};
     const tm_material material = kit_material(6e3, 0.45);
@@ -310,7 +310,7 @@ static void four_at_once(void **state) {
 }
 
 /* OpenBLAS's threads, SuiteSparse's allocator and rand() are unchanged. */
-static void process_left_alone(void **state) {
+static void global_state_of_the_process_is_unchanged(void **state) {
     (void)state;
     const tm_material material = kit_material(6e3, 0.45);
     fix_random random = {9};
@@ -348,9 +348,13 @@ static void process_left_alone(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(four_at_once), cmocka_unit_test(process_left_alone),
-                                       cmocka_unit_test(isotropic),    cmocka_unit_test(paper_law),
-                                       cmocka_unit_test(engineering),  cmocka_unit_test(settled_model),
-                                       cmocka_unit_test(loose_tissue), cmocka_unit_test(too_large)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(four_threads_agree),
+                                       cmocka_unit_test(global_state_of_the_process_is_unchanged),
+                                       cmocka_unit_test(isotropic_law_agrees_with_reference),
+                                       cmocka_unit_test(paper_law_agrees_with_reference),
+                                       cmocka_unit_test(engineering_constants_agree_with_reference),
+                                       cmocka_unit_test(static_solution_agrees_with_the_settled_model),
+                                       cmocka_unit_test(tissue_without_supports_is_rejected),
+                                       cmocka_unit_test(too_large_problems_are_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

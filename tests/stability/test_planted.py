@@ -19,15 +19,15 @@ RATIO = "vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
 POSITION = f"    vadd(force, capped_ratio(m, {RATIO}), m->change_N);\n"
 # fault: (file, code that occurs there once, the faulty code, test program, test in it that must fail)
 FAULTS = {
-    "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
+    "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "cuts_in_twenty_orders_equal_a_fresh_build"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
                                                          POSITION.replace(RATIO, RATIO.replace("vdot(m->moved_m, m->step_m)", "fabsf(vdot(m->moved_m, m->step_m))")),
-                                                         "loop/test_extrapolate", "reversal"),
+                                                         "loop/test_extrapolate", "force_after_a_reversal_is_that_of_the_earlier_place"),
     "the sign of gamma": ("libtensormass/src/world/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
-                          "physics/test_motion", "one_free_vertex"),
+                          "physics/test_motion", "free_vertex_follows_the_closed_form"),
     "eq. 12's factor": ("libtensormass/src/material/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
-                        "physics/test_oracle", "isotropic"),
-    "h_min/c as the step": ("libtensormass/src/tissue/critical_step.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
+                        "physics/test_oracle", "isotropic_law_agrees_with_reference"),
+    "h_min/c as the step": ("libtensormass/src/tissue/critical_step.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps_name_the_element_that_sets_them"),
 }
 SOURCES = ("libtensormass", "contact_law", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
 

@@ -33,7 +33,7 @@ def pytest_generate_tests(metafunc):
         metafunc.parametrize("case", cases(ROOT))
 
 
-def test_case(page, case):
+def test_hard_case_has_its_verdict(page, case):
     own = [c for c in page[1]["cases"] if c["name"] == case]
     assert len(own) == 1, f"{case} did not run"
     assert own[0]["good"], own[0]["text"]

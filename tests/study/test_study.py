@@ -36,7 +36,7 @@ def table(folder):
         return list(csv.DictReader(file))
 
 
-def test_a_sweep_is_one_table_and_goes_on(bin, folder):
+def test_sweep_is_one_table_and_continues(bin, folder):
     words = [folder / "scenes", "-o", folder / "out", *SWEEP, "--local"]
     assert "8 runs, 0 done before" in study(bin, *words)
     rows = table(folder)

@@ -9,7 +9,7 @@ from paths import BUILD, ROOT
 UNIT = ROOT / "haptic_rt" / "systemd" / "haptic-rt@.service.in"
 
 
-def test_systemd_understands_it(tmp_path):
+def test_systemd_accepts_the_service(tmp_path):
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/haptic-rt").symlink_to(BUILD / "bin/haptic-rt")
     unit = tmp_path / "haptic-rt@0.service"
@@ -23,7 +23,7 @@ def test_systemd_understands_it(tmp_path):
     assert "sometimes" in done.stderr, "the check does not check"
 
 
-def test_its_command_line_is_taken(tmp_path):
+def test_haptic_rt_accepts_the_services_command_line(tmp_path):
     settings = dict(line.split("=", 1) for line in (ROOT / "haptic_rt/systemd/haptic-rt-0.conf").read_text().splitlines() if "=" in line and line[0] != "#")
     command = re.search(r"^ExecStart=(.*)$", UNIT.read_text(), re.M)[1].replace("@PREFIX@", str(BUILD)).replace("%i", "0")
     (tmp_path / "haptic.key").write_text("0123456789abcdef0123456789abcdef\n")

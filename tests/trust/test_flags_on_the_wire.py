@@ -16,7 +16,7 @@ def seen(build):
 
 
 @pytest.mark.parametrize("flag", RULES)
-def test_rule(seen, flag):
+def test_flag_follows_its_rule(seen, flag):
     said, stays, gone_s = RULES[flag]
     row = seen[flag]
     assert row["pressed_before"] and (flag == "none" or row["planted"] > 10)
@@ -30,5 +30,5 @@ def test_rule(seen, flag):
         assert row["state"] != ENGAGED and row["last_felt_s"] < gone_s + 0.1
 
 
-def test_it_says_so_and_comes_back(seen):
+def test_flag_is_reported_and_force_returns(seen):
     assert "the simulation reports that its step failed" in seen["said"] and seen["pressed_at_the_end"]

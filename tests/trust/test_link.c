@@ -49,7 +49,7 @@ static void publish(app_link *link, int32_t seq, int instrument, int64_t utime) 
     assert_true(app_link_publish(link, APP_FORCE, instrument, utime, &m));
 }
 
-static void a_queue_hands_over_in_order(void **state) {
+static void queue_keeps_the_order(void **state) {
     (void)state;
     static heard one, both, status;
     app_queue *queue = app_queue_create(5);
@@ -100,7 +100,7 @@ static void bad_line(uint64_t seed, heard *h) {
     app_queue_destroy(queue);
 }
 
-static void a_bad_line_is_what_its_seed_says(void **state) {
+static void impairments_follow_their_seed(void **state) {
     (void)state;
     static heard first, again, other;
     bad_line(5, &first);
@@ -121,7 +121,7 @@ static void a_bad_line_is_what_its_seed_says(void **state) {
     assert_in_range(most_us, 120000, 160000); /* 140 ms, seen at the next frame */
 }
 
-static void a_key_is_asked_for(void **state) {
+static void authentication_requires_the_key(void **state) {
     (void)state;
     static heard h;
     const app_key key = {.known = true, .byte = {1, 2, 3}}, wrong = {.known = true, .byte = {1, 2, 4}};
@@ -151,7 +151,7 @@ static void a_key_is_asked_for(void **state) {
 
 static char folder[] = "/tmp/tm-link-XXXXXX";
 
-static void a_log_is_liblcms_to_the_byte(void **state) {
+static void log_equals_liblcms_byte_for_byte(void **state) {
     (void)state;
     static heard h;
     char own[64], theirs[64];
@@ -226,7 +226,7 @@ static void a_link_is_copied_into_its_log(void **state) {
     unlink(path);
 }
 
-static void a_full_disk_is_told(void **state) {
+static void full_disk_is_reported(void **state) {
     (void)state;
     app_link *log = app_link_write_log("/dev/full", &(app_link_def){0});
     assert_non_null(log);
@@ -240,12 +240,10 @@ static void a_full_disk_is_told(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_queue_hands_over_in_order),
-                                       cmocka_unit_test(a_bad_line_is_what_its_seed_says),
-                                       cmocka_unit_test(a_key_is_asked_for),
-                                       cmocka_unit_test(a_log_is_liblcms_to_the_byte),
-                                       cmocka_unit_test(a_link_is_copied_into_its_log),
-                                       cmocka_unit_test(a_full_disk_is_told)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(queue_keeps_the_order),           cmocka_unit_test(impairments_follow_their_seed),
+        cmocka_unit_test(authentication_requires_the_key), cmocka_unit_test(log_equals_liblcms_byte_for_byte),
+        cmocka_unit_test(a_link_is_copied_into_its_log),   cmocka_unit_test(full_disk_is_reported)};
     if (!mkdtemp(folder)) return 1;
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
     rmdir(folder);

@@ -11,7 +11,7 @@
 
 #include "message.h"
 
-static void every_kind_goes_through(void **state) {
+static void every_kind_is_decoded_and_encoded_unchanged(void **state) {
     (void)state;
     for (int k = 0; k < APP_KINDS; k++) {
         app_message none, back;
@@ -45,7 +45,7 @@ static int controller_bytes(uint8_t bytes[ROOM]) {
     return app_message_encode(APP_CONTROLLER, bytes, ROOM, &m);
 }
 
-static void lying_strings_are_refused(void **state) {
+static void strings_of_false_length_are_rejected(void **state) {
     (void)state;
     uint8_t bytes[ROOM];
     app_message m;
@@ -85,7 +85,7 @@ static int tissue_bytes(uint8_t bytes[ROOM]) {
     return app_message_encode(APP_TISSUE, bytes, ROOM, &m);
 }
 
-static void lying_counts_are_refused(void **state) {
+static void false_counts_are_rejected(void **state) {
     (void)state;
     enum { VERTICES = FINGERPRINT + 32, TRIANGLES = VERTICES + 4 + 36 + 12 };
     static const uint8_t lies[][4] = {
@@ -107,7 +107,7 @@ static void lying_counts_are_refused(void **state) {
         }
 }
 
-static void channels_are_found(void **state) {
+static void channels_map_to_their_message_types(void **state) {
     (void)state;
     static const char *const none[] = {
         "", "TOOL", "TOOL_", "TOOL_2", "TOOL_00", "tool_0", "SIM_STATUS_0", "TISSUE0", "CONTROLLER_COMMAND", "FORCE_/"};
@@ -124,16 +124,16 @@ static void channels_are_found(void **state) {
 }
 
 /* docs/trust.md: all messages but the pictures. */
-static void seals_stand_where_the_page_says(void **state) {
+static void tags_are_where_the_page_says(void **state) {
     (void)state;
     for (int k = 0; k < APP_KINDS; k++)
         assert_true(app_message_has_tag((app_message_kind)k) == (k != APP_TISSUE && k != APP_CUT));
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_kind_goes_through),
-                                       cmocka_unit_test(lying_strings_are_refused),
-                                       cmocka_unit_test(lying_counts_are_refused), cmocka_unit_test(channels_are_found),
-                                       cmocka_unit_test(seals_stand_where_the_page_says)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_kind_is_decoded_and_encoded_unchanged),
+        cmocka_unit_test(strings_of_false_length_are_rejected), cmocka_unit_test(false_counts_are_rejected),
+        cmocka_unit_test(channels_map_to_their_message_types), cmocka_unit_test(tags_are_where_the_page_says)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -14,7 +14,7 @@
 #include "auth.h"
 
 /* vectors.h of the reference implementation (github.com/veorq/SipHash): key 00..0f, message 00..(n-1). */
-static void siphash_is_siphash(void **state) {
+static void siphash_agrees_with_its_reference(void **state) {
     (void)state;
     static const struct {
         size_t size;
@@ -33,7 +33,7 @@ static void siphash_is_siphash(void **state) {
         }
 }
 
-static void every_bit_counts(void **state) {
+static void every_changed_bit_is_detected(void **state) {
     (void)state;
     const app_key key = {.known = true, .byte = {1, 2, 3}}, other = {.known = true, .byte = {1, 2, 4}},
                   none = {.known = false};
@@ -53,7 +53,7 @@ static void every_bit_counts(void **state) {
     }
 }
 
-static void heard_once(void **state) {
+static void repeated_message_is_rejected(void **state) {
     (void)state;
     static app_replay replay;
     assert_true(app_replay_fresh(&replay, 5, UINT32_MAX));
@@ -67,7 +67,7 @@ static void heard_once(void **state) {
         assert_false(app_replay_fresh(&replay, session, 1));
 }
 
-static void key_files(void **state) {
+static void key_files_are_checked(void **state) {
     (void)state;
     char path[] = "/tmp/tm-key-XXXXXX", why[300];
     app_key key;
@@ -103,7 +103,7 @@ static void key_files(void **state) {
 }
 
 /* A key is required as soon as messages leave the machine. */
-static void asked_for(void **state) {
+static void key_is_required_off_this_machine(void **state) {
     (void)state;
     char why[300];
     app_key key;
@@ -115,8 +115,9 @@ static void asked_for(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(siphash_is_siphash), cmocka_unit_test(every_bit_counts),
-                                       cmocka_unit_test(heard_once), cmocka_unit_test(key_files),
-                                       cmocka_unit_test(asked_for)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(siphash_agrees_with_its_reference), cmocka_unit_test(every_changed_bit_is_detected),
+        cmocka_unit_test(repeated_message_is_rejected), cmocka_unit_test(key_files_are_checked),
+        cmocka_unit_test(key_is_required_off_this_machine)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

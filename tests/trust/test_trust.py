@@ -49,17 +49,17 @@ def no_more_than_calm(session, name):
 
 
 @pytest.mark.parametrize("attack", IN_VAIN + BY_KEY)
-def test_with_the_key(keyed, attack):
+def test_attacks_fail_with_a_key(keyed, attack):
     seen = no_more_than_calm(keyed, attack)
     assert seen["extrapolator"] == "position" and seen["grown_kB"] < GROWN_kB
 
 
 @pytest.mark.parametrize("attack", IN_VAIN)
-def test_without_a_key(open_, attack):
+def test_effects_of_attacks_without_a_key_are_as_documented(open_, attack):
     assert no_more_than_calm(open_, attack)["grown_kB"] < GROWN_kB
 
 
-def test_without_a_key_who_listens_can_push(open_):
+def test_listening_attacker_can_push_without_a_key(open_):
     """Stated in docs/trust.md, and proves that the attack works: only the device's limits bound the force."""
     seen = open_["attacks"]["forged_samples"]
     assert seen["peak"][0] > 2000 and seen["peak"][1] > 2000
@@ -73,7 +73,7 @@ def test_never_above_the_limits(session, request):
     assert session["pressed_at_the_end"], "it did not recover"
 
 
-def test_resets(keyed, open_):
+def test_only_the_key_owner_can_reset(keyed, open_):
     assert keyed["fault"] == open_["fault"] == 10 and keyed["states_under_resets"] == [5]
     assert 5 in open_["states_under_resets"] or 1 in open_["states_under_resets"]
     assert open_["controller"]["refused"]["commands"] > 100  # while in use, and more than one a second
@@ -86,14 +86,14 @@ def test_what_was_refused_is_counted(keyed, open_):
     assert keyed["controller"]["samples"]["rejected"] < 50 and keyed["simulation"]["tools"][0]["foreign"] == 0
 
 
-def test_the_loop_hands_over_and_another_thread_sends(keyed):
+def test_sending_thread_sends_every_tool_state(keyed):
     """Every tick's tool state is sent, except those that a newer one overtook."""
     sent, ticks = keyed["controller"]["sent"], keyed["controller"]["ticks"]
     assert sent["tools"] + sent["skipped"] > 0.8 * ticks and sent["skipped"] < 0.05 * sent["tools"]
     assert 0 < sent["lay_us"]["p50"] <= sent["lay_us"]["p99"]
 
 
-def test_a_full_stderr_stops_nothing(build):
+def test_full_stderr_blocks_nothing(build):
     seen = play("deaf.py", build)
     assert seen["commands"] > 500 and seen["pushing"] > 0.7 * seen["commands"]
     assert seen["exit"] == 0
@@ -102,11 +102,12 @@ def test_a_full_stderr_stops_nothing(build):
 def test_every_row_of_the_page_is_a_test(root):
     """Each row names its attack by the name used here."""
     rows = re.findall(r"^\|[^|]+\|[^|]+\|[^|]+\|[^|]+\| `(\w+)` \|$", (root / "docs/trust.md").read_text(), re.M)
-    known = set(IN_VAIN + BY_KEY) | {"test_resets", "test_a_full_stderr_stops_nothing", "test_another_machine"}
+    known = set(IN_VAIN + BY_KEY) | {"test_only_the_key_owner_can_reset", "test_full_stderr_blocks_nothing",
+                                        "test_another_machine_is_heard_only_with_ttl_1"}
     assert set(rows) == known
 
 
-def test_another_machine(build):
+def test_another_machine_is_heard_only_with_ttl_1(build):
     """With ttl=1 its messages arrive, with ttl=0 they are only counted; this machine's arrive in both cases."""
     seen = play("other_machine.py", build)
     assert seen["ttl=0"]["foreign"] > 100 and 100 < seen["ttl=0"]["malformed"] <= 300
@@ -114,7 +115,7 @@ def test_another_machine(build):
 
 
 @pytest.mark.parametrize("program", ["haptic-rt", "tm-sim", "tm-device"])
-def test_a_url_that_leaves_wants_a_key(bin, root, tmp_path, program):
+def test_leaving_this_machine_requires_a_key(bin, root, tmp_path, program):
     argv = {"haptic-rt": ["--bus", "virtual:t"], "tm-device": ["--bus", "virtual:t", "--hand", "lcm"],
             "tm-sim": [root / "apps/scenes/block-press.yaml", "--realtime", "--frames", "1"]}[program]
     env = dict(os.environ, TM_BUS_DIR=str(tmp_path), LCM_DEFAULT_URL="udpm://239.255.76.67:7667?ttl=1")
@@ -131,6 +132,6 @@ def test_a_url_that_leaves_wants_a_key(bin, root, tmp_path, program):
     assert readable.returncode == 2 and f"chmod 600 {key}" in readable.stderr
 
 
-def test_giants_do_not_feed_a_viewer(build):
+def test_huge_announced_messages_use_no_memory(build):
     seen = play("viewer.py", build)
     assert seen["alive"] and seen["grown_kB"] < GROWN_kB and seen["exit"] != -11

@@ -233,7 +233,7 @@ static void refused(tm_status status, int64_t entity, const tm_error *error) {
     assert_non_null(strstr(error->message, "; "));
 }
 
-static void data_out_of_range(void **state) {
+static void data_out_of_range_return_their_index(void **state) {
     (void)state;
     static const double vertex[15] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01, 0.01, 0.01, 0.01};
     static const int32_t tet[8] = {0, 1, 2, 3, 1, 2, 3, 4};
@@ -427,7 +427,7 @@ static bool no_number(void *self, int32_t a, int32_t b, double C[9]) {
 }
 
 /* Omissions are reported, and an impossible patch is empty. */
-static void what_is_left_out_is_told(void **state) {
+static void omissions_are_reported(void **state) {
     (void)state;
     scene_def def = scene_def_default();
     scene s = scene_create(&def);
@@ -465,10 +465,10 @@ int main(void) {
                                        TOLD(broken_contract_of_a_world_is_told),
                                        TOLD(broken_contract_of_a_definition_is_told),
                                        TOLD(broken_contract_of_another_world_is_told),
-                                       cmocka_unit_test(data_out_of_range),
+                                       cmocka_unit_test(data_out_of_range_return_their_index),
                                        cmocka_unit_test(needed_stage_is_not_removed),
                                        cmocka_unit_test(list_of_stages_is_the_step),
                                        cmocka_unit_test(tool_that_outruns_contact_is_flagged),
-                                       cmocka_unit_test(what_is_left_out_is_told)};
+                                       cmocka_unit_test(omissions_are_reported)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

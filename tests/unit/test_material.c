@@ -23,7 +23,7 @@ static void solve6(const double C[36], const double b[6], double x[6]) {
     for (int k = 0; k < 6; k++) x[k] = A[k][6] / A[k][k];
 }
 
-static void engineering_round_trip(void **state) {
+static void engineering_constants_convert_there_and_back(void **state) {
     (void)state;
     const double E_L = 30e3, E_T = 6e3, nu_LT = 0.4, nu_TT = 0.45, G = 5e3;
     tm_material m;
@@ -98,7 +98,7 @@ static void names(tm_status status, const tm_error *error, const char *const *sa
 #define NAMES(...)                                                                                                     \
     (const char *const[]) { __VA_ARGS__, NULL }
 
-static void refusals(void **state) {
+static void invalid_constants_are_rejected_with_their_inequality(void **state) {
     (void)state;
     tm_material m = {.mu_Pa = -77};
     tm_error e;
@@ -161,8 +161,9 @@ static void definiteness_agrees_with_the_matrix(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(engineering_round_trip), cmocka_unit_test(matrix_is_the_energy),
-                                       cmocka_unit_test(refusals),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(engineering_constants_convert_there_and_back),
+                                       cmocka_unit_test(matrix_is_the_energy),
+                                       cmocka_unit_test(invalid_constants_are_rejected_with_their_inequality),
                                        cmocka_unit_test(definiteness_agrees_with_the_matrix)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -110,7 +110,7 @@ static void askew_free(void *memory, size_t bytes, void *user) {
 }
 
 /* Vector loads would fault on it: the error is reported, the memory freed, and no object made. */
-static void askew_memory_is_told(void **state) {
+static void unaligned_memory_is_reported(void **state) {
     (void)state;
     scene s;
     tm_error error = {0};
@@ -179,7 +179,7 @@ static uint64_t press(scene *s) {
 
 /* A stage that finds no memory is absent and holds nothing, and the world continues unchanged; a second request
  * succeeds. */
-static void a_stage_without_memory_is_not_there(void **state) {
+static void stage_without_memory_is_absent(void **state) {
     (void)state;
     for (int kind = 0; kind < KINDS; kind++) {
         uint64_t without = 0, with = 0;
@@ -227,7 +227,7 @@ static void a_stage_without_memory_is_not_there(void **state) {
 static void nothing(void *self, tm_world *world) { (void)self, (void)world; }
 
 /* The same if the world has no place left for the stage, or not for all of its substages. */
-static void a_stage_without_room_is_not_there(void **state) {
+static void stage_without_capacity_is_absent(void **state) {
     (void)state;
     static char name[TM_MAX_STAGES][8];
     for (int kind = 0; kind < KINDS; kind++) {
@@ -268,7 +268,7 @@ static void a_stage_without_room_is_not_there(void **state) {
     tm_set_allocator(NULL);
 }
 
-static void accounts_are_exact(void **state) {
+static void memory_of_a_stage_is_exact(void **state) {
     (void)state;
     scene s;
     tm_error error;
@@ -340,7 +340,7 @@ static bool is_on_large_pages(const void *memory) {
 }
 
 /* Arrays that a pass reads at once use large pages, if the system has them; small arrays do not. */
-static void large_arrays_lie_on_large_pages(void **state) {
+static void large_arrays_use_large_pages(void **state) {
     (void)state;
     enum { LARGE = 12 << 20, SMALL = 1 << 16 };
     if (access("/sys/kernel/mm/transparent_hugepage/enabled", R_OK) || access("/proc/self/smaps", R_OK)) skip();
@@ -355,7 +355,7 @@ static void large_arrays_lie_on_large_pages(void **state) {
     tm_release(small, SMALL);
 }
 
-static void names_and_hash(void **state) {
+static void names_of_statuses_and_hash_values(void **state) {
     (void)state;
     assert_string_equal(tm_version(), "0.2.0");
     assert_string_equal(tm_status_name(TM_ERR_MESH), "TM_ERR_MESH");
@@ -368,13 +368,10 @@ static void names_and_hash(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once),
-                                       cmocka_unit_test(askew_memory_is_told),
-                                       cmocka_unit_test(a_stage_without_memory_is_not_there),
-                                       cmocka_unit_test(a_stage_without_room_is_not_there),
-                                       cmocka_unit_test(accounts_are_exact),
-                                       cmocka_unit_test(no_allocation_in_a_step),
-                                       cmocka_unit_test(large_arrays_lie_on_large_pages),
-                                       cmocka_unit_test(names_and_hash)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_allocation_fails_once),    cmocka_unit_test(unaligned_memory_is_reported),
+        cmocka_unit_test(stage_without_memory_is_absent), cmocka_unit_test(stage_without_capacity_is_absent),
+        cmocka_unit_test(memory_of_a_stage_is_exact),     cmocka_unit_test(no_allocation_in_a_step),
+        cmocka_unit_test(large_arrays_use_large_pages),   cmocka_unit_test(names_of_statuses_and_hash_values)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 /* Topology against brute force, and every rejection of tm_mesh_create. */
 #include "../fixture.h"
 
-static void topology(void **state) {
+static void topology_agrees_with_brute_force(void **state) {
     (void)state;
     fix_random random = {1};
     tm_mesh *mesh = fix_block((int[3]){3, 2, 4}, (double[3]){0.03, 0.02, 0.04}, 0.2, &random);
@@ -67,7 +67,7 @@ static void topology(void **state) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void quality(void **state) {
+static void quality_of_tetrahedra_is_exact(void **state) {
     (void)state;
     const double a = 0.01, regular[12] = {a, a, a, -a, a, -a, a, -a, -a, -a, -a, a};
     tm_mesh *mesh = NULL;
@@ -97,7 +97,7 @@ static void refuse(int32_t vertices, int32_t tets, const double *vertex, const i
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void refusals(void **state) {
+static void bad_meshes_are_rejected(void **state) {
     (void)state;
     const int32_t good[8] = {0, 1, 2, 3, 1, 2, 3, 4};
     refuse(0, 0, cube, good, -1, "empty");
@@ -138,7 +138,8 @@ static void refusals(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(topology), cmocka_unit_test(quality),
-                                       cmocka_unit_test(refusals)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(topology_agrees_with_brute_force),
+                                       cmocka_unit_test(quality_of_tetrahedra_is_exact),
+                                       cmocka_unit_test(bad_meshes_are_rejected)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

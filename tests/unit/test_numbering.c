@@ -56,7 +56,7 @@ static double distance(const tm_mesh *mesh) {
     return sum / mesh->edge_count;
 }
 
-static void poor_ones_are_renumbered(void **state) {
+static void meshes_of_large_bandwidth_are_renumbered(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
     tm_mesh *as_given = build(&b, TM_NUMBERING_ORIGINAL), *mesh = build(&b, TM_NUMBERING_IMPROVED);
@@ -89,7 +89,7 @@ static void poor_ones_are_renumbered(void **state) {
     give(&b);
 }
 
-static void values_there_and_back(void **state) {
+static void values_convert_there_and_back(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
     tm_mesh *mesh = build(&b, TM_NUMBERING_IMPROVED), *as_given = build(&b, TM_NUMBERING_ORIGINAL);
@@ -107,7 +107,7 @@ static void values_there_and_back(void **state) {
     give(&b);
 }
 
-static void others_stay(void **state) {
+static void meshes_in_order_keep_their_numbers(void **state) {
     (void)state;
     for (int i = 0; i < 2; i++) { /* in order; at random, but small */
         numbered b = numbered_block(i ? 4 : 10, i);
@@ -123,7 +123,7 @@ static void others_stay(void **state) {
 }
 
 /* Two values for one component: the message and `entity` give the vertex's original number. */
-static void messages_name_the_given_number(void **state) {
+static void messages_give_the_original_number(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
     tm_mesh *mesh = build(&b, TM_NUMBERING_IMPROVED);
@@ -178,7 +178,7 @@ static void bad_value_is_refused(void **state) {
     give(&b);
 }
 
-static void short_memory(void **state) {
+static void renumbering_without_memory_fails_cleanly(void **state) {
     (void)state;
     numbered b = numbered_block(10, true);
     const tm_mesh_def def = def_of(&b, TM_NUMBERING_IMPROVED);
@@ -199,12 +199,12 @@ static void short_memory(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(poor_ones_are_renumbered),
-        cmocka_unit_test(values_there_and_back),
-        cmocka_unit_test(others_stay),
-        cmocka_unit_test(messages_name_the_given_number),
+        cmocka_unit_test(meshes_of_large_bandwidth_are_renumbered),
+        cmocka_unit_test(values_convert_there_and_back),
+        cmocka_unit_test(meshes_in_order_keep_their_numbers),
+        cmocka_unit_test(messages_give_the_original_number),
         cmocka_unit_test(bad_value_is_refused),
-        cmocka_unit_test(short_memory),
+        cmocka_unit_test(renumbering_without_memory_fails_cleanly),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -72,7 +72,7 @@ static void hand_begins_where_the_instrument_is(void **state) {
 }
 
 /* Another simulation may run another device: its joints are counted, and the hand begins at the instrument. */
-static void hand_begins_anew_with_another_device(void **state) {
+static void hand_restarts_with_another_device(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -162,7 +162,7 @@ static void keys_insert_and_roll_within_the_workspace(void **state) {
     assert_float_equal(c.hand[0].joint[3], 0.25, 1e-6);
 }
 
-static void focus_lost_lets_go_of_everything(void **state) {
+static void losing_the_focus_releases_all_keys(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -234,12 +234,12 @@ static void commands_share_one_message(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(hand_begins_where_the_instrument_is),
-        cmocka_unit_test(hand_begins_anew_with_another_device),
+        cmocka_unit_test(hand_restarts_with_another_device),
         cmocka_unit_test(unknown_instruments_send_nothing),
         cmocka_unit_test(drag_moves_the_tip_with_the_mouse),
         cmocka_unit_test(motion_without_button_moves_nothing),
         cmocka_unit_test(keys_insert_and_roll_within_the_workspace),
-        cmocka_unit_test(focus_lost_lets_go_of_everything),
+        cmocka_unit_test(losing_the_focus_releases_all_keys),
         cmocka_unit_test(current_follows_key_and_instrument),
         cmocka_unit_test(jaws_close_while_held_and_stay_when_latched),
         cmocka_unit_test(commands_share_one_message),

@@ -166,7 +166,7 @@ static void the_wall_is_smooth_and_near(void **state) {
     view_surface_free(&s);
 }
 
-static void the_rim_stays_on_the_outside_without_a_gap(void **state) {
+static void outline_stays_on_the_outer_surface_without_a_gap(void **state) {
     (void)state;
     view_surface s = {0};
     bowl(&s, true);
@@ -247,7 +247,7 @@ static float largest_turn(const view_surface *s, int levels, float *longest) {
     return largest;
 }
 
-static void the_rim_is_a_curve(void **state) {
+static void outline_of_the_cut_is_smooth(void **state) {
     (void)state;
     view_surface s = {0};
     bowl(&s, true);
@@ -294,7 +294,7 @@ static void one_wall_through_both_regions(void **state) {
     view_surface_free(&s);
 }
 
-static void what_is_not_cut_is_drawn_as_it_is(void **state) {
+static void uncut_surface_is_unchanged(void **state) {
     (void)state;
     for (int planed = 0; planed < 2; planed++) {
         view_surface s = {0};
@@ -308,7 +308,7 @@ static void what_is_not_cut_is_drawn_as_it_is(void **state) {
 }
 
 /* The tissue is rotated and moved, then cut: the wall moves with it, and its texture is as at rest. */
-static void the_wall_goes_with_the_tissue(void **state) {
+static void wall_moves_with_the_tissue(void **state) {
     (void)state;
     view_surface whole = {0}, s = {0};
     bowl(&whole, false), bowl(&s, true);
@@ -337,11 +337,11 @@ static void the_wall_goes_with_the_tissue(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(the_rim_is_a_curve),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(outline_of_the_cut_is_smooth),
                                        cmocka_unit_test(the_wall_is_smooth_and_near),
-                                       cmocka_unit_test(the_rim_stays_on_the_outside_without_a_gap),
+                                       cmocka_unit_test(outline_stays_on_the_outer_surface_without_a_gap),
                                        cmocka_unit_test(one_wall_through_both_regions),
-                                       cmocka_unit_test(what_is_not_cut_is_drawn_as_it_is),
-                                       cmocka_unit_test(the_wall_goes_with_the_tissue)};
+                                       cmocka_unit_test(uncut_surface_is_unchanged),
+                                       cmocka_unit_test(wall_moves_with_the_tissue)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

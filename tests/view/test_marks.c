@@ -57,7 +57,7 @@ static float run_of(const view_shape *s, float run[3]) {
     return length;
 }
 
-static void test_fibres_go_with_the_tissue(void **state) {
+static void test_fibres_move_with_the_tissue(void **state) {
     (void)state;
     view_shape s = {0};
     view_marks m = marks();
@@ -93,7 +93,7 @@ static void test_fibres_go_with_the_tissue(void **state) {
     view_shape_free(&s);
 }
 
-static void test_supports_stand_where_tissue_is_held(void **state) {
+static void test_supports_are_drawn_where_tissue_is_fixed(void **state) {
     (void)state;
     view_shape s = {0};
     view_marks m = marks();
@@ -118,7 +118,7 @@ static void test_supports_stand_where_tissue_is_held(void **state) {
 }
 
 /* An arrow seen end on is flat and open, a ring; seen across it is long. */
-static void test_an_arrow_at_the_eye_is_no_disc(void **state) {
+static void test_arrow_seen_end_on_is_a_ring(void **state) {
     (void)state;
     const view_camera camera = {.eye_m = {0, 0, 1}, .up = {0, 1, 0}};
     const double from[3] = {0.01, 0, 0}, across[3] = {0.1, 0, 0}, at_eye[3] = {0, 0, 0.1}, away[3] = {0.02, 0, -0.1};
@@ -142,7 +142,7 @@ static void test_an_arrow_at_the_eye_is_no_disc(void **state) {
     assert_true(count[1] > 0 && count[2] > 0 && count[1] != count[2]);
 }
 
-static void test_labels_find_room(void **state) {
+static void test_labels_stay_outside_the_panels(void **state) {
     (void)state;
     view_layout l = {0};
     view_layout_take(&l, 10, 10, 200, 60);
@@ -173,10 +173,10 @@ static void test_labels_find_room(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_fibres_go_with_the_tissue),
-        cmocka_unit_test(test_supports_stand_where_tissue_is_held),
-        cmocka_unit_test(test_an_arrow_at_the_eye_is_no_disc),
-        cmocka_unit_test(test_labels_find_room),
+        cmocka_unit_test(test_fibres_move_with_the_tissue),
+        cmocka_unit_test(test_supports_are_drawn_where_tissue_is_fixed),
+        cmocka_unit_test(test_arrow_seen_end_on_is_a_ring),
+        cmocka_unit_test(test_labels_stay_outside_the_panels),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -22,7 +22,7 @@ def play(root, build, *args, env=None, timeout=300):
 NO_DISPLAY = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
-def test_without_a_display(root, build, bin, tmp_path):
+def test_missing_display_is_reported(root, build, bin, tmp_path):
     run = play(root, build, "--out", tmp_path / "out", env=NO_DISPLAY)
     assert run.returncode == 2 and "no display" in run.stderr and "make demo" in run.stderr
     assert os.listdir(tmp_path) == []

@@ -39,14 +39,14 @@ def draw(bin, mesh, *more):
     return share(picture, blue), share(picture, red), json.loads(figures.read_text())["triangles"]
 
 
-def test_what_is_inside_is_seen_through_or_laid_open(bin, mesh):
+def test_inner_regions_show_through_or_in_section(bin, mesh):
     whole, through, open_ = draw(bin, mesh), draw(bin, mesh, "--through", "0.8"), draw(bin, mesh, "--clip", "0,0,1")
     assert whole[0] == 0 and whole[1] > 0.05
     assert through[0] > 0.001 and through[2] == whole[2] + 12  # the cube's sides
     assert open_[0] > 0.001 and open_[1] > 0.03
 
 
-def test_a_plane_takes_what_lies_beyond_it(bin, mesh):
+def test_section_plane_removes_the_tissue_beyond(bin, mesh):
     low, none, turned = draw(bin, mesh, "--clip", "0,0,1,-49.9"), draw(bin, mesh, "--clip", "0,0,1,60"), draw(bin, mesh, "--clip", "0,0,-1,-49.9")
     assert none == draw(bin, mesh) and low[0] == 0 and turned[0] == 0
     done = run(bin, mesh, "--png", mesh.with_suffix(".png"), *FLAT, "--clip", "0,0,1,-60")
@@ -85,7 +85,7 @@ def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):
     assert seen[False] == 0 and seen[True] > 0.01
 
 
-def test_a_film_of_a_log_shows_what_is_inside(bin, mesh, tmp_path):
+def test_video_of_a_log_shows_inner_regions(bin, mesh, tmp_path):
     """The vein is nowhere on the log's surface; --through shows it from the scene."""
     scene = tmp_path / "block.yaml"
     subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=300)

@@ -169,7 +169,7 @@ def test_recorded_demo_replays_into_view_and_controller(bin, demo, netns, tmp_pa
 
 
 @needs_namespace
-def test_the_pages_replay_is_felt(bin, demo, netns, root, tmp_path):
+def test_replay_of_the_page_renders_forces(bin, demo, netns, root, tmp_path):
     """docs/viewing.md, Logs: its lines as written, in the network that the first of them makes."""
     block = re.search(r"## Logs.*?```sh\n(.*?)```", (root / "docs/viewing.md").read_text(), re.S).group(1)
     lines = [line for line in block.splitlines() if line[0] != "#"]
@@ -218,7 +218,7 @@ for _ in range(3):
 
 
 @needs_namespace
-def test_lying_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
+def test_false_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
     """tm-sim receives CONTROLLER_0, haptic-rt SIM_STATUS and CONTROLLER_COMMAND_0: all three contain strings."""
     (tmp_path / "hostile.py").write_text(HOSTILE.format(here=str(HERE), types=str(build / "python")))
     script = f"""

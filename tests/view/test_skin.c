@@ -134,7 +134,7 @@ static void cube_is_closed_and_sharp(void **state) {
     view_surface_free(&s);
 }
 
-static void opened_flesh_keeps_its_edge(void **state) {
+static void cut_surface_keeps_its_sharp_edge(void **state) {
     (void)state;
     view_surface s = {0};
     box(&s, 4, true);
@@ -159,7 +159,7 @@ static void opened_flesh_keeps_its_edge(void **state) {
 
 /* A vertex that moves, and another one that a cut removes from the list, do not change the reference positions first
  * seen. */
-static void references_outlive_motion_and_cuts(void **state) {
+static void reference_positions_survive_motion_and_cuts(void **state) {
     (void)state;
     view_surface s = {0};
     box(&s, 3, true);
@@ -184,7 +184,7 @@ static void references_outlive_motion_and_cuts(void **state) {
     view_surface_free(&s);
 }
 
-static void empty_surface_is_no_crash(void **state) {
+static void empty_surface_is_handled(void **state) {
     (void)state;
     view_surface s = {0};
     assert_true(view_surface_reserve(&s, 1, 1));
@@ -200,7 +200,7 @@ static void empty_surface_is_no_crash(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(sphere_is_closed_and_round), cmocka_unit_test(cube_is_closed_and_sharp),
-        cmocka_unit_test(opened_flesh_keeps_its_edge), cmocka_unit_test(references_outlive_motion_and_cuts),
-        cmocka_unit_test(empty_surface_is_no_crash)};
+        cmocka_unit_test(cut_surface_keeps_its_sharp_edge),
+        cmocka_unit_test(reference_positions_survive_motion_and_cuts), cmocka_unit_test(empty_surface_is_handled)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -111,7 +111,7 @@ def probe(path):
 
 
 @pytest.mark.parametrize("fps,frames", [(30, 61), (12, 25)])
-def test_film(bin, log, tmp_path, fps, frames):
+def test_video_of_a_log_is_written(bin, log, tmp_path, fps, frames):
     film, figures = tmp_path / "film.mp4", tmp_path / "figures.json"
     result = run(bin, log, "--video", film, "--json", figures, "--fps", fps, *SMALL)
     assert result.returncode == 0, result.stderr
@@ -125,13 +125,13 @@ def test_film(bin, log, tmp_path, fps, frames):
     assert os.listdir(tmp_path) == ["film.mp4", "figures.json"] or sorted(os.listdir(tmp_path)) == ["figures.json", "film.mp4"]
 
 
-def test_png_and_film_of_one_log(bin, log, tmp_path):
+def test_png_and_video_of_one_log(bin, log, tmp_path):
     assert run(bin, log, "--video", tmp_path / "f.mp4", "--png", tmp_path / "p.png", "--at", "1", "--to", "0.5", *SMALL).returncode == 0
     assert int(probe(tmp_path / "f.mp4")["nb_read_frames"]) == 16
     assert pixels(tmp_path / "p.png").shape == (240, 320, 3)
 
 
-def test_still_of_a_mesh_and_of_a_scene(bin, root, tmp_path):
+def test_picture_of_a_mesh_and_of_a_scene(bin, root, tmp_path):
     mesh, scene = tmp_path / "mesh.png", tmp_path / "scene.png"
     result = run(bin, root / "meshes" / "liver_1k.msh", "--png", mesh, "--size", "640x480", "--no-words")
     assert result.returncode == 0, result.stderr
@@ -180,7 +180,7 @@ def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
     assert (shown["scene"][150:] == shown["renamed"][150:]).all()
 
 
-def test_a_force_at_the_eye_is_a_ring(bin, log, tmp_path):
+def test_force_seen_end_on_is_a_ring(bin, log, tmp_path):
     """At 1.5 s the synthetic force points up; seen from above its arrow was once a filled disc."""
     out = tmp_path / "ring.png"
     assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480", "--no-words", "--elevation", "85").returncode == 0
@@ -445,7 +445,7 @@ view.kill()
 
 
 @needs_namespace
-def test_a_large_tissue_gives_its_memory_back(bin, build, tmp_path):
+def test_memory_of_a_large_tissue_is_released(bin, build, tmp_path):
     """200,000 vertices, twice, then a small tissue again: the memory is returned to the system."""
     script = LARGE.format(here=str(HERE), types=str(build / "python"), program=str(bin / "tm-view"), frames=str(tmp_path / "f"))
     result = subprocess.run([*NETWORK, sys.executable, "-c", script], capture_output=True, text=True, timeout=200)
