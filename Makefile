@@ -34,13 +34,13 @@ OPT_asan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=address,un
 OPT_tsan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=thread
 OPT_fuzz := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
 OPT := $(OPT_$(config))
-# With a sanitizer the C++ library is linked from the start: the sanitizer must know its functions before a module loads C++.
+# With a sanitizer the C++ library is linked from the start: the sanitizer must know its functions before a module with C++ is loaded.
 SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
 
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
-# Two of the C++ checks need a runtime that C programs are not linked with.
+# Two of the C++ checks require a runtime library that C programs do not link.
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
 INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/io/include -Ilibtensormass/scene/include -Ilibtensormass/src -Ihaptic_rt/core -Ilibtensormass -Ilibtensormass/platform -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
@@ -51,7 +51,7 @@ ORIGIN ?= -Wl,-rpath,'$$ORIGIN'
 pkg_cflags = $(shell pkg-config --cflags $(1))
 pkg_libs = $(shell pkg-config --libs $(1))
 
-# First line of a recipe: makes the folder and prints one word and the file; V=1 shows whole command lines instead.
+# First line of a recipe: makes the folder and prints one word and the file; V=1 shows the command lines instead.
 Q := $(if $(V),,@)
 step = @mkdir -p $(@D)$(if $(V),,; printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
 files = $(sort $(wildcard $(1)))
@@ -64,7 +64,7 @@ SCENE_LIBS := app tensormass_scene platform tensormass_io tensormass
 DEVICE_LIBS := hrt_device hrt_motion hrt_io hrt
 SIM_LIBS := sim $(SCENE_LIBS) $(DEVICE_LIBS) lcm_types
 
-# Each of these is one line of a module.mk. Libraries are named, not read, so that the lines may have any order.
+# Each of these is one line of a module.mk. Libraries are named and resolved later, so that the lines may have any order.
 # $(call library,NAME,SOURCES): build/lib/libNAME.a.
 library = $(eval $(call library_rule,$(1),$(2)))
 define library_rule
@@ -108,7 +108,7 @@ define ready
 @+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) $(2)
 endef
 
-# Only the fuzzing build checks the core for wrapping pointers: in its loops the check takes half of the time.
+# Only the fuzzing build checks the core for overflowing pointers: in its loops the check takes half of the time.
 $(OUT)/obj/libtensormass/src/%.o: BASE_CFLAGS += $(if $(filter asan,$(config)),-fno-sanitize=pointer-overflow)
 $(OUT)/obj/%.o: %.c Makefile
 	$(call step,CC)
@@ -142,11 +142,11 @@ programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
-# The tests' own sources, a quarter of all, need not be fast; the code under test is as shipped.
+# The tests' own sources, a quarter of the code, need not be fast; the code under test is compiled as shipped.
 $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT)))
 
-# Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer all but
-# the longest, whose code others run too.
+# Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer all except
+# the longest, whose code is also run by others.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 LONGEST := $(addprefix $(OUT)/tests/,physics/test_step_threads physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(filter-out $(LONGEST),$(TESTS)))

@@ -1,4 +1,4 @@
-# The programs. Shared archives: libapp (frame of a program around scenes), libsim (controllers in lockstep and messages), libreplay (replay of samples).
+# The programs. Shared archives: libapp (common parts of programs that run scenes), libsim (controllers in lockstep and messages), libreplay (replay of samples).
 # None links a heavy library: those are in modules.
 $(call library,app,$(call files,apps/common/*.c))
 $(call library,sim,$(filter-out apps/sim/main.c,$(call files,apps/sim/*.c)))
@@ -30,7 +30,7 @@ MUMPS := $(MUMPS)
 MPI_SRC := apps/precompute/ranks_mpi.c apps/precompute/distributed_$(if $(filter 1,$(MUMPS)),mumps,none).c
 $(call objects,$(MPI_SRC)): INCLUDES += $(call pkg_cflags,ompi-c)
 $(call program,tm-precompute-mpi,apps/precompute/main.c $(MPI_SRC),$(SCENE_LIBS),-lyaml -lcjson $$(call pkg_libs,ompi-c) $(if $(filter 1,$(MUMPS)),-ldmumps))
-# Linked again if MUMPS was added or removed since the last build: a missing .SECONDARY file alone triggers nothing.
+# Linked again if MUMPS was added or removed since the last build; a missing .SECONDARY file alone triggers nothing.
 MUMPS_STAMP := $(OUT)/obj/apps/precompute/mumps
 ifneq ($(if $(wildcard $(MUMPS_STAMP)),$(file <$(MUMPS_STAMP))),$(MUMPS))
 $(shell mkdir -p $(dir $(MUMPS_STAMP)) && echo $(MUMPS) >$(MUMPS_STAMP))
@@ -109,14 +109,14 @@ stability:
 #: make image                  the module of tm-mesh image (ITK, CGAL: 47 MB of packages, installed if missing)
 IMAGE_SRC := $(call files,apps/image/*.cpp)
 newest = $(firstword $(wildcard /usr/include/$(1)-*) /usr/include/$(1))
-# -O1: compiles these headers in half the time, and the mesher is as fast.
+# -O1 compiles these headers in half the time, and the mesher is as fast.
 $(call objects,$(IMAGE_SRC)): BASE_CXXFLAGS += $(if $(filter release,$(config)),-O1 -g1) -isystem $(call newest,ITK)
 $(call objects,apps/image/dicom.cpp): BASE_CXXFLAGS += -isystem $(call newest,gdcm)
 # CGAL's own warning, in its header repair_self_intersections.h
 $(call objects,apps/image/surface.cpp): BASE_CXXFLAGS += -Wno-maybe-uninitialized
 IMAGE_LIBS = $(patsubst %,-l%-$(patsubst ITK-%,%,$(notdir $(call newest,ITK))),ITKIONIFTI ITKIONRRD ITKIOMeta ITKIOImageBase ITKCommon itksys) -lgdcmMSFF -lgdcmDSED -lgdcmDICT -lgdcmCommon -lz -lgmp -lmpfr
 $(eval $(call module_rule,image,$(IMAGE_SRC),,$$(IMAGE_LIBS)))
-# If it was built, tests rebuild it from its sources: an old one reads another interface, and hangs.
+# Once built, tests rebuild it from its sources: an outdated one has another interface and hangs.
 ifneq ($(wildcard $(OUT)/lib/tensormass/image.so),)
 tests: $(OUT)/lib/tensormass/image.so
 endif

@@ -6,12 +6,12 @@ $(call library,hrt_core,$(call files,haptic_rt/core/*.c))
 $(call library,hrt_io,$(call files,haptic_rt/io/bus*.c) $(addprefix haptic_rt/io/,from_message.c histogram.c line_reader.c network.c node.c peer.c profile.c csv_table.c identify.c drive.c workspace.c))
 $(call library,hrt_motion,$(call files,haptic_rt/motion/*.c))
 $(call library,hrt_device,haptic_rt/device/device.c)
-# The core has stricter compiler options than the rest.
+# The core has stricter compiler options than other code.
 $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Werror
 
 HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c network_peer.c loop.c report.c)
-# Devices with a service or library of their own. Haply's needs libwebsockets and is left out, and says so, where that is missing; a file holds
-# which, so that installing it builds anew.
+# Devices with a service or library of their own. Haply's driver needs libwebsockets; if that is missing it is omitted and its error says so. A file records
+# the choice, so that installing the library triggers a rebuild.
 HRT_DRIVE_SRC := $(call files,haptic_rt/io/drive_*.c)
 HRT_WEBSOCKETS = $(shell pkg-config --exists libwebsockets && echo 1)
 $(OUT)/gen/websockets.txt: FORCE

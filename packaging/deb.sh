@@ -1,7 +1,7 @@
 #!/bin/bash
-# make deb: Debian packages of the sources as they stand, in build/deb/.
+# make deb: Debian packages of the present sources, in build/deb/.
 #   packaging/deb.sh OUT VERSION SOVERSION
-# What goes into the tools' package is what is installed and no other package has. Exit 1: it could not be built; the log's end is shown.
+# The tools' package contains the installed files that are in no other package. Exit 1: the build failed; prints the end of its log.
 set -euo pipefail
 out=$(mkdir -p "$1/deb" && cd "$1/deb" && pwd) version=$2 soversion=$3
 top=$(cd "$(dirname "$0")/.." && pwd)
@@ -25,7 +25,7 @@ usr/share/doc/tensormass
 usr/share/man
 usr/share/tensormass
 TOOLS
-# By hand: dh_install gives a file to every package that names it, and these are folders that others take from.
+# Not by dh_install, which gives a file to every package that names it: other packages take files from these folders.
 cat >> rules <<'RULES'
 override_dh_install:
 	dh_install --remaining-packages -Ntensormass-tools

@@ -1,10 +1,9 @@
-"""Writes tensormass/_bind.py: the C interface as ctypes sees it, read from the headers, never typed by hand.
+"""Writes tensormass/_bind.py: the C interface for ctypes, read from the headers, never typed by hand.
 
     python bind.py OUTPUT CC INCLUDE_FOLDER... -- LIBRARY=HEADER...
 
-Structs, enums, numbers and prototypes come from pycparser; sizes, offsets and values are printed by a C program that the same compiler makes of
-the same headers, and what was written is loaded and compared with that before it is kept. Needs pycparser.
-"""
+Structs, enums, numbers and prototypes come from pycparser. Sizes, offsets and values are printed by a C program that the same compiler makes from the
+same headers; the written module is loaded and compared with them before it is kept. Needs pycparser."""
 import ctypes
 import importlib.util
 import pathlib
@@ -20,7 +19,7 @@ SCALARS = {
     "int8_t": "c_int8", "uint8_t": "c_uint8", "int16_t": "c_int16", "uint16_t": "c_uint16", "int32_t": "c_int32", "uint32_t": "c_uint32",
     "int64_t": "c_int64", "uint64_t": "c_uint64", "size_t": "c_size_t",
 }
-# What the parser is given in place of the C library's headers.
+# Replacements of the C library's headers, for the parser.
 STAND_INS = {
     "stdbool.h": "typedef _Bool bool;\n#define true 1\n#define false 0\n",
     "stddef.h": "typedef unsigned long size_t;\n",
@@ -33,7 +32,7 @@ SYSTEM = {"bool", "size_t", "FILE", *(n for n in SCALARS if n.endswith("_t"))}
 
 
 class Interface:
-    """What the headers of all libraries declare, in their order."""
+    """Declarations of the headers of all libraries, in their order."""
 
     def __init__(self):
         self.structs = {}  # name -> [(field, ctypes expression, annotation)]; None: opaque
@@ -46,7 +45,7 @@ class Interface:
     # --- types ---
 
     def number(self, node):
-        """A constant expression of the headers, as an array's length."""
+        """Evaluates a constant expression of the headers, such as an array's length."""
         if isinstance(node, c_ast.Constant):
             return int(node.value.rstrip("uUlL"), 0)
         if isinstance(node, c_ast.ID):
@@ -59,7 +58,7 @@ class Interface:
         raise SystemExit(f"bind.py: {node} is no constant that it can read; extend number()")
 
     def type_of(self, node, argument=False):
-        """(ctypes expression, annotation) of a declaration's type."""
+        """Returns (ctypes expression, annotation) of a declaration's type."""
         if isinstance(node, c_ast.TypeDecl):
             return self.type_of(node.type)
         if isinstance(node, c_ast.IdentifierType):
@@ -113,14 +112,14 @@ class Interface:
             self.constants.append(e.name)
 
     def struct(self, name, node):
-        self.structs.pop(name, None)  # where it is told in full is its place
+        self.structs.pop(name, None)  # the complete definition replaces the forward declaration
         self.structs[name] = None
         if node.decls:
             self.structs[name] = [(d.name, *self.type_of(d.type)) for d in node.decls]
 
     def take(self, library, node):
         if isinstance(node, c_ast.FuncDef):
-            return  # inline, nothing to call
+            return  # an inline function cannot be called
         kind = node.type
         if isinstance(node, c_ast.Typedef):
             if node.name in SYSTEM:
@@ -143,13 +142,13 @@ class Interface:
 
 def preprocessed(header, cc, include, stand_ins):
     flags = [f"-I{i}" for i in (stand_ins, *include)]
-    # What belongs to the compiler and not to C.
+    # Removes extensions of the compiler that are not C.
     flags += ["-nostdinc", "-D__attribute__(x)=", "-D__extension__=", "-D_Static_assert(...)=", "-Drestrict="]
     return subprocess.run([cc, "-E", "-P", "-std=c11", *flags, header], capture_output=True, text=True, check=True).stdout
 
 
 def macros(include):
-    """Names of the numbers that headers #define."""
+    """Returns the names of the numbers that headers #define."""
     names = []
     for folder in include:
         for header in sorted(pathlib.Path(folder).rglob("*.h")):
@@ -158,7 +157,7 @@ def macros(include):
 
 
 def layout_program(interface, headers, names):
-    """A C program that prints what its compiler makes of them: sizes, offsets, values."""
+    """Returns a C program that prints sizes, offsets and values as its compiler has them."""
     lines = [f'    printf("E {n} %lld\\n", (long long){n});' for n in interface.constants]
     lines += [f"#ifdef {n}\n    SHOW({n});\n#endif" for n in names]
     for name, fields in interface.structs.items():
@@ -173,7 +172,7 @@ def layout_program(interface, headers, names):
 
 
 def measured(program, cc, include):
-    """What that program says of this machine."""
+    """Returns that program's output on this machine."""
     with tempfile.TemporaryDirectory() as folder:
         at = pathlib.Path(folder) / "layout.c"
         at.write_text(program)
@@ -221,7 +220,7 @@ def compare(path):
 
 
 def read(cc, include, headers):
-    """The interface of [(library, header)], and the program that measures it."""
+    """Reads the interface of [(library, header)]; returns it with the program that measures it."""
     interface = Interface()
     with tempfile.TemporaryDirectory() as stand_ins:
         for name, content in STAND_INS.items():

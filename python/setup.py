@@ -1,7 +1,5 @@
-"""One wheel a platform for every Python: the libraries are opened by ctypes, so that nothing hangs on an interpreter.
-
-TM_PYTHON_LIB: a folder of libraries that are built already; else `make python-libraries` builds them (Debian packages: tools/packages/build.txt).
-"""
+"""Builds one wheel per platform for every Python: ctypes opens the libraries, so they do not depend on an interpreter. TM_PYTHON_LIB: a folder of
+libraries that are already built; otherwise `make python-libraries` builds them (Debian packages: tools/packages/build.txt)."""
 import os
 import pathlib
 import re

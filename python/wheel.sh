@@ -1,33 +1,33 @@
 #!/bin/bash
-# make wheel, make wheels: build/wheel/tensormass-VERSION.tar.gz and a wheel a platform, from the sources and the libraries that are built.
+# make wheel, make wheels: build/wheel/tensormass-VERSION.tar.gz and a wheel per platform, from the sources and the built libraries.
 #   python/wheel.sh OUT PYTHON [TARGET...]
-# PYTHON: with python/requirements.txt. Without a target: the sdist and this machine's wheel of OUT/python-lib, made manylinux by auditwheel. TARGET: the wheel of
-# what `make cross` left in OUT/cross/TARGET; its platform tag is the oldest system that those were compiled for (packaging/cross.sh).
+# PYTHON: an interpreter with python/requirements.txt. Without a target: the sdist and this machine's wheel of OUT/python-lib, made manylinux by auditwheel. TARGET: the wheel of
+# the output of `make cross` in OUT/cross/TARGET; its platform tag is the oldest system for which that was compiled (packaging/cross.sh).
 set -euo pipefail
 out=$(cd "$1" && pwd) python=$2
 shift 2
 top=$(cd "$(dirname "$0")/.." && pwd)
 PATH=$(dirname "$python"):$PATH
 tree=$out/wheel/tree lib=$out/wheel/lib made=$out/wheel/made
-# One at a time; what is there is replaced whole, at the end, so that nobody who reads it finds it gone.
+# One run at a time; its results replace existing files at the end, so that a concurrent reader never misses them.
 mkdir -p "$out/wheel"
 exec 9> "$out/wheel/.lock"
 flock 9
 rm -rf "$made" && mkdir -p "$made"
-# What a wheel is made of, as an sdist lays it: the package at the top, the sources of its libraries beneath.
+# Contents of a wheel in the layout of an sdist: the package at the top, the sources of its libraries below.
 rm -rf "$tree" && mkdir -p "$tree"
 cd "$top"
 tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE contact_law libtensormass haptic_rt lcm_types python tools | tar x -C "$tree"
 mv "$tree"/python/{pyproject.toml,setup.py,MANIFEST.in,README.md,tensormass} "$tree"
 cd "$tree"
 
-# replace PATTERN: what was made takes the place of what has such a name.
+# replace PATTERN: moves new files in place of existing ones of the same pattern.
 replace() {
     for old in "$out"/wheel/$1; do [ -e "$made/${old##*/}" ] || rm -f "$old"; done
     mv -f "$made"/$1 "$out/wheel/"
 }
 
-# wheel FOLDER [OPTION...]: of the libraries in $lib, into FOLDER.
+# wheel FOLDER [OPTION...]: makes a wheel of the libraries in $lib, into FOLDER.
 wheel() {
     TM_PYTHON_LIB=$lib "$python" - "$@" <<'BUILD'
 import sys

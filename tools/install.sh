@@ -20,7 +20,7 @@ put() {
     new=$(mktemp) old=$(mktemp)
     trap 'rm -f "$new" "$old"' RETURN
     [ ! -f "$lists/$part" ] || cp "$lists/$part" "$old"
-    # Folders that it makes: an older list's stay its own.
+    # Folders that this run makes; those of an older list stay in its list.
     (cd "$stage" && find . -mindepth 1 -type d -printf '/%P/\n'; printf '%s/\n' "$PREFIX/share/tensormass" "$PREFIX/share/tensormass/installed") | sort -u |
         while read -r folder; do
             if [ ! -d "$DESTDIR$folder" ] || grep -qxF -- "$folder" "$old"; then echo "$folder"; fi
@@ -29,7 +29,7 @@ put() {
     mkdir -p "$lists"
     while read -r path; do
         mkdir -p "$DESTDIR${path%/*}"
-        # Not into a file that runs: beside it, then in its place.
+        # Replaces a running file by renaming a new one, instead of writing into it.
         cp -P --preserve=mode "$stage$path" "$DESTDIR$path.installing"
         mv -f "$DESTDIR$path.installing" "$DESTDIR$path"
     done < "$new"
@@ -52,7 +52,7 @@ remove() {
         [ ! -e "$DESTDIR$path" ] && [ ! -L "$DESTDIR$path" ] || { rm -f "$DESTDIR$path"; count=$((count + 1)); }
     done <<< "$all"
     rm -rf "$lists"
-    # The deepest first; what others put something into stays.
+    # The deepest folders first; those with other files stay.
     grep '/$' <<< "$all" | sort -r | while read -r path; do rmdir "$DESTDIR$path" 2>/dev/null || true; done
     echo "removed $count files of tensormass from $DESTDIR$PREFIX"
 }

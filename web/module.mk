@@ -5,12 +5,12 @@ WEB_HEADERS := $(filter-out tensormass_solve=%,$(PYTHON_HEADERS))
 # The parser of scenes: the copy of libyaml that a package of PyPI brings as source.
 WEB_YAML := ruamel.yaml.clib==0.2.15
 WEB_YAML_SRC := $(patsubst %,$(WEB)/yaml/%.c,api reader scanner parser loader)
-# One thread: the pool of threads is linked, and starts none.
+# One thread: the thread pool is linked but starts no thread.
 WEB_SRC := $(filter-out %/module_open.c %/solve_open.c,$(call files,libtensormass/src/*/*.c libtensormass/io/*.c libtensormass/scene/*.c haptic_rt/motion/*.c haptic_rt/core/*.c)) \
 	$(patsubst %,libtensormass/platform/%.c,interrupt log_line progress report) $(call files,web/*.c)
 WEB_CFLAGS = -std=c11 -D_GNU_SOURCE -O3 -DNDEBUG -ffp-contract=off -fno-math-errno -w $(INCLUDES) -I$(WEB)/yaml -DTM_SOVERSION='"$(SOVERSION)"' \
 	-DYAML_VERSION_MAJOR=0 -DYAML_VERSION_MINOR=2 -DYAML_VERSION_PATCH=5 -DYAML_VERSION_STRING='"0.2.5"'
-# Node loads it too, and passes the bytes of the module (runtime.js).
+# Also loaded by node, which passes the bytes of the module (runtime.js).
 WEB_LDFLAGS = -O3 -sMODULARIZE=1 -sEXPORT_ES6=1 -sUSE_ES6_IMPORT_META=1 -sENVIRONMENT=web,worker -sALLOW_MEMORY_GROWTH=1 -sINITIAL_MEMORY=32MB -sTOTAL_STACK=2MB \
 	-sFORCE_FILESYSTEM=1 -sWASM_BIGINT=1 -sALLOW_TABLE_GROWTH=1 -sEXPORTED_FUNCTIONS=@$(WEB)/exports.txt \
 	-sEXPORTED_RUNTIME_METHODS=FS,addFunction,removeFunction,UTF8ToString,stringToUTF8,lengthBytesUTF8

@@ -1,4 +1,5 @@
-/* Modules in a browser or under node: none. A scene that needs one is refused with what to leave out. */
+/* Replaces the loader of modules in a browser or under node: there are none. A scene that needs one is rejected; the
+ * message names the key to remove. */
 #include <stdio.h>
 
 #include "app.h"

@@ -1,4 +1,4 @@
-/* Output files in a browser or under node: written under another name, then renamed. */
+/* Writes output files in a browser or under node: under another name, then renamed. */
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>

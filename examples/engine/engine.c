@@ -1,11 +1,11 @@
-/* An engine that has soft organs: its own loop, its own memory, its own jobs, and libtensormass between them.
+/* An engine with soft organs: its own loop, memory and jobs, and libtensormass between them.
  *
  *     cc -O2 engine.c $(pkg-config --cflags --libs tensormass_io) -lpthread -lm -o engine && ./engine
  * meshes/liver_1k.msh 3
  *
- * The seams an engine wants: tm_set_allocator (all memory of the library out of the engine's arena, none of it in a
- * frame), tm_model_frame (a frame is a call, so that an organ is a job), tm_model_def.parallel_for (the parts of one step
- * are jobs), and tm_model_surface (what is drawn). */
+ * The interfaces that an engine needs: tm_set_allocator (the library allocates only from the engine's arena, never
+ * in a frame), tm_model_frame (a frame is one call, so an organ is a job), tm_model_def.parallel_for (the partitions
+ * of a step are jobs), and tm_model_surface (triangles to draw). */
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,16 +13,16 @@
 #include <tensormass.h>
 #include <tensormass_io.h>
 
-/* --- the engine: memory. Blocks of powers of two out of one arena; sizes come back with what is freed. --- */
+/* --- the engine: memory. Blocks of powers of two from one arena; a free call passes the block's size. --- */
 
 enum { ARENA = 64 << 20, CLASSES = 32 };
 static _Alignas(64) unsigned char arena[ARENA];
 static size_t arena_used, arena_live;
 static void *arena_free[CLASSES];
-static int arena_closed; /* a frame is under way: nobody may ask */
+static int arena_closed; /* set during a frame: no allocation is permitted */
 
 static int size_class(size_t bytes) {
-    int c = 6; /* 64 bytes, which is the alignment that the library wants */
+    int c = 6; /* 64 bytes, the alignment that the library requires */
     while (((size_t)1 << c) < bytes) c++;
     return c;
 }
@@ -37,7 +37,7 @@ static void *arena_alloc(size_t bytes, void *user) {
     else if (ARENA - arena_used >= (size_t)1 << c)
         block = arena + arena_used, arena_used += (size_t)1 << c;
     if (block) arena_live += bytes;
-    return block; /* null: the library says TM_ERR_MEMORY */
+    return block; /* null: the library returns TM_ERR_MEMORY */
 }
 
 static void arena_release(void *block, size_t bytes, void *user) {
@@ -48,7 +48,7 @@ static void arena_release(void *block, size_t bytes, void *user) {
     arena_live -= bytes;
 }
 
-/* --- the engine: jobs. Workers take the next one of a batch; who starts the batch helps and waits. --- */
+/* --- the engine: jobs. Workers take the next one of a batch; the thread that starts the batch helps and waits. --- */
 
 static struct {
     pthread_mutex_t lock;
@@ -58,7 +58,7 @@ static struct {
     int32_t next, count, left, over;
 } jobs = {.lock = PTHREAD_MUTEX_INITIALIZER, .more = PTHREAD_COND_INITIALIZER, .done = PTHREAD_COND_INITIALIZER};
 
-/* With the lock held: runs one job, if one waits. */
+/* Runs one waiting job, if there is one; call with the lock held. */
 static int take_one(void) {
     if (jobs.next == jobs.count) return 0;
     const int32_t part = jobs.next++;
@@ -77,7 +77,7 @@ static void *worker(void *unused) {
     return unused;
 }
 
-/* A tm_parallel_for as well: the parts of a step are jobs like others. */
+/* A tm_parallel_for: the partitions of a step are jobs like others. */
 static void jobs_run(void *user, void (*work)(void *, int32_t), void *context, int32_t count) {
     (void)user;
     pthread_mutex_lock(&jobs.lock);
@@ -88,14 +88,14 @@ static void jobs_run(void *user, void (*work)(void *, int32_t), void *context, i
     pthread_mutex_unlock(&jobs.lock);
 }
 
-/* --- what the engine has of an organ --- */
+/* --- the engine's data of an organ --- */
 
 typedef struct organ {
     tm_mesh *mesh;
     tm_model *model;
     tm_tool_pose tool;
-    float *vertex;  /* [3*vertex_count] what the renderer draws; its triangles are tm_model_surface's */
-    double force_N; /* what a hand would feel, upwards */
+    float *vertex;  /* [3*vertex_count] positions for the renderer; their triangles are tm_model_surface's */
+    double force_N; /* the force that a hand would feel, upwards */
     tm_status status;
 } organ;
 
@@ -117,7 +117,7 @@ static int organ_make(organ *o, const char *path, double young_Pa, int threads) 
     }
     int32_t *dof = malloc(3 * sizeof *dof * (size_t)n), *first = calloc((size_t)regions, sizeof *first), held = 0;
     double *zero = calloc(3 * (size_t)n, sizeof *zero);
-    for (int32_t i = 0; i < 3 * n; i++) /* it lies on its lowest quarter */
+    for (int32_t i = 0; i < 3 * n; i++) /* supported at its lowest quarter */
         if (x[3 * (i / 3) + 2] < low[2] + 0.25 * (top[2] - low[2])) dof[held++] = i;
     tm_instrument_def probe = {TM_TOOL_PROBE, {top[0], top[1], top[2] + 0.2}, 0.004, 0.1, {{0}, 0, 0, true}};
     memcpy(probe.pose.tip_m, (double[3]){top[0], top[1], top[2] + 0.005}, sizeof probe.pose.tip_m);
@@ -125,7 +125,7 @@ static int organ_make(organ *o, const char *path, double young_Pa, int threads) 
     contact.instrument_count = 1, contact.instrument = &probe;
     tm_model_def def = tm_model_def_default();
     def.tissue.mesh = o->mesh, def.tissue.material_count = 1, def.tissue.material = &material;
-    def.tissue.region_material = first; /* one material for all of it */
+    def.tissue.region_material = first; /* the same material for all regions */
     def.support_count = held, def.support_dof = dof, def.support_m = zero;
     def.contact = &contact, def.frame_s = 1.0 / 60;
     def.threads = threads, def.parallel_for = threads > 1 ? jobs_run : NULL;
@@ -137,24 +137,25 @@ static int organ_make(organ *o, const char *path, double young_Pa, int threads) 
     return status == TM_OK;
 }
 
-/* The job: a frame, and what the renderer needs of it. Touches this organ alone. */
+/* The job: a frame, and its data for the renderer. Accesses this organ only. */
 static void organ_frame(void *organs, int32_t i) {
     organ *o = (organ *)organs + i;
-    o->status = tm_model_frame(o->model, &o->tool); /* on failure nothing has happened */
+    o->status = tm_model_frame(o->model, &o->tool); /* on failure nothing has changed */
     const double *u = tm_model_displacement(o->model);
     for (int32_t i = 0; i < 3 * o->mesh->vertex_count; i++) o->vertex[i] = (float)(o->mesh->rest_m[i] + u[i]);
     o->force_N = tm_model_reaction(o->model, 0).force_N[2];
 }
 
-/* --- the engine: its loop. Time comes as it comes; organs have frames of their own length. --- */
+/* --- the engine: its loop. Engine frames have any duration; organs have frames of constant length. --- */
 
 enum { ORGANS = 3, WORKERS_MAX = 16 };
 
 int main(int count, char **word) {
     static organ organs[ORGANS];
-    static const double ticks_s[] = {0.016, 0.017, 0.033, 0.008, 0.016}; /* what the engine's clock said */
+    static const double ticks_s[] = {0.016, 0.017, 0.033, 0.008, 0.016}; /* durations measured by the engine's clock */
     const int workers = count == 3 ? atoi(word[2]) : 0;
-    const int divided = workers > ORGANS; /* more hands than organs: they share the steps of one after another */
+    const int divided =
+        workers > ORGANS; /* more workers than organs: they share the steps of one organ after another */
     pthread_t thread[WORKERS_MAX];
     if (workers < 1 || workers > WORKERS_MAX) return fprintf(stderr, "usage: engine MESH WORKERS (1 to 16)\n"), 2;
     tm_set_allocator(&(tm_allocator){arena_alloc, arena_release, NULL});
@@ -165,7 +166,7 @@ int main(int count, char **word) {
     arena_closed = 1;
     for (int tick = 0, frames = 0; tick < 40; tick++)
         for (due_s += ticks_s[tick % 5]; due_s >= 1.0 / 60; due_s -= 1.0 / 60, frames++) {
-            for (int i = 0; i < ORGANS; i++) organs[i].tool.tip_m[2] -= frames < 30 ? 0.0005 : 0; /* the hands */
+            for (int i = 0; i < ORGANS; i++) organs[i].tool.tip_m[2] -= frames < 30 ? 0.0005 : 0; /* the workers */
             if (!divided) jobs_run(NULL, organ_frame, organs, ORGANS);
             for (int i = 0; divided && i < ORGANS; i++) organ_frame(organs, i);
             for (int i = 0; i < ORGANS; i++) {

@@ -1,7 +1,6 @@
-"""Draws a cautery across a stretched block, and plots the slit from above and the tetrahedra that went.
+"""Draws a cautery across a stretched block, and plots the slit from above and the removed tetrahedra.
 
-    python cut.py [PICTURE]
-"""
+    python cut.py [PICTURE]"""
 import sys
 
 import matplotlib

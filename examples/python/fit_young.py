@@ -19,7 +19,7 @@ floor = mesh.near((0, 0, 0), (0, 0, 1))
 
 
 def curve(young_Pa, depth_m):
-    """Force on a probe pressed so deep, N."""
+    """Returns the force on a probe pressed to this depth, N."""
     model = tm.Model(mesh, tm.Material.young(young_Pa, 0.45), "precomputed", supports=[(floor, 0.0)], contact={"contact_compliance_m_N": 1e-4},
                      instruments=[tm.Instrument(trocar_m=(0.03, 0.03, 0.15), tip_m=(0.03, 0.03, 0.034))])
     return np.array([model.frame([tm.Pose((0.03, 0.03, 0.0325 - d))])[0].force_N[2] for d in depth_m])

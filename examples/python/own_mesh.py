@@ -31,7 +31,7 @@ world.add_support(np.flatnonzero(mesh.rest_m[:, 2] < mesh.rest_m[:, 2].min() + 1
 world.add_gravity((9.81, 0, 0))
 rest = world.settle(1e-8)
 still = world.position_m
-world.u_m[:] = 0  # let go from the straight bar
+world.u_m[:] = 0  # released from the straight bar
 world.u_prev_m[:] = 0
 tip = int(mesh.rest_m[:, 2].argmax())
 time, swing = [], []

@@ -19,7 +19,7 @@ model = tm.Model(mesh, tm.Material.young(5e3, 0.45, density_kg_m3=1060, damping_
 top = 0.03 + 0.0025  # the block's surface and the probe's radius: where they touch
 way = np.concatenate([np.linspace(0.034, 0.0265, 60), np.linspace(0.0265, 0.034, 60)])
 reactions = [model.frame([tm.Pose((0.03, 0.03, z))])[0] for z in way]
-depth = 1e3 * np.array([top - r.tip_m[2] for r in reactions])  # the mean of the frame, as the force is
+depth = 1e3 * np.array([top - r.tip_m[2] for r in reactions])  # the mean over the frame, like the force
 force = np.array([r.force_N[2] for r in reactions])
 
 figure, axes = plt.subplots(figsize=(6, 4))

@@ -15,10 +15,10 @@ FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdo
 FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fno-ssa-phiopt -fno-tree-tail-merge -fweb
 # No contraction to fused multiply-adds: results must be bit-identical to the host's.
 FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
-# For one device only: a second would take flash.
+# One device only: a second one would need more flash.
 FW_DEVICE := -DHRT_WITH_WORDS=0 -DHRT_ONE_DEVICE
 FW_CFLAGS := $(FW_CODE) $(FW_DEVICE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
-# Link-time optimisation of the core only: saves 0.5 to 0.8 kB. Not of the rest, so that the map attributes sizes.
+# Link-time optimisation of the core only: saves 0.5 to 0.8 kB. Not of the other code, so that the map attributes sizes.
 fw_whole = $(if $(filter haptic_rt/core/%,$(1)),-flto)
 FW_LDFLAGS := $(FW_CODE) -flto -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
 FW_CORE_SRC := $(HRT_CORE_SRC)

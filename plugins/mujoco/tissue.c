@@ -1,14 +1,14 @@
-/* MuJoCo engine plugin "tensormass.tissue": a scene's tissue among MuJoCo's bodies. Each instrument of the scene is a
- * site: where the site is, the tool's tip is, and what the tissue bears there is a passive force on the site's body.
- * One step of MuJoCo is one frame of the scene.
+/* MuJoCo engine plugin "tensormass.tissue": a scene's tissue among MuJoCo's bodies. Each instrument of the scene is
+ * a site. The tool's tip follows the site, and the tissue's force on it is a passive force on the site's body. One
+ * step of MuJoCo is one frame of the scene.
  *
  *     <extension><plugin plugin="tensormass.tissue"><instance name="liver">
- *       <config key="scene" value="liver-press.yaml"/> <config key="sites" value="tip"/> <config key="set"
- * value="gravity=yes"/>
+ *       <config key="scene" value="liver-press.yaml"/> <config key="sites" value="tip"/>
+ *       <config key="set" value="gravity=yes"/>
  *     </instance></plugin></extension>
  *
- * plugin_state holds the force on each tip, N, world, 3 numbers an instrument. The tissue itself is not in it:
- * mj_copyData begins with tissue at rest, and says so. */
+ * plugin_state holds the force on each tip, N, world, 3 numbers per instrument. It does not hold the tissue: the
+ * copy of mj_copyData begins with tissue at rest, and a warning says so. */
 #include <mujoco/mujoco.h>
 #include <stdio.h>
 #include <stdlib.h>

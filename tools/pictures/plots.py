@@ -1,6 +1,6 @@
-"""plots.py [OUT]: draws the first plots of the result pages into OUT (docs/images), from the tables of those pages and the list of hard cases.
+"""Draws the first plots of the result pages into OUT (docs/images), from the tables of those pages and the list of hard cases: plots.py [OUT].
 
-A figure stands once: in the page's table. Run it after a table changed: build/venv/bin/python tools/pictures/plots.py"""
+Each figure is stored once, in the page's table. Run it after a table changed: build/venv/bin/python tools/pictures/plots.py"""
 import collections
 import pathlib
 import re

@@ -9,9 +9,9 @@ OPTION = re.compile(r"(--?[A-Za-z][\w-]*)(?:[ =](?!--?[A-Za-z])([^\s,|]\S*))?")
 
 @dataclass
 class Option:
-    """`names` as typed: one option and its short form, or several that one sentence describes."""
+    """`names` as typed: one option and its short form, or several options with one description."""
     names: List[str]
-    label: str  # as the help has it: "-h, --help"
+    label: str  # as in the help: "-h, --help"
     argument: Optional[str]
     text: str
 

@@ -15,7 +15,7 @@ autoapi_root = "python-api"
 autoapi_options = ["members", "undoc-members", "show-module-summary"]
 autoapi_add_toctree_entry = False
 autoapi_keep_files = False
-# The package imports itself; and an example with an ellipsis in it is no C for the highlighter, and need not be.
+# The package imports itself, which the parser reports; an example with an ellipsis is not valid C, which the highlighter reports.
 suppress_warnings = ["misc.highlighting_failure", "autoapi.python_import_resolution"]
 html_theme = "furo"
 html_title = f"tensormass {version}"

@@ -1,5 +1,5 @@
-# The headers' comments are plain C; to Doxygen a comment above a line and one behind it are told from their places. The first is the file's;
-# titles of sections ("--- meshes --- */") belong to no line and stay plain.
+# Converts the headers' plain C comments for Doxygen: comments above a line and behind a line are distinguished by their position. The first one documents the file;
+# section titles ("--- meshes --- */") document no line and stay plain.
 1s|^/\* |/** @file\
  * |
 /^\/\* --.*\*\/$/b

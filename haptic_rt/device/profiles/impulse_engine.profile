@@ -1,5 +1,5 @@
-# Laparoscopic Impulse Engine. No public data sheet is at hand: the force of 8.9 N (2 lbf) and a resolution near 0.02 mm are what the maker
-# advertised for the family; the rest are plausible figures, to be measured on a real device.
+# Laparoscopic Impulse Engine. No public data sheet is available: the force of 8.9 N (2 lbf) and a resolution near 0.02 mm are the maker's
+# published values for the family; the other values are plausible estimates, to be measured on a real device.
 device = impulse_engine
 # Joints: pitch rad, yaw rad, insertion m, roll rad, grip 0..1. Names, units and ranges: haptic-rt --params.
 counts_per_unit = 8000 8000 40000 700 250
