@@ -20,7 +20,7 @@ put() {
     new=$(mktemp) old=$(mktemp)
     trap 'rm -f "$new" "$old"' RETURN
     [ ! -f "$lists/$part" ] || cp "$lists/$part" "$old"
-    # Folders that this run makes; those of an older list stay in its list.
+    # Lists the folders that this run makes, and those that an older list of the part already has.
     (cd "$stage" && find . -mindepth 1 -type d -printf '/%P/\n'; printf '%s/\n' "$PREFIX/share/tensormass" "$PREFIX/share/tensormass/installed") | sort -u |
         while read -r folder; do
             if [ ! -d "$DESTDIR$folder" ] || grep -qxF -- "$folder" "$old"; then echo "$folder"; fi
@@ -29,7 +29,7 @@ put() {
     mkdir -p "$lists"
     while read -r path; do
         mkdir -p "$DESTDIR${path%/*}"
-        # Replaces a running file by renaming a new one, instead of writing into it.
+        # Copies under another name, then renames: writing into a program that runs would fail.
         cp -P --preserve=mode "$stage$path" "$DESTDIR$path.installing"
         mv -f "$DESTDIR$path.installing" "$DESTDIR$path"
     done < "$new"

@@ -13,7 +13,7 @@ const controller = new Controller(library, { trocar_m, axis: pose.tip_m.map((p, 
 let t = 1e6, from = pose.tip_m, error = 0, largest = 0, patches = 0;
 for (let frame = 0; frame < 35; frame++) {
   const [reaction] = scene.step(), to = scene.pose(0).tip_m;
-  // The law stands at the newest sample's position: it must give that sample's force.
+  // At the newest sample's position the controller must give that sample's force.
   const rejected = controller.sample(reaction, t, scene.patch(0));
   if (rejected) throw new Error(rejected);
   patches += scene.patch(0) !== null;

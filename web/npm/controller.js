@@ -7,7 +7,7 @@ const PATCH_FIELDS = ['contact_compliance_m_N', 'force_cap_N', 'radius_m', 'cont
 
 // The controller of one instrument: call tick() every 2 ms of your time.
 export class Controller {
-  // axis: direction of the shaft into the body at zero pitch and yaw; up: of the device; trocar_m: where positions start.
+  // axis: direction of the shaft into the body at zero pitch and yaw; up: of the device; trocar_m: origin of positions.
   // values: parameters by their names in C, {force_max_N: 3}; others are the device's defaults. Throws for one that is out of range.
   constructor(library, { axis = [0, 0, -1], up = [0, 1, 0], trocar_m = [0, 0, 0], extrapolator = 'adaptive', values = {}, session = 1n } = {}) {
     this.library = library;
@@ -43,7 +43,7 @@ export class Controller {
     this.extrapolator = this.library.view(this.number, 1, 'i32')[0];
   }
 
-  // The device's joints that place the tip there, m in the world; null at the trocar itself.
+  // Returns the device's joints for a tip position, m in the world; null at the trocar itself.
   joints(tip_m) {
     const out = this.library.allocate(28), tip = new Float32Array(tip_m.map((p, a) => p - this.trocar_m[a]));
     this.library.view(out, 7, 'f32').fill(0);
@@ -52,7 +52,7 @@ export class Controller {
     return found;
   }
 
-  // Takes a reaction of Scene.step, with the patch of Scene.patch, for the next tick. t_us: when the tip was there, on this controller's clock.
+  // Takes a reaction of Scene.step, with the patch of Scene.patch, for the next tick. t_us: time of the tip position, on this controller's clock.
   // Returns "" or why the sample was rejected.
   sample(reaction, t_us, patch = null, unilateral = true) {
     const { library, sample_: s } = this;
@@ -71,7 +71,7 @@ export class Controller {
     return this.waiting ? '' : library.call('hrt_reject_text', reject);
   }
 
-  // Copies a simulation's patch into the controller's form; returns its address, 0 if the controller would reject it or it holds tissue.
+  // Copies a simulation's patch into the controller's form; returns its address, 0 if the controller would reject it or it contains a grasp.
   take(patch) {
     if (patch.grasps) return 0;
     const { library, trocar_m } = this;

@@ -104,12 +104,12 @@ export const choices = {
   },
   uncertainty: percent(study.uncertainty),
   sets(chosen) { return Object.assign({}, ...Object.entries(CHOICES).map(([name, { sets }]) => sets(chosen[name]))); },
-  // Two seconds after a change: what a frame cost before and costs now.
+  // Shows the cost of a frame before and after a change, two seconds later.
   price({ changed }, now_ms) {
     if (!changed?.before_ms || performance.now() - changed.at < 2000) return;
     document.getElementById(`price-${changed.name}`).textContent = `${changed.before_ms.toFixed(1)} → ${now_ms.toFixed(1)} ms`;
   },
-  // The scene with its settings, as tm-sim reads it.
+  // Returns the scene's text with its settings, for tm-sim.
   written({ yaml, sets }) {
     const lines = Object.entries(sets).map(([key, value]) => (value === null ? `--unset ${key}` : `--set '${key}=${value}'`));
     return `# Run it with: tm-sim scene.yaml --lockstep ${lines.join(' ')}\n${yaml}`;

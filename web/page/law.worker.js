@@ -1,4 +1,4 @@
-// The force law: haptic-rt's tick, 500 times a second, between the simulation's samples. Without a device the hand is the pointer.
+// The force law: haptic-rt's tick, 500 times a second, between the simulation's samples. Without a device the pointer acts as the hand.
 import { Controller, load } from './lib/index.js';
 import { Haply } from './haply.js';
 

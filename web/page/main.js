@@ -87,7 +87,7 @@ const fromTissue = {
   live() { if (state.played) { state.played = null; state.opening = true; open(); } },
   snapshot({ bytes }) { save(new Blob([bytes]), 'tissue.snapshot'); },
   ran(message) { state.ran = message; },
-  // What was open stays open.
+  // The previous scene stays open.
   error({ message }) { state.own = state.ownGood ?? null; fail(message); },
 };
 const fromLaw = {

@@ -65,7 +65,7 @@ const messages = {
   pose({ all }) { poses = all; },
   hidden({ value }) { hidden = value; next = performance.now(); if (!hidden) schedule(0); },
   snapshot() { try { postMessage({ kind: 'snapshot', bytes: scene.save() }); } catch (error) { postMessage({ kind: 'error', message: error.message }); } },
-  // Runs so many frames of another copy of the scene at once, along its hands.
+  // Runs this many frames of another copy of the scene at once, along its hands.
   run({ frames, yaml, files, sets }) {
     const copy = new Scene(library, yaml, { files, sets });
     for (let i = 0; i < frames; i++) copy.step();

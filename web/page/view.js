@@ -31,7 +31,7 @@ export class View {
     this.frames = 0;
     this.fineness = 1; // share of the screen's resolution
     this.fence = null;
-    this.dirty = true; // something to draw has changed
+    this.dirty = true; // the picture needs drawing
     this.controls.addEventListener('change', () => { this.dirty = true; });
     this.dark = matchMedia('(prefers-color-scheme: dark)');
     this.dark.addEventListener('change', () => this.paint());
@@ -103,7 +103,7 @@ export class View {
     one.shaft.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), along.normalize());
   }
 
-  // The point of the pointer in the plane through `tip` that faces the camera.
+  // Returns the pointer's position in the plane through `tip` that faces the camera.
   pointAt(x, y, tip_m) {
     const box = this.canvas.getBoundingClientRect(), at = new Vector2((2 * (x - box.left)) / box.width - 1, 1 - (2 * (y - box.top)) / box.height);
     const ray = new Raycaster(), facing = new Vector3(), hit = new Vector3();
@@ -112,7 +112,7 @@ export class View {
     return ray.ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(facing, new Vector3(...tip_m)), hit) ? hit.toArray() : null;
   }
 
-  // Directions of the picture in the world: right, up, away.
+  // Returns the picture's directions in the world: right, up, away.
   directions() {
     const e = this.camera.matrixWorld.elements;
     return [[e[0], e[1], e[2]], [e[4], e[5], e[6]], [-e[8], -e[9], -e[10]]];
@@ -139,7 +139,7 @@ export class View {
     gl.flush();
   }
 
-  // Whether the last picture is finished. One that took long lowers the resolution of the next.
+  // Returns whether the last picture is finished. A slow one lowers the resolution of the next.
   drawn() {
     const gl = this.renderer.getContext();
     if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;

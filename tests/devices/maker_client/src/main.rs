@@ -1,4 +1,4 @@
-// Drives the emulator with the maker's own client: pushes, reads the state back, prints what it has seen.
+// Drives the emulator with the maker's own client: pushes, reads the state back, prints its results.
 use haply::device_model::{Force, ForceInput};
 use haply::HaplyDevice;
 
