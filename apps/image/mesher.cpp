@@ -51,13 +51,13 @@ struct field {
 // Returns labels; all queries pass here, so a stop takes effect here.
 struct asker {
     const image_domain *domain;
-    const image_wish *wish;
+    const image_request *request;
     const char *doing = "surface";
     const Triangulation *triangulation = nullptr;
     long asked = 0;
     int at(const Point &p) {
-        if ((++asked & 0x3fff) == 0 &&
-            !wish->go_on(wish->go_on_context, doing, triangulation ? int(triangulation->number_of_vertices()) : 0))
+        if ((++asked & 0x3fff) == 0 && !request->go_on(request->go_on_context, doing,
+                                                       triangulation ? int(triangulation->number_of_vertices()) : 0))
             throw stopped();
         const double place[3] = {p.x(), p.y(), p.z()};
         return domain->label(domain->context, place);
@@ -71,7 +71,7 @@ Kernel::Vector_3 ray(int i, int rays) {
 }
 
 // Adds initial points on every piece's surface: refinement finds no piece without an initial point.
-void begin(const Domain &domain, const image_domain &body, const image_wish &wish, asker &ask, Complex &complex) {
+void begin(const Domain &domain, const image_domain &body, const image_request &request, asker &ask, Complex &complex) {
     const int rays = 24;
     double reach = 0;
     for (int k = 0; k < 3; k++) reach += body.high_m[k] - body.low_m[k];
@@ -79,7 +79,7 @@ void begin(const Domain &domain, const image_domain &body, const image_wish &wis
         const Point seed(body.seed_m[3 * s], body.seed_m[3 * s + 1], body.seed_m[3 * s + 2]);
         const int label = ask.at(seed);
         if (!label) continue;
-        const double apart = 0.5 * wish.edge_m[label];
+        const double apart = 0.5 * request.edge_m[label];
         std::vector<Point> taken;
         for (int i = 0; i < rays; i++) {
             const Kernel::Vector_3 step = body.march_m * ray(i, rays);
@@ -125,46 +125,46 @@ bool give(const Complex &complex, image_tets *out) {
     return true;
 }
 
-void optimise(Complex &complex, const Domain &domain, const image_wish &wish, asker &ask) {
-    if (wish.lloyd) {
+void optimise(Complex &complex, const Domain &domain, const image_request &request, asker &ask) {
+    if (request.lloyd) {
         ask.doing = "lloyd";
-        CGAL::lloyd_optimize_mesh_3(complex, domain, with::max_iteration_number = wish.sweeps, with::convergence = 0.02,
-                                    with::freeze_bound = 0.01);
+        CGAL::lloyd_optimize_mesh_3(complex, domain, with::max_iteration_number = request.sweeps,
+                                    with::convergence = 0.02, with::freeze_bound = 0.01);
     }
     // no time limits: the same image gives the same mesh
-    if (wish.perturb) {
+    if (request.perturb) {
         ask.doing = "perturb";
-        CGAL::perturb_mesh_3(complex, domain, with::sliver_bound = wish.sliver_deg);
+        CGAL::perturb_mesh_3(complex, domain, with::sliver_bound = request.sliver_deg);
     }
-    if (wish.exude) {
+    if (request.exude) {
         ask.doing = "exude";
-        CGAL::exude_mesh_3(complex, with::sliver_bound = wish.sliver_deg);
+        CGAL::exude_mesh_3(complex, with::sliver_bound = request.sliver_deg);
     }
 }
 
-void work(const image_domain &body, const image_wish &wish, Complex &complex) {
+void work(const image_domain &body, const image_request &request, Complex &complex) {
     asker ask;
     ask.domain = &body;
-    ask.wish = &wish;
+    ask.request = &request;
     const Kernel::Iso_cuboid_3 box(body.low_m[0], body.low_m[1], body.low_m[2], body.high_m[0], body.high_m[1],
                                    body.high_m[2]);
     // relative to the box: the accuracy with which surfaces are located
     const Domain domain([&ask](const Point &p) { return ask.at(p); }, box, with::relative_error_bound = 2e-4);
-    begin(domain, body, wish, ask, complex);
+    begin(domain, body, request, ask, complex);
     ask.triangulation = &complex.triangulation();
     // A regular tetrahedron of edge 1 has circumradius 0.61, its facets 0.58; the results reach 0.7 of the bound.
-    const field cell{wish.edge_m, 0.85}, facet{wish.edge_m, 0.8}, distance{wish.surface_m, 1};
-    const Criteria criteria(with::facet_angle = wish.facet_angle_deg, with::facet_size = facet,
-                            with::facet_distance = distance, with::cell_radius_edge_ratio = wish.radius_edge,
+    const field cell{request.edge_m, 0.85}, facet{request.edge_m, 0.8}, distance{request.surface_m, 1};
+    const Criteria criteria(with::facet_angle = request.facet_angle_deg, with::facet_size = facet,
+                            with::facet_distance = distance, with::cell_radius_edge_ratio = request.radius_edge,
                             with::cell_size = cell);
     CGAL::refine_mesh_3(complex, domain, criteria, with::no_perturb(), with::no_exude());
-    optimise(complex, domain, wish, ask);
+    optimise(complex, domain, request, ask);
 }
 
-image_end mesh_here(const image_domain *domain, const image_wish *wish, image_tets *out, char *why) {
+image_end mesh_here(const image_domain *domain, const image_request *request, image_tets *out, char *why) {
     try {
         Complex complex;
-        work(*domain, *wish, complex);
+        work(*domain, *request, complex);
         if (!give(complex, out)) throw std::bad_alloc();
         return IMAGE_DONE;
     } catch (const stopped &) {
@@ -199,9 +199,9 @@ bool take(box_pipe &from, image_tets *t) {
 
 } // namespace
 
-image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]) {
+image_end image_mesh(const image_domain *domain, const image_request *request, image_tets *out, char why[IMAGE_WHY]) {
     *out = image_tets();
     return image_box(
-        {"CGAL", 0, 0, false}, why, [=](char *said) { return mesh_here(domain, wish, out, said); },
+        {"CGAL", 0, 0, false}, why, [=](char *said) { return mesh_here(domain, request, out, said); },
         [=](box_pipe &to) { put(to, out); }, [=](box_pipe &from) { return take(from, out); });
 }

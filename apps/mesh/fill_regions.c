@@ -116,16 +116,16 @@ static int mesh(job *j, const image_api *api, image_tets *tets) {
     if (exit) return exit;
     for (int r = 1; r <= j->s->regions; r++) volume_m3 += fmax(0, j->volume_m3[r]);
     j->expected = 50 + (int)fmin(1e9, 3 * volume_m3 / pow(j->size_m, 3));
-    const image_wish wish = {.labels = j->s->regions,
-                             .edge_m = j->edge_m,
-                             .surface_m = j->distance_m,
-                             .facet_angle_deg = 25,
-                             .radius_edge = 2,
-                             .exude = true,
-                             .sliver_deg = 12,
-                             .go_on = go_on,
-                             .go_on_context = j};
-    const image_end end = api->mesh(&domain, &wish, tets, why);
+    const image_request request = {.labels = j->s->regions,
+                                   .edge_m = j->edge_m,
+                                   .surface_m = j->distance_m,
+                                   .facet_angle_deg = 25,
+                                   .radius_edge = 2,
+                                   .exude = true,
+                                   .sliver_deg = 12,
+                                   .go_on = go_on,
+                                   .go_on_context = j};
+    const image_end end = api->mesh(&domain, &request, tets, why);
     app_progress("tm-mesh fill", 1, true);
     if (end == IMAGE_STOPPED) return app_interrupted_exit();
     if (end) {

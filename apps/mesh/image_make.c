@@ -60,19 +60,19 @@ static int mesh_once(pass *p, double size_m, image_mesh *mesh) {
     char why[IMAGE_WHY] = "";
     image_mesh fresh = {.passes = mesh->passes + 1};
     set_sizes(p, size_m, &fresh);
-    const image_wish wish = {.labels = p->field->labels,
-                             .edge_m = fresh.edge_m,
-                             .surface_m = fresh.surface_m,
-                             .facet_angle_deg = 25,
-                             .radius_edge = 2,
-                             .lloyd = p->finish && p->o->lloyd,
-                             .perturb = p->finish && p->o->perturb,
-                             .exude = p->finish && p->o->exude,
-                             .sweeps = 20,
-                             .sliver_deg = p->o->sliver_deg,
-                             .go_on = go_on,
-                             .go_on_context = p};
-    const image_end end = p->api->mesh(&p->domain, &wish, &fresh.tets, why);
+    const image_request request = {.labels = p->field->labels,
+                                   .edge_m = fresh.edge_m,
+                                   .surface_m = fresh.surface_m,
+                                   .facet_angle_deg = 25,
+                                   .radius_edge = 2,
+                                   .lloyd = p->finish && p->o->lloyd,
+                                   .perturb = p->finish && p->o->perturb,
+                                   .exude = p->finish && p->o->exude,
+                                   .sweeps = 20,
+                                   .sliver_deg = p->o->sliver_deg,
+                                   .go_on = go_on,
+                                   .go_on_context = p};
+    const image_end end = p->api->mesh(&p->domain, &request, &fresh.tets, why);
     if (!p->o->trial) app_progress("tm-mesh image", 1, true);
     if (end == IMAGE_STOPPED && p->o->trial) return APP_FAILED;
     if (end == IMAGE_STOPPED) return app_interrupted_exit();

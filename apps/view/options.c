@@ -48,7 +48,7 @@ static const char help[] =
 enum {
     PNG = 256,
     FRAMES,
-    FILM,
+    VIDEO,
     SIZE,
     FPS,
     AT,
@@ -84,7 +84,7 @@ enum {
 static const struct option table[] = {
     {"png", 1, NULL, PNG},
     {"frames", 1, NULL, FRAMES},
-    {"video", 1, NULL, FILM},
+    {"video", 1, NULL, VIDEO},
     {"size", 1, NULL, SIZE},
     {"fps", 1, NULL, FPS},
     {"at", 1, NULL, AT},
@@ -218,7 +218,7 @@ static int take(int code, const char *text, view_options *o) {
     switch (code) {
     case PNG: o->png = text; return 0;
     case FRAMES: o->frames = text; return 0;
-    case FILM: o->video = text; return 0;
+    case VIDEO: o->video = text; return 0;
     case JSON: o->json = text; return 0;
     case URL: o->url = text; return 0;
     case KEY: o->key = text; return 0;

@@ -37,9 +37,9 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
 }
 
 /* Starts ffmpeg with pictures from `in`. Returns 0 or an errno value. */
-static int start_ffmpeg(view_video *film, int in, int fps) {
+static int start_ffmpeg(view_video *video, int in, int fps) {
     char size[32], rate[16];
-    snprintf(size, sizeof size, "%dx%d", film->width, film->height);
+    snprintf(size, sizeof size, "%dx%d", video->width, video->height);
     snprintf(rate, sizeof rate, "%d", fps);
     /* bitexact and one thread: equal pictures give equal videos. */
     char *argv[] = {"ffmpeg",
@@ -76,67 +76,67 @@ static int start_ffmpeg(view_video *film, int in, int fps) {
                     "+faststart",
                     "-f",
                     "mp4",
-                    film->output.temporary,
+                    video->output.temporary,
                     NULL};
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, in, 0);
     posix_spawn_file_actions_adddup2(&actions, 2, 1);
-    int wrong = posix_spawnp(&film->encoder, "ffmpeg", &actions, NULL, argv, environ);
+    int wrong = posix_spawnp(&video->encoder, "ffmpeg", &actions, NULL, argv, environ);
     posix_spawn_file_actions_destroy(&actions);
     return wrong;
 }
 
-tm_status view_video_begin(view_video *film, const char *path, int width, int height, int fps, tm_error *error) {
-    memset(film, 0, sizeof *film);
-    film->width = width, film->height = height;
+tm_status view_video_begin(view_video *video, const char *path, int width, int height, int fps, tm_error *error) {
+    memset(video, 0, sizeof *video);
+    video->width = width, video->height = height;
     if (width % 2 || height % 2)
         return failed(error, TM_ERR_ARGUMENT, "the width and height of a video must be even", "choose another --size");
-    if (!app_output_begin(&film->output, path, error)) return error->status;
+    if (!app_output_begin(&video->output, path, error)) return error->status;
     int end[2];
     if (pipe2(end, O_CLOEXEC)) {
-        app_output_abandon(&film->output);
+        app_output_abandon(&video->output);
         return failed(error, TM_ERR_FILE, "no pipe to ffmpeg can be opened", strerror(errno));
     }
     signal(SIGPIPE, SIG_IGN);
-    int wrong = start_ffmpeg(film, end[0], fps);
+    int wrong = start_ffmpeg(video, end[0], fps);
     close(end[0]);
     if (wrong) {
         close(end[1]);
-        app_output_abandon(&film->output);
+        app_output_abandon(&video->output);
         return failed(error, TM_ERR_FILE, "a video needs ffmpeg, which cannot be started",
                       wrong == ENOENT ? "it is not installed; apt-get install ffmpeg, or use --frames"
                                       : strerror(wrong));
     }
-    film->pipe = fdopen(end[1], "wb");
+    video->pipe = fdopen(end[1], "wb");
     return TM_OK;
 }
 
-tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error) {
-    if (fwrite(rgb, (size_t)film->width * 3, (size_t)film->height, film->pipe) != (size_t)film->height)
+tm_status view_video_add(view_video *video, const uint8_t *rgb, tm_error *error) {
+    if (fwrite(rgb, (size_t)video->width * 3, (size_t)video->height, video->pipe) != (size_t)video->height)
         return failed(error, TM_ERR_FILE, "ffmpeg ended early", "see its message above");
-    film->frames++;
+    video->frames++;
     return TM_OK;
 }
 
-static bool encoder_done(view_video *film) {
+static bool encoder_done(view_video *video) {
     int status = 0;
-    bool flushed = fclose(film->pipe) == 0;
-    film->pipe = NULL;
-    while (waitpid(film->encoder, &status, 0) < 0 && errno == EINTR) {
+    bool flushed = fclose(video->pipe) == 0;
+    video->pipe = NULL;
+    while (waitpid(video->encoder, &status, 0) < 0 && errno == EINTR) {
     }
     return flushed && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-tm_status view_video_end(view_video *film, tm_error *error) {
-    if (!encoder_done(film)) {
-        app_output_abandon(&film->output);
+tm_status view_video_end(view_video *video, tm_error *error) {
+    if (!encoder_done(video)) {
+        app_output_abandon(&video->output);
         return failed(error, TM_ERR_FILE, "ffmpeg did not finish the video", "see its message above");
     }
-    return app_output_commit(&film->output, error) ? TM_OK : error->status;
+    return app_output_commit(&video->output, error) ? TM_OK : error->status;
 }
 
-void view_video_abandon(view_video *film) {
-    if (film->pipe) encoder_done(film);
-    app_output_abandon(&film->output);
+void view_video_abandon(view_video *video) {
+    if (video->pipe) encoder_done(video);
+    app_output_abandon(&video->output);
 }

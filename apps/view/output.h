@@ -19,10 +19,10 @@ typedef struct view_video {
 } view_video;
 
 /* Begins an H.264 video in MP4. Sizes must be even. */
-tm_status view_video_begin(view_video *film, const char *path, int width, int height, int fps, tm_error *error);
-tm_status view_video_add(view_video *film, const uint8_t *rgb, tm_error *error);
-tm_status view_video_end(view_video *film, tm_error *error);
+tm_status view_video_begin(view_video *video, const char *path, int width, int height, int fps, tm_error *error);
+tm_status view_video_add(view_video *video, const uint8_t *rgb, tm_error *error);
+tm_status view_video_end(view_video *video, tm_error *error);
 /* Abandons the video; no file remains. */
-void view_video_abandon(view_video *film);
+void view_video_abandon(view_video *video);
 
 #endif

@@ -207,7 +207,7 @@ typedef struct hrt_patch_topology {
     uint8_t face_edge[HRT_PATCH_MAX_TRIANGLES][3]; /* edge j: from corner j to corner j+1 */
     uint8_t fan_begin[HRT_PATCH_MAX_VERTICES + 1],
         fan_face[3 * HRT_PATCH_MAX_TRIANGLES]; /* triangles around each vertex */
-    uint32_t border;                           /* bit v: vertex v is on the boundary */
+    uint32_t boundary;                         /* bit v: vertex v is on the boundary */
     uint32_t creased;                          /* bit v: a crease passes through vertex v */
     uint8_t smooth[HRT_PATCH_MAX_TRIANGLES * (HRT_PATCH_MAX_TRIANGLES - 1) / 2 +
                    1]; /* smoothness between f and g < f, at f (f-1)/2 + g; 255: no crease */

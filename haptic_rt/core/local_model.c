@@ -169,7 +169,7 @@ static void find_residual(solve *s) {
 static bool on_edge(const solve *s, const hrt_contact_row *row) {
     float weight = 0.0f;
     for (int k = 0; k < 3; k++)
-        weight += (s->patch->topology.border >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
+        weight += (s->patch->topology.boundary >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
     return weight > MAINLY;
 }
 

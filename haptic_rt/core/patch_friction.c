@@ -6,7 +6,7 @@
 #if HRT_WITH_FRICTION
 #include "contact_law/friction.h"
 
-static const float HARDEST_SKIN_m_N = 1.0e-6f; /* minimum compliance: without stretch there is no force */
+static const float MIN_COMPLIANCE_m_N = 1.0e-6f; /* minimum compliance: without stretch there is no force */
 
 static const uint8_t *corners(const hrt_friction *friction, const hrt_contact_row *row) {
     return &friction->patch->triangle[HRT_XYZ * row->triangle];
@@ -133,16 +133,17 @@ static void add_cross_compliance(hrt_friction *friction, const hrt_contact_row *
 static void next_force(const hrt_friction *friction, hrt_friction_station *g, law_v3 went) {
     const hrt_patch *p = friction->patch;
     const hrt_friction_history *was = friction->history;
-    const float skin = law_max(p->contact_compliance_m_N, HARDEST_SKIN_m_N);
+    const float compliance = law_max(p->contact_compliance_m_N, MIN_COMPLIANCE_m_N);
     hrt_friction_state before = {.stick_state = 1.0f};
     for (int32_t k = 0; k < was->count; k++)
         if (was->at[k].station == g->is.station) before = was->at[k];
     const law_v3 moved = vminus(on_axis(g->is.station, p->radius_m, friction->tip),
                                 on_axis(g->is.station, p->radius_m, vget(was->tip_m))),
                  way = vminus(moved, went), force = vget(g->is.force_N), stretch = vget(before.stretch_N);
-    vput(vplus(force, vtimes(1.0f / (skin + g->compliance_sum_m_N), vplus(vtimes(skin, vminus(stretch, force)), way))),
+    vput(vplus(force, vtimes(1.0f / (compliance + g->compliance_sum_m_N),
+                             vplus(vtimes(compliance, vminus(stretch, force)), way))),
          g->is.force_N);
-    vput(vplus(stretch, vtimes(1.0f / skin, way)), g->is.stretch_N);
+    vput(vplus(stretch, vtimes(1.0f / compliance, way)), g->is.stretch_N);
     law_across(g->normal, g->is.force_N);
     law_across(g->normal, g->is.stretch_N);
     g->slipped_m = 0.0f;
@@ -150,7 +151,7 @@ static void next_force(const hrt_friction *friction, hrt_friction_station *g, la
     const float most =
         law_friction_coefficient(p->friction_static, p->friction_kinetic, before.stick_state) * g->normal_force_N;
     if (!law_friction_slips(most, g->is.force_N)) return;
-    g->slipped_m = skin * vsize(vminus(vget(g->is.stretch_N), vget(g->is.force_N)));
+    g->slipped_m = compliance * vsize(vminus(vget(g->is.stretch_N), vget(g->is.force_N)));
     vset(g->is.force_N, g->is.stretch_N);
 }
 

@@ -42,9 +42,9 @@ static void build_fans(hrt_patch *patch) {
             if (patch->triangle[c] == v) t->fan_face[faces++] = (uint8_t)(c / 3);
     }
     t->fan_begin[patch->vertex_count] = faces;
-    t->border = 0;
+    t->boundary = 0;
     for (int32_t e = 0; e < t->edge_count; e++)
-        if (t->edge_face[e][1] == HRT_NO_FACE) t->border |= 1u << t->edge_vertex[e][0] | 1u << t->edge_vertex[e][1];
+        if (t->edge_face[e][1] == HRT_NO_FACE) t->boundary |= 1u << t->edge_vertex[e][0] | 1u << t->edge_vertex[e][1];
 }
 
 static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {

@@ -42,7 +42,7 @@ typedef struct image_domain {
     double march_m;       /* step length from a seed that misses no component */
 } image_domain;
 
-typedef struct image_wish {
+typedef struct image_request {
     int labels;              /* labels are 1 to this */
     const double *edge_m;    /* [labels+1] approximate edge length of a label's tetrahedra */
     const double *surface_m; /* [labels+1] maximum distance of the facets from its surface */
@@ -53,7 +53,7 @@ typedef struct image_wish {
     /* Called often with the present task and its progress; returns false to stop. */
     bool (*go_on)(void *context, const char *doing, int vertices);
     void *go_on_context;
-} image_wish;
+} image_request;
 
 typedef struct image_tets {
     int vertices, tets;
@@ -83,7 +83,7 @@ typedef struct image_api {
      * `why` is one line. */
     image_end (*read)(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
     /* Makes tetrahedra of all labels, conforming between them. */
-    image_end (*mesh)(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);
+    image_end (*mesh)(const image_domain *domain, const image_request *request, image_tets *out, char why[IMAGE_WHY]);
     /* Reads OBJ, PLY, OFF, STL by ending, in the file's units; polygons become triangles. */
     image_end (*read_surface)(const char *path, image_surface *out, char why[IMAGE_WHY]);
     /* Finds the defects of a surface. `repair` orients it, stitches it, removes intersecting triangles and fills holes;

@@ -3,13 +3,13 @@
 
 typedef struct options {
     app_section here;
-    app_number skin, force_cap;
+    app_number compliance, force_cap;
     app_integer sweeps, rows;
 } options;
 
 static const app_field fields[] = {
     {"contact", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments push the tissue's surface"},
-    {"contact.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0,
+    {"contact.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, compliance), 0,
      "compliance of each contact row, as of a soft layer on the tip"},
     {"contact.force_cap", APP_NUMBER, "force", "50 N", 0.001, 1e6, offsetof(options, force_cap), 0,
      "largest force of each row; reaching it sets a flag"},
@@ -26,7 +26,7 @@ static tm_status prepare(sim *s, const void *own) {
     *def = tm_contact_def_default();
     def->instrument_count = s->scene->instrument.count;
     def->instrument = s->instrument_def;
-    def->contact_compliance_m_N = o->skin.si;
+    def->contact_compliance_m_N = o->compliance.si;
     def->force_cap_N = o->force_cap.si;
     def->sweeps = (int32_t)o->sweeps.value;
     def->max_rows = (int32_t)o->rows.value;

@@ -53,13 +53,14 @@ static void push(const tms_contact_solver *l, const lever *of, double lambda_N, 
 /* Relaxes one row; returns its previous distance from its law, in radii. */
 static double relax(tms_contact_solver *l, tm_contact_row *row, double *du) {
     const lever of = lever_of(l, row);
-    const double radius = l->tool[row->instrument].def.radius_m, skin = l->def.contact_compliance_m_N / row->share;
+    const double radius = l->tool[row->instrument].def.radius_m,
+                 compliance = l->def.contact_compliance_m_N / row->share;
     const double own = diagonal(l, &of), free_gap = row->gap_m + along(&of, du) - own * row->lambda_N,
-                 change =
-                     tm_contact_compliance_reaction(skin, radius, free_gap, own, l->def.force_cap_N) - row->lambda_N;
+                 change = tm_contact_compliance_reaction(compliance, radius, free_gap, own, l->def.force_cap_N) -
+                          row->lambda_N;
     push(l, &of, change, l->f, du);
     row->lambda_N += change;
-    return fabs(change) * (own + skin) / radius;
+    return fabs(change) * (own + compliance) / radius;
 }
 
 void tms_contact_solver_freeze(tms_contact_solver *l, const double *f_before) {

@@ -137,18 +137,18 @@ static void solve_near(const maker *m, const double *b, double *v) {
 
 /* Assigns the interface's vertices to the nearest of some that are far from each other: each group and axis is a
  * mode. */
-static void first_shapes(const maker *m, const double *rest_m, const int32_t *border) {
+static void first_shapes(const maker *m, const double *rest_m, const int32_t *interface) {
     const int32_t n = m->c->n, vertices = n / 3;
     double *far = m->x;
     for (int32_t v = 0; v < vertices; v++) far[v] = INFINITY;
     memset(m->shape, 0, 8 * (size_t)m->c->rank * (size_t)n);
     int32_t *group = (int32_t *)m->y, seed = 0;
     for (int32_t g = 0; g < (m->c->rank + 2) / 3; g++) {
-        const double *at = rest_m + border[3 * seed] / 3 * 3;
+        const double *at = rest_m + interface[3 * seed] / 3 * 3;
         for (int32_t v = 0; v < vertices; v++) {
             double off = 0;
             for (int i = 0; i < 3; i++) {
-                const double d = rest_m[border[3 * v] / 3 * 3 + i] - at[i];
+                const double d = rest_m[interface[3 * v] / 3 * 3 + i] - at[i];
                 off += d * d;
             }
             if (off < far[v]) far[v] = off, group[v] = g;
@@ -204,7 +204,7 @@ static void factor_shapes(const maker *m, tms_coupling *c) {
     }
 }
 
-static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest_m, const int32_t *border) {
+static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest_m, const int32_t *interface) {
     const size_t n = (size_t)c->n, r = (size_t)c->rank;
     double *memory = tms_alloc_zeroed(4 * n + 2 * n * r + r * r, 8);
     if (!memory) return false;
@@ -217,7 +217,7 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
                      .shape = memory + 4 * n,
                      .given = memory + 4 * n + n * r,
                      .gram = memory + 4 * n + 2 * n * r};
-    first_shapes(&m, rest_m, border);
+    first_shapes(&m, rest_m, interface);
     for (int pass = 0; pass <= POWERS; pass++) {
         orthonormalise(m.shape, c->rank, c->n);
         for (size_t j = 0; j < r; j++) {
@@ -233,7 +233,7 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
 
 /* --- construction --- */
 
-static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t *border, tm_error *error) {
+static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t *interface, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(condensed);
     const size_t dofs = 3 * (size_t)mesh->vertex_count;
     uint8_t *others = tms_alloc(dofs);
@@ -243,7 +243,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
         others && count ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     if (status == TM_OK) {
         memset(others, 1, dofs);
-        for (int32_t i = 0; i < c->n; i++) others[border[i]] = 0;
+        for (int32_t i = 0; i < c->n; i++) others[interface[i]] = 0;
         status = tms_system_assemble(condensed, others, &K, error);
     }
     if (status == TM_OK) {
@@ -256,7 +256,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
             fill_values(c, &K);
             for (int64_t i = 0; c->rank && i < (int64_t)c->n * (c->n + 1) / 2; i++) c->single[i] = (float)c->schur[i];
         }
-        if (!c->history || (c->rank && !make_smooth(c, &K, mesh->rest_m, border)))
+        if (!c->history || (c->rank && !make_smooth(c, &K, mesh->rest_m, interface)))
             status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     }
     tms_system_destroy(&K);
@@ -265,7 +265,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
     return status;
 }
 
-tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border, int32_t n, const double *schur,
+tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *interface, int32_t n, const double *schur,
                               const double *given_N, tms_coupling *coupling, tm_error *error) {
     tms_coupling c = {
         .n = n, .padded = (n + 15) / 16 * 16, .schur = schur, .prescribed_N = given_N, .every = 1, .age = -1};
@@ -273,7 +273,7 @@ tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border,
         c.rank = 16 * (int32_t)ceil(sqrt(n) / 8);
         c.every = FIRST + (n - WHOLE_BELOW) / PER < LAST ? FIRST + (n - WHOLE_BELOW) / PER : LAST;
     }
-    const tm_status status = make(&c, condensed, border, error);
+    const tm_status status = make(&c, condensed, interface, error);
     *coupling = c;
     return status;
 }

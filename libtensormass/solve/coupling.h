@@ -40,7 +40,7 @@ typedef struct tms_coupling {
 } tms_coupling;
 
 /* Keeps pointers to `schur` and `given_N`. `border`: [n] components 3*vertex + axis, ascending, three per vertex. */
-tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border, int32_t n, const double *schur,
+tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *interface, int32_t n, const double *schur,
                               const double *given_N, tms_coupling *coupling, tm_error *error);
 void tms_coupling_destroy(tms_coupling *coupling);
 /* force_N := force of the condensed part on its interface at the displacement u_m, a step after u_prev_m, all [n].

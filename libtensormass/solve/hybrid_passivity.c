@@ -166,7 +166,7 @@ static void place_of(const tms_tool *tool, double at_m[6]) {
     memcpy(at_m + 3, tool->capsule.tail_m, 24);
 }
 
-static bool bears(const tms_contact_solver *l, int32_t t, int32_t count) {
+static bool is_loaded(const tms_contact_solver *l, int32_t t, int32_t count) {
     bool any = false;
     for (int32_t i = 0; i < count; i++) any |= l->now.row[i].instrument == t && l->now.row[i].lambda_N > 0;
     return any;
@@ -188,7 +188,7 @@ static bool follow_tools(tm_hybrid *h, int32_t count) {
             memcpy(p->was_m[1][t], at_m, sizeof at_m);
         } else if (most > LEAST_WAY_M)
             p->placed[t] = 0;
-        p->placed[t] = p->placed[t] && bears(&h->solver_contact, t, count);
+        p->placed[t] = p->placed[t] && is_loaded(&h->solver_contact, t, count);
         placed |= p->placed[t];
     }
     p->seen = 1;

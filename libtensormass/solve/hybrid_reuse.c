@@ -326,8 +326,8 @@ bool tms_contact_reuse_advance(tm_hybrid *h) {
     for (int32_t t = 0; t < l->tool_count; t++) {
         int32_t last = first;
         while (last < l->previous_count && l->previous[last].instrument == t) last++;
-        const bool watched = h->reuse->kind[t] == TMS_TOOL_TRACKED;
-        if (!(watched ? look_for(h, t, first, last) : keep_rows(h, first, last))) return false;
+        const bool tracked = h->reuse->kind[t] == TMS_TOOL_TRACKED;
+        if (!(tracked ? look_for(h, t, first, last) : keep_rows(h, first, last))) return false;
         first = last;
     }
     fill_system(h);

@@ -25,13 +25,13 @@ static void station_at(const tm_capsule *capsule, int32_t station, double at_m[3
 
 /* Sums the rows of one station: their load, their normal, and the force along it. */
 static double press(const tm_contact_row *row, tms_friction_station *g) {
-    double bears = 0, sum[3] = {0, 0, 0};
+    double load_N = 0, sum[3] = {0, 0, 0};
     for (int32_t i = g->first; i < g->first + g->count; i++) {
-        bears += row[i].lambda_N;
+        load_N += row[i].lambda_N;
         vmadd(sum, row[i].lambda_N, row[i].normal, sum);
     }
     g->normal_force_N = vunit(sum, g->normal);
-    return bears;
+    return load_N;
 }
 
 static void grip_at(const tms_contact_solver *l, const tm_contact_row *row, tms_friction_station *g) {
@@ -39,21 +39,21 @@ static void grip_at(const tms_contact_solver *l, const tm_contact_row *row, tms_
     const tm_friction_coefficient *c = &friction->coefficient[row[g->first].instrument];
     const int32_t t = row[g->first].instrument, station = row[g->first].station;
     const tms_friction_state *was = &friction->state[t][station];
-    const double skin = l->def.contact_compliance_m_N, bears = press(row, g);
+    const double compliance = l->def.contact_compliance_m_N, load_N = press(row, g);
     double here[3], there[3], way[3];
-    g->load_N = bears;
+    g->load_N = load_N;
     g->slips = false;
     memset(g->force_N, 0, sizeof g->force_N);
-    if (!(bears > 0)) return;
+    if (!(load_N > 0)) return;
     station_at(&l->tool[t].capsule, station, here);
     station_at(&friction->capsule[t], station, there);
     vsub(here, there, way);
     for (int32_t i = g->first; i < g->first + g->count; i++)
         for (int k = 0; k < 9; k++) {
             const int64_t d = 3 * (int64_t)row[i].vertex[k / 3] + k % 3;
-            way[k % 3] -= row[i].lambda_N / bears * row[i].weight[k / 3] * (l->u_m[d] - friction->u_m[d]);
+            way[k % 3] -= row[i].lambda_N / load_N * row[i].weight[k / 3] * (l->u_m[d] - friction->u_m[d]);
         }
-    for (int k = 0; k < 3; k++) g->force_N[k] = was->force_N[k] + way[k] / skin;
+    for (int k = 0; k < 3; k++) g->force_N[k] = was->force_N[k] + way[k] / compliance;
     law_across(g->normal, g->force_N);
     g->stretch_N = vnorm(g->force_N);
     g->slips = law_friction_slips(

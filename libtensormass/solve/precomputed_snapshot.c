@@ -178,7 +178,7 @@ static void pass_known(stream *s, tms_friction *friction, int32_t vertex_count) 
     }
 }
 
-static void pass_rub(stream *s, tms_contact_solver *l) {
+static void pass_friction(stream *s, tms_contact_solver *l) {
     tms_friction *friction = l->friction;
     for (int32_t t = 0; t < l->tool_count; t++) {
         for (int32_t k = 0; k < TMS_STATIONS; k++) {
@@ -214,7 +214,7 @@ static void walk(stream *s, tm_precomputed *m) {
     pass_local(s, &m->solver);
     if (!s->bad) pass_pins(s, &m->solver);
     if (!s->bad) pass_solution(s, &m->solver);
-    if (!s->bad && m->solver.friction) pass_rub(s, &m->solver);
+    if (!s->bad && m->solver.friction) pass_friction(s, &m->solver);
 }
 
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {

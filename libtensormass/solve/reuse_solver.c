@@ -20,13 +20,14 @@ static bool is_off(tms_reuse_system *s) {
     double most = 0, worst = 0;
     for (int32_t i = 0; i < s->count; i++) {
         const double gap = tms_reuse_gap(s, i), own = s->delassus_m_N[i][i] + s->row_compliance_m_N[i],
-                     bears = tm_contact_compliance_reaction(s->row_compliance_m_N[i], s->radius_m[i], gap, 0, s->cap_N),
-                     per = gap < 0 && bears < s->cap_N
-                               ? 1 / tm_contact_compliance_slope(s->row_compliance_m_N[i], s->radius_m[i], bears)
+                     load_N =
+                         tm_contact_compliance_reaction(s->row_compliance_m_N[i], s->radius_m[i], gap, 0, s->cap_N),
+                     per = gap < 0 && load_N < s->cap_N
+                               ? 1 / tm_contact_compliance_slope(s->row_compliance_m_N[i], s->radius_m[i], load_N)
                                : 0;
-        s->off_N[i] = s->lambda_N[i] - bears;
+        s->off_N[i] = s->lambda_N[i] - load_N;
         worst = fmax(worst, own * fabs(s->off_N[i]));
-        most = fmax(most, own * fabs(bears));
+        most = fmax(most, own * fabs(load_N));
         for (int32_t j = 0; j < s->count; j++) s->matrix[i * s->count + j] = per * s->delassus_m_N[i][j] + (i == j);
     }
     return !(worst <= SOLVED * most + TOUCHING_M);

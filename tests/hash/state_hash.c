@@ -67,11 +67,11 @@ int main(int argc, char **argv) {
         tm_contact_def contact = tm_contact_def_default();
         contact.instrument_count = 1, contact.instrument = &tool;
         scene_must(tm_stage_contact(s.world, &contact, &s.contact, &error), &error);
-        tm_friction_def rubs = tm_friction_def_default();
-        rubs.instrument[0] = (tm_friction_coefficient){0.4, 0.3};
+        tm_friction_def has_friction = tm_friction_def_default();
+        has_friction.instrument[0] = (tm_friction_coefficient){0.4, 0.3};
         tm_friction *made;
         if (named(argc, argv, "friction"))
-            scene_must(tm_stage_friction(s.world, s.contact, &rubs, &made, &error), &error);
+            scene_must(tm_stage_friction(s.world, s.contact, &has_friction, &made, &error), &error);
         tm_cut_def cut = tm_cut_def_default();
         scene_must(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
         for (int i = 0; i < 40; i++) {

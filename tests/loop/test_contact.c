@@ -247,9 +247,10 @@ static void solution_satisfies_complementarity(void **state) {
                 if (row[i].station != x.touch.row[b].station || row[i].triangle != x.touch.row[b].triangle ||
                     row[i].feature != x.touch.row[b].feature)
                     continue;
-                const double skin = (double)patch.contact_compliance_m_N / (double)row[i].share;
-                const double left = (double)row[i].gap_m + tm_contact_compliance_depth(skin, (double)patch.radius_m,
-                                                                                       (double)x.touch.row[b].lambda_N);
+                const double compliance = (double)patch.contact_compliance_m_N / (double)row[i].share;
+                const double left =
+                    (double)row[i].gap_m +
+                    tm_contact_compliance_depth(compliance, (double)patch.radius_m, (double)x.touch.row[b].lambda_N);
                 if (x.touch.row[b].lambda_N > 0.01f)
                     assert_true(fabs(left) < 2e-5);
                 else

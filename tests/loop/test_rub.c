@@ -15,15 +15,15 @@ static const float CONE = 1e-6f;
 static hrt_params params;
 static float scratch[HRT_PATCH_COMPLIANCE];
 
-typedef struct rubbing {
+typedef struct friction_scene {
     scene s;
     tm_patch_builder *maker;
     tm_patch made;
     hrt_patch patch[2];
     int samples;
-} rubbing;
+} friction_scene;
 
-static void open_rubbing(rubbing *r, double at_rest, double sliding) {
+static void open_scene(friction_scene *r, double at_rest, double sliding) {
     static const tm_tool_mode mode[2] = {TM_TOOL_PROBE, TM_TOOL_PROBE};
     tm_error error;
     tm_friction *friction;
@@ -42,7 +42,7 @@ static void open_rubbing(rubbing *r, double at_rest, double sliding) {
 }
 
 /* Returns the present patch in the controller's form; null if there is none. */
-static const hrt_patch *make_patch(rubbing *r) {
+static const hrt_patch *make_patch(friction_scene *r) {
     bool whole = tm_patch_compute(r->maker, 0, &r->made);
     for (int k = 0; k < 500 && tm_patch_pending(r->maker) > 0; k++) whole = tm_patch_compute(r->maker, 0, &r->made);
     hrt_patch *patch = &r->patch[r->samples++ % 2];
@@ -98,12 +98,12 @@ static tm_tool_pose hand(double t) {
 
 static void friction_equals_the_simulations(void **state) {
     (void)state;
-    static rubbing r;
+    static friction_scene r;
     static hrt_extrapolation x[LAWS];
     double square[LAWS] = {0}, worst[LAWS] = {0}, rough[LAWS] = {0}, peak = 0.0, sideways = 0.0;
     float last[LAWS][2][3] = {0}, cone = -1.0f;
     int judged = 0, off = 0;
-    open_rubbing(&r, AT_REST, SLIDING);
+    open_scene(&r, AT_REST, SLIDING);
     for (int w = 0; w < LAWS; w++) hrt_extrapolation_reset(&x[w], laws[w]);
     for (int t = 0; t < TICKS; t++) {
         const tm_tool_pose at = hand(2e-3 * t);
@@ -152,9 +152,9 @@ static void friction_equals_the_simulations(void **state) {
  * TM_LONG=1: two minutes. Then to and fro: over a cycle the hand has lost energy. */
 static void friction_sticks_and_only_dissipates(void **state) {
     (void)state;
-    static rubbing r;
+    static friction_scene r;
     static hrt_extrapolation x;
-    open_rubbing(&r, AT_REST, SLIDING);
+    open_scene(&r, AT_REST, SLIDING);
     tm_tool_reaction is = {0};
     for (int t = 0; t < 200; t++)
         is = scene_frame(&r.s, 0, scene_pose(0.008, 0.004, 0.0447 - 0.003 * stroke(2e-3 * t, 0.0, 0.3)), 2e-3);

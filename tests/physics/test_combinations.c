@@ -7,7 +7,7 @@
 /* Forces of both hands in frame 11 (pressed, slid) and in the last (grasped, rotated), and the number of removed
  * tetrahedra. */
 typedef struct felt {
-    double press_N, rub_N, held_N;
+    double press_N, friction_N, held_N;
     int32_t held, removed;
 } felt;
 
@@ -27,7 +27,7 @@ static felt story(int effects) {
         if (tm_snapshot_bytes(c.s.world) > largest) largest = tm_snapshot_bytes(c.s.world);
         assert_true(largest <= most && tm_snapshot_bytes_max(c.s.world) == most);
         const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);
-        if (i == 11) f.press_N = r.force_N[2], f.rub_N = r.force_N[0];
+        if (i == 11) f.press_N = r.force_N[2], f.friction_N = r.force_N[0];
         if (i == 26) { /* grasped and half cut */
             bytes = tm_snapshot_bytes(c.s.world);
             buffer = malloc((size_t)bytes);
@@ -57,13 +57,14 @@ static void every_combination_passes_all_events(void **state) {
         if (!told[e]) continue;
         f[e] = story(e);
         print_message("%2d: press %.3f N, rub %.3f N, held %.3f N by %d vertices, %d cut\n", e, f[e].press_N,
-                      f[e].rub_N, f[e].held_N, f[e].held, f[e].removed);
+                      f[e].friction_N, f[e].held_N, f[e].held, f[e].removed);
         assert_true(f[e].press_N > 0.05 && f[e].held > 3 && f[e].held_N > 0.05 && f[e].removed > 1);
     }
     for (int e = 0; e < COMBINATIONS; e++) {
         if (!told[e]) continue;
         /* Each effect acts in every combination. */
-        if (e & FRICTION && told[e ^ FRICTION]) assert_true(f[e].rub_N < f[e ^ FRICTION].rub_N - 0.02 * f[e].press_N);
+        if (e & FRICTION && told[e ^ FRICTION])
+            assert_true(f[e].friction_N < f[e ^ FRICTION].friction_N - 0.02 * f[e].press_N);
         if (e & VISCOSITY && told[e ^ VISCOSITY]) assert_true(f[e].press_N < 0.97 * f[e ^ VISCOSITY].press_N);
         if (e & VOLUME && told[e ^ VOLUME]) assert_true(f[e].press_N < 0.97 * f[e ^ VOLUME].press_N);
         if (e & ROTATION && told[e ^ ROTATION]) assert_true(fabs(f[e].held_N / f[e ^ ROTATION].held_N - 1) > 0.01);

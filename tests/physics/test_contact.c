@@ -294,11 +294,11 @@ static void hold(scene *s, double seconds, tm_tool_reaction *r) {
 }
 
 /* A probe at rest on damped tissue feels the static reaction: of the settled solve, and of the elastic forces alone. */
-static void held_probe(double damping_1_s, double seconds, double skin) {
+static void held_probe(double damping_1_s, double seconds, double compliance) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
     d.damping_1_s = damping_1_s;
-    d.row_compliance_m_N = skin;
+    d.row_compliance_m_N = compliance;
     d.tip_m[0][2] = 0.0447;
     scene s = scene_create(&d);
     tm_tool_pose to = scene_pose(0.008, 0.006, 0.0405);
@@ -321,7 +321,7 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     double scale = norm(settled.force_N);
     print_message(
         "damping %.0f 1/s, skin %.1e m/N: %.6f N; held against settled %.1e, against the elastic forces %.1e\n",
-        damping_1_s, d.row_compliance_m_N < 0 ? 0.5e-3 : skin, scale,
+        damping_1_s, d.row_compliance_m_N < 0 ? 0.5e-3 : compliance, scale,
         distance(dynamic.force_N, settled.force_N) / scale, distance(dynamic.resultant_N, elastic) / scale);
     assert_true(scale > 0.05);
     assert_true(distance(dynamic.force_N, settled.force_N) < 1e-6 * scale);

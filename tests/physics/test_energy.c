@@ -15,7 +15,7 @@ static tm_energy account(const scene *s) {
 }
 
 /* Sum of all absolute contributions: the scale for rounding. */
-static double turnover(const tm_energy *e) {
+static double throughput(const tm_energy *e) {
     double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->state_change_J) +
                  e->damping_J + fabs(e->cut_J);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) sum += fabs(e->contact_J[t]) + fabs(e->grasp_J[t]);
@@ -46,9 +46,9 @@ static void shake(scene *s, double speed_m_s) {
 static void assert_closed(const char *what, const scene *s) {
     const tm_energy e = account(s);
     print_message("%-22s stored %.3e J, lost %.3e J, residual %.1e of %.3e J\n", what, e.kinetic_J + e.elastic_J,
-                  e.damping_J, e.residual_J, turnover(&e));
-    assert_true(turnover(&e) > 1e-7);
-    assert_true(fabs(e.residual_J) < 1e-11 * turnover(&e));
+                  e.damping_J, e.residual_J, throughput(&e));
+    assert_true(throughput(&e) > 1e-7);
+    assert_true(fabs(e.residual_J) < 1e-11 * throughput(&e));
 }
 
 /* Undamped and damped oscillations: only damping removes energy, and the account states how much. */
@@ -99,7 +99,7 @@ static void test_each_source_is_attributed(void **unused) {
     }
     assert_closed("a support moves", &s);
     e = account(&s);
-    assert_true(e.support_J > 1e-4 && fabs(e.state_change_J) < 1e-11 * turnover(&e));
+    assert_true(e.support_J > 1e-4 && fabs(e.state_change_J) < 1e-11 * throughput(&e));
     free(mask);
     free(load);
     scene_destroy(&s);
@@ -126,7 +126,7 @@ static void test_account_closes_over_steps_cuts_and_states(void **unused) {
         assert_true(e.cut_J >= before.cut_J - 1e-15);
     }
     assert_closed("cuts", &s);
-    assert_true(e.cut_J > 0 && fabs(e.state_change_J - before.state_change_J) < 1e-11 * turnover(&e));
+    assert_true(e.cut_J > 0 && fabs(e.state_change_J - before.state_change_J) < 1e-11 * throughput(&e));
     /* All effects at once; a removed tetrahedron takes its stored energy with it. */
     int32_t *all = malloc(sizeof *all * (size_t)s.mesh->tet_count);
     for (int32_t t = 0; t < s.mesh->tet_count; t++) all[t] = t;
@@ -134,7 +134,7 @@ static void test_account_closes_over_steps_cuts_and_states(void **unused) {
     tm_cut_remove(s.tissue, all, s.mesh->tet_count, NULL, 0);
     assert_int_equal(tm_world_step(s.world, 5), TM_OK);
     e = account(&s);
-    assert_true(e.kinetic_J == 0 && e.elastic_J == 0 && fabs(e.cut_J - cut - stored) < 1e-11 * turnover(&e));
+    assert_true(e.kinetic_J == 0 && e.elastic_J == 0 && fabs(e.cut_J - cut - stored) < 1e-11 * throughput(&e));
     free(all);
     scene_destroy(&s);
 }

@@ -12,19 +12,19 @@
 
 static const double FRAME_S = 0.002, TOP_M = 0.042;
 
-typedef struct rubbing {
+typedef struct friction_scene {
     scene s;
     tm_friction *friction;
     double frame_s;
-} rubbing;
+} friction_scene;
 
-static rubbing open_rubbing(int tools, double at_rest, double sliding) {
+static friction_scene open_scene(int tools, double at_rest, double sliding) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 7, d.cells[2] = 4;
     d.tools = tools;
     memcpy(d.tip_m, (double[2][3]){{0.008, 0.004, TOP_M + 0.0027}, {-0.012, 0.004, TOP_M + 0.0027}}, sizeof d.tip_m);
-    rubbing r = {.s = scene_create_full(&d, false, (tm_tool_mode[2]){TM_TOOL_PROBE, TM_TOOL_PROBE}),
-                 .frame_s = FRAME_S};
+    friction_scene r = {.s = scene_create_full(&d, false, (tm_tool_mode[2]){TM_TOOL_PROBE, TM_TOOL_PROBE}),
+                        .frame_s = FRAME_S};
     tm_friction_def def = tm_friction_def_default();
     for (int t = 0; t < tools; t++) def.instrument[t] = (tm_friction_coefficient){at_rest, sliding};
     tm_error error;
@@ -40,7 +40,7 @@ typedef struct pull {
     double rest;
 } pull;
 
-static pull grips(const rubbing *r, int tool, double at_rest, double sliding) {
+static pull grips(const friction_scene *r, int tool, double at_rest, double sliding) {
     tm_friction_station grip[32];
     pull p = {.over_cone = -1, .rest = 1};
     const int32_t n = tm_friction_stations(r->friction, tool, grip, 32);
@@ -61,11 +61,11 @@ static pull grips(const rubbing *r, int tool, double at_rest, double sliding) {
     return p;
 }
 
-static tm_tool_reaction go(rubbing *r, int tool, double x, double y, double z) {
+static tm_tool_reaction go(friction_scene *r, int tool, double x, double y, double z) {
     return scene_frame(&r->s, tool, scene_pose(x, y, z), r->frame_s);
 }
 
-static tm_tool_reaction press_in(rubbing *r, int tool, double x, double depth_m) {
+static tm_tool_reaction press_in(friction_scene *r, int tool, double x, double depth_m) {
     tm_tool_reaction f = {0};
     for (int i = 1; i <= 100; i++) f = go(r, tool, x, 0.004, TOP_M + 0.0027 - (depth_m + 0.0002) * i / 100);
     for (int i = 0; i < 50; i++) f = go(r, tool, x, 0.004, TOP_M + 0.0025 - depth_m);
@@ -75,7 +75,7 @@ static tm_tool_reaction press_in(rubbing *r, int tool, double x, double depth_m)
 /* Pressed, pushed aside to most of its cone, and held there: the force stays constant. TM_LONG=1: for two minutes. */
 static void test_sticking_force_does_not_creep(void **unused) {
     (void)unused;
-    rubbing r = open_rubbing(1, 0.4, 0.3);
+    friction_scene r = open_scene(1, 0.4, 0.3);
     const double z = TOP_M + 0.0025 - 0.003;
     press_in(&r, 0, 0.008, 0.003);
     double x = 0.008;
@@ -97,10 +97,10 @@ static void test_sticking_force_does_not_creep(void **unused) {
 /* A tool of 40 g rests on a tilted block, with the tissue under gravity too, in the block's axes: downhill is x.
  * Apart from a little drag nothing guides the tool, so its position is the sum of all creep. Returns that position,
  * from `from_s` on. */
-static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *bears, double *speed_m_s) {
+static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *load_N, double *speed_m_s) {
     const double mass_kg = 0.04, drag_N_s_m = 2;
     const double down[3] = {tangent / hypot(1, tangent), 0, -1 / hypot(1, tangent)};
-    rubbing r = open_rubbing(1, 0.4, 0.3);
+    friction_scene r = open_scene(1, 0.4, 0.3);
     const double g[3] = {9.81 * down[0], 0, 9.81 * down[2]}, dt = tm_world_step_s(r.s.world);
     double at[3] = {0.008, 0.004, TOP_M + 0.0027}, v[3] = {0}, was[3] = {0}, crept = 0;
     tm_error error;
@@ -118,7 +118,7 @@ static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *b
         if (at[0] > 0.025) break; /* off the block, nearly */
     }
     for (int c = 0; c < 3; c++) crept = fmax(crept, fabs(at[c] - was[c]));
-    *bears = grips(&r, 0, 0.4, 0.3), *speed_m_s = v[0];
+    *load_N = grips(&r, 0, 0.4, 0.3), *speed_m_s = v[0];
     scene_destroy(&r.s);
     return crept;
 }
@@ -143,7 +143,7 @@ static void test_tool_stays_on_a_slope_within_the_static_cone(void **unused) {
  * cone. */
 static void test_slides_at_its_coefficient(void **unused) {
     (void)unused;
-    rubbing r = open_rubbing(1, 0.4, 0.3);
+    friction_scene r = open_scene(1, 0.4, 0.3);
     const double z = TOP_M + 0.0025 - 0.003;
     press_in(&r, 0, 0.008, 0.003);
     double worst = -1, x = 0.008, peak = 0, slid = 0;
@@ -168,7 +168,7 @@ static void test_static_coefficient_returns_with_rest(void **unused) {
     (void)unused;
     double took[3];
     for (int k = 0; k < 3; k++) {
-        rubbing r = open_rubbing(1, 0.5, 0.2);
+        friction_scene r = open_scene(1, 0.5, 0.2);
         const double z = TOP_M + 0.0025 - 0.003;
         press_in(&r, 0, 0.008, 0.003);
         double x = 0.008;
@@ -190,7 +190,7 @@ static void test_static_coefficient_returns_with_rest(void **unused) {
 
 /* Moves two tools with friction; returns the largest energy that contact generated. */
 static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
-    rubbing r = open_rubbing(2, at_rest, sliding);
+    friction_scene r = open_scene(2, at_rest, sliding);
     tm_energy was = {0};
     double worst = 0;
     *hands = 0;
@@ -228,14 +228,14 @@ static void test_friction_generates_no_energy(void **unused) {
     assert_true(plain_worst < 1.5e-4 && worst < 2.4e-4 && worst < 2 * plain_worst && e.generated_J > -0.1 * hands);
 }
 
-static void wander(rubbing *r, int from, int to) {
+static void wander(friction_scene *r, int from, int to) {
     for (int i = from; i < to; i++)
         go(r, 0, 0.008 + 0.002 * sin(0.05 * i), 0.004 + 0.001 * sin(0.08 * i), TOP_M - 0.001 * sin(0.03 * i));
 }
 
 static void test_friction_is_restored_from_a_snapshot(void **unused) {
     (void)unused;
-    rubbing r = open_rubbing(1, 0.4, 0.3);
+    friction_scene r = open_scene(1, 0.4, 0.3);
     wander(&r, 0, 100);
     const int64_t bytes = tm_snapshot_bytes(r.s.world);
     void *kept = malloc((size_t)bytes);
@@ -244,7 +244,7 @@ static void test_friction_is_restored_from_a_snapshot(void **unused) {
     const uint64_t hash = tm_world_hash(r.s.world);
     const pull was = grips(&r, 0, 0.4, 0.3);
     for (int other = 0; other < 2; other++) { /* the same world, and a fresh one */
-        rubbing to = other ? open_rubbing(1, 0.4, 0.3) : r;
+        friction_scene to = other ? open_scene(1, 0.4, 0.3) : r;
         assert_int_equal(tm_snapshot_restore(to.s.world, kept, bytes, NULL), TM_OK);
         wander(&to, 100, 200);
         const pull p = grips(&to, 0, 0.4, 0.3);
@@ -259,7 +259,7 @@ static void test_friction_is_restored_from_a_snapshot(void **unused) {
 /* A step of a world without friction is unchanged, and a removed stage returns all its memory. */
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
-    rubbing plain = open_rubbing(1, 0, 0), none = open_rubbing(1, 0, 0);
+    friction_scene plain = open_scene(1, 0, 0), none = open_scene(1, 0, 0);
     tm_friction_def def = tm_friction_def_default();
     tm_error error;
     tm_friction *friction;
@@ -271,7 +271,7 @@ static void test_costs_nothing_unless_named(void **unused) {
     scene_destroy(&plain.s);
     scene_destroy(&none.s);
     for (int k = 0; k < 4; k++) { /* invalid values are rejected with the instrument */
-        rubbing r = open_rubbing(1, 0, 0);
+        friction_scene r = open_scene(1, 0, 0);
         def.instrument[0] = (tm_friction_coefficient[]){{0.2, 0.3}, {-0.1, -0.2}, {2.5, 1}, {NAN, 0}}[k];
         assert_int_equal(tm_stage_friction(r.s.world, r.s.contact, &def, &friction, &error), TM_ERR_ARGUMENT);
         assert_int_equal(error.entity, 0);

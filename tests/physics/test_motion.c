@@ -99,14 +99,14 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     uint8_t fixed[100] = {0};
     const double zero[HELD] = {0};
     for (int i = 0; i < HELD; i++) dof[i] = i, fixed[i] = 1;
-    double sharp = 0;
-    fix_ok(tm_critical_step_estimate(*tissue, fixed, 1e-10, 100000, &sharp, &error), &error);
+    double estimate = 0;
+    fix_ok(tm_critical_step_estimate(*tissue, fixed, 1e-10, 100000, &estimate, &error), &error);
     tm_world *world = fix_world(*tissue, false);
     tm_support_def def = tm_support_def_default();
     def.count = HELD, def.dof = dof, def.value_m = zero;
     fix_ok(tm_stage_support(world, &def, &error), &error);
     tm_state *s = tm_world_state(world);
-    const double ratio = fraction * sharp / s->dt_s;
+    const double ratio = fraction * estimate / s->dt_s;
     assert_true(ratio > 1);
     double *mobility = (double *)tm_world_mobility_s2_kg(world);
     for (int32_t v = 0; v < mesh->vertex_count; v++) mobility[v] *= ratio * ratio;

@@ -72,15 +72,15 @@ static void the_step_is_guaranteed_and_little_is_added(void **state) {
         start(&s, times[i] * even);
         tm_mass_scaling m;
         tm_error error;
-        double sharp, own_Hz[3], scaled_Hz[3];
+        double estimate, own_Hz[3], scaled_Hz[3];
         assert_true(tm_tissue_mass_scaling(s.tissue, &m));
-        fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
+        fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-8, 20000, &estimate, &error), &error);
         fix_ok(tm_mass_scaling_frequencies(s.tissue, s.fixed, own_Hz, scaled_Hz, &error), &error);
         print_message("  %g times the even step: %.3g of the mass added at %d vertices, at most %.3g times; sharp %.3g "
                       "times; z %.4g -> %.4g Hz\n",
-                      times[i], m.added_kg / m.physical_kg, m.vertices, m.max_factor, sharp / even, own_Hz[2],
+                      times[i], m.added_kg / m.physical_kg, m.vertices, m.max_factor, estimate / even, own_Hz[2],
                       scaled_Hz[2]);
-        assert_true(sharp >= times[i] * even && tm_critical_step_guaranteed(s.tissue, NULL) >= times[i] * even);
+        assert_true(estimate >= times[i] * even && tm_critical_step_guaranteed(s.tissue, NULL) >= times[i] * even);
         assert_true(m.added_kg <= most[i] * m.physical_kg && (i < 2 || m.added_kg > 0));
         assert_true(m.physical_kg / (0.07 * 0.05 * 0.04 * s.material.density_kg_m3) - 1 < 1e-9);
         for (int c = 0; c < 3; c++) {
@@ -108,7 +108,7 @@ static void cuts_keep_the_step(void **state) {
         cut_order_from(s.mesh, list, &random);
         for (int piece = 0; piece < 6; piece++) {
             const int32_t from = s.mesh->tet_count * piece / 6, to = s.mesh->tet_count * (piece + 1) / 6;
-            double sharp;
+            double estimate;
             tm_error error;
             memcpy(before, tm_tissue_mass_kg(s.tissue), sizeof(double) * (size_t)s.mesh->vertex_count);
             tm_cut_remove(s.tissue, list + from, to - from - (piece == 5), NULL, 0);
@@ -117,8 +117,8 @@ static void cuts_keep_the_step(void **state) {
             assert_int_equal(tm_world_step(s.world, 50), TM_OK);
             assert_true(tm_critical_step_guaranteed(s.tissue, NULL) >= step_s);
             if (tm_tissue_alive_count(s.tissue) == 0) break;
-            fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-6, 20000, &sharp, &error), &error);
-            assert_true(sharp >= step_s);
+            fix_ok(tm_critical_step_estimate(s.tissue, NULL, 1e-6, 20000, &estimate, &error), &error);
+            assert_true(estimate >= step_s);
         }
         free(list), free(before);
         stop(&s);

@@ -121,17 +121,17 @@ static void fail_at(stage *g, int i, const char *why, double is, double bound) {
 static void judge(stage *g, int i, bool after) {
     tm_energy e;
     assert_int_equal(tm_world_energy(g->s.world, &e, NULL), TM_OK);
-    double turnover = e.start_J + fabs(e.support_J) + e.damping_J + fabs(e.cut_J) + fabs(e.state_change_J);
+    double throughput = e.start_J + fabs(e.support_J) + e.damping_J + fabs(e.cut_J) + fabs(e.state_change_J);
     for (int t = 0; t < 2; t++) {
         g->v.hands_J += fabs(e.tool_work_J[t] - g->tool_work_J[t]);
         g->tool_work_J[t] = e.tool_work_J[t];
-        turnover += fabs(e.contact_J[t]) + fabs(e.grasp_J[t]);
+        throughput += fabs(e.contact_J[t]) + fabs(e.grasp_J[t]);
         const bool overflowed = tm_contact_reaction(g->s.contact, t).flags & TM_REACTION_OVERFLOWED;
         if (after && overflowed) fail_at(g, i, "tools are out and contact is still overflowed, tool", t, 0);
     }
     const double may = SURPLUS_SHARE * g->v.hands_J + SURPLUS_J;
-    const double surplus = e.generated_J - e.drag_J; /* energy of tissue and springs less the hands' work */
-    g->v.worst = fmax(g->v.worst, surplus / may);
+    const double generated = e.generated_J - e.drag_J; /* energy of tissue and springs less the hands' work */
+    g->v.worst = fmax(g->v.worst, generated / may);
     const double *u = tm_world_state(g->s.world)->u_m;
     double far = 0;
     for (int32_t k = 0; k < 3 * g->s.mesh->vertex_count; k++)
@@ -141,13 +141,13 @@ static void judge(stage *g, int i, bool after) {
         print_message(
             "  %2d: stored %.2e + %.2e J, hands %+.2e %+.2e, surplus %+.2e of %.1e, held %.1e, film %.1e, cut "
             "%.1e, %.1f mm, %d rows\n",
-            i, e.kinetic_J, e.elastic_J, e.tool_work_J[0], e.tool_work_J[1], surplus, may, e.contact_stored_J, e.drag_J,
-            e.cut_J, 1e3 * far,
+            i, e.kinetic_J, e.elastic_J, e.tool_work_J[0], e.tool_work_J[1], generated, may, e.contact_stored_J,
+            e.drag_J, e.cut_J, 1e3 * far,
             tm_contact_reaction(g->s.contact, 0).row_count + tm_contact_reaction(g->s.contact, 1).row_count);
-    if (!(surplus <= may)) fail_at(g, i, "more than the hands put in, by J", surplus, may);
+    if (!(generated <= may)) fail_at(g, i, "more than the hands put in, by J", generated, may);
     if (!(far <= FARTHEST_M)) fail_at(g, i, "a vertex went to m", far, FARTHEST_M);
-    if (!(fabs(e.residual_J) <= 1e-9 * turnover + 1e-15))
-        fail_at(g, i, "the account does not close, J", e.residual_J, 1e-9 * turnover);
+    if (!(fabs(e.residual_J) <= 1e-9 * throughput + 1e-15))
+        fail_at(g, i, "the account does not close, J", e.residual_J, 1e-9 * throughput);
 }
 
 /* Both tools move to `to` in `frames`. */

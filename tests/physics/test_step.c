@@ -65,16 +65,16 @@ static void guaranteed_step_is_below_the_true_one(void **state) {
         while (tm_tissue_alive_count(cut) > 0) {
             /* The step of the uncut tissue holds for the remainder; so does the longer one of tissue that can no
              * more be cut. */
-            const double sharp = dense_step(cut);
+            const double estimate = dense_step(cut);
             tm_tissue *fixed = build(mesh, m, trial, fibre, false, tm_tissue_alive(cut));
             int32_t tet = -1;
             const double step = tm_critical_step_guaranteed(fixed, &tet);
             assert_true(tet >= 0 && tm_tissue_alive(cut)[tet]);
-            if (!(step <= sharp && at_first <= sharp && step >= least_element(cut) && step >= at_first))
+            if (!(step <= estimate && at_first <= estimate && step >= least_element(cut) && step >= at_first))
                 fail_msg("trial %d, %d tetrahedra: %g s, at first %g s, sharp %g s", trial, tm_tissue_alive_count(cut),
-                         step, at_first, sharp);
+                         step, at_first, estimate);
             gain = fmax(gain, step / least_element(cut));
-            nearest = fmax(nearest, step / sharp);
+            nearest = fmax(nearest, step / estimate);
             tm_tissue_destroy(fixed);
             int32_t some[8];
             for (int i = 0; i < 8; i++) some[i] = (int32_t)(fix_uniform(&random) * mesh->tet_count);
@@ -106,11 +106,11 @@ static void slivers_use_the_masses_around_them(void **state) {
     fix_ok(tm_mesh_create(&def, &mesh, &error), &error);
     tm_tissue *whole = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
     tm_tissue *cuttable = fix_tissue(mesh, &material, NULL, TM_DOUBLE, true);
-    double sharp = 0;
-    fix_ok(tm_critical_step_estimate(whole, NULL, 1e-8, 20000, &sharp, &error), &error);
+    double estimate = 0;
+    fix_ok(tm_critical_step_estimate(whole, NULL, 1e-8, 20000, &estimate, &error), &error);
     const double even = tm_critical_step_guaranteed(cuttable, NULL), shared = tm_critical_step_guaranteed(whole, NULL);
-    print_message("  even %.3f of the estimated step, shared %.3f\n", even / sharp, shared / sharp);
-    assert_true(even < 0.7 * sharp && shared > 1.3 * even && shared <= sharp);
+    print_message("  even %.3f of the estimated step, shared %.3f\n", even / estimate, shared / estimate);
+    assert_true(even < 0.7 * estimate && shared > 1.3 * even && shared <= estimate);
     /* A fragment that hangs on the tissue depends on its extra masses: they are not available to other elements. */
     double *extra = malloc(sizeof(double) * (size_t)mesh->vertex_count);
     for (int32_t v = 0; v < mesh->vertex_count; v++) extra[v] = 1;

@@ -225,10 +225,10 @@ static void critical_steps_name_the_element_that_sets_them(void **state) {
                 fix_tissue(mesh, m + law, law ? FIBRE : NULL, trial % 3 == 2 ? TM_SINGLE : TM_DOUBLE, false);
             int32_t worst = -1;
             tm_error error;
-            double sharp = 0, least = HUGE_VAL;
+            double estimate = 0, least = HUGE_VAL;
             const double guaranteed = tm_critical_step_guaranteed(tissue, &worst);
-            fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
-            assert_true(guaranteed <= sharp && guaranteed > 0.3 * sharp);
+            fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-8, 20000, &estimate, &error), &error);
+            assert_true(guaranteed <= estimate && guaranteed > 0.3 * estimate);
             for (int32_t t = 0; t < mesh->tet_count; t++) least = fmin(least, tm_critical_step_element(tissue, t));
             assert_true(least <= guaranteed && worst >= 0);
             /* Tissue that will be cut uses the shortest step of its tetrahedra. */
@@ -242,7 +242,7 @@ static void critical_steps_name_the_element_that_sets_them(void **state) {
             memset(fixed, 1, 30);
             double held = 0;
             fix_ok(tm_critical_step_estimate(tissue, fixed, 1e-8, 20000, &held, &error), &error);
-            assert_true(held >= sharp * (1 - 1e-7));
+            assert_true(held >= estimate * (1 - 1e-7));
             free(fixed);
             tm_tissue_destroy(tissue);
         }
@@ -266,12 +266,12 @@ static void critical_steps_agree_for_one_tetrahedron(void **state) {
         const bool single = trial % 5 == 4;
         tm_tissue *tissue =
             fix_tissue(mesh, m + trial % 3, trial % 3 ? FIBRE : NULL, single ? TM_SINGLE : TM_DOUBLE, false);
-        double sharp = 0;
+        double estimate = 0;
         tm_error error;
-        fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-9, 20000, &sharp, &error), &error);
+        fix_ok(tm_critical_step_estimate(tissue, NULL, 1e-9, 20000, &estimate, &error), &error);
         const double guaranteed = tm_critical_step_guaranteed(tissue, NULL);
-        assert_true(fabs(guaranteed / sharp - 1) < (single ? 2e-5 : 1e-8));
-        if (single) assert_true(guaranteed <= sharp); /* for any rounding of the tensors */
+        assert_true(fabs(guaranteed / estimate - 1) < (single ? 2e-5 : 1e-8));
+        if (single) assert_true(guaranteed <= estimate); /* for any rounding of the tensors */
         tm_tissue_destroy(tissue);
         tm_mesh_destroy(mesh);
     }

@@ -438,10 +438,10 @@ static void guaranteed_step_needs_no_change(void **state) {
             const plan p = {.term = hard[k], .count = hard[k][1].time_s > 0 ? 2 : 1, .volume = volume};
             relaxing r = make(&p);
             tm_error error;
-            double sharp;
-            fix_ok(tm_critical_step_estimate(r.tissue, NULL, 1e-9, 100000, &sharp, &error), &error);
-            r.world->guaranteed_step_s = sharp;
-            fix_ok(tm_world_set_step(r.world, 0.9995 * sharp, &error), &error);
+            double estimate;
+            fix_ok(tm_critical_step_estimate(r.tissue, NULL, 1e-9, 100000, &estimate, &error), &error);
+            r.world->guaranteed_step_s = estimate;
+            fix_ok(tm_world_set_step(r.world, 0.9995 * estimate, &error), &error);
             shake(&r, 4 + k);
             double early = 0, late = 0;
             for (int i = 0; i < 4000; i++) {

@@ -271,12 +271,12 @@ static void guaranteed_step_is_below_the_sharp_one(void **state) {
             def.alive = plain.alive = tm_tissue_alive(cut);
             tm_tissue *fixed = build(&def), *linear = build(&plain);
             int32_t tet = -1;
-            const double step = tm_critical_step_guaranteed(fixed, &tet), sharp = dense_step(cut);
+            const double step = tm_critical_step_guaranteed(fixed, &tet), estimate = dense_step(cut);
             assert_true(tet >= 0 && tm_tissue_alive(cut)[tet]);
-            assert_true(at_first <= step && step <= sharp);
+            assert_true(at_first <= step && step <= estimate);
             if (tm_tissue_alive_count(cut) == mesh->tet_count)
                 gain = fmax(gain, step / tm_critical_step_guaranteed(linear, NULL));
-            nearest = fmax(nearest, step / sharp);
+            nearest = fmax(nearest, step / estimate);
             tm_tissue_destroy(fixed), tm_tissue_destroy(linear);
             int32_t some[6];
             for (int i = 0; i < 6; i++) some[i] = (int32_t)(fix_uniform(&random) * mesh->tet_count);

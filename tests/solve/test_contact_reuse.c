@@ -47,11 +47,11 @@ static void row_force_equals_its_contact_compliance(void **state) {
         if (!tms_reuse_solve(&s)) continue;
         solved++;
         for (int32_t i = 0; i < s.count; i++) {
-            const double bears = tm_contact_compliance_reaction(s.row_compliance_m_N[i], s.radius_m[i],
-                                                                tms_reuse_gap(&s, i), 0, s.cap_N);
-            assert_true(fabs(bears - s.lambda_N[i]) < 1e-6 * (1 + bears));
-            capped += bears == s.cap_N;
-            free += bears == 0;
+            const double load_N = tm_contact_compliance_reaction(s.row_compliance_m_N[i], s.radius_m[i],
+                                                                 tms_reuse_gap(&s, i), 0, s.cap_N);
+            assert_true(fabs(load_N - s.lambda_N[i]) < 1e-6 * (1 + load_N));
+            capped += load_N == s.cap_N;
+            free += load_N == 0;
         }
     }
     print_message("  %d of 300 solved; %d rows at the cap, %d bear nothing\n", solved, capped, free);

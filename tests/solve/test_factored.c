@@ -66,8 +66,8 @@ static void choose(bench *b, int k) {
 }
 
 static const tm_compliance *ask_for(const bench *b, int32_t owner, const int32_t *vertex, int32_t count) {
-    const tm_compliance_request wish = {.count = count, .needed = count, .vertex = vertex};
-    return b->source.exchange(b->source.self, owner, &wish);
+    const tm_compliance_request request = {.count = count, .needed = count, .vertex = vertex};
+    return b->source.exchange(b->source.self, owner, &request);
 }
 
 static const tm_compliance *ask(const bench *b) { return ask_for(b, 0, b->want, b->count); }
@@ -258,24 +258,24 @@ static void compliance_rotates_with_the_tissue(void **state) {
         choose(&b, 0);
         const size_t n = 3 * (size_t)b.mesh->vertex_count;
         double R[9], *u = calloc(n, sizeof *u);
-        const tm_compliance_request wish = {.count = b.count, .needed = b.count, .vertex = b.want, .u_m = u};
-        const tm_compliance *c = b.source.exchange(b.source.self, 0, &wish);
+        const tm_compliance_request request = {.count = b.count, .needed = b.count, .vertex = b.want, .u_m = u};
+        const tm_compliance *c = b.source.exchange(b.source.self, 0, &request);
         assert_non_null(c);
         double *C = malloc(sizeof *C * 9 * (size_t)c->count * (size_t)c->count), unit[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
         memcpy(C, c->C_m_N, sizeof *C * 9 * (size_t)c->count * (size_t)c->count);
         turn_all(b.mesh, 1.2, R, u);
-        c = b.source.exchange(b.source.self, 0, &wish);
+        c = b.source.exchange(b.source.self, 0, &request);
         assert_true(off_turned(c, C, unit) == 0); /* the factor is the previous one */
         for (int32_t i = 0; i < c->count; i++)
             for (int k = 0; k < 9; k++) assert_true(fabs(c->rotation[9 * i + k] - R[k]) < 1e-9);
-        for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
+        for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &request);
         print_message("  turned by 1.2: %.1e\n", off_turned(c, C, R));
         assert_true(off_turned(c, C, R) < 1e-6);
         for (int32_t i = 0; i < c->count; i++)
             for (int k = 0; k < 9; k++) assert_true(fabs(c->rotation[9 * i + k] - unit[k]) < 1e-9);
         memcpy(C, c->C_m_N, sizeof *C * 9 * (size_t)c->count * (size_t)c->count);
         turn_all(b.mesh, 1.2 + 0.04, R, u); /* by 2.3 degrees, and more than a tenth of an edge: no new factor */
-        for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
+        for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &request);
         assert_true(off_turned(c, C, unit) == 0);
         free(C), free(u);
         tear_down(&b);

@@ -24,7 +24,7 @@ typedef struct sent {
     tm_contact *contact;
     tm_patch_builder *maker;
     tm_compliance_factor *factored;
-    bool turns, holds, rubs, relaxes, cuts;
+    bool turns, holds, has_friction, relaxes, cuts;
     int hands;
     double tip_m[3], other_m[3]; /* over the tissue: the first hand's tool, the second hand's probe */
     tm_tool_pose pose[2];
@@ -78,7 +78,7 @@ static void add_stages(sent *s) {
     tm_friction_def rough = tm_friction_def_default();
     rough.instrument[0] = (tm_friction_coefficient){0.3, 0.2};
     tm_friction *friction;
-    if (s->rubs) fix_ok(tm_stage_friction(s->world, s->contact, &rough, &friction, &error), &error);
+    if (s->has_friction) fix_ok(tm_stage_friction(s->world, s->contact, &rough, &friction, &error), &error);
 }
 
 /* The world of the tissue, and its patch builder. */
@@ -104,7 +104,7 @@ static void make_world(sent *s, const uint8_t *fixed, bool exact) {
 
 static sent make(uint64_t seed, int hands) {
     sent s = {.random = {seed}, .hands = hands};
-    s.turns = maybe(&s, 0.6), s.holds = maybe(&s, 0.5), s.rubs = maybe(&s, 0.3), s.cuts = maybe(&s, 0.5);
+    s.turns = maybe(&s, 0.6), s.holds = maybe(&s, 0.5), s.has_friction = maybe(&s, 0.3), s.cuts = maybe(&s, 0.5);
     s.relaxes = maybe(&s, 0.3);
     const bool exact = maybe(&s, 0.8);
     memcpy(s.tip_m, (double[3]){0.045 + 0.01 * fix_uniform(&s.random), 0.02 + 0.02 * fix_uniform(&s.random), 0.034},
@@ -165,7 +165,7 @@ static double off_by(sent *s, int hand, const tm_tool_reaction *r) {
         for (int i = 0; i < 3; i++) K[3 * i + c] = (there[i] - here[i]) / step_m;
     }
     for (int i = 0; i < 9; i++) {
-        if (s->rubs && i != 8) continue;
+        if (s->has_friction && i != 8) continue;
         wrong += pow(K[i] - r->stiffness_N_m[i], 2), size += K[i] * K[i];
     }
     return s->hands == 1 || least > FELT_N ? sqrt(wrong / size) : -1;
@@ -219,9 +219,9 @@ static void see(sent *s, int hand, int k, bool compare, tally *t) {
     if (r.stiffness_kind == 0 || !compare || !felt) return;
     const double off = off_by(s, hand, &r);
     const double straight = k > (s->holds ? 32 : 14) && s->hands == 1 ? STRAIGHT : STRAIGHT_MOVING;
-    if (off > (s->rubs ? RUBBED : s->turns ? TURNED : straight))
+    if (off > (s->has_friction ? RUBBED : s->turns ? TURNED : straight))
         fail_msg("hand %d, frame %d, kind %d: the stiffness is %.0f %% off", hand, k, r.stiffness_kind, 100 * off);
-    t->worst[s->rubs][r.stiffness_kind] = fmax(t->worst[s->rubs][r.stiffness_kind], off);
+    t->worst[s->has_friction][r.stiffness_kind] = fmax(t->worst[s->has_friction][r.stiffness_kind], off);
     t->compared += off >= 0;
 }
 

@@ -130,8 +130,8 @@ static void unaligned_memory_is_reported(void **state) {
 
 enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
 
-static const tm_compliance *no_pieces(void *self, int32_t owner, const tm_compliance_request *wish) {
-    (void)self, (void)owner, (void)wish;
+static const tm_compliance *no_pieces(void *self, int32_t owner, const tm_compliance_request *request) {
+    (void)self, (void)owner, (void)request;
     return NULL;
 }
 

@@ -98,7 +98,7 @@ void matrix_free(solved *s, int count);
 /* Adds the differences of displacement, reaction and energy. */
 cJSON *differences_add(cJSON *to, const differences *d);
 /* Adds the cost of a step. */
-cJSON *price_add(cJSON *to, const solved *s);
+cJSON *cost_add(cJSON *to, const solved *s);
 /* Scales the solution of linear tissue. */
 measured measured_scaled(const measured *m, double scale);
 

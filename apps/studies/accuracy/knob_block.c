@@ -17,13 +17,13 @@
 
 enum { FRAMES = 40, REST = 120 };
 
-typedef struct price {
+typedef struct cost {
     double seconds_per_frame, setup_s, force_N;
     int64_t bytes;
-} price;
+} cost;
 
 /* Runs a scene of one model: presses 3 mm in FRAMES frames, waits REST frames, and measures what a frame costs. */
-static bool measure(const char *scene_file, price *out) {
+static bool measure(const char *scene_file, cost *out) {
     char rate[] = "time.frame_rate=30", sends[] = "haptics.sends=force", extrapolator[] = "haptics.extrapolator=hold";
     char *set[] = {rate, sends, extrapolator}, found[2048];
     app_scene *scene = NULL;
@@ -61,7 +61,7 @@ static void model_prices(cJSON *rows, void (*progress)(const char *, double)) {
                   {"precomputed", "apps/scenes/evaluate-precomputed.yaml", "nowhere"}};
     double truth = 0;
     for (int m = 0; m < 3; m++) {
-        price p;
+        cost p;
         progress("prices of the models", m / 3.0);
         if (!measure(models[m].scene, &p)) continue;
         if (m == 0) truth = p.force_N;
@@ -95,7 +95,7 @@ static tm_status one_law(const run *r, bool fibred, cJSON *rows, tm_error *error
         cJSON *row =
             app_json_add(rows, "law %s tets %d h_m %g step_s %g", fibred ? "fibred" : "isotropic",
                          s[i].p.mesh->tet_count, BLOCK_M / cells[i], tm_critical_step_guaranteed(s[i].p.tissue, NULL));
-        price_add(differences_add(row, &s[i].off), &s[i]);
+        cost_add(differences_add(row, &s[i].off), &s[i]);
     }
     matrix_free(s, count);
     return status;
@@ -120,7 +120,7 @@ tm_status knob_precision(const run *r, cJSON *out, cJSON *rows, tm_error *error)
         for (int i = 0; i < 2 && status == TM_OK; i++) {
             cJSON *row = app_json_add(rows, "precision %s tets %d mesh_displacement %g", i ? "single" : "double",
                                       s[i].p.mesh->tet_count, compare(&s[i].m, &truth).displacement);
-            price_add(differences_add(row, &s[i].off), &s[i]);
+            cost_add(differences_add(row, &s[i].off), &s[i]);
         }
         matrix_free(s, 2);
     }
@@ -173,7 +173,7 @@ tm_status knob_fibre(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     for (int i = 0; i < MODELS && status == TM_OK; i++) {
         cJSON *row = app_json_add(rows, "model %s young_Pa %g step_s %g", i ? "isotropic" : "fibred", young_Pa[i],
                                   tm_world_step_s(s[i].p.world));
-        price_add(differences_add(row, &s[i].off), &s[i]);
+        cost_add(differences_add(row, &s[i].off), &s[i]);
     }
     matrix_free(s, MODELS);
     return status;

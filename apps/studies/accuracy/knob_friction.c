@@ -12,14 +12,14 @@ static const double FRAME_S = 0.005, RADIUS_M = 0.0025, DEPTH_M = 0.003, FROM_M 
 static const tm_friction_coefficient COEFFICIENT[ROWS] = {{0, 0},     {0.05, 0.05}, {0.1, 0.1},
                                                           {0.3, 0.2}, {0.3, 0.3},   {0.5, 0.5}};
 
-typedef struct rubbing {
+typedef struct friction_scene {
     problem p;
     tm_contact *contact;
     tm_friction *friction; /* null: none */
     double force_N[FRAMES][3], per_step_s[FRAMES];
     double off_law; /* maximum deviation of a slipping station, over its normal force */
     int32_t slipped;
-} rubbing;
+} friction_scene;
 
 static tm_tool_pose at_frame(int frame) {
     const double way = fmax(0, frame - PRESS - REST + 1.0) / SLIDE, in = fmin(1, (frame + 1.0) / PRESS);
@@ -28,7 +28,7 @@ static tm_tool_pose at_frame(int frame) {
                           .active = true};
 }
 
-static tm_status rubbing_make(int cells, tm_friction_coefficient coefficient, rubbing *r, tm_error *error) {
+static tm_status make_scene(int cells, tm_friction_coefficient coefficient, friction_scene *r, tm_error *error) {
     problem_def def = problem_default(cells);
     memset(r, 0, sizeof *r);
     def.pressed = false, def.material.damping_1_s = 60;
@@ -47,7 +47,7 @@ static tm_status rubbing_make(int cells, tm_friction_coefficient coefficient, ru
     return status;
 }
 
-static void check_stations(rubbing *r) {
+static void check_stations(friction_scene *r) {
     tm_friction_station grip[GRIPS];
     const int32_t there = r->friction ? tm_friction_stations(r->friction, 0, grip, GRIPS) : 0;
     for (int32_t i = 0; i < there && i < GRIPS; i++) {
@@ -59,7 +59,7 @@ static void check_stations(rubbing *r) {
     }
 }
 
-static tm_status frame(rubbing *r, int at, tm_error *error) {
+static tm_status frame(friction_scene *r, int at, tm_error *error) {
     const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(r->p.world));
     const tm_tool_pose to = at_frame(at);
     const double start = app_seconds();
@@ -74,7 +74,7 @@ static tm_status frame(rubbing *r, int at, tm_error *error) {
 }
 
 /* Returns the RMS difference of the components from `first` to `last` during the slide, over the RMS of `r`. */
-static double left_out(const rubbing *r, const rubbing *without, int first, int last) {
+static double left_out(const friction_scene *r, const friction_scene *without, int first, int last) {
     double off = 0, all = 0;
     for (int f = PRESS + REST; f < FRAMES; f++)
         for (int c = first; c <= last; c++) {
@@ -84,7 +84,7 @@ static double left_out(const rubbing *r, const rubbing *without, int first, int 
     return sqrt(off / all);
 }
 
-static void row_of(cJSON *rows, rubbing *r, const rubbing *without, double plain_s) {
+static void row_of(cJSON *rows, friction_scene *r, const friction_scene *without, double plain_s) {
     const tm_friction_coefficient *own = COEFFICIENT + (r - without);
     const double seconds = app_median(r->per_step_s + PRESS + REST, 2 * SLIDE),
                  *end = r->force_N[PRESS + REST + SLIDE - 1];
@@ -96,11 +96,11 @@ static void row_of(cJSON *rows, rubbing *r, const rubbing *without, double plain
 }
 
 tm_status knob_friction(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
-    static rubbing world[ROWS]; /* too large for a stack */
+    static friction_scene world[ROWS]; /* too large for a stack */
     const int cells = r->quick ? 6 : 12;
     tm_status status = TM_OK;
     memset(world, 0, sizeof world);
-    for (int i = 0; i < ROWS && status == TM_OK; i++) status = rubbing_make(cells, COEFFICIENT[i], world + i, error);
+    for (int i = 0; i < ROWS && status == TM_OK; i++) status = make_scene(cells, COEFFICIENT[i], world + i, error);
     for (int f = 0; f < FRAMES && status == TM_OK; f++) { /* in turns: a slow spell of the machine affects all */
         for (int i = 0; i < ROWS && status == TM_OK; i++) status = frame(world + i, f, error);
         r->progress("friction", (f + 1.0) / FRAMES);

@@ -60,7 +60,7 @@ static tm_status mesh_alone(const run *r, bool volume, int cells, const char *na
 }
 
 /* Measures nanoseconds per tetrahedron and step of the block rotated by 0.5 rad, with and without the effect. */
-static tm_status price(int cells, cJSON *out, tm_error *error) {
+static tm_status cost(int cells, cJSON *out, tm_error *error) {
     problem p[2] = {{0}, {0}};
     tm_world *world[2];
     double seconds[2];
@@ -99,6 +99,6 @@ tm_status knob_rotation(const run *r, cJSON *out, cJSON *rows, tm_error *error) 
         status = press(r, "neo", volume, cells, rows, error);
         if (status == TM_OK) status = press(r, "svk", volume, cells, rows, error);
     }
-    if (status == TM_OK) status = price(r->quick ? 6 : 26, cJSON_AddObjectToObject(out, "price"), error);
+    if (status == TM_OK) status = cost(r->quick ? 6 : 26, cJSON_AddObjectToObject(out, "price"), error);
     return status;
 }

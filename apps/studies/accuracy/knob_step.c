@@ -148,13 +148,13 @@ tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
     problem p = {0};
     problem_def def = problem_default(CELLS);
     def.pressed = false;
-    double guaranteed = 0, sharp = 0;
+    double guaranteed = 0, estimate = 0;
     if (status == TM_OK) status = problem_create(&def, &p, error);
     if (status == TM_OK) {
         guaranteed = tm_critical_step_guaranteed(p.tissue, NULL);
         uint8_t *mask = app_zeroed(3, (size_t)p.mesh->vertex_count);
         tm_support_mask(p.world, mask);
-        status = tm_critical_step_estimate(p.tissue, mask, 1e-6, 20000, &sharp, error);
+        status = tm_critical_step_estimate(p.tissue, mask, 1e-6, 20000, &estimate, error);
         free(mask);
     }
     problem_destroy(&p);
@@ -172,10 +172,10 @@ tm_status knob_step(const run *r, cJSON *out, cJSON *rows, tm_error *error) {
         app_json_add(
             rows,
             "dt_s %g of_guaranteed %g of_sharp %g trajectory %g phase %g energy %g settle_s %g wall_per_simulated %g",
-            largest / divisor[i], largest / divisor[i] / guaranteed, largest / divisor[i] / sharp, worst / amplitude,
+            largest / divisor[i], largest / divisor[i] / guaranteed, largest / divisor[i] / estimate, worst / amplitude,
             phase_error(&s, &truth, samples, sample_s), s.energy_drift, settle_s, s.seconds_per_simulated);
         r->progress("time step", (double)(i + 1) / count);
     }
-    app_json_add(out, "guaranteed_s %g sharp_s %g period_s %g", guaranteed, sharp, period);
+    app_json_add(out, "guaranteed_s %g sharp_s %g period_s %g", guaranteed, estimate, period);
     return status;
 }

@@ -25,14 +25,14 @@ static tm_status one_mesh(const run *r, int cells, const measured *truth, double
     const tm_status status = matrix_solve(r, "strain_smoothing", def, FORMS, 1e-9, truth, s, error);
     for (int f = 0; f < FORMS && status == TM_OK; f++) {
         const tm_tissue *tissue = s[f].p.tissue;
-        double sharp = NAN;
+        double estimate = NAN;
         tm_error ignored;
-        if (tm_critical_step_estimate(tissue, NULL, 1e-4, 100000, &sharp, &ignored)) sharp = NAN;
+        if (tm_critical_step_estimate(tissue, NULL, 1e-4, 100000, &estimate, &ignored)) estimate = NAN;
         cJSON *row = app_json_add(rows, "form %s shear %g tets %d step_s %g sharp_s %f pairs %d",
                                   shears[f] < 0 ? "linear" : "strain_smoothing", shears[f] < 0 ? 0 : shears[f],
-                                  s[f].p.mesh->tet_count, tm_critical_step_guaranteed(tissue, NULL), sharp,
+                                  s[f].p.mesh->tet_count, tm_critical_step_guaranteed(tissue, NULL), estimate,
                                   tm_tissue_pairs(tissue).count);
-        price_add(differences_add(row, &s[f].off), &s[f]);
+        cost_add(differences_add(row, &s[f].off), &s[f]);
     }
     matrix_free(s, FORMS);
     return status;

@@ -212,7 +212,7 @@ cJSON *differences_add(cJSON *to, const differences *d) {
     return app_json_add(to, "displacement %g reaction %g energy %g", d->displacement, d->reaction, d->energy);
 }
 
-cJSON *price_add(cJSON *to, const solved *s) {
+cJSON *cost_add(cJSON *to, const solved *s) {
     const double step_s = tm_world_step_s(s->p.world);
     return app_json_add(to, "seconds_per_step %g wall_per_simulated %g bytes %g", s->seconds_per_step,
                         s->seconds_per_step / step_s, (double)tm_tissue_bytes(s->p.tissue));

@@ -213,10 +213,10 @@ static double felt(const recording *rec, int count, hrt_extrapolator which, int 
     return truth2 > 0 ? sqrt(error2 / truth2) : NAN;
 }
 
-static void replay_one(const study *t, study_run *r, const recording *rec, const study_run *price) {
+static void replay_one(const study *t, study_run *r, const recording *rec, const study_run *cost) {
     const study_run *own = &t->run[0];
-    r->cpu_s = price->cpu_s, r->cpu_p95_s = price->cpu_p95_s, r->busy_p95_s = price->busy_p95_s;
-    r->frames = price->frames, r->frame_s = price->frame_s, r->dt_s = price->dt_s, r->substeps = price->substeps;
+    r->cpu_s = cost->cpu_s, r->cpu_p95_s = cost->cpu_p95_s, r->busy_p95_s = cost->busy_p95_s;
+    r->frames = cost->frames, r->frame_s = cost->frame_s, r->dt_s = cost->dt_s, r->substeps = cost->substeps;
     r->instruments = own->instruments, r->tets = own->tets, r->threads = own->threads;
     for (int late = 0; late < STUDY_LATE; late++)
         r->felt[late] = felt(rec, own->instruments, (hrt_extrapolator)r->law, late);

@@ -282,7 +282,7 @@ sim *study_build_choice(study *t, char *why, size_t size, int *rc);
 /* Both functions destroy the simulation. */
 /* Runs the choice's scene along the path, frame by frame; stores error, cost and work in `out`. Returns false if it
  * became unstable. */
-bool study_price(study *t, sim *s, study_choice *out);
+bool study_cost(study *t, sim *s, study_choice *out);
 /* Runs it in real time for at least `hold_s` and compares it with the prediction. Builds the scene again for every pass
  * along the path. */
 void study_verify(study *t, sim *s);

@@ -167,7 +167,7 @@ typedef enum outcome { GOOD, EXPENSIVE, WORSE } outcome;
 /* Destroys the simulation. */
 static outcome try_out(study *t, sim *s) {
     study_choice *c = &t->choice, priced = *c;
-    const bool good = study_price(t, s, &priced), fits = good && within(t, &priced);
+    const bool good = study_cost(t, s, &priced), fits = good && within(t, &priced);
     if (good && !c->fits) { /* no prediction fits the budget, and this is the cheapest */
         *c = priced, c->fits = fits;
         return GOOD;

@@ -216,7 +216,7 @@ static double error_of(const study *t, const walk *w) {
     return worst;
 }
 
-bool study_price(study *t, sim *s, study_choice *out) {
+bool study_cost(study *t, sim *s, study_choice *out) {
     walk w = begin_walk(&t->run[0], s, 0);
     study_run with = {0};
     const double was = out->share, frame_s = s->frame_s;

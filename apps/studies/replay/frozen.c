@@ -14,7 +14,7 @@
 enum { SETTLING = 16, SWEEPS = 100 };
 static const double tolerance = 1e-6; /* of the largest force, per sweep */
 /* The branches of contact_law/compliance.h: radii, and stiffness ratio beyond. */
-static const double skin_travel = 0.3, skin_hardening = 20;
+static const double soft_travel = 0.3, hardening = 20;
 
 /* Returns entry (i, j) of a patch's compliance, which is stored as the upper triangle row by row. */
 static double compliance(const hrt_patch *p, int i, int j) {
@@ -56,8 +56,8 @@ static void couple(frozen *z, const hrt_patch *p) {
 
 /* Returns the row's compliance depth at a force, linear in the branch of the sample. */
 static double depth_at(const frozen *z, int i, double lambda_N) {
-    return z->hard[i] ? z->soft_m * (1 - 1 / skin_hardening) + z->skin[i] / skin_hardening * lambda_N
-                      : z->skin[i] * lambda_N;
+    return z->hard[i] ? z->soft_m * (1 - 1 / hardening) + z->row_compliance_m_N[i] / hardening * lambda_N
+                      : z->row_compliance_m_N[i] * lambda_N;
 }
 
 /* Runs Gauss-Seidel sweeps from the last forces. */
@@ -67,7 +67,8 @@ static void sweep(frozen *z, const double gap_m[HRT_CONTACT_ROWS]) {
         for (int i = 0; i < z->rows; i++) {
             double error = gap_m[i] + depth_at(z, i, z->lambda_N[i]);
             for (int j = 0; j < z->rows; j++) error += z->w[i][j] * z->lambda_N[j];
-            const double slope = z->w[i][i] + (z->hard[i] ? z->skin[i] / skin_hardening : z->skin[i]);
+            const double slope =
+                z->w[i][i] + (z->hard[i] ? z->row_compliance_m_N[i] / hardening : z->row_compliance_m_N[i]);
             const double next = fmin(fmax(z->lambda_N[i] - error / fmax(slope, 1e-12), 0), z->cap_N);
             change = fmax(change, fabs(next - z->lambda_N[i]));
             z->lambda_N[i] = next;
@@ -138,15 +139,15 @@ void frozen_sample(frozen *z, const hrt_params *params, const hrt_sample *sample
     for (int k = 0; k < SETTLING; k++) hrt_extrapolation_force(&x, params, sample->t_us, sample->tip_m, force_N);
     z->rows = x.touch.row_count;
     z->holds = hrt_patch_grasps(p);
-    z->soft_m = skin_travel * (double)p->radius_m;
+    z->soft_m = soft_travel * (double)p->radius_m;
     z->radius_m = (double)p->radius_m, z->cap_N = p->force_cap_N > 0 ? (double)p->force_cap_N : 50;
     memcpy(z->row, x.touch.row, sizeof z->row);
     for (int c = 0; c < 3; c++) z->rest_N[c] = z->holds ? (double)p->rest_m[3 * p->vertex_count + c] : 0;
     couple(z, p);
     for (int i = 0; i < z->rows; i++) {
         z->lambda_N[i] = (double)z->row[i].lambda_N;
-        z->skin[i] = (double)(p->contact_compliance_m_N / z->row[i].share);
-        z->hard[i] = z->skin[i] * z->lambda_N[i] > z->soft_m;
+        z->row_compliance_m_N[i] = (double)(p->contact_compliance_m_N / z->row[i].share);
+        z->hard[i] = z->row_compliance_m_N[i] * z->lambda_N[i] > z->soft_m;
     }
     for (int i = 0; i < z->rows; i++) {
         z->gap_m[i] = (double)z->row[i].gap_m;

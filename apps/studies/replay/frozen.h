@@ -13,7 +13,8 @@ typedef struct frozen {
     hrt_contact_row row[HRT_CONTACT_ROWS];
     double w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* Delassus matrix along the rows, m/N */
     double gap_m[HRT_CONTACT_ROWS];               /* at the sample, without reactions */
-    double skin[HRT_CONTACT_ROWS], soft_m;        /* contact compliance, m/N, and the depth up to which it holds */
+    double row_compliance_m_N[HRT_CONTACT_ROWS],
+        soft_m; /* contact compliance, m/N, and the depth up to which it holds */
     bool hard[HRT_CONTACT_ROWS];
     double lambda_N[HRT_CONTACT_ROWS], cap_N, radius_m;
     double hold[HRT_CONTACT_ROWS][3]; /* change of a row's gap per tip motion in a grasp, m/m; the row's reaction acts

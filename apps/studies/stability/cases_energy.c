@@ -5,7 +5,7 @@
 
 #include "stability.h"
 
-static double turnover(const tm_energy *e) {
+static double throughput(const tm_energy *e) {
     double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->state_change_J) +
                  e->damping_J + fabs(e->cut_J);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) sum += fabs(e->contact_J[t]) + fabs(e->grasp_J[t]);
@@ -47,14 +47,14 @@ static void closes(bool quick, double argument, outcome *o) {
         one_motion(&b, which, i, longest_s, &seed);
         status = tm_world_step(b.world, 10);
         if (status == TM_OK) status = tm_world_energy(b.world, &e, NULL);
-        worst = fmax(worst, fabs(e.residual_J) / turnover(&e));
+        worst = fmax(worst, fabs(e.residual_J) / throughput(&e));
         if (i % (n / 200) == 0) series_add(o, e.time_s, e.kinetic_J + e.elastic_J);
     }
     if (status == TM_OK)
         accurate(o, worst,
                  "%.2e J went round: supports %+.1e, weight %+.1e, damping took %.1e, cuts %.1e, new steps %+.1e; off "
                  "by %.1e of it at most",
-                 turnover(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.state_change_J, worst);
+                 throughput(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.state_change_J, worst);
     else
         broken(o, "the run became unstable");
     app_bench_close(&b);
@@ -67,7 +67,7 @@ static const double TOP_M = 0.04;
 typedef struct hands {
     rig r;
     tm_energy now, before;
-    double through_J, surplus_J, residual; /* work of the hands; maximum excess of tissue and springs over it */
+    double through_J, excess_J, residual; /* work of the hands; maximum excess of tissue and springs over it */
 } hands;
 
 static bool hands_open(hands *h, tm_tool_mode other, outcome *o) {
@@ -93,8 +93,8 @@ static void go(hands *h, tm_tool_pose first, tm_tool_pose second, int frames) {
         rig_frame(r, 0.01, 4);
         r->finite = r->finite && tm_world_energy(r->b.world, &h->now, NULL) == TM_OK;
         for (int t = 0; t < 2; t++) h->through_J += fabs(h->now.tool_work_J[t] - h->before.tool_work_J[t]);
-        h->surplus_J = fmax(h->surplus_J, h->now.generated_J - h->now.drag_J);
-        h->residual = fmax(h->residual, fabs(h->now.residual_J) / (turnover(&h->now) + 1e-12));
+        h->excess_J = fmax(h->excess_J, h->now.generated_J - h->now.drag_J);
+        h->residual = fmax(h->residual, fabs(h->now.residual_J) / (throughput(&h->now) + 1e-12));
         series_add(r->o, h->now.time_s, h->now.generated_J - h->now.drag_J);
     }
 }
@@ -103,10 +103,10 @@ static void hands_close(hands *h, const char *words) {
     if (!h->r.finite || h->residual > 1e-9)
         broken(h->r.o, "%s: %s", words, h->r.finite ? "the tissue's side does not close" : "unstable");
     else
-        stable(h->r.o, h->surplus_J / h->through_J,
-               "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, film took "
+        stable(h->r.o, h->excess_J / h->through_J,
+               "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, drag took "
                "%.1e J, cuts %.1e J",
-               words, h->through_J, h->surplus_J, h->now.drag_J, h->now.cut_J);
+               words, h->through_J, h->excess_J, h->now.drag_J, h->now.cut_J);
     app_bench_close(&h->r.b);
 }
 
@@ -157,7 +157,7 @@ static void actions(bool quick, double argument, outcome *o) {
 
 #define ENERGY "energy"
 #define OFF "off, share of what went round"
-#define SURPLUS "surplus, share of what went through the hands"
+#define GENERATED_MAX "surplus, share of what went through the hands"
 const hard_case cases_energy[] = {
     {ENERGY, "energy-swing", "a free swing, undamped", ACCURATE, 1e-11, OFF, closes, SWING},
     {ENERGY, "energy-damped", "a damped swing", ACCURATE, 1e-11, OFF, closes, DAMPED},
@@ -165,12 +165,13 @@ const hard_case cases_energy[] = {
     {ENERGY, "energy-support", "a support shaken sideways", ACCURATE, 1e-11, OFF, closes, MOVING_SUPPORT},
     {ENERGY, "energy-steps", "a new step every ten", ACCURATE, 1e-11, OFF, closes, NEW_STEPS},
     {ENERGY, "energy-cuts", "tetrahedra cut out of a swing", ACCURATE, 1e-11, OFF, closes, CUTS},
-    {ENERGY, "energy-press", "pressed and left", STABLE, 0.02, SURPLUS, actions, PRESS},
-    {ENERGY, "energy-slide", "pressed and slid", STABLE, 0.02, SURPLUS, actions, SLIDE},
-    {ENERGY, "energy-hold", "held, lifted, put back", STABLE, 0.02, SURPLUS, actions, HOLD},
-    {ENERGY, "energy-release", "held, lifted, let go", STABLE, 0.02, SURPLUS, actions, RELEASE},
-    {ENERGY, "energy-release-under", "let go while a probe bears on it", STABLE, 0.02, SURPLUS, actions, RELEASE_UNDER},
-    {ENERGY, "energy-hand-over", "from one grasper to the other", STABLE, 0.02, SURPLUS, actions, HAND_OVER},
-    {ENERGY, "energy-cut-held", "cut while held up", STABLE, 0.02, SURPLUS, actions, CUT_HELD},
+    {ENERGY, "energy-press", "pressed and left", STABLE, 0.02, GENERATED_MAX, actions, PRESS},
+    {ENERGY, "energy-slide", "pressed and slid", STABLE, 0.02, GENERATED_MAX, actions, SLIDE},
+    {ENERGY, "energy-hold", "held, lifted, put back", STABLE, 0.02, GENERATED_MAX, actions, HOLD},
+    {ENERGY, "energy-release", "held, lifted, let go", STABLE, 0.02, GENERATED_MAX, actions, RELEASE},
+    {ENERGY, "energy-release-under", "let go while a probe bears on it", STABLE, 0.02, GENERATED_MAX, actions,
+     RELEASE_UNDER},
+    {ENERGY, "energy-hand-over", "from one grasper to the other", STABLE, 0.02, GENERATED_MAX, actions, HAND_OVER},
+    {ENERGY, "energy-cut-held", "cut while held up", STABLE, 0.02, GENERATED_MAX, actions, CUT_HELD},
 };
 const int cases_energy_count = sizeof cases_energy / sizeof *cases_energy;

@@ -9,17 +9,17 @@ enum { TOOLS = RIG_TOOLS };
 #define TOP_M 0.04
 static const double FRAME_S = 0.005, RADIUS_M = 0.0025;
 
-typedef struct rubbing {
+typedef struct friction_scene {
     rig r;
     double over_cone, peak_N, hands_J, generated_J;
-} rubbing;
+} friction_scene;
 
-static bool open_rubbing(rubbing *x, double at_rest, double sliding, double row_compliance_m_N, outcome *o) {
+static bool open_scene(friction_scene *x, double at_rest, double sliding, double row_compliance_m_N, outcome *o) {
     static const tm_tool_pose start[TOOLS] = {{.tip_m = {0.012, 0.02, TOP_M + 0.003}, .active = true},
                                               {.tip_m = {0.028, 0.02, TOP_M + 0.003}, .active = true}};
     tm_friction_def friction = tm_friction_def_default();
     rig_def def = rig_default(TOOLS, start);
-    *x = (rubbing){.over_cone = 0};
+    *x = (friction_scene){.over_cone = 0};
     for (int t = 0; t < TOOLS; t++) friction.instrument[t] = (tm_friction_coefficient){at_rest, sliding};
     def.bench.material[0].damping_1_s = 60, def.row_compliance_m_N = row_compliance_m_N, def.energy = true;
     if (at_rest > 0) def.friction = &friction;
@@ -27,7 +27,7 @@ static bool open_rubbing(rubbing *x, double at_rest, double sliding, double row_
 }
 
 /* Moves tools by x[t] sideways from their start, `deep` into the surface. */
-static void frame(rubbing *x, const double x_m[TOOLS], double deep_m) {
+static void frame(friction_scene *x, const double x_m[TOOLS], double deep_m) {
     rig *r = &x->r;
     tm_energy e;
     for (int t = 0; t < TOOLS; t++)
@@ -48,12 +48,12 @@ static void frame(rubbing *x, const double x_m[TOOLS], double deep_m) {
     }
 }
 
-static void press_in(rubbing *r, double deep_m) {
+static void press_in(friction_scene *r, double deep_m) {
     for (int i = 1; i <= 40; i++) frame(r, (double[TOOLS]){0, 0}, deep_m * i / 40);
 }
 
 /* Moves the tools to and fro at 20 Hz in opposite directions; the tissue between them is dragged both ways. */
-static void drags(rubbing *r, bool quick) {
+static void drags(friction_scene *r, bool quick) {
     press_in(r, 0.003);
     for (int i = 0; i < (quick ? 120 : 1200); i++) {
         const double x = 0.004 * sin(0.63 * i);
@@ -64,12 +64,12 @@ static void drags(rubbing *r, bool quick) {
 /* Judges: no force is outside its cone, and contact generates no more energy than without friction, as a share of the
  * hands' work. (Facets of four tool radii and viscous contact drag at 0.5 m/s generate some.) */
 static void judge(double at_rest, double sliding, double row_compliance_m_N, bool quick, outcome *o) {
-    rubbing r, plain;
+    friction_scene r, plain;
     outcome ignored = {0};
-    if (!open_rubbing(&r, at_rest, sliding, row_compliance_m_N, o)) return;
+    if (!open_scene(&r, at_rest, sliding, row_compliance_m_N, o)) return;
     drags(&r, quick);
     app_bench_close(&r.r.b);
-    if (!open_rubbing(&plain, 0, 0, row_compliance_m_N, &ignored)) abort();
+    if (!open_scene(&plain, 0, 0, row_compliance_m_N, &ignored)) abort();
     drags(&plain, quick);
     app_bench_close(&plain.r.b);
     const double made = (r.generated_J - plain.generated_J) / r.hands_J;
@@ -89,12 +89,14 @@ static void coefficient(bool quick, double at_rest, outcome *o) {
     judge(at_rest, at_rest < 1 ? 0.5 * at_rest : at_rest, 0.5e-3, quick, o);
 }
 
-static void skin(bool quick, double row_compliance_m_N, outcome *o) { judge(0.4, 0.3, row_compliance_m_N, quick, o); }
+static void compliant(bool quick, double row_compliance_m_N, outcome *o) {
+    judge(0.4, 0.3, row_compliance_m_N, quick, o);
+}
 
 /* Compares the force of a tool held still inside its cone with that minutes later. */
 static void pause_for(bool quick, double minutes, outcome *o) {
-    rubbing r;
-    if (!open_rubbing(&r, 0.5, 0.4, 0.5e-3, o)) return;
+    friction_scene r;
+    if (!open_scene(&r, 0.5, 0.4, 0.5e-3, o)) return;
     double x[TOOLS] = {0, 0};
     press_in(&r, 0.003);
     for (int i = 0; i < 40; i++) x[0] += 2e-5, frame(&r, x, 0.003);
@@ -120,9 +122,10 @@ const hard_case cases_friction[] = {
     {FRICTION, "friction-2", "friction, 2.0: twice what presses", STABLE, 0.03, "made more than without", coefficient,
      2},
     {FRICTION, "friction-2.5", "friction above any sense", REFUSED, 0, "", coefficient, 2.5},
-    {FRICTION, "friction-no-skin", "friction, tools without skin", STABLE, 0.03, "made more than without", skin, 0},
-    {FRICTION, "friction-soft-skin", "friction, skin a hundred times as soft", STABLE, 0.03, "made more than without",
-     skin, 0.05},
+    {FRICTION, "friction-no-compliance", "friction, rigid contact", STABLE, 0.03, "made more than without", compliant,
+     0},
+    {FRICTION, "friction-soft-compliance", "friction, contact a hundred times as soft", STABLE, 0.03, "made more than without",
+     compliant, 0.05},
     {FRICTION, "friction-pause", "friction, held still inside its cone for two minutes", ACCURATE, 1e-6, "crept, N",
      pause_for, 2},
 };

@@ -137,7 +137,7 @@ typedef struct tm_compliance_request {
  * valid until the next call. With its own thread (`start`) it neither waits nor allocates. */
 typedef struct tm_compliance_source {
     void *self;
-    const tm_compliance *(*exchange)(void *self, int32_t owner, const tm_compliance_request *wish);
+    const tm_compliance *(*exchange)(void *self, int32_t owner, const tm_compliance_request *request);
     tm_status (*start)(void *self, tm_error *error); /* continues in its own thread from now on; null: it has none */
     /* Called when its stage is destroyed. Null: the caller keeps what `self` points to, which must outlive the
      * world. */

@@ -51,9 +51,9 @@ tm_row_energy tm_contact_row_energy(const tm_contact *contact, int32_t i, const 
 static tm_row_energy row_work(const tm_contact *contact, int32_t i) {
     tm_row_energy w = tm_contact_row_energy(contact, i, &contact->tool[contact->row[i].instrument].earlier);
     if (!contact->friction || contact->friction->joined) return w;
-    const double *rubs = contact->friction->applied_N[i];
-    vmadd(w.force_N, 1, rubs, w.force_N);
-    w.tool_work_J += 0.5 * vdot(rubs, w.travel_m);
+    const double *friction_N = contact->friction->applied_N[i];
+    vmadd(w.force_N, 1, friction_N, w.force_N);
+    w.tool_work_J += 0.5 * vdot(friction_N, w.travel_m);
     return w;
 }
 
@@ -104,8 +104,8 @@ static double contact_stored_J(const tm_contact *contact, int32_t t, span s, dou
 
 /* Returns the energy given to tissue and compliance beyond the tool work, over two steps: tm_energy.generated_J without
  * drag and friction. */
-static double gain_J(const tm_tool *tool, const row_sum *sum, double sprung) {
-    return sum->tissue_J - sum->tool_work_J + 0.5 * (sprung - tool->contact_stored_J[1]);
+static double gain_J(const tm_tool *tool, const row_sum *sum, double contact_stored) {
+    return sum->tissue_J - sum->tool_work_J + 0.5 * (contact_stored - tool->contact_stored_J[1]);
 }
 
 /* --- the limit --- */
@@ -359,11 +359,11 @@ void tm_contact_observe(tm_contact *contact) {
         tm_tool *tool = contact->tool + t;
         s = rows_of(contact, t, s.end);
         const row_sum sum = sum_work(contact, s);
-        const double sprung = contact_stored_J(contact, t, s, 1), gain = gain_J(tool, &sum, sprung);
+        const double contact_stored = contact_stored_J(contact, t, s, 1), gain = gain_J(tool, &sum, contact_stored);
         if (moves(tool)) tool->placed_J = 0;
         tool->earlier = tool->previous;
-        tool->contact_stored_J[1] = contact->world->settling ? sprung : tool->contact_stored_J[0];
-        tool->contact_stored_J[0] = sprung;
+        tool->contact_stored_J[1] = contact->world->settling ? contact_stored : tool->contact_stored_J[0];
+        tool->contact_stored_J[0] = contact_stored;
         if (contact->world->settling) continue;
         add_generated(tool, gain > 0 && s.first < s.end ? gain - law_min(gain, tool->sliding_J) : gain);
         tool->reserve_J -= gain;
@@ -372,7 +372,7 @@ void tm_contact_observe(tm_contact *contact) {
             if (taken < 0) taken = damped_J(contact->world) + tm_contact_lost_J(contact);
             pay(tool, taken / contact->tool_count);
         }
-        double stored = sprung + law_max(law_min(sum.strain_J, tool->throughput_J), 0);
+        double stored = contact_stored + law_max(law_min(sum.strain_J, tool->throughput_J), 0);
         if (cuts(contact, tool))
             stored = law_max(stored, all_stored_J(contact->world) - stored_by_others_J(contact, t));
         tool->stored_J = stored;

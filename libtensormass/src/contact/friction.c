@@ -53,14 +53,14 @@ static void push(tm_friction *f, const tm_touch *touch, double load_N) {
 
 /* Returns the sum of the row forces, and computes the station's normal and normal force. */
 static double press(const tm_friction *f, tm_touch *touch) {
-    double bears = 0, sum[3] = {0, 0, 0};
+    double load_N = 0, sum[3] = {0, 0, 0};
     for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
         const tm_contact_row *row = f->contact->row + i;
-        bears += row->lambda_N;
+        load_N += row->lambda_N;
         vmadd(sum, row->lambda_N, row->normal, sum);
     }
     touch->normal_force_N = vunit(sum, touch->normal);
-    return bears;
+    return load_N;
 }
 
 /* Computes the motion of the tissue under a station in this substep, and an upper bound of its change per force,
@@ -83,20 +83,20 @@ static double follow(const tm_friction *f, const tm_touch *touch, double load_N,
 }
 
 static void sweep_friction(tm_friction *f, tm_touch *touch) {
-    const double bears = press(f, touch), skin = f->contact->def.contact_compliance_m_N;
+    const double load_N = press(f, touch), compliance = f->contact->def.contact_compliance_m_N;
     const tm_friction_state *was = f->state[touch->instrument] + touch->station;
     double went[3], force[3] = {0, 0, 0};
     touch->slips = true;
-    if (bears > 0) {
-        const double gives = follow(f, touch, bears, went);
-        for (int c = 0; c < 3 && skin + gives > 0; c++)
-            force[c] =
-                (skin * was->force_N[c] + touch->moved_m[c] - went[c] + gives * touch->force_N[c]) / (skin + gives);
+    if (load_N > 0) {
+        const double gives = follow(f, touch, load_N, went);
+        for (int c = 0; c < 3 && compliance + gives > 0; c++)
+            force[c] = (compliance * was->force_N[c] + touch->moved_m[c] - went[c] + gives * touch->force_N[c]) /
+                       (compliance + gives);
         law_across(touch->normal, force);
         touch->slips = law_friction_slips(touch->coefficient * touch->normal_force_N, force);
     }
     vset(force, touch->force_N);
-    push(f, touch, bears);
+    push(f, touch, load_N);
 }
 
 static void find(void *self, tm_world *world) {
@@ -122,12 +122,12 @@ static void find(void *self, tm_world *world) {
         const tm_friction_coefficient *c = f->def.instrument + touch->instrument;
         touch->coefficient = law_friction_coefficient(c->mu_static, c->mu_kinetic,
                                                       f->state[touch->instrument][touch->station].stick_state);
-        const double bears = press(f, touch);
-        if (!(bears > 0)) continue;
+        const double load_N = press(f, touch);
+        if (!(load_N > 0)) continue;
         vset(f->state[touch->instrument][touch->station].force_N, touch->force_N);
         law_across(touch->normal, touch->force_N);
         law_friction_slips(touch->coefficient * touch->normal_force_N, touch->force_N);
-        push(f, touch, bears);
+        push(f, touch, load_N);
     }
 }
 
@@ -139,17 +139,18 @@ static void sweep(void *self, tm_world *world, int32_t sweep) {
 
 /* Ends the substep of one station: computes its slip and the energy that took. */
 static void settle(tm_friction *f, tm_touch *touch) {
-    const double skin = f->contact->def.contact_compliance_m_N, bears = press(f, touch);
+    const double compliance = f->contact->def.contact_compliance_m_N, load_N = press(f, touch);
     tm_friction_state *was = f->state[touch->instrument] + touch->station;
     double slipped[3] = {0, 0, 0}, went[3];
-    if (touch->slips && bears > 0) {
-        follow(f, touch, bears, went);
+    if (touch->slips && load_N > 0) {
+        follow(f, touch, load_N, went);
         for (int c = 0; c < 3; c++)
-            slipped[c] = touch->moved_m[c] - went[c] - skin * (touch->force_N[c] - was->force_N[c]);
+            slipped[c] = touch->moved_m[c] - went[c] - compliance * (touch->force_N[c] - was->force_N[c]);
         law_across(touch->normal, slipped);
     }
     f->lost_J += law_max(vdot(touch->force_N, slipped), 0);
-    was->stick_state = bears > 0 ? law_stick_state(was->stick_state, vnorm(slipped), f->contact->world->state.dt_s) : 1;
+    was->stick_state =
+        load_N > 0 ? law_stick_state(was->stick_state, vnorm(slipped), f->contact->world->state.dt_s) : 1;
     vset(touch->force_N, was->force_N);
 }
 

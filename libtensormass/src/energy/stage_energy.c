@@ -23,12 +23,12 @@ typedef struct past {
 /* State that is saved at the start of a step. */
 typedef struct account {
     tm_energy sum;
-    double stored_J;                         /* kinetic and elastic after the last step */
-    double contact_stored_J[2], sprung_at_J; /* in contact compliance and grasp springs at the ends of the last two
-                                                steps; when the account began */
-    double touch_stored_J;                   /* in the compliance of touching tissue after the last step */
-    int64_t next_step;                       /* number of the next step; negative: none yet */
-    int32_t revision;                        /* revision of the surface then */
+    double stored_J;                                 /* kinetic and elastic after the last step */
+    double contact_stored_J[2], contact_stored_at_J; /* in contact compliance and grasp springs at the ends of the last
+                                                two steps; when the account began */
+    double touch_stored_J;                           /* in the compliance of touching tissue after the last step */
+    int64_t next_step;                               /* number of the next step; negative: none yet */
+    int32_t revision;                                /* revision of the surface then */
     past past[TM_MAX_INSTRUMENTS];
 } account;
 
@@ -136,10 +136,11 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     const tm_state *s = &contact->world->state;
     const tm_row_energy w = tm_contact_row_energy(contact, i, &e->now.past[row->instrument].capsule);
     static const double none[3] = {0, 0, 0};
-    const double *rubs = contact->friction ? contact->friction->applied_N[i] : none; /* share of friction in the drag */
-    double film[3], work = 0, slip;
-    vsub(contact->solver[i].drag_N, rubs, film);
-    slip = -vdot(film, w.travel_m);
+    const double *friction_N =
+        contact->friction ? contact->friction->applied_N[i] : none; /* share of friction in the drag */
+    double viscous_N[3], work = 0, slip;
+    vsub(contact->solver[i].drag_N, friction_N, viscous_N);
+    slip = -vdot(viscous_N, w.travel_m);
     for (int j = 0; j < 3; j++) {
         double share[3];
         if (is_elsewhere(contact->world, row->vertex[j])) continue;
@@ -147,7 +148,7 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
         work += on_vertex(e, s, row->vertex[j], share);
         for (int c = 0; c < 3; c++) {
             const int32_t d = 3 * row->vertex[j] + c;
-            slip += row->weight[j] * film[c] * (s->u_next_m[d] - s->u_prev_m[d]);
+            slip += row->weight[j] * viscous_N[c] * (s->u_next_m[d] - s->u_prev_m[d]);
         }
     }
     e->now.sum.tool_work_J[row->instrument] += w.tool_work_J;
@@ -158,7 +159,7 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
 
 /* Returns the energy in the compliance of fading rows. */
 static double fading_work(energy *e, const tm_contact *contact) {
-    double sprung = 0;
+    double contact_stored = 0;
     for (int32_t i = 0; contact->fading && i < contact->fading->count; i++) {
         const tm_fading_row *row = contact->fading->row + i;
         double here[3], there[3], way[3];
@@ -171,15 +172,15 @@ static double fading_work(energy *e, const tm_contact *contact) {
             vscale(row->weight[j] * row->lambda_N, row->normal, share);
             e->now.sum.contact_J[row->instrument] += on_vertex(e, &contact->world->state, row->vertex[j], share);
         }
-        sprung += 0.5 * row->compliance_m_N * row->lambda_N * row->lambda_N;
+        contact_stored += 0.5 * row->compliance_m_N * row->lambda_N * row->lambda_N;
     }
-    return sprung;
+    return contact_stored;
 }
 
 /* Returns the energy in the jaw's springs. */
 static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
     const tm_jaw_load load = tm_contact_load(contact, t);
-    double sprung = 0;
+    double contact_stored = 0;
     const past *was = e->now.past + t;
     for (int32_t i = 0; i < load.count; i++) {
         const double *force = load.force_N + 3 * i;
@@ -188,9 +189,9 @@ static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
         tm_jaw_to_world(load.jaw, &contact->tool[t].pose, load.offset_m + 3 * i, here);
         tm_jaw_to_world(&was->jaw[1], &was->pose[1], load.offset_m + 3 * i, there);
         for (int c = 0; c < 3; c++) e->now.sum.tool_work_J[t] += 0.5 * force[c] * (here[c] - there[c]);
-        sprung += 0.5 * load.compliance_m_N * vdot(force, force);
+        contact_stored += 0.5 * load.compliance_m_N * vdot(force, force);
     }
-    return sprung;
+    return contact_stored;
 }
 
 static void remember(past *p, const tm_contact *contact, int32_t t, bool anew) {
@@ -207,24 +208,24 @@ static void remember(past *p, const tm_contact *contact, int32_t t, bool anew) {
 
 static void over_tools(energy *e, tm_world *world, bool anew) {
     const tm_contact *contact = tm_world_contact(world);
-    double sprung = 0;
+    double contact_stored = 0;
     for (int32_t t = 0; contact && t < contact->tool_count; t++)
         if (anew || e->now.past[t].placings != contact->tool[t].placings) remember(e->now.past + t, contact, t, true);
     for (int32_t i = 0; contact && i < contact->row_count; i++)
-        if (contact->row[i].lambda_N > 0) sprung += row_work(e, contact, i);
-    if (contact) sprung += fading_work(e, contact);
+        if (contact->row[i].lambda_N > 0) contact_stored += row_work(e, contact, i);
+    if (contact) contact_stored += fading_work(e, contact);
     for (int32_t t = 0; contact && t < contact->tool_count; t++) {
-        sprung += jaw_work(e, contact, t);
+        contact_stored += jaw_work(e, contact, t);
         remember(e->now.past + t, contact, t, false);
     }
     if (contact && contact->friction) {
-        sprung += tm_friction_stretched_J(contact->friction);
+        contact_stored += tm_friction_stretched_J(contact->friction);
         e->now.sum.friction_J += contact->friction->lost_J;
     }
     account *a = &e->now;
-    if (a->next_step < 0) a->sprung_at_J = sprung;
-    a->contact_stored_J[0] = anew ? sprung : a->contact_stored_J[1];
-    a->contact_stored_J[1] = sprung;
+    if (a->next_step < 0) a->contact_stored_at_J = contact_stored;
+    a->contact_stored_J[0] = anew ? contact_stored : a->contact_stored_J[1];
+    a->contact_stored_J[1] = contact_stored;
 }
 
 /* --- tissue on tissue --- */
@@ -238,7 +239,7 @@ static void on_tie(void *self, int32_t vertex, const double force_N[3]) {
 static void over_touch(energy *e, tm_world *world) {
     const tm_touching *touching = tm_world_touching(world);
     account *a = &e->now;
-    double sprung = 0;
+    double contact_stored = 0;
     const tm_touching_row *row = NULL;
     const int32_t count = touching ? tm_touching_rows(touching, &row) : 0;
     for (int32_t i = 0; i < count; i++) {
@@ -249,11 +250,11 @@ static void over_touch(energy *e, tm_world *world) {
             vscale(row[i].weight[j], force, share);
             a->sum.touch_J += on_vertex(e, &world->state, row[i].vertex[j], share);
         }
-        sprung += tm_touching_stored_J(touching, i);
+        contact_stored += tm_touching_stored_J(touching, i);
     }
-    sprung += tm_ties_energy(world, e, on_tie);
-    a->sum.touch_stored_J = 0.5 * (a->touch_stored_J + sprung);
-    a->touch_stored_J = sprung;
+    contact_stored += tm_ties_energy(world, e, on_tie);
+    a->sum.touch_stored_J = 0.5 * (a->touch_stored_J + contact_stored);
+    a->touch_stored_J = contact_stored;
 }
 
 /* --- the stage --- */
@@ -359,7 +360,7 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
         hands += s->tool_work_J[t];
     }
     s->contact_stored_J = 0.5 * (a->contact_stored_J[0] + a->contact_stored_J[1]);
-    s->generated_J = tools + s->drag_J + s->friction_J + s->contact_stored_J - a->sprung_at_J - hands;
+    s->generated_J = tools + s->drag_J + s->friction_J + s->contact_stored_J - a->contact_stored_at_J - hands;
     s->residual_J = s->start_J + tools + s->touch_J + s->support_J + s->gravity_J + s->load_J + s->state_change_J -
                     s->damping_J - s->cut_J - s->kinetic_J - s->elastic_J;
     return TM_OK;

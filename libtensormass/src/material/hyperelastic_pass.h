@@ -49,7 +49,7 @@ TM_TARGET static int32_t TM_NAME(hyper_strain)(const tm_hyperelastic *h, const t
             TM_NAME(hyper_of)(h, p, at, &w);
             TM_NAME(batch_stress)(h, p, at, H, P, &outside);
             TM_NAME(batch_dilatation)(h, p, at, &w, H, &grown, slope);
-            TM_NAME(living)(&h->packs, p, at, &there);
+            TM_NAME(active_lanes)(&h->packs, p, at, &there);
             if (h->bulk_J) TM_NAME(relax_stress)(h, v, p, at, &grown, slope, H, P);
             if (!h->averaged) {
                 TM_NAME(store_corners)(h, p, at, &there, P, v->corner_N);

@@ -22,7 +22,7 @@ TM_TARGET static void TM_NAME(swell)(const tm_tet_batches *batches, const tm_nod
             straight = F[0] + F[4] + F[8];
             for (int i = 0; i < 9; i += 4) F[i] += 1.0;
             TM_NAME(polar)(F, R, &I, &grown);
-            TM_NAME(living)(batches, p, at, &there);
+            TM_NAME(active_lanes)(batches, p, at, &there);
             memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
             grown = (V8)((M8)(quarter * (grown - 3)) & there);
             straight = (V8)((M8)(quarter * straight) & there);
@@ -46,7 +46,7 @@ TM_TARGET static void TM_NAME(press)(const tm_tet_batches *batches, const tm_nod
                 P[i] *= pull;
                 if (i % 4 == 0) P[i] -= drawn;
             }
-            TM_NAME(living)(batches, p, at, &there);
+            TM_NAME(active_lanes)(batches, p, at, &there);
             TM_NAME(scatter)(batches, p, at, &there, P, force_N);
         }
 }

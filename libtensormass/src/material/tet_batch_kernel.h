@@ -9,7 +9,7 @@
 #define TM_BATCH tm_tet_batch
 #endif
 
-INSIDE void TM_NAME(living)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
+INSIDE void TM_NAME(active_lanes)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
     if (p < batches->count - 1 &&
         !memcmp(batches->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
         *there = (M8){0} == 0;
@@ -26,7 +26,7 @@ INSIDE void TM_NAME(gradient)(const TM_BATCHES *batches, int32_t p, int at, cons
     const TM_BATCH *batch = batches->batch + p;
     TM_NAME(origin) first;
     M8 there;
-    TM_NAME(living)(batches, p, at, &there);
+    TM_NAME(active_lanes)(batches, p, at, &there);
     TM_NAME(origin_of)(u, batch->component[0] + at, first);
 #pragma GCC unroll 3
     for (int k = 0; k < 3; k++) { /* corner by corner: nine sums and little else in registers */

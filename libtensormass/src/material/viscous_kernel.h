@@ -236,7 +236,7 @@ INSIDE void TM_NAME(keep_corners)(const tm_tet_batches *batches, const tm_viscou
     M8 there;
     double *to = v->corner_N + 12 * TM_LANES * (int64_t)p + at;
     TM_NAME(pull)(batches, p, at, P, f);
-    TM_NAME(living)(batches, p, at, &there);
+    TM_NAME(active_lanes)(batches, p, at, &there);
     for (int k = 0; k < 4; k++)
         for (int i = 0; i < 3; i++) {
             f[k][i] = (V8)((M8)f[k][i] & there);
@@ -259,7 +259,7 @@ TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_tet_batches *batches, con
                 TM_NAME(keep_corners)(batches, v, p, at, P);
                 continue;
             }
-            TM_NAME(living)(batches, p, at, &there);
+            TM_NAME(active_lanes)(batches, p, at, &there);
             memcpy(&grown, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof grown);
             grown = (V8)((M8)(grown * (b.trace - 3)) & there);
             memcpy(s->dilatation + TM_LANES * (int64_t)p + at, &grown, sizeof grown);

@@ -175,9 +175,9 @@ static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, con
                                   tissue->mesh->vertex_count, near);
     for (int32_t i = 0; i < found && n < TM_COMPLIANCE_REQUEST_MAX; i++)
         if (!among(list, needed, near[i])) list[n++] = near[i];
-    const tm_compliance_request wish = {
+    const tm_compliance_request request = {
         .count = n, .needed = needed, .vertex = list, .u_m = builder->corotated ? builder->world->state.u_m : NULL};
-    builder->columns_known = builder->source.exchange(builder->source.self, t, &wish);
+    builder->columns_known = builder->source.exchange(builder->source.self, t, &request);
     const bool fresh = builder->columns_known && builder->columns_known->revision == builder->revision;
     builder->missing[t] = fresh ? 0 : needed;
     for (int32_t i = 0; i < needed && fresh; i++) builder->missing[t] += place_in(builder->columns_known, list[i]) < 0;

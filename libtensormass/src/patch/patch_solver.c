@@ -180,8 +180,8 @@ static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t rou
 }
 
 /* Finds the border: vertices of edges that only one triangle of the patch has. */
-static void find_border(const tm_patch *patch, bool border[TM_PATCH_VERTICES]) {
-    memset(border, 0, sizeof(bool) * TM_PATCH_VERTICES);
+static void find_boundary(const tm_patch *patch, bool boundary[TM_PATCH_VERTICES]) {
+    memset(boundary, 0, sizeof(bool) * TM_PATCH_VERTICES);
     for (int32_t t = 0; t < patch->triangle_count; t++)
         for (int j = 0; j < 3; j++) {
             int8_t a = patch->triangle[3 * t + j], b = patch->triangle[3 * t + (j + 1) % 3];
@@ -190,16 +190,16 @@ static void find_border(const tm_patch *patch, bool border[TM_PATCH_VERTICES]) {
                 int8_t c = patch->triangle[o], d = patch->triangle[o - o % 3 + (o + 1) % 3];
                 seen += (a == c && b == d) || (a == d && b == c);
             }
-            if (seen < 2) border[a] = border[b] = true;
+            if (seen < 2) boundary[a] = boundary[b] = true;
         }
 }
 
 static bool is_inside(const tm_patch_solver *s, const tm_patch *patch) {
-    bool border[TM_PATCH_VERTICES];
-    find_border(patch, border);
+    bool boundary[TM_PATCH_VERTICES];
+    find_boundary(patch, boundary);
     for (int32_t i = 0; i < s->row_count; i++) {
         double weight = 0;
-        for (int j = 0; j < 3; j++) weight += border[s->row[i].vertex[j]] ? s->row[i].weight[j] : 0;
+        for (int j = 0; j < 3; j++) weight += boundary[s->row[i].vertex[j]] ? s->row[i].weight[j] : 0;
         if (s->row[i].lambda_N > 0 && weight > 0.5) return false;
     }
     return true;

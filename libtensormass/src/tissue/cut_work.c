@@ -92,7 +92,7 @@ int32_t tm_cut_queue_pop(tm_cut_queue *queue) {
  * tetrahedron is a triangle of the star's section. With no free side it opens a new outline (except the first in a
  * closed star). With one free side it may split the star if the opposite corner is on the outline too. With two or
  * three it is an ear. For a split edge the ends are queued as well. */
-static void find_doubts(tm_tissue *tissue, int32_t tet) {
+static void find_may_detach(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *edge = tissue->mesh->tet_edge + 6 * (int64_t)tet;
     bool joined[4], closed[6];
@@ -116,15 +116,15 @@ static void find_doubts(tm_tissue *tissue, int32_t tet) {
             sides += joined[j];
             if (!joined[j]) free_side = j;
         }
-        const bool doubt = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]]
-                                      : sides == 2 && !closed[tm_cut_edge_between[i][free_side]];
-        if (doubt) tm_cut_queue_push(&w->vertex_check, v[i]);
+        const bool may_detach = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]]
+                                           : sides == 2 && !closed[tm_cut_edge_between[i][free_side]];
+        if (may_detach) tm_cut_queue_push(&w->vertex_check, v[i]);
     }
 }
 
 void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
-    find_doubts(tissue, tet);
+    find_may_detach(tissue, tet);
     tissue->alive[tet] = 0;
     tissue->alive_count--;
     tm_cut_see(&w->tet, w->call, tet);

@@ -37,14 +37,14 @@ typedef struct tm_touch_solver {
     double diagonal_m_N;   /* along the normal */
     double weight2_m_N;    /* sum of weight^2 * mobility */
     double compliance_m_N, gap_m, soft_m; /* soft_m: depth beyond which it is stiff */
-    double drag_N[3], rub_N[3];
+    double drag_N[3], friction_N[3];
     bool slips;
 } tm_touch_solver;
 
 /* What the next substep starts from, and snapshots hold. */
 typedef struct tm_touch_memory {
     int32_t edges, a, b, slips;
-    double lambda_N, drag_N[3], rub_N[3];
+    double lambda_N, drag_N[3], friction_N[3];
 } tm_touch_memory;
 
 typedef struct tm_touch_box {

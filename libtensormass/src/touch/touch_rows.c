@@ -231,7 +231,7 @@ static void start_warm(tm_touching *t) {
             if (m == t->memory_count || compare(edges, a, t->row[end].b, t->memory + m) != 0) continue;
             t->row[end].lambda_N = t->memory[m].lambda_N;
             vset(t->memory[m].drag_N, t->solver[end].drag_N);
-            vset(t->memory[m].rub_N, t->solver[end].rub_N);
+            vset(t->memory[m].friction_N, t->solver[end].friction_N);
             t->solver[end].slips = t->memory[m].slips;
         }
         while (m < t->memory_count && t->memory[m].edges == edges && t->memory[m].a == a) m++;

@@ -46,7 +46,7 @@ static void prepare(tm_touching *t, int32_t i) {
     const double over = -row->gap_m - law_compliance_depth(s->compliance_m_N, s->soft_m, row->lambda_N) - undone;
     s->gap_m += law_max(over, 0);
     vscale(row->lambda_N, row->normal, force);
-    for (int c = 0; c < 3; c++) force[c] += s->drag_N[c] + s->rub_N[c];
+    for (int c = 0; c < 3; c++) force[c] += s->drag_N[c] + s->friction_N[c];
     push(t, i, force);
 }
 
@@ -97,12 +97,12 @@ static void rub(tm_touching *t, int32_t i) {
     tm_touch_solver *s = t->solver + i;
     double way[3], wanted[3];
     slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
-    for (int c = 0; c < 3; c++) wanted[c] = s->weight2_m_N > 0 ? s->rub_N[c] - way[c] / s->weight2_m_N : 0;
+    for (int c = 0; c < 3; c++) wanted[c] = s->weight2_m_N > 0 ? s->friction_N[c] - way[c] / s->weight2_m_N : 0;
     vmadd(wanted, -vdot(wanted, row->normal), row->normal, wanted);
     const double size = vnorm(wanted), kinetic = t->def.mu_kinetic * row->lambda_N;
     s->slips = size > (s->slips ? kinetic : t->def.mu_static * row->lambda_N);
     if (s->slips) vscale(kinetic / size, wanted, wanted);
-    change_to(t, i, s->rub_N, wanted);
+    change_to(t, i, s->friction_N, wanted);
 }
 
 void tm_touch_sweep(tm_touching *t, int32_t sweep) {
@@ -113,7 +113,7 @@ void tm_touch_sweep(tm_touching *t, int32_t sweep) {
         const double was = t->row[i].lambda_N;
         relax(t, i, way);
         if (was == 0 && t->row[i].lambda_N == 0 && vdot(t->solver[i].drag_N, t->solver[i].drag_N) == 0 &&
-            vdot(t->solver[i].rub_N, t->solver[i].rub_N) == 0)
+            vdot(t->solver[i].friction_N, t->solver[i].friction_N) == 0)
             continue; /* the case of most rows */
         drag(t, i);
         if (t->def.mu_static > 0) rub(t, i);
@@ -137,12 +137,12 @@ void tm_touch_remember(tm_touching *t) {
     for (int32_t i = 0; i < t->row_count; i++) {
         tm_touching_row *row = t->row + i;
         const tm_touch_solver *s = t->solver + i;
-        for (int c = 0; c < 3; c++) row->across_N[c] = s->drag_N[c] + s->rub_N[c];
+        for (int c = 0; c < 3; c++) row->across_N[c] = s->drag_N[c] + s->friction_N[c];
         if (row->lambda_N == 0) continue;
         tm_touch_memory *m = t->memory + t->memory_count++;
         *m = (tm_touch_memory){
             .edges = row->edges, .a = row->a, .b = row->b, .slips = s->slips, .lambda_N = row->lambda_N};
         vset(s->drag_N, m->drag_N);
-        vset(s->rub_N, m->rub_N);
+        vset(s->friction_N, m->friction_N);
     }
 }

@@ -75,9 +75,9 @@ static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
     if (sum->p_J < 0) {
         const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->generated_J;
         /* if less can be removed than there is, the largest possible amount */
-        const double wish = root > 0 ? 2 * c->generated_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
-        share = fmin(fmax(wish, -SHARE_MAX), SHARE_MAX);
-        all = share == wish && root > 0;
+        const double wanted = root > 0 ? 2 * c->generated_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
+        share = fmin(fmax(wanted, -SHARE_MAX), SHARE_MAX);
+        all = share == wanted && root > 0;
     }
     const double left = c->generated_J + share * (sum->p_J + share * sum->q_J);
     c->generated_J = all ? 0 : fmax(1 - c->fades_1_s * dt_s, 0) * left;

@@ -112,13 +112,13 @@ void tm_stage_integrate_damped(void *self, tm_world *world, const tm_range *rang
     const double *TM_RESTRICT carry = world->inertia;
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
-    const bool watched = world->notes_travel;
+    const bool tracked = world->notes_travel;
     way come = {{0, 0, 0}};
     for (int32_t begin, end = range->begin; tm_next_run(g->active, range->end, &begin, &end);) {
         int64_t v = !world->wide ? begin
-                    : watched    ? damped_fours_tracked(world, begin, end, &come)
+                    : tracked    ? damped_fours_tracked(world, begin, end, &come)
                                  : damped_fours(world, begin, end);
-        if (watched) add_ways(&come, u + 3 * v, u_prev + 3 * v, 3 * (end - v));
+        if (tracked) add_ways(&come, u + 3 * v, u_prev + 3 * v, 3 * (end - v));
         for (int64_t i = 3 * v; v < end; v++, i += 3) {
             const double x = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
             const double y = u[i + 1] + carry[v] * (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
@@ -126,7 +126,7 @@ void tm_stage_integrate_damped(void *self, tm_world *world, const tm_range *rang
             u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
         }
     }
-    if (watched) note_way(world, range, &come);
+    if (tracked) note_way(world, range, &come);
 }
 
 static void refresh(tm_world *world, int32_t v) {
