@@ -47,7 +47,7 @@ $(foreach f,fit_page.py model.py statistics_of_fit.py trials.py,$(call script,li
 $(call script,bin/tm-session,apps/session/tm_session.py)
 $(foreach f,session.py netns.sh display.py,$(call script,lib/tensormass/session/$(f),apps/demo/$(f)))
 
-#: make demo                   the ring in real time and in lockstep: pictures, film, force plot, figures in build/demo
+#: make demo                   the ring in real time and in lockstep: pictures, video, force plot, figures in build/demo
 #: make play                   a window: mouse and keys move the instruments (PLAY_ARGS='--record session.lcm')
 #: make spy                    lcm-spy on the session that runs
 DEMO_SCENE ?= apps/scenes/liver-cut.yaml

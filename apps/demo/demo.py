@@ -29,7 +29,7 @@ def arguments():
     p.add_argument("--size", default="1280x720", help="size of video and pictures")
     p.add_argument("--camera", default="", help="options for tm-view, in one string")
     p.add_argument("--no-models", action="store_true", help="do not run the scene by each model")
-    p.add_argument("--no-film", action="store_true", help="figures and pictures, no video")
+    p.add_argument("--no-video", action="store_true", help="figures and pictures, no video")
     p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the stage inside the network namespace
     a = p.parse_args()
     a.build = a.build.resolve()
@@ -199,7 +199,7 @@ def table(s, a):
         ("lockstep", f"state {s['state_hash']}, the same twice"),
         *([("models", f"{s['models_scene']}, peak force: " + "; ".join(f"{m} {r['force_N']['peak']:.3f} N" for m, r in s["models"].items()))] if s["models"] else []),
         *[("", f"not {m}: {why}") for m, why in s["models_refused"].items()],
-        ("results", f"{near(a.out)}: summary.json {'' if a.no_film else 'film.mp4 '}picture.png frames/ force.png demo.lcm"),
+        ("results", f"{near(a.out)}: summary.json {'' if a.no_video else 'video.mp4 '}picture.png frames/ force.png demo.lcm"),
     ]
     print()
     for name, text in rows:
@@ -243,9 +243,9 @@ def draw(a):
     say("pictures")
     view(a, "--png", a.out / "picture.png", "--at", f"{min(at, length):.3f}")
     view(a, "--frames", a.out / "frames", "--fps", "2", "--quality", "2")
-    if not a.no_film:
-        say("film")
-        view(a, "--video", a.out / "film.mp4", "--fps", "30", "--json", a.out / "film.json")
+    if not a.no_video:
+        say("video")
+        view(a, "--video", a.out / "video.mp4", "--fps", "30", "--json", a.out / "video.json")
 
 
 def ticks(path, instrument=None):
@@ -355,7 +355,7 @@ def main():
     a = arguments()
     if a.realtime_only:
         sys.exit(realtime(a))
-    for program in ("lcm-logger", "ip", "unshare", *([] if a.no_film else ["ffmpeg"])):
+    for program in ("lcm-logger", "ip", "unshare", *([] if a.no_video else ["ffmpeg"])):
         if not shutil.which(program):
             print(f"demo: {program} is not installed; run `make demo`, which installs what is missing, or tools/setup.sh build demo", file=sys.stderr)
             sys.exit(2)

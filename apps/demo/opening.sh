@@ -1,7 +1,7 @@
 #!/bin/bash
 # Prints the first lines of make demo: what it does, its duration, what is built first.   opening.sh BUILD SCENE
 out=$1 scene=$2
-echo "demo: runs $scene with two haptic devices and their controllers in real time (12 s), draws pictures and a film of it, and runs it again by other models:"
+echo "demo: runs $scene with two haptic devices and their controllers in real time (12 s), draws pictures and a video of it, and runs it again by other models:"
 echo "demo: a minute or two once all is built, results in $out/demo; Ctrl-C ends it and leaves what is there."
 if [ -x "$out/bin/tm-sim" ] && [ -e "$out/venv/.done" ]; then
     echo "demo: builds first what has changed since the last build."

@@ -53,7 +53,8 @@ def arguments():
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="direction towards the surgeon [image: -y, the front of a patient; else z]")
     p.add_argument("--no-cut", action="store_true", help="only press: no cautery, and the longer steps of uncuttable tissue")
     p.add_argument("--video", metavar="WxH", default="960x540", help="size of the video [960x540]")
-    p.add_argument("--no-film", action="store_true", help="draw only a picture")
+    p.add_argument("--no-video", action="store_true", help="draw only a picture")
+    p.add_argument("--no-film", dest="no_video", action="store_true", help=argparse.SUPPRESS)  # its name in 0.1
     p.add_argument("--again", action="store_true", help="repeat all stages; an edited organ.yaml is kept")
     p.add_argument("--quiet", action="store_true", help="print warnings and errors only")
     p.add_argument("--version", action="version", version="tm-organ @VERSION@")
@@ -316,7 +317,7 @@ def press(cuts, w):
 def run(a, kind):
     w = Work(a)
     up = a.up or ("-y" if kind == "image" else "z")
-    w.of = 6 if a.no_film else 7
+    w.of = 6 if a.no_video else 7
     wanted = [digest(a.source), kind, a.unit, a.size, a.budget, a.label, a.smooth] + (["bodies"] if a.bodies else [])
     of = hashlib.sha256(json.dumps(wanted).encode()).hexdigest()
     if w.done.get("coarser", {}).get("of") != of or a.again:
@@ -349,10 +350,10 @@ def run(a, kind):
     eye = ["--up", up] if up != "z" else []
     regions = len(json.loads(w.path("mesh.json").read_text())["regions"])
     w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")
-    if not a.no_film:
-        w.stage("film", "film", [digest(w.path("press.lcm")), a.video] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--video", w.path("organ.mp4"), "--fps", "25", "--size", a.video, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
+    if not a.no_video:
+        w.stage("video", "video", [digest(w.path("press.lcm")), a.video] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--video", w.path("organ.mp4"), "--fps", "25", "--size", a.video, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
     felt = TOO_MUCH not in w.done["live"]["said"]
-    w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again" + (f"; feel it: tm-session {w.path('organ.yaml')} --play" if felt else ""))
+    w.say(f"{a.out}: look at organ.{'png' if a.no_video else 'mp4'}; edit organ.yaml and run this again" + (f"; feel it: tm-session {w.path('organ.yaml')} --play" if felt else ""))
 
 
 def check(a):
@@ -373,8 +374,8 @@ def check(a):
         raise Stop("--size: this is a mesh already; leave it out, or refine the mesh by tm-mesh refine")
     if a.out.exists() and not a.out.is_dir():
         raise Stop(f"{a.out}: is a file; name a folder")
-    if not a.no_film and not shutil.which("ffmpeg"):
-        raise Stop("ffmpeg is not installed; apt-get install ffmpeg, or add --no-film")
+    if not a.no_video and not shutil.which("ffmpeg"):
+        raise Stop("ffmpeg is not installed; apt-get install ffmpeg, or add --no-video")
     return kind
 
 

@@ -19,4 +19,5 @@ def sources(name):
 
 PUBLIC = of("public")
 IDENTIFIERS = of("internal")
+PARTS = of("part")
 WORDS = of("word")

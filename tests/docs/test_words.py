@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from renamed import IDENTIFIERS, PUBLIC, WORDS, rows, sources
+from renamed import IDENTIFIERS, PARTS, PUBLIC, WORDS, rows, sources
 
 HERE = ("tests/docs/test_words.py", "tests/docs/renamed.py", "tests/docs/renamed.txt", "docs/style.md", "CHANGELOG.md", "libtensormass/scene/scene_renamed.c",
         "tests/sim/test_renamed.py")
@@ -49,9 +49,42 @@ def test_no_private_word_comes_back(root):
     assert not left, "\n".join(left)
 
 
+CODE = re.compile(r'"""(?s:.*?)"""|"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|/\*(?s:.*?)\*/')
+
+
+def names_with_a_private_part(text):
+    """Returns (name, part) of each name in the code with a private word between its underscores or capitals; strings and comments are left out."""
+    code = re.sub(r"(?://|#(?! *define)).*", "", CODE.sub(" ", text))
+    found = {name: PARTS.keys() & {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)} for name in set(re.findall(r"[A-Za-z_]\w*", code))}
+    return sorted((name, part) for name, parts in found.items() for part in parts)
+
+
+def test_no_private_word_is_part_of_a_name(root):
+    left = [f"{path}: '{name}': write '{PARTS[part]}' instead of '{part}'" for path, text in tracked(root)
+            if path.endswith((".c", ".h", ".cpp", ".hpp", ".py", ".js", ".mjs")) for name, part in names_with_a_private_part(text)]
+    assert not left, "\n".join(left)
+
+
+def test_private_part_of_a_name_is_detected():
+    assert names_with_a_private_part("/* dear */ int tm_swollen_of, dearTo; f(\"mend\"); // rubs\n") == [("dearTo", "dear"), ("tm_swollen_of", "swollen")]
+    assert not names_with_a_private_part("int amends, tm_seated;\n")
+
+
+NOTE = "notes/2026-11-24-words.md"
+
+
+def test_names_of_the_note_on_words_exist(root):
+    """Each row of the first list of private words is answered; a name that an answer gives is in the sources."""
+    rows = [line.split("|")[1:-1] for line in (root / NOTE).read_text().splitlines() if line.startswith("| ")][2:]
+    names = set(re.findall(r"[A-Za-z_]\w*", "\n".join(text for path, text in tracked(root) if not path.endswith(".md"))))
+    assert len(rows) > 140 and all(len(r) == 4 and r[3].strip().startswith(("done", "kept", "answered")) for r in rows)
+    missing = [name for r in rows for name in re.findall(r"`(\w+)`", r[2]) if name not in names]
+    assert not missing, missing
+
+
 def test_lists_of_renamed_words_are_complete():
     assert len(PUBLIC) > 60 and len(IDENTIFIERS) > 200 and len(WORDS) > 10
-    assert not set(PUBLIC) & set(PUBLIC.values()) and len(rows()) == len({old for _, old, _ in rows()}), "a name stands on both sides, or twice"
+    assert not set(PUBLIC) & set(PUBLIC.values()) and len(rows()) == len({(kind == "part", old) for kind, old, _ in rows()}), "a name stands on both sides, or twice"
 
 
 def test_planted_old_name_is_detected(tmp_path):

@@ -23,7 +23,7 @@ def test_the_page_works_as_written(bin, root, env, tmp_path):
     (tmp_path / "organ.stl").write_bytes(binary(surface_of(root / "meshes" / "liver_1k.msh")))
     commands = [l.strip() for l in page.split("\n") if l.startswith("    tm-")]
     # The example from an image: tests/organ. From a mesh: the same folder from another source. A session depends on the wall clock: tests/install/test_live.py.
-    commands = [c + " --no-film" * c.startswith("tm-organ") for c in commands if not re.match("tm-organ (seg|organ.msh)|tm-session", c)]
+    commands = [c + " --no-video" * c.startswith("tm-organ") for c in commands if not re.match("tm-organ (seg|organ.msh)|tm-session", c)]
     assert len(commands) == 4
     env["PATH"] = f"{bin}:{os.environ['PATH']}"
     for command in commands:

@@ -75,12 +75,12 @@ def test_mesh_becomes_scenes_and_a_video(felt):
     assert (folder / "felt/organ.png").read_bytes()[:4] == b"\x89PNG"
     cut = pressed_and_cut(folder / "felt")["tets_removed"]
     film_decodes(folder / "felt/organ.mp4")
-    assert f"{cut} tetrahedra cut" in said and "7/7 film" in said and "done before" not in said
+    assert f"{cut} tetrahedra cut" in said and "7/7 video" in said and "done before" not in said
 
 
 def test_finished_stages_and_edited_scenes_are_kept(bin, felt):
     folder, _ = felt
-    again = ["-o", folder / "felt", "--no-film"]
+    again = ["-o", folder / "felt", "--no-video"]
     assert organ(bin, folder / "phantom.msh", *again).count("(done before)") == 6
     scene = folder / "felt/organ.yaml"
     scene.write_text(scene.read_text().replace("young: 5.5 kPa", "young: 7 kPa"))
@@ -93,7 +93,7 @@ def test_finished_stages_and_edited_scenes_are_kept(bin, felt):
 
 def test_from_a_surface(bin, tmp_path):
     (tmp_path / "liver.stl").write_text(stl(meshlib.block(1)))
-    said = organ(bin, tmp_path / "liver.stl", "--unit", "mm", "--size", "25mm", "-o", tmp_path / "out", "--no-film", "--no-cut")
+    said = organ(bin, tmp_path / "liver.stl", "--unit", "mm", "--size", "25mm", "-o", tmp_path / "out", "--no-video", "--no-cut")
     assert {p.name for p in (tmp_path / "out").iterdir()} == MADE
     assert "Roulot" in (tmp_path / "out/organ.yaml").read_text() and "peak" in said  # a tissue named by the file
 
@@ -114,7 +114,7 @@ def thin_layers():
 
 def test_small_tetrahedra_are_made_heavier_until_half_a_core_steps_it(bin, tmp_path):
     (tmp_path / "thin.msh").write_text(meshlib.msh2(thin_layers()))
-    said = organ(bin, tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-film", "--no-cut")
+    said = organ(bin, tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-video", "--no-cut")
     scene, (told, took) = (tmp_path / "out/organ.yaml").read_text(), live_figures(tmp_path / "out", said)
     f = json.loads((tmp_path / "out/live.json").read_text())
     assert told <= 0.5 and took < 0.7, said
@@ -122,12 +122,12 @@ def test_small_tetrahedra_are_made_heavier_until_half_a_core_steps_it(bin, tmp_p
         assert re.search(r"was [\d.]+: [\d.]+ % of mass is added where tetrahedra are small, lowest frequency", said), said
         assert f["dt_s"] > 1.2 * f["critical_step"]["guaranteed_s"] or f["substeps_per_frame"] < 400
     assert "feel it: tm-session" in said
-    assert organ(bin, tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-film", "--no-cut").count("(done before)") == 6
+    assert organ(bin, tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-video", "--no-cut").count("(done before)") == 6
 
 
 def test_edited_scene_is_measured_and_not_changed(bin, tmp_path):
     (tmp_path / "thin.msh").write_text(meshlib.msh2(thin_layers()))
-    words = [tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-film", "--no-cut"]
+    words = [tmp_path / "thin.msh", "-o", tmp_path / "out", "--no-video", "--no-cut"]
     organ(bin, *words)
     scene = tmp_path / "out/organ.yaml"
     scene.write_text(re.sub(r"time: \{frame_rate.*", "time: {frame_rate: 25 Hz, duration: 1.5 s, step: 2e-5 s}", scene.read_text()))
@@ -141,7 +141,7 @@ def test_a_surface_of_odd_shape(bin, tmp_path):
     arms = lambda p: 1 + 1.2 * max(abs(x) / math.sqrt(sum(c * c for c in p)) for x in p) ** 6
     star = [tuple(tuple(arms(p) * x for x in p) for p in t) for t in test_fill.sphere(8, 40.0)]
     (tmp_path / "star.stl").write_text(test_fill.text(star))
-    said = organ(bin, tmp_path / "star.stl", "--unit", "mm", *([] if LONG else ["--size", "14mm"]), "-o", tmp_path / "out", "--no-film")
+    said = organ(bin, tmp_path / "star.stl", "--unit", "mm", *([] if LONG else ["--size", "14mm"]), "-o", tmp_path / "out", "--no-video")
     told, took = live_figures(tmp_path / "out", said)
     assert told <= 0.5 and took < 0.7 and "feel it: tm-session" in said, said
 
@@ -191,7 +191,7 @@ def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
         (tmp_path / name).write_text("not much\n")
     (tmp_path / "big.msh").write_text(meshlib.msh2(meshlib.block(1, 100)))
     words = [w.format(folder=tmp_path, **{k: tmp_path / v for k, v in names.items()}) for w in words]
-    assert said in organ(bin, *words, "-o", tmp_path / "out", "--no-film", code=2)
+    assert said in organ(bin, *words, "-o", tmp_path / "out", "--no-video", code=2)
     assert not (tmp_path / "out").exists()
 
 
@@ -202,7 +202,7 @@ def test_from_a_real_image_to_a_live_scene(bin, image_module, tmp_path, name):
     import phantom as image
     labels, extent, spacing = {"brain": (image.brain_at, (150, 185, 135), (5, 5, 5)), "vein": (image.vein_at, (140, 110, 90), (1, 1, 2.5))}[name]
     image.write(tmp_path / "seg.nii.gz", image.grid_of(labels, extent, np.array(spacing, float)), spacing)
-    said = organ(bin, tmp_path / "seg.nii.gz", "-o", tmp_path / "out", "--no-film", *([] if LONG else ["--budget", "3000"]))
+    said = organ(bin, tmp_path / "seg.nii.gz", "-o", tmp_path / "out", "--no-video", *([] if LONG else ["--budget", "3000"]))
     told, took = live_figures(tmp_path / "out", said)
     assert told <= 0.5 and took < 0.7 and "feel it: tm-session" in said, said
     if name == "brain":
@@ -213,7 +213,7 @@ def test_from_a_real_image_to_a_live_scene(bin, image_module, tmp_path, name):
 def test_a_source_that_looks_like_an_option(bin, tmp_path, name):
     """The name is read as a file, and its error reported; no program mistakes it for an option."""
     (tmp_path / name).write_text("not much\n")
-    out = subprocess.run([str(bin / "tm-organ"), "-o", "d", "--no-film", "--", name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    out = subprocess.run([str(bin / "tm-organ"), "-o", "d", "--no-video", "--", name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert out.returncode == 2 and f"{name}: does not begin with" in out.stderr and "option" not in out.stderr, out.stderr
 
 

@@ -14,12 +14,12 @@ H_MIN_OVER_C = """*step_s = HUGE_VAL;
 ONE_SIGN = """    for (int32_t i = 0; i < edges && i < 1 && tissue->precision == TM_DOUBLE; i++)
         if (tissue->edge_index[edge[0]] >= 0) ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_index[edge[0]]] *= -1;
 """
-MEND_EDGES = "    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);\n"
+REPAIR_EDGES = "    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);\n"
 RATIO = "vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
 POSITION = f"    vadd(force, capped_ratio(m, {RATIO}), m->change_N);\n"
 # fault: (file, code that occurs there once, the faulty code, test program, test in it that must fail)
 FAULTS = {
-    "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "cuts_in_twenty_orders_equal_a_fresh_build"),
+    "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", REPAIR_EDGES, REPAIR_EDGES + ONE_SIGN, "physics/test_cut", "cuts_in_twenty_orders_equal_a_fresh_build"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
                                                          POSITION.replace(RATIO, RATIO.replace("vdot(m->moved_m, m->step_m)", "fabsf(vdot(m->moved_m, m->step_m))")),
                                                          "loop/test_extrapolate", "force_after_a_reversal_is_that_of_the_earlier_place"),

@@ -86,7 +86,7 @@ def test_pictures_film_plot_and_log(demo):
     assert share(pixels(out / "picture.png"), tissue_red) > 0.08
     frames = sorted((out / "frames").glob("frame_*.png"))
     assert 6 <= len(frames) <= 9
-    stream = probe(out / "film.mp4")
+    stream = probe(out / "video.mp4")
     assert (stream["width"], stream["height"]) == (320, 180) and 100 < int(stream["nb_read_frames"]) < 130
     assert pixels(out / "force.png").std() > 0.02
     assert (out / "demo.lcm").stat().st_size > 1e6

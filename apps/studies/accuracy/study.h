@@ -251,13 +251,13 @@ void study_print_rates(const study *t);
 /* Writes the reason for the recommended rate, one sentence; empty if there is none. */
 void study_rate_reason(const study *t, char *text, size_t size);
 /* Returns the processor time per second of the path over that of the scene as it is. */
-double study_times_dearer(const study *t, const study_run *r);
+double study_times_costlier(const study *t, const study_run *r);
 /* Returns the difference from `error` below which no hand distinguishes two forces. */
 double study_alike(double error);
-/* Chooses extrapolator and rate among runs that cost at most `dearer_max` times the scene as it is and are not in
+/* Chooses extrapolator and rate among runs that cost at most `costlier_max` times the scene as it is and are not in
  * `excluded` [run_count]. Takes the smallest error at the hand; of equal ones the cheapest, then the scene's own.
  * Returns 0 if there is none. */
-int study_choose_felt(const study *t, double dearer_max, const bool *excluded);
+int study_choose_felt(const study *t, double costlier_max, const bool *excluded);
 
 /* --- study_store.c --- */
 void study_open(study *t);

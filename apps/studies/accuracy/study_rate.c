@@ -12,7 +12,7 @@ double study_alike(double error) { return fmax(FELT, 0.05 * error); }
 
 double study_rate_Hz(const study *t, const study_run *r) { return r->times / t->run[0].frame_s; }
 
-double study_times_dearer(const study *t, const study_run *r) {
+double study_times_costlier(const study *t, const study_run *r) {
     const study_run *own = &t->run[0];
     return r->cpu_p95_s / r->frame_s / (own->cpu_p95_s / own->frame_s);
 }
@@ -24,9 +24,9 @@ static bool is_judged(const study_run *r) {
     return study_is_felt(r) && r->felt_known && r->done && !r->failed && r->law != HRT_PAPER_POSITION;
 }
 
-static bool is_open(const study *t, int i, double dearer_max, const bool *excluded) {
+static bool is_open(const study *t, int i, double costlier_max, const bool *excluded) {
     const study_run *r = &t->run[i];
-    return is_judged(r) && !(excluded && excluded[i]) && study_times_dearer(t, r) <= fmax(dearer_max, 1);
+    return is_judged(r) && !(excluded && excluded[i]) && study_times_costlier(t, r) <= fmax(costlier_max, 1);
 }
 
 /* Returns which of two runs with equal error and cost is preferred: the scene's own extrapolator, else the smaller
@@ -36,16 +36,16 @@ static bool is_preferred(const study *t, const study_run *a, const study_run *b)
     return a->force_error < b->force_error;
 }
 
-int study_choose_felt(const study *t, double dearer_max, const bool *excluded) {
+int study_choose_felt(const study *t, double costlier_max, const bool *excluded) {
     int truest = 0, best = 0;
     for (int i = 1; i < t->run_count; i++)
-        if (is_open(t, i, dearer_max, excluded) && (!truest || t->run[i].force_error < t->run[truest].force_error))
+        if (is_open(t, i, costlier_max, excluded) && (!truest || t->run[i].force_error < t->run[truest].force_error))
             truest = i;
     const double enough = t->run[truest].force_error + study_alike(t->run[truest].force_error);
     for (int i = 1; i < t->run_count && truest; i++) {
         const study_run *r = &t->run[i], *b = &t->run[best];
-        if (!is_open(t, i, dearer_max, excluded) || r->force_error > enough) continue;
-        const double ratio = best ? study_times_dearer(t, r) / study_times_dearer(t, b) : 0;
+        if (!is_open(t, i, costlier_max, excluded) || r->force_error > enough) continue;
+        const double ratio = best ? study_times_costlier(t, r) / study_times_costlier(t, b) : 0;
         if (ratio < 0.95 || (ratio < 1.05 && is_preferred(t, r, b))) best = i;
     }
     return best;

@@ -200,7 +200,7 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
         const study_run *last = &t->run[c->felt_run];
         if (*end == WORSE || !c->felt_run || (c->sends == SIM_SENDS_FORCE && last->times == 1)) return NULL;
         for (int i = 1; i < t->run_count; i++)
-            if (t->run[i].felt_known && study_times_dearer(t, &t->run[i]) >= study_times_dearer(t, last))
+            if (t->run[i].felt_known && study_times_costlier(t, &t->run[i]) >= study_times_costlier(t, last))
                 excluded[i] = true;
     }
     return NULL;

@@ -124,8 +124,8 @@ const hard_case cases_friction[] = {
     {FRICTION, "friction-2.5", "friction above any sense", REFUSED, 0, "", coefficient, 2.5},
     {FRICTION, "friction-no-compliance", "friction, rigid contact", STABLE, 0.03, "made more than without", compliant,
      0},
-    {FRICTION, "friction-soft-compliance", "friction, contact a hundred times as soft", STABLE, 0.03, "made more than without",
-     compliant, 0.05},
+    {FRICTION, "friction-soft-compliance", "friction, contact a hundred times as soft", STABLE, 0.03,
+     "made more than without", compliant, 0.05},
     {FRICTION, "friction-pause", "friction, held still inside its cone for two minutes", ACCURATE, 1e-6, "crept, N",
      pause_for, 2},
 };
