@@ -78,8 +78,8 @@ cholecystectomy:
 	$(call ready,build,programs)
 	@mkdir -p $(CHOLECYSTECTOMY)
 	$(OUT)/bin/tm-sim apps/scenes/cholecystectomy.yaml --lockstep --record $(CHOLECYSTECTOMY)/log --csv $(CHOLECYSTECTOMY)/force.csv
-	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene apps/scenes/cholecystectomy.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.3 --shift 0,0.12 --no-supports --video $(CHOLECYSTECTOMY)/film.mp4
-	ffmpeg -v error -y -i $(CHOLECYSTECTOMY)/film.mp4 -vf fps=1,scale=480:-1,tile=4x2 -frames:v 1 $(CHOLECYSTECTOMY)/strip.png
+	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene apps/scenes/cholecystectomy.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.3 --shift 0,0.12 --no-supports --video $(CHOLECYSTECTOMY)/video.mp4
+	ffmpeg -v error -y -i $(CHOLECYSTECTOMY)/video.mp4 -vf fps=1,scale=480:-1,tile=4x2 -frames:v 1 $(CHOLECYSTECTOMY)/strip.png
 #: make reality               what was measured beside what is simulated: build/reality/index.html (QUICK=1: the short form; REALITY_ARGS='--predict 0.3': another load)
 reality:
 	$(call ready,build,venv programs)

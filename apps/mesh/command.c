@@ -1,4 +1,4 @@
-/* What the commands of tm-mesh share: quantities, outputs, bad usage. */
+/* Functions shared by the commands of tm-mesh: quantities, outputs, bad usage. */
 #include "command.h"
 
 #include <stdarg.h>

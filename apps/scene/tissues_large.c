@@ -3,8 +3,8 @@
 
 #include <stddef.h>
 
-/* Where a paper's law has terms that no law here has, they are left out, and the stretch says up to where that is less
- * than a tenth of the stress. E = 3 mu. */
+/* Terms of a paper's law that no law here has are omitted; the stretch states up to where they are less than a tenth
+ * of the stress. E = 3 mu. */
 static const tissue_large rows[] = {
     {"myocardium", "benchmark",
      "{lambda_T: 100 kPa, mu_T: 2 kPa, lambda_L: 100 kPa, mu_L: 4 kPa, beta: 4 kPa, law: fung, C: 2 kPa, stretch: 1.2}",

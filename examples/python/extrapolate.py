@@ -16,7 +16,7 @@ import tensormass as tm
 log = tm.read_log(sys.argv[1])
 samples, status = log["FORCE_0"], log["SIM_STATUS"]
 trocar = status["trocar_m"][0][0]
-used = samples["tool_utime"] > 0  # from when the controller was heard
+used = samples["tool_utime"] > 0  # since the controller was first received
 t_us, tip, force = samples["tool_utime"][used], samples["tip_m"][used], samples["force_N"][used]
 stiffness, kind = samples["stiffness_N_m"][used], samples["stiffness_kind"][used]
 

@@ -61,7 +61,8 @@ static int failed(hrt_bus *bus) {
 
 static int socketcan_send(hrt_bus *bus, const hrt_can_frame *frame) {
     if (bus->now >= HRT_BUS_OFF) return -1;
-    struct canfd_frame out; /* a classical frame is its beginning, and its size says which it is */
+    struct canfd_frame
+        out; /* a classical frame is the beginning of the struct; the size received distinguishes the two */
     const bool fd = frame->flags & HRT_CAN_FD;
     const size_t size = fd ? CANFD_MTU : CAN_MTU;
     memset(&out, 0, sizeof out);

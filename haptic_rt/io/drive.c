@@ -65,7 +65,7 @@ void hrt_drive_force(hrt_drive *d, int64_t now_us, float force_N[3]) {
     for (int i = 0; i < 3; i++) size2 += c->force_N[i] * c->force_N[i];
     const bool good = isfinite(size2) && !silent;
     if (!good && size2 > 0.0f) atomic_fetch_add(&d->withheld, 1);
-    /* Shrinks the vector and keeps its direction: a force cut to zero at a limit is a step under the hand. */
+    /* Scales the vector down and keeps its direction: a force cut to zero at a limit would be a step for the hand. */
     const float most = d->force_max_N, size = sqrtf(size2);
     float share = !has_joints(d) && size > most ? most / size : 1.0f;
     for (int i = 0; i < 3 && has_joints(d); i++)

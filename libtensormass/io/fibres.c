@@ -46,7 +46,7 @@ static bool is_header(const char *text, const char *word) {
     return strncmp(text, word, n) == 0 && strcmp(text + n, ",ax,ay,az") == 0;
 }
 
-/* Reads the header: which of `kind` [kinds] the rows are; returns -1 after an error message. */
+/* Reads the header and returns which of `kind` [kinds] the rows have; -1 after an error message. */
 static int read_header(FILE *file, const rows *kind, int kinds, tm_error *error) {
     char text[256];
     const char * or = kinds > 1 ? " or vertex,ax,ay,az" : "";

@@ -1,4 +1,4 @@
-/* Cautery: removes what an active instrument touches, and records what this frame's cuts removed. */
+/* Cautery: removes the tetrahedra that an active instrument touches, and records the removals of this frame. */
 #include "choices.h"
 #include "sim.h"
 

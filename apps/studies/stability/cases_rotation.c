@@ -62,7 +62,7 @@ static void inside_out(bool quick, double tissue, outcome *o) {
     app_bench_close(&b);
 }
 
-/* Crushes to 1/50 of the height (argument 0.02), or through the floor (negative). */
+/* Crushes the block to 1/50 of its height (argument 0.02), or through its floor (negative). */
 static void crushed(bool quick, double height, outcome *o) {
     app_bench b;
     (void)quick;

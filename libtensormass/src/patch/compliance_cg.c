@@ -315,8 +315,8 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     return false;
 }
 
-/* Compares the columns of one requested vertex, of the tangent before, with the newest: for x = C f, the compliance of
- * K is (f.x)^2 / (x.K x) but for the second order of the change. */
+/* Compares the columns of one requested vertex, of the previous tangent, with the newest tangent. For x = C f, the
+ * compliance by K is (f.x)^2 / (x.K x), up to second order in the change. */
 static void compare(tm_columns *c) {
     c->age = 0;
     for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {

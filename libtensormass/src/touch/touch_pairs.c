@@ -18,8 +18,8 @@ static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, doubl
     list->pair[list->count++] = (tm_touch_pair){.a = a, .b = b, .thickness_m = thickness_m, .wake_m = t->odometer_m};
 }
 
-/* Returns the thickness between features at a distance at rest; below 0: they are one fold, and do not touch.
- * `behind`: the way from one to the other at rest leads through tissue. */
+/* Returns the thickness between two features from their distance at rest; below 0 if they belong to one fold and do
+ * not touch. `behind`: the segment between them at rest leads through tissue. */
 static double thickness(const tm_touching *t, bool same_body, double rest_m, bool behind) {
     const double full = t->def.thickness_m;
     if (same_body && behind && rest_m < 4 * full) return -1;
@@ -52,7 +52,7 @@ void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
     if (h >= 0) add(t, &t->vf, v, face, h);
 }
 
-/* Returns whether balls around two segments are farther from each other than that: cheaper than the distance. */
+/* Returns whether the bounding balls of two segments are farther apart than distance_m: cheaper than their distance. */
 static bool are_far(const double x[4][3], double distance_m) {
     double a[3], b[3], between[3], a2, b2;
     vsub(x[1], x[0], a);
