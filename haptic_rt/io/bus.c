@@ -12,12 +12,20 @@ static const struct {
     hrt_bus_opener *open;
 } kinds[] = {HRT_BUSES(KIND)};
 
+const char *hrt_bus_kinds(void) { return &HRT_BUSES(OR)[4]; }
+
+bool hrt_bus_is(const char *address) {
+    for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++)
+        if (strncmp(address, kinds[k].before, strlen(kinds[k].before)) == 0) return true;
+    return false;
+}
+
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size) {
     for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {
         const size_t length = strlen(kinds[k].before);
         if (strncmp(address, kinds[k].before, length) == 0) return kinds[k].open(bus, address + length, why, why_size);
     }
-    snprintf(why, (size_t)why_size, "'%s' is not a bus address; use %s", address, &HRT_BUSES(OR)[4]);
+    snprintf(why, (size_t)why_size, "'%s' is not a bus address; use %s", address, hrt_bus_kinds());
     return false;
 }
 

@@ -91,6 +91,11 @@ bool hrt_bus_claim(hrt_bus *bus, hrt_bus_role role, int32_t instrument, char *wh
  * "socketcan:can0". Returns false with the reason and the remedy in `why`. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
 
+/* Returns true if the address begins with a kind of bus. */
+bool hrt_bus_is(const char *address);
+/* Lists the forms of addresses for a message: "virtual:NAME or socketcan:INTERFACE". */
+const char *hrt_bus_kinds(void);
+
 /* Checks a device before its bus is opened. Returns false, with `why`, if it has more joints than the frames carry. */
 bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size);
 

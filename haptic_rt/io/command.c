@@ -30,9 +30,10 @@ static int take_device_type(hrt_common *c, const char *name) {
 }
 
 /* Takes the address; a drive's selects the device that it drives. */
-static int take_address(const hrt_command_line *line, hrt_common *c, const char *text) {
+static int take_address(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     const char *device = line->drive_device ? line->drive_device(text, &c->joints) : NULL;
     c->bus = text;
+    c->bus_option = option == HRT_OPTION_DEVICE ? "--device" : "--bus";
     c->drive = device != NULL;
     return device && !c->typed ? take_device_type(c, device) : -1;
 }
@@ -55,7 +56,8 @@ static int refine_counts(hrt_common *c) {
 static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     int number = c->instrument, code;
     switch (option) {
-    case HRT_OPTION_BUS: return take_address(line, c, text);
+    case HRT_OPTION_BUS:
+    case HRT_OPTION_DEVICE: return take_address(line, c, option, text);
     case HRT_OPTION_INSTRUMENT:
         code = whole_number("--instrument", text, 0, 1, &number);
         c->instrument = number;

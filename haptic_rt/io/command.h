@@ -8,7 +8,8 @@
 #include "network_peer.h"
 
 typedef struct hrt_common {
-    const char *bus, *url, *key_path, *json;
+    const char *bus, *bus_option; /* address, and the option that gave it */
+    const char *url, *key_path, *json;
     int32_t instrument;
     hrt_params params; /* parameters of the device */
     bool params_read;  /* --profile or --set has changed them */
@@ -23,6 +24,7 @@ typedef struct hrt_common {
 /* Option codes; a program's own start at HRT_OPTION_OWN. */
 enum {
     HRT_OPTION_BUS = 1,
+    HRT_OPTION_DEVICE, /* a program with drives: the same address */
     HRT_OPTION_INSTRUMENT,
     HRT_OPTION_DEVICE_TYPE,
     HRT_OPTION_PROFILE,

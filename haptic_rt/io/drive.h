@@ -100,6 +100,8 @@ bool hrt_drive_open(hrt_drive *drive, const char *address, char *why, int why_si
 void hrt_drive_close(hrt_drive *drive);
 /* Returns the row of an address, null if it names no such device. */
 const hrt_drive_driver *hrt_drive_find(const char *address);
+/* Lists the kinds for a message: "haply:, touch:, ...". */
+const char *hrt_drive_kinds(void);
 /* Prints what is there, by kind. */
 void hrt_drive_list(FILE *file);
 /* Reads "scale=S,depth=M,clutch=BUTTON,grip=BUTTON", any of them. Returns false with `why`. */

@@ -15,6 +15,9 @@ HRT_DRIVES(ROW_DECLARED)
 static const hrt_drive_driver *const drivers[] = {HRT_DRIVES(ROW_ENTRY)};
 enum { DRIVERS = sizeof drivers / sizeof drivers[0] };
 
+#define ROW_KIND(kind) ", " #kind ":"
+const char *hrt_drive_kinds(void) { return &HRT_DRIVES(ROW_KIND)[2]; }
+
 static const char *name_of(const hrt_drive_driver *driver, const char *address) {
     const size_t length = strlen(driver->kind);
     return strncmp(address, driver->kind, length) == 0 && address[length] == ':' ? address + length + 1 : NULL;

@@ -226,10 +226,14 @@ static int open_link(program *p) {
 
 static int open_bus(program *p) {
     char why[300];
-    if (hrt_bus_open(&p->wires, p->set.common.bus, why, sizeof why) &&
+    const char *address = p->set.common.bus, *option = p->set.common.bus_option;
+    if (!hrt_bus_is(address))
+        return app_bad_input(option, 0, "'%s' is not an address; use %s, or begin it with one of %s (haptic-rt --list)",
+                             address, hrt_bus_kinds(), hrt_drive_kinds());
+    if (hrt_bus_open(&p->wires, address, why, sizeof why) &&
         hrt_bus_claim(&p->wires, HRT_BUS_CONTROLLER, p->set.node.instrument, why, sizeof why))
         return APP_DONE;
-    return app_bad_input("--bus", 0, "%s", why);
+    return app_bad_input(option, 0, "%s", why);
 }
 
 /* Opens a drive. Its thread inherits this scheduling: real-time, but below the loop. */
@@ -242,7 +246,7 @@ static int open_drive(program *p) {
     hrt_drive_start(&p->drive, p->set.node.params.device);
     const bool good = hrt_drive_open(&p->drive, p->set.common.bus, why, sizeof why);
     if (raised) hrt_priority(0);
-    return good ? APP_DONE : app_bad_input("--device", 0, "%s", why);
+    return good ? APP_DONE : app_bad_input(p->set.common.bus_option, 0, "%s", why);
 }
 
 static void close_device(program *p) {

@@ -83,7 +83,7 @@ enum {
     O_SETUP
 };
 static const struct option options[] = {HRT_COMMON_OPTIONS,
-                                        {"device", 1, 0, HRT_OPTION_BUS},
+                                        {"device", 1, 0, HRT_OPTION_DEVICE},
                                         {"mode", 1, 0, O_MODE},
                                         {"extrapolator", 1, 0, O_EXTRAPOLATOR},
                                         {"passivity", 0, 0, O_PASSIVITY},

@@ -189,6 +189,8 @@ def test_it_builds_without_the_library(root, tmp_path):
 
 
 @pytest.mark.parametrize("words, says", [
+    (["--device", "foo:0"], "--device: 'foo:0' is not an address; use virtual:NAME or socketcan:INTERFACE, or begin it with one of haply:, touch:, omega:, falcon:, odrive:"),
+    (["--bus", "foo:0"], "--bus: 'foo:0' is not an address"),
     (["--device", "haply:x"], "'haply:x' is not a device address; write haply:0"),
     (["--device", "haply:0", "--device-type", "impulse_engine"], "impulse_engine has joints, which this device does not move"),
     (["--device", "haply:0", "--workspace", "scale=9"], "keep scale within 0.05..2"),
