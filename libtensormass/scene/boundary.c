@@ -22,6 +22,17 @@ static tm_status hold_rigid(const sim *s, uint8_t *held) {
     return 0;
 }
 
+/* Refuses a support whose position of a component differs from that of an earlier one. */
+static tm_status contradict(const sim *s, const app_support *support, int earlier, int32_t dof, double fixed_m) {
+    char where[600];
+    const app_support *all = s->scene->support.item;
+    app_scene_where(s->scene, all[earlier].here.line, where, sizeof where);
+    return app_scene_bad(
+        s->scene, support->here.line,
+        "vertex %d is already fixed at %g m along %c by another support (%s); make the selectors disjoint",
+        tm_mesh_original_vertex(s->mesh, dof / 3), fixed_m, "xyz"[dof % 3], where);
+}
+
 tm_status sim_build_supports(sim *s) {
     const app_scene *scene = s->scene;
     if (!scene->support.count && !s->rigid_tet) return 0;
@@ -47,11 +58,7 @@ tm_status sim_build_supports(sim *s) {
                 if (!strchr(support->axes.s, "xyz"[a])) continue;
                 int32_t d = 3 * v + a;
                 if (held[d] && value[d] != support->displace.v[a])
-                    rc = app_scene_bad(
-                        scene, support->here.line,
-                        "vertex %d is already fixed at %g m along %c by the support on line %d; make the selectors disjoint",
-                        tm_mesh_original_vertex(s->mesh, v), value[d], "xyz"[a],
-                        ((const app_support *)scene->support.item)[held[d] - 1].here.line);
+                    rc = contradict(s, support, held[d] - 1, d, value[d]);
                 if (!held[d]) held[d] = (uint8_t)(i + 1);
                 value[d] = support->displace.v[a];
                 if (!s->support_of[v]) s->support_of[v] = (uint8_t)(i + 1);

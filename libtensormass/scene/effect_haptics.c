@@ -89,10 +89,12 @@ static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     const app_section *turns = sim_options(s->scene, "rotation");
     const int line = turns ? turns->line : sim_law_line(s->scene);
     if (!line || o->compliance.index == 0) return 0;
+    char where[600];
+    app_scene_where(s->scene, line, where, sizeof where);
     return app_scene_warn(s->scene, o->compliance.line,
-                          "with %s (line %d) the stiffness changes faster than 'compliance: iterations' can follow, so "
+                          "with %s (%s) the stiffness changes faster than 'compliance: iterations' can follow, so "
                           "most samples will carry no patch; leave 'compliance' out to use a factor",
-                          turns ? "rotation" : "the law", line);
+                          turns ? "rotation" : "the law", where);
 }
 
 /* Adds memory and a stage only for what may be sent. */

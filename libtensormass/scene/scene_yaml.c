@@ -199,6 +199,13 @@ static tm_status default_value(reader *r, const app_schema *schema, const app_fi
     return text ? app_scene_scalar(r, 0, field, field->path, text, at) : 0;
 }
 
+static tm_status given_twice(reader *r, const yaml_node_t *key, const yaml_node_t *before) {
+    char where[600];
+    app_scene_where(r->scene, app_scene_line(before), where, sizeof where);
+    return app_scene_bad(r->scene, app_scene_line(key), "key '%.60s' is already given (%s); keep one",
+                         (const char *)key->data.scalar.value, where);
+}
+
 tm_status app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
                                  const char *shown, char *const *base) {
     char name[SHOWN_MAX_CHARS];
@@ -212,8 +219,7 @@ tm_status app_scene_read_mapping(reader *r, const app_schema *only, yaml_node_t 
         for (yaml_node_pair_t *other = begin; other != pair; other++) {
             yaml_node_t *before = node_at(r, other->key);
             if (before->type == YAML_SCALAR_NODE && !strcmp((const char *)before->data.scalar.value, text))
-                return app_scene_bad(r->scene, app_scene_line(key), "key '%.60s' is already given on line %d; keep one",
-                                     text, app_scene_line(before));
+                return given_twice(r, key, before);
         }
         const app_field *field = NULL;
         int s = 0;
