@@ -126,7 +126,7 @@ def test_recommendation_is_a_scene_and_was_verified(whole, bin, root):
     assert choice["fits"] and choice["kept"], choice
     assert 0.5 * choice["error"] - 1e-4 <= choice["held_error"] <= 2 * choice["error"] + 1e-4
     text = (out / "s-recommended.yaml").read_text()
-    assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "  mesh: s.files/" in text
+    assert text.startswith("# Recommended by tm-accuracy") and "# A small, fast scene" in text and "  mesh: s.files/" in text
     assert "along the path's 1 s" in text and "promised along the path's 1 s" in (out / "said.txt").read_text()
     run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--check", "--strict"], cwd=out, capture_output=True, text=True)
     assert run.returncode == 0 and f"{max(r['tets'] for r in data['runs'])} tetrahedra" in run.stdout, run

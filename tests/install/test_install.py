@@ -222,7 +222,7 @@ def test_library_and_controller_build_alone(root, tmp_path):
     place = [f"BUILD={tmp_path}/build", f"PREFIX={tmp_path}/prefix", "CFLAGS_EXTRA=-O0 -g0", "-j2"]
     make(root, "install-lib", *place, under=without(PROGRAMS_NEED + CONTROLLER_NEEDS))
     installed = contents(tmp_path / "prefix")
-    assert "lib/libtensormass.so" in installed and not any("solve" in p for p in installed)
+    assert "lib/libtensormass.so" in installed and not any("solve" in p for p in installed if not p.startswith("share/doc/"))
     assert {p.name for p in (tmp_path / "build/lib").iterdir()} == {p.split("/")[-1] for p in installed if p.startswith("lib/lib")}, "more was built"
     make(root, "install-controller", *place, under=without(PROGRAMS_NEED))
     assert {p.name for p in (tmp_path / "prefix/bin").iterdir()} == {"haptic-rt", "tm-device"} == {p.name for p in (tmp_path / "build/bin").iterdir()}
