@@ -102,12 +102,14 @@ static bool solve_lag(const hrt_identify *d, int n, hrt_identified *found) {
     return true;
 }
 
-/* Takes the whole delay that leaves the least to the derivative of the force: its series is short then. */
+/* Takes the whole delay that leaves the least to the derivative of the force: its series is short then. A long delay
+ * can imitate a mass below zero; such solutions are left out. */
 bool hrt_identify_solve(const hrt_identify *d, hrt_identified *found) {
     double least = INFINITY;
     for (int n = 0; n < HRT_IDENTIFY_LAGS; n++) {
         hrt_identified one;
-        if (!solve_lag(d, n, &one) || fabs(one.delay_s - n * d->tick_s) >= least) continue;
+        if (!solve_lag(d, n, &one) || !(one.mass_kg > 0 && one.damping_N_s_m >= 0 && one.stiffness_N_m >= 0)) continue;
+        if (fabs(one.delay_s - n * d->tick_s) >= least) continue;
         least = fabs(one.delay_s - n * d->tick_s);
         *found = one;
     }

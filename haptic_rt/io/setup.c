@@ -134,7 +134,9 @@ static void print_identified(const hrt_setup *s) {
                 'x' + a, f.mass_kg, f.damping_N_s_m, f.friction_N, f.stiffness_N_m, 1.0e3 * f.delay_s,
                 100.0 * f.residual);
         else
-            printf("with the hand, %c  not identified: the tip did not move\n", 'x' + a);
+            printf(
+                "with the hand, %c  not identified: no mass and stiffness above zero fit; hold it loosely and repeat\n",
+                'x' + a);
     }
 }
 

@@ -205,7 +205,7 @@ def test_a_device_is_driven_once(tmp_path):
         controller = Controller(tmp_path, f"haply:0@127.0.0.1:{port}", "--samples", samples(tmp_path))
         wait_for(lambda: pushed(log))
         done = subprocess.run([HAPTIC, "--device", f"haply:0@127.0.0.1:{port}", "--duration", "0.1"], capture_output=True, text=True, timeout=20)
-        assert done.returncode == 2 and "another haptic-rt drives haply:0" in done.stderr
+        assert done.returncode == 2 and "another haptic-rt uses haply:0" in done.stderr
         controller.end()
 
 

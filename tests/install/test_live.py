@@ -111,8 +111,8 @@ def test_users_organ_renders_forces(prefix, root, tmp_path):
 
 
 def test_manual_command_is_obeyed(prefix, root, build, tmp_path):
-    """docs/messages.md, By hand: the session's controller switches to the extrapolator that the page's lines request."""
-    block = re.search(r"## By hand.*?```sh\n(.*?)```", (root / "docs/messages.md").read_text(), re.S).group(1)
+    """docs/messages.md, Sending a message by hand: the session's controller switches to the extrapolator that the page's lines request."""
+    block = re.search(r"## Sending a message by hand.*?```sh\n(.*?)```", (root / "docs/messages.md").read_text(), re.S).group(1)
     for named, here in (("session/netns.pid", tmp_path / "session/netns.pid"), ("build/venv/bin/python", sys.executable), ("build/python", build / "python")):
         assert named in block
         block = block.replace(named, str(here))

@@ -170,8 +170,8 @@ def test_recorded_demo_replays_into_view_and_controller(bin, demo, netns, tmp_pa
 
 @needs_namespace
 def test_replay_of_the_page_renders_forces(bin, demo, netns, root, tmp_path):
-    """docs/viewing.md, Logs: its lines as written, in the network that the first of them makes."""
-    block = re.search(r"## Logs.*?```sh\n(.*?)```", (root / "docs/viewing.md").read_text(), re.S).group(1)
+    """docs/window.md, Logs: its lines as written, in the network that the first of them makes."""
+    block = re.search(r"## Logs.*?```sh\n(.*?)```", (root / "docs/window.md").read_text(), re.S).group(1)
     lines = [line for line in block.splitlines() if line[0] != "#"]
     assert re.match(r"apps/demo/netns.sh run \S+ bash\b", lines[0]) and len(lines) == 5
     script = "\n".join(lines[1:]).replace("build/demo/", f"{demo[0]}/").replace("build/bin/", f"{bin}/").replace("--duration 10", "--duration 4 --size 320x180 --quality 0").replace(
