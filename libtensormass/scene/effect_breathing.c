@@ -14,11 +14,11 @@ typedef struct options {
 } options;
 
 static const app_field fields[] = {
-    {"breathing", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "a support moves to and fro"},
-    {"breathing.support", APP_TEXT, NULL, "!", 0, 0, offsetof(options, support), 0, "the name of that support"},
+    {"breathing", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "periodic motion of a support"},
+    {"breathing.support", APP_TEXT, NULL, "!", 0, 0, offsetof(options, support), 0, "name of the support"},
     {"breathing.amplitude", APP_VECTOR, "length", "[0, 0, 10 mm]", 0, 0, offsetof(options, amplitude), 0,
-     "from rest to the far end"},
-    {"breathing.period", APP_NUMBER, "time", "4 s", 0.01, 1000, offsetof(options, period), 0, "of one breath"},
+     "displacement from rest to the far end"},
+    {"breathing.period", APP_NUMBER, "time", "4 s", 0.01, 1000, offsetof(options, period), 0, "duration of one breath"},
 };
 
 typedef struct moved {

@@ -133,8 +133,8 @@ static void destroy(sim *s) {
 
 const sim_effect sim_effect_haptics = {
     .name = "haptics",
-    .doc = "Force samples for a 500 Hz controller. Without it instruments follow the `hand` exactly and nobody feels "
-           "anything.",
+    .doc = "Force samples for a 500 Hz controller. Without it instruments follow the `hand` exactly and no "
+           "force is computed for a hand.",
     .example = "{extrapolator: adaptive}",
     .trial = SIM_TRIAL_LEAVE_OUT,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_haptics)},

@@ -38,8 +38,8 @@ static tm_status build(sim *s, const void *own) {
 const sim_effect sim_effect_rotation = {
     .name = "rotation",
     .doc = "Large rotations and bending: tetrahedra beyond the threshold are computed in axes that rotate with "
-           "them, fibres too; the others stay linear and cost nothing more (docs/corotation.md). The step is "
-           "some 6 % shorter.",
+           "them, fibres included; the others stay linear at no additional cost (docs/corotation.md). The "
+           "step is 16 % shorter at nu 0.45.",
     .example = "{threshold: 0.02}",
     .trial = SIM_TRIAL_DROP_OR_ADD,
     .of_linear_law = "a nonlinear law includes rotation",

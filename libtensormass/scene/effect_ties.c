@@ -31,14 +31,14 @@ static const app_field fields[] = {
     {"ties.between[].to", APP_TEXT, NULL, "!", 0, 0, TIE(to),
      "group of vertices; ties end on the surface triangles whose three vertices are in it"},
     {"ties.between[].stiffness", APP_NUMBER, "stiffness", "!", 1e-6, 1e9, TIE(stiffness),
-     "of each tie, force per stretch"},
+     "force per stretch of each tie"},
     {"ties.between[].rest", APP_NUMBER, "length", NULL, 0, 10, TIE(rest),
      "length up to which a tie is slack; left out, the distance of its ends at rest"},
     {"ties.between[].break", APP_NUMBER, "force", "0 N", 0, 1e9, TIE(breaks), "breaking load of each tie; 0: none"},
     {"ties.between[].within", APP_NUMBER, "length", "10 mm", 0, 10, TIE(within),
      "distance at rest beyond which a vertex is not tied"},
     {"ties.between[].spacing", APP_NUMBER, "length", "0 mm", 0, 10, TIE(spacing),
-     "least distance of two ties' beginnings; 0: each vertex has one"},
+     "smallest distance between the starting points of two ties; 0: each vertex has one"},
 };
 
 static tm_status check(const app_scene *scene, const void *own) {
@@ -139,8 +139,9 @@ static void frame(sim *s) {
 
 const sim_effect sim_effect_ties = {
     .name = "ties",
-    .doc = "Springs between named surfaces, which pull and never push: ligaments, fat, peritoneum. A tie breaks at its "
-           "load, an active cautery cuts those that it touches, and what went is told as cuts are (docs/bodies.md).",
+    .doc =
+        "Springs between named surfaces, which pull and never push: ligaments, fat, peritoneum. A tie breaks at its "
+        "load, an active cautery cuts those that it touches, and removed ties are reported as cuts are (docs/bodies.md).",
     .trial = SIM_TRIAL_DROP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are computed without ties; write 'model: dynamic', or remove 'ties:'"},

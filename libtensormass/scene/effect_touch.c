@@ -20,18 +20,18 @@ static const app_field fields[] = {
     {"touch", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
      "bodies touch each other and themselves ([bodies](bodies.md))"},
     {"touch.thickness", APP_NUMBER, "length", "0.5 mm", 1e-6, 0.1, offsetof(options, thickness), 0,
-     "of the gap at which surfaces begin to touch; less where they are closer at rest"},
+     "gap at which surfaces begin to touch; less where they are closer at rest"},
     {"touch.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, compliance), 0,
-     "of each vertex that touches; stiffer by 20 beyond 0.3 thicknesses"},
-    {"touch.friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, friction), 0, "of tissue on tissue"},
+     "compliance of each vertex in contact; 20 times stiffer beyond a depth of 0.3 thicknesses"},
+    {"touch.friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, friction), 0, "friction of tissue on tissue"},
     {"touch.friction.static", APP_NUMBER, "none", "0.1", 0, TM_FRICTION_MAX, offsetof(options, at_rest), 0,
      "coefficient until surfaces slip; 0: none"},
     {"touch.friction.kinetic", APP_NUMBER, "none", "0.1", 0, TM_FRICTION_MAX, offsetof(options, sliding), 0,
      "coefficient while they slide, at most `static`"},
     {"touch.pairs", APP_LIST, NULL, NULL, 0, 0, offsetof(options, pairs), sizeof(touch_pair),
-     "which bodies touch; left out, all of them, and each one itself"},
+     "pairs of bodies that can touch; left out: all, and each body itself"},
     {"touch.pairs[].body", APP_TEXT, NULL, "!", 0, 0, offsetof(touch_pair, body), 0, "a body of `bodies`"},
-    {"touch.pairs[].other", APP_TEXT, NULL, "!", 0, 0, offsetof(touch_pair, other), 0, "another, or `self`"},
+    {"touch.pairs[].other", APP_TEXT, NULL, "!", 0, 0, offsetof(touch_pair, other), 0, "another body, or `self`"},
 };
 
 static tm_status check(const app_scene *scene, const void *own) {
@@ -95,7 +95,7 @@ const sim_effect sim_effect_touch = {
     .name = "touch",
     .doc =
         "Bodies touch each other and themselves, lips of a cut too: vertices against faces, edges against edges, with "
-        "the law that instruments have, in the same sweeps (docs/bodies.md).",
+        "the contact law of instruments, in the same sweeps (docs/bodies.md).",
     .example = "{thickness: 0.5 mm}",
     .trial = SIM_TRIAL_DROP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
