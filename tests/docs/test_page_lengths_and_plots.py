@@ -9,7 +9,7 @@ RESULTS = ("accuracy", "stability", "performance", "extrapolation", "reality")
 # Words of a page at most; pages that are not named: DEFAULT. A longer page is split into how-to, reference and explanation (tools/site/index.md).
 DEFAULT = 1000
 MOST = {"README": 400, "controller": 2200, "troubleshooting": 1500, "contact": 1500, "viewing": 900, "compared": 900, "installing": 700, "fuzzing": 500, "glossary": 600, "style": 500,
-        **dict.fromkeys(("bodies", "can", "corotation", "dedicated-machine", "devices", "extrapolators", "friction", "hybrid", "messages", "passivity", "viscosity", "your-own-organ"), 1500)}
+        **dict.fromkeys(("bodies", "corotation", "dedicated-machine", "devices", "extrapolators", "friction", "hybrid", "messages", "passivity", "viscosity", "your-own-organ"), 1500)}
 GENERATED = {"scene-reference"}
 
 
