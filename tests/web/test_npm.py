@@ -72,6 +72,6 @@ def test_errors_are_the_librarys_own_sentences():
     assert "psychic" in psychic and "adaptive" in psychic
     assert "range" in force
     assert "parallel" in axes
-    assert instrument == "instrument 7 of 1"
+    assert instrument == "instrument 7 does not exist; give 0 to 0"
     assert mesh.startswith("scene.yaml:") and "none.msh" in mesh
     assert "0.5" in poisson
