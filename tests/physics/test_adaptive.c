@@ -7,8 +7,8 @@
 
 #include "../fixture.h"
 #include "material/hyperelastic.h"
+#include "released.h"
 #include "tensormass/cut.h"
-#include "tensormass/energy.h"
 #include "world/world_internal.h"
 
 static const double SIDE_M = 0.02;
@@ -153,12 +153,7 @@ static uint64_t story(int32_t threads, int32_t snapshot_at) {
         fix_ok(tm_world_step(b.world, 4), &error);
         if (k != snapshot_at) continue;
         assert_true(now(&b).level > 0);
-        const int64_t bytes = tm_snapshot_bytes(b.world);
-        void *kept = malloc((size_t)bytes);
-        fix_ok(tm_snapshot_save(b.world, kept, bytes, &error), &error);
-        fix_ok(tm_world_step(b.world, 40), &error);
-        fix_ok(tm_snapshot_restore(b.world, kept, bytes, &error), &error);
-        free(kept);
+        step_and_go_back(b.world, 40);
     }
     assert_true(now(&b).steps[0] > 0 && now(&b).steps[0] < 60);
     const uint64_t hash = tm_world_hash(b.world);

@@ -1,8 +1,8 @@
 /* Nonlinear laws with other effects: a linear body next to one of another law; strain smoothing, which prevents
  * locking; energy, threads, cuts and snapshots with these. */
 #include "law_body.h"
+#include "released.h"
 #include "tensormass/cut.h"
-#include "tensormass/energy.h"
 #include "tensormass/viscosity.h"
 
 /* --- linear materials next to others --- */
@@ -178,28 +178,12 @@ static void add_viscosity(body *b) {
     fix_ok(tm_stage_viscosity(b->world, &def, &error), &error);
 }
 
-/* Released from a stretch, undamped: the account closes, and energy varies only within the scheme's oscillation. */
 static void energy_account_closes_and_energy_is_conserved(void **state) {
     (void)state;
     for (int law = 0; law < 2; law++) {
         const tm_material m = material_of(TWO[law], 0.49, false);
         body b = block_of((int[]){3, 3, 3}, averaged(&m), 1, false);
-        tm_error error;
-        tm_energy e;
-        tm_state *s = tm_world_state(b.world);
-        fix_ok(tm_stage_energy(b.world, &error), &error);
-        for (int32_t i = 0; i < b.n; i++)
-            s->u_m[i] = s->u_prev_m[i] = (i % 3 == 2 ? 0.3 : -0.12) * (b.mesh->rest_m[i] - SIDE_M / 2);
-        double least = HUGE_VAL, most = 0;
-        for (int k = 0; k < 20; k++) {
-            fix_ok(tm_world_step(b.world, 100), &error);
-            fix_ok(tm_world_energy(b.world, &e, &error), &error);
-            least = fmin(least, e.kinetic_J + e.elastic_J), most = fmax(most, e.kinetic_J + e.elastic_J);
-            assert_true(fabs(e.residual_J) < 0.005 * e.start_J);
-        }
-        print_message("%s: energy between %.4f and %.4f of the start\n", tm_law_name(TWO[law]), least / e.start_J,
-                      most / e.start_J);
-        assert_true(most - least < 0.005 * e.start_J);
+        released_conserves_energy(tm_law_name(TWO[law]), b.world, b.mesh, SIDE_M, 0.3, 20, 0.005);
         destroy(&b);
     }
 }
@@ -226,13 +210,7 @@ static uint64_t story(tm_law_kind law, int effect, how h) {
     for (int32_t k = 0; k < 20; k++) {
         if (k == 10) assert_true(tm_cut_remove(b.tissue, (int32_t[]){100, 700, 1200}, 3, NULL, 0) >= 3);
         fix_ok(tm_world_step(b.world, 1), &error);
-        if (k != snapshot_at) continue;
-        const int64_t bytes = tm_snapshot_bytes(b.world);
-        void *kept = malloc((size_t)bytes);
-        fix_ok(tm_snapshot_save(b.world, kept, bytes, &error), &error);
-        fix_ok(tm_world_step(b.world, 5), &error);
-        fix_ok(tm_snapshot_restore(b.world, kept, bytes, &error), &error);
-        free(kept);
+        if (k == snapshot_at) step_and_go_back(b.world, 5);
     }
     const uint64_t hash = tm_world_hash(b.world);
     destroy(&b);
