@@ -101,6 +101,16 @@ static hrt_reject judge(hrt_node *node, const tensormass_force_sample_t *m, cons
     return HRT_ACCEPT;
 }
 
+tensormass_force_sample_t hrt_node_sample_for(const tensormass_tool_state_t *tool, uint32_t seq) {
+    return (tensormass_force_sample_t){.utime = tool->utime,
+                                       .session = 1,
+                                       .tool_session = tool->session,
+                                       .tool_utime = tool->utime,
+                                       .seq = (int32_t)seq,
+                                       .instrument = tool->instrument,
+                                       .tip_m = {tool->tip_m[0], tool->tip_m[1], tool->tip_m[2]}};
+}
+
 hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t *m) {
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];

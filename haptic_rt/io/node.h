@@ -102,6 +102,8 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
  * Another simulation is accepted if no force is rendered and the current one has been silent for a second (gate.h). */
 hrt_reject hrt_node_post_patch(hrt_node *node, const tensormass_contact_patch_t *patch);
 hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t *sample);
+/* Returns a sample without force at the tool's tip, as a simulation would answer it. */
+tensormass_force_sample_t hrt_node_sample_for(const tensormass_tool_state_t *tool, uint32_t seq);
 /* Returns whether this simulation is the accepted one or may become so. Call it from the posting thread. */
 bool hrt_node_hears(const hrt_node *node, int64_t session);
 /* Returns whether force is rendered; callable from any thread. */

@@ -18,15 +18,10 @@ bool hrt_samples_read(hrt_samples *s, const char *path) {
 }
 
 static void post(hrt_samples *s, const double *row, hrt_node *node, const tensormass_tool_state_t *tool) {
-    tensormass_force_sample_t sample = {.utime = tool->utime,
-                                        .session = 1,
-                                        .tool_session = tool->session,
-                                        .tool_utime = tool->utime,
-                                        .seq = (int32_t)++s->seq,
-                                        .instrument = tool->instrument};
+    tensormass_force_sample_t sample = hrt_node_sample_for(tool, ++s->seq);
     for (int i = 0; i < 3; i++) {
         sample.force_N[i] = row[s->force[i]];
-        sample.tip_m[i] = s->tip[i] >= 0 ? row[s->tip[i]] : tool->tip_m[i];
+        if (s->tip[i] >= 0) sample.tip_m[i] = row[s->tip[i]];
     }
     if (s->stiffness[0] >= 0) {
         sample.stiffness_kind = 1;

@@ -45,13 +45,7 @@ static bool is_proved(const hrt_setup *s) {
 }
 
 static void post(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool) {
-    tensormass_force_sample_t sample = {.utime = tool->utime,
-                                        .session = 1,
-                                        .tool_session = tool->session,
-                                        .tool_utime = tool->utime,
-                                        .seq = (int32_t)++s->seq,
-                                        .instrument = tool->instrument};
-    for (int i = 0; i < 3; i++) sample.tip_m[i] = tool->tip_m[i];
+    tensormass_force_sample_t sample = hrt_node_sample_for(tool, ++s->seq);
     if (s->push == HRT_SETUP_PUSHES && s->axis < 3) sample.force_N[s->axis] = (double)s->force_N;
     if (s->push < HRT_SETUP_PUSHES) sample.force_N[s->push / 2] = (s->push % 2 ? -1.0 : 1.0) * (double)s->force_N;
     hrt_node_post_sample(node, &sample);
