@@ -84,6 +84,10 @@ def test_a_choice_shows_its_price_and_the_studys_error(seen):
     assert percent == pytest.approx(100 * study["error"]["mesh"]["liver_10k.msh"], rel=0.02)
 
 
+def test_every_choice_opens(seen):
+    assert len(seen["opened"]) > 25 and "choice-law=fung" in seen["opened"]
+
+
 def test_hard_cases_are_judged(seen):
     energy = seen["energy"]
     assert energy["put_in_J"] > 1e-4

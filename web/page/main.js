@@ -50,7 +50,7 @@ const fromTissue = {
   ready({ form }) { state.form = form; begin(); },
   made({ yaml }) { state.sent = { yaml, sets: choices.sets(state.chosen) }; state.sentFiles = state.own.files; },
   opened(message) {
-    state.opened = message;
+    state.opened = { ...message, number: (state.opened?.number ?? 0) + 1 };
     state.ownGood = state.own;
     state.opening = false;
     state.played = null;
