@@ -47,7 +47,12 @@ const give = (page, files) => page.evaluate((list) => {
 const picture = (page, name) => page.screenshot({ path: `${folder}/${name}.png` });
 
 // Small scene first: every check but the liver's.
-let [page] = await opened('?scene=block-press&hard=none');
+let page = await app.newPage();
+await page.goto(new URL('../three.html', url).href, { waitUntil: 'load' });
+seen.example_N = await (await page.waitForFunction(() => globalThis.newest && Math.hypot(...newest.force_N) > 0.02 && Math.hypot(...newest.force_N), WAIT)).jsonValue();
+await page.close();
+step('the example');
+[page] = await opened('?scene=block-press&hard=none');
 step('a block');
 await new Promise((r) => setTimeout(r, 1500));
 seen.frames = await page.evaluate(() => tensormass.view.frames);

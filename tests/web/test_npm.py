@@ -67,6 +67,13 @@ def test_the_controller_follows_the_scene_and_falls_silent_with_it():
     assert seen["silent"][0] != "engaged" and seen["silent"][1] == 0, seen["silent"]
 
 
+def test_the_example_presses_a_block(tmp_path):
+    (tmp_path / "press.mjs").write_text((ROOT / "examples/web/press.mjs").read_text().replace("../../build/web/npm", str(NPM)))
+    ran = subprocess.run(["node", tmp_path / "press.mjs"], capture_output=True, text=True, timeout=120, check=True)
+    last = [float(x) for x in ran.stdout.splitlines()[-1].split()[2:5]]
+    assert 0.1 < last[2] < 1 and max(map(abs, last[:2])) < 0.05 * last[2]
+
+
 def test_errors_are_the_librarys_own_sentences():
     psychic, force, axes, instrument, mesh, poisson = node("controller.mjs", "apps/scenes/block-press.yaml", "meshes/block_1k.msh", "hold")["messages"]
     assert "psychic" in psychic and "adaptive" in psychic

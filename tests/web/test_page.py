@@ -26,10 +26,10 @@ def served():
         def log_message(self, *arguments):
             pass
 
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(PAGE)))
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(PAGE.parent)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        yield f"http://127.0.0.1:{server.server_address[1]}/page/"
     finally:
         server.shutdown()
 
@@ -52,6 +52,7 @@ def seen(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     subprocess.run([BUILD / "bin/tm-sim", "apps/scenes/block-press.yaml", "--lockstep", "--set", "rendering={}", "--duration", "1 s", "--record", folder / "press.log"],
                    check=True, capture_output=True, timeout=120, cwd=ROOT)
+    shutil.copy(ROOT / "examples/web/three.html", PAGE.parent)
     with served() as url, haply(folder / "haply.csv") as service:
         screen = ["xvfb-run", "-a"] if request.param == "firefox" else []  # headless, Firefox draws no WebGL
         ran = subprocess.run([*screen, "node", ROOT / "tests/web/drive.mjs", BUILD / "web/node_modules/puppeteer-core", browser, url, folder, service,
@@ -137,6 +138,10 @@ def test_marks_show_supports_and_patch(seen):
     assert supports > 10 and patch >= 0
 
 
+def test_the_three_js_example_presses_its_block(seen):
+    assert 0.02 < seen["example_N"] < 5
+
+
 def test_it_fits_a_phone(seen):
     assert seen["overflow"] <= 0
 
@@ -153,6 +158,6 @@ def test_memory_is_steady_over_ten_minutes():
         ran = subprocess.run(["node", ROOT / "tests/web/memory.mjs", BUILD / "web/node_modules/puppeteer-core", BROWSERS["chromium"], url, "600"],
                              capture_output=True, text=True, timeout=900)
     assert ran.returncode == 0, ran.stderr[-2000:]
-    samples = json.loads(ran.stdout)
+    samples = [int(line) for line in ran.stdout.split()]
     early, late = max(samples[2:8]), max(samples[-6:])
     assert late < 1.1 * early, samples
