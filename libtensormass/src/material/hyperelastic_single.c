@@ -43,12 +43,12 @@
 
 tm_single_force tm_single_force_form(int form) {
 #ifdef TM_HAS_AVX2
-    if (form == 1 && __builtin_cpu_supports("avx2")) return tm_single_avx2_force;
+    if (form == 1 && __builtin_cpu_supports("avx2")) return tm_single_avx2_hyper_force;
 #endif
 #ifdef TM_HAS_NEON
-    if (form == 1) return tm_single_neon_force;
+    if (form == 1) return tm_single_neon_hyper_force;
 #endif
-    return form == 0 ? tm_single_plain_force : NULL;
+    return form == 0 ? tm_single_plain_hyper_force : NULL;
 }
 
 tm_single_force tm_single_force_choose(bool plain) {

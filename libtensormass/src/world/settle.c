@@ -8,6 +8,7 @@
  * Over 400 lines: the three ways share one state and its end. */
 #include "world/pressure.h"
 #include "world/settle_newton.h"
+#include "world/vertex_blocks.h"
 #include "world/viscosity.h"
 #include "world/world_internal.h"
 
@@ -106,17 +107,6 @@ static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *fix
         for (int j = 0; j < 3; j++) inverse[3 * i + j] = fixed[i] || fixed[j] ? 0 : row[3 * j + i] / det;
 }
 
-static void precondition(const relaxation *x, const double *r, double *z) {
-    for (int32_t v = 0; v < x->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
-}
-
-static double product(const double *a, const double *b, int32_t n) {
-    double sum = 0;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 /* residual := f_ext - K u on the free components; sets the relative residual. */
 static void true_residual(relaxation *x) {
     const double *u = x->world->state.u_m;
@@ -131,21 +121,21 @@ static void true_residual(relaxation *x) {
 /* One restart of the recurrence: until the recurred residual reaches the tolerance or stops falling. */
 static tm_status relax_linear_once(relaxation *x, double reference, tm_error *error) {
     double *u = x->world->state.u_m;
-    precondition(x, x->residual, x->step);
-    double rz = product(x->residual, x->step, x->n);
+    tm_blocks_apply(x->inverse, x->residual, x->n, x->step);
+    double rz = tm_product(x->residual, x->step, x->n);
     while (rz > 0) {
         tm_tissue_force(x->world->tissue, x->step, x->image);
         for (int32_t i = 0; i < x->n; i++)
             if (x->fixed[i]) x->image[i] = 0;
-        const double curvature = -product(x->step, x->image, x->n);
+        const double curvature = -tm_product(x->step, x->image, x->n);
         if (!(curvature > 0)) break;
         const double length = rz / curvature;
         for (int32_t i = 0; i < x->n; i++) {
             u[i] += length * x->step[i];
             x->residual[i] += length * x->image[i];
         }
-        precondition(x, x->residual, x->scaled);
-        const double next = product(x->residual, x->scaled, x->n);
+        tm_blocks_apply(x->inverse, x->residual, x->n, x->scaled);
+        const double next = tm_product(x->residual, x->scaled, x->n);
         const double carry = next / rz;
         for (int32_t i = 0; i < x->n; i++) x->step[i] = x->scaled[i] + carry * x->step[i];
         rz = next;

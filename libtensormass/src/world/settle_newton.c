@@ -11,6 +11,7 @@
 #include "libtensormass/numeric/random.h"
 #include "world/pressure.h"
 #include "world/settle_newton.h"
+#include "world/vertex_blocks.h"
 
 /* Limits: Newton steps of a load step, those without progress, halvings of one; load steps attempted, doubtful ones
  * rolled back; conjugate gradients of a Newton step per component. */
@@ -51,12 +52,6 @@ static double largest(const double *a, int32_t n) {
     return most;
 }
 
-static double product(const double *a, const double *b, int32_t n) {
-    double sum = 0;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 /* Sets the load at s. Pressures are those at u: constant until the next call, so a Newton step descends an energy. */
 static void set_load(newton *w, double s, const double *u) {
     w->s = s;
@@ -73,14 +68,14 @@ static double look(newton *w, const double *u) {
     const double most = largest(w->residual, w->n);
     const double beside = fmax(largest(w->rest_args->external_N, w->n), largest(w->force, w->n));
     w->relative = most > 0 ? most / fmax(beside, tm_force_scale_at(&w->scale, u, w->n)) : 0;
-    return sqrt(product(w->residual, w->residual, w->n));
+    return sqrt(tm_product(w->residual, w->residual, w->n));
 }
 
 static double stored(const newton *w, const double *u) {
     return tm_tissue_energy(w->tissue, u) + w->law->energy(w->law->self, u);
 }
 
-static double potential(const newton *w, const double *u) { return stored(w, u) - product(w->load, u, w->n); }
+static double potential(const newton *w, const double *u) { return stored(w, u) - tm_product(w->load, u, w->n); }
 
 /* --- the tangent's system --- */
 
@@ -90,34 +85,14 @@ static void set_tangent(newton *w, const double *u) {
     if (w->pressed) tm_pressure_add_tangent(w->world, u, &w->tangent);
 }
 
-static void invert(newton *w) {
-    for (int32_t v = 0; v < w->n / 3; v++) {
-        double K[9], minor[9], *inverse = w->inverse + 9 * (int64_t)v;
-        const uint8_t *fixed = w->rest_args->fixed + 3 * v;
-        memcpy(K, w->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
-        for (int i = 0; i < 9; i++)
-            if (fixed[i / 3] || fixed[i % 3]) K[i] = i % 4 ? 0 : 1;
-        for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
-        const double det = vdot(K, minor), size = K[0] + K[4] + K[8];
-        const bool good = K[0] > 0 && minor[8] > 0 && det > 1e-9 * size * size * size;
-        for (int i = 0; i < 9; i++)
-            inverse[i] = fixed[i / 3] || fixed[i % 3] ? 0 : good ? minor[3 * (i % 3) + i / 3] / det : i % 4 ? 0 : 1;
-    }
-}
-
-static void precondition(const newton *w, const double *r, double *z) {
-    for (int32_t v = 0; v < w->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(w->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
-}
-
 /* move := approximately K^-1 residual on the free components. Where K is not positive, the solution so far, continued
  * along the direction of negative curvature. Overwrites the residual. */
 static tm_status solve(newton *w, double accuracy, tm_error *error) {
     const int32_t n = w->n;
-    invert(w);
+    tm_blocks_invert(w->tangent.graph.vertex_tensor, w->rest_args->fixed, w->n, w->inverse);
     w->indefinite = false;
-    precondition(w, w->residual, w->step);
-    double rz = product(w->residual, w->step, n);
+    tm_blocks_apply(w->inverse, w->residual, w->n, w->step);
+    double rz = tm_product(w->residual, w->step, n);
     const double enough = accuracy * accuracy * rz;
     for (int32_t i = 0; i < n; i++)
         if (!w->rest_args->fixed[i]) w->move[i] = 0;
@@ -126,7 +101,7 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
         tm_force_pass(w->tangent.force, &w->tangent.graph, w->step, w->image);
         for (int32_t i = 0; i < n; i++)
             if (w->rest_args->fixed[i]) w->image[i] = 0;
-        const double curvature = -product(w->step, w->image, n);
+        const double curvature = -tm_product(w->step, w->image, n);
         if (!(curvature > 0)) {
             const double length = first ? 1 : curvature < 0 ? fmin(1, rz / -curvature) : 1;
             for (int32_t i = 0; i < n; i++) w->move[i] += length * w->step[i];
@@ -138,8 +113,8 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
             w->move[i] += length * w->step[i];
             w->residual[i] += length * w->image[i];
         }
-        precondition(w, w->residual, w->scaled);
-        const double next = product(w->residual, w->scaled, n), carry = next / rz;
+        tm_blocks_apply(w->inverse, w->residual, w->n, w->scaled);
+        const double next = tm_product(w->residual, w->scaled, n), carry = next / rz;
         for (int32_t i = 0; i < n; i++) w->step[i] = w->scaled[i] + carry * w->step[i];
         rz = next;
         const bool told = w->def->progress && w->steps % 128 == 0;
@@ -159,7 +134,7 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
 /* Returns the rounding error of energies at u: stored energy is a difference of terms of this size. */
 static double rounding_J(const newton *w, const double *u) {
     const double most_m = largest(u, w->n);
-    return 1e-12 * (w->scale.stiffness_N_m * most_m * most_m + fabs(product(w->load, u, w->n)));
+    return 1e-12 * (w->scale.stiffness_N_m * most_m * most_m + fabs(tm_product(w->load, u, w->n)));
 }
 
 static void step_to(const newton *w, double *u, double length) {
@@ -169,7 +144,7 @@ static void step_to(const newton *w, double *u, double length) {
 /* u += the increment, halved until the energy falls, or the residual falls while the energy does not rise. If the
  * tangent gave no length, it is doubled while the energy falls. Returns false if neither falls. */
 static bool descend(newton *w, double *u) {
-    const double before = potential(w, u), lack = look(w, u), slope = product(w->residual, w->move, w->n);
+    const double before = potential(w, u), lack = look(w, u), slope = tm_product(w->residual, w->move, w->n);
     const double noise = rounding_J(w, u) + 1e-9 * fabs(before);
     double length = 1, energy = before;
     bool falls = false;

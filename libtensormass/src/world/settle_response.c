@@ -4,6 +4,7 @@
  * = -dr/du, and with K lambda = dJ/du one solution serves all constants p: dJ/dp = lambda . dr/dp. */
 #include "world/pressure.h"
 #include "world/settle_newton.h"
+#include "world/vertex_blocks.h"
 #include "world/viscosity.h"
 
 #include <math.h>
@@ -81,33 +82,6 @@ static bool begin(response *x, const tm_world *world) {
     return true;
 }
 
-/* inverse := of each vertex tensor's free part; the identity where it is not positive. */
-static void invert(response *x) {
-    for (int32_t v = 0; v < x->n / 3; v++) {
-        double K[9], minor[9], *inverse = x->inverse + 9 * (int64_t)v;
-        const uint8_t *fixed = x->fixed + 3 * v;
-        memcpy(K, x->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
-        for (int i = 0; i < 9; i++)
-            if (fixed[i / 3] || fixed[i % 3]) K[i] = i % 4 ? 0 : 1;
-        for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
-        const double det = vdot(K, minor), size = K[0] + K[4] + K[8];
-        const bool good = K[0] > 0 && minor[8] > 0 && det > 1e-9 * size * size * size;
-        for (int i = 0; i < 9; i++)
-            inverse[i] = fixed[i / 3] || fixed[i % 3] ? 0 : good ? minor[3 * (i % 3) + i / 3] / det : i % 4 ? 0 : 1;
-    }
-}
-
-static void precondition(const response *x, const double *r, double *z) {
-    for (int32_t v = 0; v < x->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
-}
-
-static double product(const double *a, const double *b, int32_t n) {
-    double sum = 0;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
 /* out := -K a on the free components. */
 static void apply(response *x, const double *a, double *out) {
     tm_force_pass(x->tangent.force, &x->tangent.graph, a, out);
@@ -119,19 +93,19 @@ static void apply(response *x, const double *a, double *out) {
 static bool solve(response *x, double enough) {
     int64_t left = 1000 + 4 * (int64_t)x->n;
     memset(x->correct, 0, sizeof(double) * (size_t)x->n);
-    precondition(x, x->residual, x->step);
-    double rz = product(x->residual, x->step, x->n);
-    while (rz > 0 && product(x->residual, x->residual, x->n) > enough * enough && left-- > 0) {
+    tm_blocks_apply(x->inverse, x->residual, x->n, x->step);
+    double rz = tm_product(x->residual, x->step, x->n);
+    while (rz > 0 && tm_product(x->residual, x->residual, x->n) > enough * enough && left-- > 0) {
         apply(x, x->step, x->image);
-        const double curvature = -product(x->step, x->image, x->n);
+        const double curvature = -tm_product(x->step, x->image, x->n);
         if (!(curvature > 0)) return false;
         const double length = rz / curvature;
         for (int32_t i = 0; i < x->n; i++) {
             x->correct[i] += length * x->step[i];
             x->residual[i] += length * x->image[i];
         }
-        precondition(x, x->residual, x->scaled);
-        const double next = product(x->residual, x->scaled, x->n), carry = next / rz;
+        tm_blocks_apply(x->inverse, x->residual, x->n, x->scaled);
+        const double next = tm_product(x->residual, x->scaled, x->n), carry = next / rz;
         for (int32_t i = 0; i < x->n; i++) x->step[i] = x->scaled[i] + carry * x->step[i];
         rz = next;
     }
@@ -144,11 +118,11 @@ static tm_status respond(response *x, const double *b_N, double tolerance, doubl
     double first = 0, now = 0;
     for (int32_t i = 0; i < x->n; i++)
         if (!x->fixed[i]) x_m[i] = 0;
-    invert(x);
+    tm_blocks_invert(x->tangent.graph.vertex_tensor, x->fixed, x->n, x->inverse);
     for (int round = 0; round <= ROUNDS; round++) {
         apply(x, x_m, x->residual);
         for (int32_t i = 0; i < x->n; i++) x->residual[i] += b_N && !x->fixed[i] ? b_N[i] : 0;
-        now = sqrt(product(x->residual, x->residual, x->n));
+        now = sqrt(tm_product(x->residual, x->residual, x->n));
         if (!round) first = now;
         if (now <= tolerance * first) return TM_OK;
         if (!isfinite(now) || round == ROUNDS) break;
