@@ -71,3 +71,16 @@ def test_effects_come_and_go_without_a_trace(program, tmp_path):
     plain = {name: cost for name, cost in library.items() if "mem" not in name and cost}
     assert sum(plain.values()) > 1e7
     assert plain == {name: cost for name, cost in returned.items() if "mem" not in name and cost}
+
+
+def test_scene_without_touch_and_ties_pays_nothing_for_them(program, tmp_path):
+    """Contact, cutting and the energy account, which read the rows of touch and ties, run the same instructions after both were added and removed,
+    and call none of their functions."""
+    step = "--toggle-collect=tm_world_step"
+    without, _ = ten_frames(program, tmp_path, "pressed", step)
+    untouched, left = ten_frames(program, tmp_path, "untouched", step)
+    assert int(left.splitlines()[0]) == 0
+    plain = {name: cost for name, cost in without.items() if "mem" not in name and cost}
+    assert sum(plain.values()) > 1e7 and {"sweep_own", "find_tool_rows"} <= plain.keys(), sorted(plain)
+    assert plain == {name: cost for name, cost in untouched.items() if "mem" not in name and cost}
+    assert not [name for name in plain if re.search("touch|tie", name)], sorted(plain)

@@ -281,7 +281,7 @@ static void run(void *self, tm_world *world) {
     else
         a->sum.state_change_J += p.before_J + p.eased_J - a->stored_J;
     over_tools(e, world, anew);
-    over_touch(e, world);
+    if (world->touching || world->ties || a->sum.touch_stored_J > 0) over_touch(e, world);
     a->sum.gravity_J += p.gravity_J;
     a->sum.load_J += p.outer_J - p.gravity_J;
     a->sum.support_J += p.support_J;

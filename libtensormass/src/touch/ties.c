@@ -250,6 +250,7 @@ static void destroy(void *self) {
     tm_ties *t = self;
     tm_contact *contact = tm_world_contact(t->world);
     if (contact) tm_contact_remove_block(contact, t);
+    t->world->ties = NULL;
     tm_pool pool = t->pool;
     tm_pool_release(&pool);
 }
@@ -269,6 +270,7 @@ static tm_status add_stage(tm_ties *t, tm_contact *contact, tm_error *error) {
     if (contact) stage.needs[0] = "contact", stage.runs_before = TM_STAGE_CONTACT_DETECT;
     const tm_status status = tm_world_add_stage(t->world, &stage, t->pool.bytes, error);
     if (status) return status;
+    t->world->ties = t;
     tm_world_set_few(t->world, "ties", &few);
     const tm_constraint_block block = {.self = t, .owner = t, .sweep = sweep, .react = react_not};
     if (contact) tm_contact_add_block(contact, &block);
@@ -306,9 +308,7 @@ tm_status tm_stage_ties(tm_world *world, const tm_ties_def *def, tm_ties **ties,
 
 tm_ties *tm_world_ties(tm_world *world) {
     TM_REQUIRE(world, "world is null", NULL);
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->entry[i].stage.run == run) return world->entry[i].stage.self;
-    return NULL;
+    return world->ties;
 }
 
 int32_t tm_ties_count(const tm_ties *ties) {

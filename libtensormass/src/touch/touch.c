@@ -154,6 +154,7 @@ static void destroy(void *self) {
     tm_contact *contact = tm_world_contact(t->world);
     if (contact) tm_contact_remove_block(contact, t);
     t->world->notes_travel--;
+    t->world->touching = NULL;
     tm_pool pool = t->pool;
     tm_pool_release(&pool);
 }
@@ -175,6 +176,7 @@ static tm_status add_stage(tm_touching *t, tm_contact *contact, tm_error *error)
     const tm_status status = tm_world_add_stage(t->world, &stage, t->pool.bytes, error);
     if (status) return status;
     t->world->notes_travel++;
+    t->world->touching = t;
     tm_world_set_few(t->world, "touch", &few);
     const tm_constraint_block block = {.self = t, .owner = t, .sweep = sweep, .finish = finish, .react = react_not};
     if (contact) tm_contact_add_block(contact, &block);
@@ -205,9 +207,7 @@ tm_status tm_stage_touch(tm_world *world, const tm_touching_def *def, tm_touchin
 
 tm_touching *tm_world_touching(tm_world *world) {
     TM_REQUIRE(world, "world is null", NULL);
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->entry[i].stage.run == run) return world->entry[i].stage.self;
-    return NULL;
+    return world->touching;
 }
 
 int32_t tm_touching_rows(const tm_touching *touching, const tm_touching_row **row) {
