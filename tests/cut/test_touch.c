@@ -1,135 +1,7 @@
 /* Contact of tissue with tissue: closed forms, momentum, the broad phase against all pairs, threads, fast bodies, rest,
  * folds and lips. */
-#include "../fixture.h"
 #include "../long.h"
-#include "touch/touch_internal.h"
-
-#include "apps/common/block.h"
-
-/* --- bodies of blocks --- */
-
-typedef struct part {
-    int cells[3];
-    double size_m[3], at_m[3], turn_rad; /* about z */
-} part;
-
-typedef struct bodies {
-    tm_mesh *mesh;
-    int32_t *tet_body, body_begin[9], count;
-    tm_tissue *tissue;
-    tm_world *world;
-    tm_touching *touching;
-} bodies;
-
-typedef struct setup {
-    double young_Pa, damping_1_s, gravity_m_s2, step_s, mu;
-    bool fixed_base, cuttable; /* vertices at z = 0 are held */
-    int32_t threads;
-    tm_touching_def touch;
-} setup;
-
-static setup plain(void) {
-    return (setup){.young_Pa = 5000, .damping_1_s = 60, .threads = 1, .touch = tm_touching_def_default()};
-}
-
-static void add_part(const part *p, double *vertex, int32_t *tet, int32_t *body, int32_t index, int32_t *v,
-                     int32_t *t) {
-    app_block block;
-    const int32_t cells[3] = {p->cells[0], p->cells[1], p->cells[2]};
-    assert_true(app_block_build(&block, cells, p->size_m));
-    for (int32_t i = 0; i < block.vertex_count; i++) {
-        const double *x = block.vertex_m + 3 * i, c = cos(p->turn_rad), s = sin(p->turn_rad);
-        const double y[3] = {c * x[0] - s * x[1], s * x[0] + c * x[1], x[2]};
-        for (int a = 0; a < 3; a++) vertex[3 * (*v + i) + a] = y[a] + p->at_m[a];
-    }
-    for (int32_t i = 0; i < 4 * block.tet_count; i++) tet[4 * *t + i] = block.tet[i] + *v;
-    for (int32_t i = 0; i < block.tet_count; i++) body[*t + i] = index;
-    *v += block.vertex_count, *t += block.tet_count;
-    app_block_free(&block);
-}
-
-static void hold_base(bodies *b) {
-    int32_t *dof = malloc(sizeof *dof * 3 * (size_t)b->mesh->vertex_count), count = 0;
-    double *zero = calloc((size_t)b->mesh->vertex_count * 3, sizeof *zero);
-    for (int32_t v = 0; v < b->mesh->vertex_count; v++)
-        for (int c = 0; c < 3 && fabs(b->mesh->rest_m[3 * v + 2]) < 1e-9; c++) dof[count++] = 3 * v + c;
-    tm_support_def def = tm_support_def_default();
-    def.count = count, def.dof = dof, def.value_m = zero;
-    tm_error error;
-    fix_ok(tm_stage_support(b->world, &def, &error), &error);
-    free(dof), free(zero);
-}
-
-static bodies make(const part *p, int32_t count, const setup *s) {
-    int32_t vertices = 0, tets = 0, v = 0, t = 0;
-    for (int32_t i = 0; i < count; i++) {
-        const int *c = p[i].cells;
-        vertices += (c[0] + 1) * (c[1] + 1) * (c[2] + 1), tets += 6 * c[0] * c[1] * c[2];
-    }
-    double *vertex = malloc(sizeof *vertex * 3 * (size_t)vertices);
-    int32_t *tet = malloc(sizeof *tet * 4 * (size_t)tets);
-    bodies b = {.tet_body = malloc(sizeof *b.tet_body * (size_t)tets), .count = count};
-    for (int32_t i = 0; i < count; i++) {
-        b.body_begin[i] = v;
-        add_part(p + i, vertex, tet, b.tet_body, i, &v, &t);
-    }
-    b.body_begin[count] = v;
-    tm_error error;
-    tm_mesh_def mesh = tm_mesh_def_default();
-    mesh.vertex_count = v, mesh.vertex_m = vertex, mesh.tet_count = t, mesh.tet = tet;
-    fix_ok(tm_mesh_create(&mesh, &b.mesh, &error), &error);
-    tm_material material;
-    fix_ok(tm_material_young(s->young_Pa, 0.4, &material, &error), &error);
-    material.damping_1_s = s->damping_1_s;
-    b.tissue = fix_tissue(b.mesh, &material, NULL, TM_DOUBLE, s->cuttable);
-    tm_world_def world = tm_world_def_default();
-    world.tissue = b.tissue, world.threads = s->threads, world.dt_s = s->step_s;
-    fix_ok(tm_world_create(&world, &b.world, &error), &error);
-    if (s->fixed_base) hold_base(&b);
-    const double g[3] = {0, 0, -s->gravity_m_s2};
-    if (s->gravity_m_s2 != 0) fix_ok(tm_stage_gravity(b.world, g, &error), &error);
-    tm_touching_def touch = s->touch;
-    touch.body_count = count, touch.tet_body = b.tet_body, touch.mu_static = touch.mu_kinetic = s->mu;
-    fix_ok(tm_stage_touch(b.world, &touch, &b.touching, &error), &error);
-    free(vertex), free(tet);
-    return b;
-}
-
-static void drop(bodies *b) {
-    tm_world_destroy(b->world);
-    tm_tissue_destroy(b->tissue);
-    tm_mesh_destroy(b->mesh);
-    free(b->tet_body);
-}
-
-static void throw_body(bodies *b, int32_t body, double vx, double vy, double vz) {
-    const double v[3] = {vx, vy, vz};
-    tm_state *s = tm_world_state(b->world);
-    for (int32_t i = 3 * b->body_begin[body]; i < 3 * b->body_begin[body + 1]; i++)
-        s->u_prev_m[i] = s->u_m[i] - s->dt_s * v[i % 3];
-}
-
-static void run(bodies *b, double seconds) {
-    for (double until_s = tm_world_state(b->world)->time_s + seconds; tm_world_state(b->world)->time_s < until_s;)
-        assert_int_equal(tm_world_step(b->world, 20), TM_OK);
-}
-
-static double kinetic_J(const bodies *b) {
-    const tm_state *s = tm_world_state(b->world);
-    double sum = 0;
-    for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++) {
-        const double v = (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
-        sum += 0.5 * tm_tissue_mass_kg(b->tissue)[i / 3] * v * v;
-    }
-    return sum;
-}
-
-static void momentum(const bodies *b, double p[3]) {
-    const tm_state *s = tm_world_state(b->world);
-    p[0] = p[1] = p[2] = 0;
-    for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++)
-        p[i % 3] += tm_tissue_mass_kg(b->tissue)[i / 3] * (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
-}
+#include "touch_blocks.h"
 
 static const part table = {{5, 5, 2}, {0.05, 0.05, 0.02}, {0, 0, 0}, 0};
 static part above(double gap_m, double turn_rad) {
@@ -141,7 +13,7 @@ static part above(double gap_m, double turn_rad) {
 static void upper_block_at_rest_bears_its_weight_on_the_lower(void **state) {
     (void)state;
     setup s = plain();
-    s.gravity_m_s2 = 9.81, s.fixed_base = true, s.mu = 0.1;
+    s.gravity_m_s2 = 9.81, s.is_held = at_base, s.mu = 0.1;
     const part p[] = {table, above(0.6e-3, 0.2)};
     bodies b = make(p, 2, &s);
     run(&b, 1);
@@ -180,33 +52,6 @@ static void colliding_blocks_keep_their_momentum(void **state) {
     drop(&b);
 }
 
-static double det(const double a[3], const double b[3], const double c[3]) {
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
-}
-
-/* Returns whether a vertex of one body is inside a tetrahedron of another. Independent of contact rows. */
-static bool is_inside_another(const bodies *b) {
-    const double *u = tm_world_state(b->world)->u_m, *rest = b->mesh->rest_m;
-    for (int32_t t = 0; t < b->mesh->tet_count; t++) {
-        double x[4][3], e[3][3];
-        for (int j = 0; j < 4; j++)
-            for (int c = 0; c < 3; c++)
-                x[j][c] = rest[3 * b->mesh->tet[4 * t + j] + c] + u[3 * b->mesh->tet[4 * t + j] + c];
-        for (int j = 0; j < 3; j++)
-            for (int c = 0; c < 3; c++) e[j][c] = x[j + 1][c] - x[0][c];
-        for (int32_t v = 0; v < b->mesh->vertex_count; v++) {
-            if (v >= b->body_begin[b->tet_body[t]] && v < b->body_begin[b->tet_body[t] + 1]) continue;
-            double d[3], at[3];
-            for (int c = 0; c < 3; c++) d[c] = rest[3 * v + c] + u[3 * v + c] - x[0][c];
-            const double whole = det(e[0], e[1], e[2]);
-            at[0] = det(d, e[1], e[2]) / whole, at[1] = det(e[0], d, e[2]) / whole;
-            at[2] = det(e[0], e[1], d) / whole;
-            if (at[0] > 0 && at[1] > 0 && at[2] > 0 && at[0] + at[1] + at[2] < 1) return true;
-        }
-    }
-    return false;
-}
-
 /* Checks that the upper block is still above the lower one. */
 static void nothing_passes_through_at_half_a_metre_a_second(void **state) {
     (void)state;
@@ -214,7 +59,7 @@ static void nothing_passes_through_at_half_a_metre_a_second(void **state) {
     fix_random random = {3};
     for (int i = 0; i < count; i++) {
         setup s = plain();
-        s.fixed_base = true, s.damping_1_s = 20;
+        s.is_held = at_base, s.damping_1_s = 20;
         const part p[] = {table, above(2e-3 + 1e-3 * fix_uniform(&random), 3 * fix_signed(&random))};
         bodies b = make(p, 2, &s);
         throw_body(&b, 1, 0.2 * fix_signed(&random), 0.2 * fix_signed(&random), -0.5);
@@ -235,7 +80,7 @@ static void nothing_passes_through_at_half_a_metre_a_second(void **state) {
 
 static uint64_t story(int32_t threads, bool all_pairs, int64_t *gathers) {
     setup s = plain();
-    s.gravity_m_s2 = 9.81, s.fixed_base = true, s.threads = threads, s.cuttable = true, s.mu = 0.3;
+    s.gravity_m_s2 = 9.81, s.is_held = at_base, s.threads = threads, s.cuttable = true, s.mu = 0.3;
     const part p[] = {{{8, 8, 2}, {0.05, 0.05, 0.02}, {0, 0, 0}, 0}, above(1e-3, 0.4), above(23e-3, -0.7)};
     bodies b = make(p, 3, &s);
     b.touching->all_pairs = all_pairs;
@@ -271,7 +116,7 @@ static void rows_are_those_of_all_pairs_for_any_threads(void **state) {
 static void what_moves_alone_is_searched_alone(void **state) {
     (void)state;
     setup s = plain();
-    s.fixed_base = true, s.damping_1_s = 5;
+    s.is_held = at_base, s.damping_1_s = 5;
     const part p[] = {{{8, 8, 2}, {0.05, 0.05, 0.02}, {0, 0, 0}, 0}, {{2, 2, 2}, {0.01, 0.01, 0.01}, {0, 0, 0.023}, 0}};
     bodies b = make(p, 2, &s);
     throw_body(&b, 1, 0.5, 0.5, 0);
@@ -288,7 +133,7 @@ static void what_moves_alone_is_searched_alone(void **state) {
 static void snapshots_continue_bit_for_bit(void **state) {
     (void)state;
     setup s = plain();
-    s.gravity_m_s2 = 9.81, s.fixed_base = true, s.mu = 0.3;
+    s.gravity_m_s2 = 9.81, s.is_held = at_base, s.mu = 0.3;
     const part p[] = {table, above(0.4e-3, 0.4)};
     bodies b = make(p, 2, &s);
     run(&b, 0.05);
@@ -336,7 +181,7 @@ static void lips_of_a_cut_close_and_open_without_gaining_energy(void **state) {
     double left_J[2];
     for (int touching = 0; touching < 2; touching++) {
         setup s = plain();
-        s.young_Pa = 3000, s.damping_1_s = 5, s.cuttable = true, s.fixed_base = true;
+        s.young_Pa = 3000, s.damping_1_s = 5, s.cuttable = true, s.is_held = at_base;
         if (!touching) s.touch.pair = (const uint8_t[]){0};
         bodies b = mouth(&s);
         tm_error error;
@@ -400,7 +245,7 @@ static void ties_bear_a_weight_and_break_at_their_load(void **state) {
     (void)state;
     for (int breaks = 0; breaks < 2; breaks++) {
         setup s = plain();
-        s.gravity_m_s2 = 9.81, s.fixed_base = true, s.damping_1_s = 30;
+        s.gravity_m_s2 = 9.81, s.is_held = at_base, s.damping_1_s = 30;
         bodies b = make(hung, 2, &s);
         tm_ties *ties = NULL;
         tm_error error;
@@ -433,7 +278,7 @@ static void ties_bear_a_weight_and_break_at_their_load(void **state) {
 static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
     (void)state;
     setup s = plain();
-    s.fixed_base = true, s.cuttable = true;
+    s.is_held = at_base, s.cuttable = true;
     bodies b = make(hung, 2, &s);
     tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY, .radius_m = 1e-3, .contact_length_m = 0.1};
     memcpy(tool.trocar_m, (double[3]){0.02, -0.2, -0.0025}, sizeof tool.trocar_m);

@@ -55,7 +55,7 @@ double tm_touch_segments(const double a0[3], const double a1[3], const double b0
         *inside = x > 0 && x < 1 && y > 0 && y < 1;
     }
     if (!*inside) { /* Ericson, Real-Time Collision Detection, 5.1.9 */
-        x = det > 0 ? law_clamp((b * f - c * e) / det, 0, 1) : 0;
+        x = det > 0 ? law_clamp((b * f - c * e) / det, 0, 1) : e > 0 || !(a > 0) ? 0 : law_clamp(-c / a, 0, 1);
         y = e > 0 ? (b * x + f) / e : 0;
         if (y < 0)
             y = 0, x = a > 0 ? law_clamp(-c / a, 0, 1) : 0;

@@ -24,6 +24,7 @@ typedef struct tm_touch_pair {
     int32_t a, b;
     double thickness_m; /* of this pair */
     double wake_m;      /* reading of the odometer until which it cannot be in reach */
+    bool through;       /* of one body, with tissue between them at rest */
 } tm_touch_pair;
 
 typedef struct tm_touch_list {

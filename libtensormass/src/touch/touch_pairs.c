@@ -10,20 +10,22 @@ static void place(const tm_touching *t, int32_t vertex, double x[3]) {
     for (int c = 0; c < 3; c++) x[c] = t->world->tissue->mesh->rest_m[3 * vertex + c] + t->gathered_u_m[3 * vertex + c];
 }
 
-static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, double thickness_m) {
+/* Adds a pair, if it can touch at all. `out_m`: how far the segment between them at rest leads outward; below 0, it
+ * leads through tissue. In a plane it is 0 but for rounding. */
+static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, bool same_body, double rest_m,
+                double out_m) {
+    const double full = t->def.thickness_m;
+    const bool through = same_body && out_m < -1e-6 * rest_m;
+    if (through && rest_m < 4 * full) return; /* of one fold */
     if (list->count == t->def.max_candidates) {
         t->report.overflowed = true;
         return;
     }
-    list->pair[list->count++] = (tm_touch_pair){.a = a, .b = b, .thickness_m = thickness_m, .wake_m = t->odometer_m};
-}
-
-/* Returns the thickness between two features from their distance at rest; below 0 if they belong to one fold and do
- * not touch. `behind`: the segment between them at rest leads through tissue. */
-static double thickness(const tm_touching *t, bool same_body, double rest_m, bool behind) {
-    const double full = t->def.thickness_m;
-    if (same_body && behind && rest_m < 4 * full) return -1;
-    return law_min(full, same_body ? 0.5 * rest_m : rest_m);
+    list->pair[list->count++] = (tm_touch_pair){.a = a,
+                                                .b = b,
+                                                .thickness_m = law_min(full, same_body ? 0.5 * rest_m : rest_m),
+                                                .wake_m = t->odometer_m,
+                                                .through = through};
 }
 
 static void rest_normal(const tm_mesh *mesh, const int32_t *v, double n[3]) {
@@ -48,8 +50,7 @@ void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
     double n[3];
     rest_normal(t->world->tissue->mesh, w, n);
     const tm_touch_closest c = tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]);
-    const double h = thickness(t, body == other, c.distance_m, vdot(c.offset, n) < 0);
-    if (h >= 0) add(t, &t->vf, v, face, h);
+    add(t, &t->vf, v, face, body == other, c.distance_m, vdot(c.offset, n));
 }
 
 /* Returns whether the bounding balls of two segments are farther apart than distance_m: cheaper than their distance. */
@@ -101,8 +102,7 @@ void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
         from[c] = y[0][c] + s * (y[1][c] - y[0][c]);
         to[c] = y[2][c] + r * (y[3][c] - y[2][c]) - from[c];
     }
-    const double h = thickness(t, body == other, rest_m, vdot(to, n) < 0);
-    if (h >= 0 && !are_opposite(t->world->tissue, va, vb)) add(t, &t->ee, a, b, h);
+    if (!are_opposite(t->world->tissue, va, vb)) add(t, &t->ee, a, b, body == other, rest_m, vdot(to, n));
 }
 
 /* --- order of the lists: by a, then b --- */

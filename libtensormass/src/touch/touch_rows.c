@@ -43,6 +43,17 @@ static void normal_of(const tm_touching *t, int32_t f, double n[3]) {
     vunit(n, n);
 }
 
+/* Returns whether the tetrahedron of a face is inverted: its normal then points into the tissue. */
+static bool is_inverted(const tm_touching *t, int32_t face, const double n[3]) {
+    int32_t v[3];
+    double on[3], within[3];
+    tm_touch_triangle(t, face, v);
+    tm_touch_at(t->world, v[0], on);
+    tm_touch_at(t->world, t->world->tissue->mesh->tet[face], within);
+    vsub(within, on, within);
+    return vdot(within, n) >= 0;
+}
+
 static bool add(tm_touching *t, const tm_touching_row *row, double compliance_m_N) {
     if (t->row_count == t->def.max_rows) {
         t->report.overflowed = true;
@@ -52,6 +63,40 @@ static bool add(tm_touching *t, const tm_touching_row *row, double compliance_m_
     t->solver[t->row_count++] = (tm_touch_solver){
         .compliance_m_N = compliance_m_N, .gap_m = row->gap_m, .soft_m = LAW_COMPLIANCE_TRAVEL * row->thickness_m};
     return true;
+}
+
+/* --- overlaps --- */
+
+static bool share_a_vertex(const tm_touching *t, int32_t edges, int32_t b, int32_t c) {
+    const int32_t *end = t->world->tissue->mesh->edge;
+    int32_t v[3], w[3], shared = 0;
+    if (edges)
+        return end[2 * b] == end[2 * c] || end[2 * b] == end[2 * c + 1] || end[2 * b + 1] == end[2 * c] ||
+               end[2 * b + 1] == end[2 * c + 1];
+    tm_touch_triangle(t, b, v);
+    tm_touch_triangle(t, c, w);
+    for (int j = 0; j < 3; j++) shared += v[j] == w[0] || v[j] == w[1] || v[j] == w[2];
+    return shared > 0;
+}
+
+/* Returns whether two features that overlap have tissue between them that is crushed: at rest one is behind the other,
+ * and in the last substep no row there kept them apart. They did not pass through each other then. */
+static bool are_crushed(const tm_touching *t, int32_t edges, const tm_touch_pair *pair) {
+    int32_t low = 0, high = pair->through ? t->memory_count : 0;
+    while (low < high) { /* sorted by edges, a, b */
+        const int32_t middle = low + (high - low) / 2;
+        const tm_touch_memory *m = t->memory + middle;
+        if (m->edges < edges || (m->edges == edges && m->a < pair->a))
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    for (; pair->through && low < t->memory_count; low++) {
+        const tm_touch_memory *m = t->memory + low;
+        if (m->edges != edges || m->a != pair->a) break;
+        if (share_a_vertex(t, edges, m->b, pair->b)) return false;
+    }
+    return pair->through;
 }
 
 /* --- vertices against faces --- */
@@ -91,14 +136,20 @@ typedef struct vertex_search {
     tm_touching_row edged; /* its row */
 } vertex_search;
 
+/* Returns whether vertex and face are of one body. */
+static bool is_own(const tm_touching *t, const tm_touch_pair *pair) {
+    return t->surface.body[pair->a] == tm_touch_body(t, pair->b);
+}
+
 static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch_closest *c, vertex_search *search) {
     double n[3], own[3];
     tm_touching_row row;
     normal_of(t, pair->b, n);
+    if (is_own(t, pair) && is_inverted(t, pair->b, n)) return;
     const double signed_m = vdot(c->offset, n);
     if (signed_m < 0) { /* passed through, if its own surface looks the other way; else it is on the far side */
         vertex_normal(t, pair->a, own);
-        if (-signed_m > t->def.thickness_m || vdot(own, n) > -0.1) return;
+        if (-signed_m > t->def.thickness_m || vdot(own, n) > -0.1 || are_crushed(t, 0, pair)) return;
         t->report.deepest_m = law_max(t->report.deepest_m, -signed_m);
     }
     set_vertex_face(t, pair, c, n, signed_m, &row);
@@ -124,6 +175,7 @@ static void try_pair(tm_touching *t, tm_touch_pair *pair, vertex_search *search)
     }
     double n[3], away[3];
     normal_of(t, pair->b, n);
+    if (is_own(t, pair) && is_inverted(t, pair->b, n)) return;
     if (!(vunit(c.offset, away) > 0) || vdot(away, n) < 0 || !(c.distance_m < search->nearest_m)) return;
     search->nearest_m = c.distance_m;
     set_vertex_face(t, pair, &c, away, c.distance_m, &search->edged);
@@ -146,11 +198,12 @@ static void find_vertices(tm_touching *t) {
 /* --- edges against edges --- */
 
 /* Computes the sum of the normals of an edge's faces, and how far it sticks out: 0 flat or hollow, 1 sharp. */
-static double fold_of(const tm_touching *t, int32_t edge, double n[3]) {
+static double fold_of(const tm_touching *t, int32_t edge, bool own, double n[3]) {
     const int32_t *of = t->surface.of_edge + 2 * (int64_t)edge;
     double first[3], second[3], x[3], d[3];
     normal_of(t, of[0], first);
     normal_of(t, of[1], second);
+    if (own && (is_inverted(t, of[0], first) || is_inverted(t, of[1], second))) return 0;
     vset(first, n);
     vmadd(n, 1, second, n);
     const int32_t *end = t->world->tissue->mesh->edge + 2 * edge;
@@ -177,7 +230,8 @@ static void try_edges(tm_touching *t, tm_touch_pair *pair) {
         return;
     }
     if (!inside) return;
-    const double share_a = fold_of(t, pair->a, na), share_b = share_a > 0 ? fold_of(t, pair->b, nb) : 0;
+    const bool own = t->surface.body[va[0]] == t->surface.body[vb[0]];
+    const double share_a = fold_of(t, pair->a, own, na), share_b = share_a > 0 ? fold_of(t, pair->b, own, nb) : 0;
     if (!(share_a * share_b > 1e-3)) return;
     vsub(x[1], x[0], da);
     vsub(x[3], x[2], db);
@@ -187,7 +241,7 @@ static void try_edges(tm_touching *t, tm_touch_pair *pair) {
     if (!(vdot(n, na) > 0 && vdot(n, nb) < 0)) return; /* not outward from both */
     for (int c = 0; c < 3; c++) gap[c] = x[2][c] + r * db[c] - x[0][c] - s * da[c];
     const double signed_m = vdot(gap, n);
-    if (signed_m < -t->def.thickness_m) return;
+    if (signed_m < -t->def.thickness_m || (signed_m < 0 && are_crushed(t, 1, pair))) return;
     tm_touching_row row = {.edges = 1,
                            .a = pair->a,
                            .b = pair->b,
