@@ -110,6 +110,8 @@ static void go_to(tms_contact_solver *l, const tm_tool_pose *from, const tm_tool
     for (int32_t t = 0; t < l->tool_count; t++) {
         tm_tool_pose at = to[t];
         for (int c = 0; c < 3 && s < 1; c++) at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
+        for (int c = 0; c < 3 && s < 1 && l->tool[t].def.is_free; c++)
+            at.direction[c] = from[t].direction[c] + s * (to[t].direction[c] - from[t].direction[c]);
         tms_contact_solver_move(l, t, &at);
     }
 }

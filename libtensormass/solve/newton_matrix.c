@@ -36,7 +36,7 @@ static void add_row(const tms_contact_solver *l, tms_contact_eval *look, const t
     double on_tool[3], at_tip[3];
     look->capped[row->instrument] |= row->lambda_N >= l->def.force_cap_N;
     for (int c = 0; c < 3; c++) on_tool[c] = -row->lambda_N * row->normal[c];
-    tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
+    tm_tool_tip_force(&tool->def, &tool->pose, row->point_m, on_tool, at_tip);
     for (int c = 0; c < 3; c++)
         look->force_N[row->instrument][c] += at_tip[c], look->resultant_N[row->instrument][c] += on_tool[c];
     for (int k = 0; k < 3; k++)

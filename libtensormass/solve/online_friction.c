@@ -66,7 +66,7 @@ static void add_grip(const tms_contact_solver *l, tms_contact_eval *look, const 
         const tms_tool *tool = &l->tool[row->instrument];
         double on_tool[3], at_tip[3];
         vscale(-row->lambda_N / g->load_N, g->force_N, on_tool);
-        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
+        tm_tool_tip_force(&tool->def, &tool->pose, row->point_m, on_tool, at_tip);
         vmadd(look->force_N[row->instrument], 1, at_tip, look->force_N[row->instrument]);
         vmadd(look->resultant_N[row->instrument], 1, on_tool, look->resultant_N[row->instrument]);
         for (int k = 0; k < 9; k++)

@@ -143,7 +143,7 @@ void tms_contact_solver_force(const tms_contact_solver *l, int32_t tool, double 
             at[c] = l->mesh->rest_m[3 * (int64_t)pin->vertex + c] + pin->u_m[c];
             on_tool[c] = l->now.fc[3 * s + c] - l->f[3 * s + c];
         }
-        tm_tip_force(l->tool[tool].def.trocar_m, l->tool[tool].pose.tip_m, at, on_tool, at_tip);
+        tm_tool_tip_force(&l->tool[tool].def, &l->tool[tool].pose, at, on_tool, at_tip);
         for (int c = 0; c < 3; c++) force_N[c] += at_tip[c], resultant_N[c] += on_tool[c];
     }
 }

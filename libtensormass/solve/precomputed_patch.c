@@ -87,6 +87,8 @@ static void describe(const tms_contact_solver *l, const tms_tool *tool, tm_patch
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
     memcpy(patch->trocar_m, tool->def.trocar_m, sizeof patch->trocar_m);
+    patch->is_free = tool->def.is_free;
+    memcpy(patch->direction, tool->pose.direction, sizeof patch->direction);
 }
 
 static bool fill(tm_precomputed *m, int32_t instrument, const station *g, tm_patch *patch) {

@@ -69,6 +69,7 @@ static void pass_tool(stream *s, tms_contact_solver *l, int32_t t) {
     tms_grasp *h = &l->grasp_of[t];
     int32_t state = (int32_t)h->state;
     pass_numbers(s, pose.tip_m, 3);
+    if (l->tool[t].def.is_free) pass_numbers(s, pose.direction, 3);
     pass_numbers(s, &pose.roll_rad, 1);
     pass_numbers(s, &pose.grip, 1);
     pass_bool(s, &pose.active);

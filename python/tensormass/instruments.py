@@ -22,26 +22,27 @@ HELD = {c.TM_GRASP_OPEN: "open", c.TM_GRASP_HOLDING: "holding", c.TM_GRASP_RELEA
 
 @dataclass
 class Pose:
-    """Pose of an instrument. The shaft runs from the trocar through the tip; roll is about the shaft."""
+    """Pose of an instrument. The shaft runs from the trocar through the tip, or along `direction` if the instrument is free; roll is about the shaft."""
 
     tip_m: Any  #: (3,) m, world
     roll_rad: float = 0.0
     grip: float = 0.0  #: 0 open to 1 closed
     active: bool = True  #: cautery: the current is on; probe: in the body
+    direction: Any = (0.0, 0.0, -1.0)  #: (3,) of a free instrument: along the shaft, towards the tip
 
     def _c(self) -> c.tm_tool_pose:
-        return c.tm_tool_pose(vector(self.tip_m, "tip_m"), self.roll_rad, self.grip, self.active)
+        return c.tm_tool_pose(vector(self.tip_m, "tip_m"), self.roll_rad, self.grip, self.active, vector(self.direction, "direction"))
 
     @classmethod
     def _of(cls, pose: c.tm_tool_pose) -> "Pose":
-        return cls(inside(pose, "tip_m", (3,)), pose.roll_rad, pose.grip, pose.active)
+        return cls(inside(pose, "tip_m", (3,)), pose.roll_rad, pose.grip, pose.active, inside(pose, "direction", (3,)))
 
 
 @dataclass
 class Instrument:
-    """A tool in a trocar, at its first pose."""
+    """A tool at its first pose, in a trocar, or free (trocar_m None): the hand then turns its shaft."""
 
-    trocar_m: Any  #: (3,) m, world: the pivot
+    trocar_m: Any  #: (3,) m, world: the pivot; None: free
     tip_m: Any  #: (3,) m, world, at the start
     mode: str = "probe"  #: "probe", "grasper", "cautery"
     radius_m: float = 0.0025  #: of shaft and tip, m
@@ -49,10 +50,13 @@ class Instrument:
     roll_rad: float = 0.0
     grip: float = 0.0
     active: bool = True
+    direction: Any = (0.0, 0.0, -1.0)  #: (3,) if free: along the shaft, towards the tip
 
     def _c(self) -> c.tm_instrument_def:
-        pose = Pose(self.tip_m, self.roll_rad, self.grip, self.active)._c()
-        return c.tm_instrument_def(choice(self.mode, MODES, "mode"), vector(self.trocar_m, "trocar_m"), self.radius_m, self.contact_length_m, pose)
+        pose = Pose(self.tip_m, self.roll_rad, self.grip, self.active, self.direction)._c()
+        free = self.trocar_m is None
+        trocar = vector((0.0, 0.0, 0.0) if free else self.trocar_m, "trocar_m")
+        return c.tm_instrument_def(choice(self.mode, MODES, "mode"), free, trocar, self.radius_m, self.contact_length_m, pose)
 
 
 class Reaction(NamedTuple):

@@ -88,6 +88,71 @@ static void test_tip_force_does_the_same_work(void **unused) {
     }
 }
 
+/* A free tool with the direction of a tool in a trocar has its capsule; its tip force is the force itself. */
+static void test_free_tool_has_the_direction_of_its_pose(void **unused) {
+    (void)unused;
+    scene_seed = 11;
+    for (int k = 0; k < 100; k++) {
+        tm_instrument_def held = {.radius_m = 0.0025, .contact_length_m = 0.1}, loose = held;
+        tm_tool_pose pose = {.active = true}, other;
+        double point[3], force[3], at_tip[3], e[3];
+        for (int c = 0; c < 3; c++) {
+            held.trocar_m[c] = between(-1, 1), pose.tip_m[c] = held.trocar_m[c] + between(-0.2, 0.2);
+            point[c] = between(-0.1, 0.1), force[c] = between(-3, 3);
+        }
+        other = pose, loose.is_free = true;
+        for (int c = 0; c < 3; c++) other.direction[c] = 7 * (pose.tip_m[c] - held.trocar_m[c]);
+        const tm_capsule a = tm_tool_capsule(&held, &pose, 0), b = tm_tool_capsule(&loose, &other, 0);
+        if (distance(held.trocar_m, pose.tip_m) > held.contact_length_m)
+            assert_true(distance(a.tail_m, b.tail_m) < 1e-15);
+        tm_tool_direction(&held, &pose, e);
+        assert_true(fabs(dot(e, other.direction) - norm(other.direction)) < 1e-14);
+        tm_tool_tip_force(&loose, &other, point, force, at_tip);
+        assert_memory_equal(at_tip, force, sizeof force);
+    }
+    const double down[3] = {0, 0, -1};
+    double e[3];
+    tm_tool_direction(&(tm_instrument_def){.is_free = true}, &(tm_tool_pose){.direction = {NAN, 0, 0}}, e);
+    assert_memory_equal(e, down, sizeof e);
+}
+
+/* A free tool that presses, turns and slides: it never gains energy, ends its path at the target, and a snapshot in
+ * the middle of the path continues with the same bits. */
+static void test_free_tool_turns_on_its_path(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.is_free = true;
+    scene s = scene_create(&d);
+    const int32_t n = substeps_in(&s, 0.05);
+    tm_tool_pose to = scene_pose(0.01, 0.005, 0.041);
+    to.direction[2] = -1;
+    tm_contact_set_target(s.contact, 0, &to, n);
+    tm_world_step(s.world, n);
+    const double pressed_N = norm(tm_contact_reaction(s.contact, 0).resultant_N);
+    to.direction[0] = 1, to.tip_m[0] += 0.004; /* leans 45 degrees and slides */
+    tm_contact_set_target(s.contact, 0, &to, n);
+    tm_world_step(s.world, n / 2);
+    const tm_tool_pose half = tm_contact_pose(s.contact, 0);
+    double e[3];
+    tm_tool_direction(&(tm_instrument_def){.is_free = true}, &half, e);
+    assert_true(pressed_N > 0.02);
+    assert_true(fabs(atan2(e[0], -e[2]) / atan(1) - 0.5) < 0.05); /* at constant rate */
+    tm_error error;
+    const int64_t bytes = tm_snapshot_bytes(s.world);
+    void *kept = malloc((size_t)bytes);
+    scene_must(tm_snapshot_save(s.world, kept, bytes, &error), &error);
+    tm_world_step(s.world, n - n / 2);
+    const uint64_t end = tm_world_hash(s.world);
+    scene_must(tm_snapshot_restore(s.world, kept, bytes, &error), &error);
+    tm_world_step(s.world, n - n / 2);
+    assert_true(tm_world_hash(s.world) == end);
+    const tm_tool_pose last = tm_contact_pose(s.contact, 0);
+    assert_memory_equal(last.tip_m, to.tip_m, sizeof to.tip_m);
+    assert_memory_equal(last.direction, to.direction, sizeof to.direction);
+    free(kept);
+    scene_destroy(&s);
+}
+
 static tm_capsule sphere(double x, double y, double z, double radius) {
     return (tm_capsule){.tip_m = {x, y, z}, .tail_m = {x, y, z}, .radius_m = radius};
 }
@@ -722,6 +787,8 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_gathered_triangles_give_the_same_rows),
         cmocka_unit_test(test_tip_force_does_the_same_work),
+        cmocka_unit_test(test_free_tool_has_the_direction_of_its_pose),
+        cmocka_unit_test(test_free_tool_turns_on_its_path),
         cmocka_unit_test(test_rows_on_a_plane_act_as_one_for_any_triangulation),
         cmocka_unit_test(test_rows_measure_the_true_distance),
         cmocka_unit_test(test_rows_do_not_depend_on_triangle_order),

@@ -31,6 +31,8 @@ export interface Pose {
   /** 0 open to 1 closed */
   grip?: number;
   active?: boolean;
+  /** of a free instrument: along the shaft, towards the tip */
+  direction?: Vector;
 }
 
 export interface Reaction {
@@ -48,6 +50,7 @@ export interface Reaction {
 
 export interface Instrument {
   mode: number;
+  is_free: boolean;
   trocar_m: number[];
   radius_m: number;
   contact_length_m: number;
@@ -158,7 +161,8 @@ export class Tissue {
 
 export interface InstrumentDefinition extends Pose {
   mode?: 'probe' | 'grasper' | 'cautery';
-  trocar_m: Vector;
+  /** null: no trocar; the pose holds the shaft's direction. */
+  trocar_m: Vector | null;
   radius_m?: number;
   contact_length_m?: number;
 }

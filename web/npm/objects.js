@@ -207,7 +207,7 @@ export class World extends Owned {
     }
   }
 
-  // instruments: {trocar_m, tip_m, mode, radius_m, contact_length_m, roll_rad, grip, active}
+  // instruments: {trocar_m, tip_m, mode, radius_m, contact_length_m, roll_rad, grip, active}; free with trocar_m null, then {direction}
   addContact(instruments, options = {}) { return new Contact(this, instruments, options); }
   addGrasp(contact, options = {}) { return new Grasp(this, contact, options); }
   // coefficients: [static, kinetic] of each instrument
@@ -225,7 +225,7 @@ export class Contact {
   constructor(world, instruments, options) {
     const { library } = world, list = library.makeArray('tm_instrument_def', instruments.length);
     instruments.forEach(({ mode = 'probe', trocar_m, radius_m = 0.0025, contact_length_m = 0.1, ...pose }, i) => {
-      Object.assign(list[i], { mode: choice(mode, MODES, 'TM_TOOL_', 'mode'), trocar_m, radius_m, contact_length_m });
+      Object.assign(list[i], { mode: choice(mode, MODES, 'TM_TOOL_', 'mode'), is_free: trocar_m === null, trocar_m: trocar_m ?? [0, 0, 0], radius_m, contact_length_m });
       poseInto(list[i].pose, pose);
     });
     const definition = fill(library.call('tm_contact_def_default'), { instrument_count: instruments.length, instrument: list[0].address, ...options });

@@ -165,12 +165,13 @@ export class Scene {
   }
 }
 
-// Writes a pose {tip_m, roll_rad, grip, active} to a struct tm_tool_pose.
-export function poseInto(struct, { tip_m, roll_rad = 0, grip = 0, active = true }) {
+// Writes a pose {tip_m, roll_rad, grip, active, direction of a free instrument} to a struct tm_tool_pose.
+export function poseInto(struct, { tip_m, roll_rad = 0, grip = 0, active = true, direction = [0, 0, -1] }) {
   struct.tip_m = tip_m;
   struct.roll_rad = roll_rad;
   struct.grip = grip;
   struct.active = active;
+  struct.direction = direction;
 }
 
 function yamlOf(value) {

@@ -14,17 +14,20 @@ extern "C" {
 
 typedef enum tm_tool_mode { TM_TOOL_PROBE = 0, TM_TOOL_GRASPER = 1, TM_TOOL_CAUTERY = 2 } tm_tool_mode;
 
-/* Pose of an instrument. The shaft runs from the trocar (fixed pivot) through the tip; roll is about the shaft. */
+/* Pose of an instrument. The shaft runs from the trocar (fixed pivot) through the tip, or along `direction` if the
+ * instrument is free; roll is about the shaft. */
 typedef struct tm_tool_pose {
     double tip_m[3];
     double roll_rad;
     double grip; /* 0 open .. 1 closed */
     bool active; /* cautery: current is on; others: in the body. false: no contact */
+    double direction[3]; /* of a free instrument: along the shaft, towards the tip; any length. Else unused */
 } tm_tool_pose;
 
 typedef struct tm_instrument_def {
     tm_tool_mode mode;
-    double trocar_m[3];      /* world coordinates */
+    bool is_free; /* no trocar: the hand turns the shaft, and the pose holds its direction */
+    double trocar_m[3];      /* world coordinates; unused if free */
     double radius_m;         /* of shaft and tip, 0.0025 */
     double contact_length_m; /* length of shaft behind the tip that can touch, 0.1 */
     tm_tool_pose pose;       /* initial pose */
@@ -160,6 +163,8 @@ TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *r
 TM_API int32_t tm_contact_search_faces(const tm_contact_search *search, const int32_t **face, double *edge_m);
 TM_API bool tm_contact_search_restore(tm_contact_search *search, const double *rest_m, const tm_surface_view *surface,
                                       const int32_t *face, int32_t count, double edge_m);
+/* Computes the unit direction of the shaft, towards the tip; straight down if it is undefined. */
+TM_API void tm_tool_direction(const tm_instrument_def *def, const tm_tool_pose *pose, double direction[3]);
 /* Returns the part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* Contact compliance of one row, c = contact compliance / share, m/N:
@@ -180,6 +185,9 @@ TM_API double tm_contact_compliance_reaction(double compliance_m_N, double radiu
  * `tip`. */
 TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3],
                          const double force_N[3], double tip_force_N[3]);
+/* Computes it for an instrument. At a free one it is the force itself: the tip moves without turning the shaft. */
+TM_API void tm_tool_tip_force(const tm_instrument_def *def, const tm_tool_pose *pose, const double point_m[3],
+                              const double force_N[3], double tip_force_N[3]);
 
 #ifdef __cplusplus
 }

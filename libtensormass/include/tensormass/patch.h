@@ -34,6 +34,8 @@ typedef struct tm_patch {
      * full velocity), minus its mean over radiation_s. */
     double radiation_N_s_m, radiation_s;
     double trocar_m[3];
+    bool is_free; /* the tool has no trocar, and this direction of its shaft */
+    double direction[3];
     /* The patch includes a grasp: vertex_m and compliance_m_N are those of the grasped tissue and follow the tip. */
     bool grasps;
     uint32_t grasped;              /* bit v: vertex v is between the jaws; a row on such vertices only is no obstacle */
@@ -93,7 +95,7 @@ typedef struct tm_patch_grasp {
     const double *force_N;  /* [3*count] present force on the tissue */
     double compliance_m_N;  /* of each spring per axis, above 0 */
 } tm_patch_grasp;
-/* Fills a patch as tm_patch_fill, for a tool with a grasp and its tip at tip_m (trocar_m of the patch is read). The
+/* Fills a patch as tm_patch_fill, for a tool with a grasp and its tip at tip_m (trocar_m, is_free and direction of the patch are read). The
  * springs are eliminated from the compliance, so they cost a controller almost nothing. At most TM_PATCH_VERTICES - 1
  * patch vertices: the last place is used for work. With none, only grasp_N and grasp_stiffness_N_m are valid. Returns
  * false if a block is unknown or the blocks are no compliance. No allocation. */

@@ -159,7 +159,7 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
         if (row->instrument != t || !(row->lambda_N > 0)) continue;
         tm_capsule_station(&tool->capsule, row->station, at);
         vscale(-row->lambda_N, row->normal, on_tool);
-        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, at, on_tool, at_tip);
+        tm_tool_tip_force(&tool->def, &tool->pose, at, on_tool, at_tip);
         vmadd(force_N, 1, at_tip, force_N);
         vmadd(resultant_N, 1, on_tool, resultant_N);
     }

@@ -184,6 +184,14 @@ bool tm_tool_is_present(const tm_tool *tool);
  * total. O(surface). */
 bool tm_tool_is_outside(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
 
+/* Map from a force on a tool's point to the equivalent force at its tip. length_m is infinite for a free tool. */
+typedef struct tm_lever {
+    double trocar_m[3], direction[3], length_m;
+} tm_lever;
+tm_lever tm_lever_at(const double trocar_m[3], const double tip_m[3]);
+tm_lever tm_tool_lever(const tm_instrument_def *def, const tm_tool_pose *pose);
+void tm_lever_force(const tm_lever *lever, const double point_m[3], const double force_N[3], double tip_force_N[3]);
+
 /* Returns the travel of the axis: the larger of its two ends', m. */
 double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
 

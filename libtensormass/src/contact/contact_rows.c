@@ -80,13 +80,15 @@ static void find_rows(tm_contact *contact) {
 static void react_rows(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
     const tm_contact *contact = self;
     tm_tool *tool = ((tm_contact *)self)->tool + t;
+    tm_lever lever = {.length_m = 0}; /* computed at the first loaded row */
     for (int32_t i = 0; i < contact->row_count; i++) {
         const tm_contact_row *row = contact->row + i;
         double on_tool[3], at_tip[3];
         if (row->instrument != t || row->lambda_N <= 0) continue;
         vscale(-row->lambda_N, row->normal, on_tool);
         vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
-        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
+        if (lever.length_m == 0) lever = tm_tool_lever(&tool->def, &tool->pose);
+        tm_lever_force(&lever, row->point_m, on_tool, at_tip);
         vmadd(force_N, 1, at_tip, force_N);
         vmadd(resultant_N, 1, on_tool, resultant_N);
         if (row->lambda_N >= contact->def.force_cap_N) tool->flags |= TM_REACTION_CAPPED;

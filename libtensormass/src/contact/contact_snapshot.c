@@ -136,8 +136,13 @@ static void unpack_tool(const saved_tool *k, int32_t instrument, tm_tool *tool) 
     COPY(tool->stiffness_N_m, k->stiffness_N_m);
 }
 
-static int64_t bytes_of(const saved *k) {
-    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(saved_tool) * k->tool_count +
+/* Directions of a free tool's three poses, after its saved_tool; others have none. */
+typedef struct saved_directions {
+    double pose[3], from[3], to[3];
+} saved_directions;
+
+static int64_t bytes_of(const saved *k, int32_t free_tools) {
+    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(saved_directions) * free_tools + (int64_t)sizeof(saved_tool) * k->tool_count +
                     (int64_t)sizeof(tm_packed_row) * k->row_count;
     for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
@@ -147,6 +152,29 @@ static void *put(void *to, const void *from, size_t bytes) { return (char *)memc
 static const void *take(void *to, const void *from, size_t bytes) {
     memcpy(to, from, bytes);
     return (const char *)from + bytes;
+}
+
+static int32_t count_free(const tm_contact *contact) {
+    int32_t count = 0;
+    for (int32_t t = 0; t < contact->tool_count; t++) count += contact->tool[t].def.is_free;
+    return count;
+}
+
+static void *put_directions(void *to, const tm_tool *tool) {
+    saved_directions k;
+    COPY(k.pose, tool->pose.direction);
+    COPY(k.from, tool->from.direction);
+    COPY(k.to, tool->to.direction);
+    return put(to, &k, sizeof k);
+}
+
+static const void *take_directions(tm_tool *tool, const void *from) {
+    saved_directions k;
+    from = take(&k, from, sizeof k);
+    COPY(tool->pose.direction, k.pose);
+    COPY(tool->from.direction, k.from);
+    COPY(tool->to.direction, k.to);
+    return from;
 }
 
 int64_t tm_contact_snapshot(void *self, void *buffer) {
@@ -160,7 +188,7 @@ int64_t tm_contact_snapshot(void *self, void *buffer) {
     k.frame_average = contact->frame_average;
     for (int32_t t = 0; t < k.tool_count; t++)
         if (contact->tool[t].gathered_age >= 0) k.gathered[t] = contact->tool[t].surface->face_count;
-    if (!buffer) return bytes_of(&k);
+    if (!buffer) return bytes_of(&k, count_free(contact));
     void *to = put(buffer, &k, sizeof k);
     for (int32_t i = 0; i < k.row_count; i++) {
         const tm_packed_row row = tm_row_pack(contact->row + i);
@@ -170,8 +198,9 @@ int64_t tm_contact_snapshot(void *self, void *buffer) {
         const saved_tool tool = pack_tool(contact->tool + t);
         to = put(to, &tool, sizeof tool);
         to = put(to, contact->tool[t].surface->face_id, sizeof(int32_t) * (size_t)k.gathered[t]);
+        if (contact->tool[t].def.is_free) to = put_directions(to, contact->tool + t);
     }
-    return bytes_of(&k);
+    return bytes_of(&k, count_free(contact));
 }
 
 /* Finds the surface slots of the active faces that a tool had gathered; -1 if one is missing. */
@@ -230,7 +259,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
         return false;
     for (int32_t t = 0; t < k.tool_count; t++)
         if (k.gathered[t] < 0 || k.gathered[t] > TM_LOCAL_FACES) return false;
-    if (bytes != bytes_of(&k) || !rows_fit(contact, &k, from)) return false;
+    if (bytes != bytes_of(&k, count_free(contact)) || !rows_fit(contact, &k, from)) return false;
     if (!apply) return true;
     contact->frame_step = k.frame_step;
     contact->frame_steps = k.frame_steps;
@@ -249,6 +278,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
         from = take(&tool, from, sizeof tool);
         from = take(face, from, sizeof(int32_t) * (size_t)k.gathered[t]);
         unpack_tool(&tool, t, contact->tool + t);
+        if (contact->tool[t].def.is_free) from = take_directions(contact->tool + t, from);
         gather_again(contact, contact->tool + t, face, k.gathered[t]);
         contact->tool[t].surface->edge_m = tool.edge_m; /* estimate for the next gathering, not this one's */
         contact->tool[t].surface->overflowed = tool.surface_overflowed != 0;
@@ -259,7 +289,7 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
 int64_t tm_contact_snapshot_max(const tm_contact_def *def) {
     saved k = {.tool_count = def->instrument_count, .row_count = def->max_rows * def->instrument_count};
     for (int32_t t = 0; t < k.tool_count; t++) k.gathered[t] = TM_LOCAL_FACES;
-    return bytes_of(&k);
+    return bytes_of(&k, def->instrument_count);
 }
 
 void tm_contact_checkpoint(void *self) {

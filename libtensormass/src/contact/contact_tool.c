@@ -12,21 +12,35 @@ static double direction(const double trocar_m[3], const double tip_m[3], double 
     return length;
 }
 
+/* Computes the direction of the shaft, straight down if it is undefined. Returns the distance from trocar to tip,
+ * infinite for a free tool. */
+static double shaft(const tm_instrument_def *def, const tm_tool_pose *pose, double e[3]) {
+    if (!def->is_free) return direction(def->trocar_m, pose->tip_m, e);
+    const double size = vunit(pose->direction, e);
+    if (!(size > 0 && size < INFINITY)) e[0] = 0, e[1] = 0, e[2] = -1;
+    return INFINITY;
+}
+
+void tm_tool_direction(const tm_instrument_def *def, const tm_tool_pose *pose, double e[3]) {
+    TM_REQUIRE(def && pose && e, "def, pose or direction is null", );
+    shaft(def, pose, e);
+}
+
 tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument) {
     TM_REQUIRE(def && pose, "def or pose is null", (tm_capsule){0});
     tm_capsule capsule = {.radius_m = def->radius_m, .instrument = instrument};
-    double e[3], length = direction(def->trocar_m, pose->tip_m, e);
+    double e[3], length = shaft(def, pose, e);
     vset(pose->tip_m, capsule.tip_m);
     vmadd(pose->tip_m, -law_min(def->contact_length_m, length), e, capsule.tail_m);
     return capsule;
 }
 
-/* Interpolates linearly in the joints at the trocar: direction at constant rate in the plane of both ends, insertion
- * linearly. */
-static void along_path(const double trocar_m[3], const tm_tool_pose *from, const tm_tool_pose *to, double fraction,
+/* Interpolates the direction at constant rate in the plane of both ends, and linearly the insertion in the trocar or
+ * the tip of a free tool. */
+static void along_path(const tm_instrument_def *def, const tm_tool_pose *from, const tm_tool_pose *to, double fraction,
                        tm_tool_pose *pose) {
     double a[3], b[3], across[3], e[3];
-    double length_a = direction(trocar_m, from->tip_m, a), length_b = direction(trocar_m, to->tip_m, b);
+    double length_a = shaft(def, from, a), length_b = shaft(def, to, b);
     vcross(a, b, across);
     double sine = vnorm(across), angle = tm_arctangent2(sine, vdot(a, b));
     if (sine < 1e-9) {
@@ -36,7 +50,11 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
         vmadd(e, tm_sine(fraction * angle) / sine, b, e);
     }
     vunit(e, e);
-    vmadd(trocar_m, length_a + fraction * (length_b - length_a), e, pose->tip_m);
+    if (def->is_free) {
+        for (int c = 0; c < 3; c++) pose->tip_m[c] = from->tip_m[c] + fraction * (to->tip_m[c] - from->tip_m[c]);
+        vset(e, pose->direction);
+    } else
+        vmadd(def->trocar_m, length_a + fraction * (length_b - length_a), e, pose->tip_m);
     pose->roll_rad = from->roll_rad + fraction * (to->roll_rad - from->roll_rad);
     pose->grip = from->grip + fraction * (to->grip - from->grip);
     pose->active = to->active;
@@ -76,7 +94,7 @@ void tm_tool_advance(tm_tool *tool, int32_t part, int32_t parts) {
         if (tool->path_step == tool->path_steps)
             tool->pose = tool->to;
         else
-            along_path(tool->def.trocar_m, &tool->from, &tool->to, step / tool->path_steps, &tool->pose);
+            along_path(&tool->def, &tool->from, &tool->to, step / tool->path_steps, &tool->pose);
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
@@ -101,7 +119,11 @@ static int crosses(const double at[3], const double e[3], double length, const d
 bool tm_tool_is_outside(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface) {
     double e[3], at[3];
     const double *tip = tool->capsule.tip_m;
-    direction(tip, tool->def.trocar_m, e);
+    if (tool->def.is_free) {
+        shaft(&tool->def, &tool->pose, e);
+        vscale(-1, e, e);
+    } else
+        direction(tip, tool->def.trocar_m, e);
     double length = direction(tip, tool->capsule.tail_m, at);
     int32_t crossings = 0;
     for (int32_t i = 0; i < surface->count; i++) {
@@ -117,17 +139,45 @@ bool tm_tool_is_outside(const tm_tool *tool, const double *rest_m, const double 
     return crossings % 2 == 0;
 }
 
-void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
-                  double tip_force_N[3]) {
-    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "an argument is null", );
-    double e[3], arm[3], torque[3], across[3];
-    double length = law_max(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
-    vsub(point_m, trocar_m, arm);
+tm_lever tm_lever_at(const double trocar_m[3], const double tip_m[3]) {
+    tm_lever lever;
+    vset(trocar_m, lever.trocar_m);
+    /* a tip on the trocar has no lever: bounded */
+    lever.length_m = law_max(direction(trocar_m, tip_m, lever.direction), 1e-3);
+    return lever;
+}
+
+tm_lever tm_tool_lever(const tm_instrument_def *def, const tm_tool_pose *pose) {
+    return def->is_free ? (tm_lever){.length_m = INFINITY} : tm_lever_at(def->trocar_m, pose->tip_m);
+}
+
+void tm_lever_force(const tm_lever *lever, const double point_m[3], const double force_N[3], double tip_force_N[3]) {
+    const double *e = lever->direction;
+    double arm[3], torque[3], across[3];
+    if (lever->length_m == INFINITY) {
+        vset(force_N, tip_force_N);
+        return;
+    }
+    vsub(point_m, lever->trocar_m, arm);
     vcross(arm, force_N, torque);
     vcross(e, torque, across);
     /* the insertion joint has the force along the axis, the pivots its torque about the trocar */
     vscale(vdot(force_N, e), e, tip_force_N);
-    vmadd(tip_force_N, -1 / length, across, tip_force_N);
+    vmadd(tip_force_N, -1 / lever->length_m, across, tip_force_N);
+}
+
+void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
+                  double tip_force_N[3]) {
+    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "an argument is null", );
+    const tm_lever lever = tm_lever_at(trocar_m, tip_m);
+    tm_lever_force(&lever, point_m, force_N, tip_force_N);
+}
+
+void tm_tool_tip_force(const tm_instrument_def *def, const tm_tool_pose *pose, const double point_m[3],
+                       const double force_N[3], double tip_force_N[3]) {
+    TM_REQUIRE(def && pose && point_m && force_N && tip_force_N, "an argument is null", );
+    const tm_lever lever = tm_tool_lever(def, pose);
+    tm_lever_force(&lever, point_m, force_N, tip_force_N);
 }
 
 double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b) {

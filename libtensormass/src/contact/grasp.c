@@ -179,7 +179,7 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
     for (int32_t i = 0; i < h->count; i++) {
         double on_tool[3], at_tip[3];
         vscale(-1, h->force_N + 3 * i, on_tool);
-        tm_tip_force(tool->def.trocar_m, tool->capsule.tip_m, h->target_m + 3 * i, on_tool, at_tip);
+        tm_tool_tip_force(&tool->def, &tool->pose, h->target_m + 3 * i, on_tool, at_tip);
         vmadd(force_N, 1, at_tip, force_N);
         vmadd(resultant_N, 1, on_tool, resultant_N);
     }

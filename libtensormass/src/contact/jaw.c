@@ -10,8 +10,7 @@
 
 void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(jaw && tool && pose, "jaw, tool or pose is null", );
-    vsub(pose->tip_m, tool->trocar_m, jaw->origin);
-    if (vunit(jaw->origin, jaw->origin) <= 0) jaw->origin[2] = -1;
+    tm_tool_direction(tool, pose, jaw->origin);
 }
 
 /* Computes the frame: the shaft's direction e, and two axes across it by the shortest rotation from `origin` to e,
@@ -19,7 +18,10 @@ void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose
 void tm_jaw_rotate(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(h && tool && pose, "jaw, tool or pose is null", );
     double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
-    vsub(pose->tip_m, tool->trocar_m, e);
+    if (tool->is_free)
+        tm_tool_direction(tool, pose, e);
+    else
+        vsub(pose->tip_m, tool->trocar_m, e);
     if (vunit(e, e) <= 0) vset(h->origin, e);
     /* a fixed vector across origin, rotated along */
     double least[3] = {0, 0, 0};

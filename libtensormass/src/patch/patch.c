@@ -51,6 +51,8 @@ static void describe(const tm_patch_builder *builder, int32_t t, tm_patch *patch
                                           : 0;
     patch->drag_s_m = contact->others.solve ? 0 : LAW_DRAG_S_M; /* rows of another block have none */
     vset(tool->def.trocar_m, patch->trocar_m);
+    patch->is_free = tool->def.is_free;
+    vset(tool->pose.direction, patch->direction);
 }
 
 /* Radiation of waves: tissue that a tool moves radiates waves, which carry energy away, as from a disc of radius a on a

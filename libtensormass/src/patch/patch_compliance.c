@@ -91,12 +91,14 @@ bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_c
 /* --- grasp --- */
 
 /* Computes the motion of a point fixed to the tool per tip motion: B such that d(point) = B d(tip), for a shaft that
- * rotates about the trocar without spin. */
-static void lever(const double trocar_m[3], const double tip_m[3], const double point_m[3], double B[3][3]) {
+ * rotates about the trocar without spin, or does not rotate if the tool is free. */
+static void lever(const tm_patch *patch, const double tip_m[3], const double point_m[3], double B[3][3]) {
+    for (int i = 0; i < 9 && patch->is_free; i++) B[i / 3][i % 3] = i % 4 == 0;
+    if (patch->is_free) return;
     double e[3], arm[3];
-    vsub(tip_m, trocar_m, e);
+    vsub(tip_m, patch->trocar_m, e);
     double length = fmax(vunit(e, e), 1e-3);
-    vsub(point_m, trocar_m, arm);
+    vsub(point_m, patch->trocar_m, arm);
     for (int c = 0; c < 3; c++) {
         double tip[3] = {0, 0, 0}, spin[3], moved[3];
         tip[c] = 1;
@@ -126,7 +128,7 @@ static bool set_up_grasp(tm_grasp_work *w, const tm_patch *patch, const tm_patch
             for (int i = 0; i < 9; i++)
                 w->M[3 * a + i / 3][3 * b + i % 3] = C[i] + (a == b && i % 4 == 0 ? grasp->compliance_m_N : 0);
         }
-        lever(patch->trocar_m, tip_m, grasp->target_m + 3 * a, B);
+        lever(patch, tip_m, grasp->target_m + 3 * a, B);
         for (int i = 0; i < 9; i++) w->Y[3 * a + i / 3][i % 3] = B[i / 3][i % 3];
         for (int32_t v = 0; v < patch->vertex_count; v++) {
             if (!block_between(block, self, grasp->vertex[a], patch->vertex[v], C)) return false;
@@ -196,10 +198,11 @@ bool tm_patch_fill_grasped(tm_patch_solver *solver, tm_patch *patch, const tm_pa
     row_forces(patch, row, row_count, force);
     tm_patch_deform(patch, force, -1, patch->vertex_m);
     memset(patch->grasp_N, 0, sizeof patch->grasp_N);
+    const tm_lever at = tm_patch_lever(patch, tip_m);
     for (int32_t i = 0; i < grasp->count; i++) {
         double on_tool[3], at_tip[3];
         vscale(-1, grasp->force_N + 3 * i, on_tool);
-        tm_tip_force(patch->trocar_m, tip_m, grasp->target_m + 3 * i, on_tool, at_tip);
+        tm_lever_force(&at, grasp->target_m + 3 * i, on_tool, at_tip);
         vmadd(patch->grasp_N, 1, at_tip, patch->grasp_N);
     }
     for (int32_t i = 0; i < 3 * patch->vertex_count; i++)

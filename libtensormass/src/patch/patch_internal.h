@@ -7,6 +7,10 @@
 
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
+static inline tm_lever tm_patch_lever(const tm_patch *patch, const double tip_m[3]) {
+    return patch->is_free ? (tm_lever){.length_m = INFINITY} : tm_lever_at(patch->trocar_m, tip_m);
+}
+
 /* patch_solver.c: position_m += sign C force_N. */
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
 

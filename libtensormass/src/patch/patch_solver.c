@@ -232,10 +232,11 @@ static void tip_force(const tm_patch_solver *s, const tm_patch *patch, const dou
     double moved[3];
     vsub(tip_m, patch->grasp_tip_m, moved);
     grasp_force(s, patch, moved, force_N);
+    const tm_lever lever = tm_patch_lever(patch, tip_m);
     for (int32_t i = 0; i < s->row_count; i++) {
         double on_tool[3], at_tip[3];
         vscale(-s->row[i].lambda_N, s->row[i].normal, on_tool);
-        tm_tip_force(patch->trocar_m, tip_m, s->row[i].point_m, on_tool, at_tip);
+        tm_lever_force(&lever, s->row[i].point_m, on_tool, at_tip);
         vmadd(force_N, 1, at_tip, force_N);
     }
 }
@@ -274,13 +275,15 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     TM_REQUIRE(s && patch && tip_m && force_N, "solver, patch, tip_m or force_N is null", );
     TM_REQUIRE(is_whole(patch) && tm_are_places(tip_m),
                "the patch's counts, triangles or radius are out of range, or tip_m is", );
-    tm_instrument_def def = {.radius_m = patch->radius_m, .contact_length_m = patch->contact_length_m};
+    tm_instrument_def def = {
+        .is_free = patch->is_free, .radius_m = patch->radius_m, .contact_length_m = patch->contact_length_m};
     tm_tool_pose pose = {.active = true};
     tm_surface_view surface = {.count = patch->triangle_count};
     int32_t triangle[3 * TM_PATCH_TRIANGLES];
     double moved[3];
     vset(patch->trocar_m, def.trocar_m);
     vset(tip_m, pose.tip_m);
+    vset(patch->direction, pose.direction);
     tm_capsule capsule = tm_tool_capsule(&def, &pose, patch->instrument);
     for (int32_t i = 0; i < 3 * patch->triangle_count; i++) triangle[i] = patch->triangle[i];
     surface.triangle = triangle;
