@@ -165,13 +165,10 @@ static double nearest_way_m(const sim *s, int i) {
 static bool depth_m(const sim *s, int i, double time_s, double *depth, double *thickness) {
     const tm_instrument_def *tool = &s->instrument_def[i];
     const tm_tool_pose pose = sim_hand_pose(s, i, time_s);
-    double along[3], back[3], beyond[3], reach = 0;
-    for (int a = 0; a < 3; a++) along[a] = pose.tip_m[a] - tool->trocar_m[a], reach += along[a] * along[a];
-    reach = sqrt(reach);
-    for (int a = 0; a < 3; a++) along[a] /= reach, back[a] = -along[a];
-    const double way = sim_way_to_touch(s->mesh, tool->trocar_m, along, tool->radius_m),
-                 far = way + 4 * size_m(s->mesh);
-    for (int a = 0; a < 3; a++) beyond[a] = tool->trocar_m[a] + far * along[a];
+    double from[3], along[3], back[3], beyond[3];
+    const double reach = sim_shaft_start(s, i, &pose, from, along),
+                 way = sim_way_to_touch(s->mesh, from, along, tool->radius_m), far = way + 4 * size_m(s->mesh);
+    for (int a = 0; a < 3; a++) back[a] = -along[a], beyond[a] = from[a] + far * along[a];
     const double behind = way < 0 ? -1 : sim_way_to_touch(s->mesh, beyond, back, tool->radius_m);
     if (way < 0 || behind < 0) return false;
     *depth = reach - way, *thickness = far - behind - way;
@@ -197,7 +194,7 @@ static void check_hands(review *r) {
     const app_instrument *all = s->scene->instrument.item;
     if (!s->instrument_count) odd(r, 0, "the scene has no instruments; add 'instruments:' (tm-scene new proposes one)");
     for (int i = 0; i < s->instrument_count; i++) {
-        if (sim_is_inside(s->mesh, all[i].trocar.v))
+        if (!s->instrument_def[i].is_free && sim_is_inside(s->mesh, all[i].trocar.v))
             odd(r, all[i].trocar.line,
                 "the trocar of instrument %d is inside the tissue; move it outside, into the body wall", i);
         if (!s->hand[i].key_count) {

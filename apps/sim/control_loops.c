@@ -61,7 +61,8 @@ static int set_up(sim_control_loops *all, int i, const sim *s, const sim_haptics
     node.mode = (hrt_mode)s->instrument_def[i].mode;
     node.session = SESSION;
     node.pose_known = true;
-    memcpy(node.pose.trocar_m, scene->trocar.v, sizeof node.pose.trocar_m);
+    memcpy(node.pose.trocar_m, app_instrument_origin(scene)->v, sizeof node.pose.trocar_m);
+    node.pose.is_free = s->instrument_def[i].is_free;
     memcpy(node.pose.axis, scene->axis.v, sizeof node.pose.axis);
     memcpy(node.pose.up, scene->up.v, sizeof node.pose.up);
     node.extrapolator = (hrt_extrapolator)haptics->extrapolator.index;

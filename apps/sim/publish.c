@@ -249,6 +249,8 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
     for (int i = 0; i < s->instrument_count; i++) {
         memcpy(m.tip_m[i], s->pose[i].tip_m, sizeof m.tip_m[i]);
         memcpy(m.trocar_m[i], s->instrument_def[i].trocar_m, sizeof m.trocar_m[i]);
+        m.is_free[i] = s->instrument_def[i].is_free;
+        tm_tool_direction(&s->instrument_def[i], &s->pose[i], m.direction[i]);
         for (int a = 0; a < 3; a++) { /* columns z and y of the instrument's axes */
             m.axis[i][a] = s->axes[i].r[3 * a + 2];
             m.up[i][a] = s->axes[i].r[3 * a + 1];

@@ -91,6 +91,7 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
     for (int i = 0; i < m->instrument_count; i++) {
         if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M))
             return "an instrument's position is not finite";
+        if (!all_within(m->direction[i], 3, 1.01)) return "the direction of a shaft is not a unit vector";
         if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6))
             return "an instrument's axis is not finite";
         if (!(m->radius_m[i] > 0 && m->radius_m[i] <= 0.1)) return "an instrument's radius is not in (0, 0.1] m";
@@ -111,6 +112,8 @@ static void read_instrument(view_instrument *t, const tensormass_sim_status_t *m
     t->mode = (hrt_mode)m->mode[i], t->active = m->active[i] != 0;
     memcpy(t->tip_m, m->tip_m[i], sizeof t->tip_m);
     memcpy(t->trocar_m, m->trocar_m[i], sizeof t->trocar_m);
+    memcpy(t->direction, m->direction[i], sizeof t->direction);
+    t->is_free = m->is_free[i] != 0;
     memcpy(t->axis, m->axis[i], sizeof t->axis);
     memcpy(t->up, m->up[i], sizeof t->up);
     memcpy(t->force_N, m->force_N[i], sizeof t->force_N);

@@ -42,6 +42,8 @@ typedef struct view_instrument {
     const hrt_device_type *device; /* device in the hand; null: not reported */
     bool active;                   /* cautery current is on */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
+    bool is_free;          /* no trocar: trocar_m is the device's origin */
+    double direction[3];   /* of a free one's shaft, unit, towards the tip */
     double axis[3], up[3]; /* the device's pose at the trocar; zero: not reported */
     double force_N[3];     /* force on the tool, reported by the simulation */
     double patch_age;      /* sim_status_t.patch_age; -1: none */

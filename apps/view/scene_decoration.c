@@ -81,6 +81,8 @@ static int load_scene(const char *path, const view_mark_choice *choice, const vi
         tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
         memcpy(t->tip_m, pose.tip_m, sizeof t->tip_m);
         memcpy(t->trocar_m, s->instrument_def[i].trocar_m, sizeof t->trocar_m);
+        memcpy(t->direction, pose.direction, sizeof t->direction);
+        t->is_free = s->instrument_def[i].is_free;
         t->radius_m = s->instrument_def[i].radius_m, t->roll_rad = pose.roll_rad, t->grip = pose.grip;
         t->mode = (hrt_mode)s->instrument_def[i].mode;
         t->shown = true;

@@ -132,7 +132,8 @@ static void jaw(view_shape *s, const frame *tip, float side, float angle, float 
 
 static frame tip_frame(const view_instrument *t) {
     frame f;
-    for (int k = 0; k < 3; k++) f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; k++)
+        f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->is_free ? t->direction[k] : t->tip_m[k] - t->trocar_m[k]);
     float length = sqrtf(f.w[0] * f.w[0] + f.w[1] * f.w[1] + f.w[2] * f.w[2]);
     for (int k = 0; k < 3; k++) f.w[k] = length > 0 ? f.w[k] / length : (float)-(k == 2);
     float u[3], v[3], c = cosf((float)t->roll_rad), s = sinf((float)t->roll_rad);
@@ -141,8 +142,10 @@ static frame tip_frame(const view_instrument *t) {
     return f;
 }
 
+/* Returns the length of shaft to draw in front of the trocar; of a free instrument, 12 cm. */
 static float inside_m(const view_instrument *t) {
     double sum = 0;
+    if (t->is_free) return 0.12f;
     for (int k = 0; k < 3; k++) sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
     return (float)sqrt(sum);
 }

@@ -191,6 +191,11 @@ static void no_force(hrt_controller *c) {
 
 static void make_force(hrt_controller *c, int64_t now_us, const hrt_input *in, float dt_s) {
     float force[3];
+#if HRT_WITH_FREE
+    hrt_shaft *shaft = &c->extrapolation.touch.shaft;
+    shaft->is_free = c->axes.is_free;
+    if (shaft->is_free) hrt_direction(&c->axes, c->joint, shaft->direction);
+#endif
     hrt_render(c, now_us, in->coupling, force);
     if (in->passivity) hrt_passivity_control(c, dt_s, force);
     if (!hrt_finite_n(force, 3)) {

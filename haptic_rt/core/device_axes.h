@@ -6,6 +6,19 @@ static inline void cross(const HRT_REAL a[3], const HRT_REAL b[3], HRT_REAL c[3]
     c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+#if HRT_WITH_FREE
+/* Computes the direction of a shaft tilted from z by the angle |tilt|, towards x and y in the ratio of its entries. */
+static void turn_tilt(const HRT_REAL r[9], bool tilts, const HRT_REAL tilt[2], HRT_REAL direction[3]) {
+    HRT_REAL along[3] = {0, 0, 1}, s;
+    const HRT_REAL angle = tilts ? HRT_SQRT(tilt[0] * tilt[0] + tilt[1] * tilt[1]) : 0;
+    if (angle > (HRT_REAL)1.0e-6) {
+        HRT_SINE_COSINE(angle, &s, &along[2]);
+        along[0] = s * (tilt[0] / angle), along[1] = s * (tilt[1] / angle);
+    }
+    turn(r, 1, along, direction);
+}
+#endif
+
 static bool make_unit(const HRT_REAL a[3], HRT_REAL unit[3]) {
     const HRT_REAL most = (HRT_REAL)HRT_SIZE_MAX, least = (HRT_REAL)HRT_SIZE_MIN;
     for (int i = 0; i < 3; i++) /* isfinite may be optimised away in a firmware build */

@@ -3,8 +3,8 @@
  * code runs under the Linux loop, on a virtual clock and on a microcontroller.
  *
  * Times are int64 microseconds of the caller's clock; floats hold only differences. Positions are metres relative to
- * the trocar, forces are newtons on the tool. Both are along the scene's world axes; the caller moves the origin
- * (io/node.h). States, transitions, faults and limits: docs/controller.md.
+ * the trocar (of a free instrument: its origin), forces are newtons on the tool. Both are along the scene's world axes;
+ * the caller moves the origin (io/node.h). States, transitions, faults and limits: docs/controller.md.
  *
  * Over 400 lines: firmware includes this one header. */
 #ifndef HRT_H
@@ -27,6 +27,7 @@ enum { HRT_JOINTS = 7, HRT_MOTORS = 3 };
 #endif
 /* The Impulse Engine's joints, in order. */
 enum { HRT_PITCH, HRT_YAW, HRT_INSERTION, HRT_ROLL, HRT_GRIP };
+enum { HRT_TILT = 5 }; /* first of the two joints of a device that `tilts` */
 
 /* boot -> self_test -> idle -> engaged <-> stale -> idle. A lost device leads from idle to boot. Any state may enter
  * fault; only a reset leaves it, to boot. */
@@ -182,6 +183,15 @@ int32_t hrt_params_check(const hrt_params *params);
 #define HRT_WITH_EVIDENCE 1
 #endif
 
+/* 0 omits tools without a trocar from firmware. */
+#ifndef HRT_WITH_FREE
+#ifdef HRT_ONE_DEVICE
+#define HRT_WITH_FREE 0
+#else
+#define HRT_WITH_FREE 1
+#endif
+#endif
+
 /* 0 omits the law `adaptive` and its 8 kB of memory; it then runs as `local_model`. */
 #ifndef HRT_WITH_ADAPTIVE
 #define HRT_WITH_ADAPTIVE 1
@@ -325,6 +335,8 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
 typedef struct hrt_axes {
     float r[9];
     const hrt_device_type *device;
+    bool is_free; /* the instrument has no trocar: positions are relative to its origin, and hrt_direction is its
+                     shaft's */
 } hrt_axes;
 
 typedef struct hrt_joint_type {
@@ -349,6 +361,7 @@ struct hrt_device_type {
                          joints */
     int32_t insertion, roll, grip; /* joint that slides along the shaft (joints 0 and 1 are then its pitch and yaw),
                                       rotates about it, closes the jaws; -1: none */
+    bool tilts;                    /* joints 5 and 6 are the tilt of the shaft from z towards x and y, rad */
     bool slides; /* the first two motors slide too: CAN frames carry their forces by the millinewton, as the third's */
 #ifndef HRT_ONE_DEVICE
     /* tip: position relative to the trocar, m. jacobian: d tip / d (driven joints), row-major 3x3; columns without a
@@ -366,8 +379,8 @@ extern const int32_t hrt_device_type_count;
 int32_t hrt_device_type_find(const char *name);
 int32_t hrt_device_type_number(const hrt_device_type *device);
 
-/* Sets the axes from a direction and an up vector of any length. Returns false, with the identity, if they are
- * parallel, zero or not finite. */
+/* Sets the axes of an instrument in a trocar from a direction and an up vector of any length. Returns false, with the
+ * identity, if they are parallel, zero or not finite. */
 bool hrt_axes_along(hrt_axes *axes, const hrt_device_type *device, const float axis[3], const float up[3]);
 void hrt_tip(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]);
 /* Computes d tip / d (driven joints), row-major 3x3. */
@@ -375,6 +388,9 @@ void hrt_jacobian(const hrt_axes *axes, const float joint[HRT_JOINTS], float jac
 /* Computes the driven joints for a tip position. Returns false if there are none (at the trocar itself, for a gimbal).
  */
 bool hrt_inverse(const hrt_axes *axes, const float tip_m[3], float joint3[3]);
+/* Computes the unit direction of a free instrument's shaft, towards the tip: the handle's, or `axis` if the device has
+ * no tilt. */
+void hrt_direction(const hrt_axes *axes, const float joint[HRT_JOINTS], float direction[3]);
 void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]);
 /* Returns the count of joint `j` at a value, not rounded. */
 float hrt_count_of_joint(const hrt_params *params, int j, float value);
@@ -415,6 +431,7 @@ typedef struct hrt_friction_history {
     int32_t count;
     hrt_friction_state at[HRT_CONTACT_ROWS];
     float u_m[HRT_PATCH_DOFS], tip_m[3]; /* displacements of the vertices and position of the tip in the last tick */
+    float direction[3];                  /* of a free tool's shaft in the last tick */
 } hrt_friction_history;
 
 /* An earlier sample, for differences. */
@@ -445,8 +462,15 @@ typedef struct hrt_adaptive {
     hrt_adaptive_record record[HRT_ADAPTIVE_RECORDS];
 } hrt_adaptive;
 
+/* Shaft of a tool without a trocar. With one it runs from the origin through the tip. */
+typedef struct hrt_shaft {
+    bool is_free;
+    float direction[3]; /* unit, towards the tip; unused with a trocar */
+} hrt_shaft;
+
 /* State of the tool's contact with a patch, kept between ticks. */
 typedef struct hrt_touch {
+    hrt_shaft shaft;     /* set before each tick's force */
     int64_t drag_us;     /* time of the last solve against a patch */
     float drag_tip_m[3]; /* tip position at that time */
     float mean_m_s[3];   /* mean tip velocity in contact, over radiation_s */

@@ -70,6 +70,8 @@ float hrt_us(int64_t us);
 static inline float hrt_seconds(int64_t us) { return 1.0e-6f * hrt_us(us); }
 static inline bool hrt_older(int64_t us, float limit_us) { return hrt_us(us) > limit_us; }
 
+static inline bool hrt_is_free(const hrt_shaft *shaft) { return HRT_WITH_FREE && shaft->is_free; }
+
 #if HRT_WITH_ADAPTIVE
 /* adaptive.c: Resets the errors of all laws. */
 void hrt_adaptive_reset(hrt_adaptive *a);
@@ -130,6 +132,7 @@ typedef struct hrt_friction {
     const hrt_patch *patch;
     hrt_friction_history *history; /* state of the last tick; hrt_friction_settle updates it */
     law_v3 tip;
+    const hrt_shaft *shaft;
     int32_t count;
     hrt_friction_station station[HRT_CONTACT_ROWS];
     float u_m[HRT_PATCH_DOFS]; /* displacements of the vertices in this iteration */
@@ -138,8 +141,8 @@ typedef struct hrt_friction {
 /* patch_friction.c: Friction of one tick. _begin starts from the state of the last tick. _shape sets the shape,
  * shifted, that rows are detected against. _iterate computes friction at the solved rows and adds it to the residual.
  * _settle ends the tick. */
-void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was,
-                        const float tip_m[3]);
+void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was, const float tip_m[3],
+                        const hrt_shaft *shaft);
 void hrt_friction_shape(hrt_friction *friction, const float *shift_m);
 void hrt_friction_iterate(hrt_friction *friction, const hrt_contact_row *row, int32_t count, float *residual_N);
 void hrt_friction_settle(hrt_friction *friction, float passed_s);
@@ -161,11 +164,11 @@ typedef struct hrt_hits {
     } at[HRT_HITS_MAX];
 } hrt_hits;
 
-/* patch_rows.c: Detects the contact rows of the tool's axis, from `tip_m` towards the trocar, against the patch shifted
+/* patch_rows.c: Detects the contact rows of the tool's axis, from `tip_m` along the shaft, against the patch shifted
  * by `shift_m`. Keeps rows with a gap of at most a fifth of the radius. `before`: the rows of the previous shape; they
  * keep contact where a station has sunk through the surface. `hits`: filled by a search, or, on a shape that hardly
  * differs, the only features checked. Returns the count, at most HRT_CONTACT_ROWS. */
-int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3],
+int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_shaft *shaft,
                          const hrt_contact_row *before, int32_t before_count, hrt_hits *hits, hrt_contact_row *row);
 
 /* topology.c: Builds the topology. Returns false if there are too many edges for a surface. */

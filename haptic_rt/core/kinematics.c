@@ -57,8 +57,15 @@ int32_t hrt_device_type_number(const hrt_device_type *device) {
 
 bool hrt_axes_along(hrt_axes *axes, const hrt_device_type *device, const float axis[3], const float up[3]) {
     axes->device = device;
+    axes->is_free = false;
     return turn_along(axes->r, axis, up);
 }
+
+#if HRT_WITH_FREE
+void hrt_direction(const hrt_axes *axes, const float joint[HRT_JOINTS], float direction[3]) {
+    turn_tilt(axes->r, axes->device->tilts, &joint[HRT_TILT], direction);
+}
+#endif
 
 void hrt_tip(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]) {
     CALL(axes, tip)(axes, joint, tip_m);

@@ -122,10 +122,10 @@ static void shift_without_friction(solve *s, const hrt_contact_row *before, int3
 }
 #endif
 
-static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contact_row *row) {
+static void find_rows(solve *s, const float tip_m[3], const hrt_shaft *shaft, hrt_hits *hits, hrt_contact_row *row) {
     const hrt_contact_row *before = s->row;
     const int32_t count = s->p.rows;
-    s->p.rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
+    s->p.rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, shaft, before, count, hits, row);
     s->row = row;
     s->coupled = 0;
     for (int32_t r = 0; r < s->p.rows; r++) s->under[r] = vertices_under(s, &row[r]);
@@ -200,10 +200,10 @@ static void radiate(const hrt_patch *patch, hrt_touch *touch, law_v3 swing, floa
 }
 
 /* Sums reactions, drag along the surface and the grasp's force to the equivalent tip force of a tool that pivots about
- * the origin. Returns false if most of it is on the boundary. */
-static bool gather(const solve *s, const float tip_m[3], law_v3 drag, float force_N[3]) {
+ * the origin, or is free: then to their sum. Returns false if most of it is on the boundary. */
+static bool gather(const solve *s, const float tip_m[3], const hrt_shaft *shaft, law_v3 drag, float force_N[3]) {
     const law_v3 tip = vget(tip_m);
-    const float reach = vsize(tip);
+    const float reach = hrt_is_free(shaft) ? 1.0e6f : vsize(tip);
     const law_v3 axis = vtimes(1.0f / reach, tip);
     law_v3 force = {0.0f, 0.0f, 0.0f};
     float along_N = 0.0f, on_edge_N = 0.0f; /* load on the boundary less load elsewhere */
@@ -221,7 +221,7 @@ static bool gather(const solve *s, const float tip_m[3], law_v3 drag, float forc
         const hrt_friction_station *g = s->friction ? hrt_friction_station_of(s->friction, row) : NULL;
         if (g) push = vplus(push, vtimes(1.0f / g->load_N, vget(g->is.force_N)));
 #endif
-        const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach;
+        const float lever = hrt_is_free(shaft) ? 1.0f : 1.0f - (float)row->station * s->patch->radius_m / reach;
         force = vminus(force, vtimes(row->lambda_N * lever, push));
         along_N -= row->lambda_N * (1.0f - lever) * vinner(push, axis);
     }
@@ -233,7 +233,7 @@ bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us,
                        float force_N[3]) {
     solve s;
     hrt_hits hits = {.count = -1};
-    if (!(vnorm(tip_m) > 1.0e-4f)) return false;
+    if (!hrt_is_free(&touch->shaft) && !(vnorm(tip_m) > 1.0e-4f)) return false;
     s.patch = patch;
     s.p.rows = touch->row_count;
     s.p.soft_m = LAW_COMPLIANCE_TRAVEL * patch->radius_m;
@@ -245,11 +245,11 @@ bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us,
     hrt_friction friction;
     // cppcheck-suppress uninitvar ; hrt_friction_begin sets what is read of it
     s.friction = s.patch->friction_static > 0.0f ? &friction : NULL;
-    if (s.friction) hrt_friction_begin(&friction, s.patch, &touch->friction, tip_m);
+    if (s.friction) hrt_friction_begin(&friction, s.patch, &touch->friction, tip_m, &touch->shaft);
 #endif
     for (int32_t k = 0; k < ROUNDS; k++) {
         shift_by_forces(&s, tip_m);
-        find_rows(&s, tip_m, &hits, s.row == touch->row ? s.other : touch->row);
+        find_rows(&s, tip_m, &touch->shaft, &hits, s.row == touch->row ? s.other : touch->row);
         law_solve(&s.p, BRANCHES);
         find_residual(&s);
         /* On nearly the same shape the tool is near the same features. */
@@ -262,7 +262,7 @@ bool hrt_contact_force(const hrt_patch *patch, hrt_touch *touch, int64_t now_us,
 #endif
     law_v3 swing;
     const law_v3 speed = tip_speed(patch, touch, now_us, tip_m, &swing);
-    const bool within = gather(&s, tip_m, vtimes(patch->drag_s_m, speed), force_N);
+    const bool within = gather(&s, tip_m, &touch->shaft, vtimes(patch->drag_s_m, speed), force_N);
     radiate(patch, touch, swing, force_N);
     return within;
 }

@@ -12,8 +12,10 @@ static const uint8_t *corners(const hrt_friction *friction, const hrt_contact_ro
     return &friction->patch->triangle[HRT_XYZ * row->triangle];
 }
 
-static law_v3 on_axis(uint8_t station, float radius_m, law_v3 tip) {
-    return vtimes(1.0f - (float)station * radius_m / vsize(tip), tip);
+static law_v3 on_axis(uint8_t station, float radius_m, law_v3 tip, const float *direction) {
+    const float back_m = (float)station * radius_m;
+    if (direction) return vminus(tip, vtimes(back_m, vget(direction)));
+    return vtimes(1.0f - back_m / vsize(tip), tip);
 }
 
 /* Sums the rows of a station: load, normal, normal force. Returns false if no row is loaded. */
@@ -36,14 +38,17 @@ const hrt_friction_station *hrt_friction_station_of(const hrt_friction *friction
     return NULL;
 }
 
-void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was,
-                        const float tip_m[3]) {
+void hrt_friction_begin(hrt_friction *friction, const hrt_patch *patch, hrt_friction_history *was, const float tip_m[3],
+                        const hrt_shaft *shaft) {
+    friction->shaft = shaft;
     friction->patch = patch;
     friction->history = was;
     friction->tip = vget(tip_m);
     friction->count = was->count;
     for (int32_t k = 0; k < was->count; k++) friction->station[k].is = was->at[k];
-    if (was->known == 0) vset(tip_m, was->tip_m);
+    if (was->known != 0) return;
+    vset(tip_m, was->tip_m);
+    if (hrt_is_free(shaft)) vset(shaft->direction, was->direction);
 }
 
 void hrt_friction_shape(hrt_friction *friction, const float *shift_m) {
@@ -137,8 +142,10 @@ static void next_force(const hrt_friction *friction, hrt_friction_station *g, la
     hrt_friction_state before = {.stick_state = 1.0f};
     for (int32_t k = 0; k < was->count; k++)
         if (was->at[k].station == g->is.station) before = was->at[k];
-    const law_v3 moved = vminus(on_axis(g->is.station, p->radius_m, friction->tip),
-                                on_axis(g->is.station, p->radius_m, vget(was->tip_m))),
+    const bool is_free = hrt_is_free(friction->shaft);
+    const law_v3 moved = vminus(
+                     on_axis(g->is.station, p->radius_m, friction->tip, is_free ? friction->shaft->direction : NULL),
+                     on_axis(g->is.station, p->radius_m, vget(was->tip_m), is_free ? was->direction : NULL)),
                  way = vminus(moved, went), force = vget(g->is.force_N), stretch = vget(before.stretch_N);
     vput(vplus(force, vtimes(1.0f / (compliance + g->compliance_sum_m_N),
                              vplus(vtimes(compliance, vminus(stretch, force)), way))),
@@ -176,5 +183,6 @@ void hrt_friction_settle(hrt_friction *friction, float passed_s) {
     }
     for (int32_t i = 0; i < 3 * friction->patch->vertex_count; i++) to->u_m[i] = friction->u_m[i];
     vput(friction->tip, to->tip_m);
+    if (hrt_is_free(friction->shaft)) vset(friction->shaft->direction, to->direction);
 }
 #endif

@@ -36,7 +36,8 @@ typedef struct search {
     const hrt_patch_topology *t;
     const hrt_contact_row *before;
     int32_t before_count;
-    law_v3 axis; /* towards the trocar, one radius long */
+    law_v3 axis;    /* away from the tip, one radius long */
+    float length_m; /* of the axis, from trocar to tip; large without a trocar */
     float radius_m, reach_m, sunk_m;
     face face[HRT_PATCH_MAX_TRIANGLES];
     edge edge[HRT_PATCH_EDGES];
@@ -337,9 +338,9 @@ static bool stand(search *q, int32_t station) {
 }
 
 /* Computes the range of stations that may be near the patch. */
-static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
+static void station_range(const search *q, int32_t *first, int32_t *last) {
     const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
-    const float stations = law_min(q->patch->contact_length_m, vnorm(tip_m)) / q->radius_m + 1.0e-4f,
+    const float stations = law_min(q->patch->contact_length_m, q->length_m) / q->radius_m + 1.0e-4f,
                 end = law_min(stations, (float)(STATIONS - 1));
     float low = end, high = -1.0f;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
@@ -373,13 +374,16 @@ static void find_rows(search *q, hrt_hits *hits) {
     }
 }
 
-static void prepare(search *q, const hrt_patch *patch, const float *shift_m, const float tip_m[3]) {
+static void prepare(search *q, const hrt_patch *patch, const float *shift_m, const float tip_m[3],
+                    const hrt_shaft *shaft) {
     const law_v3 tip = vget(tip_m);
     q->patch = patch;
     q->t = &patch->topology;
     q->radius_m = patch->radius_m;
     q->reach_m = q->radius_m * (1.0f + LAW_PROXIMITY + LAW_MARGIN);
-    q->axis = vtimes(-q->radius_m / vsize(tip), tip);
+    q->length_m = hrt_is_free(shaft) ? 1.0e6f : vsize(tip);
+    q->axis =
+        hrt_is_free(shaft) ? vtimes(-q->radius_m, vget(shaft->direction)) : vtimes(-q->radius_m / q->length_m, tip);
     q->from_station = 0;
     q->blended = 0;
     for (int32_t v = 0; v < patch->vertex_count; v++)
@@ -397,16 +401,16 @@ static void repeat_detection(search *q, uint8_t kind, int32_t index) {
         vertex_hit(q, index);
 }
 
-int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3],
+int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_shaft *shaft,
                          const hrt_contact_row *before, int32_t before_count, hrt_hits *hits, hrt_contact_row *row) {
     search q;
     int32_t count = 0, next = 0, first, last;
-    prepare(&q, patch, shift_m, tip_m);
+    prepare(&q, patch, shift_m, tip_m, shaft);
     q.before = before;
     q.before_count = before_count;
     if (hits->count < 0) {
         hits->count = 0;
-        station_range(&q, tip_m, &first, &last);
+        station_range(&q, &first, &last);
         for (int32_t k = first; k <= last; k++) {
             if (!stand(&q, k)) continue;
             find_rows(&q, hits);

@@ -29,6 +29,7 @@ static hrt_axes axes_of(const hrt_device_type *device, const hrt_pose *pose) {
     const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
     const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
     hrt_axes_along(&axes, device, axis, up);
+    axes.is_free = pose->is_free != 0;
     return axes;
 }
 

@@ -19,11 +19,12 @@
 extern "C" {
 #endif
 
-/* Pose of trocar and device in the scene, world frame. */
+/* Place of trocar and device in the scene, world frame. */
 typedef struct hrt_pose {
-    double trocar_m[3];
-    double axis[3]; /* shaft's direction into the body at zero pitch and yaw */
+    double trocar_m[3]; /* of a free instrument its origin */
+    double axis[3];     /* shaft's direction into the body at zero pitch and yaw */
     double up[3];
+    int64_t is_free; /* 1: no trocar; as wide as its neighbours, as poses are compared by their bytes */
 } hrt_pose;
 
 typedef struct hrt_node_config {

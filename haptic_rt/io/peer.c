@@ -65,6 +65,7 @@ static app_verdict take_sim_status(void *user, int instrument, int64_t utime, co
     memcpy(pose.trocar_m, m->trocar_m[i], sizeof pose.trocar_m);
     memcpy(pose.axis, m->axis[i], sizeof pose.axis);
     memcpy(pose.up, m->up[i], sizeof pose.up);
+    pose.is_free = m->is_free[i] != 0;
     hrt_node_post_pose(peer->def.node, &pose);
     return APP_TAKEN;
 }

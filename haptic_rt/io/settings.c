@@ -24,6 +24,7 @@ static void usage(void) {
         "  --no-passivity           switch passivity control off (it is on; --passivity)\n"
         "  --coupling               switch the virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   set the trocar's pose, m, world axes (that of SIM_STATUS)\n"
+        "  --free                   the instrument has no trocar: --trocar is its origin, --axis its shaft's direction\n"
         "  --device-type NAME       type of device; --list lists them (impulse_engine)\n"
         "  --profile FILE           read a device profile; it follows --device-type\n"
         "  --set NAME=VALUE         set one parameter; may be repeated\n"
@@ -71,6 +72,7 @@ enum {
     O_NO_PASSIVITY,
     O_COUPLING,
     O_TROCAR,
+    O_FREE,
     O_AXIS,
     O_UP,
     O_SAMPLES,
@@ -90,6 +92,7 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"no-passivity", 0, 0, O_NO_PASSIVITY},
                                         {"coupling", 0, 0, O_COUPLING},
                                         {"trocar", 1, 0, O_TROCAR},
+                                        {"free", 0, 0, O_FREE},
                                         {"axis", 1, 0, O_AXIS},
                                         {"up", 1, 0, O_UP},
                                         {"samples", 1, 0, O_SAMPLES},
@@ -138,6 +141,7 @@ static int take(void *user, int option, const char *text) {
     case O_NO_PASSIVITY: s->node.passivity = option == O_PASSIVITY; return -1;
     case O_COUPLING: s->node.coupling = true; return -1;
     case O_TROCAR: s->node.pose_known = true; return checked(read_vector("--trocar", text, s->node.pose.trocar_m));
+    case O_FREE: s->node.pose.is_free = 1; return -1;
     case O_AXIS: return checked(read_vector("--axis", text, s->node.pose.axis));
     case O_UP: return checked(read_vector("--up", text, s->node.pose.up));
     case O_SAMPLES: s->samples_path = text; return -1;

@@ -50,6 +50,18 @@ bool hrt_shaft_of_tip64(const hrt_axes64 *axes, const double tip_m[3], double sh
     return impulse_engine_inverse(axes, tip_m, shaft);
 }
 
+void hrt_direction64(const hrt_axes64 *axes, const double joint[HRT_JOINTS], double direction[3]) {
+    turn_tilt(axes->r, axes->device->tilts, &joint[HRT_TILT], direction);
+}
+
+void hrt_tilt64(const hrt_axes64 *axes, const double direction[3], double tilt_rad[2]) {
+    double along[3];
+    turn_back(axes->r, direction, along);
+    const double across = sqrt(along[0] * along[0] + along[1] * along[1]);
+    const double angle = tm_arctangent2(across, along[2]);
+    for (int i = 0; i < 2; i++) tilt_rad[i] = across > 0 ? angle * (along[i] / across) : 0;
+}
+
 void hrt_counts_to_joint64(const hrt_params *params, const int32_t count[HRT_JOINTS], double joint[HRT_JOINTS]) {
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = 0.0;
     for (int j = 0; j < params->device->joints; j++)

@@ -49,6 +49,10 @@ bool hrt_inverse64(const hrt_axes64 *axes, const double tip_m[3], double joint3[
 void hrt_shaft_tip64(const hrt_axes64 *axes, const double shaft[3], double tip_m[3]);
 /* Computes the shaft's pitch, yaw and insertion. Returns false within 1 um of the trocar. */
 bool hrt_shaft_of_tip64(const hrt_axes64 *axes, const double tip_m[3], double shaft[3]);
+/* Computes the unit direction of a free instrument's shaft, as hrt_direction. */
+void hrt_direction64(const hrt_axes64 *axes, const double joint[HRT_JOINTS], double direction[3]);
+/* Computes the tilt of a shaft with this unit direction. Away from z, which tilts by half a turn, it is continuous. */
+void hrt_tilt64(const hrt_axes64 *axes, const double direction[3], double tilt_rad[2]);
 void hrt_counts_to_joint64(const hrt_params *params, const int32_t count[HRT_JOINTS], double joint[HRT_JOINTS]);
 /* Returns the count of joint `j` at a value, not rounded. */
 double hrt_count_of_joint64(const hrt_params *params, int j, double value);

@@ -14,7 +14,26 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
         .roll_rad = joint_of(device->roll, joint), .grip = joint_of(device->grip, joint), .active = active};
     hrt_tip64(&s->axes[instrument], joint, pose.tip_m);
     for (int a = 0; a < 3; a++) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
+    if (s->instrument_def[instrument].is_free) hrt_direction64(&s->axes[instrument], joint, pose.direction);
     return pose;
+}
+
+double sim_shaft_start(const sim *s, int instrument, const tm_tool_pose *pose, double from_m[3], double along[3]) {
+    const tm_instrument_def *def = &s->instrument_def[instrument];
+    double length = 0, square = 0;
+    tm_tool_direction(def, pose, along);
+    for (int32_t v = 0; v < s->mesh->vertex_count && def->is_free; v++) {
+        double away = 0;
+        for (int a = 0; a < 3; a++)
+            away += (s->mesh->rest_m[3 * v + a] - pose->tip_m[a]) * (s->mesh->rest_m[3 * v + a] - pose->tip_m[a]);
+        length = fmax(length, sqrt(away) + 2 * def->radius_m);
+    }
+    for (int a = 0; a < 3; a++) {
+        const double back = pose->tip_m[a] - def->trocar_m[a];
+        square += back * back;
+        from_m[a] = def->is_free ? pose->tip_m[a] - length * along[a] : def->trocar_m[a];
+    }
+    return def->is_free ? length : sqrt(square);
 }
 
 bool sim_same_devices(const sim *s) {
@@ -35,10 +54,18 @@ static void joints_of_shaft(const sim *s, int instrument, const double shaft[3],
     hrt_inverse64(axes, tip_m, joint);
 }
 
+/* Retreat of a free instrument along its shaft, before it moves in. */
+static const double FREE_RETREAT_M = 0.1;
+
 tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m, bool active) {
     const hrt_axes64 *axes = &s->axes[instrument];
     double joint[SIM_JOINTS], tip_m[3], shaft[3];
     memcpy(joint, s->start_joint[instrument], sizeof joint);
+    if (s->instrument_def[instrument].is_free) {
+        tm_tool_pose pose = sim_pose(s, instrument, joint, active);
+        for (int a = 0; a < 3; a++) pose.tip_m[a] -= FREE_RETREAT_M * pose.direction[a];
+        return pose;
+    }
     if (axes->device->insertion >= 0)
         joint[axes->device->insertion] = fmin(joint[axes->device->insertion], insertion_m);
     else {
@@ -86,19 +113,57 @@ static tm_status set_joint(const sim *s, int instrument, const app_number *value
     return 0;
 }
 
+/* Moves the tip along its shaft until it is `above` its first contact. */
+static tm_status stand_above(const sim *s, int instrument, const app_pose *pose, tm_tool_pose *at) {
+    double from_m[3], along[3];
+    const double length = sim_shaft_start(s, instrument, at, from_m, along),
+                 way = sim_way_to_touch(s->mesh, from_m, along, s->instrument_def[instrument].radius_m);
+    if (way < 0 || length > 1)
+        return app_scene_bad(
+            s->scene, pose->above.line,
+            "above: the shaft of instrument %d through this tip does not meet the tissue; change tip, pitch or yaw",
+            instrument);
+    for (int a = 0; a < 3; a++) at->tip_m[a] = from_m[a] + (way - pose->above.si) * along[a];
+    return 0;
+}
+
+/* Computes the driven joints and the tilt of a free instrument. */
+static tm_status joints_of_free(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+    const hrt_axes64 *axes = &s->axes[instrument];
+    const double *origin_m = s->instrument_def[instrument].trocar_m, one[3] = {pose->pitch.si, pose->yaw.si, 1};
+    tm_tool_pose at = {.active = true};
+    const app_number *turned = pose->pitch.si != 0 ? &pose->pitch : &pose->yaw;
+    if (turned->si != 0 && !axes->device->tilts)
+        return app_scene_bad(
+            s->scene, turned->line,
+            "the device of instrument %d, %s, reports no direction, so the shaft keeps that of axis; leave pitch and "
+            "yaw out, or give the device with its handle",
+            instrument, axes->device->name);
+    hrt_shaft_tip64(axes, one, at.direction);
+    for (int a = 0; a < 3; a++)
+        at.tip_m[a] = pose->tip.line ? pose->tip.v[a] : origin_m[a] + pose->insertion.si * at.direction[a];
+    tm_status rc = pose->above.line ? stand_above(s, instrument, pose, &at) : 0;
+    for (int a = 0; a < 3; a++) at.tip_m[a] -= origin_m[a];
+    hrt_inverse64(axes, at.tip_m, joint);
+    if (axes->device->tilts) hrt_tilt64(axes, at.direction, &joint[HRT_TILT]);
+    return rc;
+}
+
 /* Converts a pose of the scene to joints; a pose above the surface needs the mesh. Returns 0 or a status. */
 static tm_status sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     const hrt_axes64 *axes = &s->axes[instrument];
     double shaft[3] = {pose->pitch.si, pose->yaw.si, pose->insertion.si};
     memset(joint, 0, SIM_JOINTS * sizeof *joint);
-    if (pose->tip.line) {
+    const bool is_free = s->instrument_def[instrument].is_free;
+    if (pose->tip.line && !is_free) {
         double from_trocar[3];
         for (int a = 0; a < 3; a++) from_trocar[a] = pose->tip.v[a] - s->instrument_def[instrument].trocar_m[a];
         hrt_shaft_of_tip64(axes, from_trocar, shaft);
     }
-    tm_status rc = pose->above.line ? insert_above(s, instrument, pose, shaft) : 0;
+    tm_status rc = pose->above.line && !is_free ? insert_above(s, instrument, pose, shaft) : 0;
     if (!rc) rc = set_joint(s, instrument, &pose->roll, axes->device->roll, joint);
     if (!rc) rc = set_joint(s, instrument, &pose->grip, axes->device->grip, joint);
+    if (is_free) return rc ? rc : joints_of_free(s, instrument, pose, joint);
     joints_of_shaft(s, instrument, shaft, joint);
     return rc;
 }
@@ -139,6 +204,11 @@ static tm_status hang(sim *s, int instrument, const app_instrument *t) {
             snprintf(names + strlen(names), sizeof names - strlen(names), " %s", hrt_device_types[k]->name);
         return app_scene_bad(s->scene, t->device.line, "device '%s' is not known; use one of%s", t->device.s, names);
     }
+    if (t->mount.index == APP_FREE && hrt_device_types[type]->insertion >= 0)
+        return app_scene_bad(s->scene, t->device.line ? t->device.line : t->mount.line,
+                             "device '%s' turns about a trocar, and instrument %d has none; give a desk device such as "
+                             "'device: inverse3_versegrip', or 'mount: trocar'",
+                             hrt_device_types[type]->name, instrument);
     if (hrt_axes_along64(&s->axes[instrument], hrt_device_types[type], t->axis.v, t->up.v)) return 0;
     return app_scene_bad(s->scene, t->axis.line ? t->axis.line : t->up.line,
                          "axis and up define no orientation; give perpendicular directions of length near 1");
@@ -151,7 +221,8 @@ tm_status sim_build_instruments(sim *s) {
         const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
         tm_instrument_def *def = &s->instrument_def[i];
         def->mode = (tm_tool_mode)t->mode.index;
-        memcpy(def->trocar_m, t->trocar.v, sizeof def->trocar_m);
+        def->is_free = t->mount.index == APP_FREE;
+        memcpy(def->trocar_m, app_instrument_origin(t)->v, sizeof def->trocar_m);
         def->radius_m = t->radius.si;
         def->contact_length_m = t->contact_length.si;
         if (t->friction.line && !sim_has(s, "friction"))

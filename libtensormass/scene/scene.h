@@ -194,18 +194,26 @@ typedef struct app_pose {
     app_vector tip;
 } app_pose;
 
+typedef enum app_mount { APP_IN_TROCAR, APP_FREE } app_mount;
+
 typedef struct app_instrument {
     app_section here;
     app_choice mode; /* tm_tool_mode */
     app_text device; /* name from hrt_device_types */
     app_text profile;
-    app_vector trocar, axis, up;
+    app_choice mount; /* app_mount */
+    app_vector trocar, origin, axis, up;
     app_number radius, contact_length;
     app_section friction; /* this instrument's options of the effect with this name; null default: the effect's value */
     app_number friction_static, friction_kinetic;
     app_section start_here;
     app_pose start;
 } app_instrument;
+
+/* Returns the point that the device's joints are relative to. */
+static inline const app_vector *app_instrument_origin(const app_instrument *t) {
+    return t->mount.index == APP_FREE ? &t->origin : &t->trocar;
+}
 
 typedef struct app_waypoint {
     app_section here;

@@ -148,18 +148,49 @@ static tm_status check_loads(const app_scene *scene) {
     return 0;
 }
 
-static tm_status check_pose(const app_scene *scene, const app_pose *pose, const double trocar[3]) {
+static tm_status check_pose(const app_scene *scene, const app_pose *pose, const app_instrument *t) {
+    const bool is_free = t->mount.index == APP_FREE;
+    const double *from = app_instrument_origin(t)->v;
     if (pose->above.line && pose->insertion.line)
         return app_scene_bad(scene, pose->above.line, "a pose has both insertion and above; leave one out");
     int joint = pose->pitch.line ? pose->pitch.line : pose->yaw.line ? pose->yaw.line : pose->insertion.line;
     if (!pose->tip.line) return 0;
+    if (is_free && pose->insertion.line)
+        return app_scene_bad(scene, pose->insertion.line, "a pose has tip as well as insertion; leave one out");
+    if (is_free) joint = 0;
     if (joint) return app_scene_bad(scene, joint, "a pose has tip as well as pitch, yaw or insertion; leave one out");
     double d = 0;
-    for (int a = 0; a < 3; a++) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
+    for (int a = 0; a < 3; a++) d += (pose->tip.v[a] - from[a]) * (pose->tip.v[a] - from[a]);
+    if (is_free && !(d <= 0.25))
+        return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the origin; keep it within 0.5 m", sqrt(d));
+    if (is_free) return 0;
     if (!(d > 1e-6) || d > 0.25)
         return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the trocar; keep it between 1 mm and 0.5 m",
                              sqrt(d));
     return 0;
+}
+
+/* Checks the mount and the point that goes with it. */
+static tm_status check_mount(const app_scene *scene, int i, const app_instrument *t) {
+    const bool is_free = t->mount.index == APP_FREE;
+    const app_vector *wrong = is_free ? &t->trocar : &t->origin, *at = app_instrument_origin(t);
+    if (wrong->line && is_free)
+        return app_scene_bad(scene, wrong->line,
+                             "instrument %d is free and has a trocar; leave it out, or take 'mount: trocar'", i);
+    if (wrong->line)
+        return app_scene_bad(scene, wrong->line,
+                             "origin is of a free instrument, and instrument %d has a trocar; leave it out, or take "
+                             "'mount: free'",
+                             i);
+    if (at->line) return 0;
+    if (is_free)
+        return app_scene_bad(scene, t->mount.line,
+                             "instruments[%d]: key 'origin' is missing; add the point where the device's positions are "
+                             "zero",
+                             i);
+    return app_scene_bad(scene, t->here.line,
+                         "instruments[%d]: key 'trocar' is missing; add the pivot of the instrument, or 'mount: free'",
+                         i);
 }
 
 enum { FARTHEST_M = 1000 }; /* no coordinate in millimetres is larger */
@@ -172,10 +203,14 @@ static tm_status check_instruments(const app_scene *scene) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const double *a = t->axis.v, *u = t->up.v;
         double c[3] = {a[1] * u[2] - a[2] * u[1], a[2] * u[0] - a[0] * u[2], a[0] * u[1] - a[1] * u[0]};
+        const app_vector *at = app_instrument_origin(t);
+        tm_status rc = check_mount(scene, i, t);
+        if (rc) return rc;
         for (int k = 0; k < 3; k++)
-            if (!(fabs(t->trocar.v[k]) <= FARTHEST_M))
-                return app_scene_bad(scene, t->trocar.line, "the trocar is %.3g m from the origin; keep it within %g m",
-                                     t->trocar.v[k], (double)FARTHEST_M);
+            if (!(fabs(at->v[k]) <= FARTHEST_M))
+                return app_scene_bad(scene, at->line, "the %s is %.3g m from the origin; keep it within %g m",
+                                     t->mount.index == APP_FREE ? "origin of the device" : "trocar", at->v[k],
+                                     (double)FARTHEST_M);
         if (!(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] > 0))
             return app_scene_bad(scene, t->axis.line, "axis is zero; give the direction in which the shaft points");
         if (!(u[0] * u[0] + u[1] * u[1] + u[2] * u[2] > 0))
@@ -184,7 +219,7 @@ static tm_status check_instruments(const app_scene *scene) {
         if (!(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] > 1e-6 * aa * uu))
             return app_scene_bad(scene, t->axis.line ? t->axis.line : t->up.line,
                                  "axis and up are parallel; give 'up' another direction");
-        tm_status rc = check_pose(scene, &t->start, t->trocar.v);
+        rc = check_pose(scene, &t->start, t);
         if (rc) return rc;
     }
     return 0;
@@ -209,7 +244,7 @@ static tm_status check_hand(const app_scene *scene) {
             if (j && !(w[j].time.si > w[j - 1].time.si))
                 return app_scene_bad(scene, w[j].time.line,
                                      "waypoint %d is not later than the previous one; order them by time", j);
-            tm_status rc = check_pose(scene, &w[j].pose, t->trocar.v);
+            tm_status rc = check_pose(scene, &w[j].pose, t);
             if (rc) return rc;
         }
     }

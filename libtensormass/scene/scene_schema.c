@@ -24,7 +24,7 @@ APP_CHOICE_CHECK(APP_TOOL_MODES)
      1.6,                                                                                                                                                                                   \
      (base) + offsetof(app_pose, pitch),                                                                                                                                                    \
      0,                                                                                                                                                                                     \
-     "rotation about the trocar, from `axis` towards `up`"},                                                                                                                                \
+     "rotation of the shaft from `axis` towards `up`"},                                                                                                                                     \
         {prefix "yaw",                                                                                                                                                                      \
          APP_NUMBER,                                                                                                                                                                        \
          "angle",                                                                                                                                                                           \
@@ -33,7 +33,7 @@ APP_CHOICE_CHECK(APP_TOOL_MODES)
          1.6,                                                                                                                                                                               \
          (base) + offsetof(app_pose, yaw),                                                                                                                                                  \
          0,                                                                                                                                                                                 \
-         "rotation about the trocar's `up`"},                                                                                                                                               \
+         "rotation of the shaft about `up`"},                                                                                                                                               \
         {prefix "insertion",                                                                                                                                                                \
          APP_NUMBER,                                                                                                                                                                        \
          "length",                                                                                                                                                                          \
@@ -42,7 +42,7 @@ APP_CHOICE_CHECK(APP_TOOL_MODES)
          0.5,                                                                                                                                                                               \
          (base) + offsetof(app_pose, insertion),                                                                                                                                            \
          0,                                                                                                                                                                                 \
-         "distance from trocar to tip"},                                                                                                                                                    \
+         "distance from trocar or origin to tip"},                                                                                                                                          \
         {prefix "above",                                                                                                                                                                    \
          APP_NUMBER,                                                                                                                                                                        \
          "length",                                                                                                                                                                          \
@@ -165,8 +165,12 @@ static const app_field fields[] = {
      "haptic device; `haptic-rt --list` lists them"},
     {"instruments[].profile", APP_PATH, NULL, NULL, 0, 0, offsetof(app_instrument, profile), 0,
      "device profile of this instrument, in lockstep with `haptics`; left out: `haptics.profile`"},
-    {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0,
-     "pivot of the instrument, in world axes"},
+    {"instruments[].mount", APP_CHOICE, "trocar|free", "trocar", 0, 0, offsetof(app_instrument, mount), 0,
+     "`free`: no trocar; the shaft has the direction of the handle, or `axis` if the device reports none"},
+    {"instruments[].trocar", APP_VECTOR, "length", NULL, 0, 0, offsetof(app_instrument, trocar), 0,
+     "pivot of the instrument, in world axes; required with `mount: trocar`"},
+    {"instruments[].origin", APP_VECTOR, "length", NULL, 0, 0, offsetof(app_instrument, origin), 0,
+     "point where the device's positions are zero; required with `mount: free`"},
     {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0,
      "direction of the shaft at zero pitch and yaw, any length"},
     {"instruments[].up", APP_VECTOR, "none", "[0, 1, 0]", 0, 0, offsetof(app_instrument, up), 0,

@@ -229,9 +229,13 @@ sim_sends sim_sends_of(int extrapolator);
 
 /* Converts joints to a pose in the world. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
+/* Computes where the shaft's line begins (the trocar, or outside the tissue behind a free tip) and its unit direction.
+ * Returns the tip's distance from there. */
+double sim_shaft_start(const sim *s, int instrument, const tm_tool_pose *pose, double from_m[3], double along[3]);
 /* Returns whether all devices have the joints of the first one; others have rows of another kind in its tables. */
 bool sim_same_devices(const sim *s);
-/* Returns the pose of instrument i at this insertion, with its start rotation. */
+/* Returns the pose of instrument i at this insertion, with its start rotation; a free one's, drawn back along its
+ * shaft. */
 tm_tool_pose sim_start_pose_at(const sim *s, int instrument, double insertion_m, bool active);
 
 /* Returns the instrument's pose on the scene's hand at a time. */

@@ -65,12 +65,19 @@ static tm_status warn_supports(const sim *s) {
 
 static tm_status warn_instrument(const sim *s, int i) {
     const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
+    const app_vector *at = app_instrument_origin(t);
     double low[3], high[3], away = 0;
     bounds(s->mesh, low, high);
     for (int a = 0; a < 3; a++) {
-        double d = fmax(fmax(low[a] - t->trocar.v[a], t->trocar.v[a] - high[a]), 0);
+        double d = fmax(fmax(low[a] - at->v[a], at->v[a] - high[a]), 0);
         away += d * d;
     }
+    if (sqrt(away) > longest_shaft_m && t->mount.index == APP_FREE)
+        return app_scene_warn(
+            s->scene, at->line,
+            "the origin of instrument %d is %.3g m from the tissue, and its device reaches less than %g m; move it, or "
+            "check the units",
+            i, sqrt(away), longest_shaft_m);
     if (sqrt(away) > longest_shaft_m)
         return app_scene_warn(
             s->scene, t->trocar.line,

@@ -33,7 +33,7 @@ typedef struct rig {
 static inline void rig_start(rig *r) {
     memset(r, 0, sizeof *r);
     hrt_params_default(&r->params);
-    const hrt_axes axes = {{1, 0, 0, 0, 1, 0, 0, 0, 1}, hrt_device_types[0]};
+    const hrt_axes axes = {.r = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .device = hrt_device_types[0]};
     hrt_init(&r->c, &r->params, &axes, SESSION);
     r->now_us = 1000000;
     r->device = r->sim = true;

@@ -19,7 +19,7 @@ typedef struct scene_def {
     int tools;
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
-    bool is_free; /* tools without trocars */
+    bool is_free;    /* tools without trocars */
     tm_law_kind law; /* nonlinear: with the constants of scene_law; fibres along x */
     bool averaged;   /* strain smoothing */
     double bulge_m;  /* height by which the middle of the top is raised, so that it is curved */
@@ -166,8 +166,10 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     scene_support(&s);
     tm_instrument_def tool[2];
     for (int t = 0; t < d->tools; t++) {
-        tool[t] = (tm_instrument_def){
-            .mode = mode ? mode[t] : TM_TOOL_PROBE, .is_free = d->is_free, .radius_m = d->radius_m, .contact_length_m = d->length_m};
+        tool[t] = (tm_instrument_def){.mode = mode ? mode[t] : TM_TOOL_PROBE,
+                                      .is_free = d->is_free,
+                                      .radius_m = d->radius_m,
+                                      .contact_length_m = d->length_m};
         memcpy(tool[t].trocar_m, d->trocar_m[t], sizeof tool[t].trocar_m);
         memcpy(tool[t].pose.tip_m, d->tip_m[t], sizeof tool[t].pose.tip_m);
         tool[t].pose.active = true;

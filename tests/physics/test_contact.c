@@ -128,14 +128,14 @@ static void test_free_tool_turns_on_its_path(void **unused) {
     to.direction[2] = -1;
     tm_contact_set_target(s.contact, 0, &to, n);
     tm_world_step(s.world, n);
-    const double pressed_N = norm(tm_contact_reaction(s.contact, 0).resultant_N);
+    const double normal_force_N = norm(tm_contact_reaction(s.contact, 0).resultant_N);
     to.direction[0] = 1, to.tip_m[0] += 0.004; /* leans 45 degrees and slides */
     tm_contact_set_target(s.contact, 0, &to, n);
     tm_world_step(s.world, n / 2);
     const tm_tool_pose half = tm_contact_pose(s.contact, 0);
     double e[3];
     tm_tool_direction(&(tm_instrument_def){.is_free = true}, &half, e);
-    assert_true(pressed_N > 0.02);
+    assert_true(normal_force_N > 0.02);
     assert_true(fabs(atan2(e[0], -e[2]) / atan(1) - 0.5) < 0.05); /* at constant rate */
     tm_error error;
     const int64_t bytes = tm_snapshot_bytes(s.world);

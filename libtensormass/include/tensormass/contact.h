@@ -19,14 +19,14 @@ typedef enum tm_tool_mode { TM_TOOL_PROBE = 0, TM_TOOL_GRASPER = 1, TM_TOOL_CAUT
 typedef struct tm_tool_pose {
     double tip_m[3];
     double roll_rad;
-    double grip; /* 0 open .. 1 closed */
-    bool active; /* cautery: current is on; others: in the body. false: no contact */
+    double grip;         /* 0 open .. 1 closed */
+    bool active;         /* cautery: current is on; others: in the body. false: no contact */
     double direction[3]; /* of a free instrument: along the shaft, towards the tip; any length. Else unused */
 } tm_tool_pose;
 
 typedef struct tm_instrument_def {
     tm_tool_mode mode;
-    bool is_free; /* no trocar: the hand turns the shaft, and the pose holds its direction */
+    bool is_free;            /* no trocar: the hand turns the shaft, and the pose holds its direction */
     double trocar_m[3];      /* world coordinates; unused if free */
     double radius_m;         /* of shaft and tip, 0.0025 */
     double contact_length_m; /* length of shaft behind the tip that can touch, 0.1 */

@@ -95,10 +95,10 @@ typedef struct tm_patch_grasp {
     const double *force_N;  /* [3*count] present force on the tissue */
     double compliance_m_N;  /* of each spring per axis, above 0 */
 } tm_patch_grasp;
-/* Fills a patch as tm_patch_fill, for a tool with a grasp and its tip at tip_m (trocar_m, is_free and direction of the patch are read). The
- * springs are eliminated from the compliance, so they cost a controller almost nothing. At most TM_PATCH_VERTICES - 1
- * patch vertices: the last place is used for work. With none, only grasp_N and grasp_stiffness_N_m are valid. Returns
- * false if a block is unknown or the blocks are no compliance. No allocation. */
+/* Fills a patch as tm_patch_fill, for a tool with a grasp and its tip at tip_m (trocar_m, is_free and direction of the
+ * patch are read). The springs are eliminated from the compliance, so they cost a controller almost nothing. At most
+ * TM_PATCH_VERTICES - 1 patch vertices: the last place is used for work. With none, only grasp_N and
+ * grasp_stiffness_N_m are valid. Returns false if a block is unknown or the blocks are no compliance. No allocation. */
 TM_API bool tm_patch_fill_grasped(tm_patch_solver *solver, tm_patch *patch, const tm_patch_grasp *grasp,
                                   const double tip_m[3], tm_patch_block block, void *self, const tm_contact_row *row,
                                   int32_t row_count);

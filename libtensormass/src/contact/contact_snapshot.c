@@ -142,8 +142,8 @@ typedef struct saved_directions {
 } saved_directions;
 
 static int64_t bytes_of(const saved *k, int32_t free_tools) {
-    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(saved_directions) * free_tools + (int64_t)sizeof(saved_tool) * k->tool_count +
-                    (int64_t)sizeof(tm_packed_row) * k->row_count;
+    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(saved_directions) * free_tools +
+                    (int64_t)sizeof(saved_tool) * k->tool_count + (int64_t)sizeof(tm_packed_row) * k->row_count;
     for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
 }
