@@ -4,11 +4,6 @@
 #define TM_CHOICES_H
 
 #define APP_PRECISIONS(ROW) ROW("double", TM_DOUBLE) ROW("single", TM_SINGLE)
-#define APP_LAWS(ROW)                                                                                                  \
-    ROW("linear", TM_LAW_LINEAR)                                                                                       \
-    ROW("neo-hooke", TM_LAW_NEO_HOOKE)                                                                                 \
-    ROW("st-venant-kirchhoff", TM_LAW_ST_VENANT_KIRCHHOFF)                                                             \
-    ROW("mooney-rivlin", TM_LAW_MOONEY_RIVLIN) ROW("fung", TM_LAW_FUNG) ROW("holzapfel", TM_LAW_HOLZAPFEL)
 #define APP_FORCE_FORMS(ROW) ROW("best", TM_FORCE_BEST) ROW("plain", TM_FORCE_PLAIN)
 #define APP_TOOL_MODES(ROW) ROW("probe", TM_TOOL_PROBE) ROW("grasper", TM_TOOL_GRASPER) ROW("cautery", TM_TOOL_CAUTERY)
 

@@ -10,6 +10,7 @@
 #include <stdint.h>
 
 #include "host.h"
+#include "tensormass/material.h"
 
 typedef struct app_section {
     int line;
@@ -145,14 +146,18 @@ typedef struct app_select {
 
 typedef enum app_model { APP_DYNAMIC = 0, APP_PRECOMPUTED = 1, APP_HYBRID = 2 } app_model;
 
+/* Room for the library's laws, tm_law_name(0), tm_law_name(1) ...: what is linked has as many as it names. */
+enum { APP_LAWS = 13 };
+
 typedef struct app_material {
     app_text region; /* "*": each region that is not named */
     app_number young, poisson;
     app_number lambda, mu;
     app_number lambda_T, mu_T, lambda_L, mu_L, beta;
     app_number E_L, E_T, nu_LT, nu_TT, G_L;
-    app_choice law;                                                 /* tm_law_kind */
-    app_number stretch, compression, second, C, k1, k2, dispersion; /* meaning depends on the law */
+    app_choice law;                                  /* tm_law_kind */
+    app_number constant[APP_LAWS][TM_LAW_CONSTANTS]; /* of each law; only those of `law` may be given */
+    app_number stretch;
     app_number density, damping;
 } app_material;
 
@@ -305,6 +310,7 @@ tm_status app_scene_warn(const app_scene *scene, int line, const char *format, .
 /* Writes "scene.yaml:12", or "--set path=value". */
 void app_scene_where(const app_scene *scene, int line, char *text, size_t size);
 
-extern const app_schema app_scene_schema;
+/* Returns the table of a scene. */
+const app_schema *app_scene_schema(void);
 
 #endif

@@ -69,30 +69,28 @@ tm_status app_scene_law(const app_scene *scene, const app_material *m, app_law *
                          m->region.s);
 }
 
-tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
-    const struct {
-        const char *key;
-        const app_number *given;
-        tm_law_kind law;
-        bool needed;
-    } row[] = {{"compression", &m->compression, TM_LAW_ST_VENANT_KIRCHHOFF, false},
-               {"second", &m->second, TM_LAW_MOONEY_RIVLIN, false},
-               {"C", &m->C, TM_LAW_FUNG, true},
-               {"k1", &m->k1, TM_LAW_HOLZAPFEL, true},
-               {"k2", &m->k2, TM_LAW_HOLZAPFEL, true},
-               {"dispersion", &m->dispersion, TM_LAW_HOLZAPFEL, false}};
-    const tm_law_kind law = (tm_law_kind)m->law.index;
-    for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
-        if (row[i].given->line && row[i].law != law)
-            return app_scene_bad(
-                scene, row[i].given->line,
-                "material '%s': '%s' belongs to the law '%s', and its law is '%s'; give 'law: %s', or remove it",
-                m->region.s, row[i].key, tm_law_name(row[i].law), tm_law_name(law), tm_law_name(row[i].law));
-        if (!row[i].given->line && row[i].needed && row[i].law == law)
-            return app_scene_bad(scene, m->law.line, "material '%s' has the law '%s', which needs '%s'; add it",
-                                 m->region.s, tm_law_name(law), row[i].key);
-    }
+/* Checks one constant of a law: given only with this law, and given if it has no default. */
+static tm_status check_constant(const app_scene *scene, const app_material *m, tm_law_kind law, int32_t i) {
+    const tm_law_kind own = (tm_law_kind)m->law.index;
+    const tm_law_constant *c = tm_law_constant_at(law, i);
+    const int line = m->constant[law][i].line;
+    if (line && law != own)
+        return app_scene_bad(
+            scene, line,
+            "material '%s': '%s' belongs to the law '%s', and its law is '%s'; give 'law: %s', or remove it",
+            m->region.s, c->name, tm_law_name(law), tm_law_name(own), tm_law_name(law));
+    if (!line && law == own && !c->fallback)
+        return app_scene_bad(scene, m->law.line, "material '%s' has the law '%s', which needs '%s'; add it",
+                             m->region.s, tm_law_name(law), c->name);
     return 0;
+}
+
+tm_status app_scene_law_check(const app_scene *scene, const app_material *m) {
+    tm_status rc = 0;
+    for (int32_t law = 0; law < APP_LAWS; law++)
+        for (int32_t i = 0; !rc && tm_law_constant_at((tm_law_kind)law, i); i++)
+            rc = check_constant(scene, m, (tm_law_kind)law, i);
+    return rc;
 }
 
 /* Checks that there is exactly one valid selector. `what` begins the fault: "this support". */

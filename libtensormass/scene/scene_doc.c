@@ -58,7 +58,7 @@ void app_scene_reference(FILE *out, const app_schema *effect, const char *const 
           "hand[0].path[1].time=2`),\n"
           "`--unset PATH` leaves one out.\n",
           out);
-    print_table(out, &app_scene_schema, "##", "Scene", NULL);
+    print_table(out, app_scene_schema(), "##", "Scene", NULL);
     fputs("\n"
           "## Effects\n"
           "\n"

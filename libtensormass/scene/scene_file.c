@@ -163,7 +163,7 @@ static tm_status read_fields(reader *r, const app_schema *effect, char *const *s
     for (int i = 0; i < scene->set_count; i++) scene->set[i] = app_scene_keep(scene, set[i]);
     scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(scene->effect_count + 1));
     char *base[sizeof r->schema / sizeof r->schema[0]] = {(char *)scene};
-    r->schema[0] = &app_scene_schema;
+    r->schema[0] = app_scene_schema();
     for (int i = 0; i < scene->effect_count; i++) {
         r->schema[i + 1] = &effect[i];
         base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);

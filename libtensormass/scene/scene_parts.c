@@ -74,12 +74,9 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
 }
 
 static tm_status set_law(const app_material *m, tm_material *out, tm_error *error) {
-    const double all[][TM_LAW_CONSTANTS] = {[TM_LAW_ST_VENANT_KIRCHHOFF] = {m->compression.si},
-                                            [TM_LAW_MOONEY_RIVLIN] = {m->second.si},
-                                            [TM_LAW_FUNG] = {m->C.si},
-                                            [TM_LAW_HOLZAPFEL] = {m->k1.si, m->k2.si, m->dispersion.si}};
-    return tm_material_set_law(out, (tm_law_kind)m->law.index, all[m->law.index], m->stretch.line ? m->stretch.si : 0,
-                               error);
+    double constant[TM_LAW_CONSTANTS];
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) constant[i] = m->constant[m->law.index][i].si;
+    return tm_material_set_law(out, (tm_law_kind)m->law.index, constant, m->stretch.line ? m->stretch.si : 0, error);
 }
 
 /* Returns whether a material's name stands for the region: its own name (2), or "body.*" of its body (1). */

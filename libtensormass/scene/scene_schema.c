@@ -1,16 +1,18 @@
 /* Fields of a scene, except those of effects (effect_*.c). The parser, errors, defaults and docs/scene-reference.md use
  * this table. */
 #include <math.h>
+#include <pthread.h>
+#include <string.h>
 
 #include "choices.h"
 #include "scene.h"
 #include "tensormass.h"
 
-APP_CHOICE_CHECK(APP_LAWS)
 APP_CHOICE_CHECK(APP_PRECISIONS)
 APP_CHOICE_CHECK(APP_FORCE_FORMS)
 APP_CHOICE_CHECK(APP_TOOL_MODES)
 
+#define LAWS NULL /* choices that follow from the library's table of laws */
 #define AT(member) offsetof(app_scene, member), 0
 #define MATERIAL(member) offsetof(app_material, member), 0
 #define MAT(key, member, unit, fallback, min, max, doc)                                                                \
@@ -102,18 +104,8 @@ static const app_field fields[] = {
     MAT("nu_LT", nu_LT, "none", NULL, -10, 10, "fibred, engineering: contraction across under tension along the fibre"),
     MAT("nu_TT", nu_TT, "none", NULL, -1, 1, "fibred, engineering: Poisson's ratio in the cross plane"),
     MAT("G_L", G_L, "pressure", NULL, 0, 1e15, "fibred, engineering: axial shear modulus"),
-    {"tissue.materials.*.law", APP_CHOICE, APP_CHOICE_WORDS(APP_LAWS), "linear", 0, 0, MATERIAL(law),
+    {"tissue.materials.*.law", APP_CHOICE, LAWS, "linear", 0, 0, MATERIAL(law),
      "law of large strains; at small strains every law follows the constants above. All but `linear` include large rotations. A linear material beside a nonlinear one must not rotate or bend far ([nonlinear laws](nonlinear-laws.md))"},
-    MAT("compression", compression, "none", "0.5", 0, 1,
-        "`st-venant-kirchhoff`: share of lambda that resists compression, without which pressed tissue collapses"),
-    MAT("second", second, "none", "0", 0, 1, "`mooney-rivlin`: share of mu in the second invariant"),
-    MAT("C", C, "pressure", NULL, 0, 1e15,
-        "`fung`: W = C/2 (exp(2 w/C) - 1), w the linear law in Green's strain; a smaller C stiffens at smaller strains"),
-    MAT("k1", k1, "pressure", NULL, 0, 1e15,
-        "`holzapfel`: stiffness of its fibres, which act only in tension; with `k2`"),
-    MAT("k2", k2, "none", NULL, 0, 1e6, "`holzapfel`: exponent with which the fibres stiffen"),
-    MAT("dispersion", dispersion, "none", "0", 0, 0.33333333333,
-        "`holzapfel`: kappa, from 0 (all along the fibre) to 1/3 (any direction)"),
     MAT("stretch", stretch, "none", NULL, TM_STRETCH_LEAST, TM_STRETCH_MOST,
         "largest uniaxial stretch at which a nonlinear law holds, 1.6 if left out; beyond it force grows linearly. A larger limit makes steps shorter"),
     MAT("density", density, "density", "1000 kg/m3", 1e-9, 1e9, "mass per rest volume"),
@@ -230,4 +222,55 @@ static const app_field fields[] = {
      "cautery pedal, from this waypoint on"},
 };
 
-const app_schema app_scene_schema = {fields, sizeof fields / sizeof fields[0], sizeof(app_scene)};
+/* --- constants of laws, from the library's table --- */
+
+enum { OWN = sizeof fields / sizeof *fields, MOST = APP_LAWS * TM_LAW_CONSTANTS };
+typedef struct law_text {
+    char path[60], doc[200];
+} law_text;
+static app_field all_fields[OWN + MOST];
+static law_text text[MOST];
+static char law_names[24 * APP_LAWS];
+static app_schema scene_schema = {.field = all_fields, .size = sizeof(app_scene)};
+
+static app_field field_of(int32_t law, int32_t i, const tm_law_constant *c, law_text *t) {
+    snprintf(t->path, sizeof t->path, "tissue.materials.*.%s", c->name);
+    snprintf(t->doc, sizeof t->doc, "`%s`: %s", tm_law_name((tm_law_kind)law), c->doc);
+    return (app_field){t->path,
+                       APP_NUMBER,
+                       c->unit,
+                       c->fallback,
+                       c->min,
+                       c->max,
+                       offsetof(app_material, constant) + sizeof(app_number) * (size_t)(law * TM_LAW_CONSTANTS + i),
+                       0,
+                       t->doc};
+}
+
+static void append_laws(void) {
+    int32_t n = 0;
+    for (int32_t law = 0; law < APP_LAWS && tm_law_name((tm_law_kind)law); law++) {
+        const tm_law_constant *c;
+        const size_t used = strlen(law_names);
+        snprintf(law_names + used, sizeof law_names - used, "%s%s", law ? "|" : "", tm_law_name((tm_law_kind)law));
+        for (int32_t i = 0; (c = tm_law_constant_at((tm_law_kind)law, i)); i++)
+            all_fields[scene_schema.count++] = field_of(law, i, c, text + n++);
+    }
+}
+
+/* Copies the fields above; the laws' constants follow the key 'law'. */
+static void make_schema(void) {
+    for (int i = 0; i < OWN; i++) {
+        app_field *to = all_fields + scene_schema.count++;
+        *to = fields[i];
+        if (to->kind != APP_CHOICE || to->unit) continue;
+        append_laws();
+        to->unit = law_names;
+    }
+}
+
+const app_schema *app_scene_schema(void) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, make_schema);
+    return &scene_schema;
+}

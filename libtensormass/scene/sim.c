@@ -94,7 +94,7 @@ static tm_status check_scene(const app_scene *scene) {
         const app_material *m = (const app_material *)scene->material.item + i;
         app_law law;
         rc = app_scene_law(scene, m, &law);
-        const bool fibred = app_law_fibred(law) || m->law.index == TM_LAW_HOLZAPFEL;
+        const bool fibred = app_law_fibred(law) || tm_law_needs_fibre((tm_law_kind)m->law.index);
         if (!rc && fibred && !sim_options(scene, "anisotropy"))
             rc = app_scene_bad(scene, m->region.line,
                                "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file "

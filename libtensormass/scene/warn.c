@@ -39,7 +39,7 @@ static tm_status warn_materials(const sim *s) {
         const app_number *stiffness[] = {&m->young, &m->mu, &m->mu_T, &m->mu_L, &m->E_L, &m->E_T, &m->G_L};
         app_law law = APP_LAW_YOUNG;
         app_scene_law(s->scene, m, &law);
-        fibred |= app_law_fibred(law) || m->law.index == TM_LAW_HOLZAPFEL;
+        fibred |= app_law_fibred(law) || tm_law_needs_fibre((tm_law_kind)m->law.index);
         for (int k = 0; k < 7 && !rc; k++)
             if (stiffness[k]->line && stiffness[k]->si < softest_Pa)
                 rc = app_scene_warn(

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Dict, NamedTuple, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, ch
 from .mesh import Mesh
 
 PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
-LAW = {"linear": c.TM_LAW_LINEAR, "neo-hooke": c.TM_LAW_NEO_HOOKE, "st-venant-kirchhoff": c.TM_LAW_ST_VENANT_KIRCHHOFF,
-       "mooney-rivlin": c.TM_LAW_MOONEY_RIVLIN, "fung": c.TM_LAW_FUNG, "holzapfel": c.TM_LAW_HOLZAPFEL}
+LAW: Dict[str, int] = {}  # those that the library names
+while lib.tm_law_name(len(LAW)):
+    LAW[lib.tm_law_name(len(LAW)).decode()] = len(LAW)
 FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
@@ -65,12 +66,19 @@ class Material:
         """Five engineering constants; nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane."""
         return cls._made(lib.tm_material_engineering, (E_L_Pa, E_T_Pa, nu_LT, nu_TT, G_L_Pa), density_kg_m3, damping_1_s)
 
+    @staticmethod
+    def laws() -> Dict[str, Tuple[str, ...]]:
+        """Returns the names of all laws, each with those of its constants, as in scenes."""
+        def names(law: int) -> Tuple[str, ...]:
+            found = (lib.tm_law_constant_at(law, i) for i in range(c.TM_LAW_CONSTANTS))
+            return tuple(constant.contents.name.decode() for constant in found if constant)
+        return {name: names(law) for name, law in LAW.items()}
+
     def with_law(self, law: str, stretch_max: float = 0.0, constants: Sequence[float] = ()) -> "Material":
         """Returns a copy with this law: small strains keep the elastic constants, large ones follow the law (docs/nonlinear-laws.md).
 
-        law: linear, neo-hooke, st-venant-kirchhoff, mooney-rivlin, fung or holzapfel. stretch_max: largest uniaxial stretch that follows the law, 0: 1.6.
-        constants, at most four: st-venant-kirchhoff its share of compression, mooney-rivlin its share of the second invariant, fung C in Pa, holzapfel k1
-        in Pa, k2, kappa. MaterialError: the violated condition.
+        law: linear, neo-hooke, ..., a name of laws(). stretch_max: largest uniaxial stretch that follows the law, 0: 1.6. constants: values of
+        laws()[law], in its order, Pa or without unit. MaterialError: the violated condition.
         """
         made = Material.__new__(Material)
         made._struct = type(self._struct).from_buffer_copy(self._struct)

@@ -6,20 +6,18 @@
 #include "tensormass/viscosity.h"
 #include "world/world_internal.h"
 
-static const struct row {
+/* A law, isotropic or with fibres: rows 2 k and 2 k + 1 of nonlinear law k. */
+typedef struct row {
     tm_law_kind law;
     bool fibred;
-} ROWS[] = {{TM_LAW_NEO_HOOKE, false},
-            {TM_LAW_ST_VENANT_KIRCHHOFF, false},
-            {TM_LAW_ST_VENANT_KIRCHHOFF, true},
-            {TM_LAW_MOONEY_RIVLIN, false},
-            {TM_LAW_FUNG, false},
-            {TM_LAW_FUNG, true},
-            {TM_LAW_HOLZAPFEL, false}};
-enum { LAWS = sizeof ROWS / sizeof *ROWS };
+} row;
+enum { LAWS = 2 * (TM_LAW_COUNT - 1) };
 
-static tm_material material_in(const struct row *row, double poisson) {
-    tm_material m = material_of(row->law, poisson, row->fibred);
+static row row_at(int k) { return (row){(tm_law_kind)(1 + k / 2), k % 2}; }
+static bool is_row(row r) { return law_is_tested(r.law) && (!r.fibred || tm_law_has_fibres(r.law)); }
+
+static tm_material material_in(row r, double poisson) {
+    tm_material m = material_of(r.law, poisson, r.fibred);
     m.density_kg_m3 = 1000;
     return m;
 }
@@ -80,7 +78,8 @@ static void is_near_double(void **state) {
     static const double size_m[] = {1e-12, 1e-8, 1e-5, 3e-4, 1e-3, 4e-3};
     double worst = 0, worst_stiff = 0;
     for (int k = 0; k < 2 * LAWS; k++) {
-        const tm_material m = material_in(ROWS + k / 2, k % 2 ? 0.4999 : 0.45);
+        if (!is_row(row_at(k / 2))) continue;
+        const tm_material m = material_in(row_at(k / 2), k % 2 ? 0.4999 : 0.45);
         body b = block_of(&m, (int[]){3, 3, 2}, TM_SINGLE, 1);
         fix_random random = {3};
         assert_true(tm_cut_remove(b.tissue, (int32_t[]){5, 31}, 2, NULL, 0) >= 2);
@@ -102,7 +101,8 @@ static void is_near_double(void **state) {
 static void not_a_number_stays_visible(void **state) {
     (void)state;
     for (int k = 0; k < LAWS; k++) {
-        const tm_material m = material_in(ROWS + k, 0.45);
+        if (!is_row(row_at(k))) continue;
+        const tm_material m = material_in(row_at(k), 0.45);
         body b = block_of(&m, (int[]){3, 3, 2}, TM_SINGLE, 1);
         fix_random random = {5};
         passes s = passes_of(&b);
@@ -146,7 +146,7 @@ static void let_go(body *b) {
 
 static void threads_have_the_same_bits(void **state) {
     (void)state;
-    const tm_material m = material_in(ROWS, 0.45);
+    const tm_material m = material_in(row_at(0), 0.45);
     body b[3];
     for (int k = 0; k < 3; k++) {
         b[k] = block_of(&m, (int[]){10, 9, 9}, TM_SINGLE, k + 1);
@@ -175,7 +175,7 @@ static double energy_J(const body *b) {
  */
 static void moves_as_double(void **state) {
     (void)state;
-    const tm_material m = material_in(ROWS, 0.45);
+    const tm_material m = material_in(row_at(0), 0.45);
     body b[2];
     double drift[2] = {0}, off = 0, most = 0;
     for (int k = 0; k < 2; k++) {
@@ -203,7 +203,8 @@ static void moves_as_double(void **state) {
 static void rests_where_double_does(void **state) {
     (void)state;
     for (int k = 0; k < LAWS; k++) {
-        const tm_material m = material_in(ROWS + k, 0.45);
+        if (!is_row(row_at(k))) continue;
+        const tm_material m = material_in(row_at(k), 0.45);
         body b = block_of(&m, (int[]){3, 3, 4}, TM_SINGLE, 1);
         tm_settle_def def = tm_settle_def_default();
         tm_error error;
@@ -224,7 +225,7 @@ static void rests_where_double_does(void **state) {
 
 static void what_relaxes_is_refused(void **state) {
     (void)state;
-    const tm_material m = material_in(ROWS, 0.45);
+    const tm_material m = material_in(row_at(0), 0.45);
     body b = block_of(&m, (int[]){2, 2, 2}, TM_SINGLE, 1);
     tm_viscosity_def def = tm_viscosity_def_default();
     tm_error error;

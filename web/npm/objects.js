@@ -2,7 +2,10 @@
 import { TensormassError, constants } from './runtime.js';
 import { poseInto } from './scene.js';
 
-const LAWS = { linear: 'LINEAR', 'neo-hooke': 'NEO_HOOKE', 'st-venant-kirchhoff': 'ST_VENANT_KIRCHHOFF', 'mooney-rivlin': 'MOONEY_RIVLIN', fung: 'FUNG', holzapfel: 'HOLZAPFEL' };
+// linear, neo-hooke, ...: the constants TM_LAW_* of the library's table, but for the sizes
+const NOT_LAWS = ['COUNT', 'CONSTANTS'];
+const LAWS = () => Object.fromEntries(Object.keys(constants).filter((n) => /^TM_LAW_/.test(n)).map((n) => n.slice(7)).filter((n) => !NOT_LAWS.includes(n))
+  .map((n) => [n.toLowerCase().replaceAll('_', '-'), n]));
 const MODES = { probe: 'PROBE', grasper: 'GRASPER', cautery: 'CAUTERY' };
 const HELD = () => ({ [constants.TM_GRASP_OPEN]: 'open', [constants.TM_GRASP_HOLDING]: 'holding', [constants.TM_GRASP_RELEASING]: 'releasing' });
 
@@ -139,7 +142,7 @@ export class Material {
   // Sets the law for large strains (docs/nonlinear-laws.md) and returns the material. stretch_max: 0 means 1.6. values: the law's constants, four at most.
   withLaw(law, { stretch_max = 0, values = [] } = {}) {
     const four = Float64Array.from({ length: constants.TM_LAW_CONSTANTS }, (_, i) => values[i] ?? 0);
-    this.library.checked('tm_material_set_law', this.struct, choice(law, LAWS, 'TM_LAW_', 'law'), four, stretch_max);
+    this.library.checked('tm_material_set_law', this.struct, choice(law, LAWS(), 'TM_LAW_', 'law'), four, stretch_max);
     return this;
   }
 }

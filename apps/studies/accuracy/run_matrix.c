@@ -180,21 +180,19 @@ static void allow_law(study_run *r, const sim *own) {
     if (sim_effect_line(scene, smoothing)) study_set(r, "strain_smoothing.shear_share=0");
 }
 
+static void forget_key(study_run *r, const app_material *m, const char *key) {
+    if (r->set_count < STUDY_SETS) study_set(r, "tissue.materials.%s.%s", m->region.s, key);
+}
+
 /* Leaves out a material's keys of its nonlinear law. */
 static void forget_law(study_run *r, const app_material *m) {
-    const struct {
-        const char *key;
-        int line;
-    } row[] = {{"compression", m->compression.line},
-               {"second", m->second.line},
-               {"C", m->C.line},
-               {"k1", m->k1.line},
-               {"k2", m->k2.line},
-               {"dispersion", m->dispersion.line},
-               {"stretch", m->stretch.line}};
     study_set(r, "tissue.materials.%s.law=linear", m->region.s);
-    for (size_t i = 0; i < sizeof row / sizeof *row; i++)
-        if (row[i].line && r->set_count < STUDY_SETS) study_set(r, "tissue.materials.%s.%s", m->region.s, row[i].key);
+    for (int32_t law = 0; law < APP_LAWS; law++) {
+        const tm_law_constant *c;
+        for (int32_t i = 0; (c = tm_law_constant_at((tm_law_kind)law, i)); i++)
+            if (m->constant[law][i].line) forget_key(r, m, c->name);
+    }
+    if (m->stretch.line) forget_key(r, m, "stretch");
 }
 
 /* Plans what another law of large strains changes: for linear tissue the nonlinear one that needs no further constant,

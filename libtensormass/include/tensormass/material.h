@@ -8,23 +8,35 @@
 extern "C" {
 #endif
 
-/* Constitutive laws. At small strain each of them follows the material's elastic constants (docs/nonlinear-laws.md). */
+/* Nonlinear laws, a row each: constant and file (libtensormass/src/material/NAME_law.h, with its formula, constants and
+ * source). Everything else follows from the row; a new one comes last, as values are part of the interface. */
+#define TM_NONLINEAR_LAWS(ROW)                                                                                         \
+    ROW(NEO_HOOKE, neo_hooke)                                                                                          \
+    ROW(ST_VENANT_KIRCHHOFF, st_venant_kirchhoff)                                                                      \
+    ROW(MOONEY_RIVLIN, mooney_rivlin)                                                                                  \
+    ROW(FUNG, fung)                                                                                                    \
+    ROW(HOLZAPFEL, holzapfel)
+
+/* Constitutive laws: TM_LAW_LINEAR, TM_LAW_NEO_HOOKE ... At small strain each of them follows the material's elastic
+ * constants (docs/nonlinear-laws.md). */
+#define TM_LAW_VALUE(NAME, name) TM_LAW_##NAME,
 typedef enum tm_law_kind {
     TM_LAW_LINEAR = 0,
-    TM_LAW_NEO_HOOKE = 1, /* compressible, stable under inversion (Smith, de Goes and Kim 2018); isotropic */
-    /* The linear law in Green's strain, with fibres (Picinbono, Delingette and Ayache 2003). Constant: the share of
-     * lambda, 0 to 1, that resists J - 1 instead of tr E. Without it compressed tissue collapses. */
-    TM_LAW_ST_VENANT_KIRCHHOFF = 2,
-    TM_LAW_MOONEY_RIVLIN = 3, /* isotropic. Constant: share of mu, 0 to 1, in the second invariant */
-    /* Exponential of the linear law in Green's strain, with fibres. Guccione's law with C, bf, bt, bfs: mu_T = C bt/2,
-     * mu_L = C bfs/2, beta = C (bf + bt - 2 bfs), lambda the bulk modulus. Constant: C, Pa. */
-    TM_LAW_FUNG = 4,
-    /* Dispersed fibres that resist tension only, in neo-Hookean tissue (Holzapfel, Gasser and Ogden). Constants: k1,
-     * Pa; k2; kappa, 0 (aligned) to 1/3 (isotropic). */
-    TM_LAW_HOLZAPFEL = 5,
+    TM_NONLINEAR_LAWS(TM_LAW_VALUE) /* 1, 2 ... */
     TM_LAW_COUNT
 } tm_law_kind;
+#undef TM_LAW_VALUE
 enum { TM_LAW_CONSTANTS = 4 };
+
+/* A further constant of a law: its key in scenes, and its meaning. */
+typedef struct tm_law_constant {
+    const char *name;
+    const char *unit;     /* "pressure", Pa, or "none" */
+    const char *fallback; /* value in a scene that does not give it; null: it must be given */
+    double min, max;      /* SI, inclusive */
+    double example;       /* a value that tests use */
+    const char *doc;
+} tm_law_constant;
 
 /* w = lambda/2 I1^2 + mu tr E^2 + dlambda I1 I4 + 2 dmu I5 + beta/2 I4^2     (docs/physics.md, eq. 1)
  * Isotropic tissue has dlambda = dmu = beta = 0 and needs no fibre. */
@@ -64,8 +76,13 @@ TM_API tm_status tm_material_engineering(double E_L_Pa, double E_T_Pa, double nu
  * inequality, and the material is unchanged. */
 TM_API tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,
                                      tm_error *error);
-/* Returns "linear", "neo-hooke", "st-venant-kirchhoff", "mooney-rivlin", "fung" or "holzapfel"; null: no such law. */
+/* Returns the name in scenes, "linear", "neo-hooke" ...; null: no such law. */
 TM_API const char *tm_law_name(tm_law_kind law);
+/* Returns constant `index` of the law, in the order of tm_material_set_law; null: it has no such constant. */
+TM_API const tm_law_constant *tm_law_constant_at(tm_law_kind law, int32_t index);
+/* Returns whether the law accepts moduli of fibres; and whether it has fibres with isotropic moduli too. */
+TM_API bool tm_law_has_fibres(tm_law_kind law);
+TM_API bool tm_law_needs_fibre(tm_law_kind law);
 
 /* Checks the constants. Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0,
  * damping >= 0. */

@@ -70,7 +70,6 @@ static void averaged_tangent(const tm_law_state *s, const double *u_m, const dou
 }
 
 const tm_law tm_law_corotated = {.name = "rotation",
-                                 .has_fibres = true,
                                  .is_objective = true,
                                  .energy = energy,
                                  .force = tm_law_batch_force,
@@ -78,7 +77,6 @@ const tm_law tm_law_corotated = {.name = "rotation",
                                  .bound = tm_corotated_eigenvalue_over};
 
 const tm_law tm_law_corotated_averaged = {.name = "rotation and volume",
-                                          .has_fibres = true,
                                           .is_objective = true,
                                           .averages = true,
                                           .energy = averaged_energy,

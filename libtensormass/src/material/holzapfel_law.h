@@ -3,6 +3,55 @@
  *     W = neo-Hooke + k1/(2 k2) (exp(k2 y^2) - 1),   y = kappa (I - 3) + (1 - 3 kappa) (|F a|^2 - 1) where positive,
  * else 0: fibres resist extension only. Beyond y_max their stress continues along its tangent. */
 
+#ifdef TM_LAW_FACTS
+/* Returns y of the largest stretch along fibres; beyond it their stress continues along its tangent. */
+static double tm_holzapfel_limit(const tm_material *m) {
+    const double s = m->stretch_max, kappa = m->law_constant[2];
+    return kappa * (s * s + 2 / s - 3) + (1 - 3 * kappa) * (s * s - 1);
+}
+
+static tm_status tm_holzapfel_check(const tm_material *m, tm_error *error) {
+    const double *c = m->law_constant, y = tm_holzapfel_limit(m);
+    if (!(c[1] > 0)) return tm_law_bad(m, "k2", c[1], "k2 > 0", error);
+    if (!(c[1] * y * y <= TM_EXPONENT_MAX))
+        return tm_fail(
+            error, TM_ERR_MATERIAL, -1,
+            "law %s with k2 = %g: the exponent k2 y^2 = %g at the largest stretch %g, k2 y^2 <= %g is violated; "
+            "lower k2 or the stretch",
+            tm_law_name((tm_law_kind)m->law), c[1], c[1] * y * y, m->stretch_max, TM_EXPONENT_MAX);
+    return TM_OK;
+}
+
+static void tm_holzapfel_prepare(const tm_material *m, double volume_m3, double c[TM_LAW_CONSTANTS]) {
+    c[0] *= volume_m3, c[3] = tm_holzapfel_limit(m);
+}
+
+/* y + 1 = F K:F with K = kappa 1 + (1 - 3 kappa) a a^T <= (1 - 2 kappa) 1, so that the fibres' tangent f'' dy dy + f'
+ * d2y is at most (4 f'' (y + 1) + 2 f') (1 - 2 kappa). They pull. */
+static void tm_holzapfel_bound(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
+    const double k1 = m->law_constant[0], k2 = m->law_constant[1], kappa = m->law_constant[2];
+    const double s2 = c->stretch * c->stretch, more2 = c->R[1] * c->R[1] - s2; /* s2 along the fibre, at most */
+    const double y = (1 - 2 * kappa) * s2 + kappa * more2 - 1, inner = fmin(fmax(y, 0), tm_holzapfel_limit(m));
+    const double x = k2 * inner * inner, stiff = k1 * tm_exponential(x) * (1 + 2 * x);
+    const double pull = k1 * tm_exponential(x) * inner + stiff * (fmax(y, 0) - inner), share = 1 - 2 * kappa;
+    tm_neo_hooke_bound(m, lambda_Pa, c, b);
+    if (y <= 0) return;
+    tm_bound_add(b, c, (4 * stiff * (y + 1) + 2 * pull) * share, 0, 2 * pull * sqrt(share * (y + 1)));
+}
+
+static const tm_law_facts tm_holzapfel_facts = {
+    .name = "holzapfel",
+    .needs_fibre = true,
+    .constant = {{"k1", "pressure", NULL, 0, 1e15, 4e3,
+                  "stiffness of its fibres, which act only in tension; with `k2`"},
+                 {"k2", "none", NULL, 0, 1e6, 0.8, "exponent with which the fibres stiffen"},
+                 {"dispersion", "none", "0", 0, 1 / 3.0, 0.1,
+                  "kappa, from 0 (all along the fibre) to 1/3 (any direction)"}},
+    .check = tm_holzapfel_check,
+    .prepare = tm_holzapfel_prepare,
+    .bound = tm_holzapfel_bound};
+#else
+
 /* c: k1 times the volume, k2, kappa, y_max. */
 INSIDE void TM_NAME(holzapfel)(const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s, V8 P[9],
                                M8 *outside) {
@@ -41,19 +90,7 @@ INSIDE double TM_NAME(holzapfel_energy)(const TM_NAME(hyper) * w, const V8 H[9],
     const double y = fmax(0, kappa * s->I3[lane] + (1 - 3 * kappa) * z), inner = fmin(y, most), x = k2 * inner * inner;
     const double more = y - inner,
                  fibres = k1 / (2 * k2) * expm1(x) + k1 * exp(x) * more * (inner + 0.5 * (1 + 2 * x) * more);
-    return TM_NAME(neo_hooke_energy)(w, s, lane) + fibres;
+    return TM_NAME(neo_hooke_energy)(w, H, s, lane) + fibres;
 }
-
-/* y + 1 = F K:F with K = kappa 1 + (1 - 3 kappa) a a^T <= (1 - 2 kappa) 1, so that the fibres' tangent f'' dy dy + f'
- * d2y is at most (4 f'' (y + 1) + 2 f') (1 - 2 kappa). They pull. */
-static void TM_NAME(holzapfel_bound)(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
-    const double k1 = m->law_constant[0], k2 = m->law_constant[1], kappa = m->law_constant[2];
-    const double s2 = c->stretch * c->stretch, more2 = c->R[1] * c->R[1] - s2; /* s2 along the fibre, at most */
-    const double y = (1 - 2 * kappa) * s2 + kappa * more2 - 1, inner = fmin(fmax(y, 0), tm_law_fibre_limit(m));
-    const double x = k2 * inner * inner, stiff = k1 * tm_exponential(x) * (1 + 2 * x);
-    const double pull = k1 * tm_exponential(x) * inner + stiff * (fmax(y, 0) - inner), share = 1 - 2 * kappa;
-    TM_NAME(neo_hooke_bound)(m, lambda_Pa, c, b);
-    if (y <= 0) return;
-    tm_bound_add(b, c, (4 * stiff * (y + 1) + 2 * pull) * share, 0, 2 * pull * sqrt(share * (y + 1)));
-}
+#endif
 #endif

@@ -7,7 +7,6 @@
 #include <string.h>
 
 #include "base/intrinsics.h"
-#include "material/law_bound.h"
 
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
 
@@ -130,12 +129,6 @@ void tm_hyperelastic_corners(const tm_hyperelastic *h, const tm_viscous *v, cons
 
 static const double NO_LIMIT = 1e300;
 
-void tm_law_constants(const tm_material *m, double volume, double c[TM_LAW_CONSTANTS]) {
-    memcpy(c, m->law_constant, TM_LAW_CONSTANTS * sizeof *c);
-    if (m->law == TM_LAW_FUNG) c[0] *= volume, c[1] = tm_law_exponent_limit(m), c[2] = 2 / c[0];
-    if (m->law == TM_LAW_HOLZAPFEL) c[0] *= volume, c[3] = tm_law_fibre_limit(m);
-}
-
 static void fill(const tm_material_field *field, int32_t tet, tm_law_pack *batch, int l) {
     const tm_material *m = tm_field_material(field, tet);
     const double *a = tm_field_fibre(field, tet), s = m->stretch_max;
@@ -174,11 +167,10 @@ static double energy_of(int64_t law, const tm_plain_hyper *w, const tm_plain_v8 
                         int lane) {
     switch (law) {
     case TM_LAW_LINEAR: return tm_plain_linear_energy(w, H, s, lane);
-    case TM_LAW_NEO_HOOKE: return tm_plain_neo_hooke_energy(w, s, lane);
-    case TM_LAW_ST_VENANT_KIRCHHOFF: return tm_plain_green_energy(w, H, s, lane, false);
-    case TM_LAW_MOONEY_RIVLIN: return tm_plain_mooney_rivlin_energy(w, s, lane);
-    case TM_LAW_FUNG: return tm_plain_green_energy(w, H, s, lane, true);
-    case TM_LAW_HOLZAPFEL: return tm_plain_holzapfel_energy(w, H, s, lane);
+#define TM_ENERGY(NAME, name)                                                                                          \
+    case TM_LAW_##NAME: return tm_plain_##name##_energy(w, H, s, lane);
+        TM_NONLINEAR_LAWS(TM_ENERGY)
+#undef TM_ENERGY
     default: return 0;
     }
 }
@@ -289,17 +281,4 @@ void tm_hyperelastic_add_bend(const tm_hyperelastic *h, const tm_nodal_dilatatio
     for (int k = 0; k < 4; k++) pressure += averages->corotated_Pa[averages->domain[4 * (int64_t)tet + k]];
     tm_hyperelastic_dilatation_hessian(h, tet, u_m, bend);
     for (int i = 0; i < 81; i++) A[i] += averages->quarter_m3[tet] * pressure * bend[i];
-}
-
-/* --- the bound --- */
-
-void tm_law_bound_terms(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
-    switch (m->law) {
-    case TM_LAW_NEO_HOOKE: tm_plain_neo_hooke_bound(m, lambda_Pa, c, b); break;
-    case TM_LAW_ST_VENANT_KIRCHHOFF: tm_plain_st_venant_kirchhoff_bound(m, lambda_Pa, c, b); break;
-    case TM_LAW_MOONEY_RIVLIN: tm_plain_mooney_rivlin_bound(m, lambda_Pa, c, b); break;
-    case TM_LAW_FUNG: tm_plain_fung_bound(m, lambda_Pa, c, b); break;
-    case TM_LAW_HOLZAPFEL: tm_plain_holzapfel_bound(m, lambda_Pa, c, b); break;
-    default: break;
-    }
 }

@@ -50,14 +50,10 @@ INSIDE void TM_NAME(mixed_stress)(const TM_HYPER *h, int32_t p, int at, const V8
 
 /* Computes the stress of a batch of any laws. */
 INSIDE void TM_NAME(batch_stress)(const TM_HYPER *h, int32_t p, int at, const V8 H[9], V8 P[9], M8 *outside) {
-#define OWN(law)                                                                                                       \
-    case 1u << law: TM_NAME(own_stress)(h, p, at, law, H, P, outside); break
+#define OWN(NAME, name)                                                                                                \
+    case 1u << TM_LAW_##NAME: TM_NAME(own_stress)(h, p, at, TM_LAW_##NAME, H, P, outside); break;
     switch (h->law[p].laws) {
-        OWN(TM_LAW_NEO_HOOKE);
-        OWN(TM_LAW_ST_VENANT_KIRCHHOFF);
-        OWN(TM_LAW_MOONEY_RIVLIN);
-        OWN(TM_LAW_FUNG);
-        OWN(TM_LAW_HOLZAPFEL);
+        TM_NONLINEAR_LAWS(OWN)
     default: TM_NAME(mixed_stress)(h, p, at, H, P, outside);
     }
 #undef OWN

@@ -40,22 +40,19 @@ INSIDE void TM_NAME(strain_of)(const V8 H[9], TM_NAME(strain) * s) {
     for (int i = 0; i < 9; i += 4) s->cof[i] += s->trace;
 }
 
-#include "material/neo_hooke_law.h"
+#include "material/green_strain.h"
 
-#include "material/green_law.h"
-#include "material/holzapfel_law.h"
-#include "material/mooney_rivlin_law.h"
+#include "material/law_files.h"
 
 /* Computes the first Piola stress; `outside`: lanes that continue linearly. */
 INSIDE void TM_NAME(stress_of_law)(int64_t law, const TM_NAME(hyper) * w, const V8 H[9], const TM_NAME(strain) * s,
                                    V8 P[9], M8 *outside) {
     switch (law) {
     case TM_LAW_LINEAR: TM_NAME(linear_law)(w, H, P); break;
-    case TM_LAW_NEO_HOOKE: TM_NAME(neo_hooke)(w, H, s, P, outside); break;
-    case TM_LAW_ST_VENANT_KIRCHHOFF: TM_NAME(st_venant_kirchhoff)(w, H, s, P, outside); break;
-    case TM_LAW_MOONEY_RIVLIN: TM_NAME(mooney_rivlin)(w, H, s, P, outside); break;
-    case TM_LAW_FUNG: TM_NAME(fung)(w, H, s, P, outside); break;
-    case TM_LAW_HOLZAPFEL: TM_NAME(holzapfel)(w, H, s, P, outside); break;
+#define TM_STRESS(NAME, name)                                                                                          \
+    case TM_LAW_##NAME: TM_NAME(name)(w, H, s, P, outside); break;
+        TM_NONLINEAR_LAWS(TM_STRESS)
+#undef TM_STRESS
     default:
         for (int i = 0; i < 9; i++) P[i] = s->I3 * 0;
     }

@@ -68,17 +68,12 @@ static double bound(const tm_material_field *field, int32_t tet, const double ma
     return field->stiffest_Pa[field->region_material[field->mesh->region[tet]]] * field->mesh->volume_m3[tet] * most;
 }
 
-#define ROW(row, word, law, fibres)                                                                                    \
-    const tm_law row = {.name = word,                                                                                  \
-                        .kind = law,                                                                                   \
-                        .has_fibres = fibres,                                                                          \
-                        .is_objective = true,                                                                          \
-                        .energy = energy,                                                                              \
-                        .force = force,                                                                                \
-                        .tangent = tangent,                                                                            \
-                        .bound = bound}
-ROW(tm_law_neo_hooke, "neo-hooke", TM_LAW_NEO_HOOKE, false);
-ROW(tm_law_st_venant_kirchhoff, "st-venant-kirchhoff", TM_LAW_ST_VENANT_KIRCHHOFF, true);
-ROW(tm_law_mooney_rivlin, "mooney-rivlin", TM_LAW_MOONEY_RIVLIN, false);
-ROW(tm_law_fung, "fung", TM_LAW_FUNG, true);
-ROW(tm_law_holzapfel, "holzapfel", TM_LAW_HOLZAPFEL, false);
+#define ROW(NAME, file)                                                                                                \
+    const tm_law tm_law_##file = {.name = #file,                                                                       \
+                                  .kind = TM_LAW_##NAME,                                                               \
+                                  .is_objective = true,                                                                \
+                                  .energy = energy,                                                                    \
+                                  .force = force,                                                                      \
+                                  .tangent = tangent,                                                                  \
+                                  .bound = bound};
+TM_NONLINEAR_LAWS(ROW)

@@ -1,9 +1,9 @@
 /* The table of laws. */
 #include "material/law.h"
 
-const tm_law *const tm_laws[] = {&tm_law_linear,    &tm_law_corotated,           &tm_law_corotated_averaged,
-                                 &tm_law_neo_hooke, &tm_law_st_venant_kirchhoff, &tm_law_mooney_rivlin,
-                                 &tm_law_fung,      &tm_law_holzapfel,           NULL};
+#define ROW(NAME, name) &tm_law_##name,
+const tm_law *const tm_laws[] = {&tm_law_linear, &tm_law_corotated, &tm_law_corotated_averaged,
+                                 TM_NONLINEAR_LAWS(ROW) NULL};
 
 const tm_law *tm_law_of(const tm_material_field *field) {
     int32_t first = 0; /* of a nonlinear law: all share passes and bound, with linear materials beside them too */

@@ -1,6 +1,7 @@
-/* The interface of constitutive laws. A law is one file and one row of tm_laws (law.c): energy, force, tangent and the
- * bound of the tangent, over all active tetrahedra of a field in batches of eight. tests/physics/test_laws.c checks
- * every row: energy against force, force against tangent, objectivity, the bound, plain against SIMD. */
+/* The interface of constitutive laws: energy, force, tangent and the bound of the tangent, over all active tetrahedra
+ * of a field in batches of eight. Nonlinear laws share it (hyperelastic_law.c): such a law is one file, NAME_law.h, and
+ * one row of TM_NONLINEAR_LAWS. tests/physics/test_laws.c checks every row: energy against force, force against
+ * tangent, objectivity, symmetry of fibres, the bound, plain against SIMD. */
 #ifndef TM_LAW_H
 #define TM_LAW_H
 
@@ -22,7 +23,6 @@ typedef struct tm_law {
     const char *name;
     tm_law_kind kind;          /* of a material; rows of the linear one differ by the field */
     bool has_constant_tangent; /* stiffness tensors are its fast path (tissue/force.c) */
-    bool has_fibres;           /* a material with fibres may have it */
     bool is_objective;         /* no energy by rigid rotation */
     bool averages;             /* dilatation is averaged around vertices: for a smoothed field */
     /* Returns the energy of all active tetrahedra, J. */
@@ -37,7 +37,8 @@ typedef struct tm_law {
 } tm_law;
 
 extern const tm_law tm_law_linear, tm_law_corotated, tm_law_corotated_averaged;
-extern const tm_law tm_law_neo_hooke, tm_law_st_venant_kirchhoff, tm_law_mooney_rivlin, tm_law_fung, tm_law_holzapfel;
+#define TM_LAW_DECLARE(NAME, name) extern const tm_law tm_law_##name;
+TM_NONLINEAR_LAWS(TM_LAW_DECLARE)
 /* All rows, null after the last. */
 extern const tm_law *const tm_laws[];
 /* Returns the law of a field. */

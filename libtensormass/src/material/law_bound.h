@@ -33,7 +33,8 @@ static inline void tm_bound_add(tm_bound *b, const tm_bound_cell *c, double most
     b->mixed += c->turn[1] * sideways;
 }
 
-/* Adds the terms of the material's law, but for U(J), whose constants it sets; lambda in place of the material's. */
+/* Adds the terms of the material's law, but for U(J), whose constants it sets; lambda in place of the material's
+ * (law_facts.h). */
 void tm_law_bound_terms(const tm_material *material, double lambda_Pa, const tm_bound_cell *cell, tm_bound *bound);
 
 #endif

@@ -128,7 +128,6 @@ static double bound(const tm_material_field *field, int32_t tet, const double ma
 
 const tm_law tm_law_linear = {.name = "linear",
                               .has_constant_tangent = true,
-                              .has_fibres = true,
                               .energy = energy,
                               .force = tm_law_batch_force,
                               .tangent = tangent,

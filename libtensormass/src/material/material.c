@@ -43,106 +43,6 @@ static tm_status check_definite(const tm_material *m, tm_error *error) {
     return TM_OK;
 }
 
-/* --- laws --- */
-
-static const char *const law_name[TM_LAW_COUNT] = {"linear",        "neo-hooke", "st-venant-kirchhoff",
-                                                   "mooney-rivlin", "fung",      "holzapfel"};
-
-const char *tm_law_name(tm_law_kind law) { return law >= 0 && law < TM_LAW_COUNT ? law_name[law] : NULL; }
-
-double tm_law_fibre_limit(const tm_material *m) {
-    const double s = m->stretch_max, kappa = m->law_constant[2];
-    return kappa * (s * s + 2 / s - 3) + (1 - 3 * kappa) * (s * s - 1);
-}
-
-static tm_status bad_law(const tm_material *m, const char *what, double value, const char *violated, tm_error *error) {
-    return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s with %s = %g: %s is violated", law_name[m->law], what, value,
-                   violated);
-}
-
-static tm_status check_share(const tm_material *m, const char *what, tm_error *error) {
-    const double share = m->law_constant[0];
-    return share >= 0 && share <= 1 ? TM_OK : bad_law(m, what, share, "0 <= share <= 1", error);
-}
-
-double tm_law_exponent_limit(const tm_material *m) {
-    const double s = m->stretch_max, along = 0.5 * (s * s - 1), across = 0.5 * (1 / s - 1), I1 = along + 2 * across;
-    const double w = m->mu_Pa * (along * along + 2 * across * across) + m->dlambda_Pa * I1 * along +
-                     (2 * m->dmu_Pa + 0.5 * m->beta_Pa) * along * along;
-    return 2 * w / m->law_constant[0];
-}
-
-static tm_status check_fung(const tm_material *m, tm_error *error) {
-    const double C = m->law_constant[0];
-    if (!(C > 0)) return bad_law(m, "C", C, "C > 0", error);
-    if (!(m->lambda_Pa > 0)) return bad_law(m, "lambda", m->lambda_Pa, "lambda > 0", error);
-    const double along = 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
-    if (!(along > 0 && m->mu_Pa * along > m->dlambda_Pa * m->dlambda_Pa))
-        return tm_fail(
-            error, TM_ERR_MATERIAL, -1,
-            "law %s: its exponent is not positive for every strain, mu_T (2 mu_T + 2 dlambda + 4 dmu + beta) > "
-            "dlambda^2 is violated: %g > %g; raise beta or mu_L, or bring lambda_L nearer to lambda_T",
-            law_name[m->law], m->mu_Pa * along, m->dlambda_Pa * m->dlambda_Pa);
-    const double exponent = tm_law_exponent_limit(m);
-    if (!(exponent > 0)) return bad_law(m, "2 w/C", exponent, "2 w/C > 0 under tension along the fibre", error);
-    if (!(exponent <= TM_EXPONENT_MAX))
-        return tm_fail(
-            error, TM_ERR_MATERIAL, -1,
-            "law %s with C = %g Pa: the exponent 2 w/C = %g at the largest stretch %g, 2 w/C <= %g is violated; "
-            "raise C or lower the stretch",
-            law_name[m->law], C, exponent, m->stretch_max, TM_EXPONENT_MAX);
-    return TM_OK;
-}
-
-static tm_status check_holzapfel(const tm_material *m, tm_error *error) {
-    const double *c = m->law_constant, y = tm_law_fibre_limit(m);
-    if (!(c[0] >= 0)) return bad_law(m, "k1", c[0], "k1 >= 0", error);
-    if (!(c[1] > 0)) return bad_law(m, "k2", c[1], "k2 > 0", error);
-    if (!(c[2] >= 0 && c[2] <= 1 / 3.0)) return bad_law(m, "kappa", c[2], "0 <= kappa <= 1/3", error);
-    if (!(c[1] * y * y <= TM_EXPONENT_MAX))
-        return tm_fail(
-            error, TM_ERR_MATERIAL, -1,
-            "law %s with k2 = %g: the exponent k2 y^2 = %g at the largest stretch %g, k2 y^2 <= %g is violated; "
-            "lower k2 or the stretch",
-            law_name[m->law], c[1], c[1] * y * y, m->stretch_max, TM_EXPONENT_MAX);
-    return TM_OK;
-}
-
-static tm_status check_mooney_rivlin(const tm_material *m, tm_error *error) {
-    const double bulk_Pa = m->lambda_Pa + (1 - m->law_constant[0]) * m->mu_Pa;
-    const tm_status status = check_share(m, "second", error);
-    return status || bulk_Pa > 0
-               ? status
-               : bad_law(m, "lambda + (1 - second) mu", bulk_Pa, "lambda + (1 - second) mu > 0", error);
-}
-
-static tm_status check_law(const tm_material *m, tm_error *error) {
-    if (m->law == TM_LAW_LINEAR) return TM_OK;
-    if (!(m->law > 0 && m->law < TM_LAW_COUNT))
-        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %lld does not exist; give a value of tm_law_kind, below %d",
-                       (long long)m->law, TM_LAW_COUNT);
-    const char *name = law_name[m->law];
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++)
-        if (!isfinite(m->law_constant[i]))
-            return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s: constant %d = %g is not finite; give a number", name, i,
-                           m->law_constant[i]);
-    if (!(m->stretch_max >= TM_STRETCH_LEAST && m->stretch_max <= TM_STRETCH_MOST))
-        return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s up to a stretch of %g: %g <= stretch <= %g is violated",
-                       name, m->stretch_max, TM_STRETCH_LEAST, (double)TM_STRETCH_MOST);
-    if (m->law != TM_LAW_ST_VENANT_KIRCHHOFF && m->law != TM_LAW_FUNG && !tm_material_is_isotropic(m))
-        return tm_fail(error, TM_ERR_MATERIAL, -1,
-                       "law %s has isotropic moduli, and dlambda = dmu = beta = 0 is violated: %g, %g, %g Pa; give an "
-                       "isotropic family of constants, or another law",
-                       name, m->dlambda_Pa, m->dmu_Pa, m->beta_Pa);
-    switch (m->law) {
-    case TM_LAW_ST_VENANT_KIRCHHOFF: return check_share(m, "compression", error);
-    case TM_LAW_MOONEY_RIVLIN: return check_mooney_rivlin(m, error);
-    case TM_LAW_FUNG: return check_fung(m, error);
-    case TM_LAW_HOLZAPFEL: return check_holzapfel(m, error);
-    default: return TM_OK;
-    }
-}
-
 tm_status tm_material_check(const tm_material *m, tm_error *error) {
     TM_REQUIRE(m, "material is null", TM_ERR_ARGUMENT);
     const double value[7] = {m->lambda_Pa, m->mu_Pa,         m->dlambda_Pa, m->dmu_Pa,
@@ -159,8 +59,14 @@ tm_status tm_material_check(const tm_material *m, tm_error *error) {
                        "damping = %g 1/s: damping >= 0 is violated, a negative rate feeds energy in; "
                        "give 0 or more",
                        m->damping_1_s);
-    const tm_status status = check_definite(m, error);
-    return status ? status : check_law(m, error);
+    tm_status status = check_definite(m, error);
+    if (!status) status = tm_law_check(m, error);
+    if (!status && !tm_law_has_fibres((tm_law_kind)m->law) && !tm_material_is_isotropic(m))
+        return tm_fail(error, TM_ERR_MATERIAL, -1,
+                       "law %s has isotropic moduli, and dlambda = dmu = beta = 0 is violated: %g, %g, %g Pa; give an "
+                       "isotropic family of constants, or another law",
+                       tm_law_name((tm_law_kind)m->law), m->dlambda_Pa, m->dmu_Pa, m->beta_Pa);
+    return status;
 }
 
 tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const double *constant, double stretch_max,

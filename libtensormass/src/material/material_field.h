@@ -28,10 +28,8 @@ static inline const double *tm_field_fibre(const tm_material_field *field, int32
 
 /* Largest exponent of a law at its limit of stretch. */
 #define TM_EXPONENT_MAX 6.0
-/* Law "fung": 2 w/C at the limit of uniaxial stretch along the fibre; beyond it the exponential is constant. */
-double tm_law_exponent_limit(const tm_material *material);
-/* Law "holzapfel": y of the largest stretch along fibres; beyond it their stress continues along its tangent. */
-double tm_law_fibre_limit(const tm_material *material);
+/* Checks the constants of a material's law. */
+tm_status tm_law_check(const tm_material *material, tm_error *error);
 
 /* Returns the largest bulk modulus whose subtraction leaves the law semidefinite: 1 / (m.C^-1 m), m the unit tensor;
  * lambda + 2/3 mu of isotropic tissue. */

@@ -121,7 +121,9 @@ static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
-static bool has_direction(const tm_material *m) { return m->law == TM_LAW_HOLZAPFEL || !tm_material_is_isotropic(m); }
+static bool has_direction(const tm_material *m) {
+    return tm_law_needs_fibre((tm_law_kind)m->law) || !tm_material_is_isotropic(m);
+}
 
 static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
     for (int32_t t = 0; t < def->mesh->tet_count; t++) {
