@@ -107,7 +107,7 @@ static const app_field fields[] = {
     {"tissue.materials.*.law", APP_CHOICE, LAWS, "linear", 0, 0, MATERIAL(law),
      "law of large strains; at small strains every law follows the constants above. All but `linear` include large rotations. A linear material beside a nonlinear one must not rotate or bend far ([nonlinear laws](nonlinear-laws.md))"},
     MAT("stretch", stretch, "none", NULL, TM_STRETCH_LEAST, TM_STRETCH_MOST,
-        "largest uniaxial stretch at which a nonlinear law holds, 1.6 if left out; beyond it force grows linearly. A larger limit makes steps shorter"),
+        "largest uniaxial stretch at which a nonlinear law holds, 1.6 if left out (`holzapfel`: 1.8); beyond it force grows linearly. A larger limit makes steps shorter"),
     MAT("density", density, "density", "1000 kg/m3", 1e-9, 1e9, "mass per rest volume"),
     MAT("damping", damping, "rate", NULL, 0, 1e9,
         "this region's damping rate d (force -d m v on each mass); needs the effect `damping`, whose `rate` it replaces"),

@@ -77,7 +77,7 @@ class Material:
     def with_law(self, law: str, stretch_max: float = 0.0, constants: Sequence[float] = ()) -> "Material":
         """Returns a copy with this law: small strains keep the elastic constants, large ones follow the law (docs/nonlinear-laws.md).
 
-        law: linear, neo-hooke, ..., a name of laws(). stretch_max: largest uniaxial stretch that follows the law, 0: 1.6. constants: values of
+        law: linear, neo-hooke, ..., a name of laws(). stretch_max: largest uniaxial stretch that follows the law, 0: 1.6, holzapfel 1.8. constants: values of
         laws()[law], in its order, Pa or without unit. MaterialError: the violated condition.
         """
         made = Material.__new__(Material)

@@ -418,6 +418,22 @@ static void refusals_say_why(void **state) {
     tm_mesh_destroy(mesh);
 }
 
+static void holzapfels_fibres_have_a_limit_of_their_own(void **state) {
+    (void)state;
+    tm_material m;
+    tm_error error;
+    const double plain[4] = {1e3, 0.8, 0.1}, own[4] = {1e3, 0.8, 0.1, 1.3}, bad[4] = {1e3, 0.8, 0.1, 0.9};
+    fix_ok(tm_material_young(5e3, 0.45, &m, &error), &error);
+    fix_ok(tm_material_set_law(&m, TM_LAW_HOLZAPFEL, plain, 0, &error), &error);
+    assert_true(m.stretch_max == 1.8 && m.law_constant[3] == 1.45);
+    fix_ok(tm_material_set_law(&m, TM_LAW_HOLZAPFEL, plain, 1.5, &error), &error);
+    assert_true(m.stretch_max == 1.5 && m.law_constant[3] == 1.5);
+    fix_ok(tm_material_set_law(&m, TM_LAW_HOLZAPFEL, own, 1.5, &error), &error);
+    assert_true(m.stretch_max == 1.5 && m.law_constant[3] == 1.3);
+    assert_int_equal(tm_material_set_law(&m, TM_LAW_HOLZAPFEL, bad, 0, &error), TM_ERR_MATERIAL);
+    assert_non_null(strstr(error.message, "fibre_stretch > 1 is violated"));
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(uniaxial_stretch_and_press_to_40_percent),
@@ -428,6 +444,7 @@ int main(void) {
         cmocka_unit_test(has_the_same_bits_by_threads_and_snapshots),
         cmocka_unit_test(a_cut_equals_a_fresh_build),
         cmocka_unit_test(refusals_say_why),
+        cmocka_unit_test(holzapfels_fibres_have_a_limit_of_their_own),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -139,7 +139,7 @@ export class Material {
     return material;
   }
 
-  // Sets the law for large strains (docs/nonlinear-laws.md) and returns the material. stretch_max: 0 means 1.6. values: the law's constants, four at most.
+  // Sets the law for large strains (docs/nonlinear-laws.md) and returns the material. stretch_max: 0 means 1.6, holzapfel 1.8. values: the law's constants, four at most.
   withLaw(law, { stretch_max = 0, values = [] } = {}) {
     const four = Float64Array.from({ length: constants.TM_LAW_CONSTANTS }, (_, i) => values[i] ?? 0);
     this.library.checked('tm_material_set_law', this.struct, choice(law, LAWS(), 'TM_LAW_', 'law'), four, stretch_max);

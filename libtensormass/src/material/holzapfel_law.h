@@ -1,24 +1,35 @@
 /* Fibres of Holzapfel, Gasser and Ogden with dispersion (Gasser, Ogden and Holzapfel, J. R. Soc. Interface 3 (2006) 15)
  * in neo-Hookean tissue, a part of hyperelastic_kernel.h:
  *     W = neo-Hooke + k1/(2 k2) (exp(k2 y^2) - 1),   y = kappa (I - 3) + (1 - 3 kappa) (|F a|^2 - 1) where positive,
- * else 0: fibres resist extension only. Beyond y_max their stress continues along its tangent. */
+ * else 0: fibres resist extension only. Beyond y_max their stress continues along its tangent. Two limits, as the
+ * exponential alone makes steps short: of all |F|, and of the stretch along the fibres. A shear by 0.4 reaches 1.78 and
+ * 1.36 in a block of 12 cells (docs/which-law.md). */
 
 #ifdef TM_LAW_FACTS
+#define TM_HOLZAPFEL_STRETCH 1.8
+#define TM_HOLZAPFEL_FIBRE_STRETCH 1.45
+
+static void tm_holzapfel_limits(tm_material *m, bool stretch_given) {
+    if (!stretch_given) m->stretch_max = TM_HOLZAPFEL_STRETCH;
+    if (m->law_constant[3] == 0) m->law_constant[3] = stretch_given ? m->stretch_max : TM_HOLZAPFEL_FIBRE_STRETCH;
+}
+
 /* Returns y of the largest stretch along fibres; beyond it their stress continues along its tangent. */
 static double tm_holzapfel_limit(const tm_material *m) {
-    const double s = m->stretch_max, kappa = m->law_constant[2];
+    const double s = m->law_constant[3], kappa = m->law_constant[2];
     return kappa * (s * s + 2 / s - 3) + (1 - 3 * kappa) * (s * s - 1);
 }
 
 static tm_status tm_holzapfel_check(const tm_material *m, tm_error *error) {
     const double *c = m->law_constant, y = tm_holzapfel_limit(m);
     if (!(c[1] > 0)) return tm_law_bad(m, "k2", c[1], "k2 > 0", error);
+    if (!(c[3] > 1)) return tm_law_bad(m, "fibre_stretch", c[3], "fibre_stretch > 1", error);
     if (!(c[1] * y * y <= TM_EXPONENT_MAX))
         return tm_fail(
             error, TM_ERR_MATERIAL, -1,
-            "law %s with k2 = %g: the exponent k2 y^2 = %g at the largest stretch %g, k2 y^2 <= %g is violated; "
-            "lower k2 or the stretch",
-            tm_law_name((tm_law_kind)m->law), c[1], c[1] * y * y, m->stretch_max, TM_EXPONENT_MAX);
+            "law %s with k2 = %g: the exponent k2 y^2 = %g at the fibres' largest stretch %g, k2 y^2 <= %g is "
+            "violated; lower k2 or fibre_stretch",
+            tm_law_name((tm_law_kind)m->law), c[1], c[1] * y * y, c[3], TM_EXPONENT_MAX);
     return TM_OK;
 }
 
@@ -46,7 +57,11 @@ static const tm_law_facts tm_holzapfel_facts = {
                   "stiffness of its fibres, which act only in tension; with `k2`"},
                  {"k2", "none", NULL, 0, 1e6, 0.8, "exponent with which the fibres stiffen"},
                  {"dispersion", "none", "0", 0, 1 / 3.0, 0.1,
-                  "kappa, from 0 (all along the fibre) to 1/3 (any direction)"}},
+                  "kappa, from 0 (all along the fibre) to 1/3 (any direction)"},
+                 {"fibre_stretch", "none", "0", 0, TM_STRETCH_MOST, 0,
+                  "largest stretch at which the fibres stiffen exponentially, 0: `stretch`, or 1.45 if that is left "
+                  "out; beyond it their stress follows its tangent"}},
+    .limits = tm_holzapfel_limits,
     .check = tm_holzapfel_check,
     .prepare = tm_holzapfel_prepare,
     .bound = tm_holzapfel_bound};

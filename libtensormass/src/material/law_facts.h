@@ -10,6 +10,8 @@ typedef struct tm_law_facts {
     bool has_fibres;  /* the moduli may be those of fibres; otherwise dlambda = dmu = beta = 0 */
     bool needs_fibre; /* has a direction with isotropic moduli too */
     tm_law_constant constant[TM_LAW_CONSTANTS]; /* in the order of law_constant; name null after the last */
+    /* Sets limits that were not given, where they differ from TM_STRETCH_DEFAULT; null: none. */
+    void (*limits)(tm_material *material, bool stretch_given);
     /* Checks inequalities other than ranges; null: none. */
     tm_status (*check)(const tm_material *material, tm_error *error);
     /* Converts c, law_constant, to what the stress reads, J instead of Pa; null: the same. */
