@@ -72,14 +72,6 @@ organ:
 	@$(if $(IMAGE),,echo "make organ: no IMAGE; make organ IMAGE=seg.nii.gz (or .stl, .msh; tm-organ --help)" >&2; exit 2)
 	$(call ready,build,programs)
 	@$(OUT)/bin/tm-organ '$(IMAGE)' -o $(OUT)/organ $(ORGAN_ARGS)
-#: make cholecystectomy       a gallbladder is drawn off its bed: log, film with its forces and a strip of pictures: build/cholecystectomy
-CHOLECYSTECTOMY := $(OUT)/cholecystectomy
-cholecystectomy:
-	$(call ready,build,programs)
-	@mkdir -p $(CHOLECYSTECTOMY)
-	$(OUT)/bin/tm-sim apps/scenes/cholecystectomy.yaml --lockstep --record $(CHOLECYSTECTOMY)/log --csv $(CHOLECYSTECTOMY)/force.csv
-	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene apps/scenes/cholecystectomy.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.3 --shift 0,0.12 --no-supports --video $(CHOLECYSTECTOMY)/video.mp4
-	ffmpeg -v error -y -i $(CHOLECYSTECTOMY)/video.mp4 -vf fps=1,scale=480:-1,tile=4x2 -frames:v 1 $(CHOLECYSTECTOMY)/strip.png
 #: make reality               what was measured beside what is simulated: build/reality/index.html (QUICK=1: the short form; REALITY_ARGS='--predict 0.3': another load)
 reality:
 	$(call ready,build,venv programs)
@@ -128,10 +120,23 @@ image:
 MESHES_DIR ?= $(OUT)/meshes
 MESH_GENERATOR := $(OUT)/obj/apps/mesh/generate
 $(call executable,obj/apps/mesh/generate,$(call files,apps/mesh/generator/*.c) $(patsubst %,apps/mesh/%.c,mesh_builder bisect improve isosurface_stuffing))
+$(MESHES_DIR)/liver_18k.msh $(MESHES_DIR)/gallbladder_2k.msh: $(MESHES_DIR)/%k.msh: $(MESH_GENERATOR)
+	@mkdir -p $(@D)
+	$(MESH_GENERATOR) $(subst _, ,$*)000 $(basename $@)
 meshes: $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
 $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
 	@mkdir -p $(@D)
 	$(MESH_GENERATOR) $* 50000 $(basename $@)
+#: make cholecystectomy       a gallbladder is drawn off its bed: log, film with its forces and a strip of pictures: build/cholecystectomy (FINE=1: 20,676 tetrahedra, two threads: build/cholecystectomy-fine)
+CHOLECYSTECTOMY := $(OUT)/cholecystectomy$(if $(FINE),-fine)
+CHOLECYSTECTOMY_MESHES := $(if $(FINE),$(MESHES_DIR)/liver_18k.msh $(MESHES_DIR)/gallbladder_2k.msh,meshes/liver_10k.msh meshes/gallbladder_1k.msh)
+cholecystectomy: $(if $(FINE),$(CHOLECYSTECTOMY_MESHES))
+	$(call ready,build,programs)
+	@mkdir -p $(CHOLECYSTECTOMY)
+	sed -e 's#../../meshes/liver_10k.msh#$(abspath $(word 1,$(CHOLECYSTECTOMY_MESHES)))#' -e 's#../../meshes/gallbladder_1k.msh#$(abspath $(word 2,$(CHOLECYSTECTOMY_MESHES)))#' apps/scenes/cholecystectomy.yaml > $(CHOLECYSTECTOMY)/scene.yaml
+	$(OUT)/bin/tm-sim $(CHOLECYSTECTOMY)/scene.yaml --lockstep $(if $(FINE),--set threads=2) --record $(CHOLECYSTECTOMY)/log --csv $(CHOLECYSTECTOMY)/force.csv --json $(CHOLECYSTECTOMY)/figures.json
+	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene $(CHOLECYSTECTOMY)/scene.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.3 --shift 0,0.12 --no-supports --video $(CHOLECYSTECTOMY)/video.mp4
+	ffmpeg -v error -y -i $(CHOLECYSTECTOMY)/video.mp4 -vf fps=1,scale=480:-1,tile=4x2 -frames:v 1 $(CHOLECYSTECTOMY)/strip.png
 # Generates the committed meshes again. liver_cut is finer where the demo cuts, the front margin of the left lobe, and renumbered:
 # refining numbers new vertices last, wherever they are.
 CUT_BOX := 35mm,-70mm,-20mm,75mm,-35mm,60mm

@@ -26,143 +26,30 @@ bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
     t->fresh = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->fresh_face = TM_ALLOC(pool, uint8_t, 4 * (int64_t)mesh->tet_count);
     t->fresh_edge = TM_ALLOC(pool, uint8_t, mesh->edge_count);
+    t->in_region = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->near = TM_ALLOC(pool, int32_t, mesh->edge_count);
     return tm_touch_grid_init(&t->grid, pool, mesh);
 }
 
-static tm_touch_box around(const tm_touching *t, const int32_t *vertex, int count, double grow_m) {
-    const double *rest = t->world->tissue->mesh->rest_m;
-    tm_touch_box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int j = 0; j < count; j++)
-        for (int c = 0; c < 3; c++) {
-            const double x = rest[3 * vertex[j] + c] + t->gathered_u_m[3 * vertex[j] + c];
-            b.low[c] = law_min(b.low[c], x), b.high[c] = law_max(b.high[c], x);
-        }
-    for (int c = 0; c < 3; c++) b.low[c] -= grow_m, b.high[c] += grow_m;
-    return b;
-}
-
 /* --- fresh features --- */
-
-static bool is_fresh_face(const tm_touching *t, int32_t face) {
-    int32_t w[3];
-    tm_touch_triangle(t, face, w);
-    return t->fresh[w[0]] | t->fresh[w[1]] | t->fresh[w[2]] | t->fresh_face[face];
-}
-
-static bool is_fresh_edge(const tm_touching *t, int32_t edge) {
-    const int32_t *end = t->world->tissue->mesh->edge + 2 * (int64_t)edge;
-    return t->fresh[end[0]] | t->fresh[end[1]] | t->fresh_edge[edge];
-}
 
 /* Removes the pairs with fresh features. */
 static void drop_fresh(tm_touching *t) {
     int32_t kept = 0;
     for (int32_t i = 0; i < t->vf.count; i++) {
         t->vf.pair[kept] = t->vf.pair[i];
-        kept += !t->fresh[t->vf.pair[i].a] && !is_fresh_face(t, t->vf.pair[i].b);
+        kept += !t->fresh[t->vf.pair[i].a] && !tm_touch_is_fresh_face(t, t->vf.pair[i].b);
     }
     t->vf.count = kept;
     kept = 0;
     for (int32_t i = 0; i < t->ee.count; i++) {
         t->ee.pair[kept] = t->ee.pair[i];
-        kept += !is_fresh_edge(t, t->ee.pair[i].a) && !is_fresh_edge(t, t->ee.pair[i].b);
+        kept += !tm_touch_is_fresh_edge(t, t->ee.pair[i].a) && !tm_touch_is_fresh_edge(t, t->ee.pair[i].b);
     }
     t->ee.count = kept;
 }
 
-/* --- vertices and faces --- */
-
-/* Collects the indices of fresh faces, and of those near a fresh vertex. */
-static int32_t near_faces(tm_touching *t) {
-    const tm_touch_surface *s = &t->surface;
-    int32_t count = 0;
-    memset(t->marks.bit, 0, sizeof t->marks.bit);
-    for (int32_t i = 0; i < s->vertex_count; i++) {
-        if (!t->fresh[s->vertex[i]]) continue;
-        const tm_touch_box point = around(t, s->vertex + i, 1, 0);
-        tm_touch_mark(&t->marks, &point);
-    }
-    for (int32_t f = 0; f < s->face_count; f++) {
-        int32_t w[3];
-        tm_touch_triangle(t, s->face[f], w);
-        t->grid.box[f] = around(t, w, 3, t->reach_m + t->margin_m);
-        if (is_fresh_face(t, s->face[f]) || tm_touch_is_marked(&t->marks, t->grid.box + f)) t->near[count++] = f;
-    }
-    return count;
-}
-
-static void gather_at(tm_touching *t, int32_t v) {
-    const tm_touch_grid *g = &t->grid;
-    double p[3];
-    int64_t cell[3];
-    for (int c = 0; c < 3; c++) {
-        p[c] = t->world->tissue->mesh->rest_m[3 * v + c] + t->gathered_u_m[3 * v + c];
-        cell[c] = tm_touch_cell(g->cell_m, p[c]);
-    }
-    const int64_t key = tm_touch_key(cell[0], cell[1], cell[2]);
-    const int32_t bucket = tm_touch_bucket(g, key);
-    for (int32_t k = g->begin[bucket]; k < g->begin[bucket + 1]; k++) {
-        if (g->sorted_key[k] != key || !tm_touch_is_in(g->box + g->sorted[k], p)) continue;
-        const int32_t face = t->surface.face[g->sorted[k]];
-        if (t->fresh[v] || is_fresh_face(t, face)) tm_touch_try_vertex_face(t, v, face);
-    }
-}
-
-static void gather_faces(tm_touching *t) {
-    const tm_touch_surface *s = &t->surface;
-    const int32_t kept = t->vf.count;
-    if (!tm_touch_grid_fill(&t->grid, t->near, near_faces(t))) t->report.overflowed = true;
-    for (int32_t i = 0; i < s->vertex_count; i++) gather_at(t, s->vertex[i]);
-    tm_touch_list_merge(&t->vf, kept, t->scratch);
-}
-
-/* --- edges --- */
-
-/* Collects the indices of fresh edges, and of those near one. */
-static int32_t near_edges(tm_touching *t) {
-    const tm_touch_surface *s = &t->surface;
-    const int32_t *end = t->world->tissue->mesh->edge;
-    const double grow_m = 0.5 * (t->reach_m + t->margin_m);
-    int32_t count = 0;
-    memset(t->marks.bit, 0, sizeof t->marks.bit);
-    for (int32_t i = 0; i < s->edge_count; i++) {
-        t->grid.box[i] = around(t, end + 2 * (int64_t)s->edge[i], 2, grow_m);
-        if (is_fresh_edge(t, s->edge[i])) tm_touch_mark(&t->marks, t->grid.box + i);
-    }
-    for (int32_t i = 0; i < s->edge_count; i++)
-        if (tm_touch_is_marked(&t->marks, t->grid.box + i)) t->near[count++] = i;
-    return count;
-}
-
-/* Returns whether this is the lowest cell that both boxes share: each pair is tried there alone. */
-static bool is_first_cell(const tm_touch_grid *g, int64_t key, const tm_touch_box *a, const tm_touch_box *b) {
-    int64_t cell[3];
-    for (int c = 0; c < 3; c++) {
-        if (a->high[c] < b->low[c] || b->high[c] < a->low[c]) return false;
-        cell[c] = tm_touch_cell(g->cell_m, law_max(a->low[c], b->low[c]));
-    }
-    return key == tm_touch_key(cell[0], cell[1], cell[2]);
-}
-
-static void gather_edges(tm_touching *t) {
-    const tm_touch_grid *g = &t->grid;
-    const tm_touch_surface *s = &t->surface;
-    const int32_t kept = t->ee.count;
-    if (!tm_touch_grid_fill(&t->grid, t->near, near_edges(t))) t->report.overflowed = true;
-    for (int32_t bucket = 0; bucket < g->buckets; bucket++)
-        for (int32_t i = g->begin[bucket]; i < g->begin[bucket + 1]; i++) {
-            const int32_t a = g->sorted[i];
-            const bool fresh = is_fresh_edge(t, s->edge[a]);
-            for (int32_t k = i + 1; k < g->begin[bucket + 1]; k++) {
-                const int32_t b = g->sorted[k];
-                if (g->sorted_key[k] == g->sorted_key[i] && (fresh || is_fresh_edge(t, s->edge[b])) &&
-                    is_first_cell(g, g->sorted_key[i], g->box + a, g->box + b))
-                    tm_touch_try_edges(t, s->edge[a], s->edge[b]);
-            }
-        }
-    tm_touch_list_merge(&t->ee, kept, t->scratch);
-}
+/* --- gathering --- */
 
 /* For tests: every pair, in every substep. */
 static void gather_all(tm_touching *t) {
@@ -172,8 +59,6 @@ static void gather_all(tm_touching *t) {
     for (int32_t i = 0; i < s->edge_count; i++)
         for (int32_t k = i + 1; k < s->edge_count; k++) tm_touch_try_edges(t, s->edge[i], s->edge[k]);
 }
-
-/* --- gathering --- */
 
 /* Widens the margin while the complete surface is searched often. Rows do not depend on it. */
 static void adapt_margin(tm_touching *t) {
@@ -194,8 +79,11 @@ static void gather(tm_touching *t) {
     if (t->all_pairs) {
         gather_all(t);
     } else {
-        gather_faces(t);
-        gather_edges(t);
+        const int32_t kept[2] = {t->vf.count, t->ee.count};
+        tm_touch_search_faces(t);
+        tm_touch_search_edges(t);
+        tm_touch_list_merge(&t->vf, kept[0], t->scratch);
+        tm_touch_list_merge(&t->ee, kept[1], t->scratch);
     }
     const tm_mesh *mesh = t->world->tissue->mesh;
     memset(t->fresh, 0, (size_t)mesh->vertex_count);
@@ -207,7 +95,7 @@ static void gather_complete(tm_touching *t) {
     adapt_margin(t);
     memset(t->fresh, 1, (size_t)t->world->tissue->mesh->vertex_count);
     t->vf.count = t->ee.count = 0;
-    t->odometer_m = t->moved_m = 0;
+    t->odometer_m = t->moved_m = t->extent_m = 0;
     gather(t);
     t->gathered = true;
     t->report.gathers++;
@@ -224,10 +112,10 @@ static double farthest_m(const tm_touching *t) {
     return sqrt(most2);
 }
 
-/* Makes vertices fresh that are farther than a quarter of the margin from their places. Returns the count of all
+/* Makes vertices fresh that are farther than three eighths of the margin from their places. Returns the count of all
  * fresh ones; moved_m is then that of the others. */
 static int32_t refresh(tm_touching *t) {
-    const double limit2 = 0.0625 * t->margin_m * t->margin_m;
+    const double limit2 = 0.140625 * t->margin_m * t->margin_m;
     double most2 = 0;
     int32_t count = 0;
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {

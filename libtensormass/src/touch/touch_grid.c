@@ -3,13 +3,13 @@
 
 #include <string.h>
 
-enum { ENTRIES_A_FACE = 24 };
+enum { ENTRIES_A_FACE = 24, MIN_BUCKETS = 64 };
 
 bool tm_touch_grid_init(tm_touch_grid *g, tm_pool *pool, const tm_mesh *mesh) {
     g->capacity = ENTRIES_A_FACE * mesh->surface_count + 4 * mesh->tet_count + 4096;
-    g->buckets = 1024;
-    while (g->buckets < 4 * mesh->surface_count && g->buckets < 1 << 20) g->buckets *= 2;
-    g->begin = TM_ALLOC(pool, int32_t, g->buckets + 1);
+    g->max_buckets = MIN_BUCKETS;
+    while (g->max_buckets < 4 * mesh->surface_count && g->max_buckets < 1 << 20) g->max_buckets *= 2;
+    g->begin = TM_ALLOC(pool, int32_t, g->max_buckets + 1);
     g->bucket = TM_ALLOC(pool, int32_t, g->capacity);
     g->key = TM_ALLOC(pool, int64_t, g->capacity);
     g->sorted_key = TM_ALLOC(pool, int64_t, g->capacity);
@@ -19,30 +19,9 @@ bool tm_touch_grid_init(tm_touch_grid *g, tm_pool *pool, const tm_mesh *mesh) {
     return !pool->failed;
 }
 
-int64_t tm_touch_cell(double cell_m, double x_m) {
-    return (int64_t)(law_clamp(x_m / cell_m, -1e6, 1e6) + 1e6); /* positive, so this rounds down */
-}
-int64_t tm_touch_key(int64_t x, int64_t y, int64_t z) { return x | y << 21 | z << 42; }
-static uint32_t mix(int64_t key) { return (uint32_t)(((uint64_t)key * 0x9e3779b97f4a7c15u) >> 40); }
-int32_t tm_touch_bucket(const tm_touch_grid *g, int64_t key) { return (int32_t)mix(key) & (g->buckets - 1); }
-
-typedef struct cells {
-    int64_t low[3], high[3];
-    double count;
-} cells;
-
-static cells cells_of(double cell_m, const tm_touch_box *b) {
-    cells c = {.count = 1};
-    for (int i = 0; i < 3; i++) {
-        c.low[i] = tm_touch_cell(cell_m, b->low[i]), c.high[i] = tm_touch_cell(cell_m, b->high[i]);
-        c.count *= (double)(c.high[i] - c.low[i] + 1);
-    }
-    return c;
-}
-
 /* Adds an item to all cells of its box. Returns false if the grid is full. */
 static bool insert(tm_touch_grid *g, int32_t item, const tm_touch_box *b) {
-    const cells c = cells_of(g->cell_m, b);
+    const tm_touch_cells c = tm_touch_cells_of(g->cell_m, b);
     if (c.count > g->capacity - g->count) return false;
     for (int64_t z = c.low[2]; z <= c.high[2]; z++)
         for (int64_t y = c.low[1]; y <= c.high[1]; y++)
@@ -55,6 +34,8 @@ static bool insert(tm_touch_grid *g, int32_t item, const tm_touch_box *b) {
 
 /* Sorts the entries by bucket, in their order. */
 static void sort_cells(tm_touch_grid *g) {
+    g->buckets = MIN_BUCKETS;
+    while (g->buckets < g->count && g->buckets < g->max_buckets) g->buckets *= 2;
     memset(g->begin, 0, sizeof *g->begin * ((size_t)g->buckets + 1));
     for (int32_t i = 0; i < g->count; i++) g->begin[(g->bucket[i] = tm_touch_bucket(g, g->key[i])) + 1]++;
     for (int32_t b = 0; b < g->buckets; b++) g->begin[b + 1] += g->begin[b];
@@ -68,11 +49,11 @@ static void sort_cells(tm_touch_grid *g) {
 }
 
 /* Cells double until all boxes fit. */
-bool tm_touch_grid_fill(tm_touch_grid *g, const int32_t *item, int32_t count) {
+bool tm_touch_grid_fill(tm_touch_grid *g, int32_t count) {
     bool whole = true;
     g->count = 0;
     for (int32_t i = 0; i < count; i++) {
-        if (insert(g, item[i], g->box + item[i])) continue;
+        if (insert(g, i, g->box + i)) continue;
         whole = g->cell_m < 1;
         if (!whole) break;
         g->cell_m *= 2, g->count = 0, i = -1;
@@ -81,15 +62,10 @@ bool tm_touch_grid_fill(tm_touch_grid *g, const int32_t *item, int32_t count) {
     return whole;
 }
 
-bool tm_touch_is_in(const tm_touch_box *b, const double p[3]) {
-    return p[0] >= b->low[0] && p[0] <= b->high[0] && p[1] >= b->low[1] && p[1] <= b->high[1] && p[2] >= b->low[2] &&
-           p[2] <= b->high[2];
-}
-
 /* --- marks --- */
 
 void tm_touch_mark(tm_touch_marks *m, const tm_touch_box *b) {
-    const cells c = cells_of(m->cell_m, b);
+    const tm_touch_cells c = tm_touch_cells_of(m->cell_m, b);
     if (c.count > TM_TOUCH_MARKS) {
         memset(m->bit, 0xff, sizeof m->bit);
         return;
@@ -97,18 +73,18 @@ void tm_touch_mark(tm_touch_marks *m, const tm_touch_box *b) {
     for (int64_t z = c.low[2]; z <= c.high[2]; z++)
         for (int64_t y = c.low[1]; y <= c.high[1]; y++)
             for (int64_t x = c.low[0]; x <= c.high[0]; x++) {
-                const uint32_t at = mix(tm_touch_key(x, y, z)) % TM_TOUCH_MARKS;
+                const uint32_t at = tm_touch_hash(tm_touch_key(x, y, z)) % TM_TOUCH_MARKS;
                 m->bit[at / 64] |= (uint64_t)1 << at % 64;
             }
 }
 
 bool tm_touch_is_marked(const tm_touch_marks *m, const tm_touch_box *b) {
-    const cells c = cells_of(m->cell_m, b);
+    const tm_touch_cells c = tm_touch_cells_of(m->cell_m, b);
     if (c.count > TM_TOUCH_MARKS) return true;
     for (int64_t z = c.low[2]; z <= c.high[2]; z++)
         for (int64_t y = c.low[1]; y <= c.high[1]; y++)
             for (int64_t x = c.low[0]; x <= c.high[0]; x++) {
-                const uint32_t at = mix(tm_touch_key(x, y, z)) % TM_TOUCH_MARKS;
+                const uint32_t at = tm_touch_hash(tm_touch_key(x, y, z)) % TM_TOUCH_MARKS;
                 if (m->bit[at / 64] >> at % 64 & 1) return true;
             }
     return false;

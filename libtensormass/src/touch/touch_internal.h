@@ -54,14 +54,14 @@ typedef struct tm_touch_box {
 
 /* Cells of a hashed grid and what is in them. */
 typedef struct tm_touch_grid {
-    tm_touch_box *box; /* [mesh edges] of each edge or face of the surface, which has fewer faces than edges */
+    tm_touch_box *box; /* [mesh edges] of each item; the surface has fewer faces than edges */
     double cell_m;
-    int32_t buckets, capacity; /* buckets: a power of two */
-    int32_t count;             /* of entries */
-    int32_t *begin;            /* [buckets+1] */
-    int32_t *bucket;           /* [capacity] scratch */
-    int64_t *key, *sorted_key; /* [capacity] cell of each entry */
-    int32_t *item, *sorted;    /* [capacity] */
+    int32_t buckets, max_buckets, capacity; /* buckets: a power of two */
+    int32_t count;                          /* of entries */
+    int32_t *begin;                         /* [max_buckets+1] */
+    int32_t *bucket;                        /* [capacity] scratch */
+    int64_t *key, *sorted_key;              /* [capacity] cell of each entry */
+    int32_t *item, *sorted;                 /* [capacity] */
 } tm_touch_grid;
 
 /* Cells of a coarse grid, hashed to bits: a cell that is not marked is empty. */
@@ -89,7 +89,12 @@ struct tm_touching {
     uint8_t *fresh;       /* [mesh vertices] their pairs, and those of their faces and edges, must be searched */
     uint8_t *fresh_face;  /* [4*mesh tetrahedra] of a cut: came or went */
     uint8_t *fresh_edge;  /* [mesh edges] of a cut: of such a face */
-    int32_t *near;        /* [mesh edges] indices of faces or edges that a search needs */
+    /* search: faces or edges, the fresh ones first, then those near them */
+    int32_t near_count, fresh_count;
+    int32_t *near;       /* [mesh edges] indices in the surface's list */
+    tm_touch_box region; /* of all fresh ones */
+    uint8_t *in_region;  /* [mesh vertices] a feature in the region may have this vertex */
+    double extent_m;     /* bound of every feature's extent along an axis, in places */
     tm_touch_grid grid;
     tm_touch_marks marks;
     tm_touch_list vf, ee;
@@ -135,12 +140,33 @@ double tm_touch_segments(const double a0[3], const double a1[3], const double b0
 
 /* touch_grid.c */
 bool tm_touch_grid_init(tm_touch_grid *grid, tm_pool *pool, const tm_mesh *mesh);
-int64_t tm_touch_cell(double cell_m, double x_m);
-int64_t tm_touch_key(int64_t x, int64_t y, int64_t z);
-int32_t tm_touch_bucket(const tm_touch_grid *grid, int64_t key);
-/* Fills the grid with these items' boxes. Returns false if they do not fit into cells of a metre. */
-bool tm_touch_grid_fill(tm_touch_grid *grid, const int32_t *item, int32_t count);
-bool tm_touch_is_in(const tm_touch_box *box, const double point[3]);
+static inline int64_t tm_touch_cell(double cell_m, double x_m) {
+    return (int64_t)(law_clamp(x_m / cell_m, -1e6, 1e6) + 1e6); /* positive, so this rounds down */
+}
+static inline int64_t tm_touch_key(int64_t x, int64_t y, int64_t z) { return x | y << 21 | z << 42; }
+static inline uint32_t tm_touch_hash(int64_t key) { return (uint32_t)(((uint64_t)key * 0x9e3779b97f4a7c15u) >> 40); }
+static inline int32_t tm_touch_bucket(const tm_touch_grid *grid, int64_t key) {
+    return (int32_t)tm_touch_hash(key) & (grid->buckets - 1);
+}
+typedef struct tm_touch_cells {
+    int64_t low[3], high[3];
+    double count;
+} tm_touch_cells;
+static inline tm_touch_cells tm_touch_cells_of(double cell_m, const tm_touch_box *box) {
+    tm_touch_cells c = {.count = 1};
+    for (int i = 0; i < 3; i++) {
+        c.low[i] = tm_touch_cell(cell_m, box->low[i]), c.high[i] = tm_touch_cell(cell_m, box->high[i]);
+        c.count *= (double)(c.high[i] - c.low[i] + 1);
+    }
+    return c;
+}
+/* Fills the grid with the boxes of items 0 to count - 1. Returns false if they do not fit into cells of a metre. */
+bool tm_touch_grid_fill(tm_touch_grid *grid, int32_t count);
+static inline bool tm_touch_is_in(const tm_touch_box *box, const double p[3]) {
+    bool in = true;
+    for (int c = 0; c < 3; c++) in &= p[c] >= box->low[c] && p[c] <= box->high[c];
+    return in;
+}
 void tm_touch_mark(tm_touch_marks *marks, const tm_touch_box *box);
 /* Returns false if no box that was marked shares a cell with this one. */
 bool tm_touch_is_marked(const tm_touch_marks *marks, const tm_touch_box *box);
@@ -150,6 +176,12 @@ void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t fac
 void tm_touch_try_edges(tm_touching *touching, int32_t a, int32_t b);
 /* Sorts a list whose first `kept` pairs are sorted. */
 void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch);
+
+/* touch_search.c: try the pairs of fresh features with all others. */
+bool tm_touch_is_fresh_face(const tm_touching *touching, int32_t face);
+bool tm_touch_is_fresh_edge(const tm_touching *touching, int32_t edge);
+void tm_touch_search_faces(tm_touching *touching);
+void tm_touch_search_edges(tm_touching *touching);
 
 /* touch_gather.c: the lists of close pairs. */
 bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);
