@@ -23,7 +23,7 @@ typedef struct body {
 static inline tm_material material_of(tm_law_kind law, double poisson, bool fibred) {
     double constant[TM_LAW_CONSTANTS];
     law_example(law, constant);
-    if (law == TM_LAW_ST_VENANT_KIRCHHOFF) constant[0] = 1; /* does not collapse */
+    if (law == TM_LAW_ST_VENANT_KIRCHHOFF) constant[0] = 1, constant[1] = 0; /* does not collapse; linear at rest */
     if (law == TM_LAW_FUNG) constant[0] = 20e3;
     tm_material m;
     tm_error error;

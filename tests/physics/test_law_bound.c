@@ -57,6 +57,9 @@ static void make(body *b, const tm_law *law, bool fibred, bool averaged, uint64_
                                      .material_count = 1,
                                      .fibre = b->fibre};
     assert_true(tm_hyperelastic_take(&b->hyper, &b->pool, &field));
+    double constant[TM_LAW_CONSTANTS]; /* of all moduli */
+    tm_law_constants(&b->material, b->mesh->volume_m3[0], constant);
+    for (int i = 0; i < TM_LAW_CONSTANTS; i++) ((tm_law_pack *)b->hyper.law)->constant[i][0] = constant[i];
 }
 
 static void destroy(body *b) {
