@@ -5,7 +5,22 @@
 #include "scene/effects.h"
 #include "stream.h"
 
+/* Says of each free instrument what gives its shaft's direction. */
+static void explain_free(const sim *s, cJSON *json) {
+    for (int i = 0; i < s->instrument_count; i++) {
+        const hrt_device_type *device = s->axes[i].device;
+        const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
+        char where[300];
+        if (!s->instrument_def[i].is_free) continue;
+        app_scene_where(s->scene, t->mount.line, where, sizeof where);
+        printf("instrument %d: free, its shaft in the direction of %s (%s)\n\n", i,
+               device->tilts ? "the handle" : "axis", where);
+        cJSON_AddStringToObject(json, i ? "direction_1" : "direction_0", device->tilts ? "handle" : "axis");
+    }
+}
+
 void explain_stream(const sim *s, cJSON *json) {
+    explain_free(s, json);
     static const char *const with[] = {[SIM_SENDS_FORCE] = "without stiffness and patch",
                                        [SIM_SENDS_STIFFNESS] = "with stiffness",
                                        [SIM_SENDS_PATCH] = "with stiffness and patch"};

@@ -16,7 +16,7 @@ typedef struct layout {
 static const layout layouts[] = {
     {HRT_CAN_COMMAND, 0x100, 8},         {HRT_CAN_ENCODER_A, 0x110, 8}, {HRT_CAN_ENCODER_B, 0x118, 6},
     {HRT_CAN_DEVICE_FAULT, 0x80, 4},     {HRT_CAN_RESET, 0x90, 3},      {HRT_CAN_DEVICE_BEAT, 0x700, 8},
-    {HRT_CAN_CONTROLLER_BEAT, 0x710, 8},
+    {HRT_CAN_CONTROLLER_BEAT, 0x710, 8}, {HRT_CAN_ENCODER_C, 0x114, 6},
 };
 enum { LAYOUTS = (int)(sizeof layouts / sizeof layouts[0]) };
 
@@ -69,6 +69,7 @@ static bool pack_payload(const hrt_can_message *m, uint8_t *d, uint8_t *tail) {
         if (m->motors_on) *tail |= FLAG;
         return true;
     case HRT_CAN_ENCODER_A: put_counts(d, m->count, 3); return true;
+    case HRT_CAN_ENCODER_C: put_counts(d, m->tilt, 2); return true;
     case HRT_CAN_ENCODER_B:
         put_counts(d, &m->count[3], 2);
         if (m->pedal) *tail |= FLAG;
@@ -118,6 +119,7 @@ static bool unpack_payload(const uint8_t *d, uint8_t tail, hrt_can_message *m) {
         m->motors_on = flag;
         return true;
     case HRT_CAN_ENCODER_A: get_counts(d, m->count, 3); return !flag;
+    case HRT_CAN_ENCODER_C: get_counts(d, m->tilt, 2); return !flag;
     case HRT_CAN_ENCODER_B:
         get_counts(d, &m->count[3], 2);
         m->pedal = flag;

@@ -33,10 +33,11 @@ typedef enum hrt_can_kind {
     HRT_CAN_DEVICE_FAULT,
     HRT_CAN_COMMAND, /* controller: torques */
     HRT_CAN_CONTROLLER_BEAT,
-    HRT_CAN_RESET
+    HRT_CAN_RESET,
+    HRT_CAN_ENCODER_C /* device that tilts: its tilt, between ENCODER_A and ENCODER_B of the same counter */
 } hrt_can_kind;
 
-/* Number of counts in the frames. */
+/* Number of counts in the first two encoder frames. */
 enum { HRT_CAN_JOINTS = 5 };
 
 typedef struct hrt_can_message {
@@ -51,6 +52,7 @@ typedef struct hrt_can_message {
     uint16_t session;     /* device heartbeat: new at each start, never 0 */
     uint16_t gaps;        /* device heartbeat: commands missed, by their counter */
     uint16_t detail;      /* device fault */
+    int32_t tilt[2];      /* C: counts */
 } hrt_can_message;
 
 /* Packs a message; values are clamped to the frame's ranges. Returns false for a kind that is never sent. */

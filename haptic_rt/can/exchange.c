@@ -20,9 +20,10 @@ void hrt_can_exchange_reset(hrt_can_exchange *exchange, int64_t now_us, hrt_inpu
 _Static_assert((int)HRT_CAN_JOINTS <= (int)HRT_JOINTS, "an input has a slot for every count in the frames");
 
 static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
-    const bool whole = exchange->half_waits && exchange->half_counter == m->counter;
+    const bool tilt = !exchange->tilts || (exchange->tilt_waits && exchange->tilt_counter == m->counter);
+    const bool whole = exchange->half_waits && exchange->half_counter == m->counter && tilt;
     const uint8_t step = (uint8_t)((m->counter - exchange->encoder_counter) & COUNTER_MASK);
-    exchange->half_waits = false;
+    exchange->half_waits = exchange->tilt_waits = false;
     if (!whole) return; /* the next complete set's counter shows the gap */
     if (exchange->encoder_known && (step == 0 || step >= LATE)) {
         exchange->can.repeated++;
@@ -33,6 +34,9 @@ static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_
     exchange->encoder_counter = m->counter;
     for (int32_t j = 0; j < HRT_CAN_JOINTS; j++)
         input->count[j] = j < HRT_MOTORS ? exchange->half_count[j] : m->count[j];
+#if HRT_WITH_FREE
+    for (int32_t j = 0; j < 2 && exchange->tilts; j++) input->count[HRT_TILT + j] = exchange->tilt[j];
+#endif
     input->pedal = m->pedal;
     input->encoder_us = now_us;
 }
@@ -41,6 +45,12 @@ static void take_half(hrt_can_exchange *exchange, const hrt_can_message *m) {
     for (int32_t i = 0; i < HRT_MOTORS; i++) exchange->half_count[i] = m->count[i];
     exchange->half_counter = m->counter;
     exchange->half_waits = true;
+}
+
+static void take_tilt(hrt_can_exchange *exchange, const hrt_can_message *m) {
+    for (int32_t i = 0; i < 2; i++) exchange->tilt[i] = m->tilt[i];
+    exchange->tilt_counter = m->counter;
+    exchange->tilt_waits = true;
 }
 
 /* Handles a fault of the device. Watchdog and bus-off are not faults here: they dropped the torque, and end when the
@@ -72,6 +82,9 @@ void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt
     case HRT_CAN_ERROR_FRAME: exchange->can.error++; break;
     case HRT_CAN_ENCODER_A:
         if (ours) take_half(exchange, m);
+        break;
+    case HRT_CAN_ENCODER_C:
+        if (ours) take_tilt(exchange, m);
         break;
     case HRT_CAN_ENCODER_B:
         if (ours) take_encoders(exchange, now_us, m, input);

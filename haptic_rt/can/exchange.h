@@ -14,6 +14,10 @@ enum { HRT_CAN_EXCHANGE_FRAMES = 3, HRT_CAN_EXCHANGE_BEAT_US = 50000, HRT_CAN_EX
 
 typedef struct hrt_can_exchange {
     int32_t instrument;
+    bool tilts; /* a set of encoders has the device's tilt too */
+    int32_t tilt[2];
+    uint8_t tilt_counter;
+    bool tilt_waits;
     int32_t half_count[HRT_MOTORS]; /* counts of EncoderA, until its EncoderB comes */
     uint8_t half_counter;
     bool half_waits;
@@ -32,7 +36,7 @@ void hrt_can_exchange_init(hrt_can_exchange *exchange, int32_t instrument);
 void hrt_can_exchange_reset(hrt_can_exchange *exchange, int64_t now_us, hrt_input *input);
 /* Processes a received message; those of other instruments have no effect. Our own kinds show a bus conflict, since the
  * bus does not return our own frames. So does a device that missed more commands than we sent. Encoder counts are used
- * once both halves came with one counter newer than the last. A repeated or overtaken set is not a sign of life. */
+ * once all its frames came with one counter newer than the last. A repeated or overtaken set is not a sign of life. */
 void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *message,
                            hrt_input *input);
 /* Builds the frames to send after a tick: a requested reset, the command, periodically the heartbeat. Returns how many

@@ -15,6 +15,21 @@
                                                   .rounding_m = 1.0e-6f, .insertion = -1, .roll = 3, .grip = 4,        \
                                                   GEOMETRY(desk)
 
+/* The same with a handle whose direction is measured: its tilt from the joint axes' z, towards x and y. */
+#define HANDLE(name_, text_, force_N)                                                                                  \
+    NAMED(name_, text_, "force_x_N", "force_y_N", "force_z_N")                                                         \
+        .joints = 7,                                                                                                   \
+       .motors = 3, .slides = true, .tilts = true,                                                                     \
+       .joint = {JOINT("x_m", 50000.0f, -0.4f, 0.4f, 3.0f, -0.6f, 0.6f),                                               \
+                 JOINT("y_m", 50000.0f, -0.4f, 0.4f, 3.0f, -0.6f, 0.6f),                                               \
+                 JOINT("z_m", 50000.0f, -0.3f, 0.5f, 3.0f, -0.6f, 0.6f),                                               \
+                 JOINT("roll_rad", 700.0f, -10.0f, 10.0f, 100.0f, -1.0e3f, 1.0e3f),                                    \
+                 JOINT("grip", 250.0f, 0.0f, 1.0f, 50.0f, -0.1f, 1.1f),                                                \
+                 JOINT("tilt_x_rad", 10000.0f, -2.6f, 2.6f, 100.0f, -3.2f, 3.2f),                                      \
+                 JOINT("tilt_y_rad", 10000.0f, -2.6f, 2.6f, 100.0f, -3.2f, 3.2f)},                                     \
+       .torque_max = {force_N, force_N, force_N}, .force_max_N = force_N, .rounding_m = 1.0e-6f, .insertion = -1,      \
+       .roll = 3, .grip = 4, GEOMETRY(desk)
+
 #define CURSOR_TWIN(mass_kg, viscous_N_s_m, coulomb_N)                                                                 \
     .inertia = {mass_kg, mass_kg, mass_kg}, .viscous = {viscous_N_s_m, viscous_N_s_m, viscous_N_s_m},                  \
     .coulomb = {coulomb_N, coulomb_N, coulomb_N}, .hand_stiffness = {300.0, 300.0, 300.0},                             \

@@ -182,6 +182,7 @@ static void take_frames(hrt_device *d) {
             break;
         case HRT_CAN_ENCODER_A:
         case HRT_CAN_ENCODER_B:
+        case HRT_CAN_ENCODER_C:
         case HRT_CAN_DEVICE_BEAT:
         case HRT_CAN_DEVICE_FAULT:
         case HRT_CAN_CONTROLLER_BEAT: break;
@@ -208,6 +209,12 @@ static int32_t encoder(hrt_device *d, int j) {
     return (int32_t)lrint(counts);
 }
 
+static void send_tilt(hrt_device *d) {
+    hrt_can_message c = {.kind = HRT_CAN_ENCODER_C, .counter = d->encoder_counter};
+    for (int j = 0; j < 2; j++) c.tilt[j] = encoder(d, HRT_TILT + j);
+    send_message(d, &c);
+}
+
 static void send_frames(hrt_device *d, int64_t now_us) {
     if (!d->unplugged && (double)(now_us - d->sent_us) >= d->config.period_us) {
         hrt_can_message a = {.kind = HRT_CAN_ENCODER_A, .counter = ++d->encoder_counter};
@@ -215,6 +222,7 @@ static void send_frames(hrt_device *d, int64_t now_us) {
         const int joints = d->config.profile.device->joints;
         for (int j = 0; j < joints && j < HRT_CAN_JOINTS; j++) a.count[j] = b.count[j] = encoder(d, j);
         send_message(d, &a);
+        if (d->config.profile.device->tilts) send_tilt(d);
         send_message(d, &b);
         /* Keeps the period; after a stall restarts it rather than catching up. */
         const int64_t period = (int64_t)d->config.period_us;

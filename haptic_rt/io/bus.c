@@ -30,7 +30,7 @@ bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size) {
 }
 
 bool hrt_bus_carries(const hrt_device_type *device, char *why, int why_size) {
-    if (device->joints <= HRT_CAN_JOINTS) return true;
+    if (device->joints <= HRT_CAN_JOINTS || device->tilts) return true;
     snprintf(why, (size_t)why_size,
              "a %s has %d joints, and the CAN frames carry %d; choose a device with at most that many", device->name,
              device->joints, HRT_CAN_JOINTS);

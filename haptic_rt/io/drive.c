@@ -84,6 +84,7 @@ static void take_joints(hrt_drive *d, const hrt_controller *c, const hrt_drive_s
     for (int i = 0; i < type->motors; i++) joint[i] = own ? s->cursor_m[i] : d->workspace.tip_m[i];
     if (type->roll >= 0 && !own) joint[type->roll] = d->workspace.roll_rad;
     if (type->grip >= 0 && !own) joint[type->grip] = d->workspace.grip_now;
+    for (int i = 0; i < 2 && type->tilts && !own; i++) joint[HRT_TILT + i] = d->workspace.tilt_rad[i];
     for (int j = 0; j < type->joints; j++) {
         const double count = joint[j] * (double)c->params.counts_per_unit[j] + (double)c->params.count_zero[j];
         in->count[j] = (int32_t)lrint(fmin(fmax(count, -2.0e9), 2.0e9));
@@ -105,9 +106,11 @@ void hrt_drive_take(hrt_drive *d, int64_t now_us, const hrt_controller *c, hrt_i
     const bool force_on = c->state == HRT_ENGAGED || c->state == HRT_STALE;
     const double dt_s = 1.0e-6 * (double)(now_us - d->taken_us);
     d->taken_us = now_us;
-    if (s->orientation[2] != 0.0 || s->orientation[3] != 0.0) hrt_workspace_roll(w, s->orientation);
+    const bool tilts = c->params.device->tilts;
+    if (!tilts && (s->orientation[2] != 0.0 || s->orientation[3] != 0.0)) hrt_workspace_roll(w, s->orientation);
     hrt_workspace_grip(w, s->trigger >= 0.0 ? s->trigger : w->grip >= 0 && s->button[w->grip] ? 1.0 : 0.0, dt_s);
     if (!has_joints(d) && !hrt_workspace_follow(w, s->cursor_m, pressed, force_on)) in->enable = false;
+    if (tilts && !has_joints(d)) hrt_workspace_orient(w, s->orientation, dt_s);
     in->pedal = w->grip >= 0 && s->button[w->grip];
     take_joints(d, c, s, in);
 }

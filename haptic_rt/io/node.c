@@ -39,6 +39,7 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
     node->bus = bus;
     const hrt_axes axes = axes_of(config->params.device, &config->pose);
     hrt_can_exchange_init(&node->exchange, config->instrument);
+    node->exchange.tilts = config->params.device->tilts;
     hrt_init(&node->controller, &config->params, &axes, config->session);
     node->mailbox.write = 1;
     node->mailbox.held = 2;

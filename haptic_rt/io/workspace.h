@@ -6,7 +6,11 @@
  * min(1, 1/scale).
  *
  * While the clutch is pressed the cursor moves freely and the tip stays. The tip follows until the force has faded, so
- * that no motion goes unaccounted while force is rendered; on release the offset makes the tip continue where it is. */
+ * that no motion goes unaccounted while force is rendered; on release the offset makes the tip continue where it is.
+ *
+ * The shaft of an instrument without a trocar follows the handle's rotation, one to one: tool = handle * offset, as
+ * unit quaternions along the user's axes. At the start the offset is 1; at the release of the clutch it makes the shaft
+ * continue where it is. No torque is rendered, so rotation carries no power to the hand. */
 #ifndef HRT_WORKSPACE_H
 #define HRT_WORKSPACE_H
 
@@ -28,8 +32,11 @@ typedef struct hrt_workspace {
     bool placed;
     hrt_clutch state;
     double offset_m[3], tip_m[3];
-    double roll_rad, roll_last_rad, grip_now;
+    double roll_rad, roll_last_rad, roll_wanted_rad, grip_now;
     bool roll_known;
+    bool oriented, turned_away; /* an orientation is known; the clutch holds the shaft, not the handle */
+    double tool[4], offset[4];  /* x, y, z, w */
+    double tilt_rad[2];         /* of the shaft from z, towards x and y of the tip's axes */
 } hrt_workspace;
 
 static const double HRT_SCALE_MIN = 0.05, HRT_SCALE_MAX = 2.0;
@@ -43,6 +50,10 @@ void hrt_workspace_force(const hrt_workspace *w, const float tip_N[3], float cur
 /* Updates the roll from the handle's orientation (x, y, z, w of a unit quaternion): its rotation about the cursor's z
  * axis, continued over full turns, within 9.9 rad. */
 void hrt_workspace_roll(hrt_workspace *w, const double orientation[4]);
+/* Updates the shaft's tilt and roll from the handle's orientation; call it after hrt_workspace_follow. The handle's -z
+ * is the shaft's direction. Tilts are within 2.5 rad. Tilt and roll change by at most 60 rad/s: half a turn away from
+ * `axis` both are undefined. */
+void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double dt_s);
 /* Moves the grip towards `wanted`, 0 to 1, at 8 a second at most: a button closes in an eighth of a second. */
 void hrt_workspace_grip(hrt_workspace *w, double wanted, double dt_s);
 

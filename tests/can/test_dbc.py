@@ -5,19 +5,20 @@ import random
 import cantools
 import pytest
 
-KINDS = {"MotorCommand": 7, "EncoderA": 3, "EncoderB": 4, "DeviceHeartbeat": 5, "DeviceFault": 6, "ControllerHeartbeat": 8, "Reset": 9}
+KINDS = {"MotorCommand": 7, "EncoderA": 3, "EncoderB": 4, "DeviceHeartbeat": 5, "DeviceFault": 6, "ControllerHeartbeat": 8, "Reset": 9, "EncoderC": 10}
 FIRST = {"MotorCommand": 0x100, "EncoderA": 0x110, "EncoderB": 0x118, "DeviceFault": 0x080, "Reset": 0x090, "DeviceHeartbeat": 0x700,
-         "ControllerHeartbeat": 0x710}
+         "ControllerHeartbeat": 0x710, "EncoderC": 0x114}
 
 
 class Frame(ctypes.Structure):
-    _fields_ = [("id", ctypes.c_uint32), ("length", ctypes.c_uint8), ("flags", ctypes.c_uint8), ("data", ctypes.c_uint8 * 8)]
+    _fields_ = [("id", ctypes.c_uint32), ("length", ctypes.c_uint8), ("flags", ctypes.c_uint8), ("data", ctypes.c_uint8 * 64)]  # HRT_CAN_DATA
 
 
 class Message(ctypes.Structure):
     _fields_ = [("kind", ctypes.c_int), ("instrument", ctypes.c_int32), ("counter", ctypes.c_uint8), ("count", ctypes.c_int32 * 5),
                 ("pedal", ctypes.c_bool), ("motors_on", ctypes.c_bool), ("torque", ctypes.c_float * 3), ("state", ctypes.c_uint8),
-                ("fault", ctypes.c_uint8), ("session", ctypes.c_uint16), ("gaps", ctypes.c_uint16), ("detail", ctypes.c_uint16)]
+                ("fault", ctypes.c_uint8), ("session", ctypes.c_uint16), ("gaps", ctypes.c_uint16), ("detail", ctypes.c_uint16),
+                ("tilt", ctypes.c_int32 * 2)]
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,8 @@ def random_message(rng, name, instrument):
                 detail=rng.randrange(65536))
     for j in range(5):
         m.count[j] = rng.randrange(-32768, 32768)
+    for j in range(2):
+        m.tilt[j] = rng.randrange(-32768, 32768)
     for j in range(3):
         m.torque[j] = rng.randrange(-32768, 32768) * (1e-3 if j == 2 else 1e-4)
     return m
@@ -58,6 +61,8 @@ def signals(name, m):
         return {"TorquePitch": m.torque[0], "TorqueYaw": m.torque[1], "ForceInsertion": m.torque[2], "Counter": m.counter, "MotorsOn": int(m.motors_on)}
     if name == "EncoderA":
         return {"Pitch": m.count[0], "Yaw": m.count[1], "Insertion": m.count[2], "Counter": m.counter}
+    if name == "EncoderC":
+        return {"TiltX": m.tilt[0], "TiltY": m.tilt[1], "Counter": m.counter}
     if name == "EncoderB":
         return {"Roll": m.count[3], "Grip": m.count[4], "Counter": m.counter, "Pedal": int(m.pedal)}
     if name == "DeviceHeartbeat":
@@ -97,7 +102,7 @@ def test_c_unpacks_what_cantools_writes(codec, dbc, name, instrument):
         values = dict(signals(name, m), Checksum=0)
         data = bytearray(definition.encode(values, strict=False))
         data[-1] = crc8(bytes([definition.frame_id & 0xFF]) + data[:-1])
-        frame = Frame(definition.frame_id, len(data), 0, (ctypes.c_uint8 * 8)(*data))
+        frame = Frame(definition.frame_id, len(data), 0, (ctypes.c_uint8 * 64)(*data))
         codec.hrt_can_unpack(ctypes.byref(frame), ctypes.byref(out))
         assert (out.kind, out.instrument) == (KINDS[name], instrument)
         for signal, value in signals(name, m).items():
@@ -109,7 +114,7 @@ def test_values_beyond_the_wire_are_clamped(codec, dbc):
     for value, expected in ((1e9, 32.767), (-1e9, -32.768), (float("nan"), 0.0), (float("inf"), 32.767)):
         m.torque[2] = value
         assert codec.hrt_can_pack(ctypes.byref(m), ctypes.byref(frame))
-        decoded = dbc.get_message_by_name("MotorCommand0").decode(bytes(frame.data), decode_choices=False)
+        decoded = dbc.get_message_by_name("MotorCommand0").decode(bytes(frame.data[:8]), decode_choices=False)
         assert decoded["ForceInsertion"] == pytest.approx(expected)
 
 
@@ -118,7 +123,7 @@ def test_any_truncation_and_any_noise_is_refused_or_ours(codec):
     taken = 0
     for _ in range(20000):
         length = rng.randrange(9)
-        frame = Frame(rng.choice(list(FIRST.values())) + rng.randrange(2), length, 0, (ctypes.c_uint8 * 8)(*rng.randbytes(8)))
+        frame = Frame(rng.choice(list(FIRST.values())) + rng.randrange(2), length, 0, (ctypes.c_uint8 * 64)(*rng.randbytes(8)))
         out = Message()
         codec.hrt_can_unpack(ctypes.byref(frame), ctypes.byref(out))
         taken += out.kind > 1

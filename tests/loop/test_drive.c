@@ -19,7 +19,7 @@ typedef struct bench {
     tensormass_tool_state_t tool;
     int64_t now_us;
     uint32_t seq;
-    double cursor_m[3], last_m[3], wall_N_m;
+    double cursor_m[3], last_m[3], wall_N_m, orientation[4];
     float force_N[3]; /* at the cursor */
     double tip_J, cursor_J, last_tip_m[3];
     bool button[HRT_DRIVE_BUTTONS], dead, sim_dead;
@@ -33,6 +33,7 @@ static void start(double scale, const char *device) {
     hrt_params_of_device(&config.params, hrt_device_types[hrt_device_type_find(device)]);
     for (int j = 0; j < 3; j++) config.params.counts_per_unit[j] = 500000.0f;
     config.pose_known = true;
+    config.pose.is_free = config.params.device->tilts;
     config.extrapolator = HRT_HOLD;
     b.drive.workspace = hrt_workspace_default();
     b.drive.workspace.scale = scale;
@@ -57,6 +58,7 @@ static void tick(void) {
     hrt_drive_state state = {.time_us = b.now_us, .trigger = -1.0};
     memcpy(state.cursor_m, b.cursor_m, sizeof state.cursor_m);
     memcpy(state.button, b.button, sizeof state.button);
+    memcpy(state.orientation, b.orientation, sizeof state.orientation);
     if (!b.dead) hrt_drive_post(&b.drive, &state);
     const hrt_result was = b.node.result;
     hrt_node_tick(&b.node, b.now_us, &b.tool);
@@ -148,6 +150,92 @@ static void the_clutch_recentres_without_a_jump(void **state) {
     assert_true(b.tool.tip_m[2] > tip + 0.005 && b.node.result.fault == HRT_FAULT_NONE);
 }
 
+/* Turns the handle by `angle` about a user axis, after its present orientation if `own`, else before it. */
+static void turn_handle(int axis, double angle, bool own) {
+    const double *a = b.orientation;
+    double r[4] = {0, 0, 0, cos(0.5 * angle)}, c[4];
+    r[axis] = sin(0.5 * angle);
+    const double *l = own ? a : r, *q = own ? r : a;
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        c[i] = l[3] * q[i] + q[3] * l[i] + l[j] * q[k] - l[k] * q[j];
+    }
+    c[3] = l[3] * q[3] - l[0] * q[0] - l[1] * q[1] - l[2] * q[2];
+    memcpy(b.orientation, c, sizeof c);
+}
+
+static void start_free(double scale, const char *device) {
+    start(scale, device);
+    b.orientation[3] = 1.0;
+    run(0.3, REST);
+    assert_int_equal(b.tool.state, HRT_ENGAGED);
+}
+
+/* Upright the shaft is straight; leant away and to the right, the tilt is towards y and -x of the tip's axes. */
+static void the_handle_gives_the_direction_of_a_free_shaft(void **state) {
+    (void)state;
+    for (int axis = 0; axis < 3; axis++)
+        for (int side = -1; side < 2; side += 2) {
+            start_free(1.0, "inverse3_versegrip");
+            for (int k = 0; k < 100; k++) turn_handle(axis, 0.01 * side, false), tick();
+            run(0.01, REST);
+            const double *joint = b.tool.joint,
+                         wanted[3] = {axis == 1 ? side : 0, axis == 0 ? side : 0, axis == 2 ? side : 0};
+            assert_true(fabs(joint[HRT_TILT] - wanted[0]) < 2e-4 && fabs(joint[HRT_TILT + 1] - wanted[1]) < 2e-4);
+            assert_true(fabs(joint[3] - wanted[2]) < 2e-3 && b.node.result.fault == HRT_FAULT_NONE);
+            float e[3];
+            hrt_direction(&b.node.controller.axes, b.node.result.joint, e);
+            assert_true(fabs((double)e[2] - (axis == 2 ? 1 : cos(1.0))) < 1e-3);
+        }
+}
+
+/* While the clutch is pressed the handle turns freely; on release shaft and roll continue, and follow the same turns.
+ */
+static void the_clutch_does_not_turn_the_shaft(void **state) {
+    (void)state;
+    start_free(1.0, "touch_stylus");
+    for (int k = 0; k < 50; k++) turn_handle(0, 0.01, false), tick();
+    b.button[0] = true;
+    run(0.2, REST); /* the force fades */
+    double held[HRT_JOINTS];
+    memcpy(held, b.tool.joint, sizeof held);
+    for (int k = 0; k < 100; k++) {
+        turn_handle(k % 3, 0.02, true), tick();
+        assert_true(!memcmp(b.tool.joint + 3, held + 3, sizeof held - 3 * sizeof *held));
+    }
+    b.button[0] = false;
+    tick();
+    for (int j = 3; j < HRT_JOINTS; j++) assert_true(fabs(b.tool.joint[j] - held[j]) < 2e-3);
+    for (int k = 0; k < 50; k++) turn_handle(0, -0.01, false), tick();
+    run(0.01, REST);
+    assert_true(fabs(b.tool.joint[HRT_TILT]) < 2e-3 && fabs(b.tool.joint[HRT_TILT + 1]) < 2e-3);
+    assert_true(b.node.result.fault == HRT_FAULT_NONE);
+}
+
+/* A handle that spins, also through half a turn from the axis: no fault, bounded tilt, and no work but the tip's. */
+static void turning_amplifies_no_power_and_raises_no_fault(void **state) {
+    (void)state;
+    start_free(0.5, "inverse3_versegrip");
+    const double up[3] = {0, 0, 0.02};
+    double worked_J = 0;
+    for (int k = 0; k < 3000; k++) {
+        turn_handle(k / 300 % 3, 0.03, k / 900 % 2);
+        const double last[2] = {b.tool.joint[HRT_TILT], b.tool.joint[HRT_TILT + 1]};
+        const double tip_J = b.tip_J, cursor_J = b.cursor_J;
+        run(0.002, k / 200 % 2 ? up : DOWN);
+        assert_true(hypot(b.tool.joint[HRT_TILT] - last[0], b.tool.joint[HRT_TILT + 1] - last[1]) < 0.121);
+        assert_true(hypot(b.tool.joint[HRT_TILT], b.tool.joint[HRT_TILT + 1]) < 2.501);
+        assert_true(b.cursor_J - cursor_J <= fabs(b.tip_J - tip_J) * (1.0 + 1e-3) + 1e-6);
+        assert_int_equal(b.node.result.fault, HRT_FAULT_NONE);
+        worked_J += fabs(b.cursor_J - cursor_J);
+    }
+    assert_true(worked_J > 1e-3);
+    const double before = b.tool.joint[HRT_TILT];
+    memset(b.orientation, 0, sizeof b.orientation); /* the handle is lost: the shaft stays */
+    run(0.1, REST);
+    assert_true(fabs(b.tool.joint[HRT_TILT] - before) < 0.13 && b.node.result.fault == HRT_FAULT_NONE);
+}
+
 static void a_button_closes_the_grip(void **state) {
     (void)state;
     start(1.0, "touch");
@@ -228,6 +316,9 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(axes_and_signs_agree_with_the_device),
                                        cmocka_unit_test(power_is_never_amplified),
                                        cmocka_unit_test(the_clutch_recentres_without_a_jump),
+                                       cmocka_unit_test(the_handle_gives_the_direction_of_a_free_shaft),
+                                       cmocka_unit_test(the_clutch_does_not_turn_the_shaft),
+                                       cmocka_unit_test(turning_amplifies_no_power_and_raises_no_fault),
                                        cmocka_unit_test(a_button_closes_the_grip),
                                        cmocka_unit_test(silence_of_either_side_is_zero_force),
                                        cmocka_unit_test(invalid_input_is_rejected_and_ten_in_a_row_are_a_fault),

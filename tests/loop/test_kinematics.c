@@ -89,6 +89,37 @@ static void device_descriptions_are_complete(void **state) {
     assert_int_equal(hrt_device_type_find("impulse"), -1);
 }
 
+/* A handle's tilt: both precisions give the same direction, a unit vector, and its tilt is the one given. */
+static void tilt_is_that_of_the_direction(void **state) {
+    (void)state;
+    uint64_t seed = 6;
+    int tilting = 0;
+    for (int k = 0; k < 4000; k++) {
+        const hrt_device_type *device = hrt_device_types[k % hrt_device_type_count];
+        const hrt_axes axes = some_axes(device, &seed);
+        hrt_axes64 wide = {.device = device};
+        float joint[HRT_JOINTS], e[3];
+        double joint64[HRT_JOINTS], e64[3], tilt[2], square = 0, angle;
+        some_joints(device, &seed, joint);
+        for (int i = 0; i < 9; i++) wide.r[i] = (double)axes.r[i];
+        for (int j = 0; j < HRT_JOINTS; j++) joint64[j] = (double)joint[j];
+        hrt_direction(&axes, joint, e);
+        hrt_direction64(&wide, joint64, e64);
+        for (int i = 0; i < 3; i++) {
+            square += e64[i] * e64[i];
+            assert_true(fabs((double)e[i] - e64[i]) < 1e-6);
+            if (!device->tilts) assert_true(fabs(e64[i] - wide.r[3 * i + 2]) < 1e-15);
+        }
+        assert_true(fabs(square - 1) < 1e-6);
+        hrt_tilt64(&wide, e64, tilt);
+        angle = hypot(joint64[HRT_TILT], joint64[HRT_TILT + 1]);
+        if (!device->tilts || angle > 3.1) continue;
+        tilting++;
+        for (int i = 0; i < 2; i++) assert_true(fabs(tilt[i] - joint64[HRT_TILT + i]) < 1e-4);
+    }
+    assert_true(tilting > 500);
+}
+
 static void frame_is_a_rotation(void **state) {
     (void)state;
     uint64_t seed = 3;
@@ -196,9 +227,9 @@ static void counts_convert_there_and_back(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(jacobian_is_the_derivative),   cmocka_unit_test(inverse_of_kinematics_returns_the_joints),
-        cmocka_unit_test(frame_is_a_rotation),          cmocka_unit_test(torques_do_the_work_of_the_force),
-        cmocka_unit_test(both_precisions_agree),        cmocka_unit_test(device_descriptions_are_complete),
-        cmocka_unit_test(counts_convert_there_and_back)};
+        cmocka_unit_test(jacobian_is_the_derivative),       cmocka_unit_test(inverse_of_kinematics_returns_the_joints),
+        cmocka_unit_test(tilt_is_that_of_the_direction),    cmocka_unit_test(frame_is_a_rotation),
+        cmocka_unit_test(torques_do_the_work_of_the_force), cmocka_unit_test(both_precisions_agree),
+        cmocka_unit_test(device_descriptions_are_complete), cmocka_unit_test(counts_convert_there_and_back)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

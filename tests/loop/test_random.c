@@ -50,6 +50,7 @@ static void begin(wild *w, const hrt_device_type *device) {
     hrt_params_of_device(&params, device);
     const float axis[3] = {rig_uniform(&w->seed, -1, 1), rig_uniform(&w->seed, -1, 1), -1.1f}, up[3] = {0, 1, 0.1f};
     hrt_axes_along(&axes, device, axis, up);
+    axes.is_free = device->tilts;
     hrt_init(&w->c, &params, &axes, SESSION);
     w->in = (hrt_input){.bus_ok = true, .enable = true, .device_session = 1};
     for (int j = 0; j < device->joints; j++) /* mid-way, so that nothing is out of range at once */

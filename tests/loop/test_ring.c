@@ -407,7 +407,7 @@ static void second_controller_is_a_bus_conflict(void **state) {
 static void flipped_bits_are_refused(void **state) {
     (void)state;
     const hrt_can_kind kinds[] = {HRT_CAN_COMMAND,         HRT_CAN_ENCODER_A,    HRT_CAN_ENCODER_B, HRT_CAN_DEVICE_BEAT,
-                                  HRT_CAN_CONTROLLER_BEAT, HRT_CAN_DEVICE_FAULT, HRT_CAN_RESET};
+                                  HRT_CAN_CONTROLLER_BEAT, HRT_CAN_DEVICE_FAULT, HRT_CAN_RESET,     HRT_CAN_ENCODER_C};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++)
         for (int instrument = 0; instrument < 2; instrument++) {
             const hrt_can_message m = {.kind = kinds[k],

@@ -11,6 +11,7 @@ EFFECTS = ["--set", "rotation=", "--set", "strain_smoothing=", "--set", "frictio
 # Evaluation scenes have scripted hands of their own; every other scene with haptics is run, up to its cut or as long as the time limit permits.
 RUNS = {
     "block-press": ("block-press", None, []),
+    "block-probe": ("block-probe", None, []),
     "block-cut": ("block-cut", 4, []),
     "block-cut, neo-Hooke": ("block-cut", 4, ["--set", "tissue.materials.*.law=neo-hooke"]),
     "block-cut, neo-Hooke, averaged": ("block-cut", 3.2, ["--set", "tissue.materials.*.law=neo-hooke", "--set", "strain_smoothing={shear_share: 0}"]),
