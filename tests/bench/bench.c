@@ -105,9 +105,9 @@ static void add_text(cJSON *root, const char *key, const char *value) {
 static const struct {
     const char *name;
     cJSON *(*measure)(const bench_run *run);
-} row[] = {{"force", bench_force}, {"numbering", bench_numbering}, {"step", bench_step},
-           {"law", bench_law},     {"effects", bench_effects},     {"hybrid", bench_hybrid},
-           {"cut", bench_cut},     {"capacity", bench_capacity}};
+} row[] = {{"force", bench_force},      {"numbering", bench_numbering}, {"step", bench_step},   {"law", bench_law},
+           {"effects", bench_effects},  {"hybrid", bench_hybrid},       {"touch", bench_touch}, {"cut", bench_cut},
+           {"capacity", bench_capacity}};
 enum { ROWS = sizeof row / sizeof *row };
 
 static int measure(const char *path, bool quick, const char *only) {

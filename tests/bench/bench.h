@@ -27,6 +27,7 @@ cJSON *bench_numbering(const bench_run *run);
 cJSON *bench_step(const bench_run *run);
 cJSON *bench_law(const bench_run *run);
 cJSON *bench_effects(const bench_run *run);
+cJSON *bench_touch(const bench_run *run);
 cJSON *bench_hybrid(const bench_run *run);
 cJSON *bench_cut(const bench_run *run);
 cJSON *bench_capacity(const bench_run *run);

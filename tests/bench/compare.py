@@ -22,6 +22,8 @@ def ratios(figures):
             found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: renumbered over ordered"] = row["renumbered_over_ordered"]
     for row in figures.get("law", []):
         found[f"law {row['law']}, {row['tets']} tetrahedra: step over linear"] = row["over_linear"]
+    for row in figures.get("touch", []):
+        found[f"touch, {row['tets']} tetrahedra, {row['rows']} rows: over without"] = row["over_without"]
     for row in figures.get("hybrid", []):
         found[f"hybrid, {row['tets']} tetrahedra, {row['share']:.3f} tensor/mass: over a dynamic frame"] = row["hybrid_over_dynamic"]
     return found

@@ -18,7 +18,7 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
     run = subprocess.run([program, "--quick", "--json", out], cwd=root, capture_output=True, text=True, timeout=400)
     assert run.returncode == 0, run.stderr
     figures = json.loads(out.read_text())
-    assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut", "capacity", "numbering", "hybrid", "effects"} <= figures.keys()
+    assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut", "capacity", "numbering", "hybrid", "effects", "touch"} <= figures.keys()
     wide = {"naive wide"} & {r["form"] for r in figures["force"]}  # where the processor has AVX2
     assert len(figures["force"]) == 2 * 2 * (3 + len(wide)) and len(figures["step"]) == 2 and len(figures["cut"]) == 4
     assert {(r["precision"], r["form"]) for r in figures["force"]} == {(p, f) for p in ("double", "single") for f in {"best", "plain", "naive"} | wide}
@@ -30,6 +30,7 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
         assert row["sim_seconds_per_wall_second"] > 0 and row["step_over_force"] > 0 and row["speedup"] > 0 and row["threads"] >= 1
     assert len(figures["numbering"]) == 4 and all(row["shuffled_over_ordered"] > 0 and row["renumbered_over_ordered"] > 0 for row in figures["numbering"])
     assert len(figures["effects"]) == 7 and all(row["over_linear"] > 0 and row["speedup"] > 0 for row in figures["effects"])
+    assert len(figures["touch"]) == 2 and all(row["rows"] > 0 and row["over_without"] > 0 for row in figures["touch"])
     assert len(figures["hybrid"]) == 2
     for row in figures["hybrid"]:
         assert 0 < row["share"] < 1 and row["border"] > 0 and row["hybrid_over_dynamic"] > 0
