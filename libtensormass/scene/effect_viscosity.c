@@ -53,8 +53,9 @@ static tm_status build(sim *s, const void *own) {
 const sim_effect sim_effect_viscosity = {
     .name = "viscosity",
     .doc = "Stress relaxation at constant strain and creep at constant load: a Prony series, integrated exactly "
-           "along straight strain paths. The step does not change; `--settle` gives the equilibrium after "
-           "infinite time (docs/viscosity.md).",
+           "along straight strain paths. Under a nonlinear law the step is at most 0.93 of the guaranteed "
+           "one, otherwise it does not change; `--settle` gives the equilibrium after infinite time "
+           "(docs/viscosity.md).",
     .example = "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue without viscosity; write 'model: dynamic'"},

@@ -70,7 +70,8 @@ static double left_after(tm_law_kind law, const tm_viscosity_def *def, double sh
     const double dt_s = critical_s(def, 2 / sharp_s);
     assert_true(dt_s > 1.01 * sharp_s); /* branches relax: the step of the sudden law is on the safe side */
     assert_true(growth(def, 2 / sharp_s, 0.99 * dt_s) < 1 && growth(def, 2 / sharp_s, 1.01 * dt_s) > 1.01);
-    b.world->guaranteed_step_s = HUGE_VAL;
+    b.world->guaranteed_step_s = HUGE_VAL; /* and no limit of the stage, which covers every strain */
+    for (int32_t i = 0; i < b.world->stage_count; i++) b.world->entry[i].stage.step_limit_s = 0;
     fix_ok(tm_world_set_step(b.world, share * dt_s, &error), &error);
     tm_state *s = tm_world_state(b.world);
     for (int32_t i = 0; i < b.n; i++) s->u_m[i] = s->u_prev_m[i] = 1e-9 * SIDE_M * fix_signed(&random);
@@ -94,6 +95,19 @@ static void the_critical_step_is_that_of_the_amplification_matrix(void **state) 
                       above);
         assert_true(below < 20 && above >= 1e3);
     }
+}
+
+/* The stage leaves what histories may add to the tangent: more than the default share of the law's step. */
+static void the_stage_limits_the_step(void **state) {
+    (void)state;
+    const tm_viscosity_def def = series(0.3, 0.01);
+    body b = box((int[]){2, 2, 2}, (double[]){SIDE_M, SIDE_M, SIDE_M}, TM_LAW_NEO_HOOKE, &def);
+    const double law_s = b.world->guaranteed_step_s;
+    tm_error error;
+    fix_ok(tm_world_set_step(b.world, 0.93 * law_s, &error), &error);
+    assert_int_equal(tm_world_set_step(b.world, 0.94 * law_s, &error), TM_ERR_STEP);
+    assert_non_null(strstr(error.message, "stage viscosity"));
+    destroy(&b);
 }
 
 /* --- a beam --- */
@@ -169,6 +183,7 @@ static void a_beam_has_the_period_and_decrement(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(the_critical_step_is_that_of_the_amplification_matrix),
+                                       cmocka_unit_test(the_stage_limits_the_step),
                                        cmocka_unit_test(a_beam_has_the_period_and_decrement)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -24,6 +24,9 @@ typedef struct tm_hyperelastic {
      * shares of the law and of the bulk modulus, which settling sets to the long-term ones, else 1. */
     const double *bulk_J;
     double shear, volume;
+    /* Limits of what histories store, with bulk_J: [TM_LANES*packs.count] second Piola stress and pressure, times the
+     * volume; infinite of the linear law. */
+    const double *history_stress_J, *history_pressure_J[2];
 } tm_hyperelastic;
 
 /* Initialises from the pool; returns false without memory. */
@@ -73,6 +76,14 @@ double tm_law_stiffest_Pa(const tm_material *material, bool averaged);
  * of tetrahedra within that strain. */
 #define TM_STRAIN_MOST 0.45
 double tm_law_stiffest_within_Pa(const tm_material *material, bool averaged, double strain);
+/* Limits of what the histories of a Prony series store, Pa: |S| of the second Piola stress, and the pressure; what
+ * histories within them add to the bound of the tangent is at most more_Pa, the room given (law_bound.c). by_strain: to
+ * each bound by strain too. */
+typedef struct tm_history_limits {
+    double stress_Pa, pressure_Pa[2], more_Pa;
+} tm_history_limits;
+tm_history_limits tm_law_history_limits(const tm_material *material, bool averaged, double room_Pa, bool by_strain,
+                                        double shear, double bulk);
 /* Computes the constants of the law for a volume: law_constant, and those that follow from the limit of stretch. */
 void tm_law_constants(const tm_material *material, double volume_m3, double constant[TM_LAW_CONSTANTS]);
 

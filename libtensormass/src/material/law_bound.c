@@ -23,6 +23,7 @@ enum { LENGTHS = 64, VOLUMES = 96 };
 /* What restricts the states, beside the law's own limit. */
 typedef struct states {
     double length, J[2], strain, volume[2]; /* volume: ratio of a domain's averages */
+    double pressure_Pa;                     /* added to U' */
 } states;
 
 static double pair_most(double a, double b, double c) { return 0.5 * (a + c + sqrt((a - c) * (a - c) + 4 * b * b)); }
@@ -78,12 +79,12 @@ static double beyond(tm_bound b, const tm_bound_cell *c, const volume *v, double
 
 /* Adds U(J) to the bound, and a domain's energy: the form is linear in the pressure, so that an end of its range is
  * worst. */
-static double with_volume(const tm_bound *b, const tm_bound_cell *c, double averaged_Pa, const double range[2]) {
+static double with_volume(const tm_bound *b, const tm_bound_cell *c, double averaged_Pa, const states *all) {
     const volume v = volume_of(b, c, averaged_Pa);
     double most = 0;
     for (int i = 0; i < 4; i++) {
         const double J1 = fmin(fmax(c->J[i % 2], TM_VOLUME_LEAST), TM_VOLUME_MOST) - 1;
-        const double slope = b->bulk_Pa * J1 + averaged_Pa * (range[i / 2] - 1) - b->offset_Pa;
+        const double slope = b->bulk_Pa * J1 + averaged_Pa * (all->volume[i / 2] - 1) - b->offset_Pa + all->pressure_Pa;
         most = fmax(most, c->turn[1] > 0 ? beyond(*b, c, &v, slope) : inside(b, c, &v, slope));
     }
     return most;
@@ -111,7 +112,7 @@ static double sweep(const tm_material *m, double averaged_Pa, const states *all,
         measure(&c, all->strain);
         tm_bound b = {.along = spring[0], .across = spring[1]};
         tm_law_bound_terms(m, m->lambda_Pa - averaged_Pa, &c, &b);
-        most = fmax(most, with_volume(&b, &c, averaged_Pa, all->volume));
+        most = fmax(most, with_volume(&b, &c, averaged_Pa, all));
     }
     return most;
 }
@@ -127,7 +128,8 @@ static double bound_over(const tm_material *m, double averaged_Pa, const states 
         double t[2], ratio[2], slope[2];
         tm_bound_cell c;
         /* of G, which is shorter than F */
-        const states loose = {all->length, {-HUGE_VAL, HUGE_VAL}, HUGE_VAL, {all->volume[0], all->volume[1]}};
+        const states loose = {
+            all->length, {-HUGE_VAL, HUGE_VAL}, HUGE_VAL, {all->volume[0], all->volume[1]}, all->pressure_Pa};
         for (int k = 0; k < 2; k++) {
             t[k] = k && i == LENGTHS - 1 ? HUGE_VAL : limit + band * v[k] / (1 - v[k]);
             c.R[k] = limit + band * v[k], slope[k] = (1 - v[k]) * (1 - v[k]), ratio[k] = c.R[k] / t[k];
@@ -145,7 +147,7 @@ static double bound_over(const tm_material *m, double averaged_Pa, const states 
  * squared dilatation adds at most kappa B B^T to each tetrahedron (Jensen), and its pressure, of the range allowed,
  * adds that times d2J. */
 double tm_law_stiffest_Pa(const tm_material *m, bool averaged) {
-    const states all = {HUGE_VAL, {-HUGE_VAL, HUGE_VAL}, HUGE_VAL, {TM_VOLUME_LEAST, TM_VOLUME_MOST}};
+    const states all = {HUGE_VAL, {-HUGE_VAL, HUGE_VAL}, HUGE_VAL, {TM_VOLUME_LEAST, TM_VOLUME_MOST}, 0};
     if (m->law == TM_LAW_LINEAR) return tm_material_stiffest_Pa(m);
     return bound_over(m, averaged ? tm_material_bulk_Pa(m) : 0, &all);
 }
@@ -159,6 +161,55 @@ double tm_law_stiffest_within_Pa(const tm_material *m, bool averaged, double str
     const states some = {sqrt(3 + 3 * part),
                          {strain < 0.4 ? least : 0, most},
                          strain,
-                         {fmax(least, TM_VOLUME_LEAST), fmin(most, TM_VOLUME_MOST)}};
+                         {fmax(least, TM_VOLUME_LEAST), fmin(most, TM_VOLUME_MOST)},
+                         0};
     return fmin(bound_over(m, averaged ? tm_material_bulk_Pa(m) : 0, &some), tm_law_stiffest_Pa(m, averaged));
+}
+
+/* --- histories of a Prony series --- */
+
+/* Returns the largest pressure, at most `max_Pa`, that may be added to U' at the sign without raising the bound above
+ * a_Pa: the bound is a maximum of functions linear in it, so convex. */
+static double pressure_room(const tm_material *m, double averaged_Pa, int sign, double max_Pa, double a_Pa) {
+    states all = {HUGE_VAL, {-HUGE_VAL, HUGE_VAL}, HUGE_VAL, {TM_VOLUME_LEAST, TM_VOLUME_MOST}, sign * max_Pa};
+    double low = 0, high = max_Pa;
+    if (bound_over(m, averaged_Pa, &all) <= a_Pa) return max_Pa;
+    for (int k = 0; k < 6; k++) {
+        const double middle = 0.5 * (low + high);
+        all.pressure_Pa = sign * middle;
+        if (bound_over(m, averaged_Pa, &all) <= a_Pa)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/* Returns an upper bound of the largest eigenvalue, in size, of the second derivative of det F by F, to a strain. */
+static double bend_within(const tm_material *m, double strain) {
+    const tm_material none = {.stretch_max = m->stretch_max};
+    const states some = {sqrt(3 + 2 * sqrt(3) * strain), {0, HUGE_VAL}, strain, {1, 1}, 1};
+    states other = some;
+    other.pressure_Pa = -1;
+    return fmax(bound_over(&none, 0, &some), bound_over(&none, 0, &other));
+}
+
+/* A step holds histories h_i, of S, and q_i, of p: averages over the past, as their weights are positive and have
+ * sum 1. So |h_i| <= stress_Pa and pressure_Pa[0] <= q_i <= pressure_Pa[1] at any time, if what is stored is limited to
+ * that. The tangent is
+ *     K = A - sum shear_i (D -> D h_i) - sum volume_i q_i d2J,   D.D h_i >= -|h_i| |D|^2,
+ * A that of the law. The last term adds to U', so that K <= a + room_Pa over all paths. A share of the room
+ * is for h, the rest for q; averaged pressures need more. */
+tm_history_limits tm_law_history_limits(const tm_material *m, bool averaged, double room_Pa, bool by_strain,
+                                        double shear, double bulk) {
+    const double kappa_Pa = tm_material_bulk_Pa(m), max_Pa = bulk * (1 - TM_VOLUME_LEAST) * kappa_Pa;
+    const double share = averaged ? 0.25 : 0.4, rest_Pa = (1 - share) * room_Pa,
+                 a_Pa = tm_law_stiffest_Pa(m, averaged) + rest_Pa;
+    tm_history_limits l = {.stress_Pa = share * room_Pa / fmax(shear, 0.01), .more_Pa = room_Pa};
+    for (int side = 0; side < 2; side++) { /* a history of compression, q < 0, adds to U' */
+        double room = pressure_room(m, averaged ? kappa_Pa : 0, side ? -1 : 1, max_Pa, a_Pa);
+        if (by_strain) room = fmin(room, rest_Pa / bend_within(m, TM_STRAIN_MOST));
+        l.pressure_Pa[side] = (side ? 1 : -1) * (bulk > 0 ? room / bulk : HUGE_VAL);
+    }
+    return l;
 }

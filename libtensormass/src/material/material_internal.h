@@ -86,6 +86,7 @@ typedef struct tm_viscous {
     double volume[TM_VISCOUS_TERMS]; /* shares of bulk moduli */
     const double *relaxed_bulk_Pa;   /* [region_count] by law, averaged bulk modulus of the long-term law; else null */
     const double *relaxed_max_Pa;
+    const double *history_Pa; /* [2*region_count] by law, range of averaged pressures that nonlinear laws store */
     /* A step uses h = history + now E, and stores history = history_kept h + old E. */
     double now[TM_VISCOUS_TERMS], history_kept[TM_VISCOUS_TERMS], old[TM_VISCOUS_TERMS];
     bool history_frozen;                /* histories do not change */

@@ -121,7 +121,8 @@ static void relax(const tm_nodal_dilatation *s, const tm_viscous *v, int32_t i, 
 
 /* The same under nonlinear laws: a share of the pressure itself relaxes (hyperelastic_terms.h). */
 static void relax_law(const tm_nodal_dilatation *s, const tm_viscous *v, int32_t i) {
-    const double tiny = 1e-60, pressure = s->corotated_Pa[i];
+    const double tiny = 1e-60, *range = v->history_Pa + 2 * tm_nodal_dilatation_domains_of(s)->law[i];
+    const double pressure = fmin(fmax(s->corotated_Pa[i], range[0]), range[1]);
     for (int32_t t = 0; t < v->terms; t++) {
         double *memory = v->swelling[t] + i;
         const double q = *memory + v->now[t] * pressure;

@@ -1,6 +1,7 @@
 /* Stage "law": nonlinear laws of materials, in every world whose tissue has one. Each thread first computes the
  * stresses of a share of the batches. Then the stage "force" gathers the corner forces on its vertices, ascending, so
  * that results are bit-identical to those of one thread. */
+#include <math.h>
 #include <string.h>
 
 #include "material/hyperelastic_single.h"
@@ -22,12 +23,16 @@ typedef struct law_stage {
     /* Limits and moduli of averaged dilatation: the law's, and the long-term ones while the world settles. */
     const double *sudden_Pa[3];
     double *long_term_Pa[3];
+    double limit_s;   /* step that the terms allow */
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
     int32_t *beyond;  /* [partition_count] tetrahedra that continue linearly */
     tm_nonlinear law; /* the interface to other components */
 } law_stage;
 
 #define STAGE "law"
+/* What histories may add to the law's bound. Steps of the default share 0.9 stay below the limit 1/sqrt(1.15) = 0.93,
+ * and an adaptive step below its margin, with room for other stages. */
+static const double HISTORY_SHARE = 0.15, HISTORY_ADAPTIVE = 0.05;
 
 /* --- the step --- */
 
@@ -176,6 +181,48 @@ static int64_t kept(const void *self) {
     return 6 * lanes + (is_averaged(l) ? tm_nodal_dilatation_domains(&l->averages) : lanes);
 }
 
+/* Computes what histories of a material may store. */
+static tm_history_limits limits_of(const law_stage *l, const tm_material *m, double stiffest_Pa,
+                                   const tm_viscosity_def *def) {
+    const bool adaptive = l->world->adaptive;
+    double shear, bulk;
+    tm_viscosity_relaxed(def, &shear, &bulk);
+    if (m->law == TM_LAW_LINEAR) return (tm_history_limits){HUGE_VAL, {-HUGE_VAL, HUGE_VAL}, 0};
+    const double room_Pa = adaptive ? HISTORY_ADAPTIVE * tm_law_stiffest_within_Pa(m, is_averaged(l), TM_STRAIN_REST)
+                                    : HISTORY_SHARE * stiffest_Pa;
+    return tm_law_history_limits(m, is_averaged(l), room_Pa, adaptive, 1 - shear, 1 - bulk);
+}
+
+/* Sets what histories may store, and the step that they allow: no tetrahedron's tangent grows by more than that ratio.
+ */
+static bool limit_histories(law_stage *l, tm_pool *pool, const tm_viscosity_def *def) {
+    const tm_material_field field = tm_tissue_field(l->world->tissue);
+    const int64_t lanes = TM_LANES * (int64_t)l->hyper.packs.count;
+    tm_history_limits *limits = TM_ALLOC(pool, tm_history_limits, field.material_count);
+    double *stress_J = TM_ALLOC(pool, double, 3 * lanes);
+    double *domain_Pa = TM_ALLOC(pool, double, 2 * (int64_t)field.mesh->region_count), ratio = 1;
+    if (pool->failed) return false;
+    for (int32_t m = 0; m < field.material_count; m++) {
+        limits[m] = limits_of(l, field.material + m, field.stiffest_Pa[m], def);
+        ratio = fmax(ratio, 1 + limits[m].more_Pa / field.stiffest_Pa[m]);
+    }
+    for (int64_t t = 0; t < lanes; t++) {
+        const bool there = t < field.mesh->tet_count;
+        const tm_history_limits *own = limits + (there ? field.region_material[field.mesh->region[t]] : 0);
+        const double volume = there ? field.mesh->volume_m3[t] : 1;
+        stress_J[t] = volume * own->stress_Pa;
+        for (int side = 0; side < 2; side++) stress_J[(1 + side) * lanes + t] = volume * own->pressure_Pa[side];
+    }
+    for (int32_t r = 0; r < 2 * field.mesh->region_count; r++)
+        domain_Pa[r] = limits[field.region_material[r / 2]].pressure_Pa[r % 2];
+    l->hyper.history_stress_J = stress_J, l->work.history_Pa = domain_Pa;
+    for (int side = 0; side < 2; side++) l->hyper.history_pressure_J[side] = stress_J + (1 + side) * lanes;
+    l->limit_s = l->world->guaranteed_step_s / sqrt(ratio);
+    return true;
+}
+
+static double limit_s(const void *self) { return ((const law_stage *)self)->limit_s; }
+
 static bool begin_terms(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def,
                         double *const *histories) {
     law_stage *l = self;
@@ -187,6 +234,7 @@ static bool begin_terms(void *self, tm_pool *pool, tm_world *world, const tm_vis
     if (pool->failed) return false;
     for (int32_t t = 0; !is_averaged(l) && t < field.mesh->tet_count; t++)
         bulk_J[t] = field.mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(&field, t));
+    if (!limit_histories(l, pool, def)) return false;
     l->hyper.bulk_J = bulk_J;
     l->work.terms = def->count;
     for (int32_t t = 0; t < def->count; t++) {
@@ -246,6 +294,7 @@ static const struct tm_relaxing_law relaxing_law = {.stage = STAGE,
                                                     .before_force = true,
                                                     .kept = kept,
                                                     .begin = begin_terms,
+                                                    .limit_s = limit_s,
                                                     .end = end_terms,
                                                     .set = set_terms,
                                                     .set_step = set_step,

@@ -204,6 +204,7 @@ static bool init(viscosity *v, tm_pool *pool) {
 static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     const struct tm_relaxing_law *law = v->law;
     const tm_stage whole = {.size = sizeof whole,
+                            .step_limit_s = law && law->limit_s ? law->limit_s(v->law_self) : 0,
                             .name = "viscosity",
                             .phase = law ? TM_PHASE_FORCE : TM_PHASE_END,
                             .run = law ? run_law : NULL,

@@ -35,7 +35,8 @@ struct tm_relaxing_law {
     int64_t (*kept)(const void *self); /* how many numbers a term stores */
     /* Prepares the terms; the stage owns `kept` of each, and the memory. Returns false without memory. */
     bool (*begin)(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *kept);
-    void (*end)(void *self); /* the memory is freed after it */
+    double (*limit_s)(const void *self); /* step that the terms allow; null: that of the law */
+    void (*end)(void *self);             /* the memory is freed after it */
     /* Sets whether the terms act, by the stage "viscosity"; else the law's own stage computes elastic tissue. */
     void (*set)(void *self, tm_world *world, bool relaxes);
     void (*set_step)(void *self, const tm_fading *fading);
