@@ -25,7 +25,10 @@ EPILOG = """Data are CSV files with a header line, in SI units. A curve: --row s
 A series over time: --time names its column; each trial runs the scene once.
   tm-fit beam.yaml --data swing.csv --time t_s --compare 'tip_m=point tip z' --point tip=0.1,0.015,0.03 \\
          --fit 'viscosity.terms[0].shear=0.02..0.5' -o fit
-WHAT of --compare: support NAME AXIS (force on the tissue, N), point NAME AXIS (displacement, m), instrument N AXIS (N); '-' before it changes the sign.
+Period and decrement after a release, one row a load: --swing; an empty cell was not measured.
+  tm-fit beam.yaml --data loads.csv --row 'loads[0].force=[0, 0, -{load_N}]' --compare 'T_s=period tip z' --swing 1.5 ...
+WHAT of --compare: support NAME AXIS (force on the tissue, N), point NAME AXIS (displacement, m), instrument N AXIS (N), period NAME AXIS (of a point, s),
+decrement NAME AXIS; '-' before it changes the sign.
 Results are FOLDER/index.html, fit.json and state.json. After an interruption the same command continues (docs/fitting.md)."""
 
 
@@ -33,12 +36,16 @@ def arguments(words=None):
     p = argparse.ArgumentParser(prog="tm-fit", description=__doc__, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scene", type=pathlib.Path, metavar="SCENE", help="scene with the law to fit")
     p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="folder for the results")
-    p.add_argument("--fit", action="append", default=[], metavar="PATH=LOW..HIGH", help="constant, by its path in the scene, and its range; LOW..START..HIGH also sets the start value; one to eight")
+    p.add_argument("--fit", action="append", default=[], metavar="PATH=LOW..HIGH", help="constant, by its path in the scene, and its range; LOW..START..HIGH also sets the start value; 'PATH, 4*PATH=...' sets several keys; one to eight")
     p.add_argument("--data", type=pathlib.Path, metavar="FILE", required=True, help="measured values, CSV with a header line")
     p.add_argument("--row", action="append", default=[], metavar="PATH=TEXT", help="setting of the scene for each row of a curve; {column} is replaced by the row's value")
     p.add_argument("--time", metavar="COLUMN", help="the data are a series over time, in this column, s")
     p.add_argument("--compare", action="append", default=[], metavar="COLUMN=WHAT", help="simulated quantity to compare with a column: see WHAT below")
     p.add_argument("--point", action="append", default=[], metavar="NAME=X,Y,Z", help="marker at this undeformed position, m; it may be outside the tissue")
+    p.add_argument("--swing", type=float, default=0.0, metavar="SECONDS", help="time to run the scene of each row for period and decrement")
+    p.add_argument("--any-start", action="store_true", help="of a series, leave offset, size and phase free: the start of the motion is not known")
+    p.add_argument("--release", type=float, default=0.0, metavar="SECONDS", help="time of a series at which the simulation begins; earlier rows are left out [0]")
+    p.add_argument("--predict", action="append", default=[], metavar="FILE[@PATH=VALUE]", help="other measurements with the same columns, not used in the fit: print them beside what the fitted scene does, with these settings")
     p.add_argument("--from-first", action="store_true", help="compare differences from the first row")
     p.add_argument("--noise", action="append", default=[], metavar="COLUMN=SD", help="standard deviation of a column, 0.02 or 1%% of each value; sets its weight [equal within a column, columns by their size]")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="set a value of the scene in all trials, as in tm-sim")
@@ -79,7 +86,7 @@ class Fit:
 
     def __init__(self, a, problem, trials):
         self.a, self.problem, self.trials, self.begun, self.calls = a, problem, trials, time.monotonic(), 0
-        text = json.dumps([str(a.scene.resolve()), a.scene.read_text(), a.data.read_text(), a.fit, a.row, a.time, a.compare, a.point, a.from_first, a.noise, a.set, a.tolerance, a.differences])
+        text = json.dumps([str(a.scene.resolve()), a.scene.read_text(), a.data.read_text(), a.fit, a.row, a.time, a.compare, a.point, a.from_first, a.noise, a.set, a.tolerance, a.differences, a.swing, a.any_start, a.release])
         self.state = State(a.out / "state.json", hashlib.sha256(text.encode()).hexdigest()[:16], a.again)
         self.low = np.array([c.inner(c.low) for c in problem.constants])
         self.high = np.array([c.inner(c.high) for c in problem.constants])
@@ -98,10 +105,11 @@ class Fit:
         self.calls += 1
         name = " ".join(f"{v:.12g}" for v in x)
         values, slopes = self.state.evaluate(name, lambda: self.problem.at(self.trials, x, self.told(x)))
-        residual = ((values - self.problem.measured) / self.problem.scale).ravel()
+        known = self.problem.known
+        residual = ((values - self.problem.measured) / self.problem.scale)[known]
         if not self.a.quiet:
-            print(f"{chr(13) if sys.stderr.isatty() else ''}{self.calls:3d}  {', '.join(c.words(v) for c, v in zip(self.problem.constants, x))}  off by {np.sqrt(np.mean(residual**2)):.3g}", file=sys.stderr)
-        return residual, (slopes / self.problem.scale[..., None]).reshape(len(residual), -1)
+            print(f"{chr(13) if sys.stderr.isatty() else ''}{self.calls:3d}  {', '.join(w for c, v in zip(self.problem.constants, x) for w in c.words(v))}  off by {np.sqrt(np.mean(residual**2)):.3g}", file=sys.stderr)
+        return residual, (slopes / self.problem.scale[..., None])[known]
 
 
 def interval(constant, inner):
@@ -111,10 +119,9 @@ def interval(constant, inner):
 def more_to_measure(fit, x, found, jacobian):
     """Ranks further measurements: each row once more, and a curve's last row half as far again. Returns a list of dicts, best first."""
     from statistics_of_fit import gain
-    problem, m = fit.problem, len(fit.problem.compared)
-    choices = []
+    problem, choices = fit.problem, []
     if problem.time is None:
-        blocks = jacobian.reshape(problem.count, m, -1)
+        blocks = np.split(jacobian, np.cumsum(problem.known.sum(1))[:-1])
         choices = [(f"row {i + 1} once more ({', '.join(f'{n} {c[i]:.4g}' for n, c in problem.data.items() if any('{' + n + '}' in s for s in problem.row_sets))})", blocks[i]) for i in range(problem.count)]
         choices += [choice for choice in [farther(fit, x)] if choice]
     else:
@@ -131,7 +138,7 @@ def farther(fit, x):
     from trials import Refused
     problem = fit.problem
     varied = [n for n in problem.data if any("{" + n + "}" in s for s in problem.row_sets)]
-    if not varied or problem.from_first:
+    if not varied or problem.from_first or any(c.swings for c in problem.compared) or not problem.known.all():
         return None
     last = int(np.argmax(np.abs(problem.data[varied[0]])))
     kept = {n: np.array(c) for n, c in problem.data.items()}
@@ -162,15 +169,52 @@ def run(a, problem, trials):
                 profiled.append((profile(fit.evaluate, x, k, end, fit.low, fit.high) - square) / limit if limit > 0 else float("inf"))
             if min(profiled) < 0.25:
                 why = "not identifiable from this: at an end of its interval the other constants compensate it"
-        constants.append({"path": c.path, "unit": c.unit, "value": c.outer(x[k]), "interval": interval(c, found["interval"][k]), "verdict": why, "profile": profiled})
+        constants.append({"path": c.path, "settings": c.words(x[k]), "unit": c.unit, "value": c.outer(x[k]), "interval": interval(c, found["interval"][k]), "verdict": why, "profile": profiled})
     odd = outliers(residual)
-    values = problem.measured + residual.reshape(problem.measured.shape) * problem.scale
+    values, at = problem.measured.copy(), np.argwhere(problem.known)
+    values[problem.known] += residual * problem.scale[problem.known]
     return {"scene": str(a.scene), "data": str(a.data), "constants": constants, "correlation": found["correlation"].tolist(), "condition": found["condition"],
-            "rms": [float(v) for v in np.sqrt(np.mean((values - problem.measured)**2, 0))], "columns": [c.column for c in problem.compared],
-            "measured": problem.measured.tolist(), "fitted": values.tolist(), "along": along(a, problem),
-            "outliers": [{"row": i // len(problem.compared) + 1, "column": problem.compared[i % len(problem.compared)].column} for i in odd],
+            "rms": [float(v) for v in np.sqrt(np.nanmean((values - problem.measured)**2, 0))], "columns": [c.column for c in problem.compared],
+            "measured": blank(problem.measured), "fitted": blank(values), "along": along(a, problem),
+            "outliers": [{"row": int(at[i][0]) + 1, "column": problem.compared[at[i][1]].column} for i in odd], "predicted": [predict(a, text, x, trials) for text in a.predict],
             "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "solutions": problem.solutions,
             "differences": problem.differences, "seconds": time.monotonic() - fit.begun}
+
+
+def blank(values):
+    """Returns nested lists, None where nothing was measured."""
+    return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
+
+
+def predict(a, text, x, trials):
+    """Returns measured and simulated values of measurements that the fit has not seen, and of a series with one more figure each: period and decrement."""
+    from swing import swing
+    problem = problem_of(a, *predicted_of(text))
+    values, _ = problem.at(trials, x, derivatives=False)
+    problem.known[0] &= ~problem.moved  # the row that --from-first compares with
+    problem.measured[~problem.known] = np.nan
+    found = {"data": text, "columns": [c.column for c in problem.compared], "measured": blank(problem.measured), "simulated": blank(np.where(problem.known, values, np.nan)), "swings": []}
+    for run in problem.runs if a.time else []:
+        for j, column in enumerate(found["columns"]):
+            known = problem.known[run, j]
+            two = [swing(problem.data[a.time][run][known], v[run, j][known]) for v in (problem.measured, values)]
+            found["swings"].append({"row": run[0] + 1, "column": column, "period_s": [two[0][0], two[1][0]], "decrement": [two[0][1], two[1][1]]})
+    return found
+
+
+def off(measured, simulated):
+    return f"{measured:.5g} measured, {simulated:.5g} simulated, {100 * (simulated / measured - 1):+.1f} %" if measured else f"{measured:.5g} measured, {simulated:.5g} simulated"
+
+
+def report_predicted(found):
+    for p in found["predicted"]:
+        print(f"not fitted: {p['data']}")
+        for row, (measured, simulated) in enumerate(zip(p["measured"], p["simulated"]), 1):
+            for column, m, s in zip(p["columns"], measured, simulated):
+                if m is not None and not p["swings"]:
+                    print(f"  row {row}, {column}: {off(m, s)}")
+        for s in p["swings"]:
+            print(f"  {s['column']} from row {s['row']} on: period {off(*s['period_s'])}; decrement {off(*s['decrement'])}")
 
 
 def along(a, problem):
@@ -197,21 +241,41 @@ def report(found):
     if found["more"]:
         best = found["more"][0]
         print(f"  to measure next: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
+    report_predicted(found)
 
 
 def prepare(a):
-    from model import Bad, Compared, Constant, Problem, read_csv
+    """Checks the options and returns the Problem."""
+    from model import Bad, Constant
     if not a.scene.is_file():
         raise Bad(f"{a.scene}: does not exist; name a scene")
     if not 1 <= len(a.fit) <= 8:
         raise Bad(f"{len(a.fit)} --fit options; name one to eight constants, as in --fit 'tissue.materials.*.young=1 kPa..50 kPa'")
-    constants = [Constant(t) for t in a.fit]
+    for text in a.fit:
+        Constant(text)
     if not a.compare:
         raise Bad("--compare is missing; name a column and the simulated quantity, as in --compare 'force_N=-support top z'")
-    if a.time and a.row:
-        raise Bad("--time and --row: a series runs one scene; leave --row out, or fit a curve")
+    if a.time and not a.any_start and any("{" + a.time + "}" in s for s in a.row):
+        raise Bad(f"--time and --row: {a.time} changes within a run; a row sets what is the same during a run")
+    if a.any_start and not a.time:
+        raise Bad("--any-start needs a series; name its column of time, --time t_s")
+    if a.any_start and a.from_first:
+        raise Bad("--any-start and --from-first: a free offset contains the first; leave --from-first out")
     if a.out.exists() and not a.out.is_dir():
         raise Bad(f"{a.out}: is a file; name a folder")
+    for text in a.predict:
+        problem_of(a, *predicted_of(text))
+    return problem_of(a, a.data)
+
+
+def predicted_of(text):
+    """Returns (file, settings) of FILE@PATH=VALUE@..."""
+    name, *settings = text.split("@")
+    return pathlib.Path(name), settings
+
+
+def points_of(a):
+    from model import Bad
     points = {}
     for text in a.point:
         name, _, place = text.partition("=")
@@ -221,6 +285,11 @@ def prepare(a):
             points[name] = []
         if len(points[name]) != 3 or not name:
             raise Bad(f"--point {text}: not NAME=X,Y,Z; write --point tip=0.1,0,0.03, in m")
+    return points
+
+
+def noise_of(a):
+    from model import Bad
     noise = {}
     for text in a.noise:
         name, _, value = text.partition("=")
@@ -231,8 +300,22 @@ def prepare(a):
         if not 0 < size < float("inf"):
             raise Bad(f"--noise {text}: no number above 0; write --noise force_N=0.02, or force_N=1% of each value")
         noise[name] = ("%", size / 100) if value.strip().endswith("%") else size
-    return Problem(constants, read_csv(a.data), a.row, [Compared(t, points) for t in a.compare], points, a.time, a.tolerance, a.from_first, noise,
-                   not a.differences)
+    return noise
+
+
+def problem_of(a, file, settings=()):
+    """Returns the Problem of a file of measurements, in the scene with these further settings."""
+    from model import Bad, Compared, Constant, Problem, read_csv
+    points, data = points_of(a), read_csv(file)
+    if a.time in data and a.release:
+        after = data[a.time] >= a.release
+        if not after.any():
+            raise Bad(f"--release {a.release:g}: {file} ends before; give a time within the series, s")
+        data = {name: column[after] - (a.release if name == a.time else 0) for name, column in data.items()}
+    compared = [Compared(t, points) for t in a.compare]
+    measured = [c for c in compared if np.isfinite(data.get(c.column, np.nan if file != a.data or c.column in data else 0.0)).any()]
+    compared = measured or compared  # predictions may have other columns; the fit leaves out those that are empty
+    return Problem([Constant(t) for t in a.fit], data, [*a.row, *settings], compared, points, a.time, a.tolerance, a.from_first, noise_of(a), not a.differences, a.swing, a.any_start)
 
 
 def without_scipy():

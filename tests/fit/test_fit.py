@@ -124,6 +124,53 @@ def test_a_series_over_time_gives_viscosity(bin, scene):
     assert found[0]["interval"][0] < 0.3 < found[0]["interval"][1] and abs(found[0]["value"] / 0.3 - 1) < 0.05 and abs(found[1]["value"] / 5 - 1) < 0.02
 
 
+DROP = SCENE.replace("law: mooney-rivlin, second: 0.2", "density: 1000 kg/m3").split("  - {name: top")[0] + "gravity: {acceleration: [0, 0, -5]}\nviscosity: {terms: [{time: 5 ms, shear: 0.3}]}\ntime: {frame_rate: 500 Hz}\n"
+TIP = ["--point", "tip=0.01,0.01,0.02"]
+YOUNG_OF_A_SWING, SHARE = "tissue.materials.*.young=2 kPa..12 kPa", "viscosity.terms[0].shear=0.05..0.6"
+
+
+def dropped(bin, folder, g=5.0):
+    """Returns (time, s; height of the tip, m) of the block that is let go."""
+    (folder / "drop.yaml").write_text(DROP)
+    with Trials(bin / "tm-sim", folder / "drop.yaml") as trials:
+        answer = trials.ask([f"gravity.acceleration=[0, 0, -{g}]"], duration_s=0.14, points_m=[[0.01, 0.01, 0.02]])
+    return np.array(answer["time_s"]), np.array([p[0][2] for p in answer["points_m"]])
+
+
+def test_period_and_decrement_of_one_load_predict_the_rest_of_another(bin, scene):
+    """Cells that were not measured are empty; --predict prints the other load, which the fit has not seen."""
+    from swing import swing
+    folder, found = scene.parent, {g: swing(*dropped(bin, scene.parent, g)) for g in (5.0, 10.0)}
+    with Trials(bin / "tm-sim", folder / "drop.yaml") as trials:
+        rest = trials.ask(["gravity.acceleration=[0, 0, -10]"], settle=1e-8, points_m=[[0.01, 0.01, 0.02]])["points_m"][0][0][2]
+    head = "g,tip_m,period_s,decrement\n"
+    (folder / "one.csv").write_text(head + "5,,%.9g,%.9g\n" % found[5.0])
+    (folder / "other.csv").write_text(head + f"10,{rest:.9g},%.9g,%.9g\n" % found[10.0])
+    done = tm_fit(bin, folder / "drop.yaml", "--data", folder / "one.csv", "--predict", folder / "other.csv", "--row", "gravity.acceleration=[0, 0, -{g}]", "--swing", "0.14", *TIP,
+                  "--compare", "tip_m=point tip z", "--compare", "period_s=period tip z", "--compare", "decrement=decrement tip z", "--fit", YOUNG_OF_A_SWING, "--fit", SHARE)
+    fitted = json.loads((folder / "fit/fit.json").read_text())
+    assert [abs(c["value"] / truth - 1) < 0.02 for c, truth in zip(fitted["constants"], (5, 0.3))] == [True, True], fitted["constants"]
+    predicted, = fitted["predicted"]
+    assert np.allclose(predicted["simulated"], predicted["measured"], rtol=0.02) and predicted["columns"] == ["tip_m", "period_s", "decrement"]
+    assert "not fitted:" in done.stdout and "row 1, period_s:" in done.stdout and "Not fitted" in (folder / "fit/index.html").read_text()
+
+
+def test_a_series_of_unknown_start_and_several_keys_of_one_constant(bin, scene):
+    """Offset, size and phase of the measured curve are not the scene's; one share stands for two terms. A second curve is predicted under other settings."""
+    folder, (t, x) = scene.parent, dropped(bin, scene.parent)
+    (folder / "a.csv").write_text("t_s,tip_m\n" + "".join(f"{a + 0.5:.4f},{0.3 + 1.2 * b:.9g}\n" for a, b in zip(t, x)))
+    (folder / "b.csv").write_text("t_s,tip_m\n" + "".join(f"{a + 0.5:.4f},{b:.9g}\n" for a, b in zip(*dropped(bin, folder, 10))))
+    words = ["--data", folder / "a.csv", "--time", "t_s", "--any-start", "--release", "0.5", *TIP, "--compare", "tip_m=point tip z", "--fit", YOUNG_OF_A_SWING,
+             "--fit", SHARE.replace("=", ", 2*viscosity.terms[0].bulk="), "--predict", f"{folder / 'b.csv'}@gravity.acceleration=[0, 0, -10]"]
+    tm_fit(bin, folder / "drop.yaml", *words)
+    found = json.loads((folder / "fit/fit.json").read_text())
+    young, share = found["constants"]
+    assert abs(young["value"] / 5 - 1) < 0.03 and len(share["settings"]) == 2 and share["settings"][1].startswith("viscosity.terms[0].bulk=")
+    assert float(share["settings"][1].split("=")[1]) == pytest.approx(2 * share["value"], rel=1e-9)
+    swing, = found["predicted"][0]["swings"]
+    assert abs(swing["period_s"][1] / swing["period_s"][0] - 1) < 0.02
+
+
 def kept(path):
     """Returns the number of evaluations in a state file: it is replaced as a whole, so it can be read at any time."""
     return len(json.loads(path.read_text())["known"]) if path.exists() else 0
@@ -169,6 +216,9 @@ BAD = {
     "support": (["--fit", YOUNG, "--compare", "force_N=support lid z", "--row", ROW], "the scene has no support 'lid'; it has base, top"),
     "path": (["--fit", "tissue.materials.*.yung=1..2", "--compare", FORCE, "--row", ROW], "did you mean 'young'?"),
     "noise": (["--fit", YOUNG, "--compare", FORCE, "--row", ROW, "--noise", "force_N=0"], "no number above 0"),
+    "swing": (["--fit", YOUNG, "--compare", "force_N=period tip z", "--point", "tip=0,0,0", "--row", ROW], "needs a curve and --swing"),
+    "start": (["--fit", YOUNG, "--compare", FORCE, "--row", ROW, "--any-start"], "--any-start needs a series"),
+    "release": (["--fit", YOUNG, "--compare", FORCE, "--time", "depth_m", "--release", "9"], "ends before"),
     "both": (["--fit", YOUNG, "--compare", FORCE, "--row", ROW, "--time", "depth_m"], "--time and --row"),
 }
 

@@ -12,7 +12,9 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "apps/studies/reality"), str(ROOT / "apps/fit")]
 import beam  # noqa: E402
 import bodies  # noqa: E402
+import fitted  # noqa: E402
 import samples  # noqa: E402
+import swing  # noqa: E402
 from trials import Refused, Trials  # noqa: E402
 
 
@@ -53,7 +55,7 @@ def test_the_hook_hangs_on_the_edge_with_its_weight(tmp_path, measured):
 def test_a_swing_is_read_from_its_curve():
     t = np.arange(0, 2, 0.01)
     x = -6 + 6 * np.exp(-1.5 * t) * np.cos(2 * np.pi * t / 0.23)
-    period, decrement = bodies.swing(t, x)
+    period, decrement = swing.swing(t, x)
     assert math.isclose(period, 0.23, rel_tol=1e-4) and math.isclose(decrement, 1.5 * 0.23, rel_tol=1e-3)
 
 
@@ -75,6 +77,18 @@ def test_one_load_predicts_the_other(bin, tmp_path, measured):
     period, decrement = model.swings(0.0, young_Pa, 0.49, 3, terms, 0.8)
     assert abs(period / np.mean(of["weight"]["period_s"]) - 1) < 0.03
     assert abs(decrement / np.mean(of["weight"]["decrement"]) - 1) < 0.10
+
+
+def test_the_hook_of_a_fitted_beam_weighs_as_much_as_its_load(tmp_path, measured):
+    """Fails if load, mass of the beam's own part, or the table for tm-fit is wrong."""
+    of = measured["beam"]
+    body = fitted.FittedBeam(None, tmp_path, of, 3)
+    part_kg = of["authors"]["density_kg_m3"] * body.volume / 2
+    assert math.isclose(body.hook(0.51) * body.volume - part_kg, 0.51 / of["gravity_m_s2"], rel_tol=1e-9) and math.isclose(body.hook(0) * body.volume, part_kg)
+    weight, loaded = fitted.measured_rows(of)
+    lines = body.table("t.csv", [(0.0, [0.0] * 3, None, None), loaded]).read_text().split("\n")
+    assert lines[0] == "hook_kg_m3,m0_m,m1_m,m2_m,period_s,decrement" and lines[1].endswith(",0,0,0,,") and lines[2].split(",")[4] == "0.232"
+    assert math.isclose(-1e3 * np.mean(loaded[1]), 10.69, abs_tol=0.01) and weight[2] < loaded[2]
 
 
 def test_a_strip_has_its_modulus_at_small_strain_and_its_curve(bin, tmp_path, measured):

@@ -4,8 +4,9 @@ The load hangs on the lower edge of the free end. Where the beam moves it has ma
 the edge. A marker stands some 6 mm off the skin: its displacement is that of the nearest tetrahedron, extended.
 """
 import numpy as np
-from bodies import box, swing, without_mesh_error, write_mesh
+from bodies import box, without_mesh_error, write_mesh
 from scipy.optimize import brentq, least_squares
+from swing import swing
 from trials import Trials
 
 MARKERS = ("m0", "m1", "m2")

@@ -1,8 +1,7 @@
-"""Meshes of measured bodies, and what they do: displacements on a mesh without error, swings about the rest."""
+"""Meshes of measured bodies, and displacements without the mesh's error."""
 import itertools
 
 import numpy as np
-from scipy.optimize import least_squares
 
 
 def box(cells, size_m, corner_m=(0.0, 0.0, 0.0)):
@@ -53,21 +52,3 @@ def without_mesh_error(sizes, values):
             order = (low + high) / 2
             low, high = (order, high) if lack(order) < 0 else (low, order)
     return c + (c - b) * h2**order / (h1**order - h2**order), order
-
-
-def swing(time_s, x, periods=5, guess_s=None):
-    """Returns (period, s; logarithmic decrement a period) of x about its rest: a decaying cosine over so many periods from the first minimum on."""
-    time_s, x = np.asarray(time_s), np.asarray(x)
-    # The first minimum: the lowest value until x has come back over its middle.
-    low = int(np.argmin(x))
-    if guess_s is None:
-        after = low + int(np.argmax(x[low:low + max(4, len(x) // 2)]))
-        guess_s = 2 * (time_s[after] - time_s[low])
-    use = (time_s >= time_s[low]) & (time_s <= time_s[low] + periods * guess_s)
-    t, y = time_s[use] - time_s[low], x[use]
-
-    def lack(p):
-        return p[0] * np.exp(-p[1] * t) * np.cos(2 * np.pi * t / p[2] + p[3]) + p[4] - y
-    size = max(np.ptp(y) / 2, 1e-12)
-    found = least_squares(lack, [-size, 2.0, guess_s, 0.0, float(np.mean(y))], x_scale=[size, 1, guess_s, 1, size]).x
-    return float(found[2]), float(found[1] * found[2])

@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 HERE = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "fit"), str(HERE.parents[1] / "pages")]
+import fitted  # noqa: E402
 import samples  # noqa: E402
 from beam import MARKERS, Beam, spectrum  # noqa: E402
 from page import Page, series  # noqa: E402
@@ -81,7 +82,7 @@ def beam_by_law(rows, sim, folder, of, young_Pa, meshes):
 
 def strips(rows, a, measured):
     """Fits E to the stress at stretch 1.5 and predicts the others."""
-    for name in ("ecoflex", "dragon"):
+    for name in ("ecoflex", "ecoflex_50", "ecoflex_10", "dragon"):
         of = measured[name]
         for law, words in (("neo-hooke", "law: neo-hooke"), ("mooney-rivlin, second 0.5", "law: mooney-rivlin, second: 0.5")):
             stress = samples.strip(a.sim, a.out, words, of["stretch"])
@@ -90,6 +91,31 @@ def strips(rows, a, measured):
             for stretch, kPa, Pa in zip(of["stretch"], of["stress_kPa"], stress):
                 if stretch != 1.5 and (stretch in (1.25, 2.0) or not a.quick):
                     row(rows, name, f"stress at stretch {stretch:g}, {law}", "kPa", (kPa, of["noise_kPa"]), scale * Pa / 1e3, "predicted from 1.5")
+
+
+def beam_by_tm_fit(rows, a, of):
+    """Fits one load with tm-fit and predicts the other, in both directions; the mesh is coarse, so that its stiffness is in the modulus."""
+    for what, unit, measured, ours, how in fitted.each_load_by_the_other(a.sim.parent, a.out, of, 3, a.predict, both=not a.quick):
+        load = of["weight" if "0 N" in what.split(", ") else "loaded"]
+        spread = bar(apart(of).mean(0))[1] if "rest" in what else bar(load["period_s" if "period" in what else "decrement"])[1]
+        row(rows, "beam", what, unit, (measured, spread), ours, f"predicted, {how}")
+
+
+def rubber(rows, a, of):
+    """Fits a law to rubber pulled along one axis with tm-fit, and predicts the pull along two."""
+    pulled, both = of["uniaxial"], of["biaxial"]
+    for law, word, constants in (("neo-hooke", "law: neo-hooke", ()), ("mooney-rivlin", "law: mooney-rivlin, second: 0.2", ("tissue.materials.*.second=0..0.3..1",))):
+        scene, data = samples.write_strip(a.out, word, 4), a.out / "rubber.csv"
+        data.write_text("moved_m,force_N\n" + "".join(f"{samples.EDGE * (s - 1):.9g},{1e3 * kPa * samples.EDGE**2:.9g}\n" for s, kPa in zip(pulled["stretch"], pulled["stress_kPa"])))
+        found = fitted.tm_fit(a.sim.parent, scene, data, a.out / f"rubber_{law}", "--row", "supports[3].displace=[0, 0, {moved_m}]", "--compare", "force_N=support grip z", "--noise", "force_N=1%",
+                              "--fit", "tissue.materials.*.young=0.2 MPa..1 MPa..5 MPa", *(w for c in constants for w in ("--fit", c)))
+        values = [c["value"] for c in found["constants"]]
+        print(f"rubber: tm-fit of {law}: {fitted.constants_of(found)}")
+        for s, measured, ours in zip(pulled["stretch"], *([v[0] / samples.EDGE**2 / 1e3 for v in found[key]] for key in ("measured", "fitted"))):
+            row(rows, "rubber", f"one axis, stretch {s:g}, {law}", "kPa", (measured, 0), ours, "fitted")
+        word = word.split(", second")[0] + (f", second: {values[1]:.6g}" if constants else "")
+        for s, kPa, Pa in zip(both["stretch"], both["stress_kPa"], samples.strip(a.sim, a.out, word, both["stretch"], 4, True, 1e6 * values[0])):
+            row(rows, "rubber", f"two axes, stretch {s:g}, {law}", "kPa", (kPa, 0), Pa / 1e3, "predicted from one axis")
 
 
 def brain(rows, a, of):
@@ -125,7 +151,9 @@ def study(a):
     facts["fitted"] = beam_fitted(rows, model, meshes, 3 if a.quick else 4, a.predict)
     if not a.quick:
         beam_by_law(rows, a.sim, a.out, measured["beam"], facts["fitted"]["young_Pa"], meshes)
+    beam_by_tm_fit(rows, a, measured["beam"])
     strips(rows, a, measured)
+    rubber(rows, a, measured["rubber"])
     brain(rows, a, measured["cortex"])
     fit = facts["fitted"]
     terms = ", ".join(f"{1e3 * t:.1f}" for t, _ in fit["terms"])

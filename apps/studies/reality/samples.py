@@ -28,12 +28,22 @@ supports:
 CELLS = (4, 6, 8)
 
 
-def strip(sim, folder, law, stretches, stretch=3.2):
-    """Returns the stress, Pa, at each stretch for a Young's modulus of 100 kPa."""
+def write_strip(folder, law, stretch=3.2, both=False):
+    """Writes a strip with a grip along z, with `both` a sheet with one along x too. Returns the scene."""
     write_mesh(folder / "strip.msh", *box((1, 1, 1), (EDGE,) * 3))
-    (folder / "strip.yaml").write_text(STRIP.format(law=law, stretch=stretch, edge=EDGE))
-    with Trials(sim, folder / "strip.yaml") as trials:
-        return [trials.ask([f"supports[3].displace=[0, 0, {EDGE * (s - 1):.9g}]"], settle=1e-9)["supports_N"][0][3][2] / EDGE**2 for s in stretches]
+    scene = folder / ("sheet.yaml" if both else "strip.yaml")
+    scene.write_text(STRIP.format(law=law, stretch=stretch, edge=EDGE) + ("  - {name: side, plane: {point: [%g, 0, 0], normal: [1, 0, 0]}, axes: x}\n" % EDGE if both else ""))
+    return scene
+
+
+def strip(sim, folder, law, stretches, stretch=3.2, both=False, young_Pa=100e3):
+    """Returns the stress, Pa, at each stretch."""
+    found = []
+    with Trials(sim, write_strip(folder, law, stretch, both), [f"tissue.materials.*.young={young_Pa:.9g}"]) as trials:
+        for s in stretches:
+            moves = [f"supports[3].displace=[0, 0, {EDGE * (s - 1):.9g}]", f"supports[4].displace=[{EDGE * (s - 1):.9g}, 0, 0]"][:1 + both]
+            found.append(trials.ask(moves, settle=1e-9)["supports_N"][0][3][2] / EDGE**2)
+    return found
 
 
 def cube(sim, folder, law, moves, meshes=CELLS):
