@@ -71,7 +71,7 @@ class Material:
         """Returns the names of all laws, each with those of its constants, as in scenes."""
         def names(law: int) -> Tuple[str, ...]:
             found = (lib.tm_law_constant_at(law, i) for i in range(c.TM_LAW_CONSTANTS))
-            return tuple(constant.contents.name.decode() for constant in found if constant)
+            return tuple(c.tm_law_constant.from_address(constant).name.decode() for constant in found if constant)
         return {name: names(law) for name, law in LAW.items()}
 
     def with_law(self, law: str, stretch_max: float = 0.0, constants: Sequence[float] = ()) -> "Material":
