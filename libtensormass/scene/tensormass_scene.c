@@ -144,6 +144,11 @@ tm_world *tm_scene_world(tm_scene *scene) {
     return scene->s->model->world;
 }
 
+tm_contact *tm_scene_contact(tm_scene *scene) {
+    REQUIRE_SCENE(NULL);
+    return scene->s->model->contact;
+}
+
 tm_surface_view tm_scene_surface(const tm_scene *scene) {
     REQUIRE_SCENE((tm_surface_view){0});
     return sim_surface(scene->s);

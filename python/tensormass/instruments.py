@@ -83,10 +83,10 @@ def reaction_of(r: c.tm_tool_reaction) -> Reaction:
                     inside(r, "stiffness_N_m", (3, 3)), r.stiffness_kind, r.row_count, r.flags)
 
 
-def rows_of(owner: object, function: Any) -> Any:
-    """Returns a structured array (n,) of tm_contact_row."""
+def rows_of(owner: object, function: Any, contact: Any = None) -> Any:
+    """Returns a structured array (n,) of tm_contact_row; `contact` if the owner itself has no function for them."""
     pointer = ctypes.c_void_p()
-    count = function(owner, ctypes.byref(pointer))
+    count = function(contact or owner, ctypes.byref(pointer))
     if not count:
         return np.zeros(0, np.dtype(c.tm_contact_row))
     buffer = (c.tm_contact_row * count).from_address(pointer.value or 0)

@@ -5,9 +5,11 @@ import ctypes
 import os
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Union
 
+import numpy as np
+
 from . import _bind as c
 from ._core import ERRORS, ArgumentError, Diagnostics, Error, Floats, Object, floats, lib, view
-from .instruments import Instrument, MODES, Pose, Reaction, reaction_of
+from .instruments import Instrument, MODES, Pose, Reaction, reaction_of, rows_of
 from .mesh import Mesh
 from .patch import Patch
 from .tissue import Surface, Tissue, surface_of
@@ -152,6 +154,12 @@ class Scene(Object):
         self._check(instrument)
         found = lib.tm_scene_patch(self, instrument)
         return Patch(c.tm_patch.from_buffer_copy(ctypes.string_at(found, ctypes.sizeof(c.tm_patch)))) if found else None
+
+    @property
+    def rows(self) -> Any:
+        """Contact rows (n,) of the last substep, as Contact.rows; none in the precomputed model."""
+        contact = lib.tm_scene_contact(self)
+        return rows_of(self, lib.tm_contact_rows, contact) if contact else np.zeros(0, np.dtype(c.tm_contact_row))
 
     def _check(self, instrument: int) -> None:
         if not 0 <= instrument < self._about.instrument_count:

@@ -48,7 +48,7 @@ int main(int count, char **word) {
     }
     tm_scene_pose_of(scene, 0, NULL, true);
     if (tm_scene_step(NULL, NULL) != TM_ERR_ARGUMENT || tm_scene_save(scene, NULL) != TM_ERR_ARGUMENT || tm_scene_restore(NULL, "s") != TM_ERR_ARGUMENT) return 3;
-    if (tm_scene_mesh(NULL) || tm_scene_tissue(NULL) || tm_scene_world(NULL) || tm_scene_displacement(NULL) || tm_scene_hash(NULL)) return 4;
+    if (tm_scene_mesh(NULL) || tm_scene_tissue(NULL) || tm_scene_world(NULL) || tm_scene_contact(NULL) || tm_scene_displacement(NULL) || tm_scene_hash(NULL)) return 4;
     if (tm_scene_get_info(NULL).vertex_count || tm_scene_surface(NULL).count) return 5;
     tm_scene_close(scene);
     return 0;
@@ -176,4 +176,4 @@ def test_broken_contracts_reach_the_handler(root, build, tmp_path):
     run("gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", *(f"-I{root / h}" for h in HEADERS), tmp_path / "contracts.c", *(build / f"lib/libtensormass{n}.a" for n in ("_scene", "_io", "")), "-lyaml", "-ldl", "-lm",
         "-o", tmp_path / "contracts")
     told = [line.split(":")[0].removeprefix("tm_scene_") for line in run(tmp_path / "contracts", root / "apps/scenes/block-press.yaml").stdout.splitlines()]
-    assert told == [*("pose_of", "pose", "reaction", "instrument", "patch") * 2, "pose_of", "step", "save", "restore", "mesh", "tissue", "world", "displacement", "hash", "get_info", "surface"]
+    assert told == [*("pose_of", "pose", "reaction", "instrument", "patch") * 2, "pose_of", "step", "save", "restore", "mesh", "tissue", "world", "contact", "displacement", "hash", "get_info", "surface"]

@@ -49,6 +49,9 @@ def test_hands_of_ones_own():
         if reaction.row_count > 2 and np.linalg.norm(reaction.force_N) > 0.2:
             break
     assert reaction.force_N @ axis < -0.15
+    rows = scene.rows
+    assert len(rows) > 2 and np.linalg.norm(rows["normal"], axis=1) == pytest.approx(1)
+    assert -rows["lambda_N"] @ rows["normal"] == pytest.approx(reaction.resultant_N, abs=0.2 * np.linalg.norm(reaction.resultant_N))
     assert scene.pose().tip_m == pytest.approx(first + 0.001 * k * axis)
     with pytest.raises(tm.ArgumentError):
         scene.step([])

@@ -109,6 +109,8 @@ TM_API int32_t tm_scene_get_bodies(const tm_scene *scene, tm_scene_body *body, i
 TM_API tm_mesh *tm_scene_mesh(tm_scene *scene);
 TM_API tm_tissue *tm_scene_tissue(tm_scene *scene);
 TM_API tm_world *tm_scene_world(tm_scene *scene); /* null for the precomputed model */
+/* Returns the contact of that world, for tm_contact_rows; null: no instruments, or the precomputed model. */
+TM_API tm_contact *tm_scene_contact(tm_scene *scene);
 TM_API tm_surface_view tm_scene_surface(const tm_scene *scene);
 TM_API const double *tm_scene_displacement(const tm_scene *scene); /* [3*vertex_count] m */
 TM_API tm_tool_reaction tm_scene_reaction(const tm_scene *scene, int32_t instrument);
