@@ -72,7 +72,7 @@ def main():
                       "// name: [result, [argument]]\n"
                       f"export const functions = {written(functions)};\n\n"
                       f"export const constants = {written(constants)};\n")
-    exports.write_text("".join(f"_{name}\n" for name in sorted(["malloc", "free", *functions])))
+    exports.write_text("".join(f"_{name}\n" for name in sorted(["malloc", "free", "mallinfo", *functions])))
 
 
 if __name__ == "__main__":

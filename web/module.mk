@@ -53,7 +53,7 @@ $(WEB)/npm/messages.js: $(call files,lcm_types/*.lcm)
 	$(Q)node -e 'console.log("export const definitions = " + JSON.stringify(process.argv.slice(1).map((f) => fs.readFileSync(f, "utf8"))) + ";")' $^ > $@
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM)
 # The page: one folder of static files. three.js is bundled; the library is copied unchanged.
-WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js web/page/haply.js web/page/own_mesh.js))
+WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js web/page/own_mesh.js))
 WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
 	$(call step,COPY)
@@ -71,7 +71,16 @@ $(WEB)/page/lib/index.js: web-npm
 	$(call step,COPY)
 	$(Q)cp $(filter-out %.json %.md,$(wildcard $(WEB)/npm/*)) $(@D)/
 web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB)/page/main.js $(WEB)/page/lib/index.js
-.PHONY: web-npm web-page
+# The errors that the page shows beside its choices: an hour of studies.
+WEB_STUDY = nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB)/study
+web-study: $(OUT)/bin/tm-accuracy $(OUT)/bin/tm-sim
+	$(Q)mkdir -p $(WEB)/study
+	$(WEB_STUDY)/press.json --scene apps/scenes/liver-press.yaml --mesh meshes/liver_1k.msh --finest 90000
+	$(WEB_STUDY)/block.json --scene apps/scenes/block-press.yaml --finest 90000
+	$(WEB_STUDY)/cut.json --scene apps/scenes/liver-cut.yaml --finest 40000
+	$(WEB_STUDY)/grasp.json --scene apps/scenes/liver-cut.yaml --duration 4.4s --finest 90000
+	python3 web/study.py $(OUT)/bin/tm-sim web/page/study.json $(patsubst %,$(WEB)/study/%.json,press block cut grasp) > $(WEB)/study.json && cp $(WEB)/study.json web/page/study.json
+.PHONY: web-npm web-page web-study
 #: make web                    the library for browsers and node: the npm package in build/web/npm/, the page in build/web/page/
 web:
 	$(call ready,web,web-npm web-page)

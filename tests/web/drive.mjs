@@ -1,16 +1,11 @@
 // Drives the page in a browser: node drive.mjs PUPPETEER BROWSER URL FOLDER HAPLY_URL MESH LOG -> JSON of what was seen; pictures in FOLDER.
 import { readFile, writeFile } from 'node:fs/promises';
-import path from 'node:path';
-import { pathToFileURL } from 'node:url';
+
+import { launch } from './browser.mjs';
 
 const [, , puppeteer, executablePath, url, folder, haply, mesh, log] = process.argv;
-const { default: engine } = await import(pathToFileURL(path.join(puppeteer, 'lib/puppeteer/puppeteer-core.js')));
-const firefox = executablePath.includes('firefox'), seen = { console: [] }, WAIT = { timeout: 40000, polling: 100 };
-const app = await engine.launch({
-  executablePath, headless: !firefox, extraPrefsFirefox: { 'webgl.force-enabled': true }, browser: firefox ? 'firefox' : 'chrome', protocolTimeout: 180000,
-  args: firefox ? [] : ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-component-update', '--disable-sync',
-    '--no-first-run', '--disable-background-timer-throttling', '--disable-renderer-backgrounding'],
-});
+const firefox = executablePath.includes('firefox'), seen = { console: [] }, WAIT = { timeout: 120000, polling: 100 };
+const app = await launch(puppeteer, executablePath);
 const begun = Date.now(), step = (what) => console.error(`${((Date.now() - begun) / 1000).toFixed(1)} s: ${what}`);
 
 async function opened(query, { width = 1000, height = 640, dark = false, scale = 1 } = {}) {
@@ -20,7 +15,7 @@ async function opened(query, { width = 1000, height = 640, dark = false, scale =
   await page.setViewport({ width, height, deviceScaleFactor: scale, ...(width < 500 && !firefox ? { isMobile: true, hasTouch: true } : {}) });
   if (!firefox) await page.emulateMediaFeatures([{ name: 'prefers-color-scheme', value: dark ? 'dark' : 'light' }]);
   const from = Date.now();
-  await page.goto(url + query, { waitUntil: 'load' });
+  await page.goto(url + query, { waitUntil: 'load', timeout: 120000 });
   await page.waitForFunction(() => globalThis.tensormass?.state.last && tensormass.view.frames > 0, WAIT);
   return [page, Date.now() - from];
 }
@@ -48,7 +43,7 @@ const picture = (page, name) => page.screenshot({ path: `${folder}/${name}.png` 
 
 // Small scene first: every check but the liver's.
 let page = await app.newPage();
-await page.goto(new URL('../three.html', url).href, { waitUntil: 'load' });
+await page.goto(new URL('../three.html', url).href, { waitUntil: 'load', timeout: 120000 });
 seen.example_N = await (await page.waitForFunction(() => globalThis.newest && Math.hypot(...newest.force_N) > 0.02 && Math.hypot(...newest.force_N), WAIT)).jsonValue();
 await page.close();
 step('the example');
@@ -129,21 +124,31 @@ await page.close();
 [page] = await opened('?scene=block-press');
 await page.evaluate((service) => { document.getElementById('service').value = service; document.getElementById('connect').click(); }, haply);
 await until(page, () => tensormass.state.device?.startsWith('Inverse3'));
-seen.sent_N = await (await until(page, () => tensormass.state.law.sent_N > 0.1 && tensormass.state.law.sent_N)).jsonValue();
+seen.sent_N = await (await until(page, () => tensormass.state.force?.sent_N > 0.1 && tensormass.state.force.sent_N)).jsonValue();
 await hide(page, true);
 seen.hidden_ms = Date.now();
-await until(page, () => tensormass.state.law.sent_N === 0);
+await until(page, () => tensormass.state.force.sent_N === 0);
 await new Promise((r) => setTimeout(r, 300));
 await page.close();
 step('device');
 
 [page, seen.first_ms] = await opened('?scene=liver-press', { width: 1280, height: 800 });
+await page.evaluate(() => ['supports', 'patch', 'rows'].forEach((kind) => document.getElementById(`show-${kind}`).click()));
+await until(page, () => tensormass.view.marks.count('rows') > 2 && tensormass.state.last.rows.some((f, i) => i % 7 === 6 && f > 0));
+seen.marks = await page.evaluate(() => ['supports', 'patch', 'rows'].map((kind) => tensormass.view.marks.count(kind)));
+// The rows' points are on the surface near the tip; their forces add up to about the reaction.
+seen.rows = await page.evaluate(() => {
+  const { rows, poses, reactions } = tensormass.state.last, sum = [0, 0, 0];
+  let far = 0;
+  for (let i = 0; i < rows.length; i += 7) {
+    if (rows[i + 6] > 0) far = Math.max(far, Math.hypot(...poses[0].tip_m.map((x, a) => x - rows[i + a])));
+    sum.forEach((_, a) => { sum[a] -= rows[i + 6] * rows[i + 3 + a]; });
+  }
+  return { far, sum, resultant: reactions[0].resultant_N, text: document.getElementById('rows').textContent };
+});
 await new Promise((r) => setTimeout(r, 5000));
 seen.liver = await page.evaluate(() => Object.fromEntries([...document.querySelectorAll('#figures td')].map((c) => [c.id, c.textContent])));
 seen.errors = await page.evaluate(() => Object.fromEntries([...document.querySelectorAll('#choices .error')].map((c) => [c.id, c.textContent])));
-await page.evaluate(() => document.getElementById('marks').click());
-await new Promise((r) => setTimeout(r, 300));
-seen.marks = await page.evaluate(() => Object.values(tensormass.view.marks).map((m) => m.geometry.attributes.position.count));
 await picture(page, 'desktop');
 await page.close();
 step('liver');

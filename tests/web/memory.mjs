@@ -1,17 +1,38 @@
-// Memory of the page over time: node memory.mjs PUPPETEER BROWSER URL SECONDS -> every 10 s a line: bytes of the tissue's module and of the page's heap.
-import path from 'node:path';
-import { pathToFileURL } from 'node:url';
+// Memory of the page over time: node memory.mjs PUPPETEER CHROMIUM URL SECONDS -> JSON: every 5 s the bytes of each heap after a collection.
+// A press goes on throughout; gravity changes every 10 s, the scene (liver-cut, block-press) every 50 s, all marks are shown.
+import { launch } from './browser.mjs';
 
-const [, , puppeteer, executablePath, url, seconds] = process.argv;
-const { default: engine } = await import(pathToFileURL(path.join(puppeteer, 'lib/puppeteer/puppeteer-core.js')));
-const app = await engine.launch({ executablePath, headless: true, args: ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--js-flags=--expose-gc'] });
-const page = await app.newPage();
+const [, , puppeteer, executablePath, url, seconds] = process.argv, EVERY_MS = 5000;
+const app = await launch(puppeteer, executablePath), page = await app.newPage();
+// Counts the buffers of WebGL.
+await page.evaluateOnNewDocument(() => {
+  globalThis.buffers = 0;
+  const { createBuffer, deleteBuffer } = WebGL2RenderingContext.prototype;
+  WebGL2RenderingContext.prototype.createBuffer = function () { globalThis.buffers++; return createBuffer.call(this); };
+  WebGL2RenderingContext.prototype.deleteBuffer = function (b) { if (b) globalThis.buffers--; return deleteBuffer.call(this, b); };
+});
 await page.setViewport({ width: 600, height: 400 });
 await page.goto(`${url}?scene=block-press`);
-await page.waitForFunction(() => globalThis.tensormass?.state.last, { timeout: 60000 });
-for (let i = 0; i < Number(seconds) / 10; i++) {
-  if (i % 6 === 5) await page.evaluate((law) => { const f = document.getElementById('choice-law'); f.value = law; f.dispatchEvent(new Event('change')); }, i % 12 === 5 ? 'fung' : 'linear');
-  await new Promise((r) => setTimeout(r, 10000));
-  console.log(await page.evaluate(() => { globalThis.gc?.(); return tensormass.state.last.memory + performance.memory.usedJSHeapSize; }));
+await page.waitForFunction(() => globalThis.tensormass?.state.last && globalThis.tensormass.state.law, { timeout: 60000 });
+await page.evaluate(() => ['supports', 'patch', 'rows'].forEach((kind) => document.getElementById(`show-${kind}`).click()));
+const choose = (name, value) => page.evaluate((n, v) => { const f = document.getElementById(`choice-${n}`); f.value = v; f.dispatchEvent(new Event('change')); }, name, value);
+const heap = async (session) => {
+  await session.send('HeapProfiler.collectGarbage');
+  return (await session.send('Runtime.getHeapUsage')).usedSize;
+};
+const own = await page.createCDPSession(), workers = Object.fromEntries(page.workers().map((w) => [/(\w+)\.worker/.exec(w.url())[1], w]));
+const samples = [], until = Date.now() + 1000 * Number(seconds);
+for (let i = 1; Date.now() < until; i++) {
+  await new Promise((r) => setTimeout(r, EVERY_MS));
+  if (i % 10 === 0) await choose('scene', i % 20 ? 'liver-cut' : 'block-press');
+  else if (i % 2 === 0) await choose('gravity', i % 4 ? 'on' : 'off');
+  samples.push({
+    scene: await page.evaluate(() => tensormass.state.chosen.scene), page: await heap(own), tissue: await heap(workers.tissue.client), law: await heap(workers.law.client),
+    ...(await page.evaluate(() => ({
+      wasm: tensormass.state.last.memory, lawWasm: tensormass.state.law.memory, used: tensormass.state.last.used, lawUsed: tensormass.state.law.used,
+      buffers, geometries: tensormass.view.renderer.info.memory.geometries, frames: tensormass.view.frames,
+    }))),
+  });
 }
 await app.close();
+console.log(JSON.stringify(samples));

@@ -11,6 +11,8 @@ export class Library {
   readonly form: 'simd' | 'plain';
   /** Bytes that the library's objects use. */
   readonly bytesInUse: number;
+  /** Bytes of all allocated blocks, also those of structs that were made here. */
+  readonly bytesUsed: number;
   /** Calls a function of the C interface by name. */
   call(name: string, ...values: unknown[]): any;
   /** Calls a set-up function, whose last argument is the error, and throws that error. */
@@ -46,6 +48,25 @@ export interface Reaction {
   stiffness_kind: number;
   row_count: number;
   flags: number;
+}
+
+/** A station of an instrument against a feature of the surface, in the last substep. */
+export interface ContactRow {
+  face: number;
+  vertex: number[];
+  instrument: number;
+  station: number;
+  feature: number;
+  share: number;
+  /** Barycentric, of `vertex`. */
+  weight: number[];
+  /** Unit vector from the tool to the tissue. */
+  normal: number[];
+  /** Centre of the station on the tool's axis, m. */
+  point_m: number[];
+  gap_m: number;
+  /** Force on the tissue along the normal, N. */
+  lambda_N: number;
 }
 
 export interface Instrument {
@@ -103,6 +124,7 @@ export class Scene {
   instrument(instrument?: number): Instrument;
   /** The struct tm_patch of the last frame, null if there is none. Valid until the next frame. */
   patch(instrument?: number): any;
+  rows(): ContactRow[];
   save(): Uint8Array;
   restore(bytes: Uint8Array): void;
   close(): void;
@@ -191,6 +213,7 @@ export class Contact {
   readonly instrumentCount: number;
   frame(poses: Pose[], substeps: number, average?: number): Reaction[];
   reaction(instrument?: number): Reaction;
+  rows(): ContactRow[];
 }
 
 export class Grasp {

@@ -1,6 +1,6 @@
 // Meshes, tissue, worlds and instruments, named as in Python (docs/python.md). SI units; arrays are views of the library's memory.
 import { TensormassError, constants } from './runtime.js';
-import { poseInto } from './scene.js';
+import { poseInto, rowsOf } from './scene.js';
 
 // linear, neo-hooke, ...: the constants TM_LAW_* of the library's table, but for the sizes
 const NOT_LAWS = ['COUNT', 'CONSTANTS'];
@@ -253,6 +253,9 @@ export class Contact {
     struct.free();
     return copy;
   }
+
+  // Contact rows of the last substep: {face, vertex, weight, normal, point_m, gap_m, lambda_N ...}, copied.
+  rows() { return rowsOf(this.library, this.pointer); }
 }
 
 // Grasping by instruments of mode "grasper".

@@ -61,6 +61,14 @@ export class Library {
 
   get bytes() { return this.module.HEAPU8; }
   get bytesInUse() { return Number(this.call('tm_memory_in_use')); }
+  // Bytes of all blocks that are allocated, also those of structs and arrays that were made here.
+  get bytesUsed() {
+    const place = this.allocate(40);
+    this.module._mallinfo(place);
+    const used = this.view(place, 10, 'i32')[7];
+    this.free(place);
+    return used;
+  }
 
   allocate(size) {
     const address = this.module._malloc(Math.max(1, size));

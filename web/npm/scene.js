@@ -117,6 +117,12 @@ export class Scene {
     return address ? this.library.at('tm_patch', address) : null;
   }
 
+  // Contact rows of the last substep, as Contact.rows; none in the precomputed model.
+  rows() {
+    const contact = this.library.call('tm_scene_contact', this.pointer);
+    return contact ? rowsOf(this.library, contact) : [];
+  }
+
   // [3 * vertexCount] displacements, m: a view; get it again after a frame.
   get displacement_m() { return this.library.view(this.library.call('tm_scene_displacement', this.pointer), 3 * this.vertexCount); }
 
@@ -161,8 +167,16 @@ export class Scene {
     if (!this.pointer) return;
     this.library.call('tm_scene_close', this.pointer);
     this.pointer = 0;
+    for (const struct of [this.info, this.diagnostics, this.poses?.[0]]) struct?.free();
     removeFolder(this.library.fs, this.folder);
   }
+}
+
+// Contact rows of a tm_contact: {face, vertex, instrument, station, feature, share, weight, normal, point_m, gap_m, lambda_N}, copied.
+export function rowsOf(library, contact) {
+  const place = library.newArray([0], 'pointer'), count = library.call('tm_contact_rows', contact, place), first = library.view(place, 1, 'pointer')[0];
+  library.free(place);
+  return Array.from({ length: count }, (_, i) => library.at('tm_contact_row', first + i * library.classOf('tm_contact_row').size).toObject());
 }
 
 // Writes a pose {tip_m, roll_rad, grip, active, direction of a free instrument} to a struct tm_tool_pose.

@@ -65,18 +65,24 @@ function fill(field, values, names) {
 
 const percent = (x) => `${(100 * x).toPrecision(x < 0.1 ? 1 : 2)} %`;
 
-// The study's error of what is chosen: of the force against a refined mesh, of the force at the hand between samples, or by how much the force changes.
-function errorOf(name, chosen) {
-  const of = (table, prefix = '') => (table?.[chosen[name]] === undefined ? '' : `${prefix}${percent(table[chosen[name]])}`);
-  if (chosen.scene !== study.scene || (name !== 'mesh' && chosen.mesh !== Object.keys(LIVERS).at(-1))) return '';
-  if (name === 'mesh') return of(Object.fromEntries(Object.entries(LIVERS).map(([text, file]) => [text, study.error.mesh[file]])), 'error ');
-  if (name === 'extrapolator') return of(study.samples[chosen.rate], 'error ');
-  if (name === 'smoothing' && chosen.law === 'linear') return of(study.error.smoothing, 'error ');
-  return of(study.change[name], 'changes by ');
+// The study's error of what is chosen: of the force against the limit of fine meshes, of the force at the hand between samples, or by how much the force
+// changes. Scenes of your own have no study; "" if a choice has no error.
+function errorOf(name, chosen, own) {
+  if (own) return name === 'mesh' ? 'no study of your own scene' : '';
+  const found = study.scenes[chosen.scene], finest = meshesOf(chosen.scene).at(-1), file = SCENES[chosen.scene].meshes[chosen.mesh];
+  if (name === 'scene' || name === 'hard') return '';
+  if (!found || (name !== 'mesh' && chosen.mesh !== finest)) return 'not in the study, which has the finest mesh';
+  const of = (value, prefix) => (value === undefined ? 'not in the study' : `${prefix}${percent(value)}`);
+  if (name === 'mesh') return of(found.error?.mesh[file], 'error ');
+  if (name === 'extrapolator' || name === 'rate') return of(found.samples[chosen.rate]?.[chosen.extrapolator], 'error at the hand ');
+  if (name === 'smoothing' && chosen.law === 'linear') return of(found.error?.smoothing[chosen.smoothing], 'error ');
+  return chosen[name] === CHOICES[name].values[0] ? '' : of(found.change[name]?.[chosen[name]], 'changes by ');
 }
 
 function tell(state) {
-  for (const name of Object.keys(CHOICES)) document.getElementById(`error-${name}`).textContent = errorOf(name, state.chosen);
+  for (const name of Object.keys(CHOICES)) document.getElementById(`error-${name}`).textContent = errorOf(name, state.chosen, state.own);
+  const uncertainty = state.own ? undefined : study.scenes[state.chosen.scene]?.uncertainty;
+  document.getElementById('uncertainty').textContent = uncertainty === undefined ? 'an unknown amount' : percent(uncertainty);
 }
 
 function offer(state) {
@@ -102,7 +108,7 @@ export const choices = {
       if (name === 'scene') offer(state);
     }
   },
-  uncertainty: percent(study.uncertainty),
+  tell,
   sets(chosen) { return Object.assign({}, ...Object.entries(CHOICES).map(([name, { sets }]) => sets(chosen[name]))); },
   // Shows the cost of a frame before and after a change, two seconds later.
   price({ changed }, now_ms) {

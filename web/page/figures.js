@@ -1,19 +1,25 @@
 // Figures and the plot of the force.
 import { choices } from './choices.js';
+import { ROW } from './marks.js';
 import { $, state } from './state.js';
 
-export function figures({ median_ms, factor, memory, stages, energy }) {
+let shown_ms = 0;
+export function figures({ median_ms, factor, memory, stages, energy, rows }) {
+  if (!stages && performance.now() - shown_ms < 200) return; // read by people
+  shown_ms = performance.now();
   const { substeps, dt_s, frame_s } = state.opened;
   $('factor').textContent = `${factor.toFixed(2)}`;
   $('frame').textContent = `${median_ms.toFixed(1)} ms of ${(1000 * frame_s).toFixed(0)} ms`;
   $('substep').textContent = `${((1000 * median_ms) / substeps).toFixed(0)} us for ${(1e6 * dt_s).toFixed(0)} us`;
   $('memory').textContent = `${(memory / 1048576).toFixed(0)} MB`;
+  const forces = rows.filter((_, i) => i % ROW === ROW - 1);
+  $('rows').textContent = `${forces.length}; ${forces.filter((f) => f > 0).length} bear ${forces.reduce((sum, f) => sum + f, 0).toFixed(2)} N`;
   $('energy-row').hidden = !energy;
   if (energy) $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)} mJ made, of ${(1000 * energy.put_in_J).toFixed(2)} mJ put in; ${energy.residual_J.toExponential(0)} J unexplained`;
   choices.price(state, median_ms);
   if (!stages) return;
-  const rows = stages.filter((s) => s.ms > 0.005).sort((a, b) => b.ms - a.ms).slice(0, 8);
-  $('stages').tBodies[0].replaceChildren(...rows.map(({ name, ms }) => {
+  const longest = stages.filter((s) => s.ms > 0.005).sort((a, b) => b.ms - a.ms).slice(0, 8);
+  $('stages').tBodies[0].replaceChildren(...longest.map(({ name, ms }) => {
     const row = document.createElement('tr'), head = document.createElement('th'), cell = document.createElement('td');
     head.scope = 'row';
     head.textContent = name;
@@ -23,12 +29,11 @@ export function figures({ median_ms, factor, memory, stages, energy }) {
   }));
 }
 
-export function plot({ now, force, sampled, late_ms, state: name, fault, reasons, sent, sent_N }) {
+export function plot({ now, force, sampled, late_ms, state: name, fault, reasons }) {
   $('late').textContent = `${late_ms.toFixed(1)} ms`;
   $('state').textContent = fault || name;
   $('rejected-row').hidden = !Object.keys(reasons).length;
   $('rejected').textContent = Object.entries(reasons).map(([why, n]) => `${n}: ${why}`).join('; ');
-  if (sent) $('device').textContent = `${state.device}: ${sent_N.toFixed(2)} N sent, ${sent} messages`;
   const last = force.length ? force[force.length - 1] : 0;
   $('force-now').textContent = `${last.toFixed(2)} N`;
   const canvas = $('force'), style = getComputedStyle(document.body), ratio = Math.min(devicePixelRatio, 2), w = canvas.clientWidth, h = canvas.clientHeight;

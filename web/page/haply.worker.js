@@ -1,17 +1,32 @@
-// A Haply Inverse3 by its service's WebSocket. The service speaks first (an inventory), then answers each message with one state.
-// One message is under way at a time. A force goes out only if `force()` gives one that is fresh by this worker's own clock.
-const FRESH_MS = 20, GONE_MS = 1000, PACE_MS = 1;
+// A Haply Inverse3 by its service's WebSocket. This worker owns the socket and computes no force: it judges, by its own clock, whether the law's worker and
+// the page still run, as a debugger stops one thread at a time. device.js starts it. The service speaks first (an inventory), then answers each message
+// with one state. One message is under way at a time.
+const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 150, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100;
 
 const vector = (x) => (x && [x.x, x.y, x.z].every(Number.isFinite) ? [x.x, x.y, x.z] : null);
 
-export class Haply {
-  // tick(cursor_m, buttons): called with every state. force(): {N: [3], at_ms: when it was computed, by performance.now()}. tell(text): for the page.
-  constructor(url, limit_N, { tick, force, tell }) {
-    Object.assign(this, { limit_N, tick, force, tell, known: null, first: true, under: 0, sent: 0, refused: 0, enabled: true, last_ms: performance.now() });
+// The newest force of the law's worker, and its age. Clocks of threads differ by a constant: the quickest message so far shows it.
+class Newest {
+  constructor() { Object.assign(this, { N: [0, 0, 0], at_ms: -Infinity, offset_ms: Infinity }); }
+  take({ N, at_ms }) {
+    this.offset_ms = Math.min(this.offset_ms, performance.now() - at_ms);
+    Object.assign(this, { N, at_ms });
+  }
+  get age_ms() { return performance.now() - this.at_ms - this.offset_ms; }
+}
+
+class Haply {
+  // tick(cursor_m, buttons): called with every state. force: a Newest. page_ms(): time since the page's last sign of life. tell(text): for the page.
+  constructor(url, { tick, force, page_ms, tell }) {
+    Object.assign(this, { tick, force, page_ms, tell, known: null, first: true, under: 0, sent: 0, refused: 0, enabled: true, gain: 0, sent_ms: 0, why: '', last_ms: performance.now() });
     this.socket = new WebSocket(url);
     this.socket.onopen = () => tell('connected; waiting for the inventory');
     this.socket.onmessage = ({ data }) => this.receive(data);
-    this.socket.onclose = () => { this.known = null; clearInterval(this.watch); tell(this.closed ? 'not connected' : 'the service closed the connection, or none runs there; start the Haply Inverse Service'); };
+    this.socket.onclose = () => {
+      this.known = null;
+      clearInterval(this.watch);
+      if (!this.closed) tell('the service closed the connection, or none runs there; start the Haply Inverse Service', true);
+    };
     this.watch = setInterval(() => this.look(), 5);
   }
 
@@ -45,11 +60,20 @@ export class Haply {
     setTimeout(() => { if (!this.under) this.send(); }, PACE_MS);
   }
 
-  // The force that may go out now, N: zero if it is not enabled, not finite or not fresh; within the limit.
+  // Why no force may go out now; empty: it may.
+  held() {
+    if (!this.enabled) return 'the tab is hidden';
+    if (!(this.force.age_ms < FRESH_MS)) return "the law's worker does not run";
+    if (!(this.page_ms() < PAGE_MS)) return 'the page does not run';
+    return Number.isFinite(Math.hypot(...this.force.N)) ? '' : 'the force is not finite';
+  }
+
+  // The force that may go out now, N: within the limit; zero if there is a reason, and rising again over RAMP_MS after it.
   allowed(zero) {
-    const { N, at_ms } = this.force(), size = Math.hypot(...N);
-    if (zero || !this.enabled || !(performance.now() - at_ms < FRESH_MS) || !Number.isFinite(size)) return [0, 0, 0];
-    return size > this.limit_N ? N.map((f) => (f * this.limit_N) / size) : N;
+    this.why = this.held();
+    const now = performance.now();
+    this.gain = zero || this.why ? 0 : Math.min(1, this.gain + (now - Math.max(this.sent_ms, now - 10)) / RAMP_MS);
+    return this.gain ? this.force.N.map((f) => f * this.gain * Math.min(1, LIMIT_N / Math.max(LIMIT_N, Math.hypot(...this.force.N)))) : [0, 0, 0];
   }
 
   send(zero = false) {
@@ -65,10 +89,10 @@ export class Haply {
   // Zero force at once: does not wait for an answer.
   stop() { this.enabled = false; this.send(true); }
 
-  // Every 5 ms: a force that grew old without an answer to send the next one on is taken back, once.
+  // Every 5 ms, without waiting for an answer: takes a force back, once, if it may go out no longer, or if the next one was not sent in time.
   look() {
     const now = performance.now();
-    if (this.sent_N > 0 && now - this.sent_ms > FRESH_MS / 2) this.send(true);
+    if (this.sent_N > 0 && (this.held() || now - this.sent_ms > FRESH_MS / 2)) this.send(true);
     if (this.known && now - this.last_ms > GONE_MS) this.close('the service is silent');
   }
 
@@ -79,3 +103,31 @@ export class Haply {
     this.tell(why);
   }
 }
+
+let device = null, law = null, page_ms = performance.now(), force = new Newest();
+
+const messages = {
+  // port: to the law's worker, which sends forces and receives the cursor.
+  open({ url, port }) {
+    messages.close();
+    law = port;
+    force = new Newest();
+    law.onmessage = ({ data }) => force.take(data);
+    device = new Haply(url, {
+      force, page_ms: () => performance.now() - page_ms, tick: (tip_m, buttons) => law.postMessage({ tip_m, buttons }), tell: (text, refused = false) => postMessage({ kind: 'device', text, refused }),
+    });
+  },
+  close() {
+    device?.close();
+    law?.close();
+    device = law = null;
+  },
+  alive() { page_ms = performance.now(); },
+  hidden({ value }) {
+    if (!device) return;
+    if (value) device.stop();
+    else device.enabled = true;
+  },
+};
+onmessage = ({ data }) => { messages.alive(); messages[data.kind](data); };
+setInterval(() => { if (device) postMessage({ kind: 'sent', sent: device.sent, sent_N: device.sent_N ?? 0, why: device.why }); }, 100);

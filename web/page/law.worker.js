@@ -1,10 +1,9 @@
 // The force law: haptic-rt's tick, 500 times a second, between the simulation's samples. Without a device the pointer acts as the hand.
-import { Controller, load } from './lib/index.js';
-import { Haply } from './haply.js';
+import { Controller, constants, load } from './lib/index.js';
 
-const TICK_US = 2000, HISTORY = 2000, LIMIT_N = 5, LONGEST_US = 20000;
+const TICK_US = 2000, HISTORY = 2000;
 let library, controllers = [], tips = [], targets = [], extrapolator = 'adaptive', tick_us = 0, hidden = false, told = 0, trouble = 'none', count = 0;
-let late = [], force = [], sampled = [], device = null, cursor = null, law_ms = -Infinity, reasons = {};
+let late = [], force = [], sampled = [], device = null, cursor = null, reasons = {}, waiting = false;
 
 const messages = {
   async start({ port }) {
@@ -14,7 +13,7 @@ const messages = {
     postMessage({ kind: 'ready' });
   },
   instruments({ instruments }) {
-    controllers.forEach((c) => c.free());
+    controllers.forEach((c) => { c.received.free(); c.free(); });
     tips = instruments.map((i) => Array.from(i.pose.tip_m));
     targets = tips.map((t) => [...t]);
     controllers = instruments.map((i) => controllerOf(i));
@@ -28,12 +27,7 @@ const messages = {
   },
   // The pointer's or script's newest target of each tip; the tip follows with a time constant of 20 ms, as a hand does.
   target({ all }) { all.forEach((tip, i) => { if (targets[i]) targets[i] = tip; }); },
-  hidden({ value }) {
-    hidden = value;
-    if (!device) return;
-    if (value) device.stop();
-    else device.enabled = true;
-  },
+  hidden({ value }) { hidden = value; },
   trouble({ value }) { trouble = value; },
   sample(message) {
     count++;
@@ -42,13 +36,15 @@ const messages = {
     if (delay) setTimeout(take, delay, message);
     else take(trouble === 'forged' && count % 3 === 0 ? { ...message, reaction: { ...message.reaction, force_N: [NaN, 1e9, 0] } } : message);
   },
+  // The page has shown the last report.
+  taken() { waiting = false; },
   hold({ instrument, value }) { if (controllers[instrument]) controllers[instrument].held = value; },
-  // A device holds instrument 0. url: of its service; empty: none.
-  device({ url }) {
+  // A device holds instrument 0. port: to the worker that owns its connection (haply.worker.js); null: there is none.
+  device({ port }) {
     device?.close();
-    device = !url ? null : new Haply(url, LIMIT_N, { tick: felt, force: () => ({ N: controllers[0] ? Array.from(controllers[0].result.force_N) : [0, 0, 0], at_ms: law_ms }), tell: (text) => postMessage({ kind: 'device', text }) });
+    device = port;
     cursor = null;
-    if (!device) postMessage({ kind: 'device', text: 'not connected' });
+    if (port) port.onmessage = ({ data }) => felt(data.tip_m, data.buttons);
   },
 };
 onmessage = ({ data }) => messages[data.kind](data);
@@ -64,12 +60,15 @@ function take({ instrument, reaction, pose, t_us, patch }) {
   if (sampled.length > 200) sampled.shift();
 }
 
-// A new state of the device: the tip moves as far as the cursor did since it was taken.
+// A new state of the device: the tip moves as far as the cursor did since it was taken. The page is told 50 times a second, and of the button at once.
 function felt(at_m, buttons) {
   if (!targets[0]) return;
-  cursor ??= at_m.map((x, a) => x - targets[0][a]);
-  targets[0] = at_m.map((x, a) => x - cursor[a]);
+  cursor ??= { from_m: at_m.map((x, a) => x - targets[0][a]), told_ms: -Infinity, closed: false };
+  targets[0] = at_m.map((x, a) => x - cursor.from_m[a]);
   tips[0] = [...targets[0]];
+  const now = performance.now();
+  if (now - cursor.told_ms < 20 && buttons.a === cursor.closed) return;
+  Object.assign(cursor, { told_ms: now, closed: buttons.a });
   postMessage({ kind: 'cursor', tip_m: targets[0], closed: buttons.a });
 }
 
@@ -84,35 +83,35 @@ function controllerOf({ trocar_m, pose, mode }) {
 
 const now_us = () => (performance.timeOrigin + performance.now()) * 1000;
 
-// Ticks that are due. After a pause of more than 20 ms, by this worker's own clock, they are not made up for, and a device gets zero force first.
+// Ticks that are due; after a pause of 0.1 s they are not made up for, and the fault that the controller makes of it is reset. A device's worker receives the newest force with the time of its tick.
 function run() {
   const now = now_us();
-  if (device && now - tick_us > LONGEST_US) device.send(true);
   if (hidden || now - tick_us > 100000) tick_us = now - TICK_US;
   if (hidden) force = [];
   for (; tick_us + TICK_US <= now; ) {
     tick_us += TICK_US;
     late.push(now - tick_us);
     controllers.forEach((c, i) => tick(c, i));
-    law_ms = performance.now();
   }
+  device?.postMessage({ N: controllers[0] ? Array.from(controllers[0].result.force_N) : [0, 0, 0], at_ms: performance.now() });
   if (late.length > 2000) late.splice(0, late.length - 2000);
   if (force.length > HISTORY) force.splice(0, force.length - HISTORY);
-  if (now - told > 50000) report(now);
+  if (!waiting && now - told > 50000) report(now);
 }
 
 function tick(c, i) {
   tips[i] = tips[i].map((x, a) => x + (targets[i][a] - x) * 0.1);
-  const result = c.tick(tick_us, tips[i], { enable: !hidden });
+  const result = c.tick(tick_us, tips[i], { enable: !hidden, reset: c.result.fault === constants.HRT_FAULT_TICK_LATE });
   if (i === 0) force.push([tick_us, Math.hypot(...result.force_N)]);
 }
 
 function report(now) {
   told = now;
+  waiting = true;
   const sorted = [...late].sort((a, b) => a - b);
   postMessage({
     kind: 'law', now, force: new Float64Array(force.flat()), sampled: new Float64Array(sampled.flat()), late_ms: (sorted[Math.floor(sorted.length * 0.99)] ?? 0) / 1000,
     state: controllers[0]?.state ?? '-', fault: controllers[0]?.fault ?? '', vector: controllers.map((c) => Array.from(c.result.force_N)), reasons: { ...reasons },
-    sent: device?.sent ?? 0, sent_N: device?.sent_N ?? 0,
+    memory: library.bytes.length, used: library.bytesUsed,
   });
 }

@@ -1,5 +1,6 @@
 // The page: choices to scene settings, messages of the workers to view, figures and plots.
 import { SCENES, choices } from './choices.js';
+import { device } from './device.js';
 import { figures, plot } from './figures.js';
 import { accept, save } from './files.js';
 import { hold, listen, pad, place } from './hand.js';
@@ -55,21 +56,24 @@ const fromTissue = {
     state.opening = false;
     state.played = null;
     $('live').hidden = true;
+    choices.tell(state);
     $('title').textContent = message.title;
     $('status').textContent = message.warnings.join(' ');
     $('tets').textContent = message.tetCount.toLocaleString('en');
     view.open(message.rest, message.instruments);
-    view.mark('supports', message.supports);
+    view.marks.place('supports', message.supports);
     state.poses = message.instruments.map((i) => ({ ...i.pose, tip_m: Array.from(i.pose.tip_m) }));
     $('which').disabled = message.instruments.length < 2;
     document.body.dataset.scene = state.chosen.scene;
     hold(state.held >= message.instruments.length ? -1 : state.held);
   },
   frame(message) {
+    tissue.postMessage({ kind: 'taken' });
     if (state.played || state.opening) return; // of another surface
     state.last = message;
     view.frame(message.position, message.triangles, message.poses, message.own);
-    view.mark('patch', message.patch);
+    view.marks.place('patch', message.patch);
+    view.marks.rows(message.rows);
     if (state.held < 0) state.poses = message.poses.map((p) => ({ ...p, tip_m: Array.from(p.tip_m) }));
     figures(message);
   },
@@ -92,9 +96,15 @@ const fromTissue = {
 };
 const fromLaw = {
   ready: begin,
-  law(message) { state.law = message; plot(message); },
-  device({ text }) { state.device = text; $('device').textContent = text; if (text.startsWith('Inverse3') && state.held < 0) hold(0); },
+  law(message) { law.postMessage({ kind: 'taken' }); state.law = message; plot(message); },
   cursor({ tip_m, closed }) { place(tip_m, closed); },
+};
+const fromDevice = {
+  device({ text }) { state.device = text; $('device').textContent = text; if (text.startsWith('Inverse3') && state.held < 0) hold(0); },
+  sent(message) {
+    state.force = message;
+    $('device').textContent = `${state.device}: ${message.sent_N.toFixed(2)} N sent, ${message.sent} messages${message.why ? `; no force, as ${message.why}` : ''}`;
+  },
 };
 tissue.onmessage = ({ data }) => fromTissue[data.kind](data);
 law.onmessage = ({ data }) => fromLaw[data.kind](data);
@@ -105,21 +115,29 @@ function begin() { if (++state.ready === 2) open().catch((error) => fail(`The pa
 
 document.addEventListener('visibilitychange', () => {
   for (const worker of [tissue, law]) worker.postMessage({ kind: 'hidden', value: document.hidden });
+  device.hidden(document.hidden);
 });
-addEventListener('pagehide', () => law.postMessage({ kind: 'hidden', value: true }));
+addEventListener('pagehide', () => device.hidden(true));
 $('connect').onclick = () => {
   const on = $('connect').getAttribute('aria-pressed') !== 'true';
   $('connect').setAttribute('aria-pressed', on);
   $('connect').textContent = on ? 'Disconnect' : 'Connect';
-  law.postMessage({ kind: 'device', url: on ? $('service').value : '' });
+  if (on) device.connect($('service').value, (message) => fromDevice[message.kind](message));
+  else device.disconnect();
+  state.device = $('device').textContent = on ? 'connecting' : 'not connected';
 };
-$('marks').onclick = () => {
-  const on = $('marks').getAttribute('aria-pressed') !== 'true';
-  $('marks').setAttribute('aria-pressed', on);
-  view.show(on);
-};
+const shown = {};
+for (const kind of ['supports', 'patch', 'rows']) {
+  $(`show-${kind}`).onclick = ({ target }) => {
+    shown[kind] = target.getAttribute('aria-pressed') !== 'true';
+    target.setAttribute('aria-pressed', shown[kind]);
+    view.marks.show(kind, shown[kind]);
+    view.dirty = true;
+    $('contact-row').hidden = !shown.rows;
+    tissue.postMessage({ kind: 'show', marks: shown });
+  };
+}
 $('live').onclick = () => tissue.postMessage({ kind: 'live' });
-$('uncertainty').textContent = choices.uncertainty;
 choices.show($('choices'), state, choose);
 if (state.chosen.hard !== 'none') for (const worker of [tissue, law]) worker.postMessage({ kind: 'trouble', value: state.chosen.hard });
 law.postMessage({ kind: 'extrapolator', name: state.chosen.extrapolator });

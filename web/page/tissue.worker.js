@@ -3,7 +3,7 @@ import { Mesh, Scene, constants, load, readLog } from './lib/index.js';
 import { sceneFor } from './own_mesh.js';
 
 let library, scene, law, form, timer = 0, hidden = false, sent = -1, generation = 0;
-let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null;
+let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null, shown = {}, waiting = false;
 
 const messages = {
   async start({ port }) {
@@ -62,6 +62,10 @@ const messages = {
   },
   live() { playing = null; next = performance.now(); sent = -1; postMessage({ kind: 'live' }); schedule(0); },
   trouble({ value }) { trouble = value; },
+  // The page has shown the last frame. A slow page receives fewer, so that none queue up.
+  taken() { waiting = false; },
+  // Which marks the page shows: {patch, rows}.
+  show({ marks }) { shown = marks; },
   pose({ all }) { poses = all; },
   hidden({ value }) { hidden = value; next = performance.now(); if (!hidden) schedule(0); },
   snapshot() { try { postMessage({ kind: 'snapshot', bytes: scene.save() }); } catch (error) { postMessage({ kind: 'error', message: error.message }); } },
@@ -142,9 +146,17 @@ function sorted({ count, triangles, faces }) {
   return [Uint32Array.from(first.concat(last)), first.length / 3];
 }
 
+// Vertices of the patch of instrument 0, [3n] m, if they are shown.
 function patchOf() {
-  const patch = scene.instrumentCount ? scene.patch(0) : null;
+  const patch = shown.patch && scene.instrumentCount ? scene.patch(0) : null;
   return patch ? Float32Array.from(patch.vertex_m.subarray(0, 3 * patch.vertex_count)) : new Float32Array(0);
+}
+
+// Contact rows of the last substep, if they are shown: point on the surface, m; normal from the tool to the tissue; force on the tissue, N; seven numbers each.
+function rowsOf(position) {
+  if (!shown.rows) return new Float32Array(0);
+  return Float32Array.from(scene.rows().flatMap(({ vertex, weight, normal, lambda_N }) =>
+    [...[0, 1, 2].map((a) => vertex.reduce((sum, v, k) => sum + weight[k] * position[3 * v + a], 0)), ...normal, lambda_N]));
 }
 
 // Rest positions of vertices with a prescribed component.
@@ -160,6 +172,8 @@ function supported() {
 }
 
 function draw(reactions, t_us) {
+  if (waiting) return;
+  waiting = true;
   const u = scene.displacement_m, rest = scene.rest_m, position = new Float32Array(u.length);
   for (let i = 0; i < u.length; i++) position[i] = rest[i] + u[i];
   const surface = scene.surface, changed = surface.revision !== sent;
@@ -167,8 +181,8 @@ function draw(reactions, t_us) {
   sent = surface.revision;
   const times = [...load_ms].sort((a, b) => a - b), median = times[times.length >> 1];
   postMessage({
-    kind: 'frame', generation, own, patch: patchOf(), energy: balance(), position, triangles, reactions, poses: reactions.map((_, i) => scene.pose(i)), time_s: scene.time_s, alive: scene.aliveCount,
-    median_ms: median, factor: (1000 * scene.frame_s) / median, memory: library.bytes.length, t_us, stages: stages(),
+    kind: 'frame', generation, own, patch: patchOf(), rows: rowsOf(position), energy: balance(), position, triangles, reactions, poses: reactions.map((_, i) => scene.pose(i)), time_s: scene.time_s, alive: scene.aliveCount,
+    median_ms: median, factor: (1000 * scene.frame_s) / median, memory: library.bytes.length, used: library.bytesUsed, t_us, stages: stages(),
   }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
 }
 

@@ -1,9 +1,10 @@
 // The picture: organ, instruments and force, by three.js.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight, DynamicDrawUsage, Group, HemisphereLight, Mesh, MeshPhysicalMaterial,
-  MeshStandardMaterial, PerspectiveCamera, Plane, Points, PointsMaterial, Raycaster, Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer,
+  MeshStandardMaterial, PerspectiveCamera, Plane, Raycaster, Scene, SphereGeometry, Vector2, Vector3, WebGLRenderer,
 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { Marks, store } from './marks.js';
 
 export class View {
   constructor(canvas) {
@@ -23,10 +24,7 @@ export class View {
     this.organ = new Mesh(new BufferGeometry(), [wet(0x9c3b32), wet(0xd98a76)]);
     this.organ.frustumCulled = false;
     this.scene.add(this.organ);
-    // Marks on request: supported vertices, and the vertices of the patch that the law feels between samples.
-    const points = (color) => new Points(new BufferGeometry(), new PointsMaterial({ color, size: 5, sizeAttenuation: false, depthTest: false }));
-    this.marks = { supports: points(0x3d7fd9), patch: points(0xf2c14e) };
-    for (const one of Object.values(this.marks)) { one.visible = false; one.frustumCulled = false; this.scene.add(one); }
+    this.marks = new Marks(this.scene);
     this.instruments = [];
     this.frames = 0;
     this.fineness = 1; // share of the screen's resolution
@@ -48,10 +46,11 @@ export class View {
     this.organ.geometry.dispose();
     this.organ.geometry = new BufferGeometry();
     this.organ.geometry.setAttribute('position', new BufferAttribute(rest, 3).setUsage(DynamicDrawUsage));
-    this.instruments.forEach((i) => this.scene.remove(i.group));
+    this.instruments.forEach((i) => this.remove(i));
     this.instruments = instruments.map((i) => this.instrument(i));
     const low = new Vector3(Infinity, Infinity, Infinity), high = low.clone().negate(), p = new Vector3();
     for (let i = 0; i < rest.length; i += 3) { p.fromArray(rest, i); low.min(p); high.max(p); }
+    this.marks.open(high.distanceTo(low));
     const centre = low.clone().add(high).multiplyScalar(0.5), size = high.distanceTo(low);
     this.controls.target.copy(centre);
     this.camera.position.copy(centre).add(new Vector3(-0.35, -1.35, 0.95).multiplyScalar(size));
@@ -68,13 +67,10 @@ export class View {
     return { group, shaft, tip, trocar: new Vector3(...trocar_m) };
   }
 
-  show(on) {
-    for (const one of Object.values(this.marks)) one.visible = on;
-    this.dirty = true;
+  remove({ group, shaft, tip }) {
+    this.scene.remove(group);
+    for (const part of [shaft, tip]) { part.geometry.dispose(); part.material.dispose(); }
   }
-
-  // Places the marks of a kind at these positions, [3n].
-  mark(kind, position) { this.marks[kind].geometry.setAttribute('position', new BufferAttribute(position, 3)); }
 
   // position: [3n]. triangles: [3m] if they changed, those that cuts exposed last; own: number of the others.
   frame(position, triangles, poses, own = Infinity) {
@@ -82,7 +78,7 @@ export class View {
     geometry.attributes.position.array.set(position);
     geometry.attributes.position.needsUpdate = true;
     if (triangles) {
-      geometry.setIndex(new BufferAttribute(triangles, 1));
+      store(geometry, 'index', triangles, 1);
       geometry.clearGroups();
       geometry.addGroup(0, Math.min(3 * own, triangles.length), 0);
       geometry.addGroup(Math.min(3 * own, triangles.length), Infinity, 1);

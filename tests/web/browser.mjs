@@ -1,0 +1,15 @@
+// Launches a browser for the tests: Chromium headless with software WebGL, or Firefox on the screen that xvfb-run gives.
+import path from 'node:path';
+import { pathToFileURL } from 'node:url';
+
+export async function launch(puppeteer, executablePath, more = []) {
+  const { default: engine } = await import(pathToFileURL(path.join(puppeteer, 'lib/puppeteer/puppeteer-core.js')));
+  const firefox = executablePath.includes('firefox');
+  // Chromium's own features, also those that puppeteer disables: a frame without an origin then has its own process, as users have it.
+  const disabled = firefox ? [] : (await engine.defaultArgs({ browser: 'chrome' })).filter((a) => a.startsWith('--disable-features'));
+  return engine.launch({
+    executablePath, headless: !firefox, extraPrefsFirefox: { 'webgl.force-enabled': true }, browser: firefox ? 'firefox' : 'chrome', protocolTimeout: 180000, ignoreDefaultArgs: disabled,
+    args: firefox ? [] : ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-component-update', '--disable-sync',
+      '--no-first-run', '--disable-background-timer-throttling', '--disable-renderer-backgrounding', ...more],
+  });
+}
