@@ -63,20 +63,23 @@ function fill(field, values, names) {
   field.replaceChildren(...values.map((value, i) => new Option(names[i], value)));
 }
 
-const percent = (x) => `${(100 * x).toPrecision(x < 0.1 ? 1 : 2)} %`;
+const percent = (x) => `${x < 1 ? (100 * x).toPrecision(x < 0.1 ? 1 : 2) : (100 * x).toFixed(0)} %`;
+
+// Choices whose first value is the scene as it is.
+const PLAIN = { law: 1, viscosity: 1, friction: 1, gravity: 1, step: 1 };
 
 // The study's error of what is chosen: of the force against the limit of fine meshes, of the force at the hand between samples, or by how much the force
 // changes. Scenes of your own have no study; "" if a choice has no error.
 function errorOf(name, chosen, own) {
   if (own) return name === 'mesh' ? 'no study of your own scene' : '';
   const found = study.scenes[chosen.scene], finest = meshesOf(chosen.scene).at(-1), file = SCENES[chosen.scene].meshes[chosen.mesh];
-  if (name === 'scene' || name === 'hard') return '';
+  if (name === 'scene' || name === 'hard' || (chosen[name] === CHOICES[name].values[0] && name in PLAIN)) return '';
   if (!found || (name !== 'mesh' && chosen.mesh !== finest)) return 'not in the study, which has the finest mesh';
   const of = (value, prefix) => (value === undefined ? 'not in the study' : `${prefix}${percent(value)}`);
   if (name === 'mesh') return of(found.error?.mesh[file], 'error ');
   if (name === 'extrapolator' || name === 'rate') return of(found.samples[chosen.rate]?.[chosen.extrapolator], 'error at the hand ');
   if (name === 'smoothing' && chosen.law === 'linear') return of(found.error?.smoothing[chosen.smoothing], 'error ');
-  return chosen[name] === CHOICES[name].values[0] ? '' : of(found.change[name]?.[chosen[name]], 'changes by ');
+  return of(found.change[name]?.[chosen[name]], 'changes by ');
 }
 
 function tell(state) {
