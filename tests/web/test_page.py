@@ -194,6 +194,7 @@ def test_memory_is_steady():
     assert ran.returncode == 0, ran.stderr[-2000:]
     samples = [s for s in json.loads(ran.stdout) if s["scene"] == "block-press"]
     quarter = max(2, len(samples) // 4)
-    for what in ("page", "tissue", "law", "wasm", "lawWasm", "used", "lawUsed", "buffers", "geometries"):
+    # WebAssembly's memory itself only grows, with the largest scene so far: `used` is what is allocated in it.
+    for what, factor in {"page": 1.3, "tissue": 1.3, "law": 1.3, "used": 1.01, "lawUsed": 1.01, "buffers": 1, "geometries": 1}.items():
         early, late = max(s[what] for s in samples[:quarter]), min(s[what] for s in samples[-quarter:])
-        assert late <= 1.1 * early, (what, [s[what] for s in samples])
+        assert late <= factor * early, (what, [s[what] for s in samples])
