@@ -24,6 +24,7 @@ $(call objects,tests/solve/test_static.c): INCLUDES += -I/usr/include/suitespars
 
 # Programs for Python tests: cost of a step; tm-mesh for many files in one process; libraries that shift a process's clocks or count its allocations; the codec alone.
 $(call executable,tests/effects/plain_step,tests/effects/plain_step.c,tensormass,-lcmocka)
+$(call executable,tests/effects/body_effects,tests/effects/body_effects.c,tensormass,-lcmocka)
 $(call executable,tests/many_files,tests/mesh/many_files.c $(filter-out apps/mesh/main.c,$(call files,apps/mesh/*.c)),tensormass_scene $(APP_LIBS) tensormass,-lcjson)
 PRELOADED := $(patsubst %,$(OUT)/tests/%.so,loop/fake_clock sim/fail_calloc timing/count_malloc)
 $(PRELOADED): $(OUT)/%.so: %.c
@@ -32,7 +33,7 @@ $(PRELOADED): $(OUT)/%.so: %.c
 $(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/codec.h
 	$(call step,LINK)
 	$(Q)$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
-tests: $(patsubst %,$(OUT)/tests/%,effects/plain_step many_files bench/bench can/codec.so) $(MESH_GENERATOR) $(PRELOADED)
+tests: $(patsubst %,$(OUT)/tests/%,effects/plain_step effects/body_effects many_files bench/bench can/codec.so) $(MESH_GENERATOR) $(PRELOADED)
 
 # ---- benchmarks: assert nothing ----
 

@@ -177,9 +177,17 @@ static void explain_fade(const sim *s, cJSON *json) {
 }
 
 static void explain_bodies(const sim *s) {
-    for (int32_t i = 0; i < s->body_count; i++)
-        printf("body %s: tetrahedra %d to %d, vertices %d to %d of the files\n", s->body[i].name, s->body[i].tet_begin,
+    for (int32_t i = 0; i < s->body_count; i++) {
+        printf("body %s: tetrahedra %d to %d, vertices %d to %d of the files", s->body[i].name, s->body[i].tet_begin,
                s->body[i].tet_end - 1, s->body[i].vertex_begin, s->body[i].vertex_end - 1);
+        const char *before = "; effects of its own: ";
+        for (int e = 0; e < sim_effect_count; e++) {
+            if (!(s->scene->of_bodies >> e & 1) || !sim_body_has_effect(s->scene, i, e)) continue;
+            printf("%s%s", before, sim_effects[e]->name);
+            before = ", ";
+        }
+        printf("\n");
+    }
     if (s->body_count) printf("\n");
 }
 

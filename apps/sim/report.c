@@ -41,6 +41,12 @@ static void add_bodies(const sim *s, cJSON *report) {
         cJSON_AddItemToObject(item, "vertices", cJSON_CreateIntArray((int[]){b->vertex_begin, b->vertex_end}, 2));
         cJSON_AddItemToObject(item, "tets", cJSON_CreateIntArray((int[]){b->tet_begin, b->tet_end}, 2));
         if (b->rigid) cJSON_AddTrueToObject(item, "rigid");
+        cJSON *effects = NULL;
+        for (int e = 0; e < sim_effect_count; e++) {
+            if (!(s->scene->of_bodies >> e & 1) || !sim_body_has_effect(s->scene, i, e)) continue;
+            if (!effects) effects = cJSON_AddArrayToObject(item, "effects");
+            cJSON_AddItemToArray(effects, cJSON_CreateString(sim_effects[e]->name));
+        }
         cJSON_AddItemToArray(list, item);
     }
 }

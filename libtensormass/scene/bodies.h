@@ -16,6 +16,11 @@ tm_status sim_load_bodies(sim *s);
 tm_status sim_mark_rigid(sim *s);
 tm_status sim_build_paths(sim *s);
 
+/* body_effects.c: checks the effects that bodies name, and makes them effects of the scene. */
+tm_status sim_merge_body_effects(app_scene *scene);
+/* Sets tm_tissue_def.region_effects, if bodies differ in an effect. */
+tm_status sim_set_region_effects(sim *s);
+
 /* Returns the body with this name, or null. */
 const sim_body *sim_body_find(const sim *s, const char *name);
 /* Returns the index of each tetrahedron's body, [tet_count], 0 without bodies; null without memory. tm_release it. */

@@ -42,6 +42,7 @@ const sim_effect sim_effect_rotation = {
            "step is 16 % shorter at nu 0.45.",
     .example = "{threshold: 0.02}",
     .trial = SIM_TRIAL_DROP_OR_ADD,
+    .region = TM_REGION_ROTATION,
     .of_linear_law = "a nonlinear law includes rotation",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of linear tissue; write 'model: dynamic'"},

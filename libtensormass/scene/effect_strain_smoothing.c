@@ -16,16 +16,41 @@ static const app_field fields[] = {
      "only 0 is allowed: 42 % too little on 2 cells, 16 % on 4"},
 };
 
+/* Returns an effect that some bodies have and others not; null: there is none. */
+static const char *of_some_bodies(const app_scene *scene) {
+    static const char *const name[] = {"strain_smoothing", "rotation", "viscosity"};
+    for (int i = 0; i < 3; i++) {
+        const int effect = sim_effect_find(scene, name[i]);
+        if (sim_effect_line(scene, effect) && !sim_effect_everywhere(scene, effect)) return name[i];
+    }
+    return NULL;
+}
+
 static tm_status check(const app_scene *scene, const void *own) {
     const options *o = own;
     char where[600];
-    if (sim_options(scene, "rotation") && o->shear.line && o->shear.si != 0) {
+    if (sim_effects_meet(scene, "rotation", "strain_smoothing") && o->shear.line && o->shear.si != 0) {
         app_scene_where(scene, sim_effect_line(scene, sim_effect_find(scene, "rotation")), where, sizeof where);
         return app_scene_bad(
             scene, o->shear.line,
             "strain_smoothing.shear_share = %g and rotation (%s) exclude each other: shears of rotated "
             "tetrahedra are not averaged; write 'shear_share: 0' or leave it out, or remove 'rotation:'",
             o->shear.si, where);
+    }
+    const int index = sim_effect_find(scene, "strain_smoothing");
+    const char *partial = of_some_bodies(scene);
+    if (partial && sim_effects_meet(scene, "rotation", "strain_smoothing"))
+        return app_scene_bad(scene, o->here.line,
+                             "strain_smoothing and rotation act in one body, and %s in some bodies only: the averages "
+                             "of rotated tetrahedra are computed for all bodies; name %s at the top level, or leave "
+                             "one of the two out",
+                             partial, partial);
+    if (sim_law_line(scene) && !sim_effect_everywhere(scene, index)) {
+        app_scene_where(scene, sim_law_line(scene), where, sizeof where);
+        return app_scene_bad(scene, o->here.line,
+                             "strain_smoothing of some bodies and a nonlinear law (%s) exclude each other: with such a "
+                             "law the averages are computed for all bodies; write 'strain_smoothing:' at the top level",
+                             where);
     }
     if (sim_law_line(scene) && o->shear.line && o->shear.si != 0) {
         app_scene_where(scene, sim_law_line(scene), where, sizeof where);
@@ -48,7 +73,7 @@ static tm_status prepare(sim *s, const void *own) {
     const options *o = own;
     s->def.model.tissue.strain_smoothing = true;
     s->def.model.tissue.smoothed_shear_share =
-        sim_options(s->scene, "rotation") || sim_law_line(s->scene) ? 0 : o->shear.si;
+        sim_effects_meet(s->scene, "rotation", "strain_smoothing") || sim_law_line(s->scene) ? 0 : o->shear.si;
     return 0;
 }
 
@@ -64,6 +89,7 @@ const sim_effect sim_effect_strain_smoothing = {
     .trial = SIM_TRIAL_KEEP,
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .part = SIM_PART_SMOOTHING,
+    .region = TM_REGION_SMOOTHING,
     .excludes = {{"hybrid",
                   "strains cannot be averaged across the interface of its condensed part; write 'model: dynamic' or "
                   "'model: precomputed', or remove 'strain_smoothing:'"}},

@@ -38,6 +38,14 @@ static tm_status check(const app_scene *scene, const void *own) {
     if (o->term.count < 1 || o->term.count > TM_VISCOSITY_TERMS)
         return app_scene_bad(scene, o->term.line ? o->term.line : o->here.line,
                              "viscosity.terms has %d terms; give 1 to %d", o->term.count, TM_VISCOSITY_TERMS);
+    if (sim_law_line(scene) && !sim_effect_everywhere(scene, sim_effect_find(scene, "viscosity"))) {
+        char where[600];
+        app_scene_where(scene, sim_law_line(scene), where, sizeof where);
+        return app_scene_bad(scene, o->here.line,
+                             "viscosity of some bodies and a nonlinear law (%s) exclude each other: with such a law "
+                             "histories are kept for all tetrahedra; write 'viscosity:' at the top level",
+                             where);
+    }
     const tm_viscosity_def def = definition(o);
     tm_error error = {0};
     return tm_viscosity_check(&def, &error) == TM_OK ? 0 : app_scene_bad(scene, o->term.line, "%s", error.message);
@@ -56,6 +64,7 @@ const sim_effect sim_effect_viscosity = {
            "along straight strain paths. Under a nonlinear law the step is at most 0.93 of the guaranteed "
            "one, otherwise it does not change; `--settle` gives the equilibrium after infinite time "
            "(docs/viscosity.md).",
+    .region = TM_REGION_VISCOSITY,
     .example = "{terms: [{time: 0.1 s, shear: 0.3, bulk: 0}]}",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .excludes = {{"precomputed", "its responses are of tissue without viscosity; write 'model: dynamic'"},

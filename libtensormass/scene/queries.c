@@ -46,6 +46,31 @@ int sim_law_line(const app_scene *scene) {
     return 0;
 }
 
+/* --- effects of single bodies --- */
+
+bool sim_body_has_effect(const app_scene *scene, int body, int effect) {
+    const app_body *b = (const app_body *)scene->body.item + body;
+    if (!sim_effect_line(scene, effect)) return false;
+    if (!(scene->of_bodies >> effect & 1)) return true;
+    return b->effects.options && ((const app_section *)b->effects.options[effect])->line;
+}
+
+bool sim_effect_everywhere(const app_scene *scene, int effect) {
+    const app_body *body = scene->body.item;
+    for (int b = 0; b < scene->body.count; b++)
+        if (!body[b].rigid.on && !sim_body_has_effect(scene, b, effect)) return false;
+    return true;
+}
+
+bool sim_effects_meet(const app_scene *scene, const char *a, const char *b) {
+    const int i = sim_effect_find(scene, a), j = sim_effect_find(scene, b);
+    if (!sim_effect_line(scene, i) || !sim_effect_line(scene, j)) return false;
+    bool meet = !scene->body.count;
+    for (int k = 0; k < scene->body.count; k++)
+        meet = meet || (sim_body_has_effect(scene, k, i) && sim_body_has_effect(scene, k, j));
+    return meet;
+}
+
 bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, effect) != NULL; }
 
 tm_surface_view sim_surface(const sim *s) { return tm_model_surface(s->model); }

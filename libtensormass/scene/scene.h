@@ -39,6 +39,11 @@ typedef struct app_flag {
     bool on;
     int line;
 } app_flag;
+/* Options of effects of one body: as app_scene.effect; null: it names none. */
+typedef struct app_body_effects {
+    void **options;
+    int line;
+} app_body_effects;
 typedef struct app_integers {
     int64_t *item;
     int count;
@@ -61,6 +66,7 @@ typedef enum app_kind {
     APP_FLAG,     /* yes or no */
     APP_INTEGERS, /* an integer or a list of integers */
     APP_LIST,     /* sequence of mappings, fields "path[].…"; items of `size` bytes, first member app_section */
+    APP_EFFECTS,  /* mapping of effects to their sections, as at the top level */
     APP_TABLE     /* mapping of names to mappings, fields "path.*.…"; first member of an item: app_text, the name */
 } app_kind;
 
@@ -168,6 +174,7 @@ typedef struct app_body {
     app_vector move, turn;
     app_flag rigid;
     app_list path; /* app_body_waypoint */
+    app_body_effects effects;
 } app_body;
 
 typedef struct app_body_waypoint {
@@ -268,6 +275,7 @@ typedef struct app_scene {
     int effect_count;
     void *
         *effect; /* the options of each schema passed to app_scene_load; first member app_section, line 0: not named */
+    uint32_t of_bodies; /* a bit for each effect that bodies name, not the top level (sim_merge_body_effects) */
     const app_effect_key *effect_key; /* [effect_count] of the caller; null: schemas have no names */
 
     bool strict; /* treat warnings as errors */

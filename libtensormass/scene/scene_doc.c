@@ -21,6 +21,7 @@ static void print_kind(FILE *out, const app_field *f) {
     case APP_INTEGERS: fputs("whole number(s)", out); return;
     case APP_LIST: fputs("list", out); return;
     case APP_TABLE: fputs("named entries", out); return;
+    case APP_EFFECTS: fputs("effects", out); return;
     case APP_CHOICE:
         for (const char *c = f->unit; *c; c++) *c == '|' ? fputs(", ", out) : fputc(*c, out);
         return;

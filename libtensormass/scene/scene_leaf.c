@@ -106,6 +106,7 @@ tm_status app_scene_scalar(reader *r, int line, const app_field *field, const ch
     case APP_VECTOR:
     case APP_INTEGERS:
     case APP_LIST:
+    case APP_EFFECTS:
     case APP_TABLE: break;
     }
     /* The table has a default that is invalid for its kind. */

@@ -131,6 +131,9 @@ static const app_field fields[] = {
     {"bodies.*.path[].move", APP_VECTOR, "length", "!", 0, 0, offsetof(app_body_waypoint, move), 0,
      "how far the body is then from its place at the start"},
 
+    {"bodies.*.effects", APP_EFFECTS, NULL, NULL, 0, 0, offsetof(app_body, effects), 0,
+     "effects of this body alone, each with its keys as at the top level: `rotation`, `strain_smoothing`, `viscosity`"},
+
     {"supports", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, support), sizeof(app_support),
      "vertices with prescribed displacement. Each item: one selector (`group box plane vertex`) and the keys below"},
     {"supports[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_support, name), 0, "name in reports"},

@@ -144,6 +144,25 @@ static tm_status read_table(reader *r, const app_schema *schema, yaml_node_t *no
     return 0;
 }
 
+/* Reads effects with their own schemas, as the top level does. */
+static tm_status read_effects(reader *r, yaml_node_t *key, yaml_node_t *node, const char *shown,
+                              app_body_effects *out) {
+    char *base[SCHEMAS_MAX];
+    if (!app_scene_null(node) && node->type != YAML_MAPPING_NODE)
+        return app_scene_bad_shape(r, node, shown, "effects, each with its keys");
+    reader effects = *r; /* without the scene's own fields */
+    effects.schema_count = r->schema_count - 1;
+    memcpy(effects.schema, r->schema + 1, sizeof *r->schema * (size_t)effects.schema_count);
+    out->line = app_scene_line(key);
+    out->options = app_scene_alloc(r->scene, sizeof *out->options * (size_t)(effects.schema_count + 1));
+    for (int i = 0; i < effects.schema_count; i++)
+        base[i] = out->options[i] = app_scene_alloc(r->scene, effects.schema[i]->size);
+    const tm_status rc =
+        app_scene_read_mapping(&effects, NULL, app_scene_null(node) ? NULL : node, out->line, "", shown, base);
+    r->items = effects.items;
+    return rc;
+}
+
 static tm_status read_value(reader *r, const app_schema *schema, yaml_node_t *key, yaml_node_t *node,
                             const app_field *field, const char *shown, char *base) {
     char *at = base + field->offset;
@@ -157,6 +176,7 @@ static tm_status read_value(reader *r, const app_schema *schema, yaml_node_t *ke
     case APP_VECTOR: return app_scene_vector(r, node, field, shown, (app_vector *)at);
     case APP_INTEGERS: return app_scene_integers(r, node, field, shown, (app_integers *)at);
     case APP_LIST: return read_list(r, schema, node, field, shown, (app_list *)at);
+    case APP_EFFECTS: return read_effects(r, key, node, shown, (app_body_effects *)at);
     case APP_TABLE: return read_table(r, schema, node, field, shown, (app_list *)at);
     case APP_NUMBER:
     case APP_INTEGER:
@@ -190,6 +210,7 @@ static tm_status default_value(reader *r, const app_schema *schema, const app_fi
     case APP_PATH: *(app_text *)at = (app_text){text ? text : "", 0}; return 0;
     case APP_LIST:
     case APP_TABLE:
+    case APP_EFFECTS:
     case APP_INTEGERS: return 0;
     case APP_NUMBER:
     case APP_INTEGER:

@@ -25,7 +25,12 @@ tm_status sim_scene_load(const char *file, char *const *set, int set_count, cons
     }
     for (int i = 0; i < sim_effect_count; i++) key[i] = (app_effect_key){sim_effects[i]->name, sim_effects[i]->model};
     (*scene)->effect_key = key;
-    return 0;
+    const tm_status merged = sim_merge_body_effects(*scene);
+    if (merged) {
+        app_scene_free(*scene);
+        *scene = NULL;
+    }
+    return merged;
 }
 
 static tm_status check_effect(const app_scene *scene, int index) {
@@ -182,6 +187,7 @@ static tm_status define_model(sim *s) {
     *def = tm_model_def_default();
     def->damped = false;
     tm_status rc = sim_mark_rigid(s);
+    if (!rc) rc = sim_set_region_effects(s);
     if (!rc) rc = run_hook(s, false);
     if (!rc) rc = app_scene_materials(s->scene, &s->file, s->damping_1_s, s->material);
     if (!rc) rc = sim_build_supports(s);
@@ -270,6 +276,7 @@ void sim_destroy(sim *s) {
     free(s->fixed_m);
     free(s->fixed_by);
     free(s->rigid_tet);
+    free(s->region_effects);
     free(s->load_N);
     free(s->fibre);
     free(s->material);

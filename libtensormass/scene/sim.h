@@ -44,6 +44,7 @@ typedef struct sim_effect {
     app_schema schema;
     int model; /* app_model that implies the effect; its section then only holds options */
     sim_part part;
+    tm_region_effect region; /* the effect as one of single bodies; 0: it applies to all of them */
     const char *needs[4];
     sim_exclusion excludes[4];
     const char *of_linear_law; /* why it requires the linear law; null: it works with all laws */
@@ -153,14 +154,15 @@ struct sim {
     sim_cost cost[SIM_MAX_EFFECTS];
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
-    uint8_t *support_of; /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
-    int32_t fixed_count; /* prescribed components, ascending: those of the stage `support` */
-    int32_t *fixed_dof;  /* [fixed_count] */
-    double *fixed_m;     /* [fixed_count] */
-    uint8_t *fixed_by;   /* [fixed_count] 1 + index of the scene's support; SIM_RIGID + index of a rigid body */
-    uint8_t *rigid_tet;  /* [tet_count] 1: of a rigid body; null: there is none */
-    double *load_N;      /* [3*vertex_count] or null */
-    sim_sends can_send;  /* largest that the scene has memory for */
+    uint8_t *support_of;     /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+    int32_t fixed_count;     /* prescribed components, ascending: those of the stage `support` */
+    int32_t *fixed_dof;      /* [fixed_count] */
+    double *fixed_m;         /* [fixed_count] */
+    uint8_t *fixed_by;       /* [fixed_count] 1 + index of the scene's support; SIM_RIGID + index of a rigid body */
+    uint8_t *region_effects; /* [region_count] of tm_tissue_def, or null */
+    uint8_t *rigid_tet;      /* [tet_count] 1: of a rigid body; null: there is none */
+    double *load_N;          /* [3*vertex_count] or null */
+    sim_sends can_send;      /* largest that the scene has memory for */
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* requested by the controller's extrapolator, at most can_send */
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* computed by the last frame */
@@ -190,6 +192,11 @@ void sim_destroy(sim *s);
 bool sim_has(const sim *s, const char *effect);
 /* Returns an effect's options; null if the scene does not name it. */
 const void *sim_options(const app_scene *scene, const char *effect);
+/* Return whether a body has an effect, by its number; whether all bodies that deform have it; whether the scene, or one
+ * of its bodies, has both effects. */
+bool sim_body_has_effect(const app_scene *scene, int body, int effect);
+bool sim_effect_everywhere(const app_scene *scene, int effect);
+bool sim_effects_meet(const app_scene *scene, const char *a, const char *b);
 /* Returns the line of a material with a nonlinear law; 0: there is none. */
 int sim_law_line(const app_scene *scene);
 /* Adds a fault for a library's error, at this line. */

@@ -235,6 +235,7 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     def.fibre = fibre;
     def.alive = alive;
     def.strain_smoothing = tm_tissue_smoothed_shear_share(whole) >= 0;
+    def.region_effects = tm_tissue_region_effects(whole);
     if (def.strain_smoothing) def.smoothed_shear_share = tm_tissue_smoothed_shear_share(whole);
     status = tm_tissue_create(&def, tissue, error);
     tms_free(fibre);

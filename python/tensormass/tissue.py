@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any, Dict, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -14,6 +14,7 @@ PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
 LAW: Dict[str, int] = {}  # those that the library names
 while lib.tm_law_name(len(LAW)):
     LAW[lib.tm_law_name(len(LAW)).decode()] = len(LAW)
+EFFECT = {"rotation": c.TM_REGION_ROTATION, "strain_smoothing": c.TM_REGION_SMOOTHING, "viscosity": c.TM_REGION_VISCOSITY}
 FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
@@ -161,13 +162,21 @@ class Tissue(Object):
     others. precision: of the stored edge tensors, or of the stresses of a nonlinear law, "double" or "single" (for supported tissue). form: of the force loop, "best" or "plain" (bit-identical
     on every machine). strain_smoothing: reduces locking near Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
     averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation makes tetrahedra corotational that rotate more
-    than this.
+    than this. region_effects: for each region the names of those of rotation, strain_smoothing and viscosity that act in it, such as [("rotation",), ()];
+    None: all act in all regions. Regions that differ here must not share a vertex (docs/bodies.md).
     """
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
                  precision: str = "double", form: str = "best", cuttable: bool = False, alive: Any = None,
-                 strain_smoothing: Union[bool, float] = False, rotation: float = 0.0) -> None:
+                 strain_smoothing: Union[bool, float] = False, rotation: float = 0.0,
+                 region_effects: Optional[Sequence[Sequence[str]]] = None) -> None:
         self._fill(mesh, materials, region_material, fibres, strain_smoothing, rotation)
+        if region_effects is not None:
+            flags = np.array([sum(choice(name, EFFECT, "region_effects") for name in set(names)) for names in region_effects], np.uint8)
+            if flags.shape != (mesh.region_count,):
+                raise ArgumentError(f"region_effects: has {len(flags)} regions; give {mesh.region_count}", c.TM_ERR_ARGUMENT)
+            self._definition.region_effects = flags.ctypes.data
+            self._kept = (*self._kept, flags)
         self._definition.precision = choice(precision, PRECISION, "precision")
         self._definition.form = choice(form, FORM, "form")
         self._definition.cuttable = cuttable

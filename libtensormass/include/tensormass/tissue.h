@@ -20,6 +20,13 @@ typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision;
  * with all compilers and processors. */
 typedef enum tm_force_form { TM_FORCE_BEST = 0, TM_FORCE_PLAIN = 1 } tm_force_form;
 
+/* Effects that may act in some bodies of a mesh only (docs/bodies.md). */
+typedef enum tm_region_effect {
+    TM_REGION_ROTATION = 1,
+    TM_REGION_SMOOTHING = 2,
+    TM_REGION_VISCOSITY = 4
+} tm_region_effect;
+
 typedef struct tm_tissue_def {
     uint32_t cookie, size;
     const tm_mesh *mesh; /* must outlive the tissue */
@@ -53,6 +60,10 @@ typedef struct tm_tissue_def {
      * `scaled_share`: TM_ERR_LIMIT. Not with a condensed part. */
     double scaled_step_s;
     double scaled_share; /* [0.2] of the physical mass */
+    /* [region_count] sums of tm_region_effect: where rotation, strain smoothing and viscosity act, if the tissue or its
+     * world has them. Copied; null: in all regions. Regions that differ here share no vertex, else TM_ERR_ARGUMENT. An
+     * effect stores and computes nothing for regions without it. */
+    const uint8_t *region_effects;
 } tm_tissue_def;
 
 typedef struct tm_tissue tm_tissue;
@@ -91,6 +102,9 @@ TM_API void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double 
 /* Returns the share of the shear that is averaged over edges; below 0: no strain smoothing. */
 TM_API double tm_tissue_smoothed_shear_share(const tm_tissue *tissue);
 
+/* Returns `region_effects` of the definition, [region_count]; null: all effects act in all regions. */
+TM_API const uint8_t *tm_tissue_region_effects(const tm_tissue *tissue);
+
 /* Surface of the active tetrahedra. Its order is arbitrary after cuts; `face` (4*tet + local vertex) is the persistent
  * id of each triangle. */
 typedef struct tm_surface_view {
@@ -125,7 +139,7 @@ typedef struct tm_deformation {
     double nonlinear_strain; /* maximum |grad u^T grad u| / 2: the strain that the linear law neglects */
     int32_t nonlinear_tet;
     double nonlinear_share; /* share of the volume where it exceeds TM_LINEAR_STRAIN_MAX; beside materials with a
-                               nonlinear law: in linear ones */
+                               nonlinear law, or bodies with rotation: in linear ones */
 } tm_deformation;
 /* Limit of tissue without "rotation": it corresponds to a rotation by 22 degrees, or a stretch by 45 %. */
 #define TM_LINEAR_STRAIN_MAX 0.1

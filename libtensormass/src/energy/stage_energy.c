@@ -82,20 +82,23 @@ static pass over_tissue(const energy *e, const tm_world *world) {
 static void over_law(const tm_world *world, const tm_nonlinear *law, pass *p) {
     const tm_state *s = &world->state;
     const double *added = law->added_N ? law->added_N(law->self) : NULL;
-    const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    const int32_t all[2] = {0, world->tissue->mesh->vertex_count};
+    const tm_ranges whole = {1, all}, *where = law->where ? law->where : &whole;
     const double *u[3] = {s->u_prev_m, s->u_m, s->u_next_m};
     double *scratch = law->scratch_N, energy_J[3];
     for (int k = 0; k < 3; k++) {
         energy_J[k] = law->energy(law->self, u[k]);
         law->force(law->self, u[k], scratch);
-        for (int32_t i = 0; i < n; i++) {
-            if (world->mobility_s2_kg[i / 3] <= 0) continue;
-            const double came = 0.25 * scratch[i] * (s->u_m[i] - s->u_prev_m[i]);
-            const double goes = 0.25 * scratch[i] * (s->u_next_m[i] - s->u_m[i]);
-            if (k < 2) p->before_J += k == 1 ? came : -came;
-            if (k > 0) p->elastic_J += k == 2 ? goes : -goes;
-            if (k == 1) p->outer_J -= (scratch[i] + (added ? added[i] : 0)) * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
-        }
+        for (int32_t r = 0; r < where->count; r++)
+            for (int32_t i = 3 * where->end[2 * r]; i < 3 * where->end[2 * r + 1]; i++) {
+                if (world->mobility_s2_kg[i / 3] <= 0) continue;
+                const double came = 0.25 * scratch[i] * (s->u_m[i] - s->u_prev_m[i]);
+                const double goes = 0.25 * scratch[i] * (s->u_next_m[i] - s->u_m[i]);
+                const double way = 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+                if (k < 2) p->before_J += k == 1 ? came : -came;
+                if (k > 0) p->elastic_J += k == 2 ? goes : -goes;
+                if (k == 1) p->outer_J -= (scratch[i] + (added ? added[i] : 0)) * way;
+            }
     }
     p->before_J += 0.5 * (energy_J[0] + energy_J[1]);
     p->elastic_J += 0.5 * (energy_J[1] + energy_J[2]);

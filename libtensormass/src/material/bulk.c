@@ -4,13 +4,15 @@
 bool tm_bulk_init(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field) {
     const tm_mesh *mesh = field->mesh;
     bulk->field = *field;
-    if (!field->smoothed) {
-        bulk->stiffness_J = TM_ALLOC(pool, double, mesh->tet_count);
-        for (int32_t t = 0; !pool->failed && t < mesh->tet_count; t++)
+    const int smoothed = field->smoothed ? TM_REGION_SMOOTHING : 0;
+    if (!tm_effect_tets(&bulk->tets, pool, field, TM_REGION_VISCOSITY, smoothed)) return false;
+    if (bulk->tets.count > 0) {
+        const int32_t first = tm_ranges_first(&bulk->tets), last = first + tm_ranges_length(&bulk->tets);
+        bulk->stiffness_J = tm_shifted(TM_ALLOC(pool, double, last - first), sizeof(double), first);
+        for (int32_t t = first; !pool->failed && t < last; t++)
             bulk->stiffness_J[t] = mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(field, t));
-        return !pool->failed;
     }
-    if (field->smoothed->vertex.begin) return true;
+    if (!field->smoothed || field->smoothed->vertex.begin) return !pool->failed;
     tm_domains edge = {0};
     if (!tm_smoothed_build_domains(field, pool, &bulk->own_domains, &edge)) return false;
     tm_smoothed_average_all(field, &bulk->own_domains);
@@ -19,10 +21,10 @@ bool tm_bulk_init(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field) 
 
 static bool lies_in(int32_t v, int32_t begin, int32_t end) { return v >= begin && v < end; }
 
-static void add_linear(const tm_bulk *bulk, int32_t begin, int32_t end, const double *TM_RESTRICT u,
-                       double *TM_RESTRICT force) {
+static void add_linear(const tm_bulk *bulk, int32_t first, int32_t last, int32_t begin, int32_t end,
+                       const double *TM_RESTRICT u, double *TM_RESTRICT force) {
     const tm_mesh *mesh = bulk->field.mesh;
-    for (int32_t t = 0; t < mesh->tet_count; t++) {
+    for (int32_t t = first; t < last; t++) {
         const double *alpha = mesh->shape_1_m + 12 * (int64_t)t;
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         double grown = 0;
@@ -64,8 +66,7 @@ static void add_smoothed(const tm_bulk *bulk, int32_t begin, int32_t end, const 
 }
 
 void tm_bulk_add(const tm_bulk *bulk, int32_t begin, int32_t end, const double *u_m, double *force_N) {
-    if (bulk->field.smoothed)
-        add_smoothed(bulk, begin, end, u_m, force_N);
-    else
-        add_linear(bulk, begin, end, u_m, force_N);
+    if (bulk->field.smoothed) add_smoothed(bulk, begin, end, u_m, force_N);
+    for (int32_t i = 0; i < bulk->tets.count; i++)
+        add_linear(bulk, bulk->tets.end[2 * i], bulk->tets.end[2 * i + 1], begin, end, u_m, force_N);
 }

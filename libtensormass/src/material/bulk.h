@@ -3,11 +3,13 @@
 #ifndef TM_BULK_H
 #define TM_BULK_H
 
+#include "material/effect_range.h"
 #include "material/strain_smoothing.h"
 
 typedef struct tm_bulk {
     tm_material_field field;
-    double *stiffness_J;    /* linear: [tet_count] bulk modulus times volume */
+    tm_ranges tets;         /* that relax and are not smoothed */
+    double *stiffness_J;    /* of these: bulk modulus times volume, by the mesh's tetrahedra */
     tm_domains own_domains; /* smoothed, not cuttable: the domains of vertices */
 } tm_bulk;
 

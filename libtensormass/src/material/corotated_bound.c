@@ -108,7 +108,7 @@ double tm_corotated_eigenvalue_over(const tm_material_field *field, int32_t tet,
     for (int k = 0; k < 4; k++) scale[k] = field->mesh->volume_m3[tet] / mass_kg[k];
     gram(field->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
     factor(tm_field_material(field, tet), tm_field_fibre(field, tet), TM_ROTATION_BAND * field->rotation,
-           field->smoothed, L);
+           tm_field_is_smoothed(field, tet), L);
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) {
             GL[9 * i + j] = 0;

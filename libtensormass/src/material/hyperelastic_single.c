@@ -81,6 +81,6 @@ bool tm_single_law_init(tm_single_law *s, tm_pool *pool, const tm_hyperelastic *
     tm_single_laws *law = TM_ALLOC(pool, tm_single_laws, count);
     if (pool->failed) return false;
     for (int32_t p = 0; p < count; p++) convert(h->packs.batch + p, h->law + p, batch + p, law + p);
-    *s = (tm_single_law){{count, h->packs.tet_count, h->packs.alive, batch}, law};
+    *s = (tm_single_law){{count, h->packs.span, h->packs.alive, batch}, law};
     return true;
 }

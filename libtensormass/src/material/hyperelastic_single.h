@@ -14,7 +14,8 @@ typedef struct tm_single_batch {
 } tm_single_batch;
 
 typedef struct tm_single_batches {
-    int32_t count, tet_count;
+    int32_t count;
+    const tm_tet_span *span;
     const uint8_t *alive;
     const tm_single_batch *batch;
 } tm_single_batches;

@@ -108,8 +108,10 @@ double tm_tet_batches_linear_energy(const tm_tet_batches *batches, const double 
 }
 
 bool tm_rotation_lane(const tm_tet_batches *batches, int32_t tet, const double *u_m, tm_corotated_lane *lane) {
-    const int32_t p = tet / TM_LANES;
-    const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
+    const int64_t slot = tm_tet_slot(batches, tet);
+    if (slot < 0) return false;
+    const int32_t p = (int32_t)(slot / TM_LANES);
+    const int at = (int)(slot % TM_LANES) / 2 * 2, l = (int)(slot % 2);
     tm_plain_turned b;
     if (!tm_plain_turn(batches, p, at, u_m, true, &b) || !(b.weight[l] > 0)) return false;
     double s = 0;
@@ -127,8 +129,9 @@ bool tm_rotation_lane(const tm_tet_batches *batches, int32_t tet, const double *
 }
 
 void tm_rotation_lane_law(const tm_tet_batches *batches, int32_t tet, tm_corotated_lane *lane) {
-    const int32_t p = tet / TM_LANES;
-    const int k = tet % TM_LANES;
+    const int64_t slot = tm_tet_slot(batches, tet);
+    const int32_t p = (int32_t)(slot / TM_LANES);
+    const int k = (int)(slot % TM_LANES);
     const tm_tet_batch *batch = batches->batch + p;
     const tm_fibre_batch *f =
         batches->fibred_of && batches->fibred_of[p] >= 0 ? batches->fibred + batches->fibred_of[p] : NULL;

@@ -14,6 +14,11 @@ const tm_law *tm_law_of(const tm_material_field *field) {
     return field->smoothed ? &tm_law_corotated_averaged : &tm_law_corotated;
 }
 
+const tm_law *tm_law_of_tet(const tm_material_field *field, int32_t tet) {
+    const bool linear = field->rotation > 0 && !tm_field_has(field, tet, TM_REGION_ROTATION);
+    return linear ? &tm_law_linear : tm_law_of(field);
+}
+
 bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field) {
     static const double NEVER = 1e100; /* |grad u| that no tetrahedron exceeds */
     *state = (tm_law_state){.law = law, .field = *field};

@@ -43,6 +43,8 @@ TM_NONLINEAR_LAWS(TM_LAW_DECLARE)
 extern const tm_law *const tm_laws[];
 /* Returns the law of a field. */
 const tm_law *tm_law_of(const tm_material_field *field);
+/* Returns the law of one tetrahedron: that of the field, or the linear one where rotation does not act. */
+const tm_law *tm_law_of_tet(const tm_material_field *field, int32_t tet);
 
 /* Initialises from the pool; returns false without memory. */
 bool tm_law_init(tm_law_state *state, tm_pool *pool, const tm_law *law, const tm_material_field *field);

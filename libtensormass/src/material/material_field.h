@@ -4,6 +4,7 @@
 
 #include "base/simd.h"
 #include "mesh/mesh_internal.h"
+#include "tensormass/tissue.h"
 
 /* A view: the arrays belong to the tissue, which may deactivate tetrahedra. */
 typedef struct tm_material_field {
@@ -16,7 +17,8 @@ typedef struct tm_material_field {
     double rotation;                    /* |grad u| above which tetrahedra are corotated; 0: none is */
     const double *stiffest_Pa;          /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
     int32_t material_count;
-    bool plain; /* plain form of all loops */
+    const uint8_t *effects; /* [region_count] sums of tm_region_effect; null: all effects act everywhere */
+    bool plain;             /* plain form of all loops */
 } tm_material_field;
 
 static inline const tm_material *tm_field_material(const tm_material_field *field, int32_t tet) {
@@ -24,6 +26,13 @@ static inline const tm_material *tm_field_material(const tm_material_field *fiel
 }
 static inline const double *tm_field_fibre(const tm_material_field *field, int32_t tet) {
     return field->fibre ? field->fibre + 3 * (int64_t)tet : NULL;
+}
+
+/* All of them. */
+enum { TM_REGION_EFFECTS = TM_REGION_ROTATION | TM_REGION_SMOOTHING | TM_REGION_VISCOSITY };
+/* Returns whether these effects (a sum of tm_region_effect), if the tissue has them, all act in this tetrahedron. */
+static inline bool tm_field_has(const tm_material_field *field, int32_t tet, int effects) {
+    return !field->effects || (field->effects[field->mesh->region[tet]] & effects) == effects;
 }
 
 /* Largest exponent of a law at its limit of stretch. */

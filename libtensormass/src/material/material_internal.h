@@ -2,12 +2,13 @@
 #ifndef TM_MATERIAL_INTERNAL_H
 #define TM_MATERIAL_INTERNAL_H
 
+#include "material/effect_range.h"
 #include "material/nodal_dilatation.h"
 #include "tensormass/rotation.h"
 #include "tensormass/tissue.h"
 
-/* Tetrahedra 8p to 8p+7 of the mesh, removed ones included: active ones have the same index and the same sums in a cut
- * tissue and in a fresh build. */
+/* Eight consecutive tetrahedra of the mesh, or of a body, removed ones included: active ones have the same index and
+ * the same sums in a cut tissue and in a fresh build. */
 enum { TM_LANES = TM_ROTATION_LANES };
 typedef struct tm_tet_batch {
     int32_t component[4][TM_LANES];            /* 3*vertex of each corner; of a lane without tetrahedron: 0 */
@@ -39,10 +40,16 @@ typedef struct tm_fibre_batch {
     double fibre[3][TM_LANES];
 } tm_fibre_batch;
 
+/* The tetrahedra of a batch: lane l has tet + l, if that is below `end`. */
+typedef struct tm_tet_span {
+    int32_t tet, end;
+} tm_tet_span;
+
 typedef struct tm_tet_batches {
     const tm_mesh *mesh;
     int32_t count, tet_count;
-    const uint8_t *alive; /* the tissue's */
+    const tm_tet_span *span; /* [count] ascending; of all tetrahedra, batch p begins with 8p */
+    const uint8_t *alive;    /* the tissue's */
     const tm_tet_batch *batch;
     const tm_fibre_batch *fibred;
     const int32_t *fibred_of;    /* [count] into fibred, -1: isotropic; null: all are */
@@ -136,6 +143,7 @@ void tm_stretch_hessian(const double H[9], const double R[9], double trace, doub
 /* Energy that steps generate, and its removal (world/conserve.c). */
 typedef struct tm_conserving {
     struct tm_rotation *rotation;
+    const tm_ranges *where; /* vertices whose energy it conserves */
     bool on;
     double fades_1_s;                      /* minimum rate of damping */
     double generated_J, saved_generated_J; /* not yet removed; its value when a call began */
@@ -154,6 +162,7 @@ struct tm_rotation {
     tm_pool pool;
     const tm_tissue *tissue;
     tm_tet_batches batches;
+    tm_ranges where; /* its vertices */
     tm_nodal_dilatation nodal_dilatation;
     tm_rotation_kernel kernel;
     double threshold;
@@ -163,8 +172,12 @@ struct tm_rotation {
     double *reach_m;                   /* [count] */
     double *spread_1_m;                /* [count] largest growth of grad u per largest displacement component */
     int32_t *list, list_count, *every; /* [count] each; `every` lists all */
-    double listed_m;                   /* the list holds every batch of less reach */
-    int64_t idle;                      /* batches checked without result since `seen_m` */
+    const int32_t *elastic;            /* [elastic_count] those that this stage may list: all, or those that do not
+                                          relax by the stage "viscosity" */
+    int32_t elastic_count;
+    const uint8_t *relaxes; /* [count] 1: the stage "viscosity" computes the batch; null: none */
+    double listed_m;        /* the list holds every batch of less reach */
+    int64_t idle;           /* batches checked without result since `seen_m` */
     bool seen;
     int32_t active;
     double *scratch_N;         /* [3*vertex_count] */
@@ -175,12 +188,16 @@ struct tm_rotation {
     int32_t *reached; /* [2*count] divided among threads: first and last vertex of a batch; else null */
 };
 
-/* Builds the batches of the laws, without the averaged part. */
+/* Builds the batches of the laws, without the averaged part: of corotated tissue those where rotation acts. */
 bool tm_tet_batches_init(tm_tet_batches *batches, tm_pool *pool, const tm_material_field *field);
-/* place[i], in the order of mesh->vertex_tet: index of that corner's first force component, of 12*TM_LANES per
- * batch. */
-void tm_packs_corners(const tm_mesh *mesh, int32_t *place);
-double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p);
+/* The same of those tetrahedra where these effects all act, a sum of tm_region_effect. */
+bool tm_tet_batches_init_where(tm_tet_batches *batches, tm_pool *pool, const tm_material_field *field, int effects);
+/* place[i], in the order of mesh->vertex_tet: index of that corner's first force component, of 12*TM_LANES per batch.
+ * Not set for tetrahedra that no batch has. */
+void tm_packs_corners(const tm_tet_batches *batches, int32_t *place);
+/* Returns the lane of a tetrahedron, 8*batch + lane; -1: no batch has it. */
+int64_t tm_tet_slot(const tm_tet_batches *batches, int32_t tet);
+double tm_tet_batch_spread(const tm_tet_batches *batches, int32_t p);
 /* Returns how many of `count` items belong to the parts before this one. */
 static inline int32_t tm_tet_batches_before(int32_t count, int32_t part, int32_t parts) {
     return (int32_t)((int64_t)count * part / parts);

@@ -71,7 +71,7 @@ static bool take_long_term(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, c
         long_term.smoothed = &smoothed;
         v->relaxed_bulk_Pa = bulk_Pa, v->relaxed_max_Pa = max_Pa;
     }
-    return !pool->failed && tm_tet_batches_init(left, pool, &long_term);
+    return !pool->failed && tm_tet_batches_init_where(left, pool, &long_term, TM_REGION_ROTATION | TM_REGION_VISCOSITY);
 }
 
 static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
@@ -86,18 +86,22 @@ static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, 
 }
 
 bool tm_prony_init(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
-                   const tm_viscosity_def *def, int32_t batches, double *const *kept) {
-    const int64_t lanes = TM_LANES * (int64_t)batches;
+                   const tm_viscosity_def *def, double *const *kept) {
     double shear, volume;
     tm_viscosity_relaxed(def, &shear, &volume);
     share_out(v, def, shear, volume);
-    v->bulk_J = TM_ALLOC(pool, double, lanes);
     if (!take_long_term(v, left, pool, field, shear, volume)) return false;
+    const int64_t lanes = TM_LANES * (int64_t)left->count;
+    v->bulk_J = TM_ALLOC(pool, double, lanes);
+    if (pool->failed) return false;
     for (int32_t t = 0; t < def->count; t++) {
         v->history[t] = kept[t];
         v->swelling[t] = kept[t] + 6 * lanes;
     }
-    for (int32_t t = 0; !field->smoothed && t < field->mesh->tet_count; t++)
-        v->bulk_J[t] = field->mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(field, t));
+    for (int32_t t = 0; !field->smoothed && t < field->mesh->tet_count; t++) {
+        const int64_t slot = tm_tet_slot(left, t);
+        if (slot < 0) continue;
+        v->bulk_J[slot] = field->mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(field, t));
+    }
     return true;
 }

@@ -20,9 +20,9 @@ static inline void tm_viscosity_relaxed(const tm_viscosity_def *def, double *she
     for (int32_t t = 0; t < def->count; t++) *shear -= def->term[t].shear, *volume -= def->term[t].bulk;
 }
 
-/* Initialises the terms of batches, and `left`, the batches of the long-term law. The caller owns `kept` of each term
- * (6*TM_LANES*batches and the averaged domains). Returns false without memory. */
+/* Initialises the terms of batches, where viscosity and rotation act, and `left`, the batches of the long-term law. The
+ * caller owns `kept` of each term (6*TM_LANES*batches and the averaged domains). Returns false without memory. */
 bool tm_prony_init(tm_viscous *v, tm_tet_batches *left, tm_pool *pool, const tm_material_field *field,
-                   const tm_viscosity_def *def, int32_t batches, double *const *kept);
+                   const tm_viscosity_def *def, double *const *kept);
 
 #endif

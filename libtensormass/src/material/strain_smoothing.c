@@ -34,6 +34,7 @@ static int32_t most_around(const tm_mesh *mesh) {
 
 /* Returns whether the i-th tetrahedron of a star is the first with its law. */
 static bool opens_domain(const tm_material_field *field, star s, int32_t i) {
+    if (law_of(field, s.tet[i]) < 0) return false;
     for (int32_t j = 0; j < i; j++)
         if (law_of(field, s.tet[j]) == law_of(field, s.tet[i])) return false;
     return true;
@@ -170,6 +171,7 @@ void tm_smoothed_average_all(const tm_material_field *field, tm_domains *d) {
 const tm_material *tm_smoothed_cover(const tm_material_field *field, int32_t tet, tm_material *cover) {
     const tm_smoothed *s = field->smoothed;
     const int32_t region = field->mesh->region[tet];
+    if (!tm_field_is_smoothed(field, tet)) return NULL;
     if (tm_material_is_isotropic(s->remainder + region)) return NULL;
     *cover = (tm_material){.lambda_Pa = s->bulk_Pa[region],
                            .mu_Pa = tm_material_stiffest_Pa(s->remainder + region) / 2,

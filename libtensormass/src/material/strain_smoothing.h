@@ -26,12 +26,17 @@ typedef struct tm_domains {
 /* Division of the law, and the domains of its averaged parts. */
 typedef struct tm_smoothed {
     double shear;           /* share of the shear that is averaged over edges */
-    int32_t *law;           /* [region_count] the first region with the same elastic constants */
-    double *bulk_Pa;        /* [region_count] averaged over vertices */
+    int32_t *law;           /* [region_count] the first region with the same elastic constants; -1: not smoothed */
+    double *bulk_Pa;        /* [region_count] averaged over vertices; 0: not smoothed */
     tm_material *remainder; /* [region_count] the law without it */
     /* Cuttable: kept for the tissue's lifetime. Otherwise built for assembly and for the critical step, then freed. */
     tm_domains vertex, edge;
 } tm_smoothed;
+
+/* Returns whether the strains of a tetrahedron are averaged. */
+static inline bool tm_field_is_smoothed(const tm_material_field *field, int32_t tet) {
+    return field->smoothed && field->smoothed->law[field->mesh->region[tet]] >= 0;
+}
 
 /* Builds domains, members and the domains of each vertex; averages nothing yet. Returns false without memory. */
 bool tm_smoothed_build_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge);

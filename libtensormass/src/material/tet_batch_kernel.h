@@ -10,14 +10,15 @@
 #endif
 
 INSIDE void TM_NAME(active_lanes)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
-    if (p < batches->count - 1 &&
-        !memcmp(batches->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
+    const tm_tet_span span = batches->span[p];
+    if (span.tet + TM_LANES <= span.end &&
+        !memcmp(batches->alive + span.tet + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
         *there = (M8){0} == 0;
         return;
     }
     for (int l = 0; l < TM_WIDTH; l++) {
-        const int32_t tet = TM_LANES * p + at + l;
-        (*there)[l] = tet < batches->tet_count && batches->alive[tet] ? -1 : 0;
+        const int32_t tet = span.tet + at + l;
+        (*there)[l] = tet < span.end && batches->alive[tet] ? -1 : 0;
     }
 }
 

@@ -9,10 +9,12 @@ static bool has_fibre(const tm_material_field *field, int32_t tet) {
     return !tm_material_is_isotropic(tm_field_material(field, tet));
 }
 
-static bool batch_has_fibre(const tm_material_field *field, int32_t p) {
+/* Returns the end of a batch's tetrahedra. */
+static int32_t end_of(tm_tet_span span) { return span.tet + TM_LANES < span.end ? span.tet + TM_LANES : span.end; }
+
+static bool batch_has_fibre(const tm_material_field *field, tm_tet_span span) {
     bool any = false;
-    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < field->mesh->tet_count; t++)
-        any = any || has_fibre(field, t);
+    for (int32_t t = span.tet; t < end_of(span); t++) any = any || has_fibre(field, t);
     return any;
 }
 
@@ -39,27 +41,48 @@ static void fill_fibre(const tm_material_field *field, int32_t tet, tm_fibre_bat
     for (int i = 0; i < 3; i++) batch->fibre[i][l] = a ? a[i] : 0;
 }
 
+/* Divides the ranges, each from its begin on. Returns null without memory. */
+static tm_tet_span *take_spans(const tm_ranges *ranges, tm_pool *pool, int32_t *count) {
+    *count = 0;
+    for (int32_t i = 0; i < ranges->count; i++)
+        *count += (ranges->end[2 * i + 1] - ranges->end[2 * i] + TM_LANES - 1) / TM_LANES;
+    tm_tet_span *span = TM_ALLOC(pool, tm_tet_span, *count);
+    for (int32_t i = 0, p = 0; span && i < ranges->count; i++)
+        for (int32_t t = ranges->end[2 * i]; t < ranges->end[2 * i + 1]; t += TM_LANES)
+            span[p++] = (tm_tet_span){t, ranges->end[2 * i + 1]};
+    return span;
+}
+
 bool tm_tet_batches_init(tm_tet_batches *batches, tm_pool *pool, const tm_material_field *field) {
-    const int32_t tets = field->mesh->tet_count, count = (tets + TM_LANES - 1) / TM_LANES;
-    int32_t fibred = 0;
-    for (int32_t p = 0; p < count; p++) fibred += batch_has_fibre(field, p);
+    tm_material_field all = *field;
+    if (!(field->rotation > 0)) all.effects = NULL;
+    return tm_tet_batches_init_where(batches, pool, &all, TM_REGION_ROTATION);
+}
+
+bool tm_tet_batches_init_where(tm_tet_batches *batches, tm_pool *pool, const tm_material_field *field, int effects) {
+    int32_t fibred = 0, count = 0;
+    tm_ranges ranges;
+    const tm_tet_span *span =
+        tm_effect_tets(&ranges, pool, field, effects, 0) ? take_spans(&ranges, pool, &count) : NULL;
+    for (int32_t p = 0; span && p < count; p++) fibred += batch_has_fibre(field, span[p]);
     tm_tet_batch *batch = TM_ALLOC(pool, tm_tet_batch, count);
     tm_fibre_batch *fibre_pack = fibred ? TM_ALLOC(pool, tm_fibre_batch, fibred) : NULL;
     int32_t *fibred_of = fibred ? TM_ALLOC(pool, int32_t, count) : NULL;
     if (pool->failed) return false;
     for (int32_t p = 0, at = 0; p < count; p++) {
-        const bool has = fibred && batch_has_fibre(field, p);
+        const bool has = fibred && batch_has_fibre(field, span[p]);
         if (fibred_of) fibred_of[p] = has ? at : -1;
-        for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tets; t++) {
-            fill(field, t, batch + p, t % TM_LANES);
-            if (has) fill_fibre(field, t, fibre_pack + at, t % TM_LANES);
+        for (int32_t t = span[p].tet; t < end_of(span[p]); t++) {
+            fill(field, t, batch + p, t - span[p].tet);
+            if (has) fill_fibre(field, t, fibre_pack + at, t - span[p].tet);
         }
         at += has;
     }
     const double begin = field->rotation, end = TM_ROTATION_BAND * begin;
     *batches = (tm_tet_batches){.mesh = field->mesh,
                                 .count = count,
-                                .tet_count = tets,
+                                .tet_count = field->mesh->tet_count,
+                                .span = span,
                                 .alive = field->alive,
                                 .batch = batch,
                                 .fibred = fibre_pack,
@@ -69,22 +92,35 @@ bool tm_tet_batches_init(tm_tet_batches *batches, tm_pool *pool, const tm_materi
     return true;
 }
 
+int64_t tm_tet_slot(const tm_tet_batches *batches, int32_t tet) {
+    int32_t low = 0, high = batches->count; /* the last batch that begins at `tet` or before */
+    while (high - low > 1) {
+        const int32_t middle = low + (high - low) / 2;
+        *(batches->span[middle].tet <= tet ? &low : &high) = middle;
+    }
+    if (low == high || tet < batches->span[low].tet || tet >= end_of(batches->span[low])) return -1;
+    return TM_LANES * (int64_t)low + tet - batches->span[low].tet;
+}
+
 /* Index of the corner forces on each vertex, in the order of mesh->vertex_tet. */
-void tm_packs_corners(const tm_mesh *mesh, int32_t *place) {
+void tm_packs_corners(const tm_tet_batches *batches, int32_t *place) {
+    const tm_mesh *mesh = batches->mesh;
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
-            const int32_t tet = mesh->vertex_tet[i];
+            const int32_t tet = mesh->vertex_tet[i], slot = (int32_t)tm_tet_slot(batches, tet);
             int k = 0;
+            if (slot < 0) continue;
             while (mesh->tet[4 * (int64_t)tet + k] != v) k++;
-            place[i] = TM_LANES * (12 * (tet / TM_LANES) + 3 * k) + tet % TM_LANES;
+            place[i] = TM_LANES * (12 * (slot / TM_LANES) + 3 * k) + slot % TM_LANES;
         }
 }
 
 /* --- which batches to check --- */
 
-double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p) {
+double tm_tet_batch_spread(const tm_tet_batches *batches, int32_t p) {
+    const tm_mesh *mesh = batches->mesh;
     double most = 0;
-    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
+    for (int32_t t = batches->span[p].tet; t < end_of(batches->span[p]); t++) {
         double sum = 0;
         for (int k = 0; k < 4; k++) {
             const double *alpha = mesh->shape_1_m + 12 * (int64_t)t + 3 * k;
@@ -97,9 +133,10 @@ double tm_tet_batch_spread(const tm_mesh *mesh, int32_t p) {
 
 /* Returns the largest |grad u| of the batch's tetrahedra, removed ones included; these never come back within a
  * step. */
-static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
+static double steepest(const tm_tet_batches *batches, int32_t p, const double *u) {
+    const tm_mesh *mesh = batches->mesh;
     double most = 0;
-    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
+    for (int32_t t = batches->span[p].tet; t < end_of(batches->span[p]); t++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         const double *alpha = mesh->shape_1_m + 12 * (int64_t)t;
         double H[9] = {0}, s = 0;
@@ -112,15 +149,25 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
     return sqrt(most);
 }
 
+/* tm_ranges_next in components of displacement. */
+static bool next_components(const tm_ranges *where, int32_t *i, int32_t first, int32_t last, int32_t *begin,
+                            int32_t *end) {
+    int32_t from, to;
+    if (!tm_ranges_next(where, i, first / 3, (last + 2) / 3, &from, &to)) return false;
+    *begin = 3 * from > first ? 3 * from : first;
+    *end = 3 * to < last ? 3 * to : last;
+    return true;
+}
+
 void tm_tet_batches_mark_seen(tm_rotation *r, const double *u, int32_t partition, int32_t parts) {
-    const tm_mesh *mesh = r->batches.mesh;
-    const int32_t n = 3 * mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts),
+    const int32_t n = 3 * r->batches.mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts),
                   last = tm_tet_batches_before(n, partition + 1, parts);
-    memcpy(r->seen_m + first, u + first, sizeof(double) * (size_t)(last - first));
+    for (int32_t i = 0, begin, end; next_components(&r->where, &i, first, last, &begin, &end);)
+        memcpy(r->seen_m + begin, u + begin, sizeof(double) * (size_t)(end - begin));
     for (int32_t p = tm_tet_batches_before(r->batches.count, partition, parts);
          p < tm_tet_batches_before(r->batches.count, partition + 1, parts); p++) {
-        const double reach = (r->threshold * (1 - 1e-9) - steepest(mesh, p, u)) / r->spread_1_m[p];
-        r->reach_m[p] = reach > 0 ? reach : 0;
+        const double reach = (r->threshold * (1 - 1e-9) - steepest(&r->batches, p, u)) / r->spread_1_m[p];
+        r->reach_m[p] = r->relaxes && r->relaxes[p] ? HUGE_VAL : reach > 0 ? reach : 0;
     }
 }
 
@@ -145,8 +192,12 @@ static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, i
 }
 
 double tm_tet_batches_increment(const tm_rotation *r, const double *u, int32_t partition, int32_t parts) {
-    const int32_t n = 3 * r->batches.mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts);
-    return way(u + first, r->seen_m + first, tm_tet_batches_before(n, partition + 1, parts) - first);
+    const int32_t n = 3 * r->batches.mesh->vertex_count, first = tm_tet_batches_before(n, partition, parts),
+                  last = tm_tet_batches_before(n, partition + 1, parts);
+    double most = 0;
+    for (int32_t i = 0, begin, end; next_components(&r->where, &i, first, last, &begin, &end);)
+        most = fmax(most, way(u + begin, r->seen_m + begin, end - begin));
+    return most;
 }
 
 /* Returns whether batches checked without result have cost as much as a new reference state: at most twice the cost of

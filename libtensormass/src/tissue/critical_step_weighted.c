@@ -19,9 +19,9 @@ double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double 
     const tm_material *material = tm_tissue_tet_material(tissue, tet);
     const tm_material_field field = tm_tissue_field(tissue);
     double G[36] = {0}, A[36];
-    if (!tm_law_of(&field)->has_constant_tangent) {
+    if (!tm_law_of_tet(&field, tet)->has_constant_tangent) {
         const double mass = material->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
-        return tm_law_of(&field)->bound(&field, tet, (const double[4]){mass, mass, mass, mass});
+        return tm_law_of_tet(&field, tet)->bound(&field, tet, (const double[4]){mass, mass, mass, mass});
     }
     for (int k = 0; k < 4; k++) tm_strain_gram_add(tissue->mesh->shape_1_m + 12 * (int64_t)tet + 3 * k, 1, G);
     const double scale = 4 / material->density_kg_m3;
@@ -37,7 +37,7 @@ double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double 
 
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]) {
     const tm_material_field field = tm_tissue_field(tissue);
-    return tm_law_of(&field)->bound(&field, tet, mass_kg);
+    return tm_law_of_tet(&field, tet)->bound(&field, tet, mass_kg);
 }
 
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet) {

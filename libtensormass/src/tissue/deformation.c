@@ -3,6 +3,7 @@
 #include <stdio.h>
 
 #include "base/vec.h"
+#include "material/effect_range.h"
 #include "tissue/tissue_internal.h"
 
 /* H[3*i+j] = d u_i / d x_j. */
@@ -33,6 +34,12 @@ static double left_out(const double H[9]) {
     return 0.5 * sqrt(sum);
 }
 
+/* Returns whether rotation acts in some bodies, not in all. */
+static bool turns_partly(const tm_tissue *tissue) {
+    const tm_material_field field = tm_tissue_field(tissue);
+    return tissue->rotation > 0 && !tm_effect_is_everywhere(&field, TM_REGION_ROTATION);
+}
+
 /* Returns whether some materials, not all, have a nonlinear law. */
 static bool is_mixed(const tm_tissue *tissue) {
     bool linear = false;
@@ -46,6 +53,8 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
     const tm_mesh *mesh = tissue->mesh;
     double volume = 0, beyond = 0, H[9];
     const bool mixed = is_mixed(tissue); /* where the share is that of the linear materials */
+    const bool partly = turns_partly(tissue);
+    const tm_material_field field = tm_tissue_field(tissue);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         if (!tissue->alive[t]) continue;
         gradient(mesh, t, u_m, H);
@@ -55,6 +64,7 @@ tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m)
         d.inverted += !(det > 0);
         volume += mesh->volume_m3[t];
         if (mixed && tm_tissue_tet_material(tissue, t)->law != TM_LAW_LINEAR) continue;
+        if (partly && tm_field_has(&field, t, TM_REGION_ROTATION)) continue;
         if (strain > TM_LINEAR_STRAIN_MAX) beyond += mesh->volume_m3[t];
     }
     d.nonlinear_share = volume > 0 ? beyond / volume : 0;
@@ -68,8 +78,10 @@ bool tm_tissue_check_deformation(const tm_tissue *tissue, const tm_deformation *
                                  char sentence[TM_ERROR_MESSAGE_MAX]) {
     TM_REQUIRE(tissue && deformation && sentence, "tissue, deformation or sentence is null", false);
     const tm_deformation *d = deformation;
-    const bool mixed = is_mixed(tissue), turns = tissue->rotation > 0 || (tissue->stiffest_Pa && !mixed);
-    const char *linear = turns   ? ""
+    const bool mixed = is_mixed(tissue), partly = turns_partly(tissue);
+    const bool turns = (tissue->rotation > 0 && !partly) || (tissue->stiffest_Pa && !mixed);
+    const char *linear = turns    ? ""
+                         : partly ? "; give that body 'rotation' too"
                          : mixed ? "; give that material a nonlinear 'law:' too, st-venant-kirchhoff if it only rotates"
                                  : "; add 'rotation': without it tissue must not rotate or bend far";
     sentence[0] = 0;

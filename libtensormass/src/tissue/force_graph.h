@@ -97,13 +97,18 @@ static inline int32_t tm_force_zero(int32_t from, int32_t to, int32_t end, doubl
 typedef void (*tm_force_kernel)(const tm_force_graph *graph, tm_force_partition *part, int32_t begin, int32_t end,
                                 const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N);
 
+/* Runs the pass over vertices that have no edge to others: all, or some bodies. */
+static inline void tm_force_pass_range(tm_force_kernel kernel, const tm_force_graph *graph, int32_t begin, int32_t end,
+                                       const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+    _Alignas(64) double ring[4 * TM_FORCE_RING];
+    tm_force_partition range = {.begin = begin, .end = end, .ring = ring};
+    kernel(graph, &range, begin, end, u_m, force_N);
+}
+
 /* Runs the complete pass. */
 static inline void tm_force_pass(tm_force_kernel kernel, const tm_force_graph *graph, const double *TM_RESTRICT u_m,
                                  double *TM_RESTRICT force_N) {
-    _Alignas(64) double ring[4 * TM_FORCE_RING];
-    tm_force_partition whole = tm_force_whole(graph);
-    whole.ring = ring;
-    kernel(graph, &whole, whole.begin, whole.end, u_m, force_N);
+    tm_force_pass_range(kernel, graph, 0, graph->vertex_count, u_m, force_N);
 }
 
 #define TM_FORCE_DECLARE(name)                                                                                         \

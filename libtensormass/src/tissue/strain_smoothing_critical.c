@@ -68,8 +68,8 @@ static double eigenvalue(const bound *b, const kind *k, int32_t i, members m, co
     else
         tm_material_voigt(s->remainder + (d ? d->law[i] : b->tissue->mesh->region[i]),
                           d ? NULL : tm_tissue_tet_fibre(b->tissue, i), law_Pa);
-    return (d ? s->shear * d->volume_m3[i] : (1 - s->shear) * b->tissue->mesh->volume_m3[i]) *
-           tm_law_eigenvalue_over(law_Pa, G);
+    const double share = d ? s->shear : s->law[b->tissue->mesh->region[i]] < 0 ? 1 : 1 - s->shear;
+    return share * (d ? d->volume_m3[i] : b->tissue->mesh->volume_m3[i]) * tm_law_eigenvalue_over(law_Pa, G);
 }
 
 /* Sets the first weights: 0 for a member without gradient. A small gradient gets a minimum weight, so that the others
@@ -129,7 +129,7 @@ static bool take_bound(bound *b) {
     tm_smoothed_average_all(&field, &b->edge);
     b->kinds[b->kind_count++].domains = &b->vertex;
     if (s->shear > 0) b->kinds[b->kind_count++].domains = &b->edge;
-    if (s->shear < 1) b->kinds[b->kind_count++].domains = NULL;
+    if (s->shear < 1 || b->tissue->effects) b->kinds[b->kind_count++].domains = NULL;
     for (kind *k = b->kinds; k < b->kinds + b->kind_count; k++) {
         const int64_t n = k->domains ? k->domains->member_count : 4 * (int64_t)b->tissue->mesh->tet_count;
         k->weight = TM_ALLOC(&b->pool, double, n);

@@ -18,28 +18,45 @@ static const tm_material *material_of(const tm_tissue_def *def, int32_t region) 
     return def->material + (def->region_material ? def->region_material[region] : region);
 }
 
+/* Effects of a region, as far as its domains depend on them. */
+static int effects_of(const tm_tissue_def *def, int32_t region) {
+    return def->region_effects ? def->region_effects[region] & TM_REGION_EFFECTS : TM_REGION_EFFECTS;
+}
+
 static void split_laws(tm_smoothed *s, const tm_tissue_def *def) {
     for (int32_t r = 0; r < def->mesh->region_count; r++) {
         s->remainder[r] = *material_of(def, r);
+        s->law[r] = -1;
+        if (!(effects_of(def, r) & TM_REGION_SMOOTHING)) continue;
         s->bulk_Pa[r] = tm_material_bulk_Pa(s->remainder + r);
         s->law[r] = 0;
-        while (!same_law(material_of(def, s->law[r]), s->remainder + r)) s->law[r]++;
+        while (effects_of(def, s->law[r]) != effects_of(def, r) ||
+               !same_law(material_of(def, s->law[r]), s->remainder + r))
+            s->law[r]++;
     }
     for (int32_t r = 0; r < def->mesh->region_count; r++) s->remainder[r].lambda_Pa -= s->bulk_Pa[r];
 }
 
-/* Lists the higher vertices that share a domain with k, ascending; `seen` by vertex. */
-static int32_t higher_partners(const tm_domains *d, int32_t k, int32_t *seen, int32_t *list) {
+/* Inserts l into the ascending list, unless k has seen it. */
+static int32_t insert(int32_t k, int32_t l, int32_t *seen, int32_t *list, int32_t count) {
+    if (seen[l] == k + 1) return count;
+    seen[l] = k + 1;
+    int32_t at = count++;
+    for (; at > 0 && list[at - 1] > l; at--) list[at] = list[at - 1];
+    list[at] = l;
+    return count;
+}
+
+/* Lists the higher vertices that share a domain or an edge with k, ascending; `seen` by vertex. */
+static int32_t higher_partners(const tm_mesh *mesh, const tm_domains *d, int32_t k, int32_t *seen, int32_t *list) {
     int32_t count = 0;
     for (int32_t i = d->held_at[k]; i < d->held_at[k + 1]; i++)
-        for (int32_t m = d->held_as[i] + 1; m < d->member_at[d->held_by[i] + 1]; m++) {
-            const int32_t l = d->member[m];
-            if (seen[l] == k + 1) continue;
-            seen[l] = k + 1;
-            int32_t at = count++;
-            for (; at > 0 && list[at - 1] > l; at--) list[at] = list[at - 1];
-            list[at] = l;
-        }
+        for (int32_t m = d->held_as[i] + 1; m < d->member_at[d->held_by[i] + 1]; m++)
+            count = insert(k, d->member[m], seen, list, count);
+    for (int32_t i = mesh->vertex_edge_begin[k]; i < mesh->vertex_edge_begin[k + 1]; i++) {
+        const int32_t l = mesh->edge[2 * (int64_t)mesh->vertex_edge[i] + 1];
+        if (l > k) count = insert(k, l, seen, list, count);
+    }
     return count;
 }
 
@@ -49,7 +66,7 @@ static bool make_pairs(tm_smoothed_rows *r, const tm_domains *d, const tm_mesh *
     int32_t *seen = TM_ALLOC(&scratch, int32_t, mesh->vertex_count), most = 0;
     int32_t *list = TM_ALLOC(&scratch, int32_t, mesh->vertex_count);
     for (int32_t k = 0; !scratch.failed && k < mesh->vertex_count; k++) {
-        const int32_t n = higher_partners(d, k, seen, list);
+        const int32_t n = higher_partners(mesh, d, k, seen, list);
         r->pair_count += n;
         if (n > most) most = n;
     }
@@ -59,7 +76,7 @@ static bool make_pairs(tm_smoothed_rows *r, const tm_domains *d, const tm_mesh *
     const bool good = !scratch.failed && !pool->failed;
     if (good) memset(seen, 0, sizeof *seen * (size_t)mesh->vertex_count);
     for (int32_t k = 0, at = 0; good && k < mesh->vertex_count; k++) {
-        const int32_t n = higher_partners(d, k, seen, list);
+        const int32_t n = higher_partners(mesh, d, k, seen, list);
         for (int32_t i = 0; i < n; i++, at++) r->pair[2 * (int64_t)at] = k, r->pair[2 * (int64_t)at + 1] = list[i];
     }
     tm_pool_release(&scratch);
@@ -144,7 +161,8 @@ static void add_tetrahedron(const tm_tissue *tissue, int32_t k, int32_t tet) {
     const tm_smoothed *s = tissue->smoothed;
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet;
     const double *alpha = tissue->mesh->shape_1_m + 12 * (int64_t)tet;
-    const double volume = (1 - s->shear) * tissue->mesh->volume_m3[tet];
+    const double share = s->law[tissue->mesh->region[tet]] < 0 ? 1 : 1 - s->shear;
+    const double volume = share * tissue->mesh->volume_m3[tet];
     int own = 0;
     while (v[own] != k) own++;
     for (int l = 0; l < 4; l++) {
@@ -156,6 +174,13 @@ static void add_tetrahedron(const tm_tissue *tissue, int32_t k, int32_t tet) {
     }
 }
 
+/* Returns whether the tetrahedra around a vertex are not smoothed: its row is that of other tissue, bit for bit. */
+static bool is_plain(const tm_tissue *tissue, int32_t k) {
+    const tm_mesh *mesh = tissue->mesh;
+    const int32_t first = mesh->vertex_tet_begin[k];
+    return first < mesh->vertex_tet_begin[k + 1] && tissue->smoothed->law[mesh->region[mesh->vertex_tet[first]]] < 0;
+}
+
 /* Writes the row into the graph: active pairs at the front of the vertex's range. */
 static void store_row(tm_tissue *tissue, int32_t k) {
     const tm_smoothed_rows *r = tissue->rows;
@@ -163,7 +188,8 @@ static void store_row(tm_tissue *tissue, int32_t k) {
     const int32_t first = g->upper_begin[k], count = g->upper_begin[k + 1] - first;
     double *own = g->vertex_tensor + 9 * (int64_t)k;
     int32_t slot = first;
-    for (int i = 0; i < 9; i++) own[i] = 0.5 * (r->block[i] + r->block[3 * (i % 3) + i / 3]);
+    const bool plain = is_plain(tissue, k);
+    for (int i = 0; i < 9; i++) own[i] = plain ? r->block[i] : 0.5 * (r->block[i] + r->block[3 * (i % 3) + i / 3]);
     for (int32_t p = 0; p < count; p++) {
         const bool lives = r->filled[1 + p];
         if (tissue->edge_index) tissue->edge_index[first + p] = lives ? slot : -1;
@@ -181,12 +207,13 @@ static void assemble_row(tm_tissue *tissue, const tm_domains *vertex, const tm_d
     const int32_t first = tissue->graph.upper_begin[k], count = tissue->graph.upper_begin[k + 1] - first;
     memset(r->block, 0, 9 * sizeof(double) * ((size_t)count + 1));
     memset(r->filled, 0, (size_t)count + 1);
+    const bool needs_tets = s->shear < 1 || is_plain(tissue, k);
     for (int32_t p = 0; p < count; p++) r->edge_index[r->pair[2 * ((int64_t)first + p) + 1]] = p + 1;
     for (int32_t i = vertex->held_at[k]; i < vertex->held_at[k + 1]; i++)
         if (vertex->lives[vertex->held_as[i]]) add_volume(tissue, vertex, k, vertex->held_by[i], vertex->held_as[i]);
     for (int32_t i = s->shear > 0 ? edge->held_at[k] : 0; s->shear > 0 && i < edge->held_at[k + 1]; i++)
         if (edge->lives[edge->held_as[i]]) add_shear(tissue, edge, k, edge->held_by[i], edge->held_as[i]);
-    for (int32_t i = mesh->vertex_tet_begin[k]; s->shear < 1 && i < mesh->vertex_tet_begin[k + 1]; i++)
+    for (int32_t i = mesh->vertex_tet_begin[k]; needs_tets && i < mesh->vertex_tet_begin[k + 1]; i++)
         if (tissue->alive[mesh->vertex_tet[i]]) add_tetrahedron(tissue, k, mesh->vertex_tet[i]);
     store_row(tissue, k);
 }
@@ -208,19 +235,22 @@ bool tm_smoothed_assemble(tm_tissue *tissue) {
     return good;
 }
 
+static void wait_for(tm_smoothed_rows *r, int32_t row) {
+    if (!r->row_waits[row]) r->row[r->row_count++] = row;
+    r->row_waits[row] = 1;
+}
+
 void tm_smoothed_cut(tm_tissue *tissue, const int32_t *vertex, int32_t vertices, const int32_t *edge, int32_t edges) {
     tm_smoothed *s = tissue->smoothed;
     tm_smoothed_rows *r = tissue->rows;
     const tm_material_field field = tm_tissue_field(tissue);
     for (int32_t i = 0; i < vertices; i++) {
         tm_smoothed_average(&field, &s->vertex, vertex[i]);
+        wait_for(r, vertex[i]); /* not smoothed: in no domain */
         /* Members of an edge's domains are members of its ends'. */
         for (int32_t d = s->vertex.begin[vertex[i]]; d < s->vertex.begin[vertex[i] + 1]; d++)
-            for (int32_t m = s->vertex.member_at[d]; m < s->vertex.member_at[d + 1]; m++) {
-                const int32_t k = s->vertex.member[m];
-                if (!r->row_waits[k]) r->row[r->row_count++] = k;
-                r->row_waits[k] = 1;
-            }
+            for (int32_t m = s->vertex.member_at[d]; m < s->vertex.member_at[d + 1]; m++)
+                wait_for(r, s->vertex.member[m]);
     }
     for (int32_t i = 0; s->shear > 0 && i < edges; i++) tm_smoothed_average(&field, &s->edge, edge[i]);
     while (r->row_count > 0) {

@@ -97,9 +97,15 @@ bool tm_tangent_take_averaged(tm_tangent *tangent, tm_pool *pool, const tm_tissu
                               const tm_nodal_dilatation *averages) {
     const int32_t batches = (tissue->mesh->tet_count + TM_LANES - 1) / TM_LANES;
     if (!tm_nodal_dilatation_init_evaluation(&tangent->nodal_dilatation, pool, averages, batches)) return false;
-    if (tissue->smoothed)
+    if (tm_nodal_dilatation_is_on(averages))
         tangent->gradient = TM_ALLOC(pool, double, 3 * (int64_t)tm_nodal_dilatation_max_members(averages));
     return tm_tangent_take_tensors(tangent, pool, tissue);
+}
+
+tm_material_field tm_rotation_field(const tm_tissue *tissue) {
+    tm_material_field field = tm_tissue_field(tissue);
+    if (!tm_effects_meet(&field, TM_REGION_ROTATION | TM_REGION_SMOOTHING)) field.smoothed = NULL;
+    return field;
 }
 
 bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
@@ -191,7 +197,7 @@ void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int
     const tm_tissue *tissue = rotation->tissue;
     double A[81];
     tm_corotated_lane lane;
-    if (tissue->smoothed) {
+    if (tm_nodal_dilatation_is_on(&rotation->nodal_dilatation)) {
         if (begin == 0)
             tm_nodal_dilatation_evaluate(&tangent->nodal_dilatation, &rotation->batches, tissue->plain, u_m);
         tm_tangent_add_domains(tissue, begin, end, tangent);
@@ -229,7 +235,7 @@ static void write_tensors(tm_tissue *tissue, const tm_tangent *tangent) {
 }
 
 static bool rotate_one(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
-    const tm_material_field field = tm_tissue_field(tissue);
+    const tm_material_field field = tm_rotation_field(tissue);
     tm_rotation rotation = {.tissue = tissue};
     tm_tangent tangent = {0};
     if (!tm_tet_batches_init(&rotation.batches, pool, &field) ||

@@ -27,6 +27,8 @@ void tm_tangent_begin(const tm_tissue *tissue, tm_tangent *tangent);
 void tm_tangent_add_pair(const tm_tissue *tissue, int32_t k, int32_t l, const double K[9], tm_tangent *tangent);
 /* Adds a tetrahedron's d2W/dF2 (symmetric 9x9, J). */
 void tm_tangent_add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_tangent *tangent);
+/* Returns the field of the stage "rotation": without smoothing, if no body that rotates has it. */
+tm_material_field tm_rotation_field(const tm_tissue *tissue);
 bool tm_tangent_init(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
 
 /* Computes the complete tangent at u_m; _add: the corotated part of the tetrahedra [begin, end). */

@@ -70,12 +70,33 @@ static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
+static bool has_different_effects(const tm_tissue_def *def) {
+    for (int32_t r = 0; def->region_effects && r < def->mesh->region_count; r++)
+        if ((def->region_effects[r] & TM_REGION_EFFECTS) != TM_REGION_EFFECTS) return true;
+    return false;
+}
+
+/* Returns whether both effects act in a region. */
+static bool effects_meet(const tm_tissue_def *def, tm_region_effect a, tm_region_effect b) {
+    bool meet = !def->region_effects;
+    for (int32_t r = 0; !meet && r < def->mesh->region_count; r++)
+        meet = (def->region_effects[r] & a) && (def->region_effects[r] & b);
+    return meet;
+}
+
 static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     if (def->rotation == 0) return TM_OK;
     if (!(def->rotation >= TM_ROTATION_THRESHOLD_MIN && def->rotation <= TM_ROTATION_THRESHOLD_MAX))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "the rotation threshold is %g; give 0 (no rotation) or %g to %g",
                        def->rotation, TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
-    if (def->strain_smoothing && def->smoothed_shear_share != 0)
+    if (def->strain_smoothing && has_different_effects(def) &&
+        effects_meet(def, TM_REGION_ROTATION, TM_REGION_SMOOTHING))
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "rotation and strain smoothing act in the same region, and regions differ in an effect: the "
+            "averages of rotated tetrahedra are computed for all regions; give all regions the same effects");
+    if (def->strain_smoothing && def->smoothed_shear_share != 0 &&
+        effects_meet(def, TM_REGION_ROTATION, TM_REGION_SMOOTHING))
         return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
             "rotation excludes smoothed_shear_share = %g: shears of rotated tetrahedra are not averaged; give "
@@ -86,6 +107,21 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
             error, TM_ERR_ARGUMENT, -1,
             "rotation subtracts the linear force, which single precision rounds differently; set precision to "
             "TM_DOUBLE");
+    return TM_OK;
+}
+
+/* Refuses effects that differ between regions with a common vertex. */
+static tm_status check_effects(const tm_tissue_def *def, tm_error *error) {
+    const tm_mesh *mesh = def->mesh;
+    for (int32_t v = 0; def->region_effects && v < mesh->vertex_count; v++)
+        for (int32_t i = mesh->vertex_tet_begin[v] + 1; i < mesh->vertex_tet_begin[v + 1]; i++) {
+            const int32_t a = mesh->region[mesh->vertex_tet[i - 1]], b = mesh->region[mesh->vertex_tet[i]];
+            if (def->region_effects[a] == def->region_effects[b]) continue;
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_original_vertex(mesh, v),
+                           "regions %d and %d share vertex %d and have different region_effects; give all regions of a "
+                           "body the same effects",
+                           (int)a, (int)b, tm_mesh_original_vertex(mesh, v));
+        }
     return TM_OK;
 }
 
@@ -100,6 +136,9 @@ static tm_status check_law(const tm_tissue_def *def, tm_error *error) {
     if (def->strain_smoothing && def->smoothed_shear_share != 0)
         with = "averaged shear, which rotated tetrahedra do not support (give smoothed_shear_share = 0)";
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->condensed) with = "a condensed part, which is linear";
+    for (int32_t r = 0; def->strain_smoothing && def->region_effects && r < def->mesh->region_count; r++)
+        if (!(def->region_effects[r] & TM_REGION_SMOOTHING))
+            with = "strain smoothing of some regions only, as its averages are computed for all";
     return with ? tm_fail(error, TM_ERR_EXCLUDED, -1, "law %s excludes %s; leave one of them out", name, with) : TM_OK;
 }
 
@@ -191,6 +230,7 @@ static void init(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->region_material = TM_ALLOC(pool, int32_t, mesh->region_count);
     if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_ALLOC(pool, double, 3 * (int64_t)mesh->tet_count);
     if (any_nonlinear(def)) tissue->stiffest_Pa = TM_ALLOC(pool, double, def->material_count);
+    if (has_different_effects(def)) tissue->effects = TM_ALLOC(pool, uint8_t, mesh->region_count);
     tissue->alive = TM_ALLOC(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_ALLOC(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_ALLOC(pool, double, mesh->vertex_count);
@@ -249,6 +289,8 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
         memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
     if (def->extra_damping_kg_s)
         memcpy(tissue->extra_damping_kg_s, def->extra_damping_kg_s, sizeof(double) * (size_t)mesh->vertex_count);
+    for (int32_t r = 0; tissue->effects && r < mesh->region_count; r++)
+        tissue->effects[r] = def->region_effects[r] & TM_REGION_EFFECTS;
     memcpy(tissue->material, def->material, sizeof(tm_material) * (size_t)def->material_count);
     for (int32_t r = 0; r < mesh->region_count; r++)
         tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
@@ -270,6 +312,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     TM_REQUIRE(tissue && def->mesh, "tissue or def->mesh is null", TM_ERR_ARGUMENT);
     tm_status status = check_regions(def, error);
     if (!status) status = check_fibres(def, error);
+    if (!status) status = check_effects(def, error);
     if (!status) status = check_volume(def, error);
     if (!status) status = check_rotation(def, error);
     if (!status) status = check_law(def, error);
@@ -308,18 +351,22 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
 
 tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error) {
     tm_pool pool = {0};
-    tm_material *material = TM_ALLOC(&pool, tm_material, tissue->material_count);
+    const int32_t regions = tissue->mesh->region_count;
+    tm_material *material = TM_ALLOC(&pool, tm_material, regions);
     if (!material) return tm_fail_memory(error, "relaxed tissue");
-    for (int32_t i = 0; i < tissue->material_count; i++)
-        material[i] = tm_material_relaxed(tissue->material + i, shear, volume);
+    for (int32_t r = 0; r < regions; r++) {
+        const tm_material *m = tissue->material + tissue->region_material[r];
+        const bool relaxes = !tissue->effects || (tissue->effects[r] & TM_REGION_VISCOSITY);
+        material[r] = relaxes ? tm_material_relaxed(m, shear, volume) : *m;
+    }
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = tissue->mesh;
-    def.material_count = tissue->material_count, def.material = material;
-    def.region_material = tissue->region_material, def.fibre = tissue->fibre;
+    def.material_count = regions, def.material = material, def.fibre = tissue->fibre;
     def.precision = tissue->has_single_law ? TM_SINGLE : tissue->precision;
     def.form = tissue->plain ? TM_FORCE_PLAIN : TM_FORCE_BEST;
     def.alive = tissue->alive;
     def.rotation = tissue->rotation;
+    def.region_effects = tissue->effects;
     def.strain_smoothing = tissue->smoothed;
     if (tissue->smoothed) def.smoothed_shear_share = tissue->smoothed->shear;
     const tm_status status = tm_tissue_create(&def, out, error);

@@ -122,3 +122,8 @@ double tm_tissue_energy(const tm_tissue *tissue, const double *u_m) {
     }
     return sum;
 }
+
+const uint8_t *tm_tissue_region_effects(const tm_tissue *tissue) {
+    TM_REQUIRE(tissue, "tissue is null", NULL);
+    return tissue->effects;
+}

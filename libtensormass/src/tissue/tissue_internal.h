@@ -19,6 +19,7 @@ struct tm_tissue {
     bool has_single_law;      /* the step computes the nonlinear law in single precision */
     bool cuttable, plain;     /* plain: the force loop's form */
     double *stiffest_Pa;      /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
+    uint8_t *effects;         /* [region_count] sums of tm_region_effect; null: all act everywhere */
     double rotation;          /* threshold of the stage "rotation", 0: the stage is not allowed */
     uint8_t *alive;           /* [tet_count] */
     int32_t alive_count;
@@ -60,6 +61,7 @@ static inline tm_material_field tm_tissue_field(const tm_tissue *tissue) {
                                .rotation = tissue->rotation,
                                .stiffest_Pa = tissue->stiffest_Pa,
                                .material_count = tissue->material_count,
+                               .effects = tissue->effects,
                                .plain = tissue->plain};
 }
 /* Creates the relaxed tissue: shares `shear` and `volume` of the moduli, the same active tetrahedra. TM_ERR_MEMORY. */

@@ -22,24 +22,59 @@ static const double SHARE_MAX = 1;
 /* With averaged dilatation W takes extra passes, so conservation is on only below this damping. */
 static const double FULL_MAX_1_S = 10;
 
-static double min_damping(const tm_world *world) {
+static double min_damping(const tm_world *world, const tm_ranges *where) {
     const tm_tissue *tissue = world->tissue;
     double least = HUGE_VAL;
-    for (int32_t v = 0; world->damped && v < tissue->mesh->vertex_count; v++)
-        if (tissue->mass_kg[v] > 0) least = fmin(least, tissue->damping_kg_s[v] / tissue->mass_kg[v]);
+    for (int32_t i = 0; world->damped && i < where->count; i++)
+        for (int32_t v = where->end[2 * i]; v < where->end[2 * i + 1]; v++)
+            if (tissue->mass_kg[v] > 0) least = fmin(least, tissue->damping_kg_s[v] / tissue->mass_kg[v]);
     return least < HUGE_VAL ? least : 0;
 }
 
-static size_t numbers(const tm_conserving *c) { return 3 * (size_t)c->rotation->tissue->mesh->vertex_count; }
+/* to := from, on the vertices of corotated bodies. */
+static void copy(const tm_conserving *c, double *to, const double *from) {
+    const tm_ranges *r = c->where;
+    for (int32_t i = 0; i < r->count; i++) {
+        const int64_t begin = 3 * (int64_t)r->end[2 * i];
+        memcpy(to + begin, from + begin, sizeof *to * (size_t)(3 * (int64_t)r->end[2 * i + 1] - begin));
+    }
+}
+
+static bool are_equal(const tm_conserving *c, const double *a, const double *b) {
+    const tm_ranges *r = c->where;
+    for (int32_t i = 0; i < r->count; i++) {
+        const int64_t begin = 3 * (int64_t)r->end[2 * i];
+        if (memcmp(a + begin, b + begin, sizeof *a * (size_t)(3 * (int64_t)r->end[2 * i + 1] - begin))) return false;
+    }
+    return true;
+}
+
+/* to += from */
+static void add(const tm_conserving *c, double *to, const double *from) {
+    const tm_ranges *r = c->where;
+    for (int32_t k = 0; k < r->count; k++)
+        for (int64_t i = 3 * (int64_t)r->end[2 * k]; i < 3 * (int64_t)r->end[2 * k + 1]; i++) to[i] += from[i];
+}
+
+void tm_conserve_clear(tm_conserving *c) { tm_ranges_clear(c->where, c->now_N); }
+
+/* Computes the tensors' force on the vertices of corotated bodies. */
+static void linear_force(const tm_conserving *c, const tm_world *world, const double *u_m, double *force_N) {
+    const tm_ranges *r = c->where;
+    for (int32_t i = 0; i < r->count; i++)
+        tm_force_pass_range(world->tissue->force, &world->tissue->graph, r->end[2 * i], r->end[2 * i + 1], u_m,
+                            force_N);
+}
 
 bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation) {
-    const int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
-    *c = (tm_conserving){.rotation = rotation, .last_s = -HUGE_VAL};
-    const double damping = min_damping(world);
-    c->on = !world->tissue->smoothed || damping < FULL_MAX_1_S;
+    const int64_t n = 3 * (int64_t)tm_ranges_length(&rotation->where);
+    *c = (tm_conserving){.rotation = rotation, .where = &rotation->where, .last_s = -HUGE_VAL};
+    const double damping = min_damping(world, &rotation->where);
+    c->on = !tm_nodal_dilatation_is_on(&rotation->nodal_dilatation) || damping < FULL_MAX_1_S;
     c->fades_1_s = damping;
     double **of[] = {&c->now_N, &c->all_N, &c->now_before_N, &c->all_before_N, &c->seen_m, &c->push_N};
-    for (int i = 0; i < 6; i++) *of[i] = TM_ALLOC(pool, double, n);
+    for (int i = 0; i < 6; i++)
+        *of[i] = tm_shifted(TM_ALLOC(pool, double, n), sizeof(double), 3 * (int64_t)tm_ranges_first(&rotation->where));
     c->batch_J = TM_ALLOC(pool, double, rotation->batches.count);
     return !pool->failed;
 }
@@ -50,21 +85,25 @@ typedef struct sums {
 
 /* Computes the energy that the last step generated, without W. Sets push_N to the change of the force, and computes its
  * work in the next step at share 1. */
-static sums go_over(tm_conserving *c, const tm_world *world) {
+static void go_over_vertex(tm_conserving *c, const tm_world *world, int32_t v, sums *sum) {
     const tm_state *s = &world->state;
-    sums sum = {0};
-    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
-        const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->inertia[v] : 1;
-        for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
-            const double came = s->u_m[i] - s->u_prev_m[i], change = c->all_N[i] - c->all_before_N[i];
-            const double way = 0.5 * (came + carry * came + mobility * s->force_N[i]);
-            c->push_N[i] = change;
-            sum.generated_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
-            if (!(mobility > 0)) continue;
-            sum.p_J += change * way;
-            sum.q_J += 0.5 * mobility * change * change;
-        }
+    const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->inertia[v] : 1;
+    for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
+        const double came = s->u_m[i] - s->u_prev_m[i], change = c->all_N[i] - c->all_before_N[i];
+        const double way = 0.5 * (came + carry * came + mobility * s->force_N[i]);
+        c->push_N[i] = change;
+        sum->generated_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
+        if (!(mobility > 0)) continue;
+        sum->p_J += change * way;
+        sum->q_J += 0.5 * mobility * change * change;
     }
+}
+
+static sums go_over(tm_conserving *c, const tm_world *world) {
+    const tm_ranges *r = c->where;
+    sums sum = {0};
+    for (int32_t i = 0; i < r->count; i++)
+        for (int32_t v = r->end[2 * i]; v < r->end[2 * i + 1]; v++) go_over_vertex(c, world, v, &sum);
     return sum;
 }
 
@@ -88,18 +127,20 @@ static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
 static void take_back(tm_conserving *c, tm_world *world, double energy_J,
                       void (*find_before)(tm_conserving *, tm_world *)) {
     tm_state *s = &world->state;
-    const size_t n = numbers(c);
     c->share = 0;
     if (s->time_s == c->last_s) return; /* no step: tissue settles */
-    if (!c->valid || memcmp(c->seen_m, s->u_prev_m, n * sizeof *c->seen_m)) find_before(c, world);
+    if (!c->valid || !are_equal(c, c->seen_m, s->u_prev_m)) find_before(c, world);
     const sums sum = go_over(c, world);
     c->generated_J += energy_J - c->energy_J + sum.generated_J;
     c->share = choose_share(c, s->dt_s, &sum);
-    for (size_t i = 0; c->share != 0 && i < n; i++) s->force_N[i] += c->push_N[i] *= c->share;
+    const tm_ranges *r = c->where;
+    for (int32_t k = 0; c->share != 0 && k < r->count; k++)
+        for (int64_t i = 3 * (int64_t)r->end[2 * k]; i < 3 * (int64_t)r->end[2 * k + 1]; i++)
+            s->force_N[i] += c->push_N[i] *= c->share;
     c->valid = true, c->last_s = s->time_s, c->energy_J = energy_J;
-    memcpy(c->now_before_N, c->now_N, n * sizeof *c->now_N);
-    memcpy(c->all_before_N, c->all_N, n * sizeof *c->all_N);
-    memcpy(c->seen_m, s->u_m, n * sizeof *c->seen_m);
+    copy(c, c->now_before_N, c->now_N);
+    copy(c, c->all_before_N, c->all_N);
+    copy(c, c->seen_m, s->u_m);
 }
 
 /* --- correction in addition to the tensors --- */
@@ -113,33 +154,35 @@ static double sum_of(const double *partition, int32_t count) {
 static void find_correction(tm_conserving *c, tm_world *world) {
     tm_rotation *r = c->rotation;
     const double *u = world->state.u_prev_m;
-    memset(c->now_before_N, 0, numbers(c) * sizeof *c->now_before_N);
-    r->kernel(&r->batches, r->every, r->batches.count, u, c->now_before_N, c->batch_J);
-    c->energy_J = sum_of(c->batch_J, r->batches.count);
-    tm_tissue_force(world->tissue, u, c->all_before_N);
-    for (size_t i = 0; i < numbers(c); i++) c->all_before_N[i] += c->now_before_N[i];
+    tm_ranges_clear(c->where, c->now_before_N);
+    r->kernel(&r->batches, r->elastic, r->elastic_count, u, c->now_before_N, c->batch_J);
+    c->energy_J = sum_of(c->batch_J, r->elastic_count);
+    linear_force(c, world, u, c->all_before_N);
+    add(c, c->all_before_N, c->now_before_N);
 }
 
 /* Returns whether force_N is the tensors' alone when the stage begins. */
 static bool follows_force(const tm_conserving *c, const tm_world *world) {
     int32_t own = 0;
     while (own < world->stage_count && world->entry[own].stage.self != (void *)c->rotation) own++;
-    return own == 1 && !strcmp(world->entry[0].stage.name, "force");
+    const int32_t force = own == 2 && !strcmp(world->entry[0].stage.name, "viscous strain"); /* of other bodies */
+    return own == force + 1 && !strcmp(world->entry[force].stage.name, "force");
 }
 
 void tm_conserve(tm_conserving *c, tm_world *world) {
     double *force = world->state.force_N;
-    const size_t n = numbers(c);
     if (world->evaluating) {
-        for (size_t i = 0; i < n; i++) force[i] += c->now_N[i];
+        add(c, force, c->now_N);
         return;
     }
     const double energy_J = sum_of(c->batch_J, c->rotation->list_count);
     if (!follows_force(c, world)) {
-        tm_tissue_force(world->tissue, world->state.u_m, c->all_N);
-        for (size_t i = 0; i < n; i++) c->all_N[i] += c->now_N[i], force[i] += c->now_N[i];
+        linear_force(c, world, world->state.u_m, c->all_N);
+        add(c, c->all_N, c->now_N);
+        add(c, force, c->now_N);
     } else {
-        for (size_t i = 0; i < n; i++) c->all_N[i] = force[i] += c->now_N[i];
+        add(c, force, c->now_N);
+        copy(c, c->all_N, force);
     }
     take_back(c, world, energy_J, find_correction);
 }
@@ -157,26 +200,25 @@ static double whole_energy(const tm_conserving *c, const double *u) {
 static void find_whole(tm_conserving *c, tm_world *world) {
     tm_state *s = &world->state, own = *s;
     s->u_m = own.u_prev_m, s->force_N = c->now_before_N;
-    memset(c->now_before_N, 0, numbers(c) * sizeof *c->now_before_N);
+    tm_ranges_clear(c->where, c->now_before_N);
     tm_relaxing_force(c->rotation->whole);
     *s = own;
-    memcpy(c->all_before_N, c->now_before_N, numbers(c) * sizeof *c->all_before_N);
+    copy(c, c->all_before_N, c->now_before_N);
     c->energy_J = whole_energy(c, own.u_prev_m);
 }
 
 void tm_conserve_whole(tm_conserving *c, tm_world *world) {
     double *force = world->state.force_N;
-    const size_t n = numbers(c);
     if (!c->on || world->evaluating) {
         tm_relaxing_force(c->rotation->whole);
         return;
     }
-    memcpy(c->push_N, force, n * sizeof *force);
-    memset(force, 0, n * sizeof *force);
+    copy(c, c->push_N, force);
+    tm_ranges_clear(c->where, force);
     tm_relaxing_force(c->rotation->whole);
-    memcpy(c->now_N, force, n * sizeof *force);
-    memcpy(c->all_N, force, n * sizeof *force);
-    for (size_t i = 0; i < n; i++) force[i] += c->push_N[i];
+    copy(c, c->now_N, force);
+    copy(c, c->all_N, force);
+    add(c, force, c->push_N);
     take_back(c, world, whole_energy(c, world->state.u_m), find_whole);
 }
 

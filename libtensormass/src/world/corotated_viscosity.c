@@ -3,22 +3,33 @@
  * divided among the step's threads: strains of batches; with averaged dilatation, pressures of domains, then their
  * stresses on batches; corner forces gathered by vertices. Every sum is complete and ascending, so results are
  * bit-identical to those of one thread. */
+#include "tissue/tangent.h"
 #include "world/viscosity.h"
 
+#include <math.h>
 #include <string.h>
 
 /* --- memory --- */
 
+enum { RELAXING = TM_REGION_ROTATION | TM_REGION_VISCOSITY };
+
+static bool relaxes(const tm_rotation *rotation, int32_t batch) {
+    const tm_material_field field = tm_tissue_field(rotation->tissue);
+    return tm_field_has(&field, rotation->batches.span[batch].tet, RELAXING);
+}
+
 static int64_t kept(const void *self) {
     const tm_rotation *rotation = self;
-    return 6 * TM_LANES * (int64_t)rotation->batches.count + tm_nodal_dilatation_domains(&rotation->nodal_dilatation);
+    int64_t batches = 0;
+    for (int32_t p = 0; p < rotation->batches.count; p++) batches += relaxes(rotation, p);
+    return 6 * TM_LANES * batches + tm_nodal_dilatation_domains(&rotation->nodal_dilatation);
 }
 
 /* Allocates one evaluation. It shares memory of the elastic tissue, because only one of both runs. */
 static bool take_room(tm_relaxing *r, tm_pool *pool) {
     const tm_mesh *mesh = r->world->tissue->mesh;
     const tm_relaxing *lender = r->rotation->whole;
-    const int64_t lanes = TM_LANES * (int64_t)r->rotation->batches.count;
+    const int64_t lanes = TM_LANES * (int64_t)r->batches->count;
     tm_viscous *v = &r->viscous;
     r->active = TM_ALLOC(pool, int32_t, r->world->partition_count);
     if (lender) {
@@ -26,27 +37,46 @@ static bool take_room(tm_relaxing *r, tm_pool *pool) {
         r->slot = lender->slot;
         return !pool->failed;
     }
+    const int32_t first = mesh->vertex_tet_begin[tm_ranges_first(&r->where)];
+    const int32_t last = mesh->vertex_tet_begin[tm_ranges_first(&r->where) + tm_ranges_length(&r->where)];
     v->corner_N = TM_ALLOC(pool, double, 12 * lanes);
-    if (r->world->tissue->smoothed) v->stress_J = TM_ALLOC(pool, double, 9 * lanes);
-    r->slot = TM_ALLOC(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    if (tm_nodal_dilatation_is_on(&r->rotation->nodal_dilatation)) v->stress_J = TM_ALLOC(pool, double, 9 * lanes);
+    r->slot = tm_shifted(TM_ALLOC(pool, int32_t, last - first), sizeof *r->slot, first);
     if (pool->failed) return false;
-    tm_packs_corners(mesh, r->slot);
+    tm_packs_corners(r->batches, r->slot);
     return true;
 }
 
 bool tm_relaxing_init_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation) {
-    *r = (tm_relaxing){.world = world, .rotation = rotation, .batches = &rotation->batches};
+    *r = (tm_relaxing){.world = world, .rotation = rotation, .batches = &rotation->batches, .where = rotation->where};
     r->passes = tm_viscous_choose(world->tissue->plain);
     return take_room(r, pool);
+}
+
+/* Lists what the stage "rotation" computes while some of its bodies relax. */
+static bool list_elastic(tm_relaxing *r, tm_pool *pool, const tm_material_field *field) {
+    const tm_rotation *rotation = r->rotation;
+    r->relaxes = TM_ALLOC(pool, uint8_t, rotation->batches.count);
+    r->elastic = TM_ALLOC(pool, int32_t, rotation->batches.count);
+    if (!tm_effect_vertices(&r->elastic_where, pool, field, TM_REGION_ROTATION, TM_REGION_VISCOSITY)) return false;
+    for (int32_t p = 0; !pool->failed && p < rotation->batches.count; p++) {
+        r->relaxes[p] = relaxes(rotation, p);
+        if (!r->relaxes[p]) r->elastic[r->elastic_count++] = p;
+    }
+    return !pool->failed;
 }
 
 static bool begin(void *self, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *histories) {
     tm_rotation *rotation = self;
     tm_relaxing *r = TM_ALLOC(pool, tm_relaxing, 1);
-    if (!r || !tm_relaxing_init_elastic(r, pool, world, rotation)) return false;
-    r->batches = &r->relaxed;
-    const tm_material_field field = tm_tissue_field(world->tissue);
-    if (!tm_prony_init(&r->viscous, &r->relaxed, pool, &field, def, rotation->batches.count, histories)) return false;
+    const tm_material_field field = tm_rotation_field(world->tissue);
+    if (!r) return false;
+    *r = (tm_relaxing){.world = world, .rotation = rotation, .batches = &r->relaxed};
+    r->passes = tm_viscous_choose(world->tissue->plain);
+    if (!tm_prony_init(&r->viscous, &r->relaxed, pool, &field, def, histories) ||
+        !tm_effect_vertices(&r->where, pool, &field, RELAXING, 0) || !take_room(r, pool))
+        return false;
+    if (r->relaxed.count < rotation->batches.count && !list_elastic(r, pool, &field)) return false;
     rotation->terms = r;
     return true;
 }
@@ -89,14 +119,15 @@ static void gather(void *context, int32_t partition) {
     const int32_t *begin = r->world->tissue->mesh->vertex_tet_begin;
     const tm_force_partition *own = &r->world->partition[partition].force;
     double *TM_RESTRICT force = r->world->state.force_N;
-    for (int32_t v = own->begin; v < own->end; v++) {
-        double x = force[3 * v], y = force[3 * v + 1], z = force[3 * v + 2];
-        for (int32_t i = begin[v]; i < begin[v + 1]; i++) {
-            const double *pull = r->viscous.corner_N + r->slot[i];
-            x -= pull[0], y -= pull[TM_LANES], z -= pull[2 * TM_LANES];
+    for (int32_t k = 0, first, last; tm_ranges_next(&r->where, &k, own->begin, own->end, &first, &last);)
+        for (int32_t v = first; v < last; v++) {
+            double x = force[3 * v], y = force[3 * v + 1], z = force[3 * v + 2];
+            for (int32_t i = begin[v]; i < begin[v + 1]; i++) {
+                const double *pull = r->viscous.corner_N + r->slot[i];
+                x -= pull[0], y -= pull[TM_LANES], z -= pull[2 * TM_LANES];
+            }
+            force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
         }
-        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
-    }
 }
 
 /* --- timers --- */
@@ -167,10 +198,12 @@ static void corner_forces_timed(tm_relaxing *r) {
 void tm_relaxing_force(tm_relaxing *r) {
     tm_world *world = r->world;
     r->viscous.history_frozen = world->evaluating;
-    if (world->timing && world->profiled != TM_NO_STAGE && r->viscous.terms)
+    const bool all = tm_ranges_length(&r->where) == world->tissue->mesh->vertex_count;
+    if (all && world->timing && world->profiled != TM_NO_STAGE && r->viscous.terms)
         corner_forces_timed(r);
     else
         pull(r);
+    if (r->relaxes) return; /* the report of the stage "rotation" has its own batches */
     r->rotation->active = 0;
     for (int32_t p = 0; p < world->partition_count; p++) r->rotation->active += r->active[p];
     r->rotation->list_count = r->batches->count;
@@ -194,9 +227,21 @@ static void evaluate(void *self, const tm_fading *fading) {
 
 static void set(void *self, tm_world *world, bool relaxes) {
     tm_rotation *rotation = self;
-    rotation->done_by_viscosity = relaxes;
+    const tm_relaxing *r = rotation->terms;
+    const bool partly = relaxes && r->relaxes;
+    const int32_t all = world->tissue->mesh->vertex_count;
+    rotation->done_by_viscosity = relaxes && !partly;
+    rotation->relaxes = partly ? r->relaxes : NULL;
+    rotation->elastic = partly ? r->elastic : rotation->every;
+    rotation->elastic_count = partly ? r->elastic_count : rotation->batches.count;
+    rotation->conserving.where = partly ? &r->elastic_where : &rotation->where;
+    if (r->relaxes) {
+        rotation->seen = false;
+        rotation->conserving.valid = false, rotation->conserving.last_s = -HUGE_VAL;
+    }
     if (relaxes)
-        tm_world_set_force(world, &(tm_force_provider){.stage = "viscosity"});
+        tm_world_set_force(world,
+                           &(tm_force_provider){.stage = "viscosity", .where = tm_ranges_within(&r->where, all)});
     else
         tm_world_set_force(world, rotation->whole ? &(tm_force_provider){.stage = "rotation"} : NULL);
 }
@@ -209,8 +254,9 @@ static void set_step(void *self, const tm_fading *fading) {
 
 static bool prepare_rest(void *self, const tm_tissue *tissue, tm_relaxed *relaxed) {
     const tm_rotation *rotation = self;
-    const tm_material_field field = tm_tissue_field(tissue);
+    const tm_material_field field = tm_rotation_field(tissue);
     relaxed->batches = rotation->terms->relaxed;
+    if (rotation->terms->relaxes && !tm_tet_batches_init(&relaxed->batches, &relaxed->pool, &field)) return false;
     return tm_nodal_dilatation_init(&relaxed->nodal_dilatation, &relaxed->pool, &field, relaxed->batches.count);
 }
 

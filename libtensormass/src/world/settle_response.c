@@ -42,6 +42,7 @@ static tm_status add_internal(const tm_world *world, const double *u_m, double *
     if (!force) return tm_fail_memory(error, "static force");
     tm_tissue_force(world->tissue, u_m, force);
     for (int32_t i = 0; i < n; i++) force_N[i] += force[i];
+    memset(force, 0, sizeof(double) * (size_t)n);
     if (law) law->force(law->self, u_m, force);
     for (int32_t i = 0; i < n && law; i++) force_N[i] += force[i];
     tm_pool_release(&pool);

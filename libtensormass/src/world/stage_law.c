@@ -253,7 +253,8 @@ static void end_terms(void *self) {
 static void set_terms(void *self, tm_world *world, bool relaxes) {
     law_stage *l = self;
     l->relaxes = relaxes;
-    tm_world_set_force(world, &(tm_force_provider){relaxes ? "viscosity" : STAGE, l, force_range});
+    tm_world_set_force(world,
+                       &(tm_force_provider){.stage = relaxes ? "viscosity" : STAGE, .self = l, .range = force_range});
 }
 
 static void set_step(void *self, const tm_fading *fading) {
@@ -338,7 +339,7 @@ static bool take(law_stage *l, tm_pool *pool) {
                             .relaxing = &relaxing_law,
                             .scratch_N = TM_ALLOC(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
     if (pool->failed) return false;
-    tm_packs_corners(tissue->mesh, l->place);
+    tm_packs_corners(&l->hyper.packs, l->place);
     return true;
 }
 
@@ -363,7 +364,7 @@ tm_status tm_stage_law(tm_world *world, tm_error *error) {
         tm_pool_release(&pool);
         return status;
     }
-    tm_world_set_force(world, &(tm_force_provider){STAGE, l, force_range});
+    tm_world_set_force(world, &(tm_force_provider){.stage = STAGE, .self = l, .range = force_range});
     tm_world_set_divides(world, STAGE);
     world->nonlinear = &l->law;
     return TM_OK;

@@ -132,7 +132,7 @@ static void run(void *self, tm_world *world) {
     double way_m = t->increment_m[0];
     for (int32_t p = 1; p < world->partition_count; p++) way_m = t->increment_m[p] > way_m ? t->increment_m[p] : way_m;
     tm_tet_batches_list(r, way_m);
-    memset(r->conserving.now_N, 0, 3 * sizeof(double) * (size_t)world->tissue->mesh->vertex_count);
+    tm_conserve_clear(&r->conserving);
     run_listed(t);
     tm_conserve(&r->conserving, world);
     r->idle += r->list_count - r->active;
@@ -178,7 +178,12 @@ static void destroy(void *self) {
 
 static double law_energy(const void *self, const double *u_m) { return tm_rotation_energy(self, u_m); }
 
-static void law_force(const void *self, const double *u_m, double *force_N) { tm_rotation_force(self, u_m, force_N); }
+static void law_force(const void *self, const double *u_m, double *force_N) {
+    const tm_rotation *r = self;
+    tm_ranges_clear(&r->where, force_N);
+    r->kernel(&r->batches, r->every, r->batches.count, u_m, force_N, NULL);
+    tm_nodal_dilatation_add(&r->nodal_dilatation, &r->batches, r->tissue->plain, u_m, force_N);
+}
 
 static const double *law_added(const void *self) {
     const tm_conserving *c = &((const tm_rotation *)self)->conserving;
@@ -195,6 +200,7 @@ static void law_add_tangent(const void *self, const double *u_m, int32_t begin, 
 
 static tm_nonlinear law_of(tm_rotation *r) {
     return (tm_nonlinear){.self = r,
+                          .where = &r->where,
                           .energy = law_energy,
                           .force = law_force,
                           .added_N = law_added,
@@ -206,9 +212,11 @@ static tm_nonlinear law_of(tm_rotation *r) {
 
 /* --- creation --- */
 
-static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
+static void reach(const tm_tet_batches *batches, int32_t p, int32_t reached[2]) {
+    const tm_mesh *mesh = batches->mesh;
+    const tm_tet_span span = batches->span[p];
     reached[0] = mesh->vertex_count, reached[1] = -1;
-    for (int32_t i = 4 * TM_LANES * p; i < 4 * TM_LANES * (p + 1) && i < 4 * mesh->tet_count; i++) {
+    for (int32_t i = 4 * span.tet; i < 4 * (span.tet + TM_LANES) && i < 4 * span.end; i++) {
         if (mesh->tet[i] < reached[0]) reached[0] = mesh->tet[i];
         if (mesh->tet[i] > reached[1]) reached[1] = mesh->tet[i];
     }
@@ -233,27 +241,29 @@ static bool init_passes(turner *t, tm_pool *pool, tm_world *world) {
     t->load = TM_ALLOC(pool, int32_t, world->partition_count);
     t->counted = -1;
     r->reached = TM_ALLOC(pool, int32_t, 2 * count);
-    for (int32_t p = 0; !pool->failed && p < count; p++) reach(world->tissue->mesh, p, r->reached + 2 * p);
+    for (int32_t p = 0; !pool->failed && p < count; p++) reach(&r->batches, p, r->reached + 2 * p);
     return !pool->failed;
 }
 
 static bool init(turner *t, tm_pool *pool, tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     tm_rotation *r = &t->rotation;
-    const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count;
-    const tm_material_field field = tm_tissue_field(tissue);
+    const tm_material_field field = tm_rotation_field(tissue);
     if (!tm_tet_batches_init(&r->batches, pool, &field)) return false;
+    if (!tm_effect_vertices(&r->where, pool, &field, TM_REGION_ROTATION, 0)) return false;
+    const int64_t n = 3 * (int64_t)tm_ranges_length(&r->where), first = 3 * (int64_t)tm_ranges_first(&r->where);
     if (!tm_nodal_dilatation_init(&r->nodal_dilatation, pool, &field, r->batches.count)) return false;
-    r->seen_m = TM_ALLOC(pool, double, n);
+    r->seen_m = tm_shifted(TM_ALLOC(pool, double, n), sizeof(double), first);
     r->reach_m = TM_ALLOC(pool, double, r->batches.count);
     r->spread_1_m = TM_ALLOC(pool, double, r->batches.count);
     r->list = TM_ALLOC(pool, int32_t, r->batches.count);
     r->every = TM_ALLOC(pool, int32_t, r->batches.count);
-    r->scratch_N = TM_ALLOC(pool, double, n);
+    r->scratch_N = tm_shifted(TM_ALLOC(pool, double, n), sizeof(double), first);
     if (pool->failed) return false;
+    r->elastic = r->every, r->elastic_count = r->batches.count;
     for (int32_t p = 0; p < r->batches.count; p++) {
         r->every[p] = p;
-        r->spread_1_m[p] = tm_tet_batch_spread(tissue->mesh, p);
+        r->spread_1_m[p] = tm_tet_batch_spread(&r->batches, p);
     }
     return tm_conserve_init(&r->conserving, pool, world, r) && init_passes(t, pool, world);
 }
@@ -326,6 +336,5 @@ double tm_rotation_energy(const tm_rotation *rotation, const double *u_m) {
 void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *force_N) {
     TM_REQUIRE(rotation && u_m && force_N, "rotation, u_m or force_N is null", );
     memset(force_N, 0, sizeof(double) * 3 * (size_t)rotation->tissue->mesh->vertex_count);
-    rotation->kernel(&rotation->batches, rotation->every, rotation->batches.count, u_m, force_N, NULL);
-    tm_nodal_dilatation_add(&rotation->nodal_dilatation, &rotation->batches, rotation->tissue->plain, u_m, force_N);
+    law_force(rotation, u_m, force_N);
 }

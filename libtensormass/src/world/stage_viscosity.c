@@ -13,13 +13,15 @@
 typedef struct viscosity {
     tm_pool pool;
     tm_world *world;
-    int32_t n;     /* components */
-    int64_t saved; /* numbers that a term stores */
+    tm_ranges where; /* vertices of linear bodies that relax */
+    int32_t n;       /* components of these, from the first to the last vertex */
+    int64_t saved;   /* numbers that a term stores */
     tm_viscosity_def def;
     tm_fading fading[TM_VISCOSITY_TERMS];
-    double *q_m[TM_VISCOSITY_TERMS], *saved_m[TM_VISCOSITY_TERMS]; /* [kept]; saved_m: when the step began */
-    double *strained_m;                                            /* [n] u - sum shear_i q_i */
-    double *nodal_dilatation_m;                                    /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
+    double *kept[TM_VISCOSITY_TERMS], *saved_m[TM_VISCOSITY_TERMS]; /* [saved]; saved_m: when the step began */
+    double *q_m[TM_VISCOSITY_TERMS];                                /* `kept`, by the mesh's vertices */
+    double *strained_m;                                             /* [n] u - sum shear_i q_i */
+    double *nodal_dilatation_m;                                     /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
     tm_bulk bulk;
     /* Of a nonlinear law, which computes its terms and has histories per tetrahedron instead; else null. */
     const struct tm_relaxing_law *law;
@@ -28,9 +30,7 @@ typedef struct viscosity {
 
 /* --- the step --- */
 
-static void strain_part(void *context, int32_t part) {
-    const viscosity *v = context;
-    const int32_t begin = 3 * v->world->partition[part].force.begin, end = 3 * v->world->partition[part].force.end;
+static void strain_range(const viscosity *v, int32_t begin, int32_t end) {
     const double *TM_RESTRICT u = v->world->state.u_m;
     double *TM_RESTRICT strained = v->strained_m, *TM_RESTRICT dilatation = v->nodal_dilatation_m;
     for (int32_t t = 0; t < v->def.count; t++) {
@@ -39,6 +39,14 @@ static void strain_part(void *context, int32_t part) {
         for (int32_t i = begin; i < end; i++) strained[i] = from[i] - shear * q[i];
         for (int32_t i = begin; dilatation && i < end; i++) dilatation[i] = (t ? dilatation[i] : 0) + more * q[i];
     }
+}
+
+static void strain_part(void *context, int32_t part) {
+    const viscosity *v = context;
+    const double *TM_RESTRICT u = v->world->state.u_m;
+    const tm_force_partition *all = &v->world->partition[part].force;
+    for (int32_t i = 0, begin, end; tm_ranges_next(&v->where, &i, all->begin, all->end, &begin, &end);)
+        strain_range(v, 3 * begin, 3 * end);
     /* Two passes over a partition may not run concurrently: this one uses a copy of it. */
     tm_force_partition own = v->world->partition[part].force;
     const tm_tissue *tissue = v->world->tissue;
@@ -60,15 +68,14 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
 static void bulk_part(void *context, int32_t number) {
     const viscosity *v = context;
     const tm_force_partition *part = &v->world->partition[number].force;
-    tm_bulk_add(&v->bulk, part->begin, part->end, v->nodal_dilatation_m, v->world->state.force_N);
+    for (int32_t i = 0, begin, end; tm_ranges_next(&v->where, &i, part->begin, part->end, &begin, &end);)
+        tm_bulk_add(&v->bulk, begin, end, v->nodal_dilatation_m, v->world->state.force_N);
 }
 
 static void run_bulk(void *self, tm_world *world) { tm_partitions_run(world, bulk_part, self); }
 
-static void follow_range(void *self, tm_world *world, const tm_range *range) {
-    const viscosity *v = self;
+static void follow(const viscosity *v, const tm_world *world, int32_t begin, int32_t end) {
     const double tiny = 1e-60; /* flushes tiny values to zero, as the world does */
-    const int32_t begin = 3 * range->begin, end = 3 * range->end;
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT next = world->state.u_next_m;
     for (int32_t t = 0; t < v->def.count; t++) {
         const tm_fading f = v->fading[t];
@@ -76,6 +83,12 @@ static void follow_range(void *self, tm_world *world, const tm_range *range) {
         for (int32_t i = begin; i < end; i++)
             q[i] = (f.kept_share * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
     }
+}
+
+static void follow_range(void *self, tm_world *world, const tm_range *range) {
+    const viscosity *v = self;
+    for (int32_t i = 0, begin, end; tm_ranges_next(&v->where, &i, range->begin, range->end, &begin, &end);)
+        follow(v, world, 3 * begin, 3 * end);
 }
 
 /* A nonlinear law: its own terms. */
@@ -87,12 +100,18 @@ static void run_law(void *self, tm_world *world) {
 
 /* --- callbacks --- */
 
+/* Returns the linear bodies that relax; null: all. */
+static const tm_ranges *within(const viscosity *v) {
+    return tm_ranges_within(&v->where, v->world->tissue->mesh->vertex_count);
+}
+
 /* Sets the law of the stage "force": the series, or (false) elastic tissue. */
 static void set_force(viscosity *v, bool relaxes) {
     if (v->law)
         v->law->set(v->law_self, v->world, relaxes);
     else
-        tm_world_set_force(v->world, relaxes ? &(tm_force_provider){"viscosity", v, force_range} : NULL);
+        tm_world_set_force(
+            v->world, relaxes ? &(tm_force_provider){"viscosity", v, force_range, within(v), v->strained_m} : NULL);
 }
 
 static void step_changed(void *self, tm_world *world) {
@@ -117,7 +136,7 @@ static int64_t snapshot(void *self, void *buffer) {
     if (buffer) {
         memcpy(buffer, &v->def, sizeof v->def);
         for (int32_t t = 0; t < v->def.count; t++)
-            memcpy((char *)buffer + sizeof v->def + bytes * (size_t)t, v->q_m[t], bytes);
+            memcpy((char *)buffer + sizeof v->def + bytes * (size_t)t, v->kept[t], bytes);
     }
     return (int64_t)(sizeof v->def + bytes * (size_t)v->def.count);
 }
@@ -133,20 +152,20 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         const double *from = (const double *)((const char *)buffer + sizeof v->def + each * (size_t)t);
         for (int64_t i = 0; i < v->saved; i++)
             if (v->law ? !is_number(from[i]) : !tm_is_place(from[i])) return false;
-        if (apply) memcpy(v->q_m[t], from, each);
+        if (apply) memcpy(v->kept[t], from, each);
     }
     return true;
 }
 
 static void checkpoint(void *self) {
     const viscosity *v = self;
-    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->saved_m[t], v->q_m[t], sizeof(double) * (size_t)v->saved);
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->saved_m[t], v->kept[t], sizeof(double) * (size_t)v->saved);
 }
 
 static void rollback(void *self, tm_world *world) {
     (void)world;
     const viscosity *v = self;
-    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->saved_m[t], sizeof(double) * (size_t)v->saved);
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->kept[t], v->saved_m[t], sizeof(double) * (size_t)v->saved);
 }
 
 static void release(viscosity *v) {
@@ -180,23 +199,30 @@ static void rest_here(viscosity *v) {
         v->law->evaluate(v->law_self, rest);
         return;
     }
-    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->world->state.u_m, sizeof(double) * (size_t)v->n);
+    for (int32_t t = 0; t < v->def.count; t++)
+        for (int32_t i = 0; i < v->where.count; i++)
+            for (int32_t k = 3 * v->where.end[2 * i]; k < 3 * v->where.end[2 * i + 1]; k++)
+                v->q_m[t][k] = v->world->state.u_m[k];
 }
 
 static bool init(viscosity *v, tm_pool *pool) {
     bool alike = true;
+    const tm_material_field field = tm_tissue_field(v->world->tissue);
+    if (!tm_effect_vertices(&v->where, pool, &field, TM_REGION_VISCOSITY, 0)) return false;
+    const int64_t first = 3 * (int64_t)tm_ranges_first(&v->where);
+    v->n = 3 * tm_ranges_length(&v->where);
     v->saved = v->law ? v->law->kept(v->law_self) : v->n;
     for (int32_t t = 0; t < v->def.count; t++) {
-        v->q_m[t] = TM_ALLOC(pool, double, v->saved);
+        v->kept[t] = TM_ALLOC(pool, double, v->saved);
+        v->q_m[t] = tm_shifted(v->kept[t], sizeof(double), first);
         v->saved_m[t] = TM_ALLOC(pool, double, v->saved);
         alike = alike && v->def.term[t].bulk == v->def.term[t].shear;
     }
     if (pool->failed) return false;
-    if (v->law) return v->law->begin(v->law_self, pool, v->world, &v->def, v->q_m);
-    v->strained_m = TM_ALLOC(pool, double, v->n);
+    if (v->law) return v->law->begin(v->law_self, pool, v->world, &v->def, v->kept);
+    v->strained_m = tm_shifted(TM_ALLOC(pool, double, v->n), sizeof(double), first);
     if (alike) return !pool->failed;
-    v->nodal_dilatation_m = TM_ALLOC(pool, double, v->n);
-    const tm_material_field field = tm_tissue_field(v->world->tissue);
+    v->nodal_dilatation_m = tm_shifted(TM_ALLOC(pool, double, v->n), sizeof(double), first);
     return tm_bulk_init(&v->bulk, pool, &field) && !pool->failed;
 }
 
@@ -255,6 +281,23 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     return TM_OK;
 }
 
+/* Whether the bodies that relax are those of the world's law (or rotation), others, or both. */
+typedef enum kind { LINEAR = 1, LAW = 2, BOTH = 3 } kind;
+
+static bool everywhere(const tm_world *world) {
+    const tm_material_field field = tm_tissue_field(world->tissue);
+    return tm_effect_is_everywhere(&field, TM_REGION_VISCOSITY);
+}
+
+static kind kinds_of(const tm_world *world) {
+    const tm_material_field field = tm_tissue_field(world->tissue);
+    int kinds = 0;
+    if (!world->nonlinear || !field.effects || !(field.rotation > 0)) return world->nonlinear ? LAW : LINEAR;
+    for (int32_t r = 0; r < field.mesh->region_count; r++)
+        if (field.effects[r] & TM_REGION_VISCOSITY) kinds |= field.effects[r] & TM_REGION_ROTATION ? LAW : LINEAR;
+    return kinds ? (kind)kinds : LINEAR;
+}
+
 tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_error *error) {
     TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
     const tm_status status = tm_viscosity_check(def, error);
@@ -265,11 +308,22 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
     if (world->tissue->has_single_law)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "viscosity of a nonlinear law needs double precision; set precision to TM_DOUBLE");
+    const kind kinds = kinds_of(world);
+    if (kinds == BOTH)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "viscosity acts in bodies with rotation and in others without, and one stage keeps one kind of "
+                       "history; give rotation to all bodies with viscosity, or to none of them");
+    if (kinds == LAW && !everywhere(world) && !(world->tissue->rotation > 0))
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "viscosity acts in some bodies, and a nonlinear law in the tissue: that law keeps histories of all "
+            "tetrahedra; give viscosity to all bodies");
     tm_pool pool = {0};
     viscosity *v = TM_ALLOC(&pool, viscosity, 1);
     if (v) {
-        v->world = world, v->n = 3 * world->tissue->mesh->vertex_count;
-        if (world->nonlinear) v->law = world->nonlinear->relaxing, v->law_self = world->nonlinear->self;
+        v->world = world;
+        if (world->nonlinear && kinds != LINEAR)
+            v->law = world->nonlinear->relaxing, v->law_self = world->nonlinear->self;
         v->def = tm_viscosity_def_default();
         v->def.count = def->count;
         memcpy(v->def.term, def->term, sizeof def->term[0] * (size_t)def->count);

@@ -15,7 +15,12 @@ typedef struct tm_relaxing {
     tm_tet_batches relaxed;
     tm_viscous viscous;
     tm_viscous_passes passes;
+    tm_ranges where; /* its vertices */
     int32_t *slot; /* [4*tet_count] index of each corner force in viscous.corner_N, in the order of mesh->vertex_tet */
+    /* Where rotation acts in more bodies than viscosity, while these relax: what the stage "rotation" leaves to it. */
+    uint8_t *relaxes; /* [rotation->batches.count], or null: all batches relax */
+    int32_t *elastic, elastic_count;
+    tm_ranges elastic_where;
     int32_t *active; /* [partition_count] corotated batches */
     /* Timers: number of timed calls; time of a call, and of elastic tissue, at the last comparison. */
     int64_t timed;

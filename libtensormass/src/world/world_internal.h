@@ -3,6 +3,7 @@
 #define TM_WORLD_INTERNAL_H
 
 #include "base/thread_pool.h"
+#include "material/effect_range.h"
 #include "tensormass/rotation.h"
 #include "tensormass/world.h"
 #include "tissue/tissue_internal.h"
@@ -12,6 +13,7 @@ enum { TM_COOKIE_WORLD = 0x776f726c, TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_S
 /* Data of one thread in a step. */
 typedef struct tm_partition {
     tm_force_partition force;  /* its vertices */
+    tm_force_partition piece;  /* those in one or between two ranges of the provider (stage_force.c) */
     bool unstable;             /* one of them is unbounded, since the substep's last check */
     int32_t *halo;             /* [vertex_count] capacity of force.halo; null: the first */
     double usual_s;            /* mean time of its thread per force job, before those of sum_s */
@@ -25,13 +27,17 @@ typedef struct tm_force_provider {
     const char *stage; /* that provides it; null: the tissue's tensors */
     void *self;
     tm_stage_range *range; /* null: `stage` computes the complete force, and "force" leaves 0 */
+    /* Vertices of the bodies that it concerns; the others follow the tensors. Null: all. */
+    const tm_ranges *where;
+    const double *u_m; /* with `where`: displacement by which the tensors give its force; null: "force" leaves 0 */
 } tm_force_provider;
 
 /* A nonlinear law: what it adds to the tissue's tensors. Settling, energy accounting and compliance columns call this
  * interface, so that they depend on no particular law. */
 struct tm_tangent;
 typedef struct tm_nonlinear {
-    void *self; /* its stage's, or data that lead there */
+    void *self;             /* its stage's, or data that lead there */
+    const tm_ranges *where; /* its vertices: `force`, `added_N` and `scratch_N` concern no other; null: all */
     double (*energy)(const void *self, const double *u_m);
     void (*force)(const void *self, const double *u_m, double *force_N); /* force_N := */
     /* [3*vertex_count] added in the last step by no law (conserve.h); null, or returns null: nothing. */
