@@ -2,6 +2,7 @@
  * this table. */
 #include <math.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "choices.h"
