@@ -10,12 +10,12 @@
 
 #include "material/law_files.h"
 
-#define FACTS(NAME, name) [TM_LAW_##NAME] = tm_##name##_facts,
-const tm_law_facts tm_law_facts_of[TM_LAW_COUNT] = {[TM_LAW_LINEAR] = {.name = "linear", .has_fibres = true},
-                                                    TM_NONLINEAR_LAWS(FACTS)};
+#define FACTS(NAME, name) [TM_LAW_##NAME] = &tm_##name##_facts,
+static const tm_law_facts linear = {.name = "linear", .has_fibres = true};
+const tm_law_facts *const tm_law_facts_of[TM_LAW_COUNT] = {[TM_LAW_LINEAR] = &linear, TM_NONLINEAR_LAWS(FACTS)};
 
 static const tm_law_facts *facts_of(int64_t law) {
-    return law >= 0 && law < TM_LAW_COUNT ? &tm_law_facts_of[law] : NULL;
+    return law >= 0 && law < TM_LAW_COUNT ? tm_law_facts_of[law] : NULL;
 }
 
 const char *tm_law_name(tm_law_kind law) { return facts_of(law) ? facts_of(law)->name : NULL; }
@@ -64,9 +64,9 @@ tm_status tm_law_check(const tm_material *m, tm_error *error) {
 
 void tm_law_constants(const tm_material *m, double volume_m3, double c[TM_LAW_CONSTANTS]) {
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) c[i] = m->law_constant[i];
-    if (tm_law_facts_of[m->law].prepare) tm_law_facts_of[m->law].prepare(m, volume_m3, c);
+    if (tm_law_facts_of[m->law]->prepare) tm_law_facts_of[m->law]->prepare(m, volume_m3, c);
 }
 
 void tm_law_bound_terms(const tm_material *m, double lambda_Pa, const tm_bound_cell *c, tm_bound *b) {
-    if (tm_law_facts_of[m->law].bound) tm_law_facts_of[m->law].bound(m, lambda_Pa, c, b);
+    if (tm_law_facts_of[m->law]->bound) tm_law_facts_of[m->law]->bound(m, lambda_Pa, c, b);
 }

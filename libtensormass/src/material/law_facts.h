@@ -21,7 +21,7 @@ typedef struct tm_law_facts {
 } tm_law_facts;
 
 /* [TM_LAW_COUNT]; that of the linear law has a name alone. */
-extern const tm_law_facts tm_law_facts_of[];
+extern const tm_law_facts *const tm_law_facts_of[];
 
 /* Fails with "law NAME with WHAT = VALUE: INEQUALITY is violated". */
 tm_status tm_law_bad(const tm_material *material, const char *what, double value, const char *violated,

@@ -77,7 +77,7 @@ tm_status tm_material_set_law(tm_material *material, tm_law_kind law, const doub
     m.law = law;
     m.stretch_max = law == TM_LAW_LINEAR ? 0 : stretch_max != 0 ? stretch_max : TM_STRETCH_DEFAULT;
     for (int i = 0; i < TM_LAW_CONSTANTS; i++) m.law_constant[i] = law != TM_LAW_LINEAR && constant ? constant[i] : 0;
-    if (tm_law_name(law) && tm_law_facts_of[law].limits) tm_law_facts_of[law].limits(&m, stretch_max != 0);
+    if (tm_law_name(law) && tm_law_facts_of[law]->limits) tm_law_facts_of[law]->limits(&m, stretch_max != 0);
     const tm_status status = tm_material_check(&m, error);
     if (!status) *material = m;
     return status;
