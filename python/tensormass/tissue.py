@@ -14,7 +14,7 @@ PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
 LAW: Dict[str, int] = {}  # those that the library names
 while lib.tm_law_name(len(LAW)):
     LAW[lib.tm_law_name(len(LAW)).decode()] = len(LAW)
-EFFECT = {"rotation": c.TM_REGION_ROTATION, "strain_smoothing": c.TM_REGION_SMOOTHING, "viscosity": c.TM_REGION_VISCOSITY}
+EFFECT = {name[len("TM_REGION_"):].lower(): getattr(c, name) for name in dir(c) if name.startswith("TM_REGION_")}
 FORM = {"best": c.TM_FORCE_BEST, "plain": c.TM_FORCE_PLAIN}
 
 
@@ -162,7 +162,7 @@ class Tissue(Object):
     others. precision: of the stored edge tensors, or of the stresses of a nonlinear law, "double" or "single" (for supported tissue). form: of the force loop, "best" or "plain" (bit-identical
     on every machine). strain_smoothing: reduces locking near Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
     averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation makes tetrahedra corotational that rotate more
-    than this. region_effects: for each region the names of those of rotation, strain_smoothing and viscosity that act in it, such as [("rotation",), ()];
+    than this. region_effects: for each region the names of those of rotation, smoothing and viscosity that act in it, such as [("rotation",), ()];
     None: all act in all regions. Regions that differ here must not share a vertex (docs/bodies.md).
     """
 
