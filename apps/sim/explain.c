@@ -191,6 +191,13 @@ static void explain_bodies(const sim *s) {
     if (s->body_count) printf("\n");
 }
 
+static void explain_ties(const sim *s, cJSON *json) {
+    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
+    if (!ties) return;
+    cJSON_AddNumberToObject(json, "ties", tm_ties_count(ties));
+    printf("ties: %d\n\n", tm_ties_count(ties));
+}
+
 static void explain_adaptive(const sim *s, cJSON *json) {
     tm_adaptive_step a;
     if (!s->model->world || !tm_world_adaptive(s->model->world, &a)) return;
@@ -313,6 +320,7 @@ int run_explain(sim *s, const run_options *o) {
     sim_expected expected;
     sim_expected_open(&expected, s);
     explain_bodies(s);
+    explain_ties(s, json);
     print(s, rows, n, total_us, &expected, json);
     print_expected(&expected, json);
     sim_expected_close(&expected);

@@ -270,6 +270,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
            " ticks; force %.3g N RMS, %.3g N peak; state %s\n",
            l->frame, simulated_s, l->compute_s > 0 ? simulated_s / l->compute_s : 0, l->ticks,
            sim_magnitude_rms(&l->force), l->force.peak, hash);
+    run_print_ties(s);
 }
 
 static int begin(lockstep *l, const char *log) {

@@ -75,6 +75,7 @@ void realtime_report(realtime *r, cJSON *json) {
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_refused(r, json);
     run_report_coverage(r->s, json);
+    run_report_ties(r->s, json);
     run_report_energy(r->s, json);
     run_report_adaptive(r->s, json);
     report_controllers(r, json);
@@ -83,4 +84,5 @@ void realtime_report(realtime *r, cJSON *json) {
            " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n",
            r->frame, wall_s, wall_s > 0 ? r->simulated_s / wall_s : 0, wall_s > 0 ? (double)r->samples / wall_s : 0,
            r->overruns, (double)r->publisher.dropped_us * 1e-6, sim_magnitude_rms(&r->force), r->force.peak);
+    run_print_ties(r->s);
 }

@@ -80,14 +80,24 @@ static void add_both(cJSON *to, const sim *s, const char *name, const double *va
     cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(value, s->instrument_count));
 }
 
+static int32_t whole_ties(const tm_ties *ties) {
+    int32_t whole = 0;
+    for (int32_t i = 0; i < tm_ties_count(ties); i++) whole += tm_ties_is_whole(ties, i);
+    return whole;
+}
+
 void run_report_ties(const sim *s, cJSON *report) {
     const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
     if (!ties) return;
     cJSON *to = cJSON_AddObjectToObject(report, "ties");
-    int32_t whole = 0;
-    for (int32_t i = 0; i < tm_ties_count(ties); i++) whole += tm_ties_is_whole(ties, i);
-    cJSON_AddNumberToObject(to, "whole", whole);
+    cJSON_AddNumberToObject(to, "whole", whole_ties(ties));
     cJSON_AddNumberToObject(to, "gone", (double)s->ties_cut.total);
+}
+
+void run_print_ties(const sim *s) {
+    if (s->ties_cut.total == 0) return;
+    printf("ties: %d whole, %" PRId64 " gone, of these %" PRId64 " at their breaking load\n",
+           whole_ties(tm_world_ties(s->model->world)), s->ties_cut.total, s->ties_cut.broke);
 }
 
 /* How many steps took how many substeps, and the strain from which more are taken. */

@@ -51,7 +51,7 @@ typedef struct work {
     uint8_t *from, *to;
     int32_t *triangle, triangles;
     tm_tie *tie;
-    int32_t count, *group, capacity;
+    int32_t count, capacity;
 } work;
 
 static tm_status mark_group(const sim *s, const app_text *group, uint8_t *mark) {
@@ -72,6 +72,16 @@ static void take_surface(const sim *s, work *w) {
     }
 }
 
+static tm_status warn_of_shared(const sim *s, const tie_group *g, const work *w) {
+    int32_t shared = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) shared += w->from[v] == 2 && w->to[v];
+    if (!shared) return 0;
+    return app_scene_warn(s->scene, g->here.line,
+                          "'%s' and '%s' have %d surface vertices in common, whose ties hold a surface to itself; name "
+                          "two surfaces apart",
+                          g->from.s, g->to.s, shared);
+}
+
 static bool is_apart(const sim *s, const work *w, int32_t first, int32_t vertex, double spacing_m) {
     for (int32_t i = first; i < w->count && spacing_m > 0; i++) {
         double d[3];
@@ -81,20 +91,30 @@ static bool is_apart(const sim *s, const work *w, int32_t first, int32_t vertex,
     return true;
 }
 
-static tm_status add(const sim *s, const tie_group *g, int32_t index, work *w) {
+static tm_status add(const sim *s, const tie_group *g, work *w) {
     const int32_t first = w->count;
     tm_status rc = mark_group(s, &g->from, w->from);
     if (!rc) rc = mark_group(s, &g->to, w->to);
     if (rc) return rc;
     take_surface(s, w);
+    if ((rc = warn_of_shared(s, g, w))) return rc;
+    bool spaced = false;
     for (int32_t v = 0; v < s->mesh->vertex_count && w->count < w->capacity; v++) {
         tm_tie tie = {.stiffness_N_m = g->stiffness.si, .break_N = g->breaks.si};
         if (w->from[v] != 2 || !tm_tie_lead(s->mesh, v, w->triangle, w->triangles, &tie)) continue;
-        if (tie.rest_m > g->within.si || !is_apart(s, w, first, v, g->spacing.si)) continue;
+        if (tie.rest_m > g->within.si) continue;
+        if (!is_apart(s, w, first, v, g->spacing.si)) {
+            spaced = true;
+            continue;
+        }
         if (g->rest.line) tie.rest_m = g->rest.si;
-        w->group[w->count] = index;
         w->tie[w->count++] = tie;
     }
+    if (w->count > first && g->spacing.si > 0 && !spaced)
+        return app_scene_warn(s->scene, g->spacing.line,
+                              "a spacing of %g mm leaves out no vertex of '%s': each has a tie, %d in all; enlarge "
+                              "'spacing:', or remove it",
+                              1e3 * g->spacing.si, g->from.s, w->count - first);
     if (w->count > first) return 0;
     return app_scene_bad(
         s->scene, g->here.line,
@@ -110,12 +130,11 @@ static tm_status build(sim *s, const void *own) {
               .to = malloc(n),
               .triangle = malloc(sizeof(int32_t) * 3 * (size_t)(s->mesh->surface_count + 1)),
               .tie = malloc(sizeof(tm_tie) * all),
-              .group = malloc(sizeof(int32_t) * all),
               .capacity = all < 100000 ? (int32_t)all : 100000};
-    tm_status rc = w.from && w.to && w.triangle && w.tie && w.group
+    tm_status rc = w.from && w.to && w.triangle && w.tie
                        ? 0
                        : app_scene_fail(s->scene, o->here.line, TM_ERR_MEMORY, "out of memory; use a smaller mesh");
-    for (int i = 0; i < o->between.count && !rc; i++) rc = add(s, (const tie_group *)o->between.item + i, i, &w);
+    for (int i = 0; i < o->between.count && !rc; i++) rc = add(s, (const tie_group *)o->between.item + i, &w);
     tm_ties_def def = tm_ties_def_default();
     tm_error error = {0};
     tm_ties *ties;
@@ -126,7 +145,6 @@ static tm_status build(sim *s, const void *own) {
     free(w.to);
     free(w.triangle);
     free(w.tie);
-    free(w.group);
     return rc;
 }
 
@@ -135,6 +153,7 @@ static void frame(sim *s) {
     tm_ties *ties = tm_world_ties(s->model->world);
     s->ties_cut.count = tm_ties_fetch_cut(ties, s->ties_cut.tie, s->ties_cut.why, SIM_TIES_TOLD);
     s->ties_cut.total += s->ties_cut.count;
+    for (int32_t i = 0; i < s->ties_cut.count; i++) s->ties_cut.broke += s->ties_cut.why[i] == TM_TIE_BROKE;
 }
 
 const sim_effect sim_effect_ties = {

@@ -94,7 +94,7 @@ typedef struct sim_cuts {
 enum { SIM_TIES_TOLD = 256 };
 typedef struct sim_ties_cut {
     int32_t count, tie[SIM_TIES_TOLD], why[SIM_TIES_TOLD];
-    int64_t total;
+    int64_t total, broke; /* broke: at their breaking load */
 } sim_ties_cut;
 
 /* One body of the tissue, in the numbers of s->file: [begin, end). */

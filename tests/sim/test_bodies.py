@@ -151,6 +151,95 @@ def test_ties_hold_a_body_until_they_break(bin, block, types, tmp_path):
     assert "no vertex of 'low.z_max' on the surface is within 1 mm" in said
 
 
+@pytest.mark.parametrize("change, words", [
+    ("ties.between[0].spacing=0.1 mm", "a spacing of 0.1 mm leaves out no vertex of 'low.z_max': each has a tie"),
+    ("ties.between[0].to=low", "'low.z_max' and 'low' have 64 surface vertices in common"),
+], ids=["spacing", "one surface"])
+def test_ties_that_are_hardly_meant_are_warned_of(bin, block, tmp_path, change, words):
+    scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
+    warned = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", change)[1]
+    assert (f"{change}: warning: {words}" if "spacing" in change else f"{scene}:13: warning: {words}") in warned, warned
+
+
+def test_ties_are_counted_before_and_after(bin, block, tmp_path):
+    scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
+    assert "ties: 16\n" in run(bin / "tm-sim", scene, "--explain")[0]
+    assert "gone" not in run(bin / "tm-sim", scene, "--lockstep", "--frames", 1)[0]
+    broken = run(bin / "tm-sim", scene, "--lockstep", "--set", "ties.between[0].break=1 mN")[0]
+    assert "ties: 0 whole, 16 gone, of these 16 at their breaking load" in broken
+
+
+LEANING = """\
+tissue:
+  force: plain
+  materials: {"*": {young: 5 kPa, poisson: 0.4}}
+bodies:
+  plate: {mesh: %s, scale: 0.5}
+  low: {mesh: %s, scale: 0.5, move: [%s mm, 0, -25.6 mm]}
+damping: {rate: 60 /s}
+contact:
+touch: {friction: {static: 0.3, kinetic: 0.3}}
+supports: [{group: low.z_min}, {group: plate.x_min}]
+instruments:
+  - {mode: probe, radius: 4 mm, trocar: [25 mm, 25 mm, 180 mm]}
+hand:
+  - instrument: 0
+    path:
+      - {time: 0 s, tip: [22 mm, 24 mm, 29.5 mm]}
+      - {time: 0.4 s, tip: [25 mm, 26 mm, 23 mm]}
+      - {time: 0.8 s, tip: [28 mm, 25 mm, 24.5 mm]}
+      - {time: 1.2 s, tip: [23 mm, 22 mm, 22.5 mm]}
+haptics: {extrapolator: local_model, sends: patch, rate: 20 Hz, latency: 0}
+time: {frame_rate: 20 Hz, duration: 1.2 s}
+"""
+
+
+def hand_errors(bin, tmp_path, scene, sources=("factor", "iterations")):
+    """RMS errors of laws at 20 force samples a second, by source of the compliance, relative to the peak of the force of 500 a second."""
+    import csv
+    import math
+
+    def forces(*changes):
+        sets = [word for change in changes for word in ("--set", change)]
+        run(bin / "tm-sim", scene, "--lockstep", "--quiet", "--record", tmp_path / "log.lcm", *sets)
+        run(bin / "tm-evaluate", tmp_path / "log.lcm", "--forces", tmp_path / "forces.csv")
+        with (tmp_path / "forces.csv").open() as file:
+            return list(csv.DictReader(file))
+
+    def vector(row, law):
+        return [float(row[f"{law}_f{c}_N"]) for c in "xyz"]
+
+    truth = {int(row["tool_us"]): vector(row, "hold") for row in forces("time.frame_rate=500 Hz", "haptics.rate=500 Hz", "haptics.extrapolator=hold", "haptics.sends=force")}
+    peak = max(math.hypot(*f) for f in truth.values())
+    errors = {}
+    for source in sources:
+        rows = [row for row in forces(f"haptics.compliance={source}") if int(row["tool_us"]) in truth]
+        assert len(rows) > 500
+        for law in ("local_model", "adaptive"):
+            errors[source, law] = math.sqrt(sum(math.dist(vector(row, law), truth[int(row["tool_us"])])**2 for row in rows) / len(rows)) / peak
+    return peak, errors
+
+
+HELD_BY_TIES = """\
+  frame: {mesh: %s, scale: 0.5, move: [60 mm, 0, 0], rigid: yes}
+ties: {between: [{from: plate.x_max, to: frame.x_min, within: 30 mm, spacing: 12 mm, stiffness: 20 N/m, rest: 5 mm}]}
+"""
+
+
+def test_the_hand_feels_two_bodies_as_well_as_one(bin, block, tmp_path):
+    """A plate that is held at one end: with the block away from it, leaning on the block, tied to a frame; and one that only lies on the block."""
+    scenes = {"alone": LEANING % (block, block, 200), "leaning": LEANING % (block, block, 0),
+              "tied": (LEANING % (block, block, 200)).replace("damping:", HELD_BY_TIES % block + "damping:"),
+              "lying": (LEANING % (block, block, 0)).replace(", {group: plate.x_min}", "").replace("contact:", "gravity:\ncontact:")}
+    found = {name: hand_errors(bin, tmp_path, write(tmp_path / f"{name}.yaml", text), ("factor", "iterations") if name in ("alone", "leaning") else ("factor",))
+             for name, text in scenes.items()}
+    for name, (peak, errors) in found.items():
+        print(f"{name}: {peak:.3f} N;", ", ".join(f"{source} {law} {100 * error:.2f} %" for (source, law), error in errors.items()))
+    one_N, one = found["alone"]
+    assert found["leaning"][0] > 1.3 * one_N and found["tied"][0] > 1.1 * one_N
+    assert all(error < (2.5 if name == "lying" else 2) * one[k] for name, (_, errors) in found.items() for k, error in errors.items())
+
+
 def test_a_gallbladder_is_drawn_off_its_bed_and_its_ties_are_cut(bin, root, tmp_path):
     """The scene on a coarse liver and without rotation, to save time, until the first ties break."""
     said = state(bin, root / "apps/scenes/cholecystectomy.yaml", tmp_path, "--unset", "rotation", "--unset", "rendering", "--duration", "5",

@@ -27,6 +27,9 @@ FAULTS = {
                           "physics/test_motion", "free_vertex_follows_the_closed_form"),
     "eq. 12's factor": ("libtensormass/src/material/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
                         "physics/test_oracle", "isotropic_law_agrees_with_reference"),
+    "contact of tissue that pushes one side": ("libtensormass/src/touch/touch_solve.c", "u_next[3 * t->row[i].vertex[j] + c] += t->solver", "if (j > 0) u_next[3 * t->row[i].vertex[j] + c] += t->solver", "cut/test_touch",
+                                               "colliding_blocks_keep_their_momentum"),
+    "folds that push at rest": ("libtensormass/src/touch/touch_pairs.c", "same_body ? 0.5 * rest_m : rest_m", "same_body ? 2 * rest_m : rest_m", "cut/test_touch_rows", "rows_are_those_of_a_slow_reference"),
     "h_min/c as the step": ("libtensormass/src/tissue/critical_step.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps_name_the_element_that_sets_them"),
 }
 SOURCES = ("libtensormass", "contact_law", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
