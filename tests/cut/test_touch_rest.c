@@ -50,7 +50,9 @@ static void stack_rests(int32_t count, double damping_1_s, double mu, uint64_t s
     stack_up(count, &random, p);
     bodies b = make(p, count, &s);
     run(&b, 1);
-    const double after_J = kinetic_J(&b), first_m = creep_m(&b), second_m = creep_m(&b);
+    const double after_J = kinetic_J(&b), first_m = creep_m(&b);
+    if (test_is_long()) run(&b, 1.5); /* towers sway back slowly */
+    const double second_m = creep_m(&b);
     const tm_touching_report r = tm_touching_get_report(b.touching);
     printf(
         "%d blocks, friction %.1f, damping %.0f 1/s: kinetic energy %.2g J after 1 s; creeps by %.2g um in 0.3 s, then "

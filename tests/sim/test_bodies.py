@@ -227,7 +227,7 @@ ties: {between: [{from: plate.x_max, to: frame.x_min, within: 30 mm, spacing: 12
 
 
 def test_the_hand_feels_two_bodies_as_well_as_one(bin, block, tmp_path):
-    """A plate that is held at one end: with the block away from it, leaning on the block, tied to a frame; and one that only lies on the block."""
+    """A plate that is held at one end: with the block away from it, resting against the block, tied to a frame; and one that only lies on the block."""
     scenes = {"alone": LEANING % (block, block, 200), "leaning": LEANING % (block, block, 0),
               "tied": (LEANING % (block, block, 200)).replace("damping:", HELD_BY_TIES % block + "damping:"),
               "lying": (LEANING % (block, block, 0)).replace(", {group: plate.x_min}", "").replace("contact:", "gravity:\ncontact:")}
