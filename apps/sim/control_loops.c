@@ -71,6 +71,7 @@ static int set_up(sim_control_loops *all, int i, const sim *s, const sim_haptics
     device.session = SESSION;
     device.seed = (uint64_t)haptics->seed.value;
     device.period_us = (double)tick_us;
+    node.params.period_us = (float)tick_us;
     for (int j = 0; j < SIM_JOINTS; j++) device.rest[j] = s->start_joint[i][j];
     device.hand = s->hand[i];
     hrt_bus_open_loopback(&t->device_bus, &all->bus);

@@ -2,8 +2,9 @@
 #include "can/exchange.h"
 
 /* LATE: a counter at least half its range back is an old frame, not a gap. GAPS_SPARE: gaps that a start of either side
- * may add. FIRST_COMMANDS: two heartbeats of the device. */
-enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128, FIRST_COMMANDS = 60 };
+ * may add. SILENT_US: silence after which any counter is newer: at 4000 Hz half the range is 16 ms. FIRST_US: two
+ * heartbeats of the device. */
+enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128, SILENT_US = 20000, FIRST_US = 120000 };
 
 void hrt_can_exchange_init(hrt_can_exchange *exchange, int32_t instrument) {
     static const hrt_can_exchange zero = {0};
@@ -25,11 +26,12 @@ static void take_encoders(hrt_can_exchange *exchange, int64_t now_us, const hrt_
     const uint8_t step = (uint8_t)((m->counter - exchange->encoder_counter) & COUNTER_MASK);
     exchange->half_waits = exchange->tilt_waits = false;
     if (!whole) return; /* the next complete set's counter shows the gap */
-    if (exchange->encoder_known && (step == 0 || step >= LATE)) {
+    const bool silent = now_us - input->encoder_us > SILENT_US;
+    if (exchange->encoder_known && (step == 0 || (step >= LATE && !silent))) {
         exchange->can.repeated++;
         return;
     }
-    if (exchange->encoder_known) exchange->can.lost += step - 1u;
+    if (exchange->encoder_known && step < LATE) exchange->can.lost += step - 1u;
     exchange->encoder_known = true;
     exchange->encoder_counter = m->counter;
     for (int32_t j = 0; j < HRT_CAN_JOINTS; j++)
@@ -64,7 +66,7 @@ static void take_device_fault(const hrt_can_exchange *exchange, int64_t now_us, 
 static void take_gaps(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const uint16_t fresh = (uint16_t)(m->gaps - exchange->gaps);
     /* A controller's first count is no gap: the first heartbeats only give the device's state. */
-    if (m->session != input->device_session || exchange->commands < FIRST_COMMANDS) exchange->gaps_known = false;
+    if (m->session != input->device_session || now_us - exchange->began_us < FIRST_US) exchange->gaps_known = false;
     if (exchange->gaps_known) {
         exchange->can.command_gaps += fresh;
         if (fresh > exchange->commands_since + GAPS_SPARE) input->bus_conflict_us = now_us;
@@ -121,7 +123,7 @@ int32_t hrt_can_exchange_frames(hrt_can_exchange *exchange, int64_t now_us, cons
                                .counter = exchange->command_counter++,
                                .motors_on = result->motors_on};
     for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = result->torque[i];
-    exchange->commands++;
+    if (!exchange->began_us) exchange->began_us = now_us;
     exchange->commands_since++;
     count += hrt_can_pack(&command, &frame[count]);
     if (exchange->beat_us != 0 && now_us - exchange->beat_us < HRT_CAN_EXCHANGE_BEAT_US) return count;

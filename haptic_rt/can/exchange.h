@@ -24,9 +24,9 @@ typedef struct hrt_can_exchange {
     bool encoder_known;
     uint8_t encoder_counter, command_counter, beat_counter;
     bool gaps_known;
-    uint16_t gaps;                     /* last reported by the device */
-    uint32_t commands, commands_since; /* commands sent in total, and since that report */
-    int64_t beat_us, reset_us;         /* 0: never */
+    uint16_t gaps;                       /* last reported by the device */
+    uint32_t commands_since;             /* commands sent since that report */
+    int64_t began_us, beat_us, reset_us; /* first command, last heartbeat and reset; 0: never */
     hrt_can_counters can;
 } hrt_can_exchange;
 

@@ -32,9 +32,9 @@ static void enter(hrt_controller *c, int64_t now_us, hrt_state state) {
     c->good_since_us = now_us;
 }
 
-/* Returns the time since the last tick, s; 2 ms at the first. Checks the clock and late ticks. */
+/* Returns the time since the last tick, s; one period at the first. Checks the clock and late ticks. */
 static float read_clock(hrt_controller *c, int64_t now_us) {
-    const int64_t gap_us = c->ticked ? now_us - c->last_tick_us : 2000;
+    const int64_t gap_us = c->ticked ? now_us - c->last_tick_us : (int32_t)c->params.period_us;
     if (gap_us < 0) hrt_latch(c, now_us, HRT_FAULT_CLOCK, 0);
     if (in_use(c) && hrt_older(gap_us, c->params.tick_timeout_us)) hrt_latch(c, now_us, HRT_FAULT_TICK_LATE, 0);
     if (in_use(c) && hrt_older(gap_us, c->params.tick_pause_us)) {

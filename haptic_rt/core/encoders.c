@@ -66,7 +66,8 @@ void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     if (!in->bus_ok && c->state != HRT_BOOT) hrt_latch(c, now_us, HRT_FAULT_BUS_OFF, 0);
     if (in->encoder_us == 0 || in->encoder_us == c->encoder_us || in->encoder_us > now_us) return;
     const bool first = !c->device_seen || c->state == HRT_BOOT || c->state == HRT_FAULT;
-    const float dt_s = first ? 0.002f : hrt_clamp(hrt_seconds(in->encoder_us - c->encoder_us), 0.0005f, 0.05f);
+    const float least_s = hrt_dt_min_s(&c->params), past_s = hrt_seconds(in->encoder_us - c->encoder_us);
+    const float dt_s = first ? 1.0e-6f * c->params.period_us : hrt_clamp(past_s, least_s, 0.05f);
     c->encoder_us = in->encoder_us;
     if (first) start_from(c, now_us, in);
     check_jump(c, now_us, in, dt_s);

@@ -111,6 +111,7 @@ typedef struct hrt_device_type hrt_device_type;
  * rad, m, or 1 for a grip. */
 typedef struct hrt_params {
     const hrt_device_type *device;
+    float period_us; /* of the ticks, set by their caller and not by a profile; default 2000 */
     /* the device's profile */
     float counts_per_unit[HRT_JOINTS]; /* 1/joint unit */
     float count_zero[HRT_JOINTS];
@@ -445,7 +446,7 @@ typedef struct hrt_past {
 
 /* The laws that `adaptive` blends: `hold`, `position`, the received or estimated stiffness, and the patch. */
 enum { HRT_ADAPTIVE_HOLD, HRT_ADAPTIVE_POSITION, HRT_ADAPTIVE_STIFFNESS, HRT_ADAPTIVE_PATCH, HRT_ADAPTIVE_LAWS };
-enum { HRT_ADAPTIVE_RECORDS = 128 }; /* one per 2 ms: more than three periods of a 25 Hz sample */
+enum { HRT_ADAPTIVE_RECORDS = 128 }; /* one per 2 ms at most: more than three periods of a 25 Hz sample */
 
 /* Force of each law in one tick. */
 typedef struct hrt_adaptive_record {
@@ -622,8 +623,8 @@ typedef struct hrt_controller {
 /* Initialises a controller in `boot`. Invalid parameters lead to `fault` at the first tick. session: new at every
  * start; the simulation echoes it. */
 void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_axes *axes, int64_t session);
-/* Computes one tick; call it every 2 ms. `newest`: a sample that passed hrt_sample_check, or null if none came since
- * the last tick. */
+/* Computes one tick; call it every params.period_us. `newest`: a sample that passed hrt_sample_check, or null if none
+ * came since the last tick. */
 void hrt_tick(hrt_controller *controller, int64_t now_us, const hrt_input *input, const hrt_sample *newest,
               hrt_result *result);
 

@@ -83,6 +83,9 @@ void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float 
 void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const float force_N[3]);
 #endif
 
+/* Returns the smallest time difference to divide by, s: a tick or frame after a late one comes early. */
+static inline float hrt_dt_min_s(const hrt_params *params) { return 1.0e-6f * (0.25f * params->period_us); }
+
 /* faults.c: Latches the first fault. */
 void hrt_latch(hrt_controller *c, int64_t now_us, hrt_fault fault, int32_t detail);
 

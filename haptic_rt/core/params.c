@@ -57,6 +57,7 @@ static const hrt_params defaults = {PARAMETERS(DEFAULT, DEVICES_OWN)};
 void hrt_params_of_device(hrt_params *params, const hrt_device_type *device) {
     *params = defaults;
     params->device = device;
+    params->period_us = 2000.0f;
     for (int32_t j = 0; j < hrt_joints(params); j++) {
         params->counts_per_unit[j] = device->joint[j].counts_per_unit;
         params->joint_min[j] = device->joint[j].min;

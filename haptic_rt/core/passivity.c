@@ -18,7 +18,7 @@ void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]) {
     const float speed2 = vdot(c->velocity_m_s, c->velocity_m_s);
     if (!(c->energy_J < 0.0f) || !(speed2 > 1.0e-8f)) return;
     /* The damper that would recover the deficit within one tick, limited for the stability of the sampled loop. */
-    const float dt = fmaxf(dt_s, 0.0005f);
+    const float dt = fmaxf(dt_s, hrt_dt_min_s(&c->params));
     const float damping = fminf(c->params.passivity_damping_max_N_s_m, -c->energy_J / (dt * speed2));
     vadd(force_N, -damping, c->velocity_m_s);
     c->limits |= HRT_LIMIT_PASSIVITY;

@@ -62,7 +62,7 @@ static void usage(void) {
         "  --profile FILE, --set NAME=VALUE   read a device profile, set one parameter; --params prints all\n"
         "  --lcm-url URL          LCM for --hand lcm (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --key FILE, --no-key   as of haptic-rt, for --hand lcm\n"
-        "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
+        "  --rate HZ              encoder frames a second, 100..4000 (500)\n"
         "  --duration S, --priority N, --stats, --json FILE, --quiet, -h, --help, --version   as of haptic-rt\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");

@@ -13,7 +13,9 @@
 #ifndef FW_DEVICES
 #define FW_DEVICES 2
 #endif
-enum { FW_PERIOD_US = 2000 };
+#ifndef FW_PERIOD_US
+#define FW_PERIOD_US 2000 /* 1,000,000 over a whole number of Hz, 250 to 10,000 */
+#endif
 #define FW_STACK_PAINT 0xA5A5A5A5u
 
 /* Starts CAN at 1 Mbit/s, the link, the watchdog, and a timer interrupt every FW_PERIOD_US that calls `tick`. */

@@ -6,7 +6,7 @@
 enum { CORE_HZ = 25000000 };
 #define WATCHDOG_LOAD (*(volatile uint32_t *)0x40008000u)
 #define WATCHDOG_CONTROL (*(volatile uint32_t *)0x40008008u)
-enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_TICKS = 10, QUEUE = 16 };
+enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_US = 20000, QUEUE = 16 };
 
 static void (*tick_handler)(void);
 static int64_t now_us; /* used by the tick only */
@@ -29,7 +29,7 @@ void fw_board_start(void (*tick)(void)) {
 
 void fw_board_sleep(void) { __asm volatile("wfi" ::: "memory"); }
 int64_t fw_board_now_us(void) { return now_us; }
-void fw_board_watchdog(void) { WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW_PERIOD_US * WATCHDOG_TICKS; }
+void fw_board_watchdog(void) { WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * WATCHDOG_US; }
 
 _Noreturn void fw_board_panic(const char *why) {
     (void)why;

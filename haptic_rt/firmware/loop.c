@@ -13,6 +13,7 @@ static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* shared: patches are checked
 void fw_loop_init(fw_loop *loop, int64_t session) {
     static hrt_params params;
     hrt_params_default(&params);
+    params.period_us = (float)FW_PERIOD_US;
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
         hrt_init(&device->controller, &params, &device_axes, session);

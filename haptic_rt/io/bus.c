@@ -5,20 +5,23 @@
 #include "bus.h"
 #include "can/codec.h"
 
-#define OR(kind, name) " or " #kind ":" name
-#define KIND(kind, name) {#kind ":", hrt_bus_##kind},
+#define OR(kind, name, rate) " or " #kind ":" name
+#define KIND(kind, name, rate) {#kind ":", hrt_bus_##kind, rate},
 static const struct {
     const char *before;
     hrt_bus_opener *open;
+    int rate_max;
 } kinds[] = {HRT_BUSES(KIND)};
 
 const char *hrt_bus_kinds(void) { return &HRT_BUSES(OR)[4]; }
 
-bool hrt_bus_is(const char *address) {
+int hrt_bus_rate_max(const char *address) {
     for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++)
-        if (strncmp(address, kinds[k].before, strlen(kinds[k].before)) == 0) return true;
-    return false;
+        if (strncmp(address, kinds[k].before, strlen(kinds[k].before)) == 0) return kinds[k].rate_max;
+    return 0;
 }
+
+bool hrt_bus_is(const char *address) { return hrt_bus_rate_max(address) > 0; }
 
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size) {
     for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {

@@ -31,7 +31,8 @@ static int take_device_type(hrt_common *c, const char *name) {
 
 /* Takes the address; a drive's selects the device that it drives. */
 static int take_address(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
-    const char *device = line->drive_device ? line->drive_device(text, &c->joints) : NULL;
+    c->rate_max = hrt_bus_rate_max(text);
+    const char *device = line->drive_device ? line->drive_device(text, &c->joints, &c->rate_max) : NULL;
     c->bus = text;
     c->bus_option = option == HRT_OPTION_DEVICE ? "--device" : "--bus";
     c->drive = device != NULL;
@@ -52,6 +53,12 @@ static int refine_counts(hrt_common *c) {
     return -1;
 }
 
+static int check_rate(const hrt_common *c) {
+    if (c->rate_max == 0 || c->rate <= c->rate_max) return -1; /* an address of no kind is refused where it is opened */
+    return app_bad_input("--rate", 0, "%s takes at most %d ticks a second; give %d to %d", c->bus, c->rate_max,
+                         HRT_RATE_MIN, c->rate_max);
+}
+
 /* Handles a shared option. Returns -1 to continue, else the exit code. */
 static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
     int number = c->instrument, code;
@@ -69,7 +76,7 @@ static int take(const hrt_command_line *line, hrt_common *c, int option, const c
     case HRT_OPTION_URL: c->url = text; return -1;
     case HRT_OPTION_KEY: c->key_path = text; return -1;
     case HRT_OPTION_NO_KEY: c->no_key = true; return -1;
-    case HRT_OPTION_RATE: return whole_number("--rate", text, 100, 2000, &c->rate);
+    case HRT_OPTION_RATE: return whole_number("--rate", text, HRT_RATE_MIN, HRT_RATE_MAX, &c->rate);
     case HRT_OPTION_DURATION:
         return hrt_option_number("--duration", text, 0.01, 1.0e6, &c->duration_s) ? -1 : APP_BAD_INPUT;
     case HRT_OPTION_PRIORITY: return whole_number("--priority", text, 0, 99, &c->priority);
@@ -94,6 +101,9 @@ int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc,
     if (!common->bus)
         return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
     char why[200];
+    const int too_fast = check_rate(common);
+    if (too_fast >= 0) return too_fast;
+    common->params.period_us = 1.0e6f / (float)common->rate;
     if (common->drive) return refine_counts(common);
     if (!hrt_bus_carries(common->params.device, why, sizeof why)) return app_bad_input("--device-type", 0, "%s", why);
     return -1;

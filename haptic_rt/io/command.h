@@ -11,15 +11,17 @@ typedef struct hrt_common {
     const char *bus, *bus_option; /* address, and the option that gave it */
     const char *url, *key_path, *json;
     int32_t instrument;
-    hrt_params params; /* parameters of the device */
-    bool params_read;  /* --profile or --set has changed them */
-    bool typed;        /* --device-type was given */
-    bool drive;        /* the address is that of a drive (drive.h) */
-    bool joints;       /* and that drives the motors of joints */
-    int rate, priority;
-    double duration_s; /* 0: no limit */
+    hrt_params params;            /* parameters of the device */
+    bool params_read;             /* --profile or --set has changed them */
+    bool typed;                   /* --device-type was given */
+    bool drive;                   /* the address is that of a drive (drive.h) */
+    bool joints;                  /* and that drives the motors of joints */
+    int rate, rate_max, priority; /* Hz; rate_max: of the address */
+    double duration_s;            /* 0: no limit */
     bool stats, no_key;
 } hrt_common;
+
+enum { HRT_RATE_MIN = 100, HRT_RATE_MAX = 4000 };
 
 /* Option codes; a program's own start at HRT_OPTION_OWN. */
 enum {
@@ -63,8 +65,8 @@ typedef struct hrt_command_line {
      * option is invalid. */
     int (*take)(void *user, int option, const char *text);
     void *user;
-    /* Returns the device of a drive's address, null if it is none. Null: there are no drives. */
-    const char *(*drive_device)(const char *address, bool *joints);
+    /* Returns the device of a drive's address, and its largest rate; null if it is none. Null: there are no drives. */
+    const char *(*drive_device)(const char *address, bool *joints, int *rate_max);
 } hrt_command_line;
 
 /* Reads the command line into `common`, which holds the defaults. Returns -1 to continue, else the exit code. */

@@ -55,6 +55,7 @@ typedef struct hrt_drive_driver {
     const char *kind, *address, *device; /* address "KIND:NUMBER"; device: of hrt_device_types */
     bool joints; /* motors of joints: no workspace, and any device of hrt_device_types may be built with them */
     const char *text;
+    int rate_max; /* largest rate of ticks, Hz */
     /* Starts the device of this name (after "KIND:"); it then posts states until `close`. Returns false with `why`. */
     bool (*open)(hrt_drive *drive, const char *name, char *why, int why_size);
     /* Sends zero force and ends; returns within half a second. */
@@ -72,7 +73,7 @@ struct hrt_drive {
     int claim_fd;
     pthread_t thread;
     _Atomic bool stop;
-    int64_t period_us; /* between two commands, half a tick */
+    int64_t period_us, tick_us; /* between two commands, half a tick; of a tick */
     /* driver to tick */
     hrt_drive_state state[3];
     uint32_t state_write, state_read;

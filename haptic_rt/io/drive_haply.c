@@ -286,6 +286,7 @@ const hrt_drive_driver hrt_drive_haply = {.kind = "haply",
                                           .address = "haply:NUMBER[@HOST:PORT]",
                                           .device = "inverse3",
                                           .text = "Haply Inverse3, by its Inverse Service",
+                                          .rate_max = 4000,
                                           .open = haply_open,
                                           .close = haply_close,
                                           .list = haply_list};

@@ -26,7 +26,7 @@ typedef struct hrt_motors hrt_motors;
 typedef struct hrt_motor_protocol {
     const char *name; /* in messages: "ODrive" */
     uint32_t node_min, node_max;
-    int every;          /* steps between two commands: 1 twice in a tick, 2 once */
+    int every;          /* steps between two commands: 1 twice in a tick, up to 500 Hz; 2 once */
     int64_t silence_us; /* age of the last report at which a motor counts as gone */
     bool fd;            /* needs CAN-FD */
     bool (*ready)(const hrt_motor *motor);
@@ -45,6 +45,7 @@ struct hrt_motors {
     hrt_bus bus;
     hrt_motor motor[HRT_MOTORS];
     int32_t motors;
+    int every; /* the protocol's, or 2 at a higher rate */
     int64_t looked_us, cleared_us, beat_us;
     uint32_t steps;
     bool was_fault;

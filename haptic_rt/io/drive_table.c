@@ -70,7 +70,7 @@ void hrt_drive_close(hrt_drive *d) {
 
 void hrt_drive_list(FILE *file) {
     for (int k = 0; k < DRIVERS; k++) {
-        fprintf(file, "%s  (%s)\n", drivers[k]->address, drivers[k]->text);
+        fprintf(file, "%s  (%s, up to %d Hz)\n", drivers[k]->address, drivers[k]->text, drivers[k]->rate_max);
         fflush(file);
         drivers[k]->list(file);
     }

@@ -218,6 +218,7 @@ const hrt_drive_driver hrt_drive_touch = {.kind = "touch",
                                           .address = "touch:0|NAME",
                                           .device = "touch",
                                           .text = "3D Systems Touch, by libHD",
+                                          .rate_max = 1000,
                                           .open = touch_open,
                                           .close = touch_close,
                                           .list = touch_list};

@@ -158,7 +158,7 @@ static void watch(program *p) {
         const hrt_facts facts = facts_now(p);
         const char *lost = p->set.common.drive ? atomic_exchange(&p->drive.event, NULL) : hrt_bus_look(&p->wires);
         if (lost) hrt_status_log_line(facts.time_s, "%s: %s", p->set.common.bus, lost);
-        if (atomic_load(&p->loop.ticks) > 50) hrt_status_log(&teller, &facts);
+        if (10 * atomic_load(&p->loop.ticks) > p->set.common.rate) hrt_status_log(&teller, &facts);
         if (p->set.record_path) hrt_record_write(&p->record);
         char who[48];
         snprintf(who, sizeof who, "haptic-rt %.3f s", facts.time_s);
@@ -242,7 +242,8 @@ static int open_drive(program *p) {
     const int priority = p->set.common.priority;
     const bool raised = priority > 1 && hrt_priority(priority > 10 ? priority - 10 : 1);
     p->drive.workspace = p->set.workspace;
-    p->drive.period_us = 1000000 / (2 * p->set.common.rate);
+    p->drive.tick_us = 1000000 / p->set.common.rate;
+    p->drive.period_us = p->drive.tick_us / 2;
     hrt_drive_start(&p->drive, p->set.node.params.device);
     const bool good = hrt_drive_open(&p->drive, p->set.common.bus, why, sizeof why);
     if (raised) hrt_priority(0);

@@ -34,7 +34,7 @@ static void usage(void) {
         "  --no-key                 accept messages of every sender, even if the URL admits other machines\n"
         "  --samples FILE           read recorded samples (CSV) instead of LCM; with --lcm-url, as well as LCM\n"
         "  --replay                 accept samples of lcm-logplayer, which answered another controller\n"
-        "  --rate HZ                ticks a second, 100..2000 (500)\n"
+        "  --rate HZ                ticks a second, 100..4000 (500), as far as the device allows (--list)\n"
         "  --duration S             end after this time (never)\n"
         "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
         "  --idle-states            let idle processors sleep: less power, later ticks\n"
@@ -108,16 +108,20 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
 static void list(void) {
     printf("extrapolators");
     for (int i = 0; i < HRT_EXTRAPOLATOR_COUNT; i++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)i));
-    printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\ndevice types\n");
+    printf("\nmodes" HRT_MODE_NAMES "\nbuses");
+#define ROW_LISTED(kind, name, rate) printf(" " #kind ":" name " (up to %d Hz)", rate);
+    HRT_BUSES(ROW_LISTED)
+    printf("\ndevice types\n");
     for (int32_t t = 0; t < hrt_device_type_count; t++)
         printf("  %-16s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
     printf("devices that a service or library drives\n");
     hrt_drive_list(stdout);
 }
 
-static const char *drive_device(const char *address, bool *joints) {
+static const char *drive_device(const char *address, bool *joints, int *rate_max) {
     const hrt_drive_driver *driver = hrt_drive_find(address);
     *joints = driver && driver->joints;
+    if (driver) *rate_max = driver->rate_max;
     return driver ? driver->device : NULL;
 }
 

@@ -126,3 +126,16 @@ def test_product_image_ticks_without_watchdog_reset(built, cpu, variant):
     clock = [low for low, in image.peek(cpu, elf, [image.symbol(elf, "now_us")], 5, 0.2)]
     assert all(b > a for a, b in zip(clock, clock[1:])), clock
     assert all(us % 2000 == 0 for us in clock)
+
+
+def test_image_of_4000_Hz_ticks_without_watchdog_reset(built):
+    """`make firmware FW_RATE=4000`: the ticks are 250 us apart."""
+    with open(FIRMWARE / ".lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        done = subprocess.run(["make", "--no-print-directory", "FW_RATE=4000", "build/firmware-4000/m7/contact24/haptic_rt.elf"], cwd=ROOT, capture_output=True, text=True,
+                              env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")})
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    elf = ROOT / "build/firmware-4000/m7/contact24/haptic_rt.elf"
+    clock = [low for low, in image.peek("m7", elf, [image.symbol(elf, "now_us")], 5, 0.2)]
+    assert all(b > a for a, b in zip(clock, clock[1:])) and all(us % 250 == 0 for us in clock), clock
+    assert any(us % 2000 for us in clock), clock

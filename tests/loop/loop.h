@@ -22,6 +22,7 @@ typedef struct loop {
     hrt_node node;
     tensormass_tool_state_t tool, delayed[64];
     int64_t now_us, frame_us, next_frame_us;
+    int64_t period_us;      /* of the ticks and of the device's frames */
     int32_t latency_frames; /* the sample's tool state is this many frames old */
     uint32_t seq;
     int64_t session;
@@ -39,6 +40,8 @@ static inline void loop_start(loop *l, const hrt_device_config *device, const hr
     hrt_bus_open_loopback(&l->node_bus, &l->wires);
     hrt_device_init(&l->device, device, &l->device_bus);
     hrt_node_init(&l->node, node, &l->node_bus);
+    l->period_us = (int64_t)node->params.period_us;
+    l->device.config.period_us = node->params.period_us;
     l->now_us = 1000000;
     l->frame_us = 40000;
     l->session = 77;
@@ -78,7 +81,7 @@ static inline void loop_frame(loop *l) {
     hrt_node_post_sample(&l->node, &s);
 }
 
-/* Runs one tick of 2 ms. */
+/* Runs one tick. */
 static inline void loop_tick(loop *l) {
     hrt_device_step(&l->device, l->now_us);
     hrt_node_tick(&l->node, l->now_us, &l->tool);
@@ -86,7 +89,7 @@ static inline void loop_tick(loop *l) {
         loop_frame(l);
         l->next_frame_us += l->frame_us;
     }
-    l->now_us += 2000;
+    l->now_us += l->period_us;
 }
 
 static inline void loop_run(loop *l, double seconds) {

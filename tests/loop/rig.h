@@ -14,7 +14,10 @@
 #include "hrt.h"
 #include "libtensormass/numeric/random.h"
 
-enum { TICK_US = 2000, SESSION = 42, SIM = 7 };
+#ifndef RIG_PERIOD_US
+#define RIG_PERIOD_US 2000
+#endif
+enum { TICK_US = RIG_PERIOD_US, SESSION = 42, SIM = 7 };
 
 typedef struct rig {
     hrt_params params;
@@ -33,6 +36,7 @@ typedef struct rig {
 static inline void rig_start(rig *r) {
     memset(r, 0, sizeof *r);
     hrt_params_default(&r->params);
+    r->params.period_us = TICK_US;
     const hrt_axes axes = {.r = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .device = hrt_device_types[0]};
     hrt_init(&r->c, &r->params, &axes, SESSION);
     r->now_us = 1000000;

@@ -386,7 +386,7 @@ BAD = [
     ("haptic-rt", ["--bus", "virtual:a/b"], "name of a virtual bus needs"),
     ("haptic-rt", ["--bus", "socketcan:no_such_interface"], "socketcan"),
     ("haptic-rt", ["--bus", "virtual:t", "--extrapolator", "psychic"], "hold time position"),
-    ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "from 100 to 2000"),
+    ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "from 100 to 4000"),
     ("haptic-rt", ["--bus", "virtual:t", "--instrument", "2"], "from 0 to 1"),
     ("haptic-rt", ["--bus", "virtual:t", "--trocar", "1,2"], "X,Y,Z"),
     ("haptic-rt", ["--bus", "virtual:t", "--axis", "0,1,0"], "--axis"),

@@ -21,7 +21,7 @@ typedef struct wild {
     hrt_sample sample;
     hrt_patch patch[2];
     int turn;
-    int64_t now_us, next_us;
+    int64_t now_us, next_us, period_us;
     uint64_t seed;
     uint32_t seq;
     float speed[HRT_JOINTS], exact[HRT_JOINTS];
@@ -32,6 +32,9 @@ typedef struct wild {
 static float scratch[HRT_PATCH_COMPLIANCE];
 
 static bool chance(wild *w, uint32_t in) { return rig_random(&w->seed) % in == 0; }
+
+/* As chance, by time: a chance of one in `in` every 2 ms. */
+static bool chance_of_time(wild *w, uint32_t in) { return chance(w, in * 2000u / (uint32_t)w->period_us); }
 
 static float any_float(wild *w) {
     switch (rig_random(&w->seed) % 8) {
@@ -48,6 +51,7 @@ static void begin(wild *w, const hrt_device_type *device) {
     hrt_params params;
     hrt_axes axes;
     hrt_params_of_device(&params, device);
+    params.period_us = (float)w->period_us;
     const float axis[3] = {rig_uniform(&w->seed, -1, 1), rig_uniform(&w->seed, -1, 1), -1.1f}, up[3] = {0, 1, 0.1f};
     hrt_axes_along(&axes, device, axis, up);
     axes.is_free = device->tilts;
@@ -67,13 +71,13 @@ static void move(wild *w) {
                     high = type->counts_per_unit * (type->max - edge);
         const float push = w->now_us % 8000000 < 1000000 ? 4.0f : 1.0f; /* occasionally too fast */
         w->speed[j] = 0.995f * w->speed[j] + push * rig_uniform(&w->seed, -1.5f, 1.5f);
-        w->exact[j] += w->speed[j];
+        w->exact[j] += w->speed[j] * (float)w->period_us / 2000.0f;
         if (w->exact[j] < low || w->exact[j] > high) {
             w->exact[j] = fminf(fmaxf(w->exact[j], low), high);
             w->speed[j] = -w->speed[j];
         }
         w->in.count[j] = (int32_t)lrintf(w->exact[j]);
-        if (w->mood && chance(w, 3000)) w->in.count[j] = (int32_t)rig_random(&w->seed);
+        if (w->mood && chance_of_time(w, 3000)) w->in.count[j] = (int32_t)rig_random(&w->seed);
     }
 }
 
@@ -124,7 +128,7 @@ static const hrt_sample *next_sample(wild *w) {
 static void spoil(wild *w) {
     w->in.bus_ok = !(w->mood && chance(w, 20000));
     w->in.device_fault = w->mood && chance(w, 20000) ? 2 : 0;
-    w->in.device_watchdog = w->mood && chance(w, 5000);
+    w->in.device_watchdog = w->mood && chance_of_time(w, 5000);
     if (w->mood && chance(w, 50000)) w->in.bus_conflict_us = w->now_us;
     w->in.reset = chance(w, 300);
     if (chance(w, 3000))
@@ -136,8 +140,8 @@ static void spoil(wild *w) {
     if (chance(w, 1000)) w->in.passivity = !w->in.passivity;
     if (chance(w, 1000)) w->in.coupling = !w->in.coupling;
     w->now_us += w->mood && chance(w, 20000) ? (int64_t)(rig_random(&w->seed) % 600000)
-                 : chance(w, 50)             ? 2600
-                                             : TICK_US;
+                 : chance(w, 50)             ? w->period_us + 600
+                                             : w->period_us;
     if (w->mood && chance(w, 100000)) w->now_us -= 3000;
     if (!(w->mood && chance(w, 30)) && !(w->mood && w->now_us % 1000000 < 20000)) w->in.encoder_us = w->now_us;
 }
@@ -191,17 +195,18 @@ static void one_tick(wild *w) {
 }
 
 /* Returns how often the power was limited: on a weak device the force's limit leaves that to rare ticks. */
-static int64_t run_device(const hrt_device_type *device, int64_t ticks) {
+static int64_t run_device(const hrt_device_type *device, int64_t period_us, int64_t ticks) {
     static wild w;
     memset(&w, 0, sizeof w);
     w.seed = 20000;
     w.now_us = 1000;
+    w.period_us = period_us;
     begin(&w, device);
     for (int64_t t = 0; t < ticks; t++) {
         w.mood = t / 20000 % 3 != 0;
         one_tick(&w);
     }
-    printf("%s, %lld ticks:", device->name, (long long)ticks);
+    printf("%s, %lld ticks of %lld us:", device->name, (long long)ticks, (long long)period_us);
     for (int s = 0; s < HRT_STATE_COUNT; s++) printf(" %s %lld", hrt_state_name((hrt_state)s), (long long)w.visits[s]);
     printf("\nfaults:");
     for (int f = 1; f < HRT_FAULT_COUNT; f++) printf(" %s %lld", hrt_fault_name((hrt_fault)f), (long long)w.faults[f]);
@@ -209,7 +214,7 @@ static int64_t run_device(const hrt_device_type *device, int64_t ticks) {
     for (int b = 0; b < 11; b++) printf(" %lld", (long long)w.limits[b]);
     printf("\n");
     /* The test is only useful if it reached all states. */
-    for (int s = 0; s < HRT_STATE_COUNT; s++) assert_true(w.visits[s] > ticks / 2000);
+    for (int s = 0; s < HRT_STATE_COUNT; s++) assert_true(w.visits[s] > ticks / 4000000 * period_us);
     assert_true(w.visits[HRT_ENGAGED] > ticks / 5);
     for (int b = 0; b < 11; b++) assert_true(w.limits[b] > 0 || 1 << b == HRT_LIMIT_POWER);
     const hrt_fault seen[] = {HRT_FAULT_DEVICE_REPORTED, HRT_FAULT_BUS_OFF, HRT_FAULT_ENCODER_JUMP, HRT_FAULT_CLOCK,
@@ -224,11 +229,19 @@ static void random_inputs_exceed_no_limit(void **state) {
     (void)state;
     const int64_t ticks = test_is_long() ? 100000000 : 1000000;
     int32_t limited = 0; /* devices */
-    for (int32_t t = 0; t < hrt_device_type_count; t++) limited += run_device(hrt_device_types[t], ticks) > 0;
+    for (int32_t t = 0; t < hrt_device_type_count; t++) limited += run_device(hrt_device_types[t], TICK_US, ticks) > 0;
     assert_true(limited >= hrt_device_type_count / 2);
 }
 
+static void random_inputs_exceed_no_limit_at_4000_Hz(void **state) {
+    (void)state;
+    const int64_t ticks = test_is_long() ? 100000000 : 1000000;
+    for (int32_t t = 0; t < (test_is_long() ? hrt_device_type_count : 2); t++)
+        run_device(hrt_device_types[t], 250, ticks);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(random_inputs_exceed_no_limit)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(random_inputs_exceed_no_limit),
+                                       cmocka_unit_test(random_inputs_exceed_no_limit_at_4000_Hz)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -233,7 +233,7 @@ static void fault_encoder_jump(void **state) {
     assert_int_equal(r.out.fault_detail, HRT_INSERTION);
     expect_fault(HRT_FAULT_ENCODER_JUMP);
     rig_engage(&r);
-    r.in.count[HRT_INSERTION] += 100; /* 1.2 m/s is fast but no fault */
+    r.in.count[HRT_INSERTION] += TICK_US / 20; /* 1.25 m/s is fast but no fault */
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_ENGAGED);
 }

@@ -146,6 +146,7 @@ static bool set_up(loop *l, const loop_case *c, double compliance) {
     }
     if (l->tissue) node.pose = loop_tissue_pose(l->tissue);
     node.pose_known = true, node.extrapolator = c->which, node.passivity = c->passivity;
+    node.params.period_us = (float)c->tick_us;
     node.params.slew_max_N_s = node.params.axis_slew_max_N_s = 20000, node.params.stiffness_max_N_m = 1e6f;
     node.params.power_max_W = node.params.axis_power_max_W = 100;
     node.params.patch_stale_us = node.params.stale_us = 900000; /* slow rates are studied, not stale samples */
