@@ -37,7 +37,7 @@ def test_a_scene_has_the_bits_of_the_native_build(scene, form, tmp_path):
     seen = node("scene_hash.mjs", form, f"apps/scenes/{scene}.yaml", SCENES[scene], *without)
     assert (seen["form"], seen["hash"]) == (form, state_hash)
     assert seen["restored"] == state_hash and seen["again"], "a snapshot does not continue"
-    if scene == "block-press":
+    if scene == "block-press" and SCENES[scene] == 1.0:  # later the hand has left
         assert sum(f * f for f in seen["force"]) > 0.1, "nothing is touched"
 
 

@@ -101,7 +101,7 @@ function run() {
 
 function tick(c, i) {
   tips[i] = tips[i].map((x, a) => x + (targets[i][a] - x) * 0.1);
-  const result = c.tick(tick_us, tips[i], { enable: !hidden, reset: c.result.fault === constants.HRT_FAULT_TICK_LATE });
+  const result = c.tick(tick_us, tips[i], { enable: !hidden, reset: [constants.HRT_FAULT_TICK_LATE, constants.HRT_FAULT_ENCODER_JUMP].includes(c.result.fault) });
   if (i === 0) force.push([tick_us, Math.hypot(...result.force_N)]);
 }
 
