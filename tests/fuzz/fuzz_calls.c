@@ -40,8 +40,8 @@ static void on_broken(const char *function, const char *sentence, void *user) {
 }
 
 static const tm_instrument_def tools[2] = {
-    {TM_TOOL_GRASPER, {0.005, 0.005, 0.1}, 0.002, 0.012, {.tip_m = {0.005, 0.005, 0.014}, .active = true}},
-    {TM_TOOL_CAUTERY, {0.002, 0.002, 0.1}, 0.002, 0.012, {.tip_m = {0.002, 0.002, 0.014}, .active = true}}};
+    {TM_TOOL_GRASPER, false, {0.005, 0.005, 0.1}, 0.002, 0.012, {.tip_m = {0.005, 0.005, 0.014}, .active = true}},
+    {TM_TOOL_CAUTERY, false, {0.002, 0.002, 0.1}, 0.002, 0.012, {.tip_m = {0.002, 0.002, 0.014}, .active = true}}};
 
 /* --- numbers: small and plausible, or arbitrary --- */
 
