@@ -119,7 +119,11 @@ static int organ_make(organ *o, const char *path, double young_Pa, int threads) 
     double *zero = calloc(3 * (size_t)n, sizeof *zero);
     for (int32_t i = 0; i < 3 * n; i++) /* supported at its lowest quarter */
         if (x[3 * (i / 3) + 2] < low[2] + 0.25 * (top[2] - low[2])) dof[held++] = i;
-    tm_instrument_def probe = {TM_TOOL_PROBE, {top[0], top[1], top[2] + 0.2}, 0.004, 0.1, {{0}, 0, 0, true}};
+    tm_instrument_def probe = {.mode = TM_TOOL_PROBE,
+                               .trocar_m = {top[0], top[1], top[2] + 0.2},
+                               .radius_m = 0.004,
+                               .contact_length_m = 0.1,
+                               .pose = {.active = true}};
     memcpy(probe.pose.tip_m, (double[3]){top[0], top[1], top[2] + 0.005}, sizeof probe.pose.tip_m);
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = 1, contact.instrument = &probe;

@@ -166,6 +166,8 @@ class Tissue(Object):
     None: all act in all regions. Regions that differ here must not share a vertex (docs/bodies.md).
     """
 
+    _kept: Tuple[Any, ...]  # arrays that the definition points to
+
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
                  precision: str = "double", form: str = "best", cuttable: bool = False, alive: Any = None,
                  strain_smoothing: Union[bool, float] = False, rotation: float = 0.0,

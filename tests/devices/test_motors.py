@@ -1,6 +1,7 @@
 """haptic-rt with motors on a bus: ODrive over CANSimple, moteus over CAN-FD, CiA 402 over CANopen, against their emulators on the virtual bus (odrive_axes.py,
 moteus_axes.py, cia402_axes.py). Units, signs, modes, and motors that fail, hang or lie."""
 import os
+import re
 import subprocess
 import time
 
@@ -57,8 +58,8 @@ def test_trouble_ends_the_torque(axes, kind, trouble):
     if trouble in ("error", "nonsense", "short"):
         assert report["fault"] == "device_reported" and not any(rows[-1][t] for t in TORQUES)
     if trouble == "error":
-        code = {"odrive": "ODrive node 1 reports error 0x800", "moteus": "moteus node 1 reports error 0x21", "cia402": "CiA 402 node 1 reports error 0x2310"}
-        assert code[kind] in said, said
+        code = {"odrive": r"ODrive node \d reports error 0x800", "moteus": r"moteus node \d reports error 0x21", "cia402": r"CiA 402 node \d reports error 0x2310"}
+        assert re.search(code[kind], said), said  # all axes fail at once: any may be heard first
 
 
 def refused(tmp_path, device):

@@ -63,7 +63,7 @@ int main(int, char **word) {
         world.remove_stage("counter");
         assert(world.step() == TM_OK && runs == 10);
         /* Back to before the touch: by then the world needs more bytes than the snapshot has, and it still fits. */
-        const tm_tool_pose above{{0, 0, 1}, 0, 0, true};
+        const tm_tool_pose above{{0, 0, 1}, 0, 0, true, {}};
         tm_contact_def contact = tm_contact_def_default();
         tm_instrument_def tool{};
         tool.mode = TM_TOOL_PROBE, tool.radius_m = 0.004, tool.contact_length_m = 0.1, tool.pose = above;
@@ -76,7 +76,7 @@ int main(int, char **word) {
         double middle[3] = {0, 0, 0}, top = -1;
         for (std::size_t i = 0; i < 3 * n; i++) middle[i % 3] += mesh.rest_m()[i] / double(n);
         for (std::size_t v = 0; v < n; v++) top = std::max(top, mesh.rest_m()[3 * v + 2]);
-        const tm_tool_pose down{{middle[0], middle[1], top - 0.004}, 0, 0, true};
+        const tm_tool_pose down{{middle[0], middle[1], top - 0.004}, 0, 0, true, {}};
         for (int i = 0; i < 40 && touch.reaction(0).row_count == 0; i++) {
             touch.begin_frame(10, 10);
             touch.set_target(0, down, 10);

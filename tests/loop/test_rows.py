@@ -118,7 +118,7 @@ def test_a_bus_is_a_file_and_a_row(root, tmp_path):
         shutil.copytree(root / "haptic_rt" / folder, tmp_path / "haptic_rt" / folder)
     io = tmp_path / "haptic_rt/io"
     (io / "bus_mine.c").write_text(BUS)
-    insert(io / "bus.h", '    ROW(socketcan, "INTERFACE")', '    ROW(mine, "LETTER") \\\n')
+    insert(io / "bus.h", '    ROW(socketcan, "INTERFACE", 2000)', '    ROW(mine, "LETTER", 1000) \\\n')
     why, addresses = lines_of(tmp_path, OPENS, sorted(io.glob("bus*.c")))
     assert why == "'other:x' is not a bus address; use virtual:NAME or mine:LETTER or socketcan:INTERFACE"
     assert addresses.split() == ["virtual:NAME", "mine:LETTER", "socketcan:INTERFACE"]
