@@ -149,6 +149,21 @@ static void report_tools(const sim *s, cJSON *json) {
     }
 }
 
+/* Reports contact of tissue with tissue: rows with a force, and the sum of these forces. */
+static void report_touch(const sim *s, cJSON *json) {
+    const tm_touching *touching = s->model->world ? tm_world_touching(s->model->world) : NULL;
+    if (!touching) return;
+    const tm_touching_row *row = NULL;
+    int32_t count = 0;
+    double sum_N = 0;
+    for (int32_t i = 0, n = tm_touching_rows(touching, &row); i < n; i++)
+        count += row[i].lambda_N > 0, sum_N += row[i].lambda_N;
+    printf("touch: %d rows, normal forces of %.9g N in sum\n", count, sum_N);
+    cJSON *to = cJSON_AddObjectToObject(json, "touch");
+    cJSON_AddNumberToObject(to, "rows", count);
+    cJSON_AddNumberToObject(to, "normal_sum_N", sum_N);
+}
+
 /* Writes u and reaction in the mesh's numbering. */
 static int write_rest(app_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
     const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
@@ -192,6 +207,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
     report_supports(s, reaction, json);
     report_tools(s, json);
+    report_touch(s, json);
     if (written->begun) rc = write_rest(written, s, o, u, reaction);
     free(u);
     return rc;

@@ -155,6 +155,7 @@ static void destroy(void *self) {
     if (contact) tm_contact_remove_block(contact, t);
     t->world->notes_travel--;
     t->world->touching = NULL;
+    t->world->settle_stride_m = 0;
     tm_pool pool = t->pool;
     tm_pool_release(&pool);
 }
@@ -177,6 +178,7 @@ static tm_status add_stage(tm_touching *t, tm_contact *contact, tm_error *error)
     if (status) return status;
     t->world->notes_travel++;
     t->world->touching = t;
+    t->world->settle_stride_m = 0.2 * t->def.thickness_m; /* two sides: less than a thickness, which rows reach */
     tm_world_set_few(t->world, "touch", &few);
     const tm_constraint_block block = {.self = t, .owner = t, .sweep = sweep, .finish = finish, .react = react_not};
     if (contact) tm_contact_add_block(contact, &block);

@@ -195,6 +195,8 @@ void tm_touch_find(tm_touching *touching);
 double tm_touching_stored_J(const tm_touching *touching, int32_t row);
 
 /* touch_solve.c */
+/* Adds to reaction_N [3*vertex_count] what supports bear of the last substep's rows on prescribed components, N. */
+void tm_touching_add_reactions(const tm_touching *touching, double *reaction_N);
 /* Returns the derivative of a row's depth by its force, m/N, and whether its friction sticks. */
 double tm_touching_slope_m_N(const tm_touching *touching, int32_t row, bool *sticks);
 void tm_touch_prepare(tm_touching *touching);

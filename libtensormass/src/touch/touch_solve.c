@@ -76,13 +76,14 @@ static void change_to(tm_touching *t, int32_t i, double force_N[3], const double
     vset(wanted_N, force_N);
 }
 
-/* Viscous drag, implicitly: it brakes and never drives; at most the reaction. */
+/* Viscous drag, implicitly: it brakes and never drives; at most the reaction. None while settling: at rest there is
+ * none, and against the fictitious masses it could hide a residual. */
 static void drag(tm_touching *t, int32_t i) {
     const tm_touching_row *row = t->row + i;
     tm_touch_solver *s = t->solver + i;
     double way[3], wanted[3];
     slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
-    const double coefficient = LAW_DRAG_S_M * row->lambda_N / t->world->state.dt_s;
+    const double coefficient = t->world->settling ? 0 : LAW_DRAG_S_M * row->lambda_N / t->world->state.dt_s;
     for (int c = 0; c < 3; c++)
         wanted[c] = -coefficient * (way[c] - s->weight2_m_N * s->drag_N[c]) / (1 + coefficient * s->weight2_m_N);
     const double size = vnorm(wanted);
@@ -118,6 +119,17 @@ void tm_touch_sweep(tm_touching *t, int32_t sweep) {
         drag(t, i);
         if (t->def.mu_static > 0) rub(t, i);
     }
+}
+
+void tm_touching_add_reactions(const tm_touching *t, double *reaction_N) {
+    for (int32_t i = 0; i < t->row_count; i++)
+        for (int j = 0; j < 4; j++)
+            for (int c = 0; c < 3; c++) {
+                const tm_touching_row *row = t->row + i;
+                const int32_t component = 3 * row->vertex[j] + c;
+                if (t->fixed[component])
+                    reaction_N[component] -= row->weight[j] * (row->lambda_N * row->normal[c] + row->across_N[c]);
+            }
 }
 
 double tm_touching_stored_J(const tm_touching *t, int32_t row) {

@@ -3,7 +3,8 @@
  * With forces, loads and supports alone equilibrium is a linear system. The relaxation's mass (the 3x3 vertex tensors),
  * damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate gradient
  * method. A nonlinear law takes Newton's method (settle_newton.c). With any further constraint (contact) the stages
- * themselves run, under fictitious masses and a damping taken from the motion.
+ * themselves run, under fictitious masses and a damping taken from the motion; with contact of tissue, no faster than
+ * its rows look ahead.
  *
  * Over 400 lines: the three ways share one state and its end. */
 #include "world/pressure.h"
@@ -83,6 +84,12 @@ static bool report(relaxation *x) {
 }
 
 static tm_status not_converged(const relaxation *x, tm_error *error) {
+    if (x->world->settle_stride_m > 0)
+        return tm_fail(
+            error, TM_ERR_CONVERGENCE, -1,
+            "the residual is %g after %lld steps, above the tolerance of %g; bodies that contact alone holds "
+            "may slide or tip: add friction to 'touch' or supports, or allow a larger tolerance",
+            x->relative, (long long)x->steps, x->def->tolerance);
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
                    "the residual is %g after %lld steps, above the tolerance of %g; allow more steps or a larger "
                    "tolerance, or add supports",
@@ -219,6 +226,15 @@ static double stiffening(const tm_tissue *tissue) {
     return most;
 }
 
+/* Increases the masses until no load moves a vertex by more than the world's stride in a step. */
+static void slow_down(relaxation *x) {
+    const double stride_m = x->world->settle_stride_m;
+    double share = 1;
+    for (int32_t i = 0; i < x->n && stride_m > 0; i++)
+        if (!x->fixed[i] && x->mass[i / 3] > 0) share = fmax(share, fabs(x->external[i]) / (x->mass[i / 3] * stride_m));
+    for (int32_t v = 0; v < x->n / 3; v++) x->mass[v] *= share;
+}
+
 /* Row sums bound the eigenvalues: with a unit step, mass above a quarter of them is stable. */
 static void fictitious_masses(relaxation *x) {
     const tm_tissue *tissue = x->world->tissue;
@@ -241,6 +257,17 @@ static void fictitious_masses(relaxation *x) {
     }
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         x->mass[v] = margin / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
+    slow_down(x);
+}
+
+/* Returns the share of the last motion that is carried on: so much that no component goes farther than the world's
+ * stride. */
+static double carried(const relaxation *x, double damping) {
+    const tm_state *s = &x->world->state;
+    const double carry = (1 - damping / 2) / (1 + damping / 2), stride_m = x->world->settle_stride_m;
+    double most_m = 0;
+    for (int32_t i = 0; i < x->n && stride_m > 0; i++) most_m = fmax(most_m, fabs(s->u_m[i] - s->u_prev_m[i]));
+    return most_m > stride_m ? fmin(carry, stride_m / most_m) : carry;
 }
 
 /* Runs all stages but the integrator, which the relaxation replaces. residual := the complete force, constraints
@@ -248,7 +275,7 @@ static void fictitious_masses(relaxation *x) {
 static void relaxed_pass(relaxation *x, double damping) {
     tm_world *world = x->world;
     tm_state *s = &world->state;
-    const double carry = (1 - damping / 2) / (1 + damping / 2);
+    const double carry = carried(x, damping);
     for (int32_t v = 0; v < x->n / 3; v++)
         world->mobility_s2_kg[v] = x->mass[v] > 0 ? 1 / (x->mass[v] * (1 + damping / 2)) : 0;
     run_phase(world, TM_PHASE_BEGIN);
@@ -279,6 +306,25 @@ static double damping_from_motion(const relaxation *x) {
     return fmin(damping, 1.6);
 }
 
+/* Returns an error if a free vertex has moved farther than supports did by more than the mesh is large: contact of
+ * tissue does not hold its body. */
+static tm_status check_displacement(const relaxation *x, tm_error *error) {
+    const double *u = x->world->state.u_m;
+    double limit_m = 0;
+    for (int32_t i = 0; i < x->n; i++)
+        if (x->fixed[i]) limit_m = fmax(limit_m, fabs(u[i]));
+    limit_m += x->scale.size_m;
+    for (int32_t i = 0; i < x->n; i++) {
+        if (x->fixed[i] || fabs(u[i]) <= limit_m) continue;
+        const int32_t vertex = tm_mesh_original_vertex(x->world->tissue->mesh, i / 3);
+        return tm_fail(error, TM_ERR_SUPPORT, vertex,
+                       "vertex %d: its body has moved by more than %.3g m, so neither supports nor contact hold it; "
+                       "add supports, a body beneath it, or friction to 'touch'",
+                       vertex, limit_m);
+    }
+    return TM_OK;
+}
+
 static tm_status relax_stages(relaxation *x, tm_error *error) {
     enum { IDLE_STEPS = 20000 };
     tm_state *s = &x->world->state;
@@ -292,6 +338,8 @@ static tm_status relax_stages(relaxation *x, tm_error *error) {
         x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
         if (x->relative < 0.9 * best) best = x->relative, last = x->steps;
         if (!isfinite(x->relative) || x->steps - last > IDLE_STEPS) return not_converged(x, error);
+        const tm_status status = x->world->settle_stride_m > 0 ? check_displacement(x, error) : TM_OK;
+        if (status) return status;
         calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
         damping = x->steps ? damping_from_motion(x) : 0;
         memcpy(x->image, x->residual, sizeof(double) * (size_t)x->n);

@@ -105,9 +105,11 @@ struct tm_world {
         const tm_few *few; /* null: it may change any displacement */
         bool divides;      /* its `run` divides its work among the step's threads */
     } entry[TM_MAX_STAGES];
-    void *support;         /* self of the support stage, or null */
-    int32_t supports_set;  /* times that it was set or removed */
-    void *touching, *ties; /* self of these stages, or null */
+    void *support;          /* self of the support stage, or null */
+    int32_t supports_set;   /* times that it was set or removed */
+    void *touching, *ties;  /* self of these stages, or null */
+    double settle_stride_m; /* settling moves a component by at most this in a step, so that none passes through; 0: no
+                               limit */
 };
 
 /* Adds stages that come and go together, all with one self; the memory is attributed to the first. Adds all or none. */
