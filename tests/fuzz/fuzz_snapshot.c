@@ -66,7 +66,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     PROMISE(tm_world_create(&def, &world, NULL) == TM_OK);
     tm_instrument_def tool[2] = {
         {TM_TOOL_PROBE, false, {0.005, 0.005, 0.1}, 0.002, 0.05, {.tip_m = {0.005, 0.005, 0.02}, .active = true}},
-        {TM_TOOL_CAUTERY, {0.002, 0.002, 0.1}, 0.002, 0.05, {.tip_m = {0.002, 0.002, 0.02}, .active = true}}};
+        {TM_TOOL_CAUTERY, false, {0.002, 0.002, 0.1}, 0.002, 0.05, {.tip_m = {0.002, 0.002, 0.02}, .active = true}}};
     tm_contact_def contact_def = tm_contact_def_default();
     contact_def.instrument_count = 2;
     contact_def.instrument = tool;
