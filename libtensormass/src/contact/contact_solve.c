@@ -93,13 +93,15 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
     row->lambda_N = lambda;
 }
 
-/* Computes the viscous drag of one row, implicitly: it brakes and never drives. */
+/* Computes the viscous drag of one row, implicitly: it brakes and never drives. None while settling: at rest there is
+ * none, and in short steps it would hold tissue where it is. */
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
     if (row->lambda_N == 0 && r->drag_N[0] == 0 && r->drag_N[1] == 0 && r->drag_N[2] == 0)
         return; /* the case of most rows */
-    double coefficient = LAW_DRAG_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    const double coefficient = world->settling ? 0 : LAW_DRAG_S_M * row->lambda_N / state->dt_s;
+    double wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {
