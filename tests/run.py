@@ -78,7 +78,7 @@ def by_themselves(counts, failed_json):
     """Runs failed clock tests again, alone, unless too many failed; returns the new counts."""
     try:
         with open(failed_json) as names:
-            failed = json.load(names)
+            failed = [re.sub(r"@[^\]@]*$", "", name) for name in json.load(names)]  # without the group, which xdist appends to a name
     except FileNotFoundError:
         failed = []
     if not 0 < len(failed) <= FEW or len(failed) != counts[1]:

@@ -69,6 +69,7 @@ def first(name):
     return not was_there
 
 @pytest.mark.clock
+@pytest.mark.xdist_group("devices/some")
 @pytest.mark.parametrize("count", range({many}))
 def test_beside_others(count):
     assert not first(count)

@@ -12,7 +12,7 @@ PLANTED = {
     "asan": ("heap-buffer-overflow", "int *a = malloc(4 * sizeof *a); a[argc + 3] = 1; printf(\"%d\\n\", a[argc + 3]); free(a);"),
     "asan-leak": ("LeakSanitizer", "void *volatile p = malloc(10); p = 0; printf(\"%p\\n\", p);"),
     "asan-undefined": ("runtime error", "volatile int x = 2147483647; x += argc; printf(\"%d\\n\", x);"),
-    "tsan": ("data race", "pthread_t t; pthread_create(&t, 0, other, 0); shared += argc; pthread_join(t, 0); printf(\"%d\\n\", shared);"),
+    "tsan": ("data race", "pthread_t t; pthread_create(&t, 0, other, 0); for (int i = 0; i < MANY; i++) shared[i] += argc; pthread_join(t, 0); printf(\"%d\\n\", shared[0]);"),
 }
 
 
@@ -28,8 +28,10 @@ def test_it_sees_what_it_is_for(name, root, tmp_path):
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
-static int shared;
-static void *other(void *unused) {{ shared++; return unused; }}
+/* Many places: ThreadSanitizer misses a race of two accesses that are checked at the same moment. */
+enum {{ MANY = 1000 }};
+static int shared[MANY];
+static void *other(void *unused) {{ for (int i = 0; i < MANY; i++) shared[i]++; return unused; }}
 int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body} return 0; }}
 """)
     subprocess.run([*flags, "-o", tmp_path / "fault", tmp_path / "fault.c", "-lpthread"], check=True)
