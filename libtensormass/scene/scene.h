@@ -162,7 +162,7 @@ typedef struct app_material {
     app_number lambda_T, mu_T, lambda_L, mu_L, beta;
     app_number E_L, E_T, nu_LT, nu_TT, G_L;
     app_choice law;                                  /* tm_law_kind */
-    app_number constant[APP_LAWS][TM_LAW_CONSTANTS]; /* of each law; only those of `law` may be given */
+    app_number constant[APP_LAWS][TM_LAW_CONSTANTS]; /* of each law, read by app_material_constant (law_keys.h) */
     app_number stretch;
     app_number density, damping;
 } app_material;

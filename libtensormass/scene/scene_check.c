@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "law_keys.h"
+
 typedef struct family {
     const char *name;
     uint32_t members; /* bits of the constants below */
@@ -69,12 +71,12 @@ tm_status app_scene_law(const app_scene *scene, const app_material *m, app_law *
                          m->region.s);
 }
 
-/* Checks one constant of a law: given only with this law, and given if it has no default. */
+/* Checks one constant of a law: given only with a law that has it, and given if it has no default. */
 static tm_status check_constant(const app_scene *scene, const app_material *m, tm_law_kind law, int32_t i) {
     const tm_law_kind own = (tm_law_kind)m->law.index;
     const tm_law_constant *c = tm_law_constant_at(law, i);
-    const int line = m->constant[law][i].line;
-    if (line && law != own)
+    const int line = app_material_constant(m, law, i)->line;
+    if (line && !app_law_has_constant(own, c->name))
         return app_scene_bad(
             scene, line,
             "material '%s': '%s' belongs to the law '%s', and its law is '%s'; give 'law: %s', or remove it",

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "law_keys.h"
+
 static tm_status select_group(const app_scene *scene, const app_select *select, const tm_mesh_file *mesh,
                               uint8_t *mark) {
     for (int32_t g = 0; g < mesh->group_count; g++) {
@@ -74,9 +76,10 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
 }
 
 static tm_status set_law(const app_material *m, tm_material *out, tm_error *error) {
-    double constant[TM_LAW_CONSTANTS];
-    for (int i = 0; i < TM_LAW_CONSTANTS; i++) constant[i] = m->constant[m->law.index][i].si;
-    return tm_material_set_law(out, (tm_law_kind)m->law.index, constant, m->stretch.line ? m->stretch.si : 0, error);
+    const tm_law_kind law = (tm_law_kind)m->law.index;
+    double constant[TM_LAW_CONSTANTS] = {0};
+    for (int32_t i = 0; tm_law_constant_at(law, i); i++) constant[i] = app_material_constant(m, law, i)->si;
+    return tm_material_set_law(out, law, constant, m->stretch.line ? m->stretch.si : 0, error);
 }
 
 /* Returns whether a material's name stands for the region: its own name (2), or "body.*" of its body (1). */

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "choices.h"
+#include "law_keys.h"
 #include "scene.h"
 #include "tensormass.h"
 
@@ -226,20 +227,30 @@ static const app_field fields[] = {
      "cautery pedal, from this waypoint on"},
 };
 
-/* --- constants of laws, from the library's table --- */
+/* --- constants of laws, from the library's table; laws share the keys of the same name --- */
 
 enum { OWN = sizeof fields / sizeof *fields, MOST = APP_LAWS * TM_LAW_CONSTANTS };
 typedef struct law_text {
-    char path[60], doc[200];
+    char path[60], doc[220];
 } law_text;
 static app_field all_fields[OWN + MOST];
 static law_text text[MOST];
 static char law_names[24 * APP_LAWS];
 static app_schema scene_schema = {.field = all_fields, .size = sizeof(app_scene)};
 
+/* Writes "`law`, `law`: text", with the names of all laws that have the constant. */
+static void write_doc(const tm_law_constant *c, law_text *t) {
+    size_t used = 0;
+    for (int32_t law = 0; tm_law_name((tm_law_kind)law); law++)
+        if (app_law_has_constant((tm_law_kind)law, c->name))
+            used += (size_t)snprintf(t->doc + used, sizeof t->doc - used, "%s`%s`", used ? ", " : "",
+                                     tm_law_name((tm_law_kind)law));
+    snprintf(t->doc + used, sizeof t->doc - used, ": %s", c->doc);
+}
+
 static app_field field_of(int32_t law, int32_t i, const tm_law_constant *c, law_text *t) {
     snprintf(t->path, sizeof t->path, "tissue.materials.*.%s", c->name);
-    snprintf(t->doc, sizeof t->doc, "`%s`: %s", tm_law_name((tm_law_kind)law), c->doc);
+    write_doc(c, t);
     return (app_field){t->path,
                        APP_NUMBER,
                        c->unit,
@@ -257,8 +268,11 @@ static void append_laws(void) {
         const tm_law_constant *c;
         const size_t used = strlen(law_names);
         snprintf(law_names + used, sizeof law_names - used, "%s%s", law ? "|" : "", tm_law_name((tm_law_kind)law));
-        for (int32_t i = 0; (c = tm_law_constant_at((tm_law_kind)law, i)); i++)
-            all_fields[scene_schema.count++] = field_of(law, i, c, text + n++);
+        for (int32_t i = 0; (c = tm_law_constant_at((tm_law_kind)law, i)); i++) {
+            tm_law_kind first = (tm_law_kind)law;
+            app_shared_constant(&first, &(int32_t){i});
+            if (first == (tm_law_kind)law) all_fields[scene_schema.count++] = field_of(law, i, c, text + n++);
+        }
     }
 }
 

@@ -87,7 +87,8 @@ def test_a_law_runs_with_averaged_changes_of_volume_and_viscosity(bin, root, tmp
 
 
 @pytest.mark.parametrize("law,said", [("fung", "needs 'C'"), ("fung, C: 10 Pa", "2 w/C <= 6 is violated"), ("mooney-rivlin, C: 1 kPa", "'C' belongs to the law 'fung'"),
-                                      ("holzapfel, k1: 1 kPa, k2: 1", "add 'anisotropy:'"), ("mooney-rivlin, second: 0.3", ""), ("fung, C: 5 kPa", "")])
+                                      ("holzapfel, k1: 1 kPa, k2: 1", "add 'anisotropy:'"), ("neo-hooke, slack: 1", "'slack' belongs to the law 'st-venant-kirchhoff'"),
+                                      ("mooney-rivlin, second: 0.3", ""), ("fung, C: 5 kPa, slack: 1", ""), ("st-venant-kirchhoff, slack: 1", "")])
 def test_law_without_its_constants_is_rejected(bin, root, tmp_path, law, said):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.replace("density: 1000 kg/m3", f"law: {law}").format(root=root))

@@ -24,7 +24,7 @@ static inline tm_material material_of(tm_law_kind law, double poisson, bool fibr
     double constant[TM_LAW_CONSTANTS];
     law_example(law, constant);
     if (law == TM_LAW_ST_VENANT_KIRCHHOFF) constant[0] = 1, constant[1] = 0; /* does not collapse; linear at rest */
-    if (law == TM_LAW_FUNG) constant[0] = 20e3;
+    if (law == TM_LAW_FUNG) constant[0] = 20e3, constant[1] = 0;             /* linear at rest */
     tm_material m;
     tm_error error;
     fix_ok(tm_material_young(YOUNG_PA, poisson, &m, &error), &error);

@@ -376,6 +376,7 @@ static void refusals_say_why(void **state) {
                {TM_LAW_MOONEY_RIVLIN, {-0.1}, "0 <= second <= 1"},
                {TM_LAW_FUNG, {0}, "C > 0"},
                {TM_LAW_FUNG, {100}, "2 w/C <= 6"},
+               {TM_LAW_FUNG, {1e4, 1.5}, "0 <= slack <= 1"},
                {TM_LAW_FUNG, {INFINITY}, "constant 0 = inf is not finite"},
                {TM_LAW_HOLZAPFEL, {INFINITY, 1, 0}, "constant 0 = inf is not finite"},
                {TM_LAW_HOLZAPFEL, {1e3, NAN, 0}, "constant 1 ="},

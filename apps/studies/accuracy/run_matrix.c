@@ -7,6 +7,7 @@
 
 #include "common/program_host.h"
 #include "scene/effects.h"
+#include "scene/law_keys.h"
 #include "sim/stream.h"
 #include "study.h"
 
@@ -190,7 +191,7 @@ static void forget_law(study_run *r, const app_material *m) {
     for (int32_t law = 0; law < APP_LAWS; law++) {
         const tm_law_constant *c;
         for (int32_t i = 0; (c = tm_law_constant_at((tm_law_kind)law, i)); i++)
-            if (m->constant[law][i].line) forget_key(r, m, c->name);
+            if (app_material_constant(m, (tm_law_kind)law, i)->line) forget_key(r, m, c->name);
     }
     if (m->stretch.line) forget_key(r, m, "stretch");
 }

@@ -21,6 +21,22 @@ typedef struct tm_green_bounds {
     double range[2];
 } tm_green_bounds;
 
+/* Returns k, Pa, of fibres that push less: the law has w - k/2 min(I4, 0)^2, k = s (E_L - E_T), s the share `slack`.
+ * It is 0 for isotropic tissue, and for fibres that are softer than what is around them. */
+static double tm_loose_fibre_Pa(const tm_material *m, double slack) {
+    const double across = m->lambda_Pa + m->mu_Pa, mixed = m->lambda_Pa + m->dlambda_Pa;
+    const double along = m->lambda_Pa + 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
+    const double rest = across * along - mixed * mixed;
+    if (m->dlambda_Pa == 0 && m->dmu_Pa == 0 && m->beta_Pa == 0) return 0;
+    const double E_T = 4 * m->mu_Pa * rest / ((across + m->mu_Pa) * along - mixed * mixed), E_L = rest / across;
+    return slack * fmax(E_L - E_T, 0);
+}
+
+/* That term's second derivative along D is -k ((a.X a)^2 + I4 |D a|^2), X = sym F^T D: at most k |I4|, |I4| <= 1/2. Its
+ * stress -k I4 F a a^T pulls, and has a size of at most k x sqrt(1 - 2 x) < 0.2 k, x = -I4. */
+#define TM_LOOSE_SIDEWAYS 0.2
+static double tm_loose_most(double loose_Pa, const tm_bound_cell *c) { return loose_Pa * fmin(0.5, c->strain); }
+
 static tm_green_bounds tm_green_bounds_of(const tm_material *m, double lambda, const tm_bound_cell *c) {
     tm_green_bounds g;
     double more[2];
@@ -55,6 +71,24 @@ INSIDE void TM_NAME(green_stress)(const TM_NAME(hyper) * w, const V8 E[9], V8 S[
                 2.0 * w->mu * E[3 * i + j] + along * a[i] * a[j] + 2.0 * w->dmu * (a[i] * Ea[j] + Ea[i] * a[j]);
     for (int i = 0; i < 9; i += 4) S[i] += w->dlambda * I4;
     *energy = w->mu * square + w->dlambda * I1 * I4 + 2.0 * w->dmu * I5 + 0.5 * w->beta * I4 * I4;
+}
+
+/* Subtracts the term of fibres that push less from w and its stress; `loose`: k. */
+INSIDE void TM_NAME(loosen_fibres)(const TM_NAME(hyper) * w, const V8 *loose, const V8 E[9], V8 S[9], V8 *energy) {
+    const V8 *a = w->fibre, zero = 0.0 * w->mu;
+    const M8 loosened = TM_NAME(exceeds)(loose, &zero);
+    V8 Ea[3];
+    if (!TM_NAME(any)(&loosened)) return;
+    for (int i = 0; i < 3; i++) Ea[i] = E[3 * i] * a[0] + E[3 * i + 1] * a[1] + E[3 * i + 2] * a[2];
+    const V8 I4 = a[0] * Ea[0] + a[1] * Ea[1] + a[2] * Ea[2], push = *loose * I4, less = *energy - 0.5 * push * I4;
+    const V8 least = zero - REAL(1e-30); /* at rest a complex step squared is below 0 */
+    const M8 pushed = TM_NAME(exceeds)(&least, &push);
+    if (!TM_NAME(any)(&pushed)) return;
+    for (int i = 0; i < 9; i++) {
+        const V8 pull = S[i] - push * a[i / 3] * a[i % 3];
+        TM_NAME(choose)(&S[i], &pushed, &pull, &S[i]);
+    }
+    TM_NAME(choose)(energy, &pushed, &less, energy);
 }
 
 INSIDE void TM_NAME(green_strain)(const V8 H[9], V8 E[9]) {
