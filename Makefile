@@ -148,7 +148,8 @@ $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%
 # Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer all except
 # the longest, whose code is also run by others.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
-LONGEST := $(addprefix $(OUT)/tests/,physics/test_step_threads physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
+LONGEST := $(addprefix $(OUT)/tests/,cut/test_touch_rest physics/test_conserve physics/test_law_bound physics/test_law_viscous_bound physics/test_step_threads \
+           physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(filter-out $(LONGEST),$(TESTS)))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py
 	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
