@@ -101,6 +101,37 @@ def test_constants_of_large_strains_load_and_run(bin, root, tmp_path):
         assert len(moved["time_s"]) == 3 and moved["supports_N"][2][0][2] > 0, name
 
 
+FREE = LARGE.replace("group: z_min}", "group: z_min, axes: z}").replace("group: z_max, ", "group: z_max, axes: z, ").replace("time:", """  - {{name: left, group: x_min, axes: x}}
+  - {{name: front, group: y_min, axes: y}}
+time:""")
+# Young's modulus at rest, Pa, from the constants that the source states; None: a modulus that it states itself, which the row repeats.
+STATED = {"myocardium": None, "myocardium_ho": 3 * 2280, "myocardium_human": 3 * 134.8, "aorta_media": 101.2e3, "artery_media": 3 * 3000, "artery_adventitia": 3 * 300, "liver": 5490,
+          "kidney": 5000, "fat": 1600, "fat_omental": 2900, "fat_fibred": 6 * 150, "muscle_across": 6 * 387 * 23.46, "skin": 6 * 9400, "brain_cortex": 4970,
+          "brain_cortex_mr": 6e3 * (0.0026 * 0.4128 + 2.2122 * 0.4253)}
+
+
+def modulus(bin, folder, root, material, strains):
+    """Pulls a block of 100 x 100 x 50 mm with free sides by the strains. Returns the nominal stresses, Pa."""
+    scene = folder / "free.yaml"
+    scene.write_text(FREE.format(mesh=root / "meshes/block_1k.msh", material=material, down=0))
+    (folder / "requests").write_text("".join(f'{{"set": ["supports[1].displace=[0, 0, {0.05 * e:.6g}]"], "settle": 1e-9}}\n' for e in strains))
+    rests = map(json.loads, run(bin / "tm-sim", scene, "--trials", folder / "requests").strip().split("\n"))
+    return [rest["supports_N"][0][1][2] / 0.1**2 for rest in rests]
+
+
+def test_constants_have_the_modulus_of_their_source(bin, root, tmp_path):
+    """Pressed by a thousandth, as fibres of holzapfel act in tension only."""
+    rows = dict(re.findall(r"^(\w+): (\{.*\})$", run(bin / "tm-scene", "tissues").split("\n\n")[1], re.M))
+    assert set(STATED) <= set(rows) and not [name for name in rows if name not in STATED and not re.match("ecoflex|dragon", name)]
+    for name, stated in STATED.items():
+        if stated:
+            found = modulus(bin, tmp_path, root, rows[name], [-0.001])[0] / -0.001
+            assert abs(found / stated - 1) < 0.015, (name, found, stated)
+    for name, tangent in (("fat", 11.7e3), ("fat_omental", 32e3)):
+        less, more = modulus(bin, tmp_path, root, rows[name], [0.29, 0.31])
+        assert abs((more - less) / 0.02 / tangent - 1) < 0.03, (name, (more - less) / 0.02)
+
+
 ODD = [  # change of the scene, words of the message
     (("young: 5.5 kPa", "young: 5.5 MPa"), r"organ.yaml:\d+: warning: region 'liver': 5.5e\+03 kPa is far too stiff for liver \(published: 5.5 kPa, 429 healthy"),
     (("young: 5.5 kPa", "young: 200"), "far too soft for liver"),
