@@ -300,8 +300,9 @@ static bool drop_effect(session *s, int i) {
 
 /* --- the test --- */
 
-/* Seeds that exceeded a bound before inverted tetrahedra and crushed tissue were left out. */
-static const uint64_t ONCE_BROKE[] = {33, 1000, 1027};
+/* Seeds that exceeded a bound: the first three before inverted tetrahedra and crushed tissue were left out, the others
+ * before rows were limited after instruments were held back. */
+static const uint64_t ONCE_BROKE[] = {33, 1000, 1027, 10, 2115};
 
 typedef struct tally {
     double worst, touch_share, deepest_m, farthest_m;

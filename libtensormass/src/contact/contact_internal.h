@@ -104,7 +104,7 @@ typedef struct tm_constraint_block {
     int32_t (*admit)(void *self, int32_t instrument, tm_contact_row *row, int32_t count);
 } tm_constraint_block;
 
-enum { TM_MAX_BLOCKS = 6 };
+enum { TM_MAX_BLOCKS = 7 };
 
 /* contact_fade.c: a row whose tetrahedron was removed, and whose force fades. */
 typedef struct tm_fading_row {

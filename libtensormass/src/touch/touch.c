@@ -40,6 +40,16 @@ static void sweep(void *self, tm_world *world, int32_t number) {
     tm_touch_sweep(self, number);
 }
 
+static void note(void *self, tm_world *world) {
+    (void)world;
+    tm_touch_note_energy(self);
+}
+
+/* After the forces of all instruments were limited, in each round. */
+static bool hold_back(void *self, tm_world *world, int32_t instrument) {
+    return instrument + 1 == tm_world_contact(world)->tool_count && tm_touch_limit_energy(self);
+}
+
 static void finish(void *self, tm_world *world) {
     (void)world;
     tm_touch_remember(self);
@@ -180,8 +190,10 @@ static tm_status add_stage(tm_touching *t, tm_contact *contact, tm_error *error)
     t->world->touching = t;
     t->world->settle_stride_m = 0.2 * t->def.thickness_m; /* two sides: less than a thickness, which rows reach */
     tm_world_set_few(t->world, "touch", &few);
-    const tm_constraint_block block = {.self = t, .owner = t, .sweep = sweep, .finish = finish, .react = react_not};
-    if (contact) tm_contact_add_block(contact, &block);
+    const tm_constraint_block block = {
+        .self = t, .owner = t, .sweep = sweep, .finish = note, .hold_back = hold_back, .react = react_not};
+    const tm_constraint_block behind = {.self = t, .owner = t, .finish = finish, .react = react_not};
+    if (contact) tm_contact_add_block(contact, &block), tm_contact_add_block_behind(contact, &behind);
     return TM_OK;
 }
 

@@ -104,6 +104,7 @@ struct tm_touching {
     tm_touching_row *row;
     tm_touch_solver *solver;
     tm_touch_memory *memory, *saved; /* [max_rows] of the last substep; when the step began */
+    double swept_J;                  /* energy that the rows gave after the sweeps of this substep */
     uint8_t *fixed;                  /* [3*vertex_count] */
     const void *fixed_by;
     tm_touching_report report;
@@ -202,6 +203,17 @@ double tm_touching_slope_m_N(const tm_touching *touching, int32_t row, bool *sti
 void tm_touch_prepare(tm_touching *touching);
 void tm_touch_sweep(tm_touching *touching, int32_t sweep);
 void tm_touch_remember(tm_touching *touching);
+/* Adds the displacements under a force on a row and its opposite. */
+void tm_touch_push(tm_touching *touching, int32_t row, const double force_N[3]);
+/* Computes the relative motion of a row's two sides between two displacements. */
+void tm_touch_slip(const tm_touching_row *row, const double *to_m, const double *from_m, double way_m[3]);
+/* Sweeps once, but only reduces forces: first from the last row, or, with `sweep` odd, from the first. */
+void tm_touch_release(tm_touching *touching, int32_t sweep);
+
+/* touch_passivity.c: notes what the rows give after the sweeps, and limits them to that after instruments were held
+ * back. Returns whether forces changed. */
+void tm_touch_note_energy(tm_touching *touching);
+bool tm_touch_limit_energy(tm_touching *touching);
 
 /* ties.c: calls `work` with each force of the ties in this substep; returns the energy that they store, J. */
 double tm_ties_energy(tm_world *world, void *self, void (*work)(void *self, int32_t vertex, const double force_N[3]));

@@ -10,14 +10,14 @@
 /* Maximum speed at which overlap is undone that the tissue's own motion did not cause. */
 #define RECOVERY_M_S 0.5
 
-static void push(tm_touching *t, int32_t i, const double force_N[3]) {
+void tm_touch_push(tm_touching *t, int32_t i, const double force_N[3]) {
     double *u_next = t->world->state.u_next_m;
     for (int j = 0; j < 4; j++)
         for (int c = 0; c < 3; c++) u_next[3 * t->row[i].vertex[j] + c] += t->solver[i].response[j][c] * force_N[c];
 }
 
 /* Computes the relative motion of the two sides in this substep, of the last one or of the present. */
-static void slip(const tm_touching_row *row, const double *to_m, const double *from_m, double way_m[3]) {
+void tm_touch_slip(const tm_touching_row *row, const double *to_m, const double *from_m, double way_m[3]) {
     for (int c = 0; c < 3; c++) {
         way_m[c] = 0;
         for (int j = 0; j < 4; j++)
@@ -41,30 +41,29 @@ static void prepare(tm_touching *t, int32_t i) {
         if (free_axis) s->weight2_m_N += row->weight[j] * row->weight[j] * mobility;
     }
     double way[3], force[3];
-    slip(row, world->state.u_m, world->state.u_prev_m, way);
+    tm_touch_slip(row, world->state.u_m, world->state.u_prev_m, way);
     const double undone = law_max(RECOVERY_M_S * world->state.dt_s, vnorm(way));
     const double over = -row->gap_m - law_compliance_depth(s->compliance_m_N, s->soft_m, row->lambda_N) - undone;
     s->gap_m += law_max(over, 0);
     vscale(row->lambda_N, row->normal, force);
     for (int c = 0; c < 3; c++) force[c] += s->drag_N[c] + s->friction_N[c];
-    push(t, i, force);
+    tm_touch_push(t, i, force);
 }
 
 void tm_touch_prepare(tm_touching *t) {
     for (int32_t i = 0; i < t->row_count; i++) prepare(t, i);
 }
 
-static void relax(tm_touching *t, int32_t i, const double way_m[3]) {
+static void relax(tm_touching *t, int32_t i, const double way_m[3], double cap_N) {
     tm_touching_row *row = t->row + i;
     const tm_touch_solver *s = t->solver + i;
     const double free_gap = s->gap_m - s->diagonal_m_N * row->lambda_N + vdot(row->normal, way_m);
     t->world->unstable |= !(fabs(free_gap) < INFINITY);
-    const double lambda =
-        law_compliance_reaction(s->compliance_m_N, s->soft_m, free_gap, s->diagonal_m_N, t->def.force_cap_N);
+    const double lambda = law_compliance_reaction(s->compliance_m_N, s->soft_m, free_gap, s->diagonal_m_N, cap_N);
     if (lambda == row->lambda_N) return;
     double change[3];
     vscale(lambda - row->lambda_N, row->normal, change);
-    push(t, i, change);
+    tm_touch_push(t, i, change);
     row->lambda_N = lambda;
 }
 
@@ -72,7 +71,7 @@ static void relax(tm_touching *t, int32_t i, const double way_m[3]) {
 static void change_to(tm_touching *t, int32_t i, double force_N[3], const double wanted_N[3]) {
     double change[3];
     vsub(wanted_N, force_N, change);
-    push(t, i, change);
+    tm_touch_push(t, i, change);
     vset(wanted_N, force_N);
 }
 
@@ -82,7 +81,7 @@ static void drag(tm_touching *t, int32_t i) {
     const tm_touching_row *row = t->row + i;
     tm_touch_solver *s = t->solver + i;
     double way[3], wanted[3];
-    slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
+    tm_touch_slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
     const double coefficient = t->world->settling ? 0 : LAW_DRAG_S_M * row->lambda_N / t->world->state.dt_s;
     for (int c = 0; c < 3; c++)
         wanted[c] = -coefficient * (way[c] - s->weight2_m_N * s->drag_N[c]) / (1 + coefficient * s->weight2_m_N);
@@ -97,7 +96,7 @@ static void rub(tm_touching *t, int32_t i) {
     const tm_touching_row *row = t->row + i;
     tm_touch_solver *s = t->solver + i;
     double way[3], wanted[3];
-    slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
+    tm_touch_slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
     for (int c = 0; c < 3; c++) wanted[c] = s->weight2_m_N > 0 ? s->friction_N[c] - way[c] / s->weight2_m_N : 0;
     vmadd(wanted, -vdot(wanted, row->normal), row->normal, wanted);
     const double size = vnorm(wanted), kinetic = t->def.mu_kinetic * row->lambda_N;
@@ -110,14 +109,32 @@ void tm_touch_sweep(tm_touching *t, int32_t sweep) {
     for (int32_t k = 0; k < t->row_count; k++) { /* forward and backward: no row is always last */
         const int32_t i = sweep % 2 ? t->row_count - 1 - k : k;
         double way[3];
-        slip(t->row + i, t->world->state.u_next_m, t->world->state.u_m, way);
+        tm_touch_slip(t->row + i, t->world->state.u_next_m, t->world->state.u_m, way);
         const double was = t->row[i].lambda_N;
-        relax(t, i, way);
+        relax(t, i, way, t->def.force_cap_N);
         if (was == 0 && t->row[i].lambda_N == 0 && vdot(t->solver[i].drag_N, t->solver[i].drag_N) == 0 &&
             vdot(t->solver[i].friction_N, t->solver[i].friction_N) == 0)
             continue; /* the case of most rows */
         drag(t, i);
         if (t->def.mu_static > 0) rub(t, i);
+    }
+}
+
+void tm_touch_release(tm_touching *t, int32_t sweep) {
+    for (int32_t k = 0; k < t->row_count; k++) {
+        const int32_t i = sweep % 2 ? k : t->row_count - 1 - k;
+        tm_touch_solver *s = t->solver + i;
+        const double was = t->row[i].lambda_N;
+        double way[3], wanted[3];
+        if (was == 0) continue;
+        tm_touch_slip(t->row + i, t->world->state.u_next_m, t->world->state.u_m, way);
+        relax(t, i, way, was);
+        const double share = t->row[i].lambda_N / was;
+        if (share == 1) continue;
+        vscale(share, s->drag_N, wanted);
+        change_to(t, i, s->drag_N, wanted);
+        vscale(share, s->friction_N, wanted);
+        change_to(t, i, s->friction_N, wanted);
     }
 }
 

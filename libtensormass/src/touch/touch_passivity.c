@@ -1,0 +1,86 @@
+/* Limits the energy that contact of tissue generates when instruments are held back. A row that was solved loses energy
+ * (docs/energy.md). But rows are solved against the forces of instruments, and when contact_passivity.c then reduces
+ * these, rows that they had pressed keep their force and throw the tissue apart: in sessions with fast tools, more than
+ * a tenth of the energy of the hands. So the rows' account, exact in the integrator's terms, is taken after the sweeps
+ * and again after instruments were held back: the work over the two steps around the forces, and half of the energy in
+ * the compliance. If rows then give more than after the sweeps, open rows lose the force that holds them open. If that
+ * is not enough, all rows are reduced by one share. Without a change of the instruments no force changes. */
+#include "touch/touch_internal.h"
+
+#include <math.h>
+
+#include "base/vec.h"
+
+/* Energy below which nothing is done, J. */
+static const double LITTLE_J = 2e-8;
+enum { RELEASES = 2 };
+
+static void force_of(const tm_touching *t, int32_t i, double force_N[3]) {
+    const tm_touch_solver *s = t->solver + i;
+    for (int c = 0; c < 3; c++) force_N[c] = t->row[i].lambda_N * t->row[i].normal[c] + s->drag_N[c] + s->friction_N[c];
+}
+
+static double work_J(const tm_touching *t) {
+    const tm_state *state = &t->world->state;
+    double work = 0;
+    for (int32_t i = 0; i < t->row_count; i++) {
+        double force[3], way[3];
+        if (t->row[i].lambda_N == 0) continue;
+        force_of(t, i, force);
+        tm_touch_slip(t->row + i, state->u_next_m, state->u_prev_m, way);
+        work += 0.5 * vdot(force, way);
+    }
+    return work;
+}
+
+static double half_stored_J(const tm_touching *t) {
+    double sum = 0;
+    for (int32_t i = 0; i < t->row_count; i++)
+        if (t->row[i].lambda_N > 0) sum += tm_touching_stored_J(t, i);
+    return 0.5 * sum;
+}
+
+static void push_all(tm_touching *t, double sign) {
+    for (int32_t i = 0; i < t->row_count; i++) {
+        double force[3];
+        if (t->row[i].lambda_N == 0) continue;
+        force_of(t, i, force);
+        vscale(sign, force, force);
+        tm_touch_push(t, i, force);
+    }
+}
+
+/* Returns the largest share in [0, 1] at which linear share + square share^2 <= may, with square and may >= 0. */
+static double find_share(double linear, double square, double may) {
+    if (linear + square <= may) return 1;
+    const double root = sqrt(linear * linear + 4 * square * may);
+    return linear > 0 ? 2 * may / (linear + root) : law_min((root - linear) / (2 * square), 1);
+}
+
+/* Scales all forces by one share. With the share, the work is linear plus square, and the energy in the compliance,
+ * which is convex and 0 at 0, at most linear. */
+static void reduce(tm_touching *t, double may_J) {
+    const double work = work_J(t);
+    push_all(t, -1);
+    const double bare = work_J(t), share = find_share(bare + half_stored_J(t), law_max(work - bare, 0), may_J);
+    for (int32_t i = 0; i < t->row_count; i++) {
+        tm_touch_solver *s = t->solver + i;
+        t->row[i].lambda_N *= share;
+        vscale(share, s->drag_N, s->drag_N);
+        vscale(share, s->friction_N, s->friction_N);
+    }
+    push_all(t, 1);
+}
+
+void tm_touch_note_energy(tm_touching *t) { t->swept_J = t->world->settling ? 0 : work_J(t) + half_stored_J(t); }
+
+bool tm_touch_limit_energy(tm_touching *t) {
+    if (t->world->settling) return false;
+    const double may = law_max(t->swept_J, 0) + LITTLE_J;
+    for (int32_t k = 0; k < RELEASES; k++) {
+        if (!(work_J(t) + half_stored_J(t) > may)) return k > 0;
+        tm_touch_release(t, k);
+    }
+    if (work_J(t) + half_stored_J(t) > may) reduce(t, may);
+    return true;
+}
