@@ -139,6 +139,9 @@ def brain(rows, a, of):
         print(f"cortex: E {3 * scale:.2f} kPa by {law}")
         for name, measured_kPa, Pa in list(zip(names, kPa, stress))[1:]:
             row(rows, "cortex", f"{name}, {law}", "kPa", (measured_kPa, 0), scale * Pa / 1e3, ("fitted to " if name in by else "predicted from ") + by)
+    law, young_kPa, words = of["published"]
+    for name, measured_kPa, Pa in zip(names, kPa, samples.cube(a.sim, a.out, words, moves)):
+        row(rows, "cortex", f"{name}, {law}", "kPa", (measured_kPa, 0), young_kPa / 3 * abs(Pa) / 1e3, "published constants")
 
 
 def study(a):
@@ -162,17 +165,25 @@ def study(a):
     return {"rows": rows, "facts": facts, "measured": measured, "quick": a.quick}
 
 
+WIDE = 60  # of the plot, %; what is farther off stands at its edge, with its number
+
+
 def draw(folder, found):
     """Writes index.html: the differences with the measurements' own spread, and the table."""
     page = Page(folder, "Comparison with measurements", "Bodies that other groups measured, simulated from their size, weight and load. Constants are fitted to one load; the other rows are predictions.")
     rows = [r for r in found["rows"] if not r["how"].startswith("fitted")]
-    figure, axis = plt.subplots(figsize=(8, 0.9 + 0.34 * len(rows)), layout="constrained")
+    figure, axis = plt.subplots(figsize=(9, 0.9 + 0.22 * len(rows)), layout="constrained")
     at = np.arange(len(rows))[::-1]
     axis.axvspan(-5, 5, color="#eeeeee")
     axis.errorbar(np.zeros(len(rows)), at, xerr=[100 * r["spread"] / r["measured"] for r in rows], fmt="none", color="#1b1b1b", capsize=4)
-    axis.plot([100 * r["off"] for r in rows], at, **{**series(1), "linestyle": ""})
+    shown = np.clip([100 * r["off"] for r in rows], -WIDE, WIDE)
+    axis.plot(shown, at, **{**series(1), "linestyle": ""})
+    for r, x, y in zip(rows, shown, at):
+        if abs(x) == WIDE:
+            axis.text(x - np.sign(x) * 3, y, f"{100 * r['off']:+.0f} %", ha="right" if x > 0 else "left", va="center", fontsize=8)
+    axis.set(xlim=(-WIDE - 5, WIDE + 5), ylim=(-1, len(rows)))
     axis.set_yticks(at, [f"{r['body']}: {r['what']} ({r['how']})" for r in rows], fontsize=8)
-    axis.set_xlabel("ours less measured, %; bars: half the spread of the runs; grey: 5 %")
+    axis.set_xlabel("ours less measured, %\nbars: half the spread of the runs; grey: 5 %")
     page.section("Difference from what was measured")
     page.figure("differences", figure, "Figures that were fitted are left out.", "make reality")
     page.table("comparisons", ["body", "what", "measured", "half spread", "ours", "unit", "off, %", "constants"],
