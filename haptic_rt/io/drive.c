@@ -75,6 +75,8 @@ void hrt_drive_force(hrt_drive *d, int64_t now_us, float force_N[3]) {
     atomic_fetch_add(&d->commands, 1);
 }
 
+hrt_state hrt_drive_controller(const hrt_drive *d) { return (hrt_state)d->command[d->command_read].state; }
+
 /* ---------------------------------------------------------------------------------------------- the tick's thread */
 
 static void take_joints(hrt_drive *d, const hrt_controller *c, const hrt_drive_state *s, hrt_input *in) {
@@ -111,6 +113,7 @@ void hrt_drive_take(hrt_drive *d, int64_t now_us, const hrt_controller *c, hrt_i
     hrt_workspace_grip(w, s->trigger >= 0.0 ? s->trigger : w->grip >= 0 && s->button[w->grip] ? 1.0 : 0.0, dt_s);
     if (!has_joints(d) && !hrt_workspace_follow(w, s->cursor_m, pressed, force_on)) in->enable = false;
     if (tilts && !has_joints(d)) hrt_workspace_orient(w, s->orientation, dt_s);
+    if (s->withheld) in->enable = false;
     in->pedal = w->grip >= 0 && s->button[w->grip];
     take_joints(d, c, s, in);
 }
@@ -118,6 +121,7 @@ void hrt_drive_take(hrt_drive *d, int64_t now_us, const hrt_controller *c, hrt_i
 void hrt_drive_give(hrt_drive *d, int64_t now_us, const hrt_result *result, bool reset) {
     hrt_drive_command *c = &d->command[d->command_write];
     c->time_us = now_us;
+    c->state = (uint8_t)result->state;
     if (result->motors_on && has_joints(d))
         memcpy(c->force_N, result->torque, sizeof c->force_N);
     else if (result->motors_on)

@@ -41,10 +41,12 @@ typedef struct hrt_drive_state {
     double orientation[4]; /* x, y, z, w of the handle; all zero: unknown */
     double trigger;        /* 0 to 1; negative: none */
     bool button[HRT_DRIVE_BUTTONS];
+    bool withheld; /* the operator permits no force */
 } hrt_drive_state;
 
 typedef struct hrt_drive_command {
     int64_t time_us;
+    uint8_t state;    /* hrt_state */
     float force_N[3]; /* at the cursor, in its axes; of a device of joints, the torques */
 } hrt_drive_command;
 
@@ -127,6 +129,8 @@ bool hrt_drive_post(hrt_drive *drive, const hrt_drive_state *state);
 void hrt_drive_refuse(hrt_drive *drive);
 /* Returns the force to send now, N; `fault` set, silence of the tick or silence of the device make it zero. */
 void hrt_drive_force(hrt_drive *drive, int64_t now_us, float force_N[3]);
+/* Returns the controller's state at the command that hrt_drive_force last read. */
+hrt_state hrt_drive_controller(const hrt_drive *drive);
 /* Sets whether the device is connected; a new connection is a new session. */
 void hrt_drive_up(hrt_drive *drive, bool up, const char *event);
 

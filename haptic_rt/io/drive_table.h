@@ -5,6 +5,6 @@
 
 #include "drive.h"
 
-#define HRT_DRIVES(ROW) ROW(haply) ROW(touch) ROW(omega) ROW(falcon) ROW(odrive) ROW(moteus) ROW(cia402)
+#define HRT_DRIVES(ROW) ROW(haply) ROW(touch) ROW(omega) ROW(falcon) ROW(odrive) ROW(moteus) ROW(cia402) ROW(crtk)
 
 #endif

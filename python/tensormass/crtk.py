@@ -1,7 +1,8 @@
-"""Publishes what instruments do by the names and types of CRTK (Collaborative Robotics Toolkit) for ROS 2: live from LCM, or from a log.
+"""Publishes what instruments do by the names and types of CRTK (Collaborative Robotics Toolkit) for ROS 2: live from LCM, or from a log. crtk_master.py makes a
+CRTK master a device of haptic-rt.
 
-`python -m tensormass.crtk` is a process of its own that listens; controller and simulation never wait for it. It needs rclpy with crtk_msgs to publish in
-ROS 2, the package rosbags to write a bag, and the package lcm to listen live."""
+`python -m tensormass.crtk` is a process of its own; controller and simulation never wait for it. It needs rclpy with crtk_msgs, or the package cyclonedds, to
+publish in ROS 2, the package rosbags to write a bag, and the package lcm to listen live."""
 from __future__ import annotations
 
 import argparse
@@ -14,6 +15,7 @@ from typing import Any, Dict, Iterator, List, Optional, Protocol, Tuple
 import numpy as np
 
 from ._core import FileError
+from .crtk_ros import transport
 from .log import message_types, read_events
 
 #: topic: (ROS 2 type, meaning)
@@ -137,36 +139,20 @@ class Bag:
         self._writer.close()
 
 
-class Ros:
-    """A node of ROS 2, by rclpy."""
+class Topics:
+    """Topics of ROS 2, live."""
 
     def __init__(self, namespace: str) -> None:
-        self._rclpy = importlib.import_module("rclpy")
-        self._rclpy.init()
-        self._node = self._rclpy.create_node("tensormass_crtk")
-        self._type: Dict[str, Any] = {}
-        self._publisher: Dict[str, Any] = {}
-        for topic, (kind, _) in TOPICS.items():
-            package, _, name = kind.partition("/msg/")
-            self._type[topic] = getattr(importlib.import_module(package + ".msg"), name)
-            self._publisher[topic] = self._node.create_publisher(self._type[topic], f"{namespace}/{topic}", 10)
-
-    def _fill(self, message: Any, value: Dict[str, Any]) -> Any:
-        for name, v in value.items():
-            if isinstance(v, dict):
-                self._fill(getattr(message, name), v)
-            else:
-                setattr(message, name, v)
-        return message
+        self._ros = transport()
+        self._namespace = namespace
 
     def put(self, topic: str, message: Dict[str, Any], stamp_us: int) -> None:
         """Publishes a message."""
-        self._publisher[topic].publish(self._fill(self._type[topic](), message))
+        self._ros.publish(f"{self._namespace}/{topic}", TOPICS[topic][0], message)
 
     def close(self) -> None:
         """Ends the node."""
-        self._node.destroy_node()
-        self._rclpy.shutdown()
+        self._ros.close()
 
 
 def _from_log(path: str, channels: List[str]) -> Iterator[Tuple[int, str, bytes]]:
@@ -203,9 +189,9 @@ def main(given: Optional[List[str]] = None) -> int:
     options = _arguments(given)
     bridge, types, count = Bridge(options.instrument, options.frame), message_types(), 0
     try:
-        sink: Sink = Bag(options.bag, options.namespace) if options.bag else Ros(options.namespace)
+        sink: Sink = Bag(options.bag, options.namespace) if options.bag else Topics(options.namespace)
     except ImportError as error:
-        print(f"crtk: {error.name} is missing; install {'it by pip install rosbags' if options.bag else 'ROS 2 with crtk_msgs, or write a bag: --bag FOLDER'}", file=sys.stderr)
+        print(f"crtk: {error.name} is missing; install {'it by pip install rosbags' if options.bag else 'ROS 2 with crtk_msgs, or type pip install cyclonedds, or write a bag: --bag FOLDER'}", file=sys.stderr)
         return 2
     except Exception as error:  # rosbags' own, of a folder that is there
         print(f"crtk: {options.bag}: {error}; give a new folder", file=sys.stderr)

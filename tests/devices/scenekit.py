@@ -16,14 +16,14 @@ SIMULATION = "{bin}/tm-sim {scene} --realtime --quiet --set 'instruments[0].devi
 CONTROLLER = "{bin}/haptic-rt --device {device} {words} --duration {seconds} --record {tmp}/r.csv --json {tmp}/r.json 2> {tmp}/said.txt\nkill -INT $sim; kill $emulator; wait\n"
 CURSOR = "--workspace depth=0.105"
 HAPLY_N, LIBRARY_N = 0.5e-5, 0.5e-9  # half the last digit of a message, and of the stub's log: a library takes a double
-ADDRESSES = {"haply": "haply:0@127.0.0.1:18001", "touch": "touch:0", "omega": "omega:0", "falcon": "falcon:0", **{kind: motorkit.ADDRESS.format(kind=kind, bus="virtual:o") for kind in motorkit.KINDS}}
+ADDRESSES = {"haply": "haply:0@127.0.0.1:18001", "touch": "touch:0", "omega": "omega:0", "falcon": "falcon:0", "crtk": "crtk:0", **{kind: motorkit.ADDRESS.format(kind=kind, bus="virtual:o") for kind in motorkit.KINDS}}
 TYPES = {"haply": "inverse3", **dict.fromkeys(motorkit.KINDS, "desk")}
 NAMES = tuple(ADDRESSES)
-EMULATORS = {"haply": "service by its published messages", "touch": "stub of libHD", "omega": "stub of libdhd", "falcon": "stub of libdhd", "odrive": "odrive-can's mock", "moteus": "mock, decodes by moteus' package",
+EMULATORS = {"haply": "service by its published messages", "touch": "stub of libHD", "omega": "stub of libdhd", "falcon": "stub of libdhd", "crtk": "master by cyclonedds", "odrive": "odrive-can's mock", "moteus": "mock, decodes by moteus' package",
              "cia402": "canopen's LocalNode"}
 
 
-SECONDS = {"odrive": 6}  # its mock starts slowly
+SECONDS = {"odrive": 6, "crtk": 6}  # their emulators start slowly
 HEAD = "| device | virtual form | peak force in lockstep, N | emulator | forces compared in real time | largest difference, mN | half of the emulator's last step, mN | hardware |"
 
 
@@ -66,6 +66,9 @@ def emulator_of(tmp, name, stubs):
     environment = {**os.environ, "TM_BUS_DIR": str(tmp)}
     if name == "haply":
         return f"{sys.executable} {HERE}/haply_service.py --port 18001 --log {tmp}/e.csv --swing 0.045 > {tmp}/port & emulator=$!\n", environment
+    if name == "crtk":
+        return (f"ip link set lo multicast on; {sys.executable} {HERE}/crtk_bridge.py /MTMR --enabled > {tmp}/bridge.txt 2>&1 & bridge=$!\n"
+                f"{sys.executable} {HERE}/crtk_master.py --log {tmp}/e.csv --swing 0.045 --commands '' > {tmp}/said & emulator=\"$bridge $!\"\n"), environment
     if name in motorkit.KINDS:
         hand = f"--start {0.105 * motorkit.TURNS[-1]} --swing {0.045 * motorkit.TURNS[-1]}"
         nodes = ",".join(map(str, motorkit.NODES))

@@ -5,11 +5,13 @@ import tempfile
 
 sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[1]), str(pathlib.Path(__file__).resolve().parent)]
 import motorkit  # noqa: E402
+import test_crtk_master  # noqa: E402
 import test_haply  # noqa: E402
 import test_libraries  # noqa: E402
 
 SAYS = {"killed": "killed", "frozen": "freezes for 0.4 s", "flood": "sends far too many states", "late:50": "answers 50 ms late", "late": "answers 50 ms late", "nonsense": "sends invalid values",
-        "silent": "sends nothing", "close": "closes the connection", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "a motor reports an error", "short": "frames cut short"}
+        "silent": "sends nothing", "close": "closes the connection", "unpowered": "loses its power supply", "position": "fails to read", "force": "fails to take a force", "error": "a motor reports an error", "short": "frames cut short",
+        "master": "its master is killed", "unready": "its master is not ready"}
 
 
 def row(device, trouble, result):
@@ -28,6 +30,12 @@ def main(top):
             tmp = top / (device[:-2] + trouble)
             tmp.mkdir()
             row(device[:-2], trouble, test_libraries.in_trouble(tmp, top, device, trouble))
+    for trouble in test_crtk_master.TROUBLES:
+        if trouble == "controller":
+            continue  # not the device's
+        tmp = top / ("crtk" + trouble)
+        tmp.mkdir()
+        row("crtk", trouble, test_crtk_master.in_trouble(tmp, trouble))
     for kind in motorkit.KINDS:
         for trouble in motorkit.TROUBLES:
             if trouble == "flood":

@@ -1,6 +1,8 @@
 """`python -m tensormass.crtk`: names, types and values of CRTK, read back from a bag by the PyPI package rosbags with its types of ROS 2 Humble, and given to
 a stand-in for rclpy, which Debian 12 does not package; and a bridge that stands still delays no tick."""
+import csv
 import json
+import os
 import subprocess
 import sys
 
@@ -98,8 +100,9 @@ def test_rclpy_gets_the_same_by_its_own_calls(python, log, tmp_path):  # noqa: F
 
 
 def test_what_is_missing_is_named(python, log, tmp_path):  # noqa: F811
-    for words, says in ((["--log", log], "rclpy is missing; install ROS 2 with crtk_msgs, or write a bag"), (["--log", tmp_path / "none", "--bag", tmp_path / "b"], "cannot be read")):
-        done = subprocess.run([python, "-m", "tensormass.crtk", *words], capture_output=True, text=True, timeout=60)
+    (tmp_path / "cyclonedds.py").write_text("raise ImportError(name='cyclonedds')")
+    for words, says in ((["--log", log], "rclpy is missing; install ROS 2 with crtk_msgs, or type pip install cyclonedds, or write a bag"), (["--log", tmp_path / "none", "--bag", tmp_path / "b"], "cannot be read")):
+        done = subprocess.run([python, "-m", "tensormass.crtk", *words], capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": str(tmp_path)})
         assert done.returncode == 2 and says in done.stderr, done.stderr
 
 
@@ -119,7 +122,12 @@ def test_a_bridge_that_stands_still_delays_no_tick(python, tmp_path):  # noqa: F
     subprocess.run([*NETWORK, "sh", "-c", text], timeout=80, check=False, capture_output=True, env={"TM_BUS_DIR": str(tmp_path), "PATH": "/usr/bin:/bin:/usr/sbin:/sbin"})
     told = json.loads((tmp_path / "r.json").read_text())
     assert (tmp_path / "code").read_text() == "0\n", (tmp_path / "bridge.txt").read_text()
-    assert told["fault"] == "none" and told["state"] == "engaged" and told["sent"]["skipped"] == 0, told
+    assert told["fault"] == "none" and told["state"] == "engaged", told
+    # A wait for the bridge would skip the 750 messages of its stop; a busy machine wakes the sending thread late for some.
+    assert told["sent"]["skipped"] < 100 < told["ticks"] - 1400, told
+    with open(tmp_path / "r.csv") as file:
+        times = [float(row["time_s"]) for row in csv.DictReader(file)]
+    assert max(b - a for a, b in zip(times, times[1:])) < 0.25, "no tick waited while it stood still"
     stamps = sorted(time_ns for rows in read_bag(tmp_path / "bag").values() for time_ns, _, _ in rows)
     assert len(stamps) > 500 and max(b - a for a, b in zip(stamps, stamps[1:])) > 1e9, "it did stand still"
     assert sys.executable
