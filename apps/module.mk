@@ -43,7 +43,7 @@ $(call script,bin/tm-organ,apps/organ/tm_organ.py)
 $(call script,lib/tensormass/organ/organ_bodies.py,apps/organ/organ_bodies.py)
 $(call script,bin/tm-study,apps/study/tm_study.py)
 $(call script,bin/tm-fit,apps/fit/tm_fit.py)
-$(foreach f,fit_page.py model.py statistics_of_fit.py swing.py trials.py,$(call script,lib/tensormass/fit/$(f),apps/fit/$(f)))
+$(foreach f,fit_page.py mesh_check.py model.py statistics_of_fit.py swing.py trials.py,$(call script,lib/tensormass/fit/$(f),apps/fit/$(f)))
 $(call script,bin/tm-session,apps/session/tm_session.py)
 $(foreach f,session.py netns.sh display.py,$(call script,lib/tensormass/session/$(f),apps/demo/$(f)))
 

@@ -50,6 +50,7 @@ def arguments(words=None):
     p.add_argument("--noise", action="append", default=[], metavar="COLUMN=SD", help="standard deviation of a column, 0.02 or 1%% of each value; sets its weight [equal within a column, columns by their size]")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="set a value of the scene in all trials, as in tm-sim")
     p.add_argument("--robust", action="store_true", help="give outliers less weight (soft L1)")
+    p.add_argument("--mesh-check", action="store_true", help="run the fitted scene on a refined mesh too: print the mesh's own error, and constants and predictions without it")
     p.add_argument("--profile", action="store_true", help="compute the likelihood profile at the ends of all intervals [of badly determined ones only]")
     p.add_argument("--differences", action="store_true", help="compute derivatives by differences of equilibria [by the adjoint of each, where it exists]")
     p.add_argument("--tolerance", type=float, default=1e-7, metavar="TOL", help="relative residual of each equilibrium [1e-7]")
@@ -170,15 +171,20 @@ def run(a, problem, trials):
             if min(profiled) < 0.25:
                 why = "not identifiable from this: at an end of its interval the other constants compensate it"
         constants.append({"path": c.path, "settings": c.words(x[k]), "unit": c.unit, "value": c.outer(x[k]), "interval": interval(c, found["interval"][k]), "verdict": why, "profile": profiled})
+    mesh = check_mesh(a, problem, trials, x) if a.mesh_check else None
     odd = outliers(residual)
     values, at = problem.measured.copy(), np.argwhere(problem.known)
     values[problem.known] += residual * problem.scale[problem.known]
-    return {"scene": str(a.scene), "data": str(a.data), "constants": constants, "correlation": found["correlation"].tolist(), "condition": found["condition"],
+    answer = {"scene": str(a.scene), "data": str(a.data), "constants": constants, "correlation": found["correlation"].tolist(), "condition": found["condition"],
             "rms": [float(v) for v in np.sqrt(np.nanmean((values - problem.measured)**2, 0))], "columns": [c.column for c in problem.compared],
             "measured": blank(problem.measured), "fitted": blank(values), "along": along(a, problem),
-            "outliers": [{"row": int(at[i][0]) + 1, "column": problem.compared[at[i][1]].column} for i in odd], "predicted": [predict(a, text, x, trials) for text in a.predict],
+            "outliers": [{"row": int(at[i][0]) + 1, "column": problem.compared[at[i][1]].column} for i in odd], "predicted": [predict(a, text, x, trials, mesh) for text in a.predict],
+            "mesh_check": mesh and mesh.found(problem),
             "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "solutions": problem.solutions,
             "differences": problem.differences, "seconds": time.monotonic() - fit.begun}
+    if mesh:
+        mesh.trials.close()
+    return answer
 
 
 def blank(values):
@@ -186,14 +192,25 @@ def blank(values):
     return [[v if np.isfinite(v) else None for v in row] for row in values.tolist()]
 
 
-def predict(a, text, x, trials):
+def check_mesh(a, problem, trials, x):
+    """Returns the MeshCheck at the fitted constants."""
+    from mesh_check import MeshCheck
+    from trials import Trials
+    mesh = MeshCheck(BIN / "tm-mesh", a, lambda sets: Trials(SIM, a.scene, sets))
+    mesh.correct(problem, trials, x)
+    return mesh
+
+
+def predict(a, text, x, trials, mesh=None):
     """Returns measured and simulated values of measurements that the fit has not seen, and of a series with one more figure each: period and decrement."""
     from swing import swing
     problem = problem_of(a, *predicted_of(text))
     values, _ = problem.at(trials, x, derivatives=False)
+    limit = mesh.predicted(problem, trials) if mesh else np.full_like(values, np.nan)
     problem.known[0] &= ~problem.moved  # the row that --from-first compares with
     problem.measured[~problem.known] = np.nan
-    found = {"data": text, "columns": [c.column for c in problem.compared], "measured": blank(problem.measured), "simulated": blank(np.where(problem.known, values, np.nan)), "swings": []}
+    found = {"data": text, "columns": [c.column for c in problem.compared], "measured": blank(problem.measured), "simulated": blank(np.where(problem.known, values, np.nan)),
+             "without_mesh": blank(np.where(problem.known, limit, np.nan)), "swings": []}
     for run in problem.runs if a.time else []:
         for j, column in enumerate(found["columns"]):
             known = problem.known[run, j]
@@ -209,10 +226,10 @@ def off(measured, simulated):
 def report_predicted(found):
     for p in found["predicted"]:
         print(f"not fitted: {p['data']}")
-        for row, (measured, simulated) in enumerate(zip(p["measured"], p["simulated"]), 1):
-            for column, m, s in zip(p["columns"], measured, simulated):
+        for row, values in enumerate(zip(p["measured"], p["simulated"], p["without_mesh"]), 1):
+            for column, m, s, limit in zip(p["columns"], *values):
                 if m is not None and not p["swings"]:
-                    print(f"  row {row}, {column}: {off(m, s)}")
+                    print(f"  row {row}, {column}: {off(m, s)}" + (f"; without the mesh's error {limit:.5g}, {100 * (limit / m - 1):+.1f} %" if limit is not None and m else ""))
         for s in p["swings"]:
             print(f"  {s['column']} from row {s['row']} on: period {off(*s['period_s'])}; decrement {off(*s['decrement'])}")
 
@@ -241,6 +258,9 @@ def report(found):
     if found["more"]:
         best = found["more"][0]
         print(f"  to measure next: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
+    if found["mesh_check"]:
+        from mesh_check import report as report_mesh
+        report_mesh(found)
     report_predicted(found)
 
 
@@ -265,6 +285,10 @@ def prepare(a):
         raise Bad(f"{a.out}: is a file; name a folder")
     for text in a.predict:
         problem_of(a, *predicted_of(text))
+    if a.mesh_check:
+        from mesh_check import check_loads, mesh_of
+        mesh_of(a.scene, a.set)
+        check_loads(a.scene, [*a.row, *a.set])
     return problem_of(a, a.data)
 
 
