@@ -276,6 +276,44 @@ static void ties_bear_a_weight_and_break_at_their_load(void **state) {
 }
 
 /* A cautery that passes through the ties cuts them one by one, and only while it is active. */
+static bool in_table(const double rest_m[3]) { return rest_m[2] > -1e-9 && rest_m[2] < 0.02 + 1e-9; }
+
+static void add_probe(bodies *b) {
+    tm_instrument_def probe = {.mode = TM_TOOL_PROBE,
+                               .radius_m = 0.0025,
+                               .contact_length_m = 0.02,
+                               .trocar_m = {0.005, 0.005, 0.15},
+                               .pose = {.tip_m = {0.005, 0.005, 0.03}, .active = true}};
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = 1, contact.instrument = &probe;
+    tm_error error;
+    fix_ok(tm_stage_contact(b->world, &contact, &b->contact, &error), &error);
+}
+
+static void supports_bear_what_rests_hangs_and_presses_on_them(void **state) {
+    (void)state;
+    const part p[] = {table, {{3, 3, 2}, {0.03, 0.03, 0.02}, {0.01, 0.01, -0.025}, 0}, above(0.6e-3, 0.2)};
+    setup s = plain();
+    s.gravity_m_s2 = 9.81, s.is_held = in_table, s.damping_1_s = 30, s.mu = 0.1, s.add_tools = add_probe;
+    bodies b = make(p, 3, &s);
+    tm_ties *ties = NULL;
+    assert_int_equal(tie_up(&b, 20, 0, &ties), TIES);
+    tm_contact_begin_frame(b.contact, 100, 100);
+    tm_contact_set_target(b.contact, 0, &(tm_tool_pose){.tip_m = {0.005, 0.005, 0.0222}, .active = true}, 100);
+    run(&b, 1);
+    tm_contact_begin_frame(b.contact, 1, 1); /* its force is that of the last step */
+    assert_int_equal(tm_world_step(b.world, 1), TM_OK);
+    double held = 0, weight = 0, *reaction = calloc(3 * (size_t)b.mesh->vertex_count, sizeof *reaction);
+    tm_support_reaction(b.world, reaction);
+    for (int32_t v = 0; v < b.mesh->vertex_count; v++)
+        held += reaction[3 * v + 2], weight += 9.81 * tm_tissue_mass_kg(b.tissue)[v];
+    const double pressed = tm_contact_reaction(b.contact, 0).resultant_N[2];
+    printf("supports bear %.9f N of %.9f N of weight and %.9f N of a probe\n", held, weight, pressed);
+    assert_true(pressed > 0.1 && fabs(held - weight - pressed) < 1e-6 * held);
+    free(reaction);
+    drop(&b);
+}
+
 static void a_cautery_cuts_the_ties_that_it_touches(void **state) {
     (void)state;
     setup s = plain();
@@ -317,6 +355,7 @@ int main(void) {
         cmocka_unit_test(what_moves_alone_is_searched_alone),
         cmocka_unit_test(snapshots_continue_bit_for_bit),
         cmocka_unit_test(ties_bear_a_weight_and_break_at_their_load),
+        cmocka_unit_test(supports_bear_what_rests_hangs_and_presses_on_them),
         cmocka_unit_test(a_cautery_cuts_the_ties_that_it_touches),
         cmocka_unit_test(lips_of_a_cut_close_and_open_without_gaining_energy),
     };

@@ -203,7 +203,8 @@ typedef struct tm_support_def {
 TM_API tm_support_def tm_support_def_default(void);
 TM_API tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error);
 /* Adds the force of the support on the tissue in the last step to `reaction_N`, [3*vertex_count] N (free components
- * unchanged). In equilibrium it is -(internal + external force) of those components. */
+ * unchanged). In equilibrium it is -(internal + external force) of those components; instruments, bodies in contact and
+ * ties belong to the external force. */
 TM_API void tm_support_reaction(const tm_world *world, double *reaction_N);
 /* Moves component `component` of the definition's list to `value_m`. For moving supports: call it from a stage of
  * TM_PHASE_BEGIN. */

@@ -221,4 +221,29 @@ static bool are_bounded(const void *self, const tm_world *world) {
     return sound;
 }
 
-const tm_few tm_contact_few = {applies, are_bounded};
+/* Of rows, fading rows and jaws; those of another solver's rows are not known. */
+static void forces(const void *self, void *to, tm_add_force *add) {
+    const tm_contact *contact = self;
+    double force[3], share[3];
+    for (int32_t i = 0; i < contact->row_count && applies(contact); i++) {
+        const tm_contact_row *row = contact->row + i;
+        if (row->lambda_N == 0) continue;
+        vmadd(contact->solver[i].drag_N, row->lambda_N, row->normal, force);
+        for (int j = 0; j < 3; j++) {
+            vscale(row->weight[j], force, share);
+            add(to, row->vertex[j], share);
+        }
+    }
+    for (int32_t i = 0; contact->fading && i < contact->fading->count; i++)
+        for (int j = 0; j < 3; j++) {
+            const tm_fading_row *row = contact->fading->row + i;
+            vscale(row->weight[j] * row->lambda_N, row->normal, share);
+            add(to, row->vertex[j], share);
+        }
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        const tm_jaw_load load = tm_contact_load(contact, t);
+        for (int32_t i = 0; i < load.count; i++) add(to, load.vertex[i], load.force_N + 3 * i);
+    }
+}
+
+const tm_few tm_contact_few = {applies, are_bounded, forces};

@@ -273,7 +273,7 @@ static void run(void *self, tm_world *world) {
         tm_support_mask(world, e->fixed);
     }
     memset(e->reaction_N, 0, sizeof(double) * n);
-    tm_support_reaction(world, e->reaction_N);
+    tm_support_reaction_of_tissue(world, e->reaction_N);
     pass p = over_tissue(e, world);
     if (world->nonlinear) over_law(world, world->nonlinear, &p);
     if (world->energy_part) over_part(e, world, &p);

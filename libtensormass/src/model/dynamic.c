@@ -172,8 +172,6 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     memcpy(u_m, displacement(m), bytes);
     memset(reaction_N, 0, bytes);
     tm_support_reaction(m->world, reaction_N);
-    const tm_touching *touching = tm_world_touching(m->world);
-    if (touching) tm_touching_add_reactions(touching, reaction_N);
     return status;
 }
 

@@ -189,7 +189,17 @@ static bool is_bounded(const void *self, const tm_world *world) {
         for (int j = 0; j < 4 && t->state[i].whole; j++) bounded &= tm_vertex_is_bounded(world, t->row[i].vertex[j]);
     return bounded;
 }
-static const tm_few few = {.is_bounded = is_bounded};
+
+static void forces(const void *self, void *to, tm_add_force *add) {
+    const tm_ties *t = self;
+    for (int32_t i = 0; i < t->count; i++)
+        for (int j = 0; j < 4 && t->state[i].whole; j++) {
+            double force[3];
+            vscale(t->row[i].weight[j] * t->state[i].lambda_N, t->row[i].normal, force);
+            add(to, t->row[i].vertex[j], force);
+        }
+}
+static const tm_few few = {.is_bounded = is_bounded, .forces = forces};
 
 /* --- state between steps --- */
 
@@ -340,18 +350,11 @@ int32_t tm_ties_fetch_cut(tm_ties *ties, int32_t *tie, int32_t *why, int32_t cap
     return count;
 }
 
-double tm_ties_energy(tm_world *world, void *self, void (*work)(void *self, int32_t vertex, const double force_N[3])) {
+double tm_ties_energy(tm_world *world, void *to, tm_add_force *add) {
     const tm_ties *t = tm_world_ties(world);
     double stored = 0;
-    for (int32_t i = 0; t && i < t->count; i++) {
-        const tie_row *row = t->row + i;
-        const double lambda = t->state[i].lambda_N;
-        for (int j = 0; j < 4 && t->state[i].whole; j++) {
-            double force[3];
-            vscale(row->weight[j] * lambda, row->normal, force);
-            work(self, row->vertex[j], force);
-        }
-        if (t->state[i].whole) stored += 0.5 * lambda * lambda / t->tie[i].stiffness_N_m;
-    }
+    if (t) forces(t, to, add);
+    for (int32_t i = 0; t && i < t->count; i++)
+        if (t->state[i].whole) stored += 0.5 * t->state[i].lambda_N * t->state[i].lambda_N / t->tie[i].stiffness_N_m;
     return stored;
 }

@@ -71,7 +71,7 @@ static bool is_bounded(const void *self, const tm_world *world) {
         for (int j = 0; j < 4; j++) bounded &= tm_vertex_is_bounded(world, t->row[i].vertex[j]);
     return bounded;
 }
-static const tm_few few = {.is_bounded = is_bounded};
+static const tm_few few = {.is_bounded = is_bounded, .forces = tm_touch_forces};
 
 /* --- state between steps --- */
 

@@ -196,8 +196,8 @@ void tm_touch_find(tm_touching *touching);
 double tm_touching_stored_J(const tm_touching *touching, int32_t row);
 
 /* touch_solve.c */
-/* Adds to reaction_N [3*vertex_count] what supports bear of the last substep's rows on prescribed components, N. */
-void tm_touching_add_reactions(const tm_touching *touching, double *reaction_N);
+/* Calls `add` with each force of the last substep's rows. */
+void tm_touch_forces(const void *self, void *to, tm_add_force *add);
 /* Returns the derivative of a row's depth by its force, m/N, and whether its friction sticks. */
 double tm_touching_slope_m_N(const tm_touching *touching, int32_t row, bool *sticks);
 void tm_touch_prepare(tm_touching *touching);
@@ -215,8 +215,8 @@ void tm_touch_release(tm_touching *touching, int32_t sweep);
 void tm_touch_note_energy(tm_touching *touching);
 bool tm_touch_limit_energy(tm_touching *touching);
 
-/* ties.c: calls `work` with each force of the ties in this substep; returns the energy that they store, J. */
-double tm_ties_energy(tm_world *world, void *self, void (*work)(void *self, int32_t vertex, const double force_N[3]));
+/* ties.c: calls `add` with each force of the ties in this substep; returns the energy that they store, J. */
+double tm_ties_energy(tm_world *world, void *to, tm_add_force *add);
 
 static inline void tm_touch_at(const tm_world *world, int32_t vertex, double x[3]) {
     for (int c = 0; c < 3; c++) x[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];

@@ -138,15 +138,18 @@ void tm_touch_release(tm_touching *t, int32_t sweep) {
     }
 }
 
-void tm_touching_add_reactions(const tm_touching *t, double *reaction_N) {
-    for (int32_t i = 0; i < t->row_count; i++)
-        for (int j = 0; j < 4; j++)
-            for (int c = 0; c < 3; c++) {
-                const tm_touching_row *row = t->row + i;
-                const int32_t component = 3 * row->vertex[j] + c;
-                if (t->fixed[component])
-                    reaction_N[component] -= row->weight[j] * (row->lambda_N * row->normal[c] + row->across_N[c]);
-            }
+void tm_touch_forces(const void *self, void *to, tm_add_force *add) {
+    const tm_touching *t = self;
+    for (int32_t i = 0; i < t->row_count; i++) {
+        const tm_touching_row *row = t->row + i;
+        double force[3], share[3];
+        if (row->lambda_N == 0) continue;
+        vmadd(row->across_N, row->lambda_N, row->normal, force);
+        for (int j = 0; j < 4; j++) {
+            vscale(row->weight[j], force, share);
+            add(to, row->vertex[j], share);
+        }
+    }
 }
 
 double tm_touching_stored_J(const tm_touching *t, int32_t row) {

@@ -48,10 +48,31 @@ void tm_support_impose(const tm_world *world, double *u_m) {
     for (int32_t i = 0; stage && i < stage->count; i++) u_m[stage->dof[i]] = stage->value_m[i];
 }
 
-void tm_support_reaction(const tm_world *world, double *reaction_N) {
-    TM_REQUIRE(world && reaction_N, "world or reaction_N is null", );
+void tm_support_reaction_of_tissue(const tm_world *world, double *reaction_N) {
     const support *stage = world->support;
     for (int32_t i = 0; stage && i < stage->count; i++) reaction_N[stage->dof[i]] += stage->reaction_N[i];
+}
+
+/* Where forces of other stages on prescribed components go to. */
+typedef struct bearing {
+    const support *stage;
+    double *reaction_N;
+} bearing;
+
+static void bear(void *to, int32_t vertex, const double force_N[3]) {
+    const bearing *b = to;
+    for (int32_t i = first_from(b->stage, 3 * vertex); i < b->stage->count && b->stage->dof[i] < 3 * vertex + 3; i++)
+        b->reaction_N[b->stage->dof[i]] -= force_N[b->stage->dof[i] - 3 * vertex];
+}
+
+void tm_support_reaction(const tm_world *world, double *reaction_N) {
+    TM_REQUIRE(world && reaction_N, "world or reaction_N is null", );
+    bearing b = {world->support, reaction_N};
+    tm_support_reaction_of_tissue(world, reaction_N);
+    for (int32_t i = 0; b.stage && i < world->stage_count; i++) {
+        const tm_few *few = world->entry[i].few;
+        if (few && few->forces) few->forces(world->entry[i].stage.self, &b, bear);
+    }
 }
 
 void tm_support_mask(const tm_world *world, uint8_t *mask) {

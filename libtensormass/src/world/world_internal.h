@@ -49,11 +49,15 @@ typedef struct tm_nonlinear {
     const struct tm_relaxing_law *relaxing; /* its viscosity (viscosity.h) */
 } tm_nonlinear;
 
+/* Receives a force on a vertex. */
+typedef void tm_add_force(void *to, int32_t vertex, const double force_N[3]);
 /* Of a stage after the new displacements that changes few of them, or none. */
 typedef struct tm_few {
     bool (*applies)(const void *self); /* in this substep; null: always */
     bool (*is_bounded)(const void *self,
                        const tm_world *world); /* of the vertices that it changed; null: it changes none */
+    /* Calls `add` with each of its forces in the last substep; null: it has none. */
+    void (*forces)(const void *self, void *to, tm_add_force *add);
 } tm_few;
 
 struct tm_world {
@@ -111,6 +115,9 @@ struct tm_world {
     double settle_stride_m; /* settling moves a component by at most this in a step, so that none passes through; 0: no
                                limit */
 };
+
+/* Adds the reactions of the supports without forces that contact, bodies in contact and ties exert on them. */
+void tm_support_reaction_of_tissue(const tm_world *world, double *reaction_N);
 
 /* Adds stages that come and go together, all with one self; the memory is attributed to the first. Adds all or none. */
 tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, void *self, int64_t bytes,
