@@ -12,8 +12,8 @@ enum { MAX_ACTIONS = 12, FRAMES_AFTER = 30, TIES = 24 };
 static const double FRAME_S = 0.005, GAP_M = 0.6e-3, LOW_M = 0.02, TOP_M = 0.0326;
 /* Energy of tissue and springs beyond the hands' work, as on one body (physics/test_sessions.c): a share of all that
  * hands gave and received, and an amount too small for a bound. What contact of tissue gained counts, what it lost does
- * not. It has no bound of its own: in tissue that fast tools crush, vertices jump by more than a thickness a step. */
-static const double SURPLUS_SHARE = 0.12, SURPLUS_J = 5e-5;
+ * not; it has a bound of its own. */
+static const double SURPLUS_SHARE = 0.12, TOUCH_SHARE = 0.005, SURPLUS_J = 5e-5;
 static const double DEEPEST_M = 0.5e-3, FARTHEST_M = 0.1;
 
 enum { ROTATION = 1, FRICTION = 2, TIED = 4, SELF = 8, EFFECTS = 4 };
@@ -196,6 +196,8 @@ static void judge_energy(stage *g, const session *s, int i, const tm_energy *e) 
     g->v.worst = fmax(g->v.worst, generated / may);
     g->v.touch_share = fmax(g->v.touch_share, touch / (g->hands_J + SURPLUS_J));
     if (!(generated <= may)) fail_at(g, i, "more than the hands put in, by J", generated, may);
+    if (!(touch <= TOUCH_SHARE * g->hands_J + SURPLUS_J))
+        fail_at(g, i, "contact of tissue gained J", touch, TOUCH_SHARE * g->hands_J + SURPLUS_J);
     if (!(fabs(e->residual_J) <= closes)) fail_at(g, i, "the account does not close, J", e->residual_J, closes);
 }
 
