@@ -50,11 +50,19 @@ def commands(path):
 
 class Controller:
     """Starts haptic-rt, recording."""
+    started = []  # by the running test; conftest.py ends those that a failed test leaves
 
     def __init__(self, tmp, device, *arguments, env=None, under=()):
         self.tmp = tmp
         self.child = subprocess.Popen([*under, str(BUILD / "bin/haptic-rt"), "--device", device, "--trocar", "0,0,0", "--record", str(tmp / "r.csv"), "--json", str(tmp / "r.json"),
                                        *map(str, arguments)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **(env or {})})
+        self.started.append(self)
+
+    def kill(self):
+        """Ends it, whatever it does."""
+        if self.child.poll() is None:
+            self.child.kill()
+        self.child.communicate()
 
     def end(self, code=0):
         """Ends it; returns (its report, rows as dictionaries with `t_us`, its output)."""

@@ -57,6 +57,11 @@ class Axes:
         self.child.kill()
         self.child.wait()
 
+    def torques(self):
+        """How many torques that are not zero each node has received."""
+        rows = self.rows()[0]
+        return [sum(1 for row in rows if row[1] == node and row[2]) for node in NODES]
+
     def pushed(self):
         return self.log.exists() and any(abs(row[2]) > 0 for row in self.rows()[0][-60:])
 

