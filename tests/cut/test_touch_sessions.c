@@ -13,7 +13,7 @@ static const double FRAME_S = 0.005, GAP_M = 0.6e-3, LOW_M = 0.02, TOP_M = 0.032
 /* Energy of tissue and springs beyond the hands' work, as on one body (physics/test_sessions.c): a share of all that
  * hands gave and received, and an amount too small for a bound. What contact of tissue gained counts, what it lost does
  * not; it has a bound of its own. */
-static const double SURPLUS_SHARE = 0.12, TOUCH_SHARE = 0.005, SURPLUS_J = 5e-5;
+static const double SURPLUS_SHARE = 0.06, TOUCH_SHARE = 0.01, SURPLUS_J = 5e-5;
 static const double DEEPEST_M = 0.5e-3, FARTHEST_M = 0.1;
 
 enum { ROTATION = 1, FRICTION = 2, TIED = 4, SELF = 8, EFFECTS = 4 };
