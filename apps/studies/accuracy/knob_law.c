@@ -80,10 +80,10 @@ static tm_status verify(const run *r, law_case which, const law_sample *s, const
         const double truth = figure(f, "force"), force = figure(same, "force");
         app_json_add(
             rows,
-            "case %s law %s stretch %g level %g tets %d force %g force_off %g mesh_force_off %g energy_off %g shape_off %g "
-            "mesh_shape_off %g limited_share %g",
+            "case %s law %s stretch %g level %g tets %d force %g force_off %g mesh_force_off %g fine_force_off %g energy_off "
+            "%g shape_off %g mesh_shape_off %g limited_share %g",
             law_case_name(which), s->name, form->stretch_max > 0 ? form->stretch_max : TM_STRETCH_DEFAULT, level[i],
-            m[i].tets, m[i].force, fabs(m[i].force / force - 1), fabs(force / truth - 1),
+            m[i].tets, m[i].force, fabs(m[i].force / force - 1), fabs(force / truth - 1), fabs(m[i].force / truth - 1),
             fabs(m[i].energy_J / figure(same, "energy_J") - 1), shape_off(m + i, f), figure(same, "shape"),
             (double)m[i].limited / m[i].tets);
         *limited |= m[i].limited > 0;

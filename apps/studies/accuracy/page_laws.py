@@ -80,6 +80,9 @@ def tables(data):
                          f"{100 * min(r['mesh_force_off'] for r in own):.1f} to {100 * max(r['mesh_force_off'] for r in own):.1f} %",
                          f"{max(r['shape_off'] / r['mesh_shape_off'] for r in own):.3f}", percent(max(r["limited_share"] for r in own))])
     markdown(["case", "tetrahedra", "force, most, default limit", "force, most", "energy, most", "the mesh's own force", "shape over the mesh's own, most", "beyond a limit, most"], rows)
+    markdown(["beyond a limit of the law", "`stretch`", "tetrahedra beyond", "force from the fine mesh's: library", "independent code, same mesh"],
+             [[f"{r['law']}, {r['case']}, {100 * r['level']:.0f} %", f"{r['stretch']:g}", f"{100 * r['limited_share']:.1f} %", percent(r["fine_force_off"]), percent(r["mesh_force_off"])]
+              for r in data["verification"] if r["limited_share"]])
     print("\nprice, ns a tetrahedron and step: " + ", ".join(f"{r['form']} {r['ns_per_tet']:.1f}" for r in data["price"]))
 
 

@@ -68,6 +68,8 @@ def green(F, m):
         I4, I5 = Ea @ a, (Ea * Ea).sum(-1)
         w = w + m["dlambda"] * I1 * I4 + 2 * m["dmu"] * I5 + m["beta"] / 2 * I4 ** 2
         S = S + scale(m["dlambda"] * I4, UNIT) + scale(m["dlambda"] * I1 + m["beta"] * I4, M) + 2 * m["dmu"] * (E @ M + M @ E)
+        pushed = np.where(I4.real < 0, I4, 0)  # fibres that push less: w - loose/2 min(I4, 0)^2
+        w, S = w - m.get("loose", 0) / 2 * pushed ** 2, S - scale(m.get("loose", 0) * pushed, M)
     return w, S, E
 
 
