@@ -53,7 +53,7 @@ $(WEB)/npm/messages.js: $(call files,lcm_types/*.lcm)
 	$(Q)node -e 'console.log("export const definitions = " + JSON.stringify(process.argv.slice(1).map((f) => fs.readFileSync(f, "utf8"))) + ";")' $^ > $@
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM)
 # The page: one folder of static files. three.js is bundled; the library is copied unchanged.
-WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js web/page/own_mesh.js))
+WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js $(patsubst %,web/page/%.js,own_mesh pauses)))
 WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
 	$(call step,COPY)

@@ -66,8 +66,8 @@ def seen(request, tmp_path_factory):
 
 
 def test_the_page_draws_and_measures(seen):
-    assert seen["frames"] > 3 and seen["stages"] >= 3
-    assert float(seen["figures"]["factor"]) > 0
+    assert seen["frames"] > 10 and seen["stages"] >= 3
+    assert float(seen["factor"]) > 0
     assert seen["controller"] in ("idle", "engaged")
     assert seen["liver"]["tets"] == "10,198"
     assert not seen["console"]
@@ -125,7 +125,8 @@ def test_a_hidden_tab_has_no_force(seen):
 def test_a_device_feels_the_tissue_and_nothing_when_the_tab_is_hidden(seen):
     assert 0.1 < seen["sent_N"] < 5
     size = [(time_us, sum(f * f for f in force) ** 0.5) for time_us, force in seen["commands"]]
-    assert max(s for _, s in size) == pytest.approx(seen["sent_N"], abs=1.0)
+    assert min(abs(s - seen["sent_N"]) for _, s in size) < 2e-5, "the page reports a force that the service did not receive"
+    assert max(s for _, s in size) < 5.001
     # After the command that took the force back, none has a force; the page's order to hide precedes it.
     last = max(i for i, (_, s) in enumerate(size) if s > 0)
     assert len(size) - last > 20, "the service was not asked on"
@@ -144,7 +145,7 @@ def test_the_scripted_press_has_the_bits_of_the_native_build(seen, tmp_path):
 
 def test_marks_show_supports_patch_and_rows(seen):
     supports, patch, rows = seen["marks"]
-    assert supports > 10 and patch >= 0 and rows > 0
+    assert supports > 10 and patch >= 3 and rows > 0
     found = seen["rows"]
     assert found["far"] < 0.02
     size = sum(f * f for f in found["resultant"]) ** 0.5

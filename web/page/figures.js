@@ -32,6 +32,7 @@ export function figures({ median_ms, factor, memory, stages, energy, rows }) {
 export function plot({ now, force, sampled, late_ms, state: name, fault, reasons }) {
   $('late').textContent = `${late_ms.toFixed(1)} ms`;
   $('state').textContent = fault || name;
+  $('reset').hidden = name !== 'fault';
   $('rejected-row').hidden = !Object.keys(reasons).length;
   $('rejected').textContent = Object.entries(reasons).map(([why, n]) => `${n}: ${why}`).join('; ');
   const last = force.length ? force[force.length - 1] : 0;

@@ -1,9 +1,11 @@
 // The force law: haptic-rt's tick, 500 times a second, between the simulation's samples. Without a device the pointer acts as the hand.
-import { Controller, constants, load } from './lib/index.js';
+import { Controller, load } from './lib/index.js';
+import { Pauses } from './pauses.js';
 
-const TICK_US = 2000, HISTORY = 2000;
+// SHARE: of the way to the pointer's target that the tip moves in a tick, a time constant of 20 ms, as a hand has; at most STEP_MAX_M (1 m/s).
+const TICK_US = 2000, HISTORY = 2000, SHARE = 0.1, STEP_MAX_M = 0.002;
 let library, controllers = [], tips = [], targets = [], extrapolator = 'adaptive', tick_us = 0, hidden = false, told = 0, trouble = 'none', count = 0;
-let late = [], force = [], sampled = [], device = null, cursor = null, reasons = {}, waiting = false;
+let late = [], force = [], sampled = [], device = null, cursor = null, reasons = {}, waiting = false, pauses = new Pauses();
 
 const messages = {
   async start({ port }) {
@@ -25,9 +27,11 @@ const messages = {
     extrapolator = name;
     controllers.forEach((c) => c.select(name));
   },
-  // The pointer's or script's newest target of each tip; the tip follows with a time constant of 20 ms, as a hand does.
+  // The pointer's or script's newest target of each tip.
   target({ all }) { all.forEach((tip, i) => { if (targets[i]) targets[i] = tip; }); },
   hidden({ value }) { hidden = value; },
+  // The user resets the fault of each controller.
+  reset() { controllers.forEach((c) => { c.reset = true; }); },
   trouble({ value }) { trouble = value; },
   sample(message) {
     count++;
@@ -44,6 +48,7 @@ const messages = {
     device?.close();
     device = port;
     cursor = null;
+    pauses.forget('device');
     if (port) port.onmessage = ({ data }) => felt(data.tip_m, data.buttons);
   },
 };
@@ -62,6 +67,7 @@ function take({ instrument, reaction, pose, t_us, patch }) {
 
 // A new state of the device: the tip moves as far as the cursor did since it was taken. The page is told 50 times a second, and of the button at once.
 function felt(at_m, buttons) {
+  pauses.ran('device', performance.now());
   if (!targets[0]) return;
   cursor ??= { from_m: at_m.map((x, a) => x - targets[0][a]), told_ms: -Infinity, closed: false };
   targets[0] = at_m.map((x, a) => x - cursor.from_m[a]);
@@ -77,15 +83,16 @@ function controllerOf({ trocar_m, pose, mode }) {
   const c = new Controller(library, { trocar_m, axis, up, extrapolator });
   c.received = library.make('tm_patch');
   c.unilateral = mode === 0;
-  c.held = false;
+  c.held = c.reset = false;
   return c;
 }
 
 const now_us = () => (performance.timeOrigin + performance.now()) * 1000;
 
-// Ticks that are due; after a pause of 0.1 s they are not made up for, and the fault that the controller makes of it is reset. A device's worker receives the newest force with the time of its tick.
+// Ticks that are due; after a pause of 0.1 s they are not made up for. A device's worker receives the newest force with the time of its tick.
 function run() {
   const now = now_us();
+  pauses.ran('law', performance.now());
   if (hidden || now - tick_us > 100000) tick_us = now - TICK_US;
   if (hidden) force = [];
   for (; tick_us + TICK_US <= now; ) {
@@ -100,8 +107,10 @@ function run() {
 }
 
 function tick(c, i) {
-  tips[i] = tips[i].map((x, a) => x + (targets[i][a] - x) * 0.1);
-  const result = c.tick(tick_us, tips[i], { enable: !hidden, reset: [constants.HRT_FAULT_TICK_LATE, constants.HRT_FAULT_ENCODER_JUMP].includes(c.result.fault) });
+  const way = targets[i].map((x, a) => x - tips[i][a]), share = Math.min(SHARE, STEP_MAX_M / Math.hypot(...way));
+  tips[i] = tips[i].map((x, a) => x + way[a] * share);
+  const before = c.result.fault, result = c.tick(tick_us, tips[i], { enable: !hidden, reset: c.reset });
+  c.reset = result.fault !== before && pauses.explains(result.fault, performance.now());
   if (i === 0) force.push([tick_us, Math.hypot(...result.force_N)]);
 }
 

@@ -137,6 +137,7 @@ for (const kind of ['supports', 'patch', 'rows']) {
     tissue.postMessage({ kind: 'show', marks: shown });
   };
 }
+$('reset').onclick = () => law.postMessage({ kind: 'reset' });
 $('live').onclick = () => tissue.postMessage({ kind: 'live' });
 choices.show($('choices'), state, choose);
 if (state.chosen.hard !== 'none') for (const worker of [tissue, law]) worker.postMessage({ kind: 'trouble', value: state.chosen.hard });

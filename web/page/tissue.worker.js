@@ -32,7 +32,7 @@ const messages = {
     law.postMessage({ kind: 'instruments', instruments, frame_s: scene.frame_s });
     timed(true);
     postMessage({
-      kind: 'opened', title: scene.title, instruments, tetCount: scene.tetCount, frame_s: scene.frame_s, dt_s: scene.dt_s, substeps: scene.substeps,
+      kind: 'opened', generation, title: scene.title, instruments, tetCount: scene.tetCount, frame_s: scene.frame_s, dt_s: scene.dt_s, substeps: scene.substeps,
       warnings: scene.warnings, duration_s: scene.duration_s, rest: Float32Array.from(scene.rest_m), supports: supported(),
     });
     next = performance.now();
