@@ -23,7 +23,7 @@ $(WEB)/node_modules/.done: web/package.json
 $(WEB)/yaml/yaml.h: $(WEB)/venv/.done
 	$(call step,GET)
 	$(Q)rm -rf $(@D) && $(WEB_PYTHON) -m pip download -q --disable-pip-version-check --no-deps --no-binary :all: -d $(@D) $(WEB_YAML) && tar xzf $(@D)/*.tar.gz -C $(@D) --strip-components=1 && touch $@
-$(WEB_YAML_SRC): $(WEB)/yaml/yaml.h ;
+$(WEB_YAML_SRC): | $(WEB)/yaml/yaml.h ;
 
 # $(call web_form,NAME,FLAGS): build/web/obj/NAME/ and build/web/npm/NAME.js: the plain form, and the one with 128-bit vectors.
 define web_form
@@ -64,13 +64,13 @@ $(WEB)/page/data/%.msh: meshes/%.msh
 $(WEB)/page/data/%.yaml: apps/scenes/%.yaml
 	$(call step,COPY)
 	$(Q)cp $< $@
-$(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
+$(patsubst %,$(WEB)/page/%.js,main painter): $(WEB)/page/%.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
 	$(call step,PACK)
-	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/main.js --bundle --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outfile=$@
+	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/$*.js --bundle --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outfile=$@
 $(WEB)/page/lib/index.js: web-npm
 	$(call step,COPY)
 	$(Q)cp $(filter-out %.json %.md,$(wildcard $(WEB)/npm/*)) $(@D)/
-web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB)/page/main.js $(WEB)/page/lib/index.js
+web-page: $(WEB_PAGE) $(WEB_DATA) $(patsubst %,$(WEB)/page/%.js,main painter) $(WEB)/page/lib/index.js
 # The errors that the page shows beside its choices: an hour of studies.
 WEB_STUDY = nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB)/study
 web-study: $(OUT)/bin/tm-accuracy $(OUT)/bin/tm-sim

@@ -23,7 +23,7 @@ const move = (m) => { cursor_m = cursor_m.map((x, a) => (a === AXIS ? x + m : x)
 function pass(ms) {
   for (let i = 0; i < ms; i++) {
     clock_ms++;
-    if (device.onmessage && i % 2 === 0) device.onmessage({ data: { tip_m: cursor_m, buttons: { a: false } } });
+    if (device.onmessage && i % 2 === 0) device.onmessage({ data: { tip_m: cursor_m, buttons: { a: false }, gain: 1 } });
     run();
   }
   return [told.state, told.fault];

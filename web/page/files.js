@@ -1,6 +1,6 @@
 // One's own files: meshes, scenes, recorded sessions; and what can be saved.
 import { choices } from './choices.js';
-import { $, fail, state, tissue } from './state.js';
+import { $, fail, state, tissue, view } from './state.js';
 
 async function take(list) {
   const content = {};
@@ -37,6 +37,6 @@ export function accept() {
   $('file').onchange = (e) => take(e.target.files);
   $('save-yaml').onclick = () => save(new Blob([choices.written(state.sent)]), 'scene.yaml');
   $('save-snapshot').onclick = () => tissue.postMessage({ kind: 'snapshot' });
-  $('save-picture').onclick = () => $('view').toBlob((blob) => save(blob, 'tissue.png'));
+  $('save-picture').onclick = async () => save(await view.picture(), 'tissue.png');
 }
 

@@ -1,11 +1,11 @@
 // A Haply Inverse3 by its service's WebSocket. This worker owns the socket and computes no force: it judges, by its own clock, whether the law's worker and
 // the page still run, as a debugger stops one thread at a time. device.js starts it. The service speaks first (an inventory), then answers each message
 // with one state. One message is under way at a time.
-const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 150, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100;
+const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 15, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100;
 
 const vector = (x) => (x && [x.x, x.y, x.z].every(Number.isFinite) ? [x.x, x.y, x.z] : null);
 
-// The newest force of the law's worker, and its age. Clocks of threads differ by a constant: the quickest message so far shows it.
+// The newest sign of life of another thread (the law's with its force), and its age. Clocks of threads differ by a constant: the quickest message so far shows it.
 class Newest {
   constructor() { Object.assign(this, { N: [0, 0, 0], at_ms: -Infinity, offset_ms: Infinity }); }
   take({ N, at_ms }) {
@@ -16,9 +16,9 @@ class Newest {
 }
 
 class Haply {
-  // tick(cursor_m, buttons): called with every state. force: a Newest. page_ms(): time since the page's last sign of life. tell(text): for the page.
-  constructor(url, { tick, force, page_ms, tell }) {
-    Object.assign(this, { tick, force, page_ms, tell, known: null, first: true, under: 0, sent: 0, refused: 0, enabled: true, gain: 0, sent_ms: 0, why: '', last_ms: performance.now() });
+  // tick(cursor_m, buttons, gain): called with every state. force, page: a Newest. tell(text): for the page.
+  constructor(url, { tick, force, page, tell }) {
+    Object.assign(this, { tick, force, page, tell, trips: 0, known: null, first: true, under: 0, sent: 0, refused: 0, enabled: true, gain: 0, sent_ms: 0, why: '', last_ms: performance.now() });
     this.socket = new WebSocket(url);
     this.socket.onopen = () => tell('connected; waiting for the inventory');
     this.socket.onmessage = ({ data }) => this.receive(data);
@@ -51,7 +51,7 @@ class Haply {
     if (!cursor || cursor.some((x) => Math.abs(x) > 1)) { this.refused++; return; }
     if (item.status?.power_supply === false) this.tell('the device has no power supply; plug it in');
     const grip = (message.wireless_verse_grip ?? message.custom_verse_grip ?? message.verse_grip)?.[0]?.state, buttons = grip?.buttons ?? {};
-    this.tick(cursor, { a: Boolean(buttons.a ?? grip?.button), b: Boolean(buttons.b) });
+    this.tick(cursor, { a: Boolean(buttons.a ?? grip?.button), b: Boolean(buttons.b) }, this.gain);
   }
 
   answered() {
@@ -64,7 +64,7 @@ class Haply {
   held() {
     if (!this.enabled) return 'the tab is hidden';
     if (!(this.force.age_ms < FRESH_MS)) return "the law's worker does not run";
-    if (!(this.page_ms() < PAGE_MS)) return 'the page does not run';
+    if (!(this.page.age_ms < PAGE_MS)) return 'the page does not run';
     return Number.isFinite(Math.hypot(...this.force.N)) ? '' : 'the force is not finite';
   }
 
@@ -83,7 +83,7 @@ class Haply {
     const filters = this.first && this.since35 ? { configure: { force_gate: { gain: 0 }, damping: { scalar: 0 } } } : {};
     const commands = { set_cursor_force: { [this.since35 ? 'vector' : 'values']: { x, y, z } } };
     this.socket.send(JSON.stringify({ ...session, inverse3: [{ device_id: this.known, ...filters, commands }] }));
-    Object.assign(this, { first: false, under: this.under + 1, sent: this.sent + 1, sent_N: Math.hypot(x, y, z), sent_ms: performance.now() });
+    Object.assign(this, { first: false, under: this.under + 1, sent: this.sent + 1, trips: this.trips + (this.sent_N > 0 && this.why !== ''), sent_N: Math.hypot(x, y, z), sent_ms: performance.now() });
   }
 
   // Zero force at once: does not wait for an answer.
@@ -104,30 +104,31 @@ class Haply {
   }
 }
 
-let device = null, law = null, page_ms = performance.now(), force = new Newest();
+let device = null, law = null, page = null;
 
 const messages = {
-  // port: to the law's worker, which sends forces and receives the cursor.
-  open({ url, port }) {
+  // port: to the law's worker, which sends forces and receives the cursor. beats: from the page, which sends the time.
+  open({ url, port, beats }) {
     messages.close();
-    law = port;
-    force = new Newest();
+    const force = new Newest(), alive = new Newest();
+    [law, page] = [port, beats];
     law.onmessage = ({ data }) => force.take(data);
+    page.onmessage = ({ data }) => alive.take({ N: null, at_ms: data });
     device = new Haply(url, {
-      force, page_ms: () => performance.now() - page_ms, tick: (tip_m, buttons) => law.postMessage({ tip_m, buttons }), tell: (text, refused = false) => postMessage({ kind: 'device', text, refused }),
+      force, page: alive, tick: (tip_m, buttons, gain) => law.postMessage({ tip_m, buttons, gain }), tell: (text, refused = false) => postMessage({ kind: 'device', text, refused }),
     });
   },
   close() {
     device?.close();
     law?.close();
-    device = law = null;
+    page?.close();
+    device = law = page = null;
   },
-  alive() { page_ms = performance.now(); },
   hidden({ value }) {
     if (!device) return;
     if (value) device.stop();
     else device.enabled = true;
   },
 };
-onmessage = ({ data }) => { messages.alive(); messages[data.kind](data); };
-setInterval(() => { if (device) postMessage({ kind: 'sent', sent: device.sent, sent_N: device.sent_N ?? 0, why: device.why }); }, 100);
+onmessage = ({ data }) => messages[data.kind](data);
+setInterval(() => { if (device) postMessage({ kind: 'sent', sent: device.sent, sent_N: device.sent_N ?? 0, why: device.why, trips: device.trips }); }, 100);

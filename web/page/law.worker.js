@@ -49,7 +49,7 @@ const messages = {
     device = port;
     cursor = null;
     pauses.forget('device');
-    if (port) port.onmessage = ({ data }) => felt(data.tip_m, data.buttons);
+    if (port) port.onmessage = ({ data }) => felt(data.tip_m, data.buttons, data.gain);
   },
 };
 onmessage = ({ data }) => messages[data.kind](data);
@@ -66,8 +66,10 @@ function take({ instrument, reaction, pose, t_us, patch }) {
 }
 
 // A new state of the device: the tip moves as far as the cursor did since it was taken. The page is told 50 times a second, and of the button at once.
-function felt(at_m, buttons) {
+// gain: share of the force that reaches the device.
+function felt(at_m, buttons, gain) {
   pauses.ran('device', performance.now());
+  if (gain < 1) pauses.withheld(performance.now());
   if (!targets[0]) return;
   cursor ??= { from_m: at_m.map((x, a) => x - targets[0][a]), told_ms: -Infinity, closed: false };
   targets[0] = at_m.map((x, a) => x - cursor.from_m[a]);

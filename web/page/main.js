@@ -9,8 +9,9 @@ import { $, fail, law, state, tissue, view } from './state.js';
 // For tests and the curious. fresh(n): runs n frames of the open scene from its start, along its hands; the result is state.ran.
 globalThis.tensormass = { state, view, tissue, law, fresh: (frames) => tissue.postMessage({ kind: 'run', frames, ...state.sent, files: state.sentFiles }) };
 
-const channel = new MessageChannel();
-tissue.postMessage({ kind: 'start', port: channel.port1 }, [channel.port1]);
+const channel = new MessageChannel(), pictures = new MessageChannel();
+tissue.postMessage({ kind: 'start', port: channel.port1, pictures: pictures.port1 }, [channel.port1, pictures.port1]);
+view.start(pictures.port2);
 law.postMessage({ kind: 'start', port: channel.port2 }, [channel.port2]);
 
 // --- scenes ---
@@ -60,8 +61,7 @@ const fromTissue = {
     $('title').textContent = message.title;
     $('status').textContent = message.warnings.join(' ');
     $('tets').textContent = message.tetCount.toLocaleString('en');
-    view.open(message.rest, message.instruments);
-    view.marks.place('supports', message.supports);
+    view.open(message);
     state.poses = message.instruments.map((i) => ({ ...i.pose, tip_m: Array.from(i.pose.tip_m) }));
     $('which').disabled = message.instruments.length < 2;
     document.body.dataset.scene = state.chosen.scene;
@@ -71,20 +71,16 @@ const fromTissue = {
     tissue.postMessage({ kind: 'taken' });
     if (state.played || state.opening) return; // of another surface
     state.last = message;
-    view.frame(message.position, message.triangles, message.poses, message.own);
-    view.marks.place('patch', message.patch);
-    view.marks.rows(message.rows);
     if (state.held < 0) state.poses = message.poses.map((p) => ({ ...p, tip_m: Array.from(p.tip_m) }));
     figures(message);
   },
   // A frame of a recorded session.
   played(message) {
     if (message.first || !state.played) {
-      view.open(message.position, message.tips.map((tip_m) => ({ trocar_m: tip_m.map((x, a) => x + (a === 2 ? 0.1 : 0)), radius_m: 0.0025, mode: 0 })));
+      view.open(message);
       $('live').hidden = false;
     }
     state.played = message;
-    view.frame(message.position, message.triangles, message.tips.map((tip_m) => ({ tip_m })));
     $('title').textContent = `Recorded session: frame ${message.frame + 1} of ${message.frames}, ${message.time_s.toFixed(2)} s`;
     $('force-now').textContent = `${Math.hypot(...message.forces[0]).toFixed(2)} N`;
   },
@@ -103,7 +99,7 @@ const fromDevice = {
   device({ text }) { state.device = text; $('device').textContent = text; if (text.startsWith('Inverse3') && state.held < 0) hold(0); },
   sent(message) {
     state.force = message;
-    $('device').textContent = `${state.device}: ${message.sent_N.toFixed(2)} N sent, ${message.sent} messages${message.why ? `; no force, as ${message.why}` : ''}`;
+    $('device').textContent = `${state.device}: ${message.sent_N.toFixed(2)} N sent, ${message.sent} messages, interrupted ${message.trips} times${message.why ? `; no force, as ${message.why}` : ''}`;
   },
 };
 tissue.onmessage = ({ data }) => fromTissue[data.kind](data);
@@ -131,8 +127,7 @@ for (const kind of ['supports', 'patch', 'rows']) {
   $(`show-${kind}`).onclick = ({ target }) => {
     shown[kind] = target.getAttribute('aria-pressed') !== 'true';
     target.setAttribute('aria-pressed', shown[kind]);
-    view.marks.show(kind, shown[kind]);
-    view.dirty = true;
+    view.show(kind, shown[kind]);
     $('contact-row').hidden = !shown.rows;
     tissue.postMessage({ kind: 'show', marks: shown });
   };
@@ -144,4 +139,4 @@ if (state.chosen.hard !== 'none') for (const worker of [tissue, law]) worker.pos
 law.postMessage({ kind: 'extrapolator', name: state.chosen.extrapolator });
 listen();
 accept();
-(function drawn() { pad(); view.draw(); requestAnimationFrame(drawn); })();
+(function drawn() { pad(); view.controls.update(); requestAnimationFrame(drawn); })();

@@ -1,10 +1,10 @@
-// What the parts of the page share: elements by id, the two workers, the view, the state of choices and scene.
+// What the parts of the page share: elements by id, the workers, the view, the state of choices and scene.
 import { View } from './view.js';
 
 export const $ = (id) => document.getElementById(id);
 export const tissue = new Worker(new URL('./tissue.worker.js', import.meta.url), { type: 'module' });
 export const law = new Worker(new URL('./law.worker.js', import.meta.url), { type: 'module' });
-export const view = new View($('view'));
+export const view = new View($('view'), fail);
 export const state = { chosen: {}, opened: null, held: -1, poses: [], price: {}, last: null, ready: 0, own: null, changed: null };
 
 export function fail(message) {

@@ -1,13 +1,15 @@
-// The tissue: steps the scene in real time, sends positions and figures to the page, force samples to the law.
+// The tissue: steps the scene in real time, sends pictures to the painter, figures to the page, force samples to the law.
 import { Mesh, Scene, constants, load, readLog } from './lib/index.js';
 import { sceneFor } from './own_mesh.js';
 
-let library, scene, law, form, timer = 0, hidden = false, sent = -1, generation = 0;
-let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null, shown = {}, waiting = false;
+let library, scene, law, pictures, form, timer = 0, hidden = false, sent = -1, generation = 0;
+let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null, shown = {}, waiting = false, drawing = false;
 
 const messages = {
-  async start({ port }) {
+  async start({ port, pictures: painter }) {
     law = port;
+    pictures = painter;
+    pictures.onmessage = () => { drawing = false; }; // the painter has drawn the last frame
     library = await load();
     postMessage({ kind: 'ready', form: library.form });
   },
@@ -24,16 +26,16 @@ const messages = {
     }
     before?.close();
     generation++;
-    sent = -1;
     load_ms = [];
     firstRun = null;
     poses = null;
     const instruments = Array.from({ length: scene.instrumentCount }, (_, i) => scene.instrument(i));
     law.postMessage({ kind: 'instruments', instruments, frame_s: scene.frame_s });
     timed(true);
+    present(instruments);
     postMessage({
       kind: 'opened', generation, title: scene.title, instruments, tetCount: scene.tetCount, frame_s: scene.frame_s, dt_s: scene.dt_s, substeps: scene.substeps,
-      warnings: scene.warnings, duration_s: scene.duration_s, rest: Float32Array.from(scene.rest_m), supports: supported(),
+      warnings: scene.warnings, duration_s: scene.duration_s, ...corners(scene.rest_m),
     });
     next = performance.now();
     schedule(0);
@@ -60,9 +62,15 @@ const messages = {
       postMessage({ kind: 'error', message: error.message });
     }
   },
-  live() { playing = null; next = performance.now(); sent = -1; postMessage({ kind: 'live' }); schedule(0); },
+  live() {
+    if (playing) present(Array.from({ length: scene.instrumentCount }, (_, i) => scene.instrument(i)));
+    playing = null;
+    next = performance.now();
+    postMessage({ kind: 'live' });
+    schedule(0);
+  },
   trouble({ value }) { trouble = value; },
-  // The page has shown the last frame. A slow page receives fewer, so that none queue up.
+  // The page has shown the last figures. A slow page receives fewer, so that none queue up.
   taken() { waiting = false; },
   // Which marks the page shows: {patch, rows}.
   show({ marks }) { shown = marks; },
@@ -121,8 +129,14 @@ function play() {
   const all = playing.channels.TISSUE, { message, utime_us } = all[playing.frame];
   const before = (list) => (list ?? []).filter((m) => m.utime_us <= utime_us).at(-1)?.message;
   const tools = [0, 1].map((i) => before(playing.channels[`TOOL_${i}`])).filter(Boolean), forces = [0, 1].map((i) => before(playing.channels[`FORCE_${i}`])?.force_N ?? [0, 0, 0]);
-  postMessage({ kind: 'played', position: Float32Array.from(message.vertex_m), triangles: Uint32Array.from(message.triangle), forces, frame: playing.frame, frames: all.length,
-    tips: tools.map((t) => t.tip_m), time_s: Number(message.sim_utime) / 1e6, first: playing.frame === 0 });
+  const position = Float32Array.from(message.vertex_m), triangles = Uint32Array.from(message.triangle), tips = tools.map((t) => t.tip_m), first = playing.frame === 0;
+  if (first || !playing.shown) {
+    const instruments = tips.map((tip_m) => ({ trocar_m: tip_m.map((x, a) => x + (a === 2 ? 0.1 : 0)), radius_m: 0.0025, mode: 0 }));
+    pictures.postMessage({ kind: 'open', rest: position, instruments, supports: new Float32Array(0) });
+    playing.shown = true;
+  }
+  pictures.postMessage({ kind: 'frame', position, triangles, tips });
+  postMessage({ kind: 'played', triangles: triangles.length / 3, forces, frame: playing.frame, frames: all.length, time_s: Number(message.sim_utime) / 1e6, first, ...corners(position) });
   playing.frame = (playing.frame + 1) % all.length;
   const wait_ms = playing.frame ? (all[playing.frame].utime_us - utime_us) / 1000 : 1000;
   schedule(Math.min(1000, wait_ms));
@@ -153,10 +167,11 @@ function patchOf() {
 }
 
 // Contact rows of the last substep, if they are shown: point on the surface, m; normal from the tool to the tissue; force on the tissue, N; seven numbers each.
-function rowsOf(position) {
+function rowsOf() {
   if (!shown.rows) return new Float32Array(0);
+  const u = scene.displacement_m, rest = scene.rest_m;
   return Float32Array.from(scene.rows().flatMap(({ vertex, weight, normal, lambda_N }) =>
-    [...[0, 1, 2].map((a) => vertex.reduce((sum, v, k) => sum + weight[k] * position[3 * v + a], 0)), ...normal, lambda_N]));
+    [...[0, 1, 2].map((a) => vertex.reduce((sum, v, k) => sum + weight[k] * (rest[3 * v + a] + u[3 * v + a]), 0)), ...normal, lambda_N]));
 }
 
 // Rest positions of vertices with a prescribed component.
@@ -171,19 +186,44 @@ function supported() {
   return Float32Array.from(found);
 }
 
+// Gives the painter the scene's organ and instruments.
+function present(instruments) {
+  sent = -1;
+  pictures.postMessage({ kind: 'open', rest: Float32Array.from(scene.rest_m), instruments, supports: supported() });
+}
+
+// Corners of the box around positions [3n].
+function corners(position) {
+  const low_m = [Infinity, Infinity, Infinity], high_m = [-Infinity, -Infinity, -Infinity];
+  position.forEach((x, i) => { low_m[i % 3] = Math.min(low_m[i % 3], x); high_m[i % 3] = Math.max(high_m[i % 3], x); });
+  return { low_m, high_m };
+}
+
 function draw(reactions, t_us) {
-  if (waiting) return;
-  waiting = true;
+  if (waiting && drawing) return;
+  const poses = reactions.map((_, i) => scene.pose(i)), rows = rowsOf();
+  if (!drawing) picture(poses, rows);
+  if (!waiting) figures(reactions, poses, rows, t_us);
+}
+
+// Sends the positions to the painter, and the triangles if they changed.
+function picture(poses, rows) {
+  drawing = true;
   const u = scene.displacement_m, rest = scene.rest_m, position = new Float32Array(u.length);
   for (let i = 0; i < u.length; i++) position[i] = rest[i] + u[i];
   const surface = scene.surface, changed = surface.revision !== sent;
   const [triangles, own] = changed ? sorted(surface) : [null, 0];
   sent = surface.revision;
+  pictures.postMessage({ kind: 'frame', position, triangles, own, tips: poses.map((p) => p.tip_m), patch: patchOf(), rows }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
+}
+
+function figures(reactions, poses, rows, t_us) {
+  waiting = true;
   const times = [...load_ms].sort((a, b) => a - b), median = times[times.length >> 1];
   postMessage({
-    kind: 'frame', generation, own, patch: patchOf(), rows: rowsOf(position), energy: balance(), position, triangles, reactions, poses: reactions.map((_, i) => scene.pose(i)), time_s: scene.time_s, alive: scene.aliveCount,
+    kind: 'frame', generation, rows, energy: balance(), reactions, poses, time_s: scene.time_s, alive: scene.aliveCount,
     median_ms: median, factor: (1000 * scene.frame_s) / median, memory: library.bytes.length, used: library.bytesUsed, t_us, stages: stages(),
-  }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
+  });
 }
 
 // Energy that contact generated and that no term explains, of all that hands did, J; null if the scene has no account.
