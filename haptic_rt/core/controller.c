@@ -186,6 +186,9 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
 
 static void no_force(hrt_controller *c) {
     for (int i = 0; i < 3; i++) c->force_N[i] = c->torque[i] = 0.0f;
+#if HRT_WITH_FREE
+    for (int i = 0; i < 3; i++) c->handle_torque_Nm[i] = 0.0f;
+#endif
     c->gain = 0.0f;
 }
 
@@ -220,6 +223,9 @@ static void report(const hrt_controller *c, int64_t now_us, const hrt_input *in,
         out->tip_m[i] = c->tip_m[i];
         out->velocity_m_s[i] = c->velocity_m_s[i];
     }
+#if HRT_WITH_FREE
+    hrt_apply_transposed(c->axes.r, c->handle_torque_Nm, out->handle_torque_Nm);
+#endif
     for (int j = 0; j < HRT_JOINTS; j++) out->joint[j] = c->joint[j];
     out->gain = c->gain;
     out->passivity_J = -c->energy_J;

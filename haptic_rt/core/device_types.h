@@ -47,6 +47,7 @@ static inline void turn_back(const HRT_REAL m[9], const HRT_REAL x[3], HRT_REAL 
 #include "device_desk.h"
 /* Those that share the two above. */
 #include "device_crtk.h"
+#include "device_crtk_handle.h"
 #include "device_falcon.h"
 #include "device_inverse3.h"
 #include "device_inverse3_versegrip.h"
@@ -57,5 +58,6 @@ static inline void turn_back(const HRT_REAL m[9], const HRT_REAL x[3], HRT_REAL 
 #define HRT_DEVICE_TYPES(ROW)                                                                                          \
     ROW(impulse_engine)                                                                                                \
     ROW(desk)                                                                                                          \
-    ROW(inverse3) ROW(touch) ROW(omega) ROW(falcon) ROW(minverse) ROW(inverse3_versegrip) ROW(touch_stylus) ROW(crtk)
+    ROW(inverse3)                                                                                                      \
+    ROW(touch) ROW(omega) ROW(falcon) ROW(minverse) ROW(inverse3_versegrip) ROW(touch_stylus) ROW(crtk) ROW(crtk_handle)
 #endif

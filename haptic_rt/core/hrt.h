@@ -106,6 +106,15 @@ typedef struct hrt_device_type hrt_device_type;
 #define HRT_WITH_WORDS 1
 #endif
 
+/* 0 omits tools without a trocar from firmware. */
+#ifndef HRT_WITH_FREE
+#ifdef HRT_ONE_DEVICE
+#define HRT_WITH_FREE 0
+#else
+#define HRT_WITH_FREE 1
+#endif
+#endif
+
 /* Parameters of a controller. params.c holds range, unit and default of each; the device's description holds the
  * profile's defaults. hrt_params_default or hrt_params_of_device fills them, a profile file changes them. Joint units:
  * rad, m, or 1 for a grip. */
@@ -119,6 +128,10 @@ typedef struct hrt_params {
     float speed_max[HRT_JOINTS];  /* joint unit/s; a faster change is an encoder jump */
     float torque_max[HRT_MOTORS]; /* N m of a rotary joint, N of a sliding one */
     float force_max_N;            /* vector sum at the tip */
+#if HRT_WITH_FREE
+    float handle_torque_max_Nm; /* vector sum at the handle of a free instrument; 0: no torque there */
+    float arm_m;                /* from the handle's point to the tip, along the shaft */
+#endif
     /* rendered force */
     float axis_power_max_W;  /* delivered to the hand by one joint */
     float power_max_W;       /* delivered by all joints */
@@ -182,15 +195,6 @@ int32_t hrt_params_check(const hrt_params *params);
  */
 #ifndef HRT_WITH_EVIDENCE
 #define HRT_WITH_EVIDENCE 1
-#endif
-
-/* 0 omits tools without a trocar from firmware. */
-#ifndef HRT_WITH_FREE
-#ifdef HRT_ONE_DEVICE
-#define HRT_WITH_FREE 0
-#else
-#define HRT_WITH_FREE 1
-#endif
 #endif
 
 /* 0 omits the law `adaptive` and its 8 kB of memory; it then runs as `local_model`. */
@@ -360,9 +364,10 @@ struct hrt_device_type {
     float torque_max[HRT_MOTORS], force_max_N;
     float rounding_m; /* maximum distance within reach between the tips that both precisions compute from the same
                          joints */
-    int32_t insertion, roll, grip; /* joint that slides along the shaft (joints 0 and 1 are then its pitch and yaw),
-                                      rotates about it, closes the jaws; -1: none */
-    bool tilts;                    /* joints 5 and 6 are the tilt of the shaft from z towards x and y, rad */
+    int32_t insertion, roll, grip;     /* joint that slides along the shaft (joints 0 and 1 are then its pitch and yaw),
+                                          rotates about it, closes the jaws; -1: none */
+    bool tilts;                        /* joints 5 and 6 are the tilt of the shaft from z towards x and y, rad */
+    float handle_torque_max_Nm, arm_m; /* defaults of the parameters; 0: the device renders no torque at its handle */
     bool slides; /* the first two motors slide too: CAN frames carry their forces by the millinewton, as the third's */
 #ifndef HRT_ONE_DEVICE
     /* tip: position relative to the trocar, m. jacobian: d tip / d (driven joints), row-major 3x3; columns without a
@@ -563,6 +568,10 @@ typedef struct hrt_result {
     bool motors_on;
     float torque[HRT_MOTORS]; /* commanded torque, N m or N */
     float force_N[3];         /* commanded force at the tip, world axes */
+#if HRT_WITH_FREE
+    float handle_torque_Nm[3]; /* commanded torque about the handle's point, along the device's axes as a cursor's
+                                  `torque` */
+#endif
     float joint[HRT_JOINTS];
     float tip_m[3]; /* relative to the trocar */
     float velocity_m_s[3];
@@ -612,6 +621,9 @@ typedef struct hrt_controller {
     uint32_t limits;
     float force_N[3]; /* last commanded force */
     float torque[HRT_MOTORS];
+#if HRT_WITH_FREE
+    float handle_torque_Nm[3]; /* world axes */
+#endif
     float energy_J; /* energy absorbed from the hand */
     float debt_J;   /* energy delivered beyond power_max_W and not yet compensated */
     int64_t force_free_since_us;

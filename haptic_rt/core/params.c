@@ -2,6 +2,14 @@
  * firmware does not link the texts. */
 #include "internal.h"
 
+#if HRT_WITH_FREE
+#define HANDLE_PARAMETERS(ROW)                                                                                         \
+    ROW(handle_torque_max_Nm, "N m", 0.0f, 5.0f, "largest torque at the handle, vector sum; 0: none", 0.0f)            \
+    ROW(arm_m, "m", 0.0f, 0.5f, "from the handle's point to the tip, where torque is rendered", 0.0f)
+#else
+#define HANDLE_PARAMETERS(ROW)
+#endif
+
 #define PARAMETERS(ROW, ROWS)                                                                                          \
     ROWS(counts_per_unit, "1/joint unit", 1.0f, 1.0e6f, "encoder counts per joint unit")                               \
     ROWS(count_zero, "counts", -32768.0f, 32767.0f, "encoder count at joint value zero")                               \
@@ -10,6 +18,7 @@
     ROWS(speed_max, "joint unit/s", 0.01f, 1000.0f, "largest joint speed; a higher one is an encoder jump")            \
     ROWS(torque_max, "N m or N", 0.0f, 100.0f, "largest torque of each motor")                                         \
     ROW(force_max_N, "N", 0.0f, 20.0f, "largest force at the tip, vector sum", 0.0f)                                   \
+    HANDLE_PARAMETERS(ROW)                                                                                             \
     ROW(axis_power_max_W, "W", 0.01f, 100.0f, "largest power that one joint delivers to the hand", 3.0f)               \
     ROW(power_max_W, "W", 0.01f, 100.0f, "largest power that all joints deliver to the hand", 5.0f)                    \
     ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "largest rate of change of the force vector", 600.0f)                    \
@@ -66,6 +75,10 @@ void hrt_params_of_device(hrt_params *params, const hrt_device_type *device) {
     }
     for (int32_t j = 0; j < hrt_motors(params); j++) params->torque_max[j] = device->torque_max[j];
     params->force_max_N = device->force_max_N;
+#if HRT_WITH_FREE
+    params->handle_torque_max_Nm = device->handle_torque_max_Nm;
+    params->arm_m = device->arm_m;
+#endif
 }
 
 void hrt_params_default(hrt_params *params) { hrt_params_of_device(params, hrt_device_types[0]); }

@@ -5,6 +5,22 @@
 static const float FROM = 0.999999f, HELD = 0.999998f;
 static const float DEBT_PER_S = 250.0f; /* rate at which energy beyond the power limit is compensated */
 
+#if HRT_WITH_FREE
+/* Computes the torque of a force at the tip about the handle's point, world axes. Force and torque together have the
+ * power of the tip's force at the tip, so the limits of power and the energy account hold for both. Returns false if
+ * the device renders none. */
+static bool find_handle_torque(const hrt_controller *c, const float force[3], float torque[3]) {
+    float d[3];
+    if (!(c->params.handle_torque_max_Nm > 0.0f) || !c->axes.is_free) return false;
+    hrt_direction(&c->axes, c->joint, d);
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        torque[i] = c->params.arm_m * (d[j] * force[k] - d[k] * force[j]);
+    }
+    return true;
+}
+#endif
+
 /* Returns the share of `force` that the motors and the force limit allow. */
 static float allowed_share(hrt_controller *c, const float jacobian[9], const float force[3]) {
     float torque[3], share = 1.0f;
@@ -21,6 +37,12 @@ static float allowed_share(hrt_controller *c, const float jacobian[9], const flo
         share = fminf(share, HELD * c->params.force_max_N / size);
         c->limits |= HRT_LIMIT_FORCE;
     }
+#if HRT_WITH_FREE
+    if (find_handle_torque(c, force, torque) && vnorm(torque) > FROM * c->params.handle_torque_max_Nm) {
+        share = fminf(share, HELD * c->params.handle_torque_max_Nm / vnorm(torque));
+        c->limits |= HRT_LIMIT_AXIS;
+    }
+#endif
     return share;
 }
 
@@ -72,4 +94,7 @@ void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]) {
         c->force_N[i] = power * force[i];
         c->torque[i] = hrt_clamp(power * c->torque[i], -c->params.torque_max[i], c->params.torque_max[i]);
     }
+#if HRT_WITH_FREE
+    find_handle_torque(c, c->force_N, c->handle_torque_Nm);
+#endif
 }

@@ -46,8 +46,9 @@ typedef struct hrt_drive_state {
 
 typedef struct hrt_drive_command {
     int64_t time_us;
-    uint8_t state;    /* hrt_state */
-    float force_N[3]; /* at the cursor, in its axes; of a device of joints, the torques */
+    uint8_t state;      /* hrt_state */
+    float force_N[3];   /* at the cursor, in its axes; of a device of joints, the torques */
+    float torque_Nm[3]; /* at the handle, in the cursor's axes */
 } hrt_drive_command;
 
 typedef struct hrt_drive hrt_drive;
@@ -129,6 +130,8 @@ bool hrt_drive_post(hrt_drive *drive, const hrt_drive_state *state);
 void hrt_drive_refuse(hrt_drive *drive);
 /* Returns the force to send now, N; `fault` set, silence of the tick or silence of the device make it zero. */
 void hrt_drive_force(hrt_drive *drive, int64_t now_us, float force_N[3]);
+/* The same, and the torque at the handle, N m. */
+void hrt_drive_wrench(hrt_drive *drive, int64_t now_us, float force_N[3], float torque_Nm[3]);
 /* Returns the controller's state at the command that hrt_drive_force last read. */
 hrt_state hrt_drive_controller(const hrt_drive *drive);
 /* Sets whether the device is connected; a new connection is a new session. */

@@ -3,8 +3,8 @@
  *
  * Datagrams, little-endian. State, 80 bytes: "TMS1", flags (u32: bits 0 to 3 buttons, 8 permission to render force),
  * time on this machine's monotonic clock (i64, us), cursor (3 f64, m), orientation (4 f64: x, y, z, w), gripper (f64, 0
- * open to 1 closed, negative: none). Force, 32 bytes: "TMF1", state and fault of the controller (u8, u8, 2 of zero),
- * time (i64, us), force at the cursor (3 f32, N), 4 of zero. */
+ * open to 1 closed, negative: none). Force, 40 bytes: "TMF1", state and fault of the controller (u8, u8, 2 of zero),
+ * time (i64, us), force at the cursor (3 f32, N), torque at the handle (3 f32, N m). */
 #include <arpa/inet.h>
 #include <math.h>
 #include <poll.h>
@@ -20,7 +20,7 @@
 
 enum {
     STATE_BYTES = 80,
-    FORCE_BYTES = 32,
+    FORCE_BYTES = 40,
     PERMISSION = 1 << 8,
     PORT = 10700,
     FLOOD_MAX = 1000, /* states in FLOOD_US: ten thousand a second */
@@ -56,15 +56,15 @@ static void put(uint8_t *data, uint64_t bits, int bytes) {
     for (int i = 0; i < bytes; i++) data[i] = (uint8_t)(bits >> (8 * i));
 }
 
-static void say(crtk *c, int64_t now_us, const float force_N[3]) {
+static void say(crtk *c, int64_t now_us, const float wrench[6]) {
     uint8_t data[FORCE_BYTES] = {'T', 'M', 'F', '1'};
     if (!c->known) return;
     data[4] = (uint8_t)hrt_drive_controller(c->drive);
     data[5] = (uint8_t)atomic_load(&c->drive->fault);
     put(data + 8, (uint64_t)now_us, 8);
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 6; i++) {
         uint32_t bits;
-        memcpy(&bits, &force_N[i], sizeof bits);
+        memcpy(&bits, &wrench[i], sizeof bits);
         put(data + 16 + 4 * i, bits, 4);
     }
     sendto(c->fd, data, sizeof data, MSG_DONTWAIT, (const struct sockaddr *)&c->bridge, sizeof c->bridge);
@@ -122,7 +122,7 @@ static bool receive(crtk *c) {
 }
 
 static void step(crtk *c) {
-    float force_N[3] = {0};
+    float wrench[6] = {0};
     struct pollfd fd = {.fd = c->fd, .events = POLLIN};
     const struct timespec wait = {0, 1000000};
     ppoll(&fd, 1, &wait, NULL);
@@ -132,15 +132,15 @@ static void step(crtk *c) {
     if (silent && atomic_load(&c->drive->up))
         hrt_drive_up(c->drive, false, "no poses of the master come from the bridge");
     if (came || (silent && now_us - c->said_us > ZERO_EVERY_US)) {
-        hrt_drive_force(c->drive, now_us, force_N);
-        say(c, now_us, force_N);
+        hrt_drive_wrench(c->drive, now_us, wrench, wrench + 3);
+        say(c, now_us, wrench);
     }
 }
 
 static void *run(void *user) {
     crtk *c = user;
     while (!atomic_load(&c->drive->stop)) step(c);
-    say(c, app_monotonic_us(), (const float[3]){0});
+    say(c, app_monotonic_us(), (const float[6]){0});
     return NULL;
 }
 

@@ -10,6 +10,7 @@ static void write_header(FILE *file, const hrt_device_type *device) {
     for (int j = 0; j < device->joints; j++) fprintf(file, ",%s", device->joint[j].name);
     fputs(",fx_N,fy_N,fz_N", file);
     for (int j = 0; j < device->motors; j++) fprintf(file, ",%s", device->torque_name[j]);
+    if (device->handle_torque_max_Nm > 0.0f) fputs(",torque_x_Nm,torque_y_Nm,torque_z_Nm", file);
     fputs(",gain,sample_age_s\n", file);
 }
 
@@ -35,6 +36,7 @@ static int fill_row(const hrt_device_type *device, const hrt_result *o, float va
     for (int j = 0; j < device->joints; j++) value[count++] = o->joint[j];
     for (int i = 0; i < 3; i++) value[count++] = o->force_N[i];
     for (int j = 0; j < device->motors; j++) value[count++] = o->torque[j];
+    for (int i = 0; i < 3 && device->handle_torque_max_Nm > 0.0f; i++) value[count++] = o->handle_torque_Nm[i];
     value[count++] = o->gain;
     value[count++] = 1.0e-6f * (float)o->sample_age_us;
     return count;

@@ -9,7 +9,7 @@
 #include "app.h"
 #include "hrt.h"
 
-enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_FIELDS = 8 + HRT_JOINTS + HRT_MOTORS }; /* 4 s at 2 kHz */
+enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_FIELDS = 11 + HRT_JOINTS + HRT_MOTORS }; /* 4 s at 2 kHz */
 
 typedef struct hrt_record {
     const hrt_device_type *device;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 static const double ROLL_MAX_RAD = 9.9, GRIP_PER_S = 8.0, PI = 3.14159265358979323846;
-static const double TILT_MAX_RAD = 2.5, TURN_RAD_S = 60.0;
+static const double TILT_MAX_RAD = 2.5, TURN_RAD_S = 60.0, SWING_M_S = 2.0;
 
 hrt_workspace hrt_workspace_default(void) {
     return (hrt_workspace){.scale = 1.0, .depth_m = 0.1, .clutch = 0, .grip = 1};
@@ -48,6 +48,14 @@ void hrt_workspace_force(const hrt_workspace *w, const float tip_N[3], float cur
     for (int i = 0; i < 3; i++) cursor_N[i] = (float)back[i];
 }
 
+void hrt_workspace_torque(const hrt_workspace *w, const float tip_Nm[3], float cursor_Nm[3]) {
+    const double share = fmin(1.0 / w->scale, 1.0),
+                 tip[3] = {share * (double)tip_Nm[0], share * (double)tip_Nm[1], share * (double)tip_Nm[2]};
+    double back[3];
+    turn(tip, back);
+    for (int i = 0; i < 3; i++) cursor_Nm[i] = (float)back[i];
+}
+
 void hrt_workspace_roll(hrt_workspace *w, const double q[4]) {
     const double now = 2.0 * atan2(q[2], q[3]);
     if (w->roll_known) w->roll_rad += remainder(now - w->roll_last_rad, 2.0 * PI);
@@ -64,19 +72,21 @@ static void multiply(const double a[4], const double b[4], double c[4]) {
     c[3] = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2];
 }
 
-/* Computes the tilt of the tool's -z, as a rotation of the tip's z axis. */
-static void find_tilt(const double q[4], double tilt_rad[2]) {
+/* Computes the tilt of the tool's -z, as a rotation of the tip's z axis. Returns false if it had to be reduced. */
+static bool find_tilt(const double q[4], double tilt_rad[2]) {
     const double down[3] = {-2.0 * (q[0] * q[2] + q[3] * q[1]), -2.0 * (q[1] * q[2] - q[3] * q[0]),
                             -(1.0 - 2.0 * (q[0] * q[0] + q[1] * q[1]))};
     double d[3];
     turn(down, d);
-    const double across = hypot(d[0], d[1]), angle = fmin(atan2(across, d[2]), TILT_MAX_RAD);
+    const double across = hypot(d[0], d[1]), full = atan2(across, d[2]), angle = fmin(full, TILT_MAX_RAD);
     for (int i = 0; i < 2; i++) tilt_rad[i] = across > 0.0 ? angle * d[i] / across : 0.0;
+    return full <= TILT_MAX_RAD;
 }
 
 /* Moves tilt and roll towards those of the tool, by `most` radians. */
 static void approach(hrt_workspace *w, const double tilt_rad[2], double most) {
     const double away = hypot(tilt_rad[0] - w->tilt_rad[0], tilt_rad[1] - w->tilt_rad[1]), roll_rad = w->roll_rad;
+    if (away > most) w->lags = true;
     for (int i = 0; i < 2; i++) w->tilt_rad[i] += (tilt_rad[i] - w->tilt_rad[i]) * (away <= most ? 1.0 : most / away);
     w->roll_rad = w->roll_wanted_rad;
     hrt_workspace_roll(w, w->tool);
@@ -84,8 +94,9 @@ static void approach(hrt_workspace *w, const double tilt_rad[2], double most) {
     w->roll_rad = roll_rad + fmin(fmax(w->roll_wanted_rad - roll_rad, -most), most);
 }
 
-void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double dt_s) {
+void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double arm_m, double dt_s) {
     double q[4], tilt_rad[2], size2 = 0.0;
+    const double turn_rad_s = arm_m * TURN_RAD_S > SWING_M_S ? SWING_M_S / arm_m : TURN_RAD_S;
     for (int i = 0; i < 4; i++) size2 += orientation[i] * orientation[i];
     if (!(size2 > 0.25)) return; /* unknown */
     const bool first = !w->oriented;
@@ -103,8 +114,8 @@ void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double 
     }
     w->turned_away = false;
     multiply(q, w->offset, w->tool);
-    find_tilt(w->tool, tilt_rad);
-    approach(w, tilt_rad, first ? INFINITY : TURN_RAD_S * fmin(fmax(dt_s, 0.0), 0.05));
+    w->lags = !find_tilt(w->tool, tilt_rad);
+    approach(w, tilt_rad, first ? INFINITY : turn_rad_s * fmin(fmax(dt_s, 0.0), 0.05));
 }
 
 void hrt_workspace_grip(hrt_workspace *w, double wanted, double dt_s) {

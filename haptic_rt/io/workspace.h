@@ -36,6 +36,7 @@ typedef struct hrt_workspace {
     bool roll_known;
     bool oriented, turned_away; /* an orientation is known; the clutch holds the shaft, not the handle */
     double tool[4], offset[4];  /* x, y, z, w */
+    bool lags;                  /* the tilt is not yet the handle's */
     double tilt_rad[2];         /* of the shaft from z, towards x and y of the tip's axes */
 } hrt_workspace;
 
@@ -47,13 +48,16 @@ hrt_workspace hrt_workspace_default(void);
 bool hrt_workspace_follow(hrt_workspace *w, const double cursor_m[3], bool pressed, bool force_on);
 /* Returns the force at the cursor, N, for one at the tip along the joint axes. */
 void hrt_workspace_force(const hrt_workspace *w, const float tip_N[3], float cursor_N[3]);
+/* Returns the torque at the handle, N m. Force and torque together have the power of the tip's force at the tip, times
+ * the smaller of 1 and 1 / scale. */
+void hrt_workspace_torque(const hrt_workspace *w, const float tip_Nm[3], float cursor_Nm[3]);
 /* Updates the roll from the handle's orientation (x, y, z, w of a unit quaternion): its rotation about the cursor's z
  * axis, continued over full turns, within 9.9 rad. */
 void hrt_workspace_roll(hrt_workspace *w, const double orientation[4]);
 /* Updates the shaft's tilt and roll from the handle's orientation; call it after hrt_workspace_follow. The handle's -z
- * is the shaft's direction. Tilts are within 2.5 rad. Tilt and roll change by at most 60 rad/s: half a turn away from
- * `axis` both are undefined. */
-void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double dt_s);
+ * is the shaft's direction. Tilts are within 2.5 rad. Tilt and roll change by at most 60 rad/s, half a turn away from
+ * `axis` both are undefined; with an arm, by what moves the tip at 2 m/s. */
+void hrt_workspace_orient(hrt_workspace *w, const double orientation[4], double arm_m, double dt_s);
 /* Moves the grip towards `wanted`, 0 to 1, at 8 a second at most: a button closes in an eighth of a second. */
 void hrt_workspace_grip(hrt_workspace *w, double wanted, double dt_s);
 

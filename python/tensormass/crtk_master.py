@@ -19,7 +19,7 @@ import numpy as np
 
 from .crtk_ros import Transport, transport
 
-STATE, FORCE = struct.Struct("<4sIq3d4dd"), struct.Struct("<4sBB2xq3f4x")
+STATE, FORCE = struct.Struct("<4sIq3d4dd"), struct.Struct("<4sBB2xq6f")
 PERMISSION = 1 << 8
 SILENT_S = 0.03  #: silence of haptic-rt after which zero force is published
 _FAULT, _IN_USE = 5, (3, 4)
@@ -131,10 +131,10 @@ class Master:
         now = time.time_ns()
         return {"stamp": {"sec": now // 1000000000, "nanosec": now % 1000000000}, "frame_id": self.frame}
 
-    def _publish(self, force: Any) -> None:
-        self._zero = not any(force)
+    def _publish(self, force: Any, torque: Any = (0.0, 0.0, 0.0)) -> None:
+        self._zero = not any(force) and not any(torque)
         self.ros.publish(f"{self.master}/servo_cf", _WRENCH, {"header": self._header(), "wrench": {
-            "force": dict(zip("xyz", map(float, force))), "torque": {"x": 0.0, "y": 0.0, "z": 0.0}}})
+            "force": dict(zip("xyz", map(float, force))), "torque": dict(zip("xyz", map(float, torque)))}})
         self.counts["forces"] += 1
 
     def tell(self) -> None:
@@ -156,12 +156,12 @@ class Master:
         while not self._stop:
             data, now_s = self._newest(), time.monotonic()
             if data and len(data) == FORCE.size and data[:4] == b"TMF1":
-                _, state, fault, time_us, *force = FORCE.unpack(data)
+                _, state, fault, time_us, *wrench = FORCE.unpack(data)
                 self.state.fault = state == _FAULT or fault != 0
                 self._in_use = state in _IN_USE
-                if now_s - 1e-6 * time_us < SILENT_S and all(map(math.isfinite, force)):
+                if now_s - 1e-6 * time_us < SILENT_S and all(map(math.isfinite, wrench)):
                     self._heard_s = now_s
-                    self._publish(self.axes.T @ force)
+                    self._publish(self.axes.T @ wrench[:3], self.axes.T @ wrench[3:])
             if now_s - self._heard_s > SILENT_S and not self._zero:
                 self._in_use = False
                 self._publish((0.0, 0.0, 0.0))

@@ -35,6 +35,8 @@ def received(message):
     now = time.monotonic_ns() // 1000
     if first_push is None and f.x ** 2 + f.y ** 2 + f.z ** 2 > 2.0:
         first_push = now
+    t = message.wrench.torque
+    log.write(f"# torque {t.x!r} {t.y!r} {t.z!r}\n")
     log.write(f"{now},{f.x!r},{f.y!r},{f.z!r},{position[0]!r},{position[1]!r},{position[2]!r}\n")
 
 

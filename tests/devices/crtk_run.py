@@ -1,6 +1,8 @@
 """Runs haptic-rt, the bridge and a master of ROS 2 (crtk_master.py) in this network namespace, with one failure; prints when it began, as JSON.
 
-    crtk_run.py FOLDER PYTHON-OF-THE-MASTER FAILURE [WORDS OF THE MASTER]"""
+    crtk_run.py FOLDER PYTHON-OF-THE-MASTER FAILURE [--handle] [WORDS OF THE MASTER]
+
+--handle: the device is crtk_handle, the instrument free."""
 import json
 import pathlib
 import signal
@@ -37,7 +39,9 @@ def now_us():
 
 children, told = [], {}
 try:
-    controller = Controller(tmp, "crtk:0", "--priority", 0, "--samples", samples(tmp, seconds=40))
+    handle = ["--device-type", "crtk_handle", "--free"] if "--handle" in words else []
+    words = [word for word in words if word != "--handle"]
+    controller = Controller(tmp, "crtk:0", *handle, "--priority", 0, "--samples", samples(tmp, seconds=40))
     children.append(controller.child)
     with open(tmp / "master.txt", "w") as said:
         master = subprocess.Popen([master_python, str(HERE / "crtk_master.py"), "--log", str(tmp / "m.csv"), *([] if own or trouble == "none" else ["--trouble", trouble]), *words], stdout=said, stderr=said)

@@ -71,6 +71,19 @@ def test_force_and_motion_arrive_with_their_units_and_signs(tmp_path, peer):
     assert abs(b["grip"] - 0.5) < 0.01, "half open"
 
 
+def test_torque_of_a_free_handle_arrives_with_its_unit_and_signs(tmp_path):
+    """Upright handle, tip 0.1 m below: arm x force, N m."""
+    told, sent, remarks, _, report = play(tmp_path, "none", "--handle")
+    assert report["fault"] == "none", told["said"]
+    torques = [tuple(map(float, word[1:])) for word in remarks if word[0] == "torque"]
+    checked = 0
+    for (_, (x, y, z), _), torque in zip(sent, torques):
+        assert max(abs(a - b) for a, b in zip(torque, (0.1 * y, -0.1 * x, 0.0))) < 1e-6
+        checked += abs(torque[1]) > 0.04
+    assert checked > 100 and not any(torques[-1]) and len(torques) == len(sent)
+    assert any(abs(x + FORCE[0]) + abs(y - FORCE[1]) + abs(z + FORCE[2]) < 0.05 for _, (x, y, z), _ in sent)
+
+
 def test_state_command_permits_and_withdraws_the_force(tmp_path):
     orders = "resume:0.1,home:0.2,enable:0.3,home:0.6,pause:1.4,nonsense:1.5,resume:1.9,disable:2.7"
     _, sent, remarks, rows, _ = play(tmp_path, "none", "--commands", orders)
@@ -137,7 +150,7 @@ def test_invalid_datagrams_end_the_force(tmp_path, trouble, fault):
             link.sendto(valid[:60] if since and trouble == "short" else valid, ("127.0.0.1", 10701))
         with contextlib.suppress(OSError):
             while True:
-                force = -struct.unpack("<4sBB2xq3f4x", link.recv(64))[6]
+                force = -struct.unpack("<4sBB2xq6f", link.recv(64))[6]
                 zero_us = zero_us or (now_us() if since and force == 0.0 else None)
         time.sleep(0.002)
     report, rows, said = controller.end()

@@ -19,7 +19,7 @@ def force_at(rows, time_s):
     return float(row["fz_N"])
 
 
-@pytest.mark.parametrize("device", ["inverse3_versegrip", "touch_stylus", "inverse3"])
+@pytest.mark.parametrize("device", ["inverse3_versegrip", "touch_stylus", "crtk_handle", "inverse3"])
 def test_free_probe_feels_its_shaft_in_lockstep(tmp_path, types, device):
     """Lying down adds the shaft's contact to the tip's; without a handle the shaft stays upright. The energy account closes."""
     upright = ["--set", "hand[0].path[3].yaw=0", "--set", "hand[0].path[4]={time: 1.9 s, tip: [62 mm, 50 mm, 46 mm]}"] if device == "inverse3" else []

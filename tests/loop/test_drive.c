@@ -20,7 +20,9 @@ typedef struct bench {
     int64_t now_us;
     uint32_t seq;
     double cursor_m[3], last_m[3], wall_N_m, orientation[4];
-    float force_N[3]; /* at the cursor */
+    float force_N[3], torque_Nm[3]; /* at the cursor */
+    double turned_rad[3];           /* by turn_handle since the last tick, about the user's axes */
+    double turned_J, push_N;        /* work of the torque; a force across the wall */
     double tip_J, cursor_J, last_tip_m[3];
     bool button[HRT_DRIVE_BUTTONS], dead, sim_dead;
 } bench;
@@ -50,6 +52,7 @@ static void sample(void) {
     tensormass_force_sample_t s = {
         .session = 7, .tool_session = b.tool.session, .tool_utime = b.now_us, .seq = (int32_t)++b.seq};
     for (int i = 0; i < 3; i++) s.tip_m[i] = b.tool.tip_m[i];
+    s.force_N[0] = b.push_N;
     s.force_N[2] = -b.wall_N_m * fmax(b.tool.tip_m[2] - 0.1, 0.0);
     hrt_node_post_sample(&b.node, &s);
 }
@@ -65,11 +68,13 @@ static void tick(void) {
     const float *f = was.force_N;
     for (int i = 0; i < 3; i++) { /* work on the hand, and by the tip's force */
         b.cursor_J += (double)b.force_N[i] * (b.cursor_m[i] - b.last_m[i]);
+        b.turned_J += (double)b.torque_Nm[i] * b.turned_rad[i];
+        b.turned_rad[i] = 0.0;
         b.tip_J += (double)f[i] * (b.tool.tip_m[i] - b.last_tip_m[i]);
         b.last_tip_m[i] = b.tool.tip_m[i];
     }
     memcpy(b.last_m, b.cursor_m, sizeof b.last_m);
-    hrt_drive_force(&b.drive, b.now_us, b.force_N);
+    hrt_drive_wrench(&b.drive, b.now_us, b.force_N, b.torque_Nm);
     if (!b.sim_dead && b.now_us % 4000 == 0) sample();
     b.now_us += 2000;
 }
@@ -152,6 +157,7 @@ static void the_clutch_recentres_without_a_jump(void **state) {
 
 /* Turns the handle by `angle` about a user axis, after its present orientation if `own`, else before it. */
 static void turn_handle(int axis, double angle, bool own) {
+    if (!own) b.turned_rad[axis] += angle;
     const double *a = b.orientation;
     double r[4] = {0, 0, 0, cos(0.5 * angle)}, c[4];
     r[axis] = sin(0.5 * angle);
@@ -234,6 +240,86 @@ static void turning_amplifies_no_power_and_raises_no_fault(void **state) {
     memset(b.orientation, 0, sizeof b.orientation); /* the handle is lost: the shaft stays */
     run(0.1, REST);
     assert_true(fabs(b.tool.joint[HRT_TILT] - before) < 0.13 && b.node.result.fault == HRT_FAULT_NONE);
+}
+
+/* A handle upright, 1 N to the left at the tip, 0.1 m below: 0.1 N m about the user's y axis. */
+static void a_free_handle_gets_the_torque_of_the_tips_force(void **state) {
+    (void)state;
+    start_free(1.0, "crtk_handle");
+    b.push_N = 1.0; /* along the tip's x axis: left */
+    run(0.5, REST);
+    assert_true(fabs((double)b.force_N[0] + 1.0) < 1e-3 && fabs((double)b.torque_Nm[1] - 0.1) < 1e-4);
+    assert_true(fabsf(b.torque_Nm[0]) < 1e-5f && fabsf(b.torque_Nm[2]) < 1e-5f);
+    for (int k = 0; k < 100; k++) turn_handle(1, 0.005, false), tick(); /* lean: the arm across the force is shorter */
+    run(0.3, REST);
+    assert_true(fabs(b.tool.tip_m[0] - 0.1 * sin(0.5)) < 1e-5);
+    assert_true(fabs((double)b.torque_Nm[1] - 0.1 * cos(0.5)) < 5e-3);
+    start_free(1.0, "touch_stylus"); /* no torque, and the tip stays at the cursor */
+    b.push_N = 1.0;
+    for (int k = 0; k < 100; k++) turn_handle(1, 0.005, false), tick();
+    assert_true(fabs(b.tool.tip_m[0]) < 1e-6 && b.torque_Nm[1] == 0.0f);
+}
+
+/* Too large a torque scales force and torque, so that both keep the power of one force at the tip. */
+static void the_torque_limit_scales_the_force_too(void **state) {
+    (void)state;
+    start_free(1.0, "crtk_handle");
+    b.push_N = 4.0; /* 0.4 N m; the limit is 0.2 */
+    run(0.5, REST);
+    assert_true(fabs((double)b.force_N[0] + 2.0) < 1e-3 && (double)b.torque_Nm[1] < 0.2 &&
+                (double)b.torque_Nm[1] > 0.1999);
+    assert_true((b.node.result.limits & HRT_LIMIT_AXIS) != 0);
+    b.drive.type = hrt_device_types[hrt_device_type_find("inverse3_versegrip")]; /* the driver's own limit */
+    tick();
+    assert_true(b.torque_Nm[1] == 0.0f);
+}
+
+/* Force and torque at the handle do the work of the tip's force, however handle and cursor move, times min(1, 1/scale).
+ */
+static void force_and_torque_do_the_work_of_the_tips_force(void **state) {
+    (void)state;
+    const double scales[] = {0.5, 1.0, 2.0}, up[3] = {0.01, 0.02, 0.02};
+    for (size_t s = 0; s < sizeof scales / sizeof *scales; s++) {
+        start_free(scales[s], "crtk_handle");
+        b.push_N = 0.5;
+        run(0.4, REST);
+        const double tip_J = b.tip_J, handle_J = b.cursor_J + b.turned_J;
+        double most_J = 0.0, worked_J = 0.0, turned_J = 0.0;
+        for (int k = 0; k < 1000; k++) {
+            turn_handle(k / 150 % 3, k / 450 % 2 ? 0.002 : -0.002, false);
+            const double tip = b.tip_J, hand = b.cursor_J + b.turned_J, turned = b.turned_J;
+            run(0.002, k / 200 % 2 ? up : DOWN);
+            turned_J += fabs(b.turned_J - turned);
+            worked_J += fabs(b.cursor_J + b.turned_J - hand);
+            most_J = fmax(most_J, fabs(b.cursor_J + b.turned_J - hand - fmin(1.0, 1.0 / scales[s]) * (b.tip_J - tip)));
+        }
+        const double off_J = b.cursor_J + b.turned_J - handle_J - fmin(1.0, 1.0 / scales[s]) * (b.tip_J - tip_J);
+        assert_int_equal(b.node.result.fault, HRT_FAULT_NONE);
+        assert_true(worked_J > 0.005 && turned_J > 0.005);
+        if (fabs(off_J) > 0.01 * worked_J || most_J > 6e-6 /* 3 N at a count of 2 um */)
+            fail_msg("scale %g: off by %g J of %g, %g J in a tick", scales[s], off_J, worked_J, most_J);
+    }
+}
+
+/* While the tip does not follow the handle, 2.5 rad away or turned faster than the tip may move, no torque acts. */
+static void the_force_fades_where_the_tip_cannot_follow(void **state) {
+    (void)state;
+    start_free(1.0, "crtk_handle");
+    b.push_N = 1.0;
+    run(0.4, REST);
+    for (int k = 0; k < 280; k++) turn_handle(0, 0.01, false), tick();
+    run(0.1, REST);
+    assert_true(b.torque_Nm[0] == 0.0f && b.torque_Nm[1] == 0.0f && b.force_N[0] == 0.0f);
+    for (int k = 0; k < 100; k++) turn_handle(0, -0.01, false), tick();
+    run(0.4, REST);
+    assert_true(b.force_N[0] < -0.9f && b.node.result.fault == HRT_FAULT_NONE);
+    turn_handle(1, 1.5, false);
+    for (int k = 0; k < 30; k++) {
+        const double last = b.tool.tip_m[0];
+        tick();
+        assert_true(fabs(b.tool.tip_m[0] - last) < 0.0041);
+    }
+    assert_int_equal(b.node.result.fault, HRT_FAULT_NONE);
 }
 
 static void a_button_closes_the_grip(void **state) {
@@ -319,6 +405,10 @@ int main(void) {
                                        cmocka_unit_test(the_handle_gives_the_direction_of_a_free_shaft),
                                        cmocka_unit_test(the_clutch_does_not_turn_the_shaft),
                                        cmocka_unit_test(turning_amplifies_no_power_and_raises_no_fault),
+                                       cmocka_unit_test(a_free_handle_gets_the_torque_of_the_tips_force),
+                                       cmocka_unit_test(the_torque_limit_scales_the_force_too),
+                                       cmocka_unit_test(force_and_torque_do_the_work_of_the_tips_force),
+                                       cmocka_unit_test(the_force_fades_where_the_tip_cannot_follow),
                                        cmocka_unit_test(a_button_closes_the_grip),
                                        cmocka_unit_test(silence_of_either_side_is_zero_force),
                                        cmocka_unit_test(invalid_input_is_rejected_and_ten_in_a_row_are_a_fault),

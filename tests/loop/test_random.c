@@ -146,6 +146,26 @@ static void spoil(wild *w) {
     if (!(w->mood && chance(w, 30)) && !(w->mood && w->now_us % 1000000 < 20000)) w->in.encoder_us = w->now_us;
 }
 
+/* The torque at the handle is arm x force, within its limit, for devices that render it; the direction is computed here
+ * from the joints, in the device's axes. */
+static void check_handle(const wild *w) {
+    const hrt_params *p = &w->c.params;
+    const double x = (double)w->out.joint[HRT_TILT], y = (double)w->out.joint[HRT_TILT + 1], angle = hypot(x, y);
+    const double across = angle > 0.0 ? sin(angle) / angle : 1.0, d[3] = {across * x, across * y, cos(angle)};
+    double size2 = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const int j = (i + 1) % 3, k = (i + 2) % 3;
+        const double t = (double)w->out.handle_torque_Nm[i];
+        size2 += t * t;
+        if (p->handle_torque_max_Nm > 0.0f)
+            assert_true(fabs(t - (double)p->arm_m *
+                                     (d[j] * (double)w->out.torque[k] - d[k] * (double)w->out.torque[j])) < 2e-6);
+        else
+            assert_true(w->out.handle_torque_Nm[i] == 0.0f);
+    }
+    assert_true(sqrt(size2) <= (double)p->handle_torque_max_Nm);
+}
+
 static void check_force(const wild *w, const float before[3], float dt_s) {
     const hrt_params *p = &w->c.params;
     double size2 = 0.0, power = 0.0; /* rounding must not exceed a limit */
@@ -163,6 +183,7 @@ static void check_force(const wild *w, const float before[3], float dt_s) {
             assert_true(fabsf(f - before[i]) <= p->axis_slew_max_N_s * dt_s * 1.001f + 1e-5f);
     }
     assert_true(sqrt(size2) <= (double)p->force_max_N);
+    check_handle(w);
     assert_true(power <= (double)p->power_max_W);
     if (w->out.motors_on && !(w->out.limits & (HRT_LIMIT_POWER | HRT_LIMIT_AXIS)))
         assert_true(sqrtf(change2) <= p->slew_max_N_s * dt_s * 1.001f + 1e-5f);
