@@ -64,13 +64,14 @@ $(WEB)/page/data/%.msh: meshes/%.msh
 $(WEB)/page/data/%.yaml: apps/scenes/%.yaml
 	$(call step,COPY)
 	$(Q)cp $< $@
-$(patsubst %,$(WEB)/page/%.js,main painter): $(WEB)/page/%.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
+# main.js and painter.js share what they use of three.js (shared.js).
+$(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
 	$(call step,PACK)
-	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/$*.js --bundle --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outfile=$@
+	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/main.js web/page/painter.js --bundle --splitting --chunk-names=shared --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outdir=$(@D)
 $(WEB)/page/lib/index.js: web-npm
 	$(call step,COPY)
 	$(Q)cp $(filter-out %.json %.md,$(wildcard $(WEB)/npm/*)) $(@D)/
-web-page: $(WEB_PAGE) $(WEB_DATA) $(patsubst %,$(WEB)/page/%.js,main painter) $(WEB)/page/lib/index.js
+web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB)/page/main.js $(WEB)/page/lib/index.js
 # The errors that the page shows beside its choices: an hour of studies.
 WEB_STUDY = nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB)/study
 web-study: $(OUT)/bin/tm-accuracy $(OUT)/bin/tm-sim

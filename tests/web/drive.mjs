@@ -118,9 +118,14 @@ seen.hidden = await valueOf(page, () => tensormass.state.law.state !== 'engaged'
 await hide(page, false);
 await page.close();
 
-// A device: its hand moves down into the block; hidden, no force is sent.
+// A device holds the instrument in the block; hidden, no force is sent.
 [page] = await opened('?scene=block-press');
-await page.evaluate((service) => { document.getElementById('service').value = service; document.getElementById('connect').click(); }, haply);
+await page.evaluate((service) => {
+  tensormass.state.poses[0].tip_m = [0.052, 0.05, 0.05];
+  document.getElementById('take').click();
+  document.getElementById('service').value = service;
+  document.getElementById('connect').click();
+}, haply);
 await until(page, () => tensormass.state.device?.startsWith('Inverse3'));
 seen.sent_N = await valueOf(page, () => tensormass.state.force?.sent_N > 0.1 && tensormass.state.force.sent_N);
 await hide(page, true);

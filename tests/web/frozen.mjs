@@ -11,7 +11,13 @@ async function touching() {
   await page.setViewport({ width: 500, height: 300 });
   await page.goto(`${url}?scene=block-press`, { waitUntil: 'load' });
   await page.waitForFunction(() => globalThis.tensormass?.state.last, WAIT);
-  await page.evaluate((service) => { document.getElementById('service').value = service; document.getElementById('connect').click(); }, haply);
+  // The instrument is placed in the block first: the service's hand moves only once.
+  await page.evaluate((service) => {
+    tensormass.state.poses[0].tip_m = [0.052, 0.05, 0.05];
+    document.getElementById('take').click();
+    document.getElementById('service').value = service;
+    document.getElementById('connect').click();
+  }, haply);
   await felt(page);
   return page;
 }

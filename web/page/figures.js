@@ -39,7 +39,7 @@ export function plot({ now, force, sampled, late_ms, state: name, fault, reasons
   $('force-now').textContent = `${last.toFixed(2)} N`;
   const canvas = $('force'), style = getComputedStyle(document.body), ratio = Math.min(devicePixelRatio, 2), w = canvas.clientWidth, h = canvas.clientHeight;
   if (canvas.width !== Math.floor(w * ratio)) { canvas.width = Math.floor(w * ratio); canvas.height = Math.floor(h * ratio); }
-  const c = canvas.getContext('2d');
+  const c = canvas.getContext('2d', { willReadFrequently: true }); // drawn by this processor: a busy graphics one would stop the page's thread
   let top = 0.5;
   for (let i = 1; i < force.length; i += 2) top = Math.max(top, force[i]);
   const x = (t) => w - ((now - t) / 4e6) * w, y = (f) => h - 6 - (f / (1.15 * top)) * (h - 12);
