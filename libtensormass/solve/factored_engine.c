@@ -6,9 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* K + sigma M: a little inertia. A detached fragment gets a huge compliance (which no patch uses) instead of failing
- * the factor. A constrained one loses sigma / omega_1^2 of its compliance, 1e-8 at 16 Hz. */
+/* K + sigma M: a little inertia. A fragment that a cut detaches after the factor gets a huge compliance (which no patch
+ * uses). A constrained one loses sigma / omega_1^2 of its compliance, 1e-8 at 16 Hz. */
 #define SIGMA_1_S2 1e-4
+/* A piece without supports stands on springs that sum to this, shared by mass: so compliant that a patch is refused
+ * unless other tissue holds it (patch_behind.c), and stiff enough that the columns keep their digits then. */
+#define GROUND_N_M 0.1
 
 /* For rotating tissue: limits of motion (in edges) and rotation (3 degrees, as norm of R - Q) that require a new
  * factor. They apply to a patch, or to this many vertices all over it; frames between factors have a minimum. In
@@ -113,15 +116,27 @@ static bool take_system(tms_engine *e, tms_system *next) {
            (e->reach = tms_reach_create(e->solver)) != NULL;
 }
 
+/* Adds inertia, and the springs that pieces without supports stand on. */
+static bool stand(const tms_engine *e, const tm_tissue *tissue, tms_system *system) {
+    const double *mass = tm_tissue_mass_kg(tissue);
+    double *part_kg = tms_alloc((size_t)e->vertex_count * sizeof *part_kg);
+    const bool good = part_kg && tms_find_loose(tissue, e->fixed, part_kg);
+    for (int32_t j = 0; good && j < system->n; j++) { /* rows ascend: a column's first entry is its diagonal */
+        const int32_t v = system->dof[j] / 3;
+        system->value[system->begin[j]] += part_kg[v] > 0 ? GROUND_N_M * mass[v] / part_kg[v] : SIGMA_1_S2 * mass[v];
+    }
+    tms_free(part_kg);
+    if (!good) tms_system_destroy(system);
+    return good;
+}
+
 /* Makes the factor of the base's stiffness at at_m. Returns false if that is not positive definite. */
 static bool factorise_base(tms_engine *e) {
     tm_tissue *tissue = NULL;
     tms_system next = {0};
     bool good = tms_engine_partial_tissue(e, e->base, e->at_m, &tissue) &&
                 tms_system_assemble(tissue, e->fixed, &next, NULL) == TM_OK;
-    const double *mass = good ? tm_tissue_mass_kg(tissue) : NULL;
-    for (int32_t j = 0; good && j < next.n; j++) /* rows ascend: a column's first entry is its diagonal */
-        next.value[next.begin[j]] += SIGMA_1_S2 * mass[next.dof[j] / 3];
+    good = good && stand(e, tissue, &next);
     tm_tissue_destroy(tissue);
     good = good && take_system(e, &next);
     if (!good) drop_factor(e);

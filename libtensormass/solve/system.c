@@ -68,6 +68,37 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         }
 }
 
+static void add_all_fixed(const tm_tissue *tissue, const uint8_t *fixed, int32_t *parent, part *parts) {
+    const tm_mesh *mesh = tm_tissue_mesh(tissue);
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
+        part *p = &parts[law_root(parent, d / 3)];
+        if (fixed[d] && p->tets) add_fixed(p, mesh->rest_m + d / 3 * 3, d % 3);
+    }
+}
+
+bool tms_find_loose(const tm_tissue *tissue, const uint8_t *fixed, double *part_kg) {
+    const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
+    const double *mass = tm_tissue_mass_kg(tissue);
+    int32_t *parent = tms_alloc((size_t)n * sizeof *parent);
+    part *parts = tms_alloc_zeroed((size_t)n, sizeof *parts);
+    const bool good = parent && parts;
+    if (good) {
+        find_parts(tissue, parent, parts);
+        add_all_fixed(tissue, fixed, parent, parts);
+        memset(part_kg, 0, (size_t)n * sizeof *part_kg);
+        for (int32_t v = 0; v < n; v++) part_kg[law_root(parent, v)] += mass[v];
+        for (int32_t v = 0; v < n; v++)
+            if (parts[v].tets && rank_of_gram(parts[v].gram) == 6) parts[v].tets = 0;
+        for (int32_t v = n - 1; v >= 0; v--) { /* the root of a piece is its first vertex */
+            const int32_t root = law_root(parent, v);
+            part_kg[v] = parts[root].tets ? part_kg[root] : 0;
+        }
+    }
+    tms_free(parts);
+    tms_free(parent);
+    return good;
+}
+
 tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const int32_t n = mesh->vertex_count;

@@ -32,16 +32,18 @@ static void add_block(const int32_t cells[3], const double size_m[3], const doub
     app_block_free(&block);
 }
 
-/* The block is held at its base, the plate along both ends. */
-static void make_mesh(stacked *s, double mu) {
+typedef enum plate { HELD, LIES, FLOATS } plate;
+
+/* The block is held at its base; the plate along both ends, or it lies on the block, or is 3 mm above it. */
+static void make_mesh(stacked *s, double mu, plate is) {
     enum { VERTICES = 400, TETS = 1200 };
     double vertex[3 * VERTICES];
     int32_t tet[4 * TETS], body[TETS], v = 0, t = 0;
     tm_error error;
     add_block((int32_t[]){6, 6, 3}, (double[]){0.05, 0.05, 0.02}, (double[]){0.002, 0, 0}, 0, vertex, tet, body, &v,
               &t);
-    add_block((int32_t[]){7, 5, 2}, (double[]){0.056, 0.04, 0.008}, (double[]){0, 0.005, 0.0203}, 1, vertex, tet, body,
-              &v, &t);
+    add_block((int32_t[]){7, 5, 2}, (double[]){0.056, 0.04, 0.008},
+              (double[]){0, 0.005, is == FLOATS ? 0.0233 : 0.0203}, 1, vertex, tet, body, &v, &t);
     assert_true(v <= VERTICES && t <= TETS);
     tm_mesh_def mesh = tm_mesh_def_default();
     mesh.vertex_count = v, mesh.vertex_m = vertex, mesh.tet_count = t, mesh.tet = tet;
@@ -52,7 +54,8 @@ static void make_mesh(stacked *s, double mu) {
     s->world = fix_world(s->tissue, true);
     uint8_t *fixed = calloc(3 * (size_t)v, 1);
     for (int32_t d = 0; d < 3 * v; d++)
-        fixed[d] = vertex[d / 3 * 3 + 2] < 1e-9 || vertex[d / 3 * 3] < 1e-9 || vertex[d / 3 * 3] > 0.0559;
+        fixed[d] =
+            vertex[d / 3 * 3 + 2] < 1e-9 || (is == HELD && (vertex[d / 3 * 3] < 1e-9 || vertex[d / 3 * 3] > 0.0559));
     kit_support(s->world, fixed, NULL);
     const tm_instrument_def tool = {.mode = TM_TOOL_PROBE,
                                     .radius_m = RADIUS_M,
@@ -129,7 +132,7 @@ static void against_rest(double mu, double most_stiffness, double most_force) {
     const double tip_m[3] = {0.034, 0.026, TOP_M + RADIUS_M - 0.004};
     stacked s = {0};
     double K[9], force[3], alone[9], worst = 0, worst_alone = 0, hold = 0, truth[4][3];
-    make_mesh(&s, mu);
+    make_mesh(&s, mu, HELD);
     rest_at(&s, tip_m, force);
     measure(&s, tip_m, K);
     for (int k = 0; k < 4; k++) {
@@ -165,6 +168,47 @@ static void against_rest(double mu, double most_stiffness, double most_force) {
     destroy(&s);
 }
 
+static void a_plate_that_nothing_holds_has_no_patch(void **state) {
+    (void)state;
+    stacked s = {0};
+    double force[3];
+    make_mesh(&s, 0.5, FLOATS);
+    rest_at(&s, (double[]){0.03, 0.025, TOP_M + 0.003 + RADIUS_M + 1e-3}, force);
+    assert_false(tm_patch_compute(s.builder, 0, &s.patch));
+    destroy(&s);
+}
+
+static void a_plate_held_by_contact_alone_has_a_patch(void **state) {
+    (void)state;
+    static const double moves[3][3] = {{0, 0, -5e-4}, {0, 0, 3e-4}, {3e-4, 0, -2e-4}};
+    const double tip_m[3] = {0.03, 0.025, TOP_M + RADIUS_M - 0.004};
+    stacked s = {0};
+    double K[9], force[3], worst = 0, hold = 0, truth[3][3];
+    make_mesh(&s, 0.5, LIES);
+    rest_at(&s, tip_m, force);
+    measure(&s, tip_m, K);
+    for (int k = 0; k < 3; k++) {
+        double at[3];
+        for (int c = 0; c < 3; c++) at[c] = tip_m[c] + moves[k][c];
+        rest_at(&s, at, truth[k]);
+        rest_at(&s, tip_m, force);
+    }
+    assert_true(tm_patch_compute(s.builder, 0, &s.patch));
+    for (int k = 0; k < 3; k++) {
+        double at[3], said[3];
+        for (int c = 0; c < 3; c++) at[c] = tip_m[c] + moves[k][c];
+        tm_patch_force(s.solver, &s.patch, at, said, NULL);
+        worst = fmax(worst, off(said, truth[k], 3) * norm(truth[k], 3) / norm(force, 3));
+        hold = fmax(hold, off(force, truth[k], 3) * norm(truth[k], 3) / norm(force, 3));
+    }
+    const double *said = tm_contact_reaction(s.contact, 0).stiffness_N_m;
+    printf("held by %d rows alone: %.3f N, %.1f N/m; stiffness off by %.2f %%; patch off by %.3f %%, hold %.1f %%\n",
+           tm_touching_get_report(s.touching).rows, norm(force, 3), -K[8], 100 * off(said, K, 9), 100 * worst,
+           100 * hold);
+    assert_true(off(said, K, 9) < 0.04 && worst < 0.005 && hold > 0.05);
+    destroy(&s);
+}
+
 static void pressing_a_plate_feels_the_block_behind(void **state) {
     (void)state;
     against_rest(0, 0.08, 0.025);
@@ -172,6 +216,8 @@ static void pressing_a_plate_feels_the_block_behind(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(pressing_a_plate_feels_the_block_behind)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(pressing_a_plate_feels_the_block_behind),
+                                       cmocka_unit_test(a_plate_that_nothing_holds_has_no_patch),
+                                       cmocka_unit_test(a_plate_held_by_contact_alone_has_a_patch)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -127,8 +127,8 @@ static bool compute(tm_patch_builder *builder, int32_t t, tm_patch *patch) {
     tm_patch_grasp grasp;
     const int32_t count = held(builder, t, &grasp);
     if (builder->behind) builder->behind_count = tm_patch_behind_choose(builder->behind, &builder->behind_vertex);
+    if (builder->behind && builder->columns_known) tm_patch_behind_prepare(builder->behind, builder);
     tm_patch_want(builder, t, grasp.vertex, count, patch);
-    if (builder->behind) tm_patch_behind_prepare(builder->behind, builder);
     /* The patch does not contain the force of fading rows, which slip or weaken independently of the tool. */
     if (tm_fading_has(contact->fading, t)) return false;
     if (count > 0) return compute_grasped(builder, t, &grasp, patch);

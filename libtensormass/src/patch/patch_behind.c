@@ -60,7 +60,7 @@ static void add_row(tm_patch_behind *b, int32_t index) {
 int32_t tm_patch_behind_choose(tm_patch_behind *b, const int32_t **vertex) {
     double last_N = INFINITY;
     int32_t last = -1;
-    b->row_count = b->vertex_count = 0;
+    b->row_count = b->vertex_count = b->dofs = b->cached = 0;
     while (b->row_count < ROWS) { /* in descending order of load; equal loads by index */
         int32_t best = -1;
         for (int32_t i = 0; i < b->touching->row_count; i++) {
@@ -90,7 +90,7 @@ static void add_dofs(tm_patch_behind *b, const tm_patch_builder *builder, int32_
     double first[3], second[3], axis[3] = {0, 0, 0};
     bool sticks;
     for (int j = 0; j < 4; j++)
-        if (row->weight[j] != 0 && !tm_patch_is_known(builder, row->vertex[j])) return;
+        if (row->weight[j] != 0 && !tm_patch_has_column(builder, row->vertex[j])) return;
     const double slope = tm_touching_slope_m_N(b->touching, index, &sticks);
     add_dof(b, row->normal, slope);
     if (!sticks) return;
@@ -130,7 +130,7 @@ static int32_t place_of(const tm_patch_behind *b, int32_t vertex) {
 /* Computes M := J C J^T + compliance, lower triangle. */
 static bool fill(tm_patch_behind *b, const tm_patch_builder *builder) {
     for (int32_t v = 0; v < b->vertex_count; v++)
-        if (tm_patch_is_known(builder, b->vertex[v]) && !gaps_of(b, builder, b->vertex[v], b->JC[v])) return false;
+        if (tm_patch_has_column(builder, b->vertex[v]) && !gaps_of(b, builder, b->vertex[v], b->JC[v])) return false;
     for (int32_t r = 0; r < b->row_count; r++) {
         const tm_touching_row *row = b->touching->row + b->row[r];
         for (int32_t k = b->dof_begin[r]; k < b->dof_begin[r + 1]; k++)
@@ -192,4 +192,10 @@ bool tm_patch_coupled_block(void *self, int32_t first, int32_t second, double C[
     for (int32_t k = 0; y && k < b->dofs; k++)
         for (int i = 0; i < 9; i++) C[i] -= x[k][i / 3] * y[k][i % 3];
     return y != NULL;
+}
+
+bool tm_patch_behind_holds(const tm_patch_builder *builder, int32_t vertex) {
+    double C[9];
+    return builder->behind->dofs > 0 && tm_patch_coupled_block((void *)(uintptr_t)builder, vertex, vertex, C) &&
+           law_max(C[0], law_max(C[4], C[8])) < TM_PATCH_LOOSE_M_N;
 }

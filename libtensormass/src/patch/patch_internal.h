@@ -7,6 +7,9 @@
 
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
+/* Maximum compliance of tissue that is held: beyond it there is no equilibrium, so no patch. */
+#define TM_PATCH_LOOSE_M_N 1.0
+
 static inline tm_lever tm_patch_lever(const tm_patch *patch, const double tip_m[3]) {
     return patch->is_free ? (tm_lever){.length_m = INFINITY} : tm_lever_at(patch->trocar_m, tip_m);
 }
@@ -76,11 +79,21 @@ tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder);
 void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch);
 /* Keeps the chosen patch, or reduces it. Returns false if neither is completely known. */
 bool tm_patch_find_known(tm_patch_builder *builder, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch);
+/* Returns whether the column of a vertex is there, and supports or other tissue hold the vertex. */
 bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex);
-/* tm_patch_block for the known compliance; self: the builder. */
-bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]);
 /* Returns tm_patch.kind by the source of the compliance. */
 int32_t tm_patch_known_kind(const tm_patch_builder *builder);
+
+/* --- patch_columns.c: entries of the known compliance --- */
+
+/* Returns the index of a vertex in the result of the source, -1: it is not there. */
+int32_t tm_patch_column_of(const tm_compliance *known, int32_t vertex);
+/* Returns whether a diagonal entry is at least `limit_m_N`. */
+bool tm_patch_is_beyond(const tm_compliance *known, int32_t at, double limit_m_N);
+/* Returns whether the column of a vertex is there. */
+bool tm_patch_has_column(const tm_patch_builder *builder, int32_t vertex);
+/* tm_patch_block for the known compliance; self: the builder. */
+bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]);
 
 /* --- patch_behind.c: tissue that the tissue under the tool rests on --- */
 
@@ -91,6 +104,8 @@ tm_patch_behind *tm_patch_behind_create(tm_pool *pool, tm_world *world);
 int32_t tm_patch_behind_choose(tm_patch_behind *behind, const int32_t **vertex);
 /* Eliminates those chosen rows whose columns are known. Returns false if they have no Cholesky factor. */
 bool tm_patch_behind_prepare(tm_patch_behind *behind, const tm_patch_builder *builder);
+/* Returns whether the rows hold a vertex of tissue without supports. */
+bool tm_patch_behind_holds(const tm_patch_builder *builder, int32_t vertex);
 /* tm_patch_block for the known compliance with the rows behind; self: the builder. */
 bool tm_patch_coupled_block(void *self, int32_t a, int32_t b, double C[9]);
 

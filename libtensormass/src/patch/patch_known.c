@@ -12,62 +12,23 @@ tm_surface_view tm_patch_surface_of(const tm_patch_builder *builder) {
 
 enum { ITERATIONS = 4 }; /* of requests for a patch's columns */
 
-/* Maximum compliance of constrained tissue: beyond it a component is unconstrained and has no equilibrium, so no
- * patch. */
-#define LOOSE_M_N 1.0
-
-/* Returns the index of a vertex in the result of the source, -1: it is not there. */
-static int32_t place_in(const tm_compliance *known, int32_t vertex) {
-    int32_t low = 0, high = known ? known->count : 0;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (known->vertex[middle] < vertex)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return known && low < known->count && known->vertex[low] == vertex ? low : -1;
-}
-
-static bool is_loose(const tm_compliance *known, int32_t at) {
-    for (int c = 0; c < 3; c++)
-        if (!(known->C_m_N[(int64_t)(3 * at + c) * (3 * known->count + 1)] < LOOSE_M_N)) return true;
-    return false;
+/* Returns whether supports, or tissue that it rests on, hold a vertex whose column is known. */
+static bool is_held(const tm_patch_builder *builder, int32_t vertex, int32_t at) {
+    return !tm_patch_is_beyond(builder->columns_known, at, TM_PATCH_LOOSE_M_N) ||
+           (builder->behind && tm_patch_behind_holds(builder, vertex));
 }
 
 bool tm_patch_is_known(const tm_patch_builder *builder, int32_t vertex) {
     if (builder->columns) return tm_columns_good(builder->columns, vertex);
-    const int32_t at = place_in(builder->columns_known, vertex);
-    return at >= 0 && !is_loose(builder->columns_known, at);
+    const int32_t at = tm_patch_column_of(builder->columns_known, vertex);
+    return at >= 0 && is_held(builder, vertex, at);
 }
 
 /* Returns false if the vertex is known to be in a detached fragment. */
 static bool may_be_held(void *self, int32_t vertex) {
     const tm_patch_builder *builder = self;
-    const int32_t at = builder->columns ? -1 : place_in(builder->columns_known, vertex);
-    return at < 0 || !is_loose(builder->columns_known, at);
-}
-
-/* Rotates a block with the tissue: C = Qa C Qb^T. */
-static void turn_block(const double *Qa, const double *Qb, double C[9]) {
-    double half[9];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) half[3 * i + j] = vdot(C + 3 * i, Qb + 3 * j);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            C[3 * i + j] = Qa[3 * i] * half[j] + Qa[3 * i + 1] * half[3 + j] + Qa[3 * i + 2] * half[6 + j];
-}
-
-bool tm_patch_known_block(void *self, int32_t a, int32_t b, double C[9]) {
-    const tm_patch_builder *builder = self;
-    if (builder->columns) return tm_columns_block(builder->columns, a, b, C);
-    const tm_compliance *known = builder->columns_known;
-    const int32_t i = place_in(known, a), j = place_in(known, b);
-    if (i < 0 || j < 0) return false;
-    const int64_t width = 3 * known->count;
-    for (int k = 0; k < 9; k++) C[k] = known->C_m_N[(3 * i + k / 3) * width + 3 * j + k % 3];
-    if (known->rotation) turn_block(known->rotation + 9 * i, known->rotation + 9 * j, C);
-    return true;
+    const int32_t at = builder->columns ? -1 : tm_patch_column_of(builder->columns_known, vertex);
+    return at < 0 || is_held(builder, vertex, at);
 }
 
 int32_t tm_patch_known_kind(const tm_patch_builder *builder) {
@@ -180,7 +141,9 @@ static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, con
     builder->columns_known = builder->source.exchange(builder->source.self, t, &request);
     const bool fresh = builder->columns_known && builder->columns_known->revision == builder->revision;
     builder->missing[t] = fresh ? 0 : needed;
-    for (int32_t i = 0; i < needed && fresh; i++) builder->missing[t] += place_in(builder->columns_known, list[i]) < 0;
+    for (int32_t i = 0; i < needed && fresh; i++)
+        builder->missing[t] += tm_patch_column_of(builder->columns_known, list[i]) < 0;
+    if (builder->behind) tm_patch_behind_prepare(builder->behind, builder);
 }
 
 void tm_patch_want(tm_patch_builder *builder, int32_t t, const int32_t *fixed, int32_t count, tm_patch *patch) {
