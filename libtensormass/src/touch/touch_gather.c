@@ -16,40 +16,62 @@
 
 #include "base/vec.h"
 
+static void init_fresh(tm_touch_fresh *fresh, tm_pool *pool, int64_t items, int32_t most) {
+    fresh->is = TM_ALLOC(pool, uint8_t, items);
+    fresh->list = TM_ALLOC(pool, int32_t, most);
+    fresh->sorted = TM_ALLOC(pool, int32_t, most);
+}
+
+static void init_near(tm_touch_near *near, tm_pool *pool, int32_t most) {
+    const int64_t padded = (int64_t)most + 32;
+    near->item = TM_ALLOC(pool, int32_t, padded);
+    for (int c = 0; c < 3; c++)
+        near->low[c] = TM_ALLOC(pool, float, padded), near->high[c] = TM_ALLOC(pool, float, padded);
+}
+
+static bool init_search(tm_touching *t, tm_pool *pool) {
+    const tm_mesh *mesh = t->world->tissue->mesh;
+    const int32_t faces = t->surface.max_faces;
+    init_fresh(t->fresh + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->vertex_count);
+    init_fresh(t->fresh + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, faces);
+    init_fresh(t->fresh + TM_TOUCH_EDGES, pool, mesh->edge_count, mesh->edge_count);
+    init_near(t->near, pool, faces > mesh->vertex_count ? faces : mesh->vertex_count);
+    init_near(t->near + 1, pool, mesh->edge_count);
+    return tm_touch_grid_init(t->grid + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->surface_count) &&
+           tm_touch_grid_init(t->grid + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, 2 * mesh->surface_count) &&
+           tm_touch_grid_init(t->grid + TM_TOUCH_EDGES, pool, mesh->edge_count, 3 * mesh->surface_count);
+}
+
 bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
     const tm_mesh *mesh = t->world->tissue->mesh;
     t->vf.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->ee.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->scratch = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->gathered_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
+    t->place_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
     t->last_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
-    t->fresh = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
-    t->fresh_face = TM_ALLOC(pool, uint8_t, 4 * (int64_t)mesh->tet_count);
-    t->fresh_edge = TM_ALLOC(pool, uint8_t, mesh->edge_count);
-    t->in_region = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
-    t->near = TM_ALLOC(pool, int32_t, mesh->edge_count);
-    return tm_touch_grid_init(&t->grid, pool, mesh);
+    return init_search(t, pool);
 }
 
-/* --- fresh features --- */
+/* --- gathering --- */
 
 /* Removes the pairs with fresh features. */
 static void drop_fresh(tm_touching *t) {
+    const uint8_t *vertices = t->fresh[TM_TOUCH_VERTICES].is, *faces = t->fresh[TM_TOUCH_FACES].is,
+                  *edges = t->fresh[TM_TOUCH_EDGES].is;
     int32_t kept = 0;
     for (int32_t i = 0; i < t->vf.count; i++) {
         t->vf.pair[kept] = t->vf.pair[i];
-        kept += !t->fresh[t->vf.pair[i].a] && !tm_touch_is_fresh_face(t, t->vf.pair[i].b);
+        kept += !vertices[t->vf.pair[i].a] && !faces[t->vf.pair[i].b];
     }
     t->vf.count = kept;
     kept = 0;
     for (int32_t i = 0; i < t->ee.count; i++) {
         t->ee.pair[kept] = t->ee.pair[i];
-        kept += !tm_touch_is_fresh_edge(t, t->ee.pair[i].a) && !tm_touch_is_fresh_edge(t, t->ee.pair[i].b);
+        kept += !edges[t->ee.pair[i].a] && !edges[t->ee.pair[i].b];
     }
     t->ee.count = kept;
 }
-
-/* --- gathering --- */
 
 /* For tests: every pair, in every substep. */
 static void gather_all(tm_touching *t) {
@@ -68,14 +90,16 @@ static void adapt_margin(tm_touching *t) {
     t->since = 0;
 }
 
-/* Sets new places of fresh vertices and searches their pairs. */
+static void set_place(tm_touching *t, int32_t v) {
+    const double *rest = t->world->tissue->mesh->rest_m, *u = t->world->state.u_m;
+    for (int64_t i = 3 * (int64_t)v; i < 3 * (int64_t)v + 3; i++)
+        t->gathered_u_m[i] = u[i], t->place_m[i] = rest[i] + u[i];
+}
+
+/* Sets new places of fresh vertices and searches the pairs of fresh features. */
 static void gather(tm_touching *t) {
-    for (int32_t i = 0; i < t->surface.vertex_count; i++)
-        if (t->fresh[t->surface.vertex[i]])
-            memcpy(t->gathered_u_m + 3 * t->surface.vertex[i], t->world->state.u_m + 3 * t->surface.vertex[i],
-                   3 * sizeof(double));
-    t->grid.cell_m = t->surface.mean_edge_m + t->reach_m + t->margin_m;
-    t->marks.cell_m = t->grid.cell_m;
+    const tm_touch_fresh *vertices = t->fresh + TM_TOUCH_VERTICES;
+    for (int32_t i = 0; i < vertices->count; i++) set_place(t, vertices->list[i]);
     if (t->all_pairs) {
         gather_all(t);
     } else {
@@ -85,20 +109,23 @@ static void gather(tm_touching *t) {
         tm_touch_list_merge(&t->vf, kept[0], t->scratch);
         tm_touch_list_merge(&t->ee, kept[1], t->scratch);
     }
-    const tm_mesh *mesh = t->world->tissue->mesh;
-    memset(t->fresh, 0, (size_t)mesh->vertex_count);
-    memset(t->fresh_face, 0, 4 * (size_t)mesh->tet_count);
-    memset(t->fresh_edge, 0, (size_t)mesh->edge_count);
+    tm_touch_forget_fresh(t);
 }
 
 static void gather_complete(tm_touching *t) {
     adapt_margin(t);
-    memset(t->fresh, 1, (size_t)t->world->tissue->mesh->vertex_count);
+    tm_touch_list_all(t);
     t->vf.count = t->ee.count = 0;
-    t->odometer_m = t->moved_m = t->extent_m = 0;
+    t->odometer_m = t->moved_m = 0;
     gather(t);
     t->gathered = true;
     t->report.gathers++;
+}
+
+static void gather_fresh(tm_touching *t) {
+    tm_touch_list_fresh(t);
+    drop_fresh(t);
+    gather(t);
 }
 
 /* Returns how far the farthest vertex is from its place, m. */
@@ -107,7 +134,7 @@ static double farthest_m(const tm_touching *t) {
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {
         double d[3];
         vsub(t->world->state.u_m + 3 * t->surface.vertex[i], t->gathered_u_m + 3 * t->surface.vertex[i], d);
-        if (!t->fresh[t->surface.vertex[i]]) most2 = law_max(most2, vdot(d, d));
+        if (!t->fresh[TM_TOUCH_VERTICES].is[t->surface.vertex[i]]) most2 = law_max(most2, vdot(d, d));
     }
     return sqrt(most2);
 }
@@ -123,9 +150,9 @@ static int32_t refresh(tm_touching *t) {
         double d[3];
         vsub(t->world->state.u_m + 3 * v, t->gathered_u_m + 3 * v, d);
         const double d2 = vdot(d, d);
-        t->fresh[v] |= !(d2 <= limit2);
-        count += t->fresh[v];
-        if (!t->fresh[v]) most2 = law_max(most2, d2);
+        t->fresh[TM_TOUCH_VERTICES].is[v] |= !(d2 <= limit2);
+        count += t->fresh[TM_TOUCH_VERTICES].is[v];
+        if (!t->fresh[TM_TOUCH_VERTICES].is[v]) most2 = law_max(most2, d2);
     }
     t->moved_m = sqrt(most2);
     return count;
@@ -160,10 +187,9 @@ void tm_touch_update(tm_touching *t) {
     if (t->gathered && t->moved_m > 0.5 * t->margin_m) t->moved_m = farthest_m(t);
     const bool moved = !(t->moved_m <= 0.5 * t->margin_m);
     if (t->gathered && !cut && !moved) return;
-    if (!t->gathered || (moved && 2 * refresh(t) > t->surface.vertex_count)) {
+    if (!t->gathered || (moved && 2 * refresh(t) > t->surface.vertex_count))
         gather_complete(t);
-    } else {
-        drop_fresh(t);
-        gather(t);
-    }
+    else
+        gather_fresh(t);
+    if (cut) tm_touch_forget_removed(t);
 }

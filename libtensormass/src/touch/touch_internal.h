@@ -9,7 +9,7 @@ enum { TM_COOKIE_TOUCHING = 0x746f7563 };
 
 /* Features of the surface as cuts leave it, ascending by their persistent numbers. Rebuilt after a cut. */
 typedef struct tm_touch_surface {
-    int32_t face_count, vertex_count, edge_count;
+    int32_t max_faces, face_count, vertex_count, edge_count;
     int32_t *face;    /* [max_faces] 4*tet + local vertex */
     int32_t *before;  /* [max_faces] faces before a cut */
     int32_t *vertex;  /* [mesh vertices] */
@@ -52,24 +52,45 @@ typedef struct tm_touch_box {
     double low[3], high[3];
 } tm_touch_box;
 
-/* Cells of a hashed grid and what is in them. */
+/* A ball around a feature. */
+typedef struct tm_touch_ball {
+    double middle[3], radius_m;
+} tm_touch_ball;
+
+typedef struct tm_touch_node {
+    tm_touch_ball ball;
+    int64_t key;  /* cell; -1: not in the grid */
+    int32_t next; /* in the same bucket; -1: none */
+} tm_touch_node;
+
+/* Features of the surface in the cells of a hashed grid, by their persistent numbers. */
+enum { TM_TOUCH_LEVELS = 8 };
 typedef struct tm_touch_grid {
-    tm_touch_box *box; /* [mesh edges] of each item; the surface has fewer faces than edges */
-    double cell_m;
-    int32_t buckets, max_buckets, capacity; /* buckets: a power of two */
-    int32_t count;                          /* of entries */
-    int32_t *begin;                         /* [max_buckets+1] */
-    int32_t *bucket;                        /* [capacity] scratch */
-    int64_t *key, *sorted_key;              /* [capacity] cell of each entry */
-    int32_t *item, *sorted;                 /* [capacity] */
+    double cell_m;                  /* of the first level; twice as large from level to level */
+    int32_t count[TM_TOUCH_LEVELS]; /* of features */
+    int32_t buckets;                /* a power of two */
+    int32_t *head;                  /* [buckets] the first of each; -1: none */
+    tm_touch_node *node;            /* [items] */
+    int64_t items;
 } tm_touch_grid;
 
-/* Cells of a coarse grid, hashed to bits: a cell that is not marked is empty. */
-enum { TM_TOUCH_MARKS = 1 << 16 };
-typedef struct tm_touch_marks {
-    double cell_m;
-    uint64_t bit[TM_TOUCH_MARKS / 64];
-} tm_touch_marks;
+enum { TM_TOUCH_VERTICES, TM_TOUCH_FACES, TM_TOUCH_EDGES, TM_TOUCH_KINDS };
+
+/* Features of one kind whose pairs must be searched: those with a fresh vertex, and those that a cut changed. */
+enum { TM_TOUCH_GROUP_BITS = 10 };
+typedef struct tm_touch_fresh {
+    uint8_t *is;   /* [items]; faces that a cut removed too */
+    int32_t count; /* of those on the surface */
+    int32_t *list, *sorted;
+    int32_t begin[(1 << TM_TOUCH_GROUP_BITS) + 1]; /* of each group in `sorted` */
+} tm_touch_fresh;
+
+/* Features near a group, and their boxes. */
+typedef struct tm_touch_near {
+    int32_t count;
+    int32_t *item;
+    float *low[3], *high[3];
+} tm_touch_near;
 
 struct tm_touching {
     tm_pool pool;
@@ -85,18 +106,11 @@ struct tm_touching {
     bool maybe_moved; /* the caller may have moved tissue since the last substep */
     double reach_m, margin_m, odometer_m, moved_m;
     double *gathered_u_m; /* [3*mesh vertices] displacement of each when its pairs were last searched */
+    double *place_m;      /* [3*mesh vertices] its place then */
     double *last_u_m;     /* [3*mesh vertices] displacements in the last substep */
-    uint8_t *fresh;       /* [mesh vertices] their pairs, and those of their faces and edges, must be searched */
-    uint8_t *fresh_face;  /* [4*mesh tetrahedra] of a cut: came or went */
-    uint8_t *fresh_edge;  /* [mesh edges] of a cut: of such a face */
-    /* search: faces or edges, the fresh ones first, then those near them */
-    int32_t near_count, fresh_count;
-    int32_t *near;       /* [mesh edges] indices in the surface's list */
-    tm_touch_box region; /* of all fresh ones */
-    uint8_t *in_region;  /* [mesh vertices] a feature in the region may have this vertex */
-    double extent_m;     /* bound of every feature's extent along an axis, in places */
-    tm_touch_grid grid;
-    tm_touch_marks marks;
+    tm_touch_fresh fresh[TM_TOUCH_KINDS];
+    tm_touch_grid grid[TM_TOUCH_KINDS]; /* of places */
+    tm_touch_near near[2];              /* of vertices and faces; of edges */
     tm_touch_list vf, ee;
     tm_touch_pair *scratch; /* [max_candidates] */
     /* rows */
@@ -139,38 +153,23 @@ tm_touch_closest tm_touch_point_triangle(const double p[3], const double a[3], c
 double tm_touch_segments(const double a0[3], const double a1[3], const double b0[3], const double b1[3], double *s,
                          double *t, bool *inside);
 
+static inline bool tm_touch_is_on_surface(const tm_touch_surface *s, int32_t edge) {
+    return s->of_edge[2 * (int64_t)edge + 1] >= 0;
+}
+
 /* touch_grid.c */
-bool tm_touch_grid_init(tm_touch_grid *grid, tm_pool *pool, const tm_mesh *mesh);
 static inline int64_t tm_touch_cell(double cell_m, double x_m) {
-    return (int64_t)(law_clamp(x_m / cell_m, -1e6, 1e6) + 1e6); /* positive, so this rounds down */
+    return (int64_t)(law_clamp(x_m / cell_m, -5e5, 5e5) + 5e5); /* positive, so this rounds down */
 }
-static inline int64_t tm_touch_key(int64_t x, int64_t y, int64_t z) { return x | y << 21 | z << 42; }
-static inline uint32_t tm_touch_hash(int64_t key) { return (uint32_t)(((uint64_t)key * 0x9e3779b97f4a7c15u) >> 40); }
-static inline int32_t tm_touch_bucket(const tm_touch_grid *grid, int64_t key) {
-    return (int32_t)tm_touch_hash(key) & (grid->buckets - 1);
-}
-typedef struct tm_touch_cells {
-    int64_t low[3], high[3];
-    double count;
-} tm_touch_cells;
-static inline tm_touch_cells tm_touch_cells_of(double cell_m, const tm_touch_box *box) {
-    tm_touch_cells c = {.count = 1};
-    for (int i = 0; i < 3; i++) {
-        c.low[i] = tm_touch_cell(cell_m, box->low[i]), c.high[i] = tm_touch_cell(cell_m, box->high[i]);
-        c.count *= (double)(c.high[i] - c.low[i] + 1);
-    }
-    return c;
-}
-/* Fills the grid with the boxes of items 0 to count - 1. Returns false if they do not fit into cells of a metre. */
-bool tm_touch_grid_fill(tm_touch_grid *grid, int32_t count);
-static inline bool tm_touch_is_in(const tm_touch_box *box, const double p[3]) {
-    bool in = true;
-    for (int c = 0; c < 3; c++) in &= p[c] >= box->low[c] && p[c] <= box->high[c];
-    return in;
-}
-void tm_touch_mark(tm_touch_marks *marks, const tm_touch_box *box);
-/* Returns false if no box that was marked shares a cell with this one. */
-bool tm_touch_is_marked(const tm_touch_marks *marks, const tm_touch_box *box);
+/* Allocates an empty grid. usual: number of features that are in it usually. */
+bool tm_touch_grid_init(tm_touch_grid *grid, tm_pool *pool, int64_t items, int32_t usual);
+void tm_touch_grid_clear(tm_touch_grid *grid, double cell_m);
+static inline bool tm_touch_grid_has(const tm_touch_grid *grid, int32_t item) { return grid->node[item].key >= 0; }
+/* Adds a feature, or moves it. */
+void tm_touch_grid_set(tm_touch_grid *grid, int32_t item, const tm_touch_ball *ball);
+void tm_touch_grid_remove(tm_touch_grid *grid, int32_t item);
+/* Finds all features whose balls overlap this one. Returns their number. */
+int32_t tm_touch_grid_find(const tm_touch_grid *grid, const tm_touch_ball *ball, int32_t *found);
 
 /* touch_pairs.c: add a pair to the lists if it is close in the places of its vertices, and may touch. */
 void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t face);
@@ -179,8 +178,13 @@ void tm_touch_try_edges(tm_touching *touching, int32_t a, int32_t b);
 void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch);
 
 /* touch_search.c: try the pairs of fresh features with all others. */
-bool tm_touch_is_fresh_face(const tm_touching *touching, int32_t face);
-bool tm_touch_is_fresh_edge(const tm_touching *touching, int32_t edge);
+void tm_touch_add_fresh(tm_touching *touching, int kind, int32_t item);
+/* Lists the fresh vertices, and adds their faces and edges to those of a cut. */
+void tm_touch_list_fresh(tm_touching *touching);
+/* Lists the complete surface, and empties the grids. */
+void tm_touch_list_all(tm_touching *touching);
+void tm_touch_forget_fresh(tm_touching *touching);
+void tm_touch_forget_removed(tm_touching *touching);
 void tm_touch_search_faces(tm_touching *touching);
 void tm_touch_search_edges(tm_touching *touching);
 

@@ -5,11 +5,6 @@
 
 #include "base/vec.h"
 
-/* Returns the place of a vertex when its pairs were last searched. */
-static void place(const tm_touching *t, int32_t vertex, double x[3]) {
-    for (int c = 0; c < 3; c++) x[c] = t->world->tissue->mesh->rest_m[3 * vertex + c] + t->gathered_u_m[3 * vertex + c];
-}
-
 /* Adds a pair, if it can touch at all. `out_m`: how far the segment between them at rest leads outward; below 0, it
  * leads through tissue. In a plane it is 0 but for rounding. */
 static void add(tm_touching *t, tm_touch_list *list, int32_t a, int32_t b, bool same_body, double rest_m,
@@ -42,26 +37,15 @@ void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
     tm_touch_triangle(t, face, w);
     if (v == w[0] || v == w[1] || v == w[2] || !tm_touch_enabled(t, body, other)) return;
     if (v == t->world->tissue->mesh->tet[face]) return; /* of one tetrahedron: through it only by its inversion */
-    double p[3], x[3][3];
-    place(t, v, p);
-    for (int j = 0; j < 3; j++) place(t, w[j], x[j]);
-    if (tm_touch_point_triangle(p, x[0], x[1], x[2]).distance_m > t->reach_m + t->margin_m) return;
+    const double *x = t->place_m;
+    if (tm_touch_point_triangle(x + 3 * v, x + 3 * w[0], x + 3 * w[1], x + 3 * w[2]).distance_m >
+        t->reach_m + t->margin_m)
+        return;
     const double *rest = t->world->tissue->mesh->rest_m;
     double n[3];
     rest_normal(t->world->tissue->mesh, w, n);
     const tm_touch_closest c = tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]);
     add(t, &t->vf, v, face, body == other, c.distance_m, vdot(c.offset, n));
-}
-
-/* Returns whether the bounding balls of two segments are farther apart than distance_m: cheaper than their distance. */
-static bool are_far(const double x[4][3], double distance_m) {
-    double a[3], b[3], between[3], a2, b2;
-    vsub(x[1], x[0], a);
-    vsub(x[3], x[2], b);
-    for (int c = 0; c < 3; c++) between[c] = 0.5 * (x[0][c] + x[1][c] - x[2][c] - x[3][c]);
-    a2 = vdot(a, a), b2 = vdot(b, b);
-    const double sum = 0.5 * (sqrt(a2) + sqrt(b2)) + distance_m;
-    return vdot(between, between) > sum * sum * (1 + 1e-9);
 }
 
 /* Returns whether two edges are opposite edges of one tetrahedron: they cross only by its inversion. */
@@ -82,12 +66,11 @@ void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
     const int32_t body = t->surface.body[va[0]], other = t->surface.body[vb[0]];
     if (va[0] == vb[0] || va[0] == vb[1] || va[1] == vb[0] || va[1] == vb[1] || !tm_touch_enabled(t, body, other))
         return;
-    double x[4][3], s, r, n[3] = {0, 0, 0}, from[3], to[3];
+    const double *x[4] = {t->place_m + 3 * va[0], t->place_m + 3 * va[1], t->place_m + 3 * vb[0],
+                          t->place_m + 3 * vb[1]};
+    double s, r, n[3] = {0, 0, 0}, from[3], to[3];
     bool inside;
-    for (int j = 0; j < 2; j++) place(t, va[j], x[j]), place(t, vb[j], x[2 + j]);
-    if (are_far(x, t->reach_m + t->margin_m) ||
-        tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) > t->reach_m + t->margin_m)
-        return;
+    if (tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) > t->reach_m + t->margin_m) return;
     const double *y[4] = {mesh->rest_m + 3 * va[0], mesh->rest_m + 3 * va[1], mesh->rest_m + 3 * vb[0],
                           mesh->rest_m + 3 * vb[1]};
     const double rest_m = tm_touch_segments(y[0], y[1], y[2], y[3], &s, &r, &inside);

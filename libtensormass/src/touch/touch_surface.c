@@ -10,6 +10,7 @@ bool tm_touch_surface_init(tm_touch_surface *surface, tm_pool *pool, const tm_ti
     const tm_mesh *mesh = tissue->mesh;
     /* a face is on the surface or has two active tetrahedra, so at most 4 faces a tetrahedron are */
     const int64_t faces = tissue->cuttable ? 4 * (int64_t)mesh->tet_count : mesh->surface_count;
+    surface->max_faces = (int32_t)faces;
     surface->face = TM_ALLOC(pool, int32_t, faces);
     surface->before = TM_ALLOC(pool, int32_t, faces);
     surface->vertex = TM_ALLOC(pool, int32_t, mesh->vertex_count);
@@ -37,7 +38,7 @@ static void add_face(tm_touching *t, int32_t face) {
     s->face[s->face_count++] = face;
     for (int j = 0; j < 3; j++) {
         int32_t *of = s->of_edge + 2 * (int64_t)edge[j];
-        t->fresh[v[j]] |= s->body[v[j]] == INSIDE;
+        t->fresh[TM_TOUCH_VERTICES].is[v[j]] |= s->body[v[j]] == INSIDE;
         s->body[v[j]] = tm_touch_body(t, face);
         of[of[0] >= 0] = face;
     }
@@ -47,23 +48,37 @@ static void list_vertices(tm_touching *t) {
     tm_touch_surface *s = &t->surface;
     for (int32_t v = 0; v < t->world->tissue->mesh->vertex_count; v++) {
         if (s->body[v] >= 0) s->vertex[s->vertex_count++] = v;
-        if (s->body[v] == WAS_OUTSIDE) s->body[v] = INSIDE, t->fresh[v] = 1;
+        if (s->body[v] != WAS_OUTSIDE) continue;
+        s->body[v] = INSIDE, t->fresh[TM_TOUCH_VERTICES].is[v] = 1;
+        tm_touch_grid_remove(t->grid + TM_TOUCH_VERTICES, v);
     }
 }
 
-/* Makes the faces that are in one list alone fresh, and their edges; both lists ascend. */
+/* Makes a face that came or went fresh, and its edges; those that went leave the grids. */
+static void mark_change(tm_touching *t, int32_t face, bool went) {
+    int32_t edge[3];
+    edges_of(t->world->tissue->mesh, face, edge);
+    if (went) {
+        t->fresh[TM_TOUCH_FACES].is[face] = 1;
+        tm_touch_grid_remove(t->grid + TM_TOUCH_FACES, face);
+    } else
+        tm_touch_add_fresh(t, TM_TOUCH_FACES, face);
+    for (int j = 0; j < 3; j++)
+        if (tm_touch_is_on_surface(&t->surface, edge[j])) {
+            tm_touch_add_fresh(t, TM_TOUCH_EDGES, edge[j]);
+        } else {
+            t->fresh[TM_TOUCH_EDGES].is[edge[j]] = 1;
+            tm_touch_grid_remove(t->grid + TM_TOUCH_EDGES, edge[j]);
+        }
+}
+
+/* Finds the faces that are in one list alone; both lists ascend. */
 static void mark_changes(tm_touching *t, int32_t before_count) {
     const tm_touch_surface *s = &t->surface;
     for (int32_t i = 0, k = 0; i < s->face_count || k < before_count;) {
         const int32_t now = i < s->face_count ? s->face[i] : INT32_MAX;
         const int32_t then = k < before_count ? s->before[k] : INT32_MAX;
-        if (now != then) {
-            int32_t edge[3];
-            const int32_t face = now < then ? now : then;
-            edges_of(t->world->tissue->mesh, face, edge);
-            t->fresh_face[face] = 1;
-            for (int j = 0; j < 3; j++) t->fresh_edge[edge[j]] = 1;
-        }
+        if (now != then) mark_change(t, now < then ? now : then, then < now);
         i += now <= then, k += then <= now;
     }
 }
@@ -86,7 +101,7 @@ void tm_touch_surface_build(tm_touching *t) {
     list_vertices(t);
     double sum = 0;
     for (int32_t e = 0; e < mesh->edge_count; e++) {
-        if (s->of_edge[2 * (int64_t)e + 1] < 0) continue;
+        if (!tm_touch_is_on_surface(s, e)) continue;
         double d[3];
         vsub(mesh->rest_m + 3 * mesh->edge[2 * e], mesh->rest_m + 3 * mesh->edge[2 * e + 1], d);
         sum += vnorm(d);
