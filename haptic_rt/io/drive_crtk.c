@@ -38,18 +38,17 @@ typedef struct crtk {
     int in_window;
 } crtk;
 
-static double get_double(const uint8_t *data) {
+static uint64_t get(const uint8_t *data) {
     uint64_t bits = 0;
-    double value;
     for (int i = 0; i < 8; i++) bits |= (uint64_t)data[i] << (8 * i);
-    memcpy(&value, &bits, sizeof value);
-    return value;
+    return bits;
 }
 
-static int64_t get_time(const uint8_t *data) {
-    uint64_t bits = 0;
-    for (int i = 0; i < 8; i++) bits |= (uint64_t)data[i] << (8 * i);
-    return (int64_t)bits;
+static double get_double(const uint8_t *data) {
+    const uint64_t bits = get(data);
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
 }
 
 static void put(uint8_t *data, uint64_t bits, int bytes) {
@@ -79,7 +78,7 @@ static void take(crtk *c, const uint8_t *data, ssize_t length, int64_t now_us) {
         return;
     }
     const uint32_t flags = (uint32_t)data[4] | (uint32_t)data[5] << 8;
-    state.time_us = get_time(data + 8);
+    state.time_us = (int64_t)get(data + 8);
     for (int i = 0; i < 3; i++) state.cursor_m[i] = get_double(data + 16 + 8 * i);
     for (int i = 0; i < 4; i++) state.orientation[i] = get_double(data + 40 + 8 * i);
     state.trigger = get_double(data + 72);

@@ -92,10 +92,10 @@ typedef struct tms_system {
     double *value;           /* N/m */
 } tms_system;
 
-/* Checks that `fixed` constrains each connected component (else TM_ERR_SUPPORT names one of its vertices). */
 /* Sets part_kg [vertex_count] to the mass of the connected piece that a vertex belongs to, if that can move as a rigid
  * body, else to 0. Returns false if memory is exhausted. */
 bool tms_find_loose(const tm_tissue *tissue, const uint8_t *fixed, double *part_kg);
+/* Checks that `fixed` constrains each connected component (else TM_ERR_SUPPORT names one of its vertices). */
 tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error);
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
 /* The same for tissue that needs no support. */

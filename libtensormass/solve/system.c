@@ -68,12 +68,17 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         }
 }
 
-static void add_all_fixed(const tm_tissue *tissue, const uint8_t *fixed, int32_t *parent, part *parts) {
+/* Adds the fixed components to their parts. Returns their number, those of vertices without tetrahedra included. */
+static int32_t add_all_fixed(const tm_tissue *tissue, const uint8_t *fixed, int32_t *parent, part *parts) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
-        part *p = &parts[law_root(parent, d / 3)];
-        if (fixed[d] && p->tets) add_fixed(p, mesh->rest_m + d / 3 * 3, d % 3);
-    }
+    int32_t total = 0;
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        if (fixed[d]) {
+            part *p = &parts[law_root(parent, d / 3)];
+            total++;
+            if (p->tets) add_fixed(p, mesh->rest_m + d / 3 * 3, d % 3);
+        }
+    return total;
 }
 
 bool tms_find_loose(const tm_tissue *tissue, const uint8_t *fixed, double *part_kg) {
@@ -110,13 +115,7 @@ tm_status tms_check_constrained(const tm_tissue *tissue, const uint8_t *fixed, t
         goto done;
     }
     find_parts(tissue, parent, parts);
-    int32_t total = 0;
-    for (int32_t d = 0; d < 3 * n; d++)
-        if (fixed[d]) {
-            part *p = &parts[law_root(parent, d / 3)];
-            total++;
-            if (p->tets) add_fixed(p, mesh->rest_m + d / 3 * 3, d % 3);
-        }
+    const int32_t total = add_all_fixed(tissue, fixed, parent, parts);
     for (int32_t v = 0; v < n; v++) {
         part *p = &parts[v];
         if (!p->tets) continue;

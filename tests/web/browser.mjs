@@ -13,3 +13,11 @@ export async function launch(puppeteer, executablePath, more = []) {
       '--no-first-run', '--disable-background-timer-throttling', '--disable-renderer-backgrounding', ...more],
   });
 }
+
+// Places the instrument in the block of block-press, then gives it to a device: the service's hand moves only once.
+export const takeDevice = (page, service) => page.evaluate((address) => {
+  tensormass.state.poses[0].tip_m = [0.052, 0.05, 0.05];
+  document.getElementById('take').click();
+  document.getElementById('service').value = address;
+  document.getElementById('connect').click();
+}, service);

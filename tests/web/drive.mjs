@@ -1,7 +1,7 @@
 // Drives the page in a browser: node drive.mjs PUPPETEER BROWSER URL FOLDER HAPLY_URL MESH LOG -> JSON of what was seen; pictures in FOLDER.
 import { readFile, writeFile } from 'node:fs/promises';
 
-import { launch } from './browser.mjs';
+import { launch, takeDevice } from './browser.mjs';
 
 const [, , puppeteer, executablePath, url, folder, haply, mesh, log] = process.argv;
 const firefox = executablePath.includes('firefox'), seen = { console: [] }, WAIT = { timeout: 120000, polling: 100 };
@@ -120,12 +120,7 @@ await page.close();
 
 // A device holds the instrument in the block; hidden, no force is sent.
 [page] = await opened('?scene=block-press');
-await page.evaluate((service) => {
-  tensormass.state.poses[0].tip_m = [0.052, 0.05, 0.05];
-  document.getElementById('take').click();
-  document.getElementById('service').value = service;
-  document.getElementById('connect').click();
-}, haply);
+await takeDevice(page, haply);
 await until(page, () => tensormass.state.device?.startsWith('Inverse3'));
 seen.sent_N = await valueOf(page, () => tensormass.state.force?.sent_N > 0.1 && tensormass.state.force.sent_N);
 await hide(page, true);

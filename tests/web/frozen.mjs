@@ -1,6 +1,6 @@
 // Freezes a thread, the page or its process while a device feels a force: node frozen.mjs PUPPETEER CHROMIUM URL HAPLY_URL
 // -> JSON: for each case the times, us of the monotonic clock, before and after it was frozen, and when it went on.
-import { launch } from './browser.mjs';
+import { launch, takeDevice } from './browser.mjs';
 
 const [, , puppeteer, executablePath, url, haply] = process.argv, seen = {};
 const now_us = () => Number(process.hrtime.bigint() / 1000n), wait = (ms) => new Promise((r) => setTimeout(r, ms));
@@ -11,13 +11,7 @@ async function touching() {
   await page.setViewport({ width: 500, height: 300 });
   await page.goto(`${url}?scene=block-press`, { waitUntil: 'load' });
   await page.waitForFunction(() => globalThis.tensormass?.state.last, WAIT);
-  // The instrument is placed in the block first: the service's hand moves only once.
-  await page.evaluate((service) => {
-    tensormass.state.poses[0].tip_m = [0.052, 0.05, 0.05];
-    document.getElementById('take').click();
-    document.getElementById('service').value = service;
-    document.getElementById('connect').click();
-  }, haply);
+  await takeDevice(page, haply);
   await felt(page);
   return page;
 }

@@ -40,6 +40,9 @@ static double half_stored_J(const tm_touching *t) {
     return 0.5 * sum;
 }
 
+/* The rows' account. */
+static double account_J(const tm_touching *t) { return work_J(t) + half_stored_J(t); }
+
 static void push_all(tm_touching *t, double sign) {
     for (int32_t i = 0; i < t->row_count; i++) {
         double force[3];
@@ -72,15 +75,15 @@ static void reduce(tm_touching *t, double may_J) {
     push_all(t, 1);
 }
 
-void tm_touch_note_energy(tm_touching *t) { t->swept_J = t->world->settling ? 0 : work_J(t) + half_stored_J(t); }
+void tm_touch_note_energy(tm_touching *t) { t->swept_J = t->world->settling ? 0 : account_J(t); }
 
 bool tm_touch_limit_energy(tm_touching *t) {
     if (t->world->settling) return false;
     const double may = law_max(t->swept_J, 0) + LITTLE_J;
     for (int32_t k = 0; k < RELEASES; k++) {
-        if (!(work_J(t) + half_stored_J(t) > may)) return k > 0;
+        if (!(account_J(t) > may)) return k > 0;
         tm_touch_release(t, k);
     }
-    if (work_J(t) + half_stored_J(t) > may) reduce(t, may);
+    if (account_J(t) > may) reduce(t, may);
     return true;
 }
