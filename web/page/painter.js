@@ -31,16 +31,14 @@ class Painter {
     this.size = { width: 1, height: 1, ratio: 1 };
   }
 
-  // Shows a new organ: rest positions [3n], instruments of the scene, supported vertices [3m].
-  open({ rest, instruments, supports }) {
+  // Shows a new organ between two corners: rest positions [3n], instruments of the scene, supported vertices [3m].
+  open({ rest, instruments, supports, low_m, high_m }) {
     this.organ.geometry.dispose();
     this.organ.geometry = new BufferGeometry();
     this.organ.geometry.setAttribute('position', new BufferAttribute(rest, 3).setUsage(DynamicDrawUsage));
     this.instruments.forEach((i) => this.remove(i));
     this.instruments = instruments.map((i) => this.instrument(i));
-    const low = new Vector3(Infinity, Infinity, Infinity), high = low.clone().negate(), p = new Vector3();
-    for (let i = 0; i < rest.length; i += 3) { p.fromArray(rest, i); low.min(p); high.max(p); }
-    this.marks.open(high.distanceTo(low));
+    this.marks.open(new Vector3(...low_m).distanceTo(new Vector3(...high_m)));
     this.marks.place('supports', supports);
     this.dirty = true;
   }

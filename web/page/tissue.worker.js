@@ -132,7 +132,7 @@ function play() {
   const position = Float32Array.from(message.vertex_m), triangles = Uint32Array.from(message.triangle), tips = tools.map((t) => t.tip_m), first = playing.frame === 0;
   if (first || !playing.shown) {
     const instruments = tips.map((tip_m) => ({ trocar_m: tip_m.map((x, a) => x + (a === 2 ? 0.1 : 0)), radius_m: 0.0025, mode: 0 }));
-    pictures.postMessage({ kind: 'open', rest: position, instruments, supports: new Float32Array(0) });
+    pictures.postMessage({ kind: 'open', rest: position, instruments, supports: new Float32Array(0), ...corners(position) });
     playing.shown = true;
   }
   pictures.postMessage({ kind: 'frame', position, triangles, tips });
@@ -189,7 +189,7 @@ function supported() {
 // Gives the painter the scene's organ and instruments.
 function present(instruments) {
   sent = -1;
-  pictures.postMessage({ kind: 'open', rest: Float32Array.from(scene.rest_m), instruments, supports: supported() });
+  pictures.postMessage({ kind: 'open', rest: Float32Array.from(scene.rest_m), instruments, supports: supported(), ...corners(scene.rest_m) });
 }
 
 // Corners of the box around positions [3n].
