@@ -53,11 +53,16 @@ static inline void turn_back(const HRT_REAL m[9], const HRT_REAL x[3], HRT_REAL 
 #include "device_inverse3_versegrip.h"
 #include "device_minverse.h"
 #include "device_omega.h"
+#include "device_omega_wrist.h"
+#include "device_sigma.h"
 #include "device_touch.h"
 #include "device_touch_stylus.h"
 #define HRT_DEVICE_TYPES(ROW)                                                                                          \
     ROW(impulse_engine)                                                                                                \
     ROW(desk)                                                                                                          \
     ROW(inverse3)                                                                                                      \
-    ROW(touch) ROW(omega) ROW(falcon) ROW(minverse) ROW(inverse3_versegrip) ROW(touch_stylus) ROW(crtk) ROW(crtk_handle)
+    ROW(touch)                                                                                                         \
+    ROW(omega)                                                                                                         \
+    ROW(falcon)                                                                                                        \
+    ROW(minverse) ROW(inverse3_versegrip) ROW(touch_stylus) ROW(crtk) ROW(crtk_handle) ROW(omega_wrist) ROW(sigma)
 #endif

@@ -59,6 +59,7 @@ typedef struct hrt_drive_driver {
     bool joints; /* motors of joints: no workspace, and any device of hrt_device_types may be built with them */
     const char *text;
     int rate_max; /* largest rate of ticks, Hz */
+    bool torque;  /* sends the torque at the handle; the other drivers are refused for a type that states one */
     /* Starts the device of this name (after "KIND:"); it then posts states until `close`. Returns false with `why`. */
     bool (*open)(hrt_drive *drive, const char *name, char *why, int why_size);
     /* Sends zero force and ends; returns within half a second. */

@@ -189,6 +189,7 @@ const hrt_drive_driver hrt_drive_crtk = {.kind = "crtk",
                                          .device = "crtk",
                                          .text = "CRTK master, by a bridge to ROS 2",
                                          .rate_max = 1000,
+                                         .torque = true,
                                          .open = crtk_open,
                                          .close = crtk_close,
                                          .list = crtk_list};

@@ -1,8 +1,8 @@
-/* Force Dimension omega and Novint Falcon, by libdhd, opened at run time. The declarations are our own, of the
- * documented calls. A thread of ours reads and commands; the library's calls wait for the device. Its axes: x towards
- * the user, y right, z up, m and N. */
+/* Force Dimension and Novint Falcon, by libdhd, opened at run time. The declarations are our own, of the documented
+ * calls. A thread of ours reads and commands; the library's calls wait for the device. Its axes: x towards the user, y
+ * right, z up; m, N and N m. A wrist's axes are those where it is centred: the handle then points along -x. */
 #include <dlfcn.h>
-#include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
@@ -25,11 +25,18 @@ static struct {
     int (*enable_force)(unsigned char on, char id);
     int (*button)(int number, char id);
     const char *(*error_text)(void);
+    /* of a device type with a handle */
+    bool (*has_wrist)(char id);
+    bool (*has_wrist_motors)(char id);
+    int (*orientation)(double matrix[3][3], char id);
+    int (*set_wrench)(double x, double y, double z, double about_x, double about_y, double about_z, double gripper,
+                      char id);
 } dhd;
 
 typedef struct delta {
     hrt_drive *drive;
     char id;
+    bool tilts, turns; /* a wrist is read; its motors are driven */
     char why[160];
 } delta;
 
@@ -51,22 +58,70 @@ static bool load(char *why, int why_size) {
     return dhd.library != NULL;
 }
 
+/* Finds the calls for a wrist, and whether the open device has what the type needs. Returns false with `why`. */
+static bool load_wrist(delta *t, const char *name, char *why, int why_size) {
+    const hrt_symbol symbol[] = {{"dhdHasWrist", (void **)&dhd.has_wrist},
+                                 {"dhdHasActiveWrist", (void **)&dhd.has_wrist_motors},
+                                 {"dhdGetOrientationFrame", (void **)&dhd.orientation},
+                                 {"dhdSetForceAndTorqueAndGripperForce", (void **)&dhd.set_wrench},
+                                 {NULL, NULL}};
+    const hrt_device_type *type = t->drive->type;
+    t->tilts = type->tilts;
+    t->turns = type->handle_torque_max_Nm > 0.0f;
+    if (!t->tilts) return true;
+    const char *missing = hrt_library_find(dhd.library, symbol);
+    if (missing)
+        return snprintf(why, (size_t)why_size, "libdhd has no %s, which '%s' requires; install a later version",
+                        missing, type->name),
+               false;
+    if (t->turns ? dhd.has_wrist_motors(t->id) : dhd.has_wrist(t->id)) return true;
+    return snprintf(why, (size_t)why_size, "device %s (%s) has no %s; choose --device-type %s", name,
+                    dhd.system_name(t->id), t->turns ? "motors at its wrist" : "wrist",
+                    dhd.has_wrist(t->id) ? "omega_wrist" : t->drive->driver->device),
+           false;
+}
+
+/* Reads the handle's orientation along the user's axes. The tool's axes are x right, y up and z back where the wrist is
+ * centred: the frame's y, z and x. */
+static bool read_wrist(const delta *t, double q[4]) {
+    double m[3][3], r[3][3];
+    if (dhd.orientation(m, t->id) < 0) return false;
+    for (int j = 0; j < 3; j++) {
+        const int from = (j + 1) % 3;
+        r[0][j] = m[1][from];
+        r[1][j] = -m[0][from];
+        r[2][j] = m[2][from];
+    }
+    hrt_quaternion_of(r, q);
+    return true;
+}
+
+/* Sends force and torque, along the user's axes. */
+static int send(const delta *t, const float f[3], const float m[3]) {
+    const double x = -(double)f[1], y = (double)f[0], z = (double)f[2];
+    if (!t->turns) return dhd.set_force(x, y, z, t->id);
+    return dhd.set_wrench(x, y, z, -(double)m[1], (double)m[0], (double)m[2], 0.0, t->id);
+}
+
 /* Exchanges a state and a force. Returns false, with `what`, if a call failed. Positive results are hints of the
  * library. */
 static bool exchange(delta *t, bool last, const char **what) {
+    static const float none[3];
     double x, y, z;
-    float force_N[3] = {0};
+    float force_N[3] = {0}, torque_Nm[3] = {0};
     hrt_drive_state state = {.time_us = app_monotonic_us(), .trigger = -1.0};
     *what = "dhdGetPosition";
-    if (dhd.position(&x, &y, &z, t->id) < 0) return dhd.set_force(0.0, 0.0, 0.0, t->id), false;
+    if (dhd.position(&x, &y, &z, t->id) < 0) return send(t, none, none), false;
+    *what = "dhdGetOrientationFrame";
+    if (t->tilts && !read_wrist(t, state.orientation)) return send(t, none, none), false;
     state.cursor_m[0] = y;
     state.cursor_m[1] = -x;
     state.cursor_m[2] = z;
     for (int b = 0; b < HRT_DRIVE_BUTTONS; b++) state.button[b] = dhd.button(b, t->id) == DHD_ON;
     hrt_drive_post(t->drive, &state);
-    if (!last) hrt_drive_force(t->drive, app_monotonic_us(), force_N);
-    *what = "dhdSetForce";
-    return dhd.set_force(-(double)force_N[1], (double)force_N[0], (double)force_N[2], t->id) >= 0;
+    if (!last) hrt_drive_wrench(t->drive, app_monotonic_us(), force_N, torque_Nm);
+    *what = t->turns ? "dhdSetForceAndTorqueAndGripperForce" : "dhdSetForce";
+    return send(t, force_N, torque_Nm) >= 0;
 }
 
 /* Switches the force off where calls fail, and on again after a reset. */
@@ -119,15 +174,22 @@ static bool delta_open(hrt_drive *d, const char *name, char *why, int why_size) 
                         dhd.error_text()),
                false;
     delta *t = calloc(1, sizeof *t);
-    if (is_falcon((char)id) != falcon || !t || dhd.enable_force(DHD_ON, (char)id) < 0) {
-        snprintf(why, (size_t)why_size,
-                 "device %s is a %s, whose force cannot be enabled by this address (%s); choose %s:%s", name,
-                 dhd.system_name((char)id), dhd.error_text(), falcon ? "omega" : "falcon", name);
+    if (is_falcon((char)id) != falcon || !t) {
+        snprintf(why, (size_t)why_size, "device %s is a %s; choose %s:%s", name, dhd.system_name((char)id),
+                 falcon ? "omega" : "falcon", name);
         dhd.close_id((char)id);
         return free(t), false;
     }
     t->drive = d;
     t->id = (char)id;
+    const bool fits = load_wrist(t, name, why, why_size);
+    if (!fits || dhd.enable_force(DHD_ON, t->id) < 0) {
+        if (fits)
+            snprintf(why, (size_t)why_size, "the force of device %s (%s) cannot be enabled: %s; restart the device",
+                     name, dhd.system_name(t->id), dhd.error_text());
+        dhd.close_id(t->id);
+        return free(t), false;
+    }
     if (pthread_create(&d->thread, NULL, run, t) == 0) return d->own = t, true;
     snprintf(why, (size_t)why_size, "no thread can be started; close other programs");
     dhd.enable_force(DHD_OFF, t->id);
@@ -175,6 +237,7 @@ const hrt_drive_driver hrt_drive_omega = {.kind = "omega",
                                           .device = "omega",
                                           .text = "Force Dimension, by libdhd",
                                           .rate_max = 4000,
+                                          .torque = true,
                                           .open = delta_open,
                                           .close = delta_close,
                                           .list = list_omegas};

@@ -208,7 +208,8 @@ static bool make(haply *h, char *why, int why_size) {
 /* Reads "NUMBER" or "NUMBER@HOST:PORT". */
 static bool read_name(const char *name, haply *h, char *why, int why_size) {
     char tail;
-    const char *where = getenv("TM_HAPLY");
+    const char *where = strchr(name, '@') ? NULL : getenv("TM_HAPLY");
+    if (where && strncmp(where, "ws://", 5) == 0) where += 5;
     strcpy(h->host, "127.0.0.1");
     h->port = PORT;
     if (where && sscanf(where, "%63[^:]:%d%c", h->host, &h->port, &tail) != 2)
@@ -261,7 +262,8 @@ static void haply_list(FILE *file) {
             fprintf(file, "  haply            no service at %s:%d; start the Haply Inverse Service\n", h->host,
                     h->port);
         lws_context_destroy(h->context);
-    }
+    } else
+        fprintf(file, "  haply            %s\n", why);
     free(h);
 }
 

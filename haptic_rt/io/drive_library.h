@@ -13,5 +13,10 @@ typedef struct hrt_symbol {
  * finds its functions (a null name at the end). Returns its handle, or null with `why`, which names the library. */
 void *hrt_library_open(const char *variable, const char *const *names, const char *what, const hrt_symbol *symbol,
                        char *why, int why_size);
+/* Finds functions of an open library. Returns the name of the first that is missing; null if none is. */
+const char *hrt_library_find(void *handle, const hrt_symbol *symbol);
+/* Computes the quaternion (x, y, z, w) of a rotation; r[i][j] is component i of the handle's axis j. A matrix that is
+ * no rotation or not finite gives a quaternion that is not of unit length, or not finite. */
+void hrt_quaternion_of(const double r[3][3], double q[4]);
 
 #endif

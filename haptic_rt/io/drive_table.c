@@ -54,6 +54,11 @@ bool hrt_drive_open(hrt_drive *d, const char *address, char *why, int why_size) 
     d->claim_fd = -1;
     if (!driver)
         return snprintf(why, (size_t)why_size, "'%s' is not a device address; see haptic-rt --list", address), false;
+    if (d->type->handle_torque_max_Nm > 0.0f && !driver->torque)
+        return snprintf(why, (size_t)why_size,
+                        "%s: renders no torque at a handle, as '%s' does; choose --device-type %s", driver->kind,
+                        d->type->name, driver->device),
+               false;
     if (!claim(d, address, why, why_size)) return false;
     d->driver = driver;
     snprintf(d->name, sizeof d->name, "%s", address);

@@ -100,22 +100,7 @@ static void read_orientation(const double m[16], double q[4]) {
 static void read_handle(const double m[16], double q[4]) {
     /* r[i][j]: component along user axis i of the stylus's axis j; the user's y is the library's -z, its z the y */
     const double r[3][3] = {{m[0], m[4], m[8]}, {-m[2], -m[6], -m[10]}, {m[1], m[5], m[9]}};
-    const double trace = r[0][0] + r[1][1] + r[2][2];
-    int i = 0;
-    for (int k = 1; k < 3; k++)
-        if (r[k][k] > r[i][i]) i = k;
-    const int j = (i + 1) % 3, k = (i + 2) % 3;
-    if (trace > r[i][i]) {
-        const double s = 2.0 * sqrt(fmax(1.0 + trace, 0.0));
-        for (int a = 0; a < 3; a++) q[a] = (r[(a + 2) % 3][(a + 1) % 3] - r[(a + 1) % 3][(a + 2) % 3]) / s;
-        q[3] = 0.25 * s;
-        return;
-    }
-    const double s = 2.0 * sqrt(fmax(1.0 + r[i][i] - r[j][j] - r[k][k], 1.0e-12));
-    q[i] = 0.25 * s;
-    q[j] = (r[i][j] + r[j][i]) / s;
-    q[k] = (r[i][k] + r[k][i]) / s;
-    q[3] = (r[k][j] - r[j][k]) / s;
+    hrt_quaternion_of(r, q);
 }
 
 static void take(touch *t) {

@@ -147,7 +147,9 @@ static void watch(program *p) {
     hrt_teller teller = {
         .bus = p->set.common.bus,
         .instrument = p->set.node.instrument,
-        .from_file = p->set.samples_path != NULL,
+        .source = p->set.setup          ? "those of --setup"
+                  : p->set.samples_path ? "those of the file"
+                                        : NULL,
         .drive = p->set.common.drive,
         .logged = {.state = -1, .silent_s = -1.0e9, .refused_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
     double fault_since_s = 0.0;

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
-enum { REST_US = 600000, PAUSE_US = 300000 };
+enum { REST_US = 600000, PAUSE_US = 300000, LONGEST_US = 90000000 };
 static const float GROWS_N_S = 1.0f, FALLS_N_S = 5.0f, FORCE_MAX_N = 1.0f;
 static const double FAR_M = 1.0e-3, SHAKE_S = 2.5;
 
@@ -86,7 +86,19 @@ static bool shake(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *t
     return true;
 }
 
+/* Returns whether to end: after a fault nothing moves any more, and a device that pauses again and again begins anew
+ * each time. */
+static bool is_over(hrt_setup *s, const tensormass_tool_state_t *tool, int64_t now_us) {
+    if (s->begin_us == 0) s->begin_us = now_us;
+    if (tool->state == HRT_FAULT)
+        s->ended = "a fault ended the test; remedy it as its message says, and repeat";
+    else if (now_us - s->begin_us > LONGEST_US)
+        s->ended = "the test did not end within 90 s; free the machine, or check that the device sends without pause";
+    return s->ended != NULL;
+}
+
 bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
+    if (is_over(s, tool, now_us)) return false;
     if (s->push == HRT_SETUP_PUSHES) return shake(s, node, tool, now_us);
     if (tool->state != HRT_ENGAGED) { /* a pause takes the force away: the push begins anew */
         s->since_us = 0;
@@ -151,6 +163,8 @@ bool hrt_setup_print(const hrt_setup *s) {
         good = good && r->verdict == HRT_SETUP_GOOD;
     }
     print_identified(s);
+    if (s->ended) printf("%s\n", s->ended);
+    if (good && s->axis < 3) return printf("units and signs are right, but not every axis was identified\n"), false;
     printf(good ? "units and signs are right\n" : "units and signs are NOT confirmed\n");
     return good;
 }

@@ -33,13 +33,14 @@ typedef struct hrt_setup {
     hrt_setup_push result[HRT_SETUP_PUSHES];
     double tick_s; /* period of the calls; set it before the first */
     int32_t axis;  /* that is shaken; 3: done */
-    int64_t axis_us;
+    int64_t axis_us, begin_us;
+    const char *ended; /* why it ended early; null: it did not */
     hrt_identify identify[3];
 } hrt_setup;
 
-/* Continues the test by a tick: posts a sample. Returns false once it is done. */
+/* Continues the test by a tick: posts a sample. Returns false once it is done, or ended by a fault or after 90 s. */
 bool hrt_setup_feed(hrt_setup *setup, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us);
-/* Prints what was found. Returns whether all pushes moved the tip as commanded. */
+/* Prints what was found. Returns whether all pushes moved the tip as commanded, and every axis was shaken. */
 bool hrt_setup_print(const hrt_setup *setup);
 
 #endif

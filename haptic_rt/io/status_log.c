@@ -131,7 +131,7 @@ static void log_wait(hrt_teller *t, const hrt_facts *f, int wait, bool again) {
                  f->refusal ? f->refusal : "they are too old");
     else if (wait == WAITS_SAMPLES)
         log_kind(t, HRT_LOG_WAIT + wait, f, "waiting for new samples: %s",
-                 t->from_file ? "those of the file" : "start tm-sim, or wait for its FORCE messages");
+                 t->source ? t->source : "start tm-sim, or wait for its FORCE messages");
     else if (again)
         log_kind(t, HRT_LOG_WAIT + wait, f, "still in fault %s, waiting for a reset (%s)", hrt_fault_name(f->fault),
                  hrt_fault_text(f->fault));

@@ -39,8 +39,8 @@ typedef struct hrt_teller {
     /* set by the caller */
     const char *bus;
     int32_t instrument;
-    bool from_file; /* samples come from a file, not a network */
-    bool drive;     /* the device is not on a bus (drive.h) */
+    const char *source; /* of samples that come from no network; null: they do */
+    bool drive;         /* the device is not on a bus (drive.h) */
     /* internal; start with logged = {.state = -1} */
     struct {
         int state, wait;

@@ -1,9 +1,9 @@
 /* Shared by both stub libraries: a cursor that a hand holds, troubles selected by environment variables, a log. User
  * axes: right, away, up; m and N.
  *
- * STUB_LOG: file; lines "time_us,force x,y,z (N, user axes),cursor x,y,z (m)", "# broken RULE", "# trouble TIME".
- * STUB_SWING: m, the hand moves up and down by this every two seconds, and nowhere else.
- * STUB_TROUBLE: open, start, position, force, frozen, late, nonsense, still; STUB_AFTER: s from the first force. */
+ * STUB_LOG: file; lines "time_us,force x,y,z (N, user axes),cursor x,y,z (m),torque x,y,z (N m)", "# broken RULE", "#
+ * trouble TIME". STUB_SWING: m, the hand moves up and down by this every two seconds, and nowhere else. STUB_TROUBLE:
+ * open, start, position, orientation, force, frozen, late, nonsense, still; STUB_AFTER: s from the first force. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -12,7 +12,7 @@
 #include <time.h>
 
 static FILE *stub_log;
-static double cursor[3] = {0.0, 0.0, 0.02}, speed[3], force[3];
+static double cursor[3] = {0.0, 0.0, 0.02}, speed[3], force[3], torque[3];
 static long long begin_us, last_us, first_force_us, frozen_us;
 
 static long long now_us(void) {
@@ -83,5 +83,6 @@ static void move_cursor(void) {
 static void set_force(double right, double away, double up) {
     force[0] = right, force[1] = away, force[2] = up;
     if (!first_force_us && (right != 0.0 || away != 0.0 || up != 0.0)) first_force_us = now_us();
-    note("%lld,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n", now_us(), right, away, up, cursor[0], cursor[1], cursor[2]);
+    note("%lld,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f,%.9f\n", now_us(), right, away, up, cursor[0], cursor[1],
+         cursor[2], torque[0], torque[1], torque[2]);
 }

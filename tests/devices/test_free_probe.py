@@ -38,12 +38,13 @@ def test_free_probe_feels_its_shaft_in_lockstep(tmp_path, types, device):
 
 
 # tilt_y: of the emulated handle. The service's is upright, the stylus points away from the user.
-@pytest.mark.parametrize(("name", "device", "tilt_y"), [("haply", "inverse3_versegrip", 0.0), ("touch", "touch_stylus", 1.5708)])
+@pytest.mark.parametrize(("name", "device", "tilt_y"), [("haply", "inverse3_versegrip", 0.0), ("touch", "touch_stylus", 1.5708), ("omega", "omega_wrist", 1.5708)])
 def test_free_probe_with_the_emulator(tmp_path, once, monkeypatch, name, device, tilt_y):
     """The force at the emulator is that of the ticks, and the tool has the handle's direction."""
     if name == "haply" and not built_in():
         pytest.skip("haptic-rt was built without libwebsockets (libwebsockets-dev)")
     stubs = once("stub-libraries", test_libraries.build_stubs)
+    monkeypatch.setenv("STUB_WRIST", "passive")
     monkeypatch.setattr(scenekit, "SCENE", SCENE)
     monkeypatch.setattr(scenekit, "TYPES", {name: device})
     monkeypatch.setattr(scenekit, "CURSOR", f"--workspace depth=0.01 --device-type {device}")

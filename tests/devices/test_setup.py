@@ -24,6 +24,12 @@ def test_correct_device_is_confirmed_and_identified(tmp_path):
         assert -1 < float(delay) < 8 and float(unexplained) < 10, said
 
 
+def test_a_fault_ends_the_test(tmp_path):
+    with emulator(tmp_path, "--trouble", "nonsense", "--after", "0.3") as (_, port, _log):
+        code, said = in_setup(tmp_path, port)
+    assert code == 1 and "a fault ended the test" in said and "NOT confirmed" in said and not FOUND.findall(said), said
+
+
 def test_wrong_signs_and_units_are_found(tmp_path):
     with emulator(tmp_path, "--wrong=-1,0.001,1") as (_, port, log):
         code, said = in_setup(tmp_path, port)
