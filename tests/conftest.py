@@ -42,6 +42,22 @@ def long_run():
     return LONG
 
 
+def processor_s():
+    """Returns the processor time of this process and its ended children, s."""
+    return sum(os.times()[:4])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_logstart():
+    processor_s.before = processor_s()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_makereport(item, call):
+    if call.when == "teardown":
+        item.user_properties.append(("processor_s", round(processor_s() - processor_s.before, 1)))
+
+
 def pytest_unconfigure(config):
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None or hasattr(config, "workerinput"):

@@ -18,7 +18,7 @@ IN = {
     "devices/": "system",
     "docs/": "unit", "docs/test_adding": "system", "docs/test_commands": "system", "docs/test_library_guide": "system", "docs/test_newcomer": "system", "docs/test_page_lengths": "system", "docs/test_tutorial": "system",
     "reality/": "physics", "fit/": "system",
-    "effects/": "physics", "hash/": "physics", "organ/": "system", "organ/test_pressing": "physics", "stability/": "physics",
+    "effects/": "physics", "hash/": "system", "organ/": "system", "organ/test_pressing": "physics", "stability/": "physics",
     "loop/": "unit", "loop/test_messages": "system", "loop/test_processes": "system", "loop/test_release.py": "physics", "loop/test_rows": "system", "loop/test_soak": "system",
     "loop/test_two_hosts": "system",
     "mesh/": "system", "mesh/test_mesh_io": "unit", "mesh/test_image_volumes": "unit", "mesh/test_bad_meshes": "unit", "mesh/test_mesh_files": "unit",
@@ -46,8 +46,8 @@ CLOCK = (
 # Of those: tests that share the set-up of one pytest process run one after the other; the others run concurrently with them.
 TOGETHER = ("devices/test_motors", "trust/test_trust.py::test_attacks", "trust/test_trust.py::test_effects_of_attacks", "trust/test_trust.py::test_listening_attacker", "trust/test_flags", "install/test_live", "loop/test_messages", "sim/test_realtime")
 
-# Long tests of the sanitizers' builds, without clock: they run throughout with the remaining processor time.
-LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input")
+# Tests of the sanitizers' builds, without clock: they run throughout with the remaining processor time. Elsewhere they would wait for those builds.
+LEFTOVER = ("sanitize/test_sanitize.py::test_short_form", "fuzz/test_fuzz.py::test_no_input", "hash/test_hash.py::test_compilers_agree")
 
 # Examine the plain build itself (instructions, memory, system calls, libraries, speed) or make builds of their own: tests/sanitize/run.py skips them.
 # (test_ranks: OpenMPI leaks from modules that it has already closed; no suppression can name them.)

@@ -3,7 +3,9 @@
 Tests that compute run first, two at a time, then those that depend on the wall clock (marker `clock`: guests, complete control loops, windows), which
 tests that compute would starve. The latter mostly wait, so three of them share two processors. The sanitizers' builds run throughout in the scheduler's
 idle class. A failed clock test runs again alone after all others, at most twice (tests/patience.py); a test that computes never does. The last line counts
-all: `N passed, N failed, N skipped, N retried`; the one before names the slowest. Seconds of every test: build/tests/PHASE.xml."""
+all: `N passed, N failed, N skipped, N retried`; those before name the slowest tests, and the processor time of all and of the costliest folders. Seconds of
+every test, on the wall clock and of processor: build/tests/PHASE.xml."""
+import collections
 import json
 import os
 import re
@@ -48,6 +50,17 @@ def costliest(count=10):
         for case in xml.etree.ElementTree.parse(path).iter("testcase"):
             seconds.append((float(case.get("time")), f"{case.get('classname').removeprefix('tests.').replace('.', '/')}::{case.get('name')}"))
     return [f"{time:.0f} s {name}" for time, name in sorted(seconds, reverse=True)[:count] if time >= 1]
+
+
+def processor_seconds(count=8):
+    """Returns the processor time of all tests, then of the costliest folders (C programs by theirs); setup shared by several tests counts to the first."""
+    folders = collections.Counter()
+    for path in filter(os.path.exists, RECORDS):
+        for case in xml.etree.ElementTree.parse(path).iter("testcase"):
+            program = re.search(r"test_program\[(\w+)/", case.get("name"))
+            used = case.find("properties/property[@name='processor_s']")
+            folders[program[1] if program else case.get("classname").split(".")[1]] += float(used.get("value")) if used is not None else 0
+    return [f"{folders.total():.0f} s"] + [f"{seconds:.0f} s {name}" for name, seconds in folders.most_common(count) if seconds >= 1]
 
 
 def phase(*arguments, leftover=False, **environment):
@@ -110,7 +123,7 @@ def main():
     counts = [phase("tests", *TOGETHER, *record("together"))] if by_no_clock else whole()
     passed, failed, skipped, retried = (sum(each) for each in zip(*counts))
     if costliest():
-        print(f"costliest: {', '.join(costliest())}", flush=True)
+        print(f"costliest: {', '.join(costliest())}\nprocessor: {', '.join(processor_seconds())}", flush=True)
     print(f"{passed} passed, {failed} failed, {skipped} skipped, {retried} retried", flush=True)
     return 1 if failed or not passed else 0
 

@@ -97,5 +97,5 @@ def test_what_watches_the_clock_is_run_again_by_itself(root, tmp_path, many, sou
     (tmp_path / "tests/test_some.py").write_text(SUITE.format(many=many, sound=sound))
     run = subprocess.run([sys.executable, root / "tests/run.py"], cwd=tmp_path, env={**os.environ, "TM_JOBS": "0", "TM_OUT": str(tmp_path / "build")}, capture_output=True, text=True, timeout=300)
     assert run.stdout.rstrip().endswith(last) and run.returncode == (" 0 failed" not in last), run.stdout
-    assert "costliest: 1 s test_some::test_that_computes\n" in run.stdout and (tmp_path / "build/tests/clock.xml").exists(), run.stdout
+    assert "costliest: 1 s test_some::test_that_computes\nprocessor: " in run.stdout and (tmp_path / "build/tests/clock.xml").exists(), run.stdout
     assert ("retried, by themselves: tests/test_some.py::" in run.stdout) == (many == 2)
