@@ -23,9 +23,10 @@ CC_asan := clang
 CC_tsan := clang
 CC_fuzz := clang
 CC_clang := clang
+CC_coverage := clang
 CC := $(CC_$(config))
 CXX := $(if $(filter gcc,$(CC)),g++,clang++)
-$(if $(CC),,$(error config=$(config): no such build; use release, debug, asan, tsan, fuzz or clang))
+$(if $(CC),,$(error config=$(config): no such build; use release, debug, asan, tsan, fuzz, coverage or clang))
 
 OPT_release := -O3 -g -DNDEBUG
 OPT_clang := -O3 -g -DNDEBUG
@@ -33,9 +34,11 @@ OPT_debug := -O0 -g
 OPT_asan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
 OPT_tsan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=thread
 OPT_fuzz := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
+# Counts how often each region of the code runs (tests/sanitize/choose.py); the tests' own sources are not counted.
+OPT_coverage := -O1 -fprofile-instr-generate
 OPT := $(OPT_$(config))
 # With a sanitizer the C++ library is linked from the start: the sanitizer must know its functions before a module with C++ is loaded.
-SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
+SAN := $(filter -fsanitize% -fprofile%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
 
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)
@@ -93,7 +96,9 @@ endef
 # $(call test,tests/DIR/test_x.c...,OTHER SOURCES,OUR LIBRARIES,FLAGS): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
 executable = $(eval $(call executable_rule,$(1),$(2),$(3),$(4)))
 program = $(eval PROGRAMS += $(OUT)/bin/$(1))$(call executable,bin/$(1),$(2),$(3),$(4))
-test = $(foreach t,$(1),$(eval TESTS += $(OUT)/$(basename $(t)))$(call executable,$(basename $(t)),$(t) $(2),$(3),$(4) -lcmocka))
+test = $(foreach t,$(1),$(eval TESTS += $(OUT)/$(basename $(t)))$(call executable,$(basename $(t)),$(t) $(2) $(CASES),$(3),$(4) -lcmocka))
+# Sanitizers' builds leave out some cases of a test, and the build for coverage runs each by itself.
+CASES := $(if $(filter asan tsan coverage,$(config)),tests/sanitize/cases.c)
 linker = $(if $(filter %.cpp,$(1)),CXX,CC)
 define executable_rule
 $(OUT)/$(1): $(call objects,$(2)) $(call lib,$(3))
@@ -143,16 +148,16 @@ tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
 # The tests' own sources, a quarter of the code, need not be fast; the code under test is compiled as shipped.
-$(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT)))
+$(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT))) $(if $(filter coverage,$(config)),-fno-profile-instr-generate)
+$(if $(CASES),$(TESTS)): SAN += -Wl,--wrap=_cmocka_run_group_tests
 
-# Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer all except
-# the longest, whose code is also run by others.
+# Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer those that
+# left_out.txt does not name (docs/sanitizers.md).
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
-LONGEST := $(addprefix $(OUT)/tests/,cut/test_touch_rest physics/test_conserve physics/test_law_bound physics/test_law_viscous_bound physics/test_step_threads \
-           physics/test_windows sim/test_transitions solve/test_online solve/test_sent)
-SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(filter-out $(LONGEST),$(TESTS)))
+LEFT_OUT := $(shell awk 'NF == 1 && !/^\#/ {print $$1}' tests/sanitize/left_out.txt)
+SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(if $(filter asan,$(config)),$(filter-out $(addprefix $(OUT)/tests/,$(LEFT_OUT)),$(TESTS)),$(TESTS)))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py
-	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
+	@mkdir -p $(OUT)/tests && printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
 
 help:
 	@sed -n 's/^#: //p' $(MAKEFILE_LIST) | awk -F '  +' '{ printf "%-31s %s\n", $$1, $$2 }'

@@ -113,7 +113,7 @@ def make_once(root, once):
 @pytest.fixture(scope="session")
 def make_config(root, build):
     """make_config(CONFIG, TARGET...): runs `make config=CONFIG TARGET...`, one at a time per folder. Returns that folder, build/CONFIG."""
-    base = build.parent if build.name in ("debug", "asan", "tsan", "fuzz", "clang") else build
+    base = build.parent if build.name in ("debug", "asan", "tsan", "fuzz", "clang", "coverage") else build
 
     def made(config, *targets):
         paths = [str(base / config / target) if "/" in target else target for target in targets]

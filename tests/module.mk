@@ -87,6 +87,11 @@ sanitize:
 	$(call ready,build demo check,venv)
 	@for s in $(SANITIZERS); do $(MAKE) --no-print-directory config=$$s -j$$(nproc) tests || exit; done
 	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(foreach a,$(PYTEST_ARGS),--pytest=$(a)) $(SANITIZERS)
+#: make sanitize-choice        choose the C tests' cases that the short form under AddressSanitizer leaves out: tests/sanitize/left_out.txt
+sanitize-choice:
+	$(call ready,build check,venv)
+	@$(MAKE) --no-print-directory config=coverage -j$$(nproc) tests-short
+	$(VENV)/bin/python tests/sanitize/choose.py --build $(BUILD)/coverage
 # Compiler and flags of a build, for tests that compile a file.
 print-flags:
 	@echo $(CC) $(OPT)

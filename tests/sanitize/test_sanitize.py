@@ -41,6 +41,68 @@ int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body}
     assert len(reports) == 1 and said in reports[0].read_text(errors="replace"), f"{said} was not reported"
 
 
+def chosen(root):
+    sys.path.insert(0, str(root / "tests/sanitize"))
+    import choose
+    return choose
+
+
+def test_what_is_left_out_exists(root):
+    """A case that is renamed runs again until the list is made anew: the list must name it no more."""
+    for program, cases in chosen(root).left_out().items():
+        source = root / f"tests/{program}.c"
+        assert source.exists(), f"{program}: make sanitize-choice"
+        for case in cases:
+            assert f"static void {case}(void **" in source.read_text(), f"{program} {case}: make sanitize-choice"
+
+
+def test_the_choice_reaches_every_region(root):
+    """By regions gained per second; a case that became superfluous and a program without a kept case are left out."""
+    choose = chosen(root)
+    cases = {("a/slow", "all"): (9, {1, 2, 3, 4}), ("a/fast", "first"): (1, {1, 2}), ("a/fast", "second"): (1, {2}), ("a/fast", "third"): (1, {3, 4}),
+             ("a/other", "only"): (2, {5, 6}), ("a/other", "fails by itself"): (5, None)}
+    cases = {name: (seconds, regions and frozenset(regions)) for name, (seconds, regions) in cases.items()}
+    kept = choose.choose(cases)
+    assert kept == {("a/fast", "first"), ("a/fast", "third"), ("a/other", "only"), ("a/other", "fails by itself")}
+    assert list(choose.rows_of(cases, kept)) == ["a/fast second", "a/slow"]
+
+
+CASES = """
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <cmocka.h>
+static void one(void **state) { (void)state; puts("ran: one"); }
+static void one_more(void **state) { (void)state; puts("ran: one_more"); }
+static void fails(void **state) { (void)state; puts("ran: fails"); assert_true(0); }
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(one), cmocka_unit_test(one_more), cmocka_unit_test(fails)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
+"""
+
+
+@pytest.mark.parametrize("left_out, ran, code", [(None, "one one_more fails", 1), ("fails,one", "one_more", 0), ("one,one_more", "fails", 1), ("one,one_more,fails", "", 1)])
+def test_cases_are_left_out_by_name(root, tmp_path, once, left_out, ran, code):
+    """A program of which nothing is left fails: it must not be built."""
+    def compiled(folder):
+        (folder / "cases.c").write_text(CASES)
+        subprocess.run(["gcc", "-o", folder / "cases", folder / "cases.c", root / "tests/sanitize/cases.c", "-Wl,--wrap=_cmocka_run_group_tests", "-lcmocka"], check=True)
+
+    run = subprocess.run([once("sanitize-cases", compiled) / "cases"], env={**os.environ, **({"TM_LEAVE_OUT": left_out} if left_out else {})}, capture_output=True, text=True, timeout=60)
+    assert " ".join(line[5:] for line in run.stdout.splitlines() if line.startswith("ran: ")) == ran and run.returncode == code, run
+
+
+@pytest.mark.long
+def test_the_short_form_still_reaches_what_all_cases_reach(root, make_config):
+    """Of the code as it is now; the list was made of an earlier state."""
+    made = make_config("coverage", "tests-short")
+    done = subprocess.run([sys.executable, root / "tests/sanitize/choose.py", "--build", made, "--check"], capture_output=True, text=True, timeout=3000)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 @pytest.fixture
 def find_nothing(root, make_config, tmp_path):
     """find_nothing(PART, NAME): builds the short form's programs and runs this part of it. Returns its figures."""
