@@ -74,6 +74,20 @@ void sim_limit_report(const sim *s, int32_t tets, const char *when, cJSON *repor
             where, when, (int)tets, (int)sim_alive(s));
 }
 
+void sim_unstable_report(const sim *s, double share, const char *when, cJSON *report) {
+    static const double TOLD_SHARE = 0.005;
+    const int line = sim_law_line(s->scene);
+    char where[600];
+    if (!line) return;
+    if (report) cJSON_AddNumberToObject(report, "unstable_share", share);
+    if (!(share > TOLD_SHARE)) return;
+    app_scene_where(s->scene, line, where, sizeof where);
+    fprintf(stderr,
+            "%s: warning: %sthe law is not elliptic in %.1f %% of the volume, so that each finer mesh gives another "
+            "solution; press less, or use neo-hooke, or 'slack:' for stiff fibres that are compressed\n",
+            where, when, 100 * share);
+}
+
 void sim_shape_json(const tm_deformation *shape, cJSON *report) {
     cJSON *to = cJSON_AddObjectToObject(report, "deformation");
     cJSON_AddNumberToObject(to, "min_det", shape->min_det);

@@ -200,6 +200,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     sim_shape_warn(s, &result.deformation, "at rest ");
     sim_shape_json(&result.deformation, json);
     if (s->model->world) sim_limit_report(s, tm_world_limited_tets(s->model->world), "at rest ", json);
+    if (s->model->world) sim_unstable_report(s, tm_world_unstable_share(s->model->world), "at rest ", json);
     cJSON_AddNumberToObject(json, "load_steps", result.load_steps);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);

@@ -103,8 +103,8 @@ static tm_status check_scene(const app_scene *scene) {
         if (!rc && fibred && !sim_options(scene, "anisotropy"))
             rc = app_scene_bad(scene, m->region.line,
                                "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file "
-                               "or a rule, or give isotropic constants",
-                               m->region.s);
+                               "or a rule, or %s",
+                               m->region.s, app_law_fibred(law) ? "give isotropic constants" : "another 'law:'");
         if (!rc) rc = check_law(scene, m);
         if (!rc && m->damping.line && !sim_options(scene, "damping"))
             rc = app_scene_bad(scene, m->damping.line,

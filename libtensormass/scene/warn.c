@@ -56,6 +56,23 @@ static tm_status warn_materials(const sim *s) {
     return rc;
 }
 
+/* St. Venant-Kirchhoff's law under a uniaxial strain to the stretch s: P = a s (s^2 - 1)/2 + c lambda (s - 1), a = (1 -
+ * c) lambda + 2 mu, whose size falls below s^2 = (1 - 2 c lambda/a)/3. */
+static tm_status warn_collapse(const sim *s) {
+    for (int32_t r = 0; r < s->file.region_count; r++) {
+        const tm_material *m = s->material + r;
+        const double held = m->law_constant[0] * m->lambda_Pa, rest = m->lambda_Pa - held + 2 * m->mu_Pa;
+        const double square = (1 - 2 * held / rest) / 3;
+        if (m->law != TM_LAW_ST_VENANT_KIRCHHOFF || square < 0.25) continue;
+        return app_scene_warn(
+            s->scene, sim_law_line(s->scene),
+            "region '%s': law st-venant-kirchhoff with compression * lambda = %g Pa beside mu = %g Pa: its force falls "
+            "when it is compressed to less than %.2g of its length; use neo-hooke, a larger 'compression:' or 'poisson:'",
+            s->file.region_name[r], held, m->mu_Pa, sqrt(square));
+    }
+    return 0;
+}
+
 static tm_status warn_supports(const sim *s) {
     const int index = sim_effect_find(s->scene, "gravity");
     if (s->scene->support.count || index < 0 || !sim_effect_line(s->scene, index)) return 0;
@@ -96,6 +113,7 @@ static tm_status warn_instrument(const sim *s, int i) {
 tm_status sim_warn(const sim *s) {
     tm_status rc = warn_size(s);
     if (!rc) rc = warn_materials(s);
+    if (!rc) rc = warn_collapse(s);
     if (!rc) rc = warn_supports(s);
     if (!rc && s->instrument_count && !sim_has(s, "contact"))
         rc = app_scene_warn(

@@ -153,7 +153,7 @@ class WorldState(Object):
     def settle(self, tolerance: float = 1e-10, max_steps: int = 2000000, progress: Optional[Callable[[int, float], Any]] = None) -> Settled:
         """Solves for static equilibrium under supports and loads; contact stays active.
 
-        Corotational tissue starts at the present state and advances in load steps; rotated supports turn round their axes by the shorter arc.
+        Corotational and nonlinear tissue starts at the present state, or undeformed if a tenth of it is inverted, and advances in load steps; rotated supports turn round their axes by the shorter arc.
         tolerance: residual relative to forces, or to the stiffness times 1e-4 of the largest displacement if that is more. Rounding may prevent
         1e-11 and below. progress(step, residual): False stops; so does Ctrl-C. ConvergenceError: not reached, the state is unchanged.
         DeformationWarning: tetrahedra are inverted in equilibrium, or linear tissue is far outside its range."""
@@ -313,6 +313,16 @@ class WorldState(Object):
         out = np.zeros((self._vertices, 3), np.uint8)
         lib.tm_support_mask(self, address(out))
         return out
+
+    @property
+    def limited_tets(self) -> int:
+        """Number of tetrahedra that the last step, or settling, found beyond a limit of their nonlinear law (docs/nonlinear-laws.md)."""
+        return int(lib.tm_world_limited_tets(self))
+
+    @property
+    def unstable_share(self) -> float:
+        """Share of the rest volume in which the nonlinear law has lost its ellipticity at u_m, so that the solution depends on the mesh."""
+        return float(lib.tm_world_unstable_share(self))
 
     def check_constrained(self) -> None:
         """Raises SupportError with a vertex if a connected piece has a free rigid motion."""

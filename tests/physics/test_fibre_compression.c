@@ -174,8 +174,32 @@ static void a_block_holds_with_slack(void **state) {
     }
 }
 
+/* A uniform strain: all of the volume has lost its ellipticity beyond the stretch of the law alone, and none before. */
+static void share_of_unstable_volume_is_told(void **state) {
+    (void)state;
+    for (int i = 0; i < 4; i++) {
+        const double lost = lost_at(laws[i / 2], i % 2), side = lost > 0.5 ? lost : 0.56;
+        uniform u;
+        block b = make_block(laws[i / 2], i % 2);
+        make_uniform(&u, laws[i / 2], i % 2);
+        for (int k = -1; k <= 1; k += 2) {
+            const double along = side + 0.05 * k, across = free_sides(&u, along);
+            for (int32_t j = 0; j < 3 * b.mesh->vertex_count; j++)
+                tm_world_state(b.world)->u_m[j] = b.mesh->rest_m[j] * ((j % 3 == 2 ? along : across) - 1);
+            const double share = tm_world_unstable_share(b.world);
+            print_message("%s, slack %d, stretch %.2f: %.3f\n", tm_law_name(laws[i / 2]), i % 2, along, share);
+            assert_true(fabs(share - (k < 0 && i % 2 == 0)) < 1e-12);
+        }
+        tm_pool_release(&u.pool);
+        tm_mesh_destroy(u.mesh);
+        tm_world_destroy(b.world), tm_tissue_destroy(b.tissue), tm_mesh_destroy(b.mesh);
+        free(b.dof);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(fibres_that_push_lose_ellipticity),
-                                       cmocka_unit_test(a_block_holds_with_slack)};
+                                       cmocka_unit_test(a_block_holds_with_slack),
+                                       cmocka_unit_test(share_of_unstable_volume_is_told)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

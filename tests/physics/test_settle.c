@@ -313,6 +313,27 @@ static void tetrahedra_inside_out_are_counted(void **state) {
     destroy(&b);
 }
 
+/* A block thrown about by more than an edge, so that half of its tetrahedra are inverted, is at rest as from the
+ * undeformed shape. */
+static void a_jumbled_block_finds_the_rest_of_the_undeformed_one(void **state) {
+    (void)state;
+    fix_random random = {5};
+    for (law kind = NEO; kind <= MOONEY; kind += MOONEY - NEO) {
+        bar b = make(kind, 0.49, (const int[]){4, 4, 4}, (const double[]){0.03, 0.03, 0.03});
+        lead(&b, TWISTED, 20);
+        const tm_settle_result still = settle(&b, 1e-8);
+        double *u = tm_world_state(b.world)->u_m;
+        for (int32_t i = 0; i < b.n; i++) u[i] = 0.01 * fix_signed(&random);
+        const int32_t inverted = tm_tissue_deformation(b.tissue, u).inverted;
+        const tm_settle_result jumbled = settle(&b, 1e-8);
+        print_message("law %d: %d inverted, then %d; energy %.9g and %.9g J\n", kind, inverted,
+                      jumbled.deformation.inverted, jumbled.energy_J, still.energy_J);
+        assert_true(inverted > 100 && jumbled.deformation.inverted == 0);
+        assert_true(fabs(jumbled.energy_J / still.energy_J - 1) < 1e-6);
+        destroy(&b);
+    }
+}
+
 static bool count(void *user, int64_t step, double residual) {
     (void)step, (void)residual;
     ++*(int *)user;
@@ -391,6 +412,7 @@ int main(void) {
         cmocka_unit_test(supports_rotate_with_contact_too),
         cmocka_unit_test(linear_tissue_says_when_it_is_far_outside_its_range),
         cmocka_unit_test(tetrahedra_inside_out_are_counted),
+        cmocka_unit_test(a_jumbled_block_finds_the_rest_of_the_undeformed_one),
         cmocka_unit_test(work_is_bounded_and_the_error_says_what_can_be_done),
         cmocka_unit_test(a_blow_up_is_bounded_by_the_bodys_size),
     };

@@ -1,9 +1,11 @@
 """Valid settings that are probably mistakes: one line on stderr with the place and the remedy, and the run continues; --strict ends it."""
 import json
 import subprocess
+import sys
 
 import numpy as np
 import pytest
+from paths import ROOT
 from simkit import BLOCK, block_scene, run
 from test_lockstep import columns
 
@@ -167,3 +169,41 @@ def test_share_beyond_the_laws_range_is_reported(bin, root, tmp_path):
                       "--set", "tissue.materials.*.law=neo-hooke", "--set", "tissue.materials.*.stretch=1.2", *tips)
         tets = json.loads((tmp_path / "o.json").read_text())["limited_tets"]
         assert (tets > 11) == loud and (f"{tets} of 1176 tetrahedra were beyond the limit of their law" in said) == loud, said
+
+
+def block(folder, constants, depth):
+    """Returns a scene: a cube between glued plates, pressed by this share."""
+    sys.path.insert(0, str(ROOT / "apps/studies/reality"))
+    import bodies
+    bodies.write_mesh(folder / "block.msh", *bodies.box((4, 4, 4), (0.03, 0.03, 0.03)))
+    plane = "plane: {{point: [0, 0, {}], normal: [0, 0, 1]}}"
+    scene = folder / "block.yaml"
+    scene.write_text(f"""title: A block
+tissue:
+  mesh: block.msh
+  materials:
+    "*": {{young: 5 kPa, {constants}}}
+supports:
+  - {{{plane.format("0")}}}
+  - {{{plane.format("30 mm")}, displace: [0, 0, {-30 * depth} mm]}}
+""")
+    return scene
+
+
+@pytest.mark.parametrize("law, depth, loud", [("st-venant-kirchhoff", 0.4, True), ("st-venant-kirchhoff", 0.1, False), ("neo-hooke", 0.4, False)])
+def test_volume_where_the_law_is_not_elliptic_is_reported(bin, tmp_path, law, depth, loud):
+    scene = block(tmp_path, f"poisson: 0.45, law: {law}", depth)
+    _, said = run(bin / "tm-sim", scene, "--settle", "1e-6", "--json", tmp_path / "o.json")
+    share = json.loads((tmp_path / "o.json").read_text())["unstable_share"]
+    assert (share > 0.005) == loud and (f"the law is not elliptic in {100 * share:.1f} % of the volume" in said) == loud, said
+
+
+@pytest.mark.parametrize("constants, loud", [("poisson: 0", True), ("poisson: 0.45, compression: 0", True), ("poisson: 0.3", False)])
+def test_a_law_whose_force_falls_under_compression_is_told(bin, tmp_path, constants, loud):
+    _, said = run(bin / "tm-sim", block(tmp_path, f"{constants}, law: st-venant-kirchhoff", 0.1), "--check")
+    assert ("its force falls when it is compressed to less than 0.58 of its length; use neo-hooke" in said) == loud, said
+
+
+def test_a_law_that_needs_fibres_asks_for_them(bin, tmp_path):
+    done = subprocess.run([bin / "tm-sim", block(tmp_path, "poisson: 0.4, law: holzapfel, k1: 1 kPa, k2: 1", 0.1), "--check"], capture_output=True, text=True)
+    assert done.returncode == 2 and "add 'anisotropy:' with a file or a rule, or another 'law:'" in done.stderr

@@ -214,6 +214,9 @@ TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 /* Returns the number of tetrahedra that the last force pass found beyond a limit of their nonlinear law, where it
  * continues linearly (tm_material_set_law). */
 TM_API int32_t tm_world_limited_tets(const tm_world *world);
+/* Returns the share of the rest volume in which the nonlinear law has lost its ellipticity at the present
+ * displacements, so that its solution depends on the mesh. Some 10 us a tetrahedron. */
+TM_API double tm_world_unstable_share(const tm_world *world);
 /* Adaptive step of a tissue with nonlinear laws. A step of tm_world_step is step_s long, and is divided into 2^level
  * equal substeps as the tetrahedron that is strained most demands: level 0 up to strain[0], the norm of Green's strain,
  * level k up to strain[k]; at the last level, the step that the world had at the call, everything is allowed. The level

@@ -21,6 +21,7 @@ static const double FALLS = 1e-4;           /* of the stored energy: a large dec
 static const double MIN_INCREMENT = 1e-3;   /* of the path */
 static const double SHORT_INCREMENT = 0.01; /* of the path: a doubtful step this short is accepted */
 static const double WORK_ERROR = 0.25; /* of the trapezoidal rule, as a share of the stored energy of a load step */
+static const double JUMBLED = 0.1;     /* of the tetrahedra inverted: no shape to start from */
 static const double ROUNDING = 1e-6;   /* residuals below this that stop falling are rounding */
 
 typedef struct newton {
@@ -341,6 +342,14 @@ static tm_status from_here(newton *w, double *u, tm_error *error) {
     return status || w->pressed ? status : leave_saddle(w, u, error);
 }
 
+/* The path begins at the undeformed shape if many tetrahedra are inverted: from there Newton's method may end in a
+ * folded shape, or nowhere. */
+static void leave_jumble(const newton *w, double *u) {
+    const int32_t inverted = tm_tissue_deformation(w->tissue, u).inverted;
+    if (!w->rest_args->turns_only && inverted > JUMBLED * tm_tissue_alive_count(w->tissue))
+        memset(u, 0, sizeof(double) * (size_t)w->n);
+}
+
 tm_status tm_settle_newton(const tm_world *world, const tm_newton_rest *rest, const tm_settle_def *def, double *u_m,
                            tm_settle_result *result, tm_error *error) {
     newton w = {.world = world,
@@ -351,6 +360,7 @@ tm_status tm_settle_newton(const tm_world *world, const tm_newton_rest *rest, co
                 .def = def};
     w.n = 3 * w.tissue->mesh->vertex_count;
     w.scale = tm_force_scale_of(w.tissue);
+    leave_jumble(&w, u_m);
     if (!init(&w) || !tm_settle_path_build(&w.path, &w.pool, w.tissue, rest->fixed, rest->target_m, u_m)) {
         tm_pool_release(&w.pool);
         return tm_fail_memory(error, "settling");
