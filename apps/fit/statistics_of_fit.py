@@ -4,6 +4,7 @@ from scipy import optimize, stats
 
 SINGULAR = 1e-6  # least eigenvalue of the Fisher matrix, relative to the largest, below which a direction is free
 OUTLIER = 4.5    # robust standard deviations
+LONGEST = 1e4    # standard deviation of a free direction: of a logarithm, or of a range
 WIDE = 3.0       # interval wider than this factor (or this share of a range through 0): determined badly
 
 
@@ -26,7 +27,7 @@ def covariance(jacobian, variance):
     """Returns (covariance, eigenvalues of the Fisher matrix ascending, their directions); a free direction gets a large, finite variance."""
     fisher = jacobian.T @ jacobian
     values, directions = np.linalg.eigh(fisher)
-    floor = max(values[-1], 1e-300) * SINGULAR**2
+    floor = max(values[-1] * SINGULAR**2, variance / LONGEST**2, 1e-300)
     return directions @ np.diag(variance / np.maximum(values, floor)) @ directions.T, values, directions
 
 
@@ -37,9 +38,10 @@ def summary(x, residual, jacobian, low, high):
     variance = float(residual @ residual) / freedom
     cov, values, directions = covariance(jacobian, variance)
     deviation = np.sqrt(np.diag(cov))
+    spread = np.maximum(deviation, 1e-150)  # 0 if the fit is exact
     t = float(stats.t.ppf(0.975, freedom))
     free = [directions[:, i] for i in range(p) if values[i] <= SINGULAR * values[-1]] if values[-1] > 0 else list(np.eye(p))
-    return {"interval": np.stack([x - t * deviation, x + t * deviation], 1), "deviation": deviation, "correlation": cov / np.outer(deviation, deviation),
+    return {"interval": np.stack([x - t * deviation, x + t * deviation], 1), "deviation": deviation, "correlation": cov / np.outer(spread, spread),
             "free": free, "t": t, "variance": variance, "condition": float(values[-1] / max(values[0], 1e-300)), "freedom": n - p}
 
 

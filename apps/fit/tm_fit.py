@@ -114,7 +114,19 @@ class Fit:
 
 
 def interval(constant, inner):
-    return [constant.outer(v) if abs(v) < 700 else float("inf") for v in inner]
+    low, high = inner
+    if not constant.log:
+        return [constant.outer(low), constant.outer(high)]
+    return [constant.outer(low) if low > -50 else 0.0, constant.outer(high) if high < 50 else float("inf")]
+
+
+def finite(found):
+    """Returns the same for JSON, which has no infinity: null."""
+    if isinstance(found, dict):
+        return {k: finite(v) for k, v in found.items()}
+    if isinstance(found, (list, tuple)):
+        return [finite(v) for v in found]
+    return None if isinstance(found, float) and not np.isfinite(found) else found
 
 
 def more_to_measure(fit, x, found, jacobian):
@@ -130,7 +142,7 @@ def more_to_measure(fit, x, found, jacobian):
     ranked = []
     for name, rows in choices:
         deviation = gain(jacobian, found["variance"], rows)
-        ranked.append({"what": name, "shrinks_to": (deviation / found["deviation"]).tolist()})
+        ranked.append({"what": name, "shrinks_to": (deviation / np.maximum(found["deviation"], 1e-150)).tolist()})
     return sorted(ranked, key=lambda r: np.prod(r["shrinks_to"]))[:5]
 
 
@@ -255,7 +267,9 @@ def report(found):
                 print(f"  {c['path']} and {found['constants'][j]['path']} are correlated ({found['correlation'][i][j]:.3f}): the data determine their combination better than each alone")
     for o in found["outliers"]:
         print(f"  row {o['row']}, {o['column']}: far from the others; check it, or use --robust")
-    if found["more"]:
+    if found["more"] and min(found["more"][0]["shrinks_to"]) > 0.98:
+        print("  to measure next: another quantity, or a load in another direction; more rows of this kind shrink no interval")
+    elif found["more"]:
         best = found["more"][0]
         print(f"  to measure next: {best['what']} shrinks the intervals to " + ", ".join(f"{100 * s:.0f} %" for s in best["shrinks_to"]))
     if found["mesh_check"]:
@@ -364,7 +378,7 @@ def main():
         a.out.mkdir(parents=True, exist_ok=True)
         with Trials(SIM, a.scene, a.set) as trials:
             found = run(a, problem, trials)
-        (a.out / "fit.json").write_text(json.dumps(found, indent=1) + "\n")
+        (a.out / "fit.json").write_text(json.dumps(finite(found), indent=1) + "\n")
         write_page(a.out / "index.html", found)
         report(found)
         if not a.quiet:

@@ -96,6 +96,19 @@ def test_undetermined_constants_are_reported(bin, scene):
     assert done.stdout.count("not identifiable from this") == 2 and "correlated" in done.stdout
 
 
+def test_constants_without_any_effect_have_the_whole_range(bin, scene):
+    """Holzapfel's fibres along the press carry no load. JSON has no infinity and no NaN."""
+    scene.write_text(SCENE.replace("mooney-rivlin, second: 0.2", "holzapfel, k1: 6 kPa, k2: 1.5") + "anisotropy: {rule: constant, direction: [0, 0, 1]}\n")
+    data = write(scene.parent / "press.csv", DEPTHS[:4], 1.01 * press(bin, scene, DEPTHS[:4]))
+    done = tm_fit(bin, scene, "--data", data, "--row", ROW, "--compare", FORCE, "--quiet", "--fit", "tissue.materials.*.k1=1 kPa..40 kPa", "--fit", "tissue.materials.*.k2=0.1..3")
+    assert done.stderr == "" and done.stdout.count("95 %: 0 to inf") == 2 and done.stdout.count("not identifiable from this") == 2 and "nan" not in done.stdout
+    assert "to measure next: another quantity, or a load in another direction" in done.stdout
+
+    def refuse(word):
+        raise ValueError(word)
+    json.loads((scene.parent / "fit/fit.json").read_text(), parse_constant=refuse)
+
+
 def test_an_outlier_is_named(bin, scene):
     scene.write_text(LINEAR)
     depths = np.linspace(0.0005, 0.006, 12)
