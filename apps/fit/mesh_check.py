@@ -13,26 +13,26 @@ from model import Bad
 EDGE = 0.88  # size for tm-mesh refine, of the cube of six mean tetrahedra: just above half of the longest edge of such a cube
 
 
-def _tissue(text):
-    """Returns the lines of a scene's block `tissue`."""
-    block = re.search(r"^tissue:(.*\n(?:[ \t#].*\n|\n)*)", text + "\n", re.M)
-    return block[1] if block else ""
+def _value(text, section, key):
+    """Returns the value of SECTION.KEY in a scene, or None."""
+    block = re.search(rf"^{section}:(.*\n(?:[ \t#].*\n|\n)*)", text + "\n", re.M)
+    found = block and re.search(rf"\b{key}:\s*[\"']?([^\"',}}\s]+)", re.sub(r"#.*", "", block[1]))
+    return found and found[1]
 
 
 def mesh_of(scene, sets):
-    """Returns the path of the scene's mesh and metres per its unit."""
-    text, block = scene.read_text(), _tissue(scene.read_text())
+    """Returns the path of the scene's mesh, metres per its unit, and the path of its tetrahedra's fibres or None (an image holds on every mesh)."""
+    text = scene.read_text()
     changed = dict(s.split("=", 1) for s in sets if "=" in s)
 
-    def value(key):
-        found = re.search(rf"\b{key}:\s*[\"']?([^\"',}}\s]+)", block)
-        return changed.get(f"tissue.{key}", found and found[1])
-    mesh = value("mesh")
+    def value(section, key):
+        return changed.get(f"{section}.{key}", _value(text, section, key))
+    mesh, fibres = value("tissue", "mesh"), value("anisotropy", "file")
     if not mesh or re.search(r"^bodies:", text, re.M):
         raise Bad(f"--mesh-check: {scene} names no mesh under 'tissue', or has several; name one there, or compare two fits with meshes of your own")
-    if re.search(r"^anisotropy:[^#]*\bfile:", text, re.M):
-        raise Bad(f"--mesh-check: {scene} reads fibres of each tetrahedron from a file; refine both with tm-mesh refine --fibres, and compare two fits")
-    return scene.parent / mesh, value("scale") or "1"
+    if fibres and fibres.endswith((".nii", ".nii.gz")):
+        fibres = None
+    return scene.parent / mesh, value("tissue", "scale") or "1", fibres and scene.parent / fibres
 
 
 def check_loads(scene, row_sets):
@@ -40,11 +40,11 @@ def check_loads(scene, row_sets):
     text = scene.read_text()
     loads = re.search(r"^loads:(.*\n(?:[ \t#-].*\n|\n)*)", text + "\n", re.M)
     if (loads and re.search(r"\bforce:", loads[1])) or any(re.match(r"loads\[\d+\]\.force", s) for s in row_sets):
-        raise Bad(f"--mesh-check: {scene} has loads with 'force', which acts on each vertex, so that a finer mesh is loaded more; use 'traction'")
+        raise Bad(f"--mesh-check: {scene} has loads with 'force', which acts on each vertex, so that a finer mesh is loaded more; use 'total' or 'traction'")
 
 
-def refine(mesh_tool, mesh, scale, out):
-    """Writes the refined mesh. Returns both counts of tetrahedra and the ratio of the sizes."""
+def refine(mesh_tool, mesh, scale, fibres, out):
+    """Writes the refined mesh, and fibres of its tetrahedra beside it. Returns both counts of tetrahedra and the ratio of the sizes."""
     def run(*words):
         done = subprocess.run([str(w) for w in (mesh_tool, *words)], capture_output=True, text=True)
         if done.returncode:
@@ -56,7 +56,8 @@ def refine(mesh_tool, mesh, scale, out):
     old = info(mesh)
     size = EDGE * (6 * old["volume_m3"] / old["tets"]) ** (1 / 3)
     box = ",".join(f"{v:.9g}" for v in (*(x - 1e-3 - size for x in old["low_m"]), *(x + 1e-3 + size for x in old["high_m"])))
-    run("refine", f"--box={box}", "--size", f"{size:.9g}", "--scale", scale, mesh, "-o", out)
+    carried = ["--fibres", fibres, "--write-fibres", out.with_suffix(".csv")] if fibres else []
+    run("refine", f"--box={box}", "--size", f"{size:.9g}", "--scale", scale, *carried, mesh, "-o", out)
     new = info(out)
     return old["tets"], new["tets"], (new["tets"] / old["tets"]) ** (1 / 3)
 
@@ -65,8 +66,10 @@ class MeshCheck:
     """The refined scene, and the constants without the mesh's error."""
 
     def __init__(self, mesh_tool, a, fine_trials):
-        self.tets, self.refined, self.ratio = refine(mesh_tool, *mesh_of(a.scene, a.set), path_of(a.out))
-        self.trials = fine_trials([*a.set, f"tissue.mesh={path_of(a.out).resolve()}"])
+        mesh, scale, fibres = mesh_of(a.scene, a.set)
+        out = path_of(a.out).resolve()
+        self.tets, self.refined, self.ratio = refine(mesh_tool, mesh, scale, fibres, out)
+        self.trials = fine_trials([*a.set, f"tissue.mesh={out}", *([f"anisotropy.file={out.with_suffix('.csv')}"] if fibres else [])])
 
     def limit(self, problem, trials, x):
         """Returns the values of the scene's mesh, those without its error, and derivatives."""

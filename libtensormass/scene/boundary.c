@@ -1,6 +1,7 @@
 /* Converts supports and loads of a scene to arrays, for all models. */
 #include "sim.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -100,6 +101,33 @@ static tm_status add_traction(sim *s, const app_load *load, const uint8_t *mark,
     return rc;
 }
 
+static double area_of(const tm_mesh *mesh, const int32_t v[3]) {
+    double normal[3], edge[2][3];
+    for (int i = 0; i < 6; i++)
+        edge[i / 3][i % 3] = mesh->rest_m[3 * v[1 + i / 3] + i % 3] - mesh->rest_m[3 * v[0] + i % 3];
+    for (int i = 0; i < 3; i++)
+        normal[i] = edge[0][(i + 1) % 3] * edge[1][(i + 2) % 3] - edge[0][(i + 2) % 3] * edge[1][(i + 1) % 3];
+    return 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+}
+
+/* Adds a total force: over the area of the marked surface triangles, so that it does not depend on the mesh; of
+ * vertices without a triangle, in equal parts. */
+static void add_total(const sim *s, const app_load *load, const uint8_t *mark, int32_t selected, double *force) {
+    const tm_mesh *mesh = s->mesh;
+    const double *total = load->total.v;
+    double area = 0;
+    for (int pass = 0; pass < 2; pass++)
+        for (int32_t t = 0; t < mesh->surface_count; t++) {
+            const int32_t *v = &mesh->surface[3 * t];
+            if (!mark[v[0]] || !mark[v[1]] || !mark[v[2]]) continue;
+            if (pass == 0) area += area_of(mesh, v);
+            if (pass == 1)
+                tm_load_add_traction(mesh, v, 1, (double[]){total[0] / area, total[1] / area, total[2] / area}, force);
+        }
+    for (int32_t v = 0; v < mesh->vertex_count && area == 0; v++)
+        for (int a = 0; a < 3 && mark[v]; a++) force[3 * v + a] += total[a] / selected;
+}
+
 /* Adds a load's pressure to those of the surface triangles [surface_count]. */
 static tm_status add_pressure(sim *s, const app_load *load, uint8_t *mark, double *pressure_Pa) {
     int32_t *list = NULL, count = 0, selected;
@@ -142,6 +170,7 @@ tm_status sim_build_loads(sim *s) {
         const app_load *load = (const app_load *)scene->load.item + i;
         rc = sim_select(s, &load->select, load->here.line, mark, &selected);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
+        if (!rc && load->total.line) add_total(s, load, mark, selected, force);
         for (int32_t v = 0; v < n && !rc && load->force.line; v++)
             for (int a = 0; a < 3 && mark[v]; a++) force[3 * v + a] += load->force.v[a];
     }

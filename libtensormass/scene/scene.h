@@ -195,7 +195,7 @@ typedef struct app_load {
     app_section here;
     app_text name;
     app_select select;
-    app_vector force, traction;
+    app_vector force, total, traction;
     app_number pressure;
 } app_load;
 

@@ -137,9 +137,9 @@ static tm_status check_loads(const app_scene *scene) {
         const app_load *l = (const app_load *)scene->load.item + i;
         tm_status rc = app_select_check(scene, &l->select, l->here.line, "this load");
         if (rc) return rc;
-        if (!l->force.line + !l->traction.line + !l->pressure.line != 2)
+        if (!l->force.line + !l->total.line + !l->traction.line + !l->pressure.line != 3)
             return app_scene_bad(scene, l->here.line,
-                                 "a load needs either a force, a traction or a pressure; give one of them");
+                                 "a load needs either a force, a total, a traction or a pressure; give one of them");
         if (l->pressure.line && scene->model.index != APP_DYNAMIC)
             return app_scene_bad(scene, l->pressure.line,
                                  "a pressure follows the surface, and this model's loads are constant; give a traction "

@@ -145,10 +145,12 @@ static const app_field fields[] = {
      "the prescribed displacement; zero fixes them"},
 
     {"loads", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, load), sizeof(app_load),
-     "constant forces. Each item: one selector and `force`, `traction` or `pressure`"},
+     "constant forces. Each item: one selector and `force`, `total`, `traction` or `pressure`"},
     {"loads[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_load, name), 0, "name in reports"},
     APP_SELECT_FIELDS("loads[].", offsetof(app_load, select)),
     {"loads[].force", APP_VECTOR, "force", NULL, 0, 0, offsetof(app_load, force), 0, "force on each selected vertex"},
+    {"loads[].total", APP_VECTOR, "force", NULL, 0, 0, offsetof(app_load, total), 0,
+     "force on all of them, as a `traction` if they have complete surface triangles, else in equal parts"},
     {"loads[].traction", APP_VECTOR, "pressure", NULL, 0, 0, offsetof(app_load, traction), 0,
      "force per undeformed area, on the surface triangles whose three vertices are selected"},
     {"loads[].pressure", APP_NUMBER, "pressure", NULL, -1e9, 1e9, offsetof(app_load, pressure), 0,

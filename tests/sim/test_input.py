@@ -57,7 +57,7 @@ BAD = {
     "supports contradict": (BASE + "  - {{group: x_min, displace: [1 mm, 0, 0]}}\n", 8, "already fixed at 0 m along x by another support ({scene}:7); make"),
     "axes": (BASE.replace("group: z_min", "group: z_min, axes: w"), 7, "axes 'w'"),
     "free axis moved": (BASE.replace("group: z_min", "group: z_min, axes: xy, displace: [0, 0, 1 mm]"), 7, "is not in its axes"),
-    "load without force": (BASE + "loads:\n  - {{group: z_max}}\n", 9, "either a force, a traction or a pressure"),
+    "load without force": (BASE + "loads:\n  - {{group: z_max}}\n", 9, "either a force, a total, a traction or a pressure"),
     "fibred without fibres": (BASE.replace("young: 10 kPa, poisson: 0.4", "lambda_T: 1 kPa, mu_T: 1 kPa, lambda_L: 2 kPa, mu_L: 2 kPa"), 5, "add 'anisotropy:'"),
     "fibres twice": (BASE + "anisotropy: {{rule: constant, file: a.csv}}\n", 8, "either a file or a rule"),
     "fibre file missing": (BASE + "anisotropy: {{file: a.csv}}\n", 8, "a.csv: cannot open"),
