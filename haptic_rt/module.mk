@@ -5,7 +5,7 @@ $(call library,hrt,$(HRT_CORE_SRC))
 $(call library,hrt_core,$(call files,haptic_rt/core/*.c))
 $(call library,hrt_io,$(call files,haptic_rt/io/bus*.c) $(addprefix haptic_rt/io/,from_message.c histogram.c line_reader.c network.c node.c peer.c profile.c csv_table.c identify.c drive.c workspace.c))
 $(call library,hrt_motion,$(call files,haptic_rt/motion/*.c))
-$(call library,hrt_device,haptic_rt/device/device.c)
+$(call library,hrt_device,haptic_rt/device/device.c haptic_rt/device/handle.c)
 # The core has stricter compiler options than other code.
 $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Werror
 

@@ -3,6 +3,9 @@
  * except in DeviceFault, holds the counter, and a flag in its top bit. */
 #include "codec.h"
 
+#if HRT_WITH_FREE
+static const float HANDLE_UNIT_NM = 2.0e-4f;
+#endif
 const float hrt_can_torque_unit[HRT_MOTORS] = {1.0e-4f, 1.0e-4f, 1.0e-3f};
 
 enum { RESET_KEY = 0xA5, COUNTER_MASK = 0x7F, FLAG = 0x80 };
@@ -17,6 +20,9 @@ static const layout layouts[] = {
     {HRT_CAN_COMMAND, 0x100, 8},         {HRT_CAN_ENCODER_A, 0x110, 8}, {HRT_CAN_ENCODER_B, 0x118, 6},
     {HRT_CAN_DEVICE_FAULT, 0x80, 4},     {HRT_CAN_RESET, 0x90, 3},      {HRT_CAN_DEVICE_BEAT, 0x700, 8},
     {HRT_CAN_CONTROLLER_BEAT, 0x710, 8}, {HRT_CAN_ENCODER_C, 0x114, 6},
+#if HRT_WITH_FREE
+    {HRT_CAN_HANDLE, 0x108, 8},
+#endif
 };
 enum { LAYOUTS = (int)(sizeof layouts / sizeof layouts[0]) };
 
@@ -70,6 +76,13 @@ static bool pack_payload(const hrt_can_message *m, uint8_t *d, uint8_t *tail) {
         return true;
     case HRT_CAN_ENCODER_A: put_counts(d, m->count, 3); return true;
     case HRT_CAN_ENCODER_C: put_counts(d, m->tilt, 2); return true;
+#if HRT_WITH_FREE
+    case HRT_CAN_HANDLE:
+        for (size_t i = 0; i < 3; i++) put16(&d[2 * i], (uint32_t)to_int16(m->handle_Nm[i] / HANDLE_UNIT_NM));
+        return true;
+#else
+    case HRT_CAN_HANDLE: return false;
+#endif
     case HRT_CAN_ENCODER_B:
         put_counts(d, &m->count[3], 2);
         if (m->pedal) *tail |= FLAG;
@@ -120,6 +133,13 @@ static bool unpack_payload(const uint8_t *d, uint8_t tail, hrt_can_message *m) {
         return true;
     case HRT_CAN_ENCODER_A: get_counts(d, m->count, 3); return !flag;
     case HRT_CAN_ENCODER_C: get_counts(d, m->tilt, 2); return !flag;
+#if HRT_WITH_FREE
+    case HRT_CAN_HANDLE:
+        for (size_t i = 0; i < 3; i++) m->handle_Nm[i] = (float)(int16_t)get16(&d[2 * i]) * HANDLE_UNIT_NM;
+        return !flag;
+#else
+    case HRT_CAN_HANDLE: return false;
+#endif
     case HRT_CAN_ENCODER_B:
         get_counts(d, &m->count[3], 2);
         m->pedal = flag;

@@ -34,7 +34,8 @@ typedef enum hrt_can_kind {
     HRT_CAN_COMMAND, /* controller: torques */
     HRT_CAN_CONTROLLER_BEAT,
     HRT_CAN_RESET,
-    HRT_CAN_ENCODER_C /* device that tilts: its tilt, between ENCODER_A and ENCODER_B of the same counter */
+    HRT_CAN_ENCODER_C, /* device that tilts: its tilt, between ENCODER_A and ENCODER_B of the same counter */
+    HRT_CAN_HANDLE     /* controller: torque at the handle, before the COMMAND of the same counter */
 } hrt_can_kind;
 
 /* Number of counts in the first two encoder frames. */
@@ -53,6 +54,9 @@ typedef struct hrt_can_message {
     uint16_t gaps;        /* device heartbeat: commands missed, by their counter */
     uint16_t detail;      /* device fault */
     int32_t tilt[2];      /* C: counts */
+#if HRT_WITH_FREE
+    float handle_Nm[3]; /* HANDLE: along the joint axes */
+#endif
 } hrt_can_message;
 
 /* Packs a message; values are clamped to the frame's ranges. Returns false for a kind that is never sent. */

@@ -103,6 +103,7 @@ void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt
         if (ours) take_device_fault(exchange, now_us, m->fault, input);
         break;
     case HRT_CAN_COMMAND:
+    case HRT_CAN_HANDLE:
     case HRT_CAN_CONTROLLER_BEAT:
     case HRT_CAN_RESET:
         if (ours) input->bus_conflict_us = now_us;
@@ -118,6 +119,14 @@ int32_t hrt_can_exchange_frames(hrt_can_exchange *exchange, int64_t now_us, cons
             .kind = HRT_CAN_RESET, .instrument = exchange->instrument, .counter = exchange->command_counter};
         count += hrt_can_pack(&message, &frame[count]);
     }
+#if HRT_WITH_FREE
+    if (exchange->turns) {
+        hrt_can_message handle = {
+            .kind = HRT_CAN_HANDLE, .instrument = exchange->instrument, .counter = exchange->command_counter};
+        for (int32_t i = 0; i < 3; i++) handle.handle_Nm[i] = result->handle_torque_Nm[i];
+        count += hrt_can_pack(&handle, &frame[count]);
+    }
+#endif
     hrt_can_message command = {.kind = HRT_CAN_COMMAND,
                                .instrument = exchange->instrument,
                                .counter = exchange->command_counter++,

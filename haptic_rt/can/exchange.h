@@ -10,11 +10,12 @@
 extern "C" {
 #endif
 
-enum { HRT_CAN_EXCHANGE_FRAMES = 3, HRT_CAN_EXCHANGE_BEAT_US = 50000, HRT_CAN_EXCHANGE_RESET_QUIET_US = 10000 };
+enum { HRT_CAN_EXCHANGE_FRAMES = 4, HRT_CAN_EXCHANGE_BEAT_US = 50000, HRT_CAN_EXCHANGE_RESET_QUIET_US = 10000 };
 
 typedef struct hrt_can_exchange {
     int32_t instrument;
     bool tilts; /* a set of encoders has the device's tilt too */
+    bool turns; /* a command has the torque at the handle too */
     int32_t tilt[2];
     uint8_t tilt_counter;
     bool tilt_waits;
@@ -39,7 +40,8 @@ void hrt_can_exchange_reset(hrt_can_exchange *exchange, int64_t now_us, hrt_inpu
  * once all its frames came with one counter newer than the last. A repeated or overtaken set is not a sign of life. */
 void hrt_can_exchange_take(hrt_can_exchange *exchange, int64_t now_us, const hrt_can_message *message,
                            hrt_input *input);
-/* Builds the frames to send after a tick: a requested reset, the command, periodically the heartbeat. Returns how many
+/* Builds the frames to send after a tick: a requested reset, the command (after the torque at
+ * the handle, if that is rendered), periodically the heartbeat. Returns how many
  * of `frame` are filled. */
 int32_t hrt_can_exchange_frames(hrt_can_exchange *exchange, int64_t now_us, const hrt_result *result, bool reset,
                                 hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES]);

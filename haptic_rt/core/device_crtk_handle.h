@@ -1,5 +1,5 @@
 /* CRTK master whose handle gives the shaft's direction and takes torque: for an instrument without a trocar. Limits and
- * arm are ours: 0.2 N m hold 2 N across an arm of 0.1 m. Twin as device_crtk.h; its hand holds any torque. */
+ * arm are ours: 0.2 N m hold 2 N across an arm of 0.1 m. Twin as device_crtk.h, and the handle turns. */
 
 #ifdef HRT_DESCRIBE
 static const hrt_device_type crtk_handle_type = {
@@ -9,5 +9,5 @@ static const hrt_device_type crtk_handle_type = {
 #endif
 
 #ifdef HRT_TWIN
-static const hrt_twin crtk_handle_twin = {CURSOR_TWIN(0.6, 0.6, 0.4)};
+static const hrt_twin crtk_handle_twin = {HANDLE_TURNING, CURSOR_TWIN(0.6, 0.6, 0.4)};
 #endif

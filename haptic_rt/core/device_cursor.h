@@ -30,6 +30,15 @@
        .torque_max = {force_N, force_N, force_N}, .force_max_N = force_N, .rounding_m = 1.0e-6f, .insertion = -1,      \
        .roll = 3, .grip = 4, GEOMETRY(desk)
 
+/* Of a handle that takes torque. Inertia and hold are those of a hand about its wrist, by estimate: across an arm of
+ * 0.1 m they are 0.2 kg, 300 N/m and 11 N s/m, as those of the slides. */
+#define HANDLE_TURNING                                                                                                 \
+    .turning = {.inertia_kg_m2 = 0.002,                                                                                \
+                .viscous_Nm_s = 0.003,                                                                                 \
+                .coulomb_Nm = 0.005,                                                                                   \
+                .hand_stiffness_Nm = 3.0,                                                                              \
+                .hand_damping_Nm_s = 0.11}
+
 #define CURSOR_TWIN(mass_kg, viscous_N_s_m, coulomb_N)                                                                 \
     .inertia = {mass_kg, mass_kg, mass_kg}, .viscous = {viscous_N_s_m, viscous_N_s_m, viscous_N_s_m},                  \
     .coulomb = {coulomb_N, coulomb_N, coulomb_N}, .hand_stiffness = {300.0, 300.0, 300.0},                             \

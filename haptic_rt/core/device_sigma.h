@@ -10,5 +10,5 @@ static const hrt_device_type sigma_type = {
 #endif
 
 #ifdef HRT_TWIN
-static const hrt_twin sigma_twin = {CURSOR_TWIN(0.4, 0.4, 0.1)};
+static const hrt_twin sigma_twin = {HANDLE_TURNING, CURSOR_TWIN(0.4, 0.4, 0.1)};
 #endif

@@ -26,6 +26,7 @@ hrt_device_config hrt_device_config_of(const hrt_device_type *device, int32_t in
         c.hand_damping[j] = twin->hand_damping[j];
     }
     for (int j = 0; j < HRT_JOINTS; j++) c.rest[j] = twin->rest[j];
+    c.turning = twin->turning;
     hrt_params_of_device(&c.profile, device);
     return c;
 }
@@ -41,6 +42,8 @@ void hrt_device_init(hrt_device *device, const hrt_device_config *config, hrt_bu
     device->random = config->seed ? config->seed : 1;
     for (int j = 0; j < HRT_JOINTS; j++)
         device->joint[j] = device->target[j] = config->hand.key ? config->hand.key[0].joint[j] : config->rest[j];
+    if (config->profile.device->tilts)
+        hrt_handle_init(&device->handle, config->profile.device, &device->joint[HRT_TILT]);
 }
 
 void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool active) {
@@ -68,24 +71,53 @@ static void want(hrt_device *d, double time_s) {
 
 static double shrink(double x, double by) { return x > by ? x - by : x < -by ? x + by : 0.0; }
 
+static bool turns(const hrt_device *d) {
+    return d->config.profile.device->tilts && d->config.turning.inertia_kg_m2 > 0.0;
+}
+
+/* Moves from the tip to the handle's point (sign -1) or back: the slides hold the tip. */
+static void swing(const hrt_device *d, double sign, double joint[HRT_JOINTS]) {
+    double by_m[3];
+    if (!turns(d) || !(d->arm_m > 0.0)) return;
+    hrt_handle_swing(&d->handle, &joint[HRT_TILT], d->arm_m, by_m);
+    for (int i = 0; i < 3; i++) joint[i] += sign * by_m[i];
+}
+
+static void turn_handle(hrt_device *d, const double before[HRT_JOINTS], double dt_s) {
+    const double most = (double)d->config.profile.joint_max[HRT_TILT];
+    double tilt[2];
+    hrt_handle_turn(&d->handle, &d->config.turning, d->handle_Nm, &before[HRT_TILT], &d->target[HRT_TILT], most, dt_s,
+                    tilt);
+    for (int i = 0; i < 2; i++) {
+        d->velocity[HRT_TILT + i] = (tilt[i] - d->joint[HRT_TILT + i]) / dt_s;
+        d->joint[HRT_TILT + i] = tilt[i];
+    }
+}
+
+/* Moves the joints by a step. Of a device whose handle turns, the slides are moved as its handle's point. */
 static void move(hrt_device *d, double dt_s) {
     const hrt_device_config *c = &d->config;
-    double before[HRT_JOINTS];
+    double before[HRT_JOINTS], target[HRT_JOINTS];
     memcpy(before, d->target, sizeof before);
     want(d, 1.0e-6 * ((double)(d->now_us - d->start_us) - c->start_us));
     const hrt_device_type *type = c->profile.device;
+    memcpy(target, d->target, sizeof target);
+    swing(d, -1.0, before);
+    swing(d, -1.0, target);
+    swing(d, -1.0, d->joint);
     for (int j = 0; j < type->joints; j++) {
+        if (j >= HRT_TILT && turns(d)) break;
         if (j < type->motors) {
-            const double wanted_rate = (d->target[j] - before[j]) / dt_s;
+            const double wanted_rate = (target[j] - before[j]) / dt_s;
             const double push =
-                d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
+                d->torque[j] + c->hand_stiffness[j] * (target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
             const double damping = c->hand_damping[j] + c->viscous[j];
             /* Viscous damping is implicit; Coulomb friction is limited to the force that stops the joint within the
              * step. */
             const double v = (d->velocity[j] + dt_s * push / c->inertia[j]) / (1.0 + dt_s * damping / c->inertia[j]);
             d->velocity[j] = shrink(v, dt_s * c->coulomb[j] / c->inertia[j]);
         } else
-            d->velocity[j] = (d->target[j] - d->joint[j]) * fmin(c->roll_grip_rate, 1.0 / dt_s);
+            d->velocity[j] = (target[j] - d->joint[j]) * fmin(c->roll_grip_rate, 1.0 / dt_s);
         d->joint[j] += dt_s * d->velocity[j];
         const double low = (double)c->profile.joint_min[j], high = (double)c->profile.joint_max[j];
         if (d->joint[j] < low || d->joint[j] > high) {
@@ -93,12 +125,15 @@ static void move(hrt_device *d, double dt_s) {
             d->velocity[j] = 0.0;
         }
     }
+    if (turns(d)) turn_handle(d, before, dt_s);
+    swing(d, 1.0, d->joint);
 }
 
 /* Lets the commands act whose delay has passed. */
 static void act_late(hrt_device *d) {
     while (d->late_count > 0 && d->late[0].due_us <= d->now_us) {
         memcpy(d->torque, d->late[0].torque, sizeof d->torque);
+        memcpy(d->handle_Nm, d->late[0].handle_Nm, sizeof d->handle_Nm);
         memmove(d->late, d->late + 1, sizeof d->late[0] * (size_t)--d->late_count);
     }
 }
@@ -109,6 +144,7 @@ static void motors_off(hrt_device *d) {
     d->motors_on = false;
     d->late_count = 0;
     for (int j = 0; j < HRT_MOTORS; j++) d->torque[j] = 0.0;
+    for (int i = 0; i < 3; i++) d->handle_Nm[i] = 0.0;
 }
 
 static void send_message(hrt_device *d, hrt_can_message *m) {
@@ -123,6 +159,18 @@ static void fail(hrt_device *d, hrt_device_fault fault) {
     d->fault = fault;
     hrt_can_message m = {.kind = HRT_CAN_DEVICE_FAULT, .fault = (uint8_t)fault};
     send_message(d, &m);
+}
+
+/* Keeps a torque at the handle until its command. The first shows that the slides hold the tip, an arm beyond. */
+static void take_handle(hrt_device *d, const hrt_can_message *m) {
+    double size2 = 0.0;
+    const double most = (double)d->config.profile.handle_torque_max_Nm;
+    for (int i = 0; i < 3; i++) size2 += (double)m->handle_Nm[i] * (double)m->handle_Nm[i];
+    const double share = size2 > most * most ? most / sqrt(size2) : 1.0;
+    for (int i = 0; i < 3; i++) d->handle_sent_Nm[i] = share * (double)m->handle_Nm[i];
+    d->handle_counter = m->counter;
+    d->handle_waits = true;
+    d->arm_m = (double)d->config.profile.arm_m;
 }
 
 static void take_command(hrt_device *d, const hrt_can_message *m) {
@@ -146,11 +194,15 @@ static void take_command(hrt_device *d, const hrt_can_message *m) {
     }
     if (d->fault != HRT_DEVICE_FINE) return;
     d->motors_on = true;
-    double *into = d->torque;
+    double *into = d->torque, *turn = d->handle_Nm;
     if (d->config.delay_us > 0.0 && d->late_count < HRT_DEVICE_LATE) {
         d->late[d->late_count].due_us = d->heard_us + (int64_t)d->config.delay_us;
+        turn = d->late[d->late_count].handle_Nm;
         into = d->late[d->late_count++].torque;
     }
+    const bool whole = d->handle_waits && d->handle_counter == m->counter;
+    for (int i = 0; i < 3; i++) turn[i] = whole ? d->handle_sent_Nm[i] : 0.0;
+    d->handle_waits = false;
     for (int j = 0; j < HRT_MOTORS; j++) {
         const double most = (double)d->config.profile.torque_max[j];
         const double torque = (double)m->torque[j] / (double)hrt_can_torque_scale(d->config.profile.device, j);
@@ -173,6 +225,9 @@ static void take_frames(hrt_device *d) {
             break;
         case HRT_CAN_COMMAND:
             if (ours) take_command(d, &m);
+            break;
+        case HRT_CAN_HANDLE:
+            if (ours) take_handle(d, &m);
             break;
         case HRT_CAN_RESET:
             if (!ours) break;

@@ -5,6 +5,7 @@
 #define HRT_DEVICE_H
 
 #include "can/codec.h"
+#include "handle.h"
 #include "hrt.h"
 #include "io/bus.h"
 #include "motion/hand.h"
@@ -20,6 +21,7 @@ typedef struct hrt_device_config {
     double inertia[HRT_MOTORS], viscous[HRT_MOTORS], coulomb[HRT_MOTORS];
     double hand_stiffness[HRT_MOTORS]; /* 0: no hand */
     double hand_damping[HRT_MOTORS];
+    hrt_turning turning;
     double roll_grip_rate;   /* 1/s: rate at which joints without a motor follow the hand */
     double rest[HRT_JOINTS]; /* initial joints */
     double watchdog_us;      /* time without a command after which the torque drops; default 20000 */
@@ -51,11 +53,17 @@ typedef struct hrt_device {
     bool unplugged; /* for tests: neither receives nor sends */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
     double torque[HRT_MOTORS]; /* current torque, N m or N */
+    double handle_Nm[3];       /* current torque at the handle */
     struct {
         int64_t due_us;
-        double torque[HRT_MOTORS];
+        double torque[HRT_MOTORS], handle_Nm[3];
     } late[HRT_DEVICE_LATE]; /* commands that wait for config.delay_us, oldest first */
     int32_t late_count;
+    hrt_handle handle;        /* of a device that renders torque there */
+    double arm_m;             /* from the handle's point to the tip; 0 until a controller sends torque */
+    double handle_sent_Nm[3]; /* of the frame that its command completes */
+    uint8_t handle_counter;
+    bool handle_waits;
     double target[HRT_JOINTS]; /* current target of the hand */
     bool external;             /* targets come from hrt_device_hand */
     double external_target[HRT_JOINTS];

@@ -33,6 +33,13 @@ static hrt_axes axes_of(const hrt_device_type *device, const hrt_pose *pose) {
     return axes;
 }
 
+/* Sets whether a command has the torque at the handle, which depends on the pose. */
+static void set_turns(hrt_node *node) {
+    const hrt_params *params = &node->config.params;
+    node->exchange.turns =
+        params->device->tilts && node->controller.axes.is_free && params->handle_torque_max_Nm > 0.0f;
+}
+
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) {
     memset(node, 0, sizeof *node);
     node->config = *config;
@@ -41,6 +48,7 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
     hrt_can_exchange_init(&node->exchange, config->instrument);
     node->exchange.tilts = config->params.device->tilts;
     hrt_init(&node->controller, &config->params, &axes, config->session);
+    set_turns(node);
     node->mailbox.write = 1;
     node->mailbox.held = 2;
     node->mailbox.spare = 3;
@@ -179,6 +187,7 @@ static void take_commands(hrt_node *node, int64_t now_us) {
         node->config.pose = node->pose_posted;
         node->config.pose_known = true;
         node->controller.axes = axes_of(node->config.params.device, &node->config.pose);
+        set_turns(node);
         atomic_store(&node->pose_taken, atomic_load(&node->pose_count));
     }
     node->input.enable = node->config.enable && node->config.pose_known;

@@ -17,6 +17,13 @@ typedef struct hrt_axes64 {
     const hrt_twin *twin;
 } hrt_axes64;
 
+/* Turning of a handle about its point, across the shaft; inertia 0: the handle follows the hand and feels no torque. */
+typedef struct hrt_turning {
+    double inertia_kg_m2; /* handle and held hand */
+    double viscous_Nm_s, coulomb_Nm;
+    double hand_stiffness_Nm, hand_damping_Nm_s; /* N m/rad, N m s/rad */
+} hrt_turning;
+
 /* Mass, friction, hand and geometry of a virtual device, per driven joint: kg m^2 of a rotary one, kg of a sliding one,
  * and so on. */
 struct hrt_twin {
@@ -26,6 +33,7 @@ struct hrt_twin {
     double hand_stiffness[HRT_MOTORS]; /* N m/rad or N/m */
     double hand_damping[HRT_MOTORS];
     double rest[HRT_JOINTS]; /* initial joints */
+    hrt_turning turning;
     /* Returns the tip's travel per unit of driven joint j, m. */
     double (*lever)(const double joint[HRT_JOINTS], int j);
     void (*tip)(const hrt_axes64 *axes, const double joint[HRT_JOINTS], double tip_m[3]);

@@ -5,9 +5,9 @@ import random
 import cantools
 import pytest
 
-KINDS = {"MotorCommand": 7, "EncoderA": 3, "EncoderB": 4, "DeviceHeartbeat": 5, "DeviceFault": 6, "ControllerHeartbeat": 8, "Reset": 9, "EncoderC": 10}
+KINDS = {"MotorCommand": 7, "EncoderA": 3, "EncoderB": 4, "DeviceHeartbeat": 5, "DeviceFault": 6, "ControllerHeartbeat": 8, "Reset": 9, "EncoderC": 10, "HandleCommand": 11}
 FIRST = {"MotorCommand": 0x100, "EncoderA": 0x110, "EncoderB": 0x118, "DeviceFault": 0x080, "Reset": 0x090, "DeviceHeartbeat": 0x700,
-         "ControllerHeartbeat": 0x710, "EncoderC": 0x114}
+         "ControllerHeartbeat": 0x710, "EncoderC": 0x114, "HandleCommand": 0x108}
 
 
 class Frame(ctypes.Structure):
@@ -18,7 +18,7 @@ class Message(ctypes.Structure):
     _fields_ = [("kind", ctypes.c_int), ("instrument", ctypes.c_int32), ("counter", ctypes.c_uint8), ("count", ctypes.c_int32 * 5),
                 ("pedal", ctypes.c_bool), ("motors_on", ctypes.c_bool), ("torque", ctypes.c_float * 3), ("state", ctypes.c_uint8),
                 ("fault", ctypes.c_uint8), ("session", ctypes.c_uint16), ("gaps", ctypes.c_uint16), ("detail", ctypes.c_uint16),
-                ("tilt", ctypes.c_int32 * 2)]
+                ("tilt", ctypes.c_int32 * 2), ("handle_Nm", ctypes.c_float * 3)]
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +51,7 @@ def random_message(rng, name, instrument):
     for j in range(2):
         m.tilt[j] = rng.randrange(-32768, 32768)
     for j in range(3):
+        m.handle_Nm[j] = rng.randrange(-32768, 32768) * 2e-4
         m.torque[j] = rng.randrange(-32768, 32768) * (1e-3 if j == 2 else 1e-4)
     return m
 
@@ -59,6 +60,8 @@ def signals(name, m):
     """Returns the signals that cantools should read from this message's frame, without the checksum."""
     if name == "MotorCommand":
         return {"TorquePitch": m.torque[0], "TorqueYaw": m.torque[1], "ForceInsertion": m.torque[2], "Counter": m.counter, "MotorsOn": int(m.motors_on)}
+    if name == "HandleCommand":
+        return {**{f"Torque{axis}": m.handle_Nm[j] for j, axis in enumerate("XYZ")}, "Counter": m.counter}
     if name == "EncoderA":
         return {"Pitch": m.count[0], "Yaw": m.count[1], "Insertion": m.count[2], "Counter": m.counter}
     if name == "EncoderC":

@@ -1,6 +1,7 @@
 """An instrument without a trocar: the twins of devices with a handle in lockstep, and the drivers with their emulators in real time."""
 import csv
 import json
+import math
 
 import lcm
 import pytest
@@ -19,7 +20,7 @@ def force_at(rows, time_s):
     return float(row["fz_N"])
 
 
-@pytest.mark.parametrize("device", ["inverse3_versegrip", "touch_stylus", "crtk_handle", "inverse3"])
+@pytest.mark.parametrize("device", ["inverse3_versegrip", "touch_stylus", "omega_wrist", "inverse3"])
 def test_free_probe_feels_its_shaft_in_lockstep(tmp_path, types, device):
     """Lying down adds the shaft's contact to the tip's; without a handle the shaft stays upright. The energy account closes."""
     upright = ["--set", "hand[0].path[3].yaw=0", "--set", "hand[0].path[4]={time: 1.9 s, tip: [62 mm, 50 mm, 46 mm]}"] if device == "inverse3" else []
@@ -35,6 +36,21 @@ def test_free_probe_feels_its_shaft_in_lockstep(tmp_path, types, device):
     assert all(m.is_free[0] for m in seen)
     most = max(m.direction[0][0] for m in seen)
     assert most > 0.99 if device != "inverse3" else most == 0
+
+
+@pytest.mark.parametrize("device", ["crtk_handle", "sigma"])
+def test_torque_turns_the_handle_in_lockstep(tmp_path, device):
+    """Lying on the block, the handle leans further than the hand wants, by the torque over the hand's 3 N m/rad, within dry friction. The hand lays it down
+    slowly: the handle's mass swings with it."""
+    slow = [word for row, time in ((3, 2.4), (4, 3.0), (5, 3.6)) for word in ("--set", f"hand[0].path[{row}].time={time} s")]
+    told = report(BUILD / "bin/tm-sim", SCENE, "--lockstep", "--quiet", "--set", f"instruments[0].device={device}", *slow, "--set", "time.duration=2.7 s", "--set", "energy=", "--set", "rendering=",
+                  "--csv", tmp_path / "t.csv", tmp=tmp_path)
+    loop, energy = told["controllers"][0], told["energy"]
+    assert loop["state"] == "engaged" and not loop["fault"] and loop["tools_rejected"] == loop["samples_rejected"] == 0
+    assert abs(energy["residual_J"]) < 1e-12 and energy["generated_J"] < energy["damping_J"], energy
+    row = min(csv.DictReader((tmp_path / "t.csv").open()), key=lambda r: abs(float(r["time_s"]) - 2.6))
+    further = -float(row["tilt_x_rad"]) - math.radians(88)
+    assert float(row["fz_N"]) > 0.4 and abs(further - 0.1 * float(row["fz_N"]) / 3) < 0.005 / 3 + 2e-4
 
 
 # tilt_y: of the emulated handle. The service's is upright, the stylus points away from the user.

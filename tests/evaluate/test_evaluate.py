@@ -227,14 +227,14 @@ def test_streaming_widens_what_a_hand_can_touch(page):
 
 def test_desk_devices_reach_the_theoretical_stiffness(page):
     """Measured by twins, at 500 samples a second. The theory is sufficient for any passive hand; this hand may be stable beyond it."""
-    rows = {r["device"]: r for r in page[1]["loop"]["devices"]}
+    rows = {r["device"]: r for r in page[1]["devices"]["z_width"]}
     assert set(rows) == {"inverse3", "omega"}
     assert all(0.5 < r["stiffness_N_m"] / r["theory_N_m"] < 2.5 for r in rows.values()), rows
 
 
 def test_errors_at_the_hand_fall_with_the_rate_and_grow_with_delay(page):
     """Measured (omega): 28 mN at 500 Hz, 4.8 mN at 4000; with 2 ms of delay in the device 46 and 17 mN."""
-    at = {(r["rate_Hz"], r["late_ms"]): r for r in page[1]["loop"]["device_errors"]}
+    at = {(r["rate_Hz"], r["late_ms"]): r for r in page[1]["devices"]["errors"]}
     assert set(at) == {(500, 0), (500, 2), (4000, 0), (4000, 2)} and all(r["settled"] for r in at.values())
     assert 3 < at[500, 0]["error_mN"] / at[4000, 0]["error_mN"] < 12
     assert at[500, 2]["error_mN"] > 1.3 * at[500, 0]["error_mN"] and at[4000, 2]["error_mN"] > 2 * at[4000, 0]["error_mN"]

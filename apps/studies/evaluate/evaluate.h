@@ -113,8 +113,8 @@ typedef int study_part_maker(const study_run *run, cJSON *out);
  *   tissue_loop  closed loop on simulated tissue, complete and cut
  *   ready        wall-clock time until patches are exact; empty without the solver
  *   cutting      two cauteries at random: maximum rendered by `local_model` over the truth's peak */
-study_part_maker study_operating, study_roughness, study_rates, study_hands, study_loop, study_tissue_loop, study_ready,
-    study_cutting;
+study_part_maker study_operating, study_roughness, study_rates, study_hands, study_loop, study_devices,
+    study_tissue_loop, study_ready, study_cutting;
 
 /* Copies ticks, tip and truth of `truth` to `out`. */
 void copy_truth(const recording *truth, recording *out);

@@ -22,7 +22,7 @@ static void usage(FILE *to) {
     fprintf(to, "\n  --path NAME     with --study: rates on this path alone (may be repeated):\n                 ");
     for (int p = 0; p < PATH_NAMED; p++) fprintf(to, " %s", path_name[p]);
     fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated):\n"
-                "                  operating roughness rates loop tissue-loop ready cutting");
+                "                  operating roughness rates loop devices tissue-loop ready cutting");
     fprintf(to, "\n  --latency N     with LOG: delay samples by N more frames\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: write the force of each extrapolator, tick by tick, as CSV\n"
@@ -159,23 +159,25 @@ typedef enum study_part {
     PART_ROUGHNESS,
     PART_RATES,
     PART_LOOP,
+    PART_DEVICES,
     PART_TISSUE_LOOP,
     PART_READY,
     PART_CUTTING,
     PART_COUNT
 } study_part;
-static const char *const part_name[PART_COUNT] = {"operating",   "roughness", "rates",  "loop",
-                                                  "tissue-loop", "ready",     "cutting"};
+static const char *const part_name[PART_COUNT] = {"operating", "roughness",   "rates", "loop",
+                                                  "devices",   "tissue-loop", "ready", "cutting"};
 
 static int study(const study_run *run, const bool wanted[PART_COUNT], const char *json) {
-    static study_part_maker *const make[PART_COUNT] = {study_operating,   study_roughness, study_rates,  study_loop,
-                                                       study_tissue_loop, study_ready,     study_cutting};
+    static study_part_maker *const make[PART_COUNT] = {study_operating, study_roughness,   study_rates, study_loop,
+                                                       study_devices,   study_tissue_loop, study_ready, study_cutting};
     cJSON *root = cJSON_CreateObject();
     int rc = 0;
     app_json_add(root, "quick %hhd", run->quick);
     for (int i = 0; i < PART_COUNT && !rc; i++) {
         if (!wanted[i]) continue;
-        cJSON *part = i == PART_RATES || i == PART_LOOP ? cJSON_CreateObject() : cJSON_CreateArray();
+        cJSON *part =
+            i == PART_RATES || i == PART_LOOP || i == PART_DEVICES ? cJSON_CreateObject() : cJSON_CreateArray();
         cJSON_AddItemToObject(root, part_name[i], part);
         rc = make[i](run, part);
     }

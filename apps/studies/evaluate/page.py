@@ -232,16 +232,16 @@ def z_width(page, rows):
                "Largest stable stiffness, N/m.")
 
 
-def loop(page, data):
+def loop(page, data, devices):
     rows = data["rows"]
     z_width(page, data["z_width"])
     page.section("Desk devices", "The same by the virtual twin of each (docs/devices.md), which differ in mass and viscous friction; their limits are lifted.")
     page.table("devices", ["device", "samples and ticks a second", "largest stable stiffness, N/m", "theory, N/m"],
-               [[r["device"], r["rate_Hz"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])] for r in data["devices"]],
+               [[r["device"], r["rate_Hz"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])] for r in devices["z_width"]],
                "Largest stable stiffness of a wall by hold.")
     page.table("device_errors", ["device", "samples and ticks a second", "delay of its torques, ms", "error, mN", "largest, mN"],
-               [[r["device"], r["rate_Hz"], r["late_ms"], round(r["error_mN"], 1), round(r["error_max_mN"], 1)] for r in data["device_errors"]],
-               "Error of the force at the hand by hold, root mean square over 0.2 s after a step of 1 mm of the hand, on a surface of compliance 2 mm/N. haptic-rt itself ticks at most 2000 times a second.")
+               [[r["device"], r["rate_Hz"], r["late_ms"], round(r["error_mN"], 1), round(r["error_max_mN"], 1)] for r in devices["errors"]],
+               "Error of the force at the hand by hold, root mean square over 0.2 s after a step of 1 mm of the hand, on a surface of compliance 2 mm/N. Some devices allow fewer ticks (docs/controller-loop.md).")
     page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
                  f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
     delays = sorted({r["delay_frames"] for r in rows})
@@ -378,7 +378,7 @@ def main():
     figure5(page, data["rates"]["figure5"])
     rates(page, rows, models)
     conditions(page, rows, models)
-    loop_facts = loop(page, data["loop"])
+    loop_facts = loop(page, data["loop"], data["devices"])
     if data["tissue-loop"]:
         tissue_loop(page, data["tissue-loop"])
     facts = claims(rows, models, loop_facts)
@@ -388,7 +388,7 @@ def main():
     cutting(page, data["cutting"])
     torture(page, options.torture)
     ready(page, data["ready"])
-    for key in ("roughness", "loop", "tissue-loop"):
+    for key in ("roughness", "loop", "devices", "tissue-loop"):
         page.record(key, data[key])
     page.record("rows", rows)
     page.record("claims", facts)

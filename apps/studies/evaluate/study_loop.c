@@ -345,17 +345,20 @@ static void add_z_width(cJSON *rows, bool quick, double damping_N_s_m) {
     }
 }
 
+/* Returns whether the device slides, and is no form of another with its handle's tilt: that has the same twin. */
+static bool is_desk_device(const hrt_device_type *device) { return device->slides && !device->tilts; }
+
 /* Adds the Z-width of each desk device, by its virtual twin, which differ in mass and friction: `hold` at a sample each
  * tick. */
 static void add_devices(cJSON *rows, bool quick) {
     const int32_t inverse3 = hrt_device_type_find("inverse3"), omega = hrt_device_type_find("omega");
     for (int32_t d = 0; d < hrt_device_type_count; d++) {
         const hrt_device_type *device = hrt_device_types[d];
-        if (!device->slides || (quick && d != inverse3 && d != omega))
+        if (!is_desk_device(device) || (quick && d != inverse3 && d != omega))
             continue; /* the short form: a light and a heavy one */
         const hrt_device_config config = hrt_device_config_of(device, 0);
         progress("desk devices", (double)d / hrt_device_type_count);
-        for (int rate = 500; rate <= (quick ? 500 : 2000); rate *= 2) {
+        for (int rate = 500; rate <= (quick ? 500 : 4000); rate *= 2) {
             const int tick_us = 1000000 / rate;
             add_largest(rows, &(loop_case){HRT_HOLD, rate, 0, false, -1, tick_us, 0, device, 0}, quick,
                         config.viscous[2] + config.hand_damping[2]);
@@ -370,7 +373,7 @@ static void add_device_errors(cJSON *rows, bool quick) {
     static const double compliance_m_N = 1.0 / 500;
     for (int32_t d = 0; d < hrt_device_type_count; d++) {
         const hrt_device_type *device = hrt_device_types[d];
-        if (!device->slides || (quick && d != hrt_device_type_find("omega"))) continue;
+        if (!is_desk_device(device) || (quick && d != hrt_device_type_find("omega"))) continue;
         progress("desk devices' errors", (double)d / hrt_device_type_count);
         for (int rate = 500; rate <= 4000; rate *= quick ? 8 : 2)
             for (int late_us = 0; late_us <= 2000; late_us += 2000) {
@@ -403,10 +406,14 @@ int study_loop(const study_run *run, cJSON *out) {
                     run->quick, b);
         }
     add_z_width(cJSON_AddArrayToObject(out, "z_width"), run->quick, b);
-    add_devices(cJSON_AddArrayToObject(out, "devices"), run->quick);
-    add_device_errors(cJSON_AddArrayToObject(out, "device_errors"), run->quick);
     app_json_add(out, "damping_N_s_m %g hand_stiffness_N_m %g mass_kg %g", b, device.hand_stiffness[HRT_INSERTION],
                  device.inertia[HRT_INSERTION]);
+    return 0;
+}
+
+int study_devices(const study_run *run, cJSON *out) {
+    add_devices(cJSON_AddArrayToObject(out, "z_width"), run->quick);
+    add_device_errors(cJSON_AddArrayToObject(out, "errors"), run->quick);
     return 0;
 }
 
