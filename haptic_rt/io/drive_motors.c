@@ -174,7 +174,7 @@ bool hrt_motors_open(hrt_drive *d, const hrt_motor_protocol *protocol, const cha
     if (!read_name(m, name, bus) || m->motors != d->type->motors)
         snprintf(
             why, (size_t)why_size,
-            "'%s:%s' does not name %d axes; write %s:BUS/NODE:TURNS,..., TURNS of the motor per rad or m of its joint, "
+            "'%s:%s' does not name %d axes; write %s:BUS/NODE:TURNS,..., TURNS (not 0) of the motor per rad or m of its joint, "
             "NODE within %u..%u",
             kind, name, d->type->motors, kind, protocol->node_min, protocol->node_max);
     else if (open_bus(m, bus, why, why_size)) {

@@ -113,7 +113,7 @@ static void list(void) {
     HRT_BUSES(ROW_LISTED)
     printf("\ndevice types\n");
     for (int32_t t = 0; t < hrt_device_type_count; t++)
-        printf("  %-16s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
+        printf("  %-18s %s\n", hrt_device_types[t]->name, hrt_device_types[t]->text);
     printf("devices that a service or library drives\n");
     hrt_drive_list(stdout);
 }

@@ -94,10 +94,10 @@ def run_once(tmp, name, stubs):
     return told, *compare_cursor(sent, rows, quantum_N(name))
 
 
-def real_time(tmp, name, stubs=None):
+def real_time(tmp, name, stubs=None, attempts=3):
     """Runs simulation, controller and emulator. Returns (report, forces compared, largest difference in N). On a busy machine one of the three may start
-    too late for the others: then it runs again, at most twice."""
-    for attempt in range(3):
+    too late for the others: then it runs again."""
+    for attempt in range(attempts):
         folder = tmp / f"run{attempt}"
         folder.mkdir()
         found = run_once(folder, name, stubs)

@@ -362,6 +362,27 @@ static void silence_of_either_side_is_zero_force(void **state) {
     }
 }
 
+/* A service answers late while the hand moves at 0.6 m/s: the state has the time of its request, and is no jump. */
+static void a_late_state_is_no_jump(void **state) {
+    (void)state;
+    start(1.0, "inverse3");
+    run(0.3, REST);
+    assert_int_equal(b.tool.state, HRT_ENGAGED);
+    const double before = b.tool.tip_m[0];
+    b.dead = true;
+    for (int k = 0; k < 7; k++) b.cursor_m[0] += 0.0012, tick();
+    hrt_drive_state late = {.time_us = b.now_us - 14000, .trigger = -1.0};
+    memcpy(late.cursor_m, b.cursor_m, sizeof late.cursor_m);
+    hrt_drive_post(&b.drive, &late);
+    tick();
+    assert_true(fabs(b.tool.tip_m[0] - before + 0.0084) < 1e-5 && b.node.result.fault == HRT_FAULT_NONE);
+    b.dead = false;
+    run(0.02, REST);
+    b.cursor_m[0] += 0.02; /* and a jump is one still */
+    tick();
+    assert_int_equal(b.node.result.fault, HRT_FAULT_ENCODER_JUMP);
+}
+
 /* Input that no device can send; ten in a row are a fault, which a reset clears. */
 static void invalid_input_is_rejected_and_ten_in_a_row_are_a_fault(void **state) {
     (void)state;
@@ -411,6 +432,7 @@ int main(void) {
                                        cmocka_unit_test(the_force_fades_where_the_tip_cannot_follow),
                                        cmocka_unit_test(a_button_closes_the_grip),
                                        cmocka_unit_test(silence_of_either_side_is_zero_force),
+                                       cmocka_unit_test(a_late_state_is_no_jump),
                                        cmocka_unit_test(invalid_input_is_rejected_and_ten_in_a_row_are_a_fault),
                                        cmocka_unit_test(last_force_limit_keeps_the_direction)};
     return cmocka_run_group_tests(tests, NULL, NULL);
