@@ -68,8 +68,11 @@ void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     const bool first = !c->device_seen || c->state == HRT_BOOT || c->state == HRT_FAULT;
     const float least_s = hrt_dt_min_s(&c->params), past_s = hrt_seconds(in->encoder_us - c->encoder_us);
     const float dt_s = first ? 1.0e-6f * c->params.period_us : hrt_clamp(past_s, least_s, 0.05f);
-    /* A driver's encoder_us bounds a state's age: a late one may have been measured as late as now. */
+#ifdef HRT_ONE_DEVICE /* firmware: encoder_us is now */
+    const float longest_s = dt_s;
+#else /* a driver's encoder_us bounds a state's age: a late one may have been measured as late as now */
     const float longest_s = first ? dt_s : hrt_clamp(hrt_seconds(now_us - c->encoder_us), least_s, 0.05f);
+#endif
     c->encoder_us = in->encoder_us;
     if (first) start_from(c, now_us, in);
     check_jump(c, now_us, in, longest_s);

@@ -5,7 +5,7 @@
 
 enum { REST_US = 600000, PAUSE_US = 300000, LONGEST_US = 90000000 };
 static const float GROWS_N_S = 1.0f, FALLS_N_S = 5.0f, FORCE_MAX_N = 1.0f;
-static const double FAR_M = 1.0e-3, SHAKE_S = 2.5;
+static const double FAR_M = 1.0e-3, FAR_RAD = 1.0e-3, SHAKE_S = 2.5;
 
 static const char *const push_name[HRT_SETUP_PUSHES] = {"+x", "-x", "+y", "-y", "+z", "-z"};
 
@@ -22,17 +22,25 @@ static double moved_across(const hrt_setup *s, const double tip_m[3]) {
     return most;
 }
 
-static void judge(hrt_setup *s, const double tip_m[3]) {
+/* Returns the turn of the handle towards the force; along the shaft there is no torque. */
+static double turned_along(const hrt_setup *s, const double joint[HRT_JOINTS]) {
+    const int axis = s->push / 2;
+    return axis < 2 && s->turns ? (s->push % 2 ? -1.0 : 1.0) * (joint[HRT_TILT + axis] - s->start_rad[axis]) : 0.0;
+}
+
+static void judge(hrt_setup *s, const double tip_m[3], const double joint[HRT_JOINTS]) {
     hrt_setup_push *r = &s->result[s->push];
+    const bool unturned = s->turns && s->push < 4 && turned_along(s, joint) < FAR_RAD;
     const double along = moved_along(s, tip_m), across = moved_across(s, tip_m);
     if (along >= FAR_M)
-        r->verdict = across < along ? HRT_SETUP_GOOD : HRT_SETUP_AGAINST;
+        r->verdict = across >= along ? HRT_SETUP_AGAINST : unturned ? HRT_SETUP_UNTURNED : HRT_SETUP_GOOD;
     else if (-along >= FAR_M || across >= FAR_M)
         r->verdict = HRT_SETUP_AGAINST;
     else if (s->force_N >= FORCE_MAX_N)
         r->verdict = HRT_SETUP_STILL;
     if (r->verdict == HRT_SETUP_PENDING) return;
     r->force_N = s->force_N;
+    r->turned_rad = (float)turned_along(s, joint);
     for (int i = 0; i < 3; i++) r->moved_m[i] = (float)(tip_m[i] - s->start_m[i]);
     s->falling = true;
     s->at_N = s->force_N;
@@ -99,6 +107,7 @@ static bool is_over(hrt_setup *s, const tensormass_tool_state_t *tool, int64_t n
 
 bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
     if (is_over(s, tool, now_us)) return false;
+    s->turns = node->exchange.turns;
     if (s->push == HRT_SETUP_PUSHES) return shake(s, node, tool, now_us);
     if (tool->state != HRT_ENGAGED) { /* a pause takes the force away: the push begins anew */
         s->since_us = 0;
@@ -114,6 +123,7 @@ bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t 
     if (resting && !s->falling && s->force_N <= 0.0f) {
         if (s->push == 0) rest(s, tool->tip_m);
         for (int i = 0; i < 3; i++) s->start_m[i] = tool->tip_m[i];
+        for (int i = 0; i < 2; i++) s->start_rad[i] = tool->joint[HRT_TILT + i];
     } else if (s->falling) {
         s->force_N -= FALLS_N_S * tick_s;
         if (s->force_N <= 0.0f) {
@@ -124,7 +134,7 @@ bool hrt_setup_feed(hrt_setup *s, hrt_node *node, const tensormass_tool_state_t 
         }
     } else {
         s->force_N = fminf(s->force_N + GROWS_N_S * tick_s, FORCE_MAX_N);
-        judge(s, tool->tip_m);
+        judge(s, tool->tip_m, tool->joint);
     }
     post(s, node, tool);
     return true;
@@ -149,7 +159,8 @@ static void print_identified(const hrt_setup *s) {
 bool hrt_setup_print(const hrt_setup *s) {
     static const char *const said[] = {"not tried", "as commanded",
                                        "moved AGAINST the force or across it: correct the axis or the sign",
-                                       "did not move: hold it loosely; otherwise its unit of force is wrong"};
+                                       "did not move: hold it loosely; otherwise its unit of force is wrong",
+                                       "did not turn the handle towards it: its torque's unit or sign is wrong"};
     bool good = true;
     printf("without force the tip moved by %.0f, %.0f, %.0f um\n", 1.0e6 * (s->high_m[0] - s->low_m[0]),
            1.0e6 * (s->high_m[1] - s->low_m[1]), 1.0e6 * (s->high_m[2] - s->low_m[2]));
@@ -159,6 +170,7 @@ bool hrt_setup_print(const hrt_setup *s) {
         printf("push %s  %4.0f mN moved it by %+.2f, %+.2f, %+.2f mm", push_name[k], 1.0e3 * (double)r->force_N,
                1.0e3 * (double)r->moved_m[0], 1.0e3 * (double)r->moved_m[1], 1.0e3 * (double)r->moved_m[2]);
         if (way_m > 0.0f) printf(" (%.0f N/m)", (double)(r->force_N / way_m));
+        if (s->turns && k < 4) printf(", turned by %+.1f mrad", 1.0e3 * (double)r->turned_rad);
         printf("  %s\n", said[r->verdict]);
         good = good && r->verdict == HRT_SETUP_GOOD;
     }

@@ -15,12 +15,13 @@ typedef enum hrt_setup_verdict {
     HRT_SETUP_PENDING = 0,
     HRT_SETUP_GOOD,
     HRT_SETUP_AGAINST, /* moved against the force, or more across it */
-    HRT_SETUP_STILL    /* did not move at the largest force */
+    HRT_SETUP_STILL,   /* did not move at the largest force */
+    HRT_SETUP_UNTURNED /* moved as commanded, but the torque did not turn the handle its way */
 } hrt_setup_verdict;
 
 typedef struct hrt_setup_push {
     hrt_setup_verdict verdict;
-    float force_N, moved_m[3];
+    float force_N, moved_m[3], turned_rad; /* towards the force */
 } hrt_setup_push;
 
 typedef struct hrt_setup {
@@ -28,6 +29,8 @@ typedef struct hrt_setup {
     int32_t push;     /* number of the push; HRT_SETUP_PUSHES: done */
     bool falling;
     float force_N, at_N;                    /* now, and where the fall began */
+    bool turns;                             /* torque at the handle is rendered */
+    double start_rad[2];                    /* tilt before the push */
     double start_m[3], low_m[3], high_m[3]; /* tip before the push; its range at rest */
     uint32_t seq;
     hrt_setup_push result[HRT_SETUP_PUSHES];
