@@ -7,7 +7,7 @@
 #include "bandwidth.h"
 #include "bench.h"
 
-enum { ROTATION = 1, VOLUME = 2, VISCOSITY = 4 };
+enum { ROTATION = 1, VOLUME = 2, VISCOSITY = 4, NEO_HOOKE = 8, FUNG = 16 };
 enum { LINEAR, ONE, TWO, KINDS };
 static const struct {
     const char *name;
@@ -18,7 +18,9 @@ static const struct {
                    {"rotation volume", ROTATION | VOLUME},
                    {"rotation viscosity", ROTATION | VISCOSITY},
                    {"volume viscosity", VOLUME | VISCOSITY},
-                   {"rotation volume viscosity", ROTATION | VOLUME | VISCOSITY}};
+                   {"rotation volume viscosity", ROTATION | VOLUME | VISCOSITY},
+                   {"law neo-hooke", NEO_HOOKE},
+                   {"law fung", FUNG}};
 enum { COMBINATIONS = sizeof combination / sizeof *combination };
 
 static tm_tissue *tissue_with(const tm_mesh *mesh, int with) {
@@ -26,6 +28,10 @@ static tm_tissue *tissue_with(const tm_mesh *mesh, int with) {
     tm_error error;
     bench_must(tm_material_young(5e3, 0.45, &material, &error), &error);
     material.damping_1_s = 50;
+    if (with & (NEO_HOOKE | FUNG))
+        bench_must(tm_material_set_law(&material, with & FUNG ? TM_LAW_FUNG : TM_LAW_NEO_HOOKE,
+                                       (double[TM_LAW_CONSTANTS]){with & FUNG ? 1e4 : 0}, 0, &error),
+                   &error);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material;
     def.rotation = with & ROTATION ? TM_ROTATION_THRESHOLD : 0;

@@ -29,7 +29,7 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
     for row in figures["step"]:
         assert row["sim_seconds_per_wall_second"] > 0 and row["step_over_force"] > 0 and row["speedup"] > 0 and row["threads"] >= 1
     assert len(figures["numbering"]) == 4 and all(row["shuffled_over_ordered"] > 0 and row["renumbered_over_ordered"] > 0 for row in figures["numbering"])
-    assert len(figures["effects"]) == 7 and all(row["over_linear"] > 0 and row["speedup"] > 0 for row in figures["effects"])
+    assert len(figures["effects"]) == 9 and all(row["over_linear"] > 0 and row["speedup"] > 0 for row in figures["effects"])
     assert len(figures["touch"]) == 2 and all(row["rows"] > 0 and row["over_without"] > 0 for row in figures["touch"])
     assert len(figures["hybrid"]) == 2
     for row in figures["hybrid"]:

@@ -32,7 +32,7 @@ typedef struct tm_hyperelastic {
 /* Initialises from the pool; returns false without memory. */
 bool tm_hyperelastic_take(tm_hyperelastic *h, tm_pool *pool, const tm_material_field *field);
 
-/* Computes corner_N [12*TM_LANES*packs.count], the corner forces of the batches [begin, end). Returns how many
+/* Computes corner_N [12*TM_LANES*(end-begin)], the corner forces of the batches [begin, end). Returns how many
  * tetrahedra are beyond a limit, where the law is continued linearly. Every form is bit-identical to the plain one. */
 typedef int32_t (*tm_hyper_force)(const tm_hyperelastic *h, int32_t begin, int32_t end, const double *u_m,
                                   double *corner_N);

@@ -6,6 +6,7 @@
 
 #include "material/hyperelastic_single.h"
 #include "tissue/tangent.h"
+#include "world/law_blocks.h"
 #include "world/viscosity.h"
 
 typedef struct law_stage {
@@ -23,7 +24,8 @@ typedef struct law_stage {
     /* Limits and moduli of averaged dilatation: the law's, and the long-term ones while the world settles. */
     const double *sudden_Pa[3];
     double *long_term_Pa[3];
-    double limit_s;   /* step that the terms allow */
+    double limit_s; /* step that the terms allow */
+    tm_law_blocks blocks;
     int32_t *place;   /* [4*tet_count] in corner_N, in the order of mesh->vertex_tet */
     int32_t *beyond;  /* [partition_count] tetrahedra that continue linearly */
     tm_nonlinear law; /* the interface to other components */
@@ -40,12 +42,18 @@ static int32_t batches_before(const law_stage *l, int32_t part) {
     return tm_tet_batches_before(l->hyper.packs.count, part, l->world->partition_count);
 }
 
+static int32_t stress(const void *self, int32_t begin, int32_t end, void *corner_N, int32_t slot) {
+    const law_stage *l = self;
+    const double *u_m = l->world->state.u_m;
+    const int64_t at = 12 * TM_LANES * (int64_t)slot;
+    return l->single_N ? l->single_force(&l->single, begin, end, u_m, (float *)corner_N + at)
+                       : l->force(&l->hyper, begin, end, u_m, (double *)corner_N + at);
+}
+
 static void stress_part(void *context, int32_t part) {
     const law_stage *l = context;
-    const double *u_m = l->world->state.u_m;
     const int32_t begin = batches_before(l, part), end = batches_before(l, part + 1);
-    l->beyond[part] = l->single_N ? l->single_force(&l->single, begin, end, u_m, l->single_N)
-                                  : l->force(&l->hyper, begin, end, u_m, l->work.corner_N);
+    l->beyond[part] = stress(l, begin, end, l->single_N ? (void *)l->single_N : l->work.corner_N, begin);
 }
 
 static bool is_averaged(const law_stage *l) { return tm_nodal_dilatation_is_on(&l->averages); }
@@ -82,48 +90,42 @@ static void compute(law_stage *l) {
     tm_partitions_run(l->world, pressure_part, l);
 }
 
+/* Without averages and histories the stage "force" computes the stresses too. */
+static bool is_in_blocks(const law_stage *l) { return l->blocks.on && !is_averaged(l) && !l->hyper.bulk_J; }
+
 static void run(void *self, tm_world *world) {
     law_stage *l = self;
-    (void)world;
-    if (!l->relaxes) compute(l);
-}
-
-static void gather(const law_stage *l, const double *corner_N, int32_t begin, int32_t end, double *TM_RESTRICT force) {
-    const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
-    for (int32_t v = begin; v < end; v++) {
-        double x = 0, y = 0, z = 0;
-        for (int32_t i = first[v]; i < first[v + 1]; i++) {
-            const double *pull = corner_N + l->place[i];
-            x -= pull[0], y -= pull[TM_LANES], z -= pull[2 * TM_LANES];
-        }
-        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
-    }
-}
-
-/* Sums are double. */
-static void gather_single(const law_stage *l, int32_t begin, int32_t end, double *TM_RESTRICT force) {
-    const int32_t *first = l->hyper.packs.mesh->vertex_tet_begin;
-    for (int32_t v = begin; v < end; v++) {
-        double x = 0, y = 0, z = 0;
-        for (int32_t i = first[v]; i < first[v + 1]; i++) {
-            const float *pull = l->single_N + l->place[i];
-            x -= (double)pull[0], y -= (double)pull[TM_LANES], z -= (double)pull[2 * TM_LANES];
-        }
-        force[3 * v] = x, force[3 * v + 1] = y, force[3 * v + 2] = z;
-    }
+    if (is_in_blocks(l))
+        tm_law_blocks_begin(&l->blocks, world->partition_count);
+    else if (!l->relaxes)
+        compute(l);
 }
 
 /* The law of the stage "force"; energy accounting reads the tensors' part separately. */
 static void force_range(void *self, tm_world *world, const tm_range *range) {
-    const law_stage *l = self;
+    law_stage *l = self;
     const tm_tissue *tissue = world->tissue;
+    const tm_mesh *mesh = tissue->mesh;
+    double *force_N = world->state.force_N;
+    void (*sum)(const tm_mesh *, const void *, const int32_t *, int32_t, int32_t, double *) =
+        l->single_N ? tm_law_sum_single : tm_law_sum;
     if (world->internal_N)
         tissue->force(&tissue->graph, &world->partition[range->partition].force, range->begin, range->end,
                       world->state.u_m, world->internal_N);
-    if (l->single_N)
-        gather_single(l, range->begin, range->end, world->state.force_N);
-    else
-        gather(l, l->work.corner_N, range->begin, range->end, world->state.force_N);
+    if (!is_in_blocks(l)) {
+        sum(mesh, l->single_N ? (const void *)l->single_N : l->work.corner_N, l->place, range->begin, range->end,
+            force_N);
+        return;
+    }
+    const bool timed = world->timing && range->partition % world->partition_count == 0;
+    const int32_t stage = world->profiled;
+    for (int32_t begin = range->begin, end; begin < range->end; begin = end) {
+        end = begin + TM_LAW_BLOCK < range->end ? begin + TM_LAW_BLOCK : range->end;
+        if (timed) tm_profile_enter(world, tm_world_stage_index(world, l));
+        const void *ring = tm_law_blocks_compute(&l->blocks, world, range, begin, end, stress, l);
+        if (timed) tm_profile_enter(world, stage);
+        sum(mesh, ring, l->blocks.place, begin, end, force_N);
+    }
 }
 
 /* --- interface to other components: the law minus the tensors, which are its own for small strains --- */
@@ -143,7 +145,7 @@ static void force(const void *self, const double *u_m, double *force_N) {
     const law_stage *l = self;
     double *tensors_N = l->law.scratch_N + 3 * (int64_t)l->hyper.packs.mesh->vertex_count;
     tm_hyperelastic_corners(&l->hyper, &l->work, &l->averages, l->world->tissue->plain, u_m);
-    gather(l, l->work.corner_N, 0, l->hyper.packs.mesh->vertex_count, force_N);
+    tm_law_sum(l->hyper.packs.mesh, l->work.corner_N, l->place, 0, l->hyper.packs.mesh->vertex_count, force_N);
     tm_tissue_force(l->world->tissue, u_m, tensors_N);
     for (int32_t i = 0; i < 3 * l->hyper.packs.mesh->vertex_count; i++) force_N[i] -= tensors_N[i];
 }
@@ -340,7 +342,8 @@ static bool take(law_stage *l, tm_pool *pool) {
                             .scratch_N = TM_ALLOC(pool, double, 6 * (int64_t)tissue->mesh->vertex_count)};
     if (pool->failed) return false;
     tm_packs_corners(&l->hyper.packs, l->place);
-    return true;
+    return tm_law_blocks_init(&l->blocks, pool, &l->hyper.packs, l->place, l->world->partition_count,
+                              l->single_N != NULL);
 }
 
 tm_status tm_stage_law(tm_world *world, tm_error *error) {
@@ -382,6 +385,7 @@ int32_t tm_world_limited_tets(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         if (world->entry[i].stage.run != run) continue;
         const law_stage *l = world->entry[i].stage.self;
+        if (is_in_blocks(l)) return tm_law_blocks_beyond(&l->blocks, world->partition_count);
         for (int32_t p = 0; p < world->partition_count; p++) count += l->beyond[p];
     }
     return count;
