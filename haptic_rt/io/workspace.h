@@ -10,7 +10,7 @@
  *
  * The shaft of an instrument without a trocar follows the handle's rotation, one to one: tool = handle * offset, as
  * unit quaternions along the user's axes. At the start the offset is 1; at the release of the clutch it makes the shaft
- * continue where it is. No torque is rendered, so rotation carries no power to the hand. */
+ * continue where it is. Without torque at the handle, rotation carries no power to the hand. */
 #ifndef HRT_WORKSPACE_H
 #define HRT_WORKSPACE_H
 

@@ -17,6 +17,7 @@ static void round_trip(const hrt_can_frame *frame) {
     PROMISE(memcmp(again.count, message.count, sizeof again.count) == 0 && again.state == message.state &&
             again.fault == message.fault);
     for (int i = 0; i < HRT_MOTORS; i++) PROMISE(again.torque[i] == message.torque[i]);
+    for (int i = 0; i < 3; i++) PROMISE(again.handle_Nm[i] == message.handle_Nm[i]);
 }
 
 static void check_output(const hrt_node *node) {
