@@ -4,6 +4,7 @@
 #include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"
+#include "material/material_internal.h"
 #include "tensormass/rotation.h"
 #include "tensormass/viscosity.h"
 #include "world/world_internal.h"
@@ -274,6 +275,7 @@ static uint64_t effects_story(const tm_mesh *mesh, tm_force_form form, int kind,
     if (kind == TURNED) {
         const tm_rotation_report report = tm_rotation_last(rotation);
         assert_true(report.active > 100 && report.active < report.batches);
+        assert_int_equal(rotation->divided, threads > 1);
     }
     tm_energy energy = {0};
     if (account) fix_ok(tm_world_energy(world, &energy, &error), &error);

@@ -37,52 +37,85 @@ INSIDE void TM_NAME(parting)(const V8 *I, const V8 *J, V8 *d, V8 *d_I, V8 *d_J) 
     *d_I = size * ((2.0 / 3) * share - 0.5 * slope * j);
 }
 
-/* Finds the largest root of the quartic. Convergence is quadratic: an increment of 1e-8 is the last. */
-enum { TM_NAME(ITERATIONS) = 24 };
-INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, const V8 *d, V8 *trace) {
-    V8 x = 3 * *I, far = *d;
-    TM_NAME(root)(&x);
-    const M8 parted = *d > 0;
-    if (TM_NAME(any)(&parted)) { /* at sqrt(3 I) + d^(1/4) the quartic is not below 0, and rises from there on */
-        TM_NAME(root)(&far);
-        TM_NAME(root)(&far);
-        x += far;
-    }
-    M8 under_way = x == x;
-    for (int k = 0; k < TM_NAME(ITERATIONS); k++) {
-        const V8 y = x * x - *I, slope = 4 * (x * y - 2 * *J), least = 1e-9 * x * *I + 1e-300;
-        const M8 steep = slope > least;
-        V8 over;
-        TM_NAME(choose)(&over, &steep, &slope, &least);
-        V8 move = (y * y - 8 * *J * x - 4 * *II - *d) / over;
-        move = (V8)((M8)move & (move > 0) & under_way); /* from above only; other signs are rounding */
-        x -= move;
-        under_way = move > 1e-8 * x;
-        if (!TM_NAME(any)(&under_way)) break;
-    }
-    *trace = x;
-}
+/* What the quartic and R follow from. */
+typedef struct TM_NAME(stretch) {
+    V8 C[9], cof[9], I, II, J, d, d_I, d_J, trace;
+} TM_NAME(stretch);
 
-INSIDE void TM_NAME(polar)(const V8 F[9], V8 R[9], V8 *I, V8 *trace) {
-    V8 C[9], FC[9], cof[9];
+INSIDE void TM_NAME(measure)(const V8 F[9], TM_NAME(stretch) * s) {
+    V8 *C = s->C;
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++) C[3 * i + j] = F[i] * F[j] + F[3 + i] * F[3 + j] + F[6 + i] * F[6 + j];
     C[3] = C[1], C[6] = C[2], C[7] = C[5];
-    TM_NAME(times)(F, C, FC);
-    TM_NAME(cofactors)(F, cof);
-    *I = C[0] + C[4] + C[8];
-    const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
-    V8 II = {0}, d, d_I, d_J;
-    for (int i = 0; i < 9; i++) II += cof[i] * cof[i];
-    TM_NAME(parting)(I, &J, &d, &d_I, &d_J);
-    TM_NAME(trace_of_stretch)(I, &II, &J, &d, trace);
-    const V8 x = *trace, denominator = x * (x * x - *I) - 2 * J, least = 1e-9 * x * *I + 1e-300;
-    const M8 sound = denominator > least;
+    s->I = C[0] + C[4] + C[8];
+    TM_NAME(cofactors)(F, s->cof);
+    s->J = F[0] * s->cof[0] + F[1] * s->cof[1] + F[2] * s->cof[2];
+    s->II = (V8){0};
+    for (int i = 0; i < 9; i++) s->II += s->cof[i] * s->cof[i];
+    TM_NAME(parting)(&s->I, &s->J, &s->d, &s->d_I, &s->d_J);
+}
+
+/* Returns a number that is not below the root, from where the quartic rises. */
+INSIDE void TM_NAME(above_root)(TM_NAME(stretch) * s) {
+    V8 far = s->d;
+    const M8 parted = far > 0;
+    s->trace = 3 * s->I;
+    TM_NAME(root)(&s->trace);
+    if (!TM_NAME(any)(&parted)) return;
+    TM_NAME(root)(&far); /* at sqrt(3 I) + d^(1/4) */
+    TM_NAME(root)(&far);
+    s->trace += far;
+}
+
+/* Goes one step of Newton's iteration on the lanes that are under way. */
+INSIDE void TM_NAME(approach)(TM_NAME(stretch) * s, M8 *under_way) {
+    const V8 x = s->trace, y = x * x - s->I, slope = 4 * (x * y - 2 * s->J), least = 1e-9 * x * s->I + 1e-300;
+    const M8 steep = slope > least;
     V8 over;
+    TM_NAME(choose)(&over, &steep, &slope, &least);
+    V8 move = (y * y - 8 * s->J * x - 4 * s->II - s->d) / over;
+    move = (V8)((M8)move & (move > 0) & *under_way); /* from above only; other signs are rounding */
+    s->trace = x - move;
+    *under_way = move > 1e-8 * s->trace;
+}
+
+/* Finds the largest roots of the quartics of `count` sets of lanes together: one set would wait for the result of each
+ * operation. Convergence is quadratic: an increment of 1e-8 is the last. */
+enum { TM_NAME(ITERATIONS) = 24, TM_NAME(SETS) = TM_LANES / TM_WIDTH };
+INSIDE void TM_NAME(find_traces)(TM_NAME(stretch) * s, int count) {
+    M8 under_way[TM_NAME(SETS)];
+    for (int c = 0; c < count; c++) {
+        TM_NAME(above_root)(s + c);
+        under_way[c] = s[c].trace == s[c].trace;
+    }
+    for (int k = 0; k < TM_NAME(ITERATIONS); k++) {
+        M8 any = {0};
+#pragma GCC unroll 4
+        for (int c = 0; c < count; c++) {
+            TM_NAME(approach)(s + c, under_way + c);
+            any |= under_way[c];
+        }
+        if (!TM_NAME(any)(&any)) break;
+    }
+}
+
+INSIDE void TM_NAME(rotation_of)(const TM_NAME(stretch) * s, const V8 F[9], V8 R[9]) {
+    const V8 x = s->trace, denominator = x * (x * x - s->I) - 2 * s->J, least = 1e-9 * x * s->I + 1e-300;
+    const M8 sound = denominator > least;
+    V8 over, FC[9];
+    TM_NAME(times)(F, s->C, FC);
     TM_NAME(choose)(&over, &sound, &denominator, &least);
     over = 1 / over;
-    const V8 of_F = (x * x + *I) + 0.5 * d_I, of_cof = 2 * x + 0.25 * d_J;
-    for (int i = 0; i < 9; i++) R[i] = (of_F * F[i] - 2 * FC[i] + of_cof * cof[i]) * over;
+    const V8 of_F = (x * x + s->I) + 0.5 * s->d_I, of_cof = 2 * x + 0.25 * s->d_J;
+    for (int i = 0; i < 9; i++) R[i] = (of_F * F[i] - 2 * FC[i] + of_cof * s->cof[i]) * over;
+}
+
+INSIDE void TM_NAME(polar)(const V8 F[9], V8 R[9], V8 *I, V8 *trace) {
+    TM_NAME(stretch) s;
+    TM_NAME(measure)(F, &s);
+    TM_NAME(find_traces)(&s, 1);
+    TM_NAME(rotation_of)(&s, F, R);
+    *I = s.I, *trace = s.trace;
 }
 
 /* T = dw/dE of eq. (1). */
@@ -182,9 +215,13 @@ INSIDE void TM_NAME(isotropic)(const V8 *mu, const V8 *lambda, const V8 H[9], co
     const M8 over = *pressure > most;
     TM_NAME(choose)(pressure, &over, &most, pressure);
     const V8 turn = *pressure - twice;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            add[3 * i + j] = turn * R[3 * i + j] + (i == j ? diagonal : *mu * (H[3 * i + j] - H[3 * j + i]));
+    for (int i = 0; i < 9; i++) add[i] = turn * R[i];
+    for (int i = 0; i < 9; i += 4) add[i] += diagonal;
+    for (int i = 0; i < 2; i++)
+        for (int j = i + 1; j < 3; j++) {
+            const V8 spin = *mu * (H[3 * i + j] - H[3 * j + i]);
+            add[3 * i + j] += spin, add[3 * j + i] -= spin;
+        }
 }
 
 INSIDE void TM_NAME(isotropic_energy)(const V8 *mu, const V8 *lambda, const V8 H[9], const V8 *I, const V8 *trace,
@@ -232,7 +269,11 @@ INSIDE bool TM_NAME(blend)(const tm_tet_batches *batches, const V8 H[9], V8 *wei
     for (int i = 0; i < 9; i++) s += H[i] * H[i];
     const V8 one = s * 0 + 1;
     V8 x = (s - batches->begin_1_2) * (1 / batches->width_1_2);
-    const M8 above = x > 0, beyond = x > 1;
+    const M8 above = x > 0, beyond = x > 1, within = ~beyond;
+    if (!TM_NAME(any)(&within)) {
+        *weight = one, *slope = (V8){0};
+        return true;
+    }
     x = (V8)((M8)x & above);
     TM_NAME(choose)(&x, &beyond, &one, &x);
     *weight = x * x * x * (10 - x * (15 - 6 * x));
@@ -275,51 +316,91 @@ INSIDE bool TM_NAME(turn)(const tm_tet_batches *batches, int32_t p, int at, cons
     return true;
 }
 
+/* The same of a complete batch. Returns how many sets of lanes have a correction; at: their first lanes. */
+INSIDE int TM_NAME(turn_all)(const tm_tet_batches *batches, int32_t p, const double *u, bool wants_energy,
+                             TM_NAME(turned) * turned, int *at) {
+    TM_NAME(stretch) stretch[TM_NAME(SETS)];
+    int count = 0;
+    for (int l = 0; l < TM_LANES; l += TM_WIDTH) {
+        TM_NAME(turned) *b = turned + count;
+        TM_NAME(gradient)(batches, p, l, u, b->H);
+        if (!TM_NAME(blend)(batches, b->H, &b->weight, &b->slope)) continue;
+        for (int i = 0; i < 9; i++) b->F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
+        TM_NAME(measure)(b->F, stretch + count);
+        at[count++] = l;
+    }
+    if (count == TM_NAME(SETS))
+        TM_NAME(find_traces)(stretch, TM_NAME(SETS));
+    else
+        TM_NAME(find_traces)(stretch, count);
+    for (int c = 0; c < count; c++) {
+        TM_NAME(turned) *b = turned + c;
+        TM_NAME(law) w;
+        const bool fibred = TM_NAME(law_of)(batches, p, at[c], &w);
+        TM_NAME(rotation_of)(stretch + c, b->F, b->R);
+        b->I = stretch[c].I, b->trace = stretch[c].trace;
+        TM_NAME(turn_law)(&w, fibred, wants_energy, b);
+    }
+    return count;
+}
+
 /* Adds the corner forces to force_N, the marked lanes ascending. */
 INSIDE void TM_NAME(scatter)(const tm_tet_batches *batches, int32_t p, int at, const M8 *who, const V8 P[9],
                              double *force_N) {
     const tm_tet_batch *batch = batches->batch + p;
     V8 pulls[4][3];
-    double f[4][3][TM_WIDTH] __attribute__((aligned(64)));
+    TM_NAME(two) xy[4][TM_WIDTH];
+    double z[4][TM_WIDTH] __attribute__((aligned(64)));
     TM_NAME(pull)(batches, p, at, P, pulls);
-    memcpy(f, pulls, sizeof f);
+    for (int k = 0; k < 4; k++) {
+        TM_NAME(pairs)(&pulls[k][0], &pulls[k][1], xy[k]);
+        memcpy(z[k], &pulls[k][2], sizeof z[k]);
+    }
     for (int l = 0; l < TM_WIDTH; l++) {
         if (!(*who)[l]) continue;
-        for (int k = 0; k < 4; k++)
-            for (int i = 0; i < 3; i++) force_N[batch->component[k][at + l] + i] -= f[k][i][l];
+        for (int k = 0; k < 4; k++) { /* two stores instead of three */
+            double *of = force_N + batch->component[k][at + l];
+            TM_NAME(two) sum;
+            memcpy(&sum, of, sizeof sum);
+            sum -= xy[k][l];
+            memcpy(of, &sum, sizeof sum);
+            of[2] -= z[k][l];
+        }
     }
 }
 
 INSIDE void TM_NAME(stress_of)(const TM_NAME(turned) * b, V8 P[9]) {
+    const M8 within = (b->weight != 1) | (b->slope != 0);
     const V8 steer = 2 * b->slope * b->energy;
-    for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
+    if (!TM_NAME(any)(&within))
+        memcpy(P, b->stress, sizeof b->stress);
+    else
+        for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
 }
 
 /* Adds the energies of lanes in ascending order: the same bits for every width. */
 INSIDE void TM_NAME(add_energy)(const TM_NAME(turned) * b, double *sum_J) {
-    const V8 weighted = b->weight * b->energy;
-    for (int l = 0; l < TM_WIDTH; l++)
-        if (b->weight[l] > 0) *sum_J += weighted[l];
+    const V8 weighted = (V8)((M8)(b->weight * b->energy) & (b->weight > 0));
+    for (int l = 0; l < TM_WIDTH; l++) *sum_J += weighted[l];
 }
 
 TM_TARGET static int32_t TM_NAME(force)(const tm_tet_batches *batches, const int32_t *list, int32_t count,
                                         const double *u_m, double *force_N, double *energy_J) {
     int32_t active = 0;
     for (int32_t n = 0; n < count; n++) {
-        bool any = false;
+        TM_NAME(turned) b[TM_NAME(SETS)];
+        int at[TM_NAME(SETS)];
+        const int sets = TM_NAME(turn_all)(batches, list[n], u_m, energy_J, b, at);
         double sum_J = 0;
-        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
-            TM_NAME(turned) b;
+        for (int c = 0; c < sets; c++) {
             V8 P[9];
-            if (!TM_NAME(turn)(batches, list[n], at, u_m, energy_J, &b)) continue;
-            any = true;
-            const M8 who = b.weight > 0;
-            TM_NAME(stress_of)(&b, P);
-            TM_NAME(scatter)(batches, list[n], at, &who, P, force_N);
-            if (energy_J) TM_NAME(add_energy)(&b, &sum_J);
+            const M8 who = b[c].weight > 0;
+            TM_NAME(stress_of)(b + c, P);
+            TM_NAME(scatter)(batches, list[n], at[c], &who, P, force_N);
+            if (energy_J) TM_NAME(add_energy)(b + c, &sum_J);
         }
         if (energy_J) energy_J[n] = sum_J;
-        active += any;
+        active += sets > 0;
     }
     return active;
 }

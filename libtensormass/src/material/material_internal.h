@@ -64,9 +64,8 @@ typedef int32_t (*tm_rotation_kernel)(const tm_tet_batches *packs, const int32_t
 /* 0 plain, 1 AVX2, 2 AVX-512; null: not supported by this processor. */
 tm_rotation_kernel tm_rotation_form(int form);
 tm_rotation_kernel tm_rotation_choose(bool plain);
-/* The same in two steps, for threads that share vertices. First the corner forces of the listed batches, [12*TM_LANES]
- * each, and a bit for each lane that has any. Then tm_corner_forces_add sums those on the vertices [begin, end), in the
- * list's order. */
+/* The same without the sums, for threads that share vertices: corner forces of the listed batches, [12*TM_LANES] each,
+ * and a bit for each lane that has any. */
 typedef void (*tm_corner_force_kernel)(const tm_tet_batches *packs, const int32_t *list, int32_t count,
                                        const double *u_m, double *corner_N, uint8_t *who, double *energy_J);
 tm_corner_force_kernel tm_corner_force_choose(bool plain);
@@ -177,15 +176,16 @@ struct tm_rotation {
     int32_t elastic_count;
     const uint8_t *relaxes; /* [count] 1: the stage "viscosity" computes the batch; null: none */
     double listed_m;        /* the list holds every batch of less reach */
+    int64_t listing;        /* number of the list: another one for each change */
     int64_t idle;           /* batches checked without result since `seen_m` */
     bool seen;
     int32_t active;
+    bool divided;              /* the last step divided the list among threads */
     double *scratch_N;         /* [3*vertex_count] */
     bool done_by_viscosity;    /* the stage "viscosity" computes the complete force */
     struct tm_relaxing *whole; /* with averaged dilatation: the complete law in passes; else null */
     struct tm_relaxing *terms; /* the stage "viscosity"'s, or null */
     tm_conserving conserving;
-    int32_t *reached; /* [2*count] divided among threads: first and last vertex of a batch; else null */
 };
 
 /* Builds the batches of the laws, without the averaged part: of corotated tissue those where rotation acts. */
@@ -210,6 +210,4 @@ void tm_tet_batches_mark_seen(tm_rotation *r, const double *u_m, int32_t part, i
 void tm_tet_batches_seen(tm_rotation *r);
 double tm_tet_batches_increment(const tm_rotation *r, const double *u_m, int32_t part, int32_t parts);
 void tm_tet_batches_list(tm_rotation *r, double way_m);
-void tm_corner_forces_add(const tm_tet_batches *batches, const int32_t *list, int32_t count, const double *corner_N,
-                          const uint8_t *who, int32_t begin, int32_t end, double *force_N);
 #endif

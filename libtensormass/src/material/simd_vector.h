@@ -124,6 +124,28 @@ INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const
 
 #endif
 
+#ifndef TM_FLOATS
+/* xy[l] := components x and y of lane l. */
+typedef double TM_NAME(two) __attribute__((vector_size(16)));
+INSIDE void TM_NAME(pairs)(const V8 *x, const V8 *y, TM_NAME(two) xy[TM_WIDTH]) {
+#if !defined(TM_NEON_FORM) && TM_WIDTH >= 4
+    __m256d part[2][TM_WIDTH / 4];
+    memcpy(part[0], x, sizeof part[0]);
+    memcpy(part[1], y, sizeof part[1]);
+    for (int h = 0; h < TM_WIDTH / 4; h++) {
+        const __m256d even = _mm256_unpacklo_pd(part[0][h], part[1][h]),
+                      odd = _mm256_unpackhi_pd(part[0][h], part[1][h]);
+        xy[4 * h] = (TM_NAME(two))_mm256_castpd256_pd128(even),
+               xy[4 * h + 1] = (TM_NAME(two))_mm256_castpd256_pd128(odd);
+        xy[4 * h + 2] = (TM_NAME(two))_mm256_extractf128_pd(even, 1);
+        xy[4 * h + 3] = (TM_NAME(two))_mm256_extractf128_pd(odd, 1);
+    }
+#else
+    for (int l = 0; l < TM_WIDTH; l++) xy[l] = (TM_NAME(two)){(*x)[l], (*y)[l]};
+#endif
+}
+#endif
+
 INSIDE void TM_NAME(root)(V8 *x) {
 #ifdef TM_FLOATS
 #ifdef TM_NEON_FORM

@@ -9,17 +9,19 @@
 #define TM_BATCH tm_tet_batch
 #endif
 
-INSIDE void TM_NAME(active_lanes)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
+/* Returns whether all lanes are active. */
+INSIDE bool TM_NAME(active_lanes)(const TM_BATCHES *batches, int32_t p, int at, M8 *there) {
     const tm_tet_span span = batches->span[p];
     if (span.tet + TM_LANES <= span.end &&
         !memcmp(batches->alive + span.tet + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
         *there = (M8){0} == 0;
-        return;
+        return true;
     }
     for (int l = 0; l < TM_WIDTH; l++) {
         const int32_t tet = span.tet + at + l;
         (*there)[l] = tet < span.end && batches->alive[tet] ? -1 : 0;
     }
+    return false;
 }
 
 /* Computes grad u of the batch's active tetrahedra, 0 of the others. */
@@ -27,7 +29,7 @@ INSIDE void TM_NAME(gradient)(const TM_BATCHES *batches, int32_t p, int at, cons
     const TM_BATCH *batch = batches->batch + p;
     TM_NAME(origin) first;
     M8 there;
-    TM_NAME(active_lanes)(batches, p, at, &there);
+    const bool all = TM_NAME(active_lanes)(batches, p, at, &there);
     TM_NAME(origin_of)(u, batch->component[0] + at, first);
 #pragma GCC unroll 3
     for (int k = 0; k < 3; k++) { /* corner by corner: nine sums and little else in registers */
@@ -38,7 +40,7 @@ INSIDE void TM_NAME(gradient)(const TM_BATCHES *batches, int32_t p, int at, cons
             for (int i = 0; i < 3; i++) H[3 * i + j] = k ? H[3 * i + j] + d[i] * alpha : d[i] * alpha;
         }
     }
-    for (int i = 0; i < 9; i++) H[i] = (V8)((M8)H[i] & there);
+    for (int i = 0; i < 9 && !all; i++) H[i] = (V8)((M8)H[i] & there);
 }
 
 /* Computes the corner forces of a stress times the volume: corners 1, 2, 3, and corner 0 as minus their sum. */

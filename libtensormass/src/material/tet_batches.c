@@ -208,23 +208,13 @@ void tm_tet_batches_list(tm_rotation *r, double way_m) {
     if (way_m < r->listed_m) return;
     /* For some steps ahead; the list only grows until the next reference state. */
     r->listed_m = 2 * way_m;
-    r->list_count = 0;
-    for (int32_t p = 0; p < r->batches.count; p++)
-        if (r->reach_m[p] <= r->listed_m) r->list[r->list_count++] = p;
-}
-
-/* --- corner forces on one thread's vertices --- */
-
-void tm_corner_forces_add(const tm_tet_batches *batches, const int32_t *list, int32_t count, const double *corner_N,
-                          const uint8_t *who, int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
-    for (int32_t n = 0; n < count; n++)
-        for (int l = 0; l < TM_LANES; l++) {
-            if (!(who[n] >> l & 1)) continue;
-            const double *f = corner_N + 12 * TM_LANES * (int64_t)n + l;
-            for (int k = 0; k < 4; k++, f += 3 * TM_LANES) {
-                const int32_t c = batches->batch[list[n]].component[k][l];
-                if (c < 3 * begin || c >= 3 * end) continue;
-                for (int i = 0; i < 3; i++) force_N[c + i] -= f[TM_LANES * i];
-            }
-        }
+    int32_t count = 0;
+    bool changed = false;
+    for (int32_t p = 0; p < r->batches.count; p++) {
+        if (!(r->reach_m[p] <= r->listed_m)) continue;
+        changed |= count >= r->list_count || r->list[count] != p;
+        r->list[count++] = p;
+    }
+    r->listing += changed || count != r->list_count;
+    r->list_count = count;
 }

@@ -5,34 +5,17 @@
 
 #include "tissue/tangent.h"
 #include "world/conserve.h"
+#include "world/divided_batches.h"
 #include "world/viscosity.h"
-
-/* A few batches of one partition, and their corner forces. */
-enum { FEW = 16 };
-typedef struct few {
-    double corner_N[12 * TM_LANES * FEW];
-    double energy_J[FEW];
-    int32_t batch[FEW], at[FEW], count; /* at: index in the list */
-    uint8_t who[FEW];
-    int32_t active; /* of those whose first vertex is in the partition */
-} few;
 
 typedef struct turner {
     tm_rotation rotation; /* the stage's self */
     tm_world *world;
     tm_relaxing whole;   /* with averaged dilatation */
     double *increment_m; /* [partition_count] */
-    /* divided among threads */
-    tm_corner_force_kernel corner_force;
-    few *few;              /* [partition_count] */
-    int32_t *begin, *load; /* [partition_count] begins of partitions at the last count, and their batches then */
-    int32_t counted;       /* length of the list then */
-    tm_nonlinear law;      /* the interface to other components */
+    tm_divided_batches divided;
+    tm_nonlinear law; /* the interface to other components */
 } turner;
-
-/* --- divided among threads: checks of batches and their sums. A batch across a partition end is computed by all
- * partitions that it reaches, and each adds to its own vertices. So each vertex sums in the list's order, and no thread
- * waits for another's result. --- */
 
 static void see(void *context, int32_t partition) {
     turner *t = context;
@@ -43,77 +26,6 @@ static void go(void *context, int32_t partition) {
     const turner *t = context;
     t->increment_m[partition] =
         tm_tet_batches_increment(&t->rotation, t->world->state.u_m, partition, t->world->partition_count);
-}
-
-static bool reaches(const tm_rotation *r, int32_t batch, const tm_force_partition *own) {
-    return r->reached[2 * batch] < own->end && r->reached[2 * batch + 1] >= own->begin;
-}
-
-static void add_few(turner *t, few *of, const tm_force_partition *own) {
-    const tm_rotation *r = &t->rotation;
-    t->corner_force(&r->batches, of->batch, of->count, t->world->state.u_m, of->corner_N, of->who, of->energy_J);
-    tm_corner_forces_add(&r->batches, of->batch, of->count, of->corner_N, of->who, own->begin, own->end,
-                         r->conserving.now_N);
-    for (int32_t n = 0; n < of->count; n++) {
-        if (r->reached[2 * of->batch[n]] < own->begin) continue; /* another partition's */
-        of->active += of->who[n] != 0;
-        r->conserving.batch_J[of->at[n]] = of->energy_J[n];
-    }
-    of->count = 0;
-}
-
-static void add(void *context, int32_t partition) {
-    turner *t = context;
-    const tm_rotation *r = &t->rotation;
-    const tm_force_partition *own = &t->world->partition[partition].force;
-    few *of = &t->few[partition];
-    of->count = of->active = 0;
-    for (int32_t n = 0; n < r->list_count; n++) {
-        if (!reaches(r, r->list[n], own)) continue;
-        of->at[of->count] = n;
-        of->batch[of->count++] = r->list[n];
-        if (of->count == FEW) add_few(t, of, own);
-    }
-    add_few(t, of, own);
-}
-
-static void count_loads(turner *t) {
-    const tm_rotation *r = &t->rotation;
-    bool counted = t->counted == r->list_count;
-    for (int32_t p = 0; p < t->world->partition_count; p++) {
-        counted &= t->begin[p] == t->world->partition[p].force.begin;
-        t->begin[p] = t->world->partition[p].force.begin;
-    }
-    t->counted = r->list_count;
-    for (int32_t p = 0; p < t->world->partition_count && !counted; p++) {
-        t->load[p] = 0;
-        for (int32_t n = 0; n < r->list_count; n++) t->load[p] += reaches(r, r->list[n], &t->world->partition[p].force);
-    }
-}
-
-/* Returns whether dividing pays. It does not for few batches: synchronisation costs more. Nor where one partition has
- * nearly all, or where most batches reach across partition ends. */
-static bool is_worth_dividing(turner *t) {
-    enum { WORTH = 64 };
-    const int32_t listed = t->rotation.list_count;
-    if (t->world->partition_count == 1 || listed < WORTH) return false;
-    int32_t most = 0;
-    count_loads(t);
-    for (int32_t p = 0; p < t->world->partition_count; p++) most = t->load[p] > most ? t->load[p] : most;
-    return most < listed - listed / 8;
-}
-
-static void run_listed(turner *t) {
-    tm_rotation *r = &t->rotation;
-    tm_world *world = t->world;
-    if (!is_worth_dividing(t)) {
-        r->active = r->kernel(&r->batches, r->list, r->list_count, world->state.u_m, r->conserving.now_N,
-                              r->conserving.batch_J);
-        return;
-    }
-    tm_partitions_run(world, add, t);
-    r->active = 0;
-    for (int32_t p = 0; p < world->partition_count; p++) r->active += t->few[p].active;
 }
 
 static void run(void *self, tm_world *world) {
@@ -133,7 +45,7 @@ static void run(void *self, tm_world *world) {
     for (int32_t p = 1; p < world->partition_count; p++) way_m = t->increment_m[p] > way_m ? t->increment_m[p] : way_m;
     tm_tet_batches_list(r, way_m);
     tm_conserve_clear(&r->conserving);
-    run_listed(t);
+    tm_divided_batches_run(&t->divided);
     tm_conserve(&r->conserving, world);
     r->idle += r->list_count - r->active;
 }
@@ -212,37 +124,18 @@ static tm_nonlinear law_of(tm_rotation *r) {
 
 /* --- creation --- */
 
-static void reach(const tm_tet_batches *batches, int32_t p, int32_t reached[2]) {
-    const tm_mesh *mesh = batches->mesh;
-    const tm_tet_span span = batches->span[p];
-    reached[0] = mesh->vertex_count, reached[1] = -1;
-    for (int32_t i = 4 * span.tet; i < 4 * (span.tet + TM_LANES) && i < 4 * span.end; i++) {
-        if (mesh->tet[i] < reached[0]) reached[0] = mesh->tet[i];
-        if (mesh->tet[i] > reached[1]) reached[1] = mesh->tet[i];
-    }
-}
-
 /* Allocates memory for threads, or for the complete law in passes. */
 static bool init_passes(turner *t, tm_pool *pool, tm_world *world) {
     tm_rotation *r = &t->rotation;
-    const int64_t count = r->batches.count;
     t->world = world;
     t->increment_m = TM_ALLOC(pool, double, world->partition_count);
-    t->corner_force = tm_corner_force_choose(world->tissue->plain);
     if (pool->failed) return false;
     if (tm_nodal_dilatation_is_on(&r->nodal_dilatation)) {
         if (!tm_relaxing_init_elastic(&t->whole, pool, world, r)) return false;
         r->whole = &t->whole;
         return true;
     }
-    if (world->partition_count == 1) return true;
-    t->few = TM_ALLOC(pool, few, world->partition_count);
-    t->begin = TM_ALLOC(pool, int32_t, world->partition_count);
-    t->load = TM_ALLOC(pool, int32_t, world->partition_count);
-    t->counted = -1;
-    r->reached = TM_ALLOC(pool, int32_t, 2 * count);
-    for (int32_t p = 0; !pool->failed && p < count; p++) reach(&r->batches, p, r->reached + 2 * p);
-    return !pool->failed;
+    return tm_divided_batches_init(&t->divided, pool, world, r);
 }
 
 static bool init(turner *t, tm_pool *pool, tm_world *world) {

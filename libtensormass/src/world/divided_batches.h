@@ -1,0 +1,30 @@
+/* The corrections of the listed batches, divided among the world's threads (divided_batches.c). */
+#ifndef TM_DIVIDED_BATCHES_H
+#define TM_DIVIDED_BATCHES_H
+
+#include "material/material_internal.h"
+#include "world/world_internal.h"
+
+typedef struct tm_divided_batches {
+    tm_rotation *rotation;
+    tm_world *world;
+    tm_corner_force_kernel corner_force;
+    bool pays;
+    int64_t listing; /* the list's number at the last division */
+    uint8_t *owner;  /* [vertex_count] first part with a batch at the vertex */
+    int32_t *active; /* [parts] batches with a correction */
+    /* Of batches that straddle, part after part: index in the list, corner forces and lanes that have any. */
+    int32_t *late_begin; /* [parts + 1] */
+    int32_t *late;
+    double *corner_N; /* [12*TM_LANES] each */
+    uint8_t *who;
+    int32_t capacity;
+} tm_divided_batches;
+
+/* Allocates from the pool; nothing for one thread. Returns false without memory. */
+bool tm_divided_batches_init(tm_divided_batches *d, tm_pool *pool, tm_world *world, tm_rotation *rotation);
+/* Adds the corrections of the listed batches to the rotation's now_N, and sets batch_J and `active`: the bits of
+ * rotation->kernel over the list. */
+void tm_divided_batches_run(tm_divided_batches *d);
+
+#endif
