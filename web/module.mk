@@ -64,14 +64,20 @@ $(WEB)/page/data/%.msh: meshes/%.msh
 $(WEB)/page/data/%.yaml: apps/scenes/%.yaml
 	$(call step,COPY)
 	$(Q)cp $< $@
-# main.js and painter.js share what they use of three.js (shared.js).
-$(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) $(WEB)/node_modules/.done
+# The organ at rest, for the first picture (boot.js).
+WEB_REST := $(patsubst %,$(WEB)/page/data/%.rest.json,liver-press.liver_1k liver-press.liver_10k liver-cut.liver_10k liver-cut.liver_cut block-press.block_1k)
+$(WEB_REST): web/rest.mjs $(WEB)/npm/simd.js $(WEB)/npm/plain.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM) $(WEB_DATA)
+	$(call step,REST)
+	$(Q)node web/rest.mjs $(WEB)/npm apps/scenes meshes $@
+# main.js and painter.js share what they use of three.js (shared.js); boot.js has nothing of it.
+$(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) web/npm/vectors.js $(WEB)/node_modules/.done
 	$(call step,PACK)
 	$(Q)NODE_PATH=$(abspath $(WEB))/node_modules $(WEB)/node_modules/.bin/esbuild web/page/main.js web/page/painter.js --bundle --splitting --chunk-names=shared --minify --format=esm --external:./tissue.worker.js --legal-comments=linked --log-level=warning --outdir=$(@D)
+	$(Q)$(WEB)/node_modules/.bin/esbuild web/page/boot.js --bundle --minify --format=esm --log-level=warning --outfile=$(@D)/boot.js
 $(WEB)/page/lib/index.js: web-npm
 	$(call step,COPY)
 	$(Q)cp $(filter-out %.json %.md,$(wildcard $(WEB)/npm/*)) $(@D)/
-web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB)/page/main.js $(WEB)/page/lib/index.js
+web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB_REST) $(WEB)/page/main.js $(WEB)/page/lib/index.js
 # The errors that the page shows beside its choices: an hour of studies.
 WEB_STUDY = nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB)/study
 web-study: $(OUT)/bin/tm-accuracy $(OUT)/bin/tm-sim

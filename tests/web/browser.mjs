@@ -1,4 +1,4 @@
-// Launches a browser for the tests: Chromium headless with software WebGL, or Firefox on the screen that xvfb-run gives.
+// Launches a browser for the tests: Chromium headless, which draws with the processor where there is no GPU, or Firefox on the screen that xvfb-run gives.
 import path from 'node:path';
 import { pathToFileURL } from 'node:url';
 
@@ -9,7 +9,7 @@ export async function launch(puppeteer, executablePath, more = []) {
   const disabled = firefox ? [] : (await engine.defaultArgs({ browser: 'chrome' })).filter((a) => a.startsWith('--disable-features'));
   return engine.launch({
     executablePath, headless: !firefox, extraPrefsFirefox: { 'webgl.force-enabled': true }, browser: firefox ? 'firefox' : 'chrome', protocolTimeout: 180000, ignoreDefaultArgs: disabled,
-    args: firefox ? [] : ['--no-sandbox', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-component-update', '--disable-sync',
+    args: firefox ? [] : ['--no-sandbox', '--enable-unsafe-swiftshader', '--disable-background-networking', '--disable-component-update', '--disable-sync',
       '--no-first-run', '--disable-background-timer-throttling', '--disable-renderer-backgrounding', ...more],
   });
 }

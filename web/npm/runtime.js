@@ -1,7 +1,8 @@
 // Access to the library in WebAssembly: memory, structs by name, calls, errors.
 import { structs, functions, constants } from './bindings.js';
+import { hasSimd } from './vectors.js';
 
-export { constants };
+export { constants, hasSimd };
 
 // An error that a function of the library returned: what is wrong; what to do.
 export class TensormassError extends Error {
@@ -22,11 +23,6 @@ const ARRAY = {
 };
 const freed = new FinalizationRegistry((release) => release());
 
-// Whether this machine's WebAssembly has 128-bit vectors: the module of the specification's smallest such function.
-export function hasSimd() {
-  return WebAssembly.validate(new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]));
-}
-
 async function bytesOf(name) {
   const url = new URL(name, import.meta.url);
   if (url.protocol !== 'file:' || typeof process === 'undefined') return undefined; // the module fetches it
@@ -35,11 +31,15 @@ async function bytesOf(name) {
 }
 
 // Loads the library. form: "simd", "plain" (the reference, bit-identical to the native build's plain form), or "best".
-// wasmBinary: the bytes of FORM.wasm, if they were loaded elsewhere.
-export async function load({ form = 'best', wasmBinary } = {}) {
+// wasmBinary: the bytes of FORM.wasm, or wasmModule: compiled from them, if they were loaded elsewhere.
+export async function load({ form = 'best', wasmBinary, wasmModule } = {}) {
   const chosen = form === 'best' ? (hasSimd() ? 'simd' : 'plain') : form;
   if (!['simd', 'plain'].includes(chosen)) throw new TensormassError(`form "${form}" is not known; use best, simd or plain`);
   const factory = chosen === 'simd' ? (await import('./simd.js')).default : (await import('./plain.js')).default;
+  if (wasmModule) {
+    const instantiateWasm = (imports, done) => { WebAssembly.instantiate(wasmModule, imports).then((instance) => done(instance, wasmModule)); return {}; };
+    return new Library(await factory({ instantiateWasm, locateFile: (file) => new URL(file, import.meta.url).href }), chosen);
+  }
   const binary = wasmBinary ?? (await bytesOf(`${chosen}.wasm`));
   const module = await factory({ ...(binary ? { wasmBinary: binary } : {}), locateFile: (file) => new URL(file, import.meta.url).href });
   return new Library(module, chosen);

@@ -1,12 +1,6 @@
 // What the page lets one choose: each choice is a setting of the scene, with the price that was measured here and the error of the study in study.json.
+import { SCENES, meshesOf } from './scenes.js';
 import study from './study.json';
-
-const LIVERS = { '1,180 tetrahedra': 'liver_1k.msh', '10,198 tetrahedra': 'liver_10k.msh' }, BLOCKS = { '1,176 tetrahedra': 'block_1k.msh' };
-export const SCENES = {
-  'liver-press': { text: 'A liver pressed by a probe', meshes: LIVERS },
-  'liver-cut': { text: 'A liver grasped, pulled and cut', meshes: { '15,238 tetrahedra': 'liver_cut.msh' } },
-  'block-press': { text: 'A block pressed by a probe', meshes: BLOCKS },
-};
 
 const nothing = () => ({});
 // Hard cases that are settings of the scene. "jumps" and "still" are the tissue worker's, "late", "lost" and "forged" the law's.
@@ -36,8 +30,6 @@ const CHOICES = {
     sets: (v) => (v === 'none' ? {} : { energy: '{}', ...HARD[v] }), // with the account of energy, as the verdict
   },
 };
-
-const meshesOf = (scene) => Object.keys(SCENES[scene].meshes);
 
 function select(name, { text, values, names = values }, state, changed) {
   const label = document.createElement('label'), field = document.createElement('select'), price = document.createElement('span'), error = document.createElement('span');

@@ -1,7 +1,16 @@
 // Figures and the plot of the force.
 import { choices } from './choices.js';
 import { ROW } from './marks.js';
-import { $, state } from './state.js';
+import { $, state, view } from './state.js';
+
+// The pictures that were drawn a second ago.
+let counted = { pictures: 0, at_ms: 0 };
+function pictures() {
+  const past_s = (performance.now() - counted.at_ms) / 1000;
+  if (past_s < 1) return;
+  $('pictures').textContent = `${((view.pictures - counted.pictures) / past_s).toFixed(0)}, ${(100 * view.scale).toFixed(0)} %`;
+  counted = { pictures: view.pictures, at_ms: performance.now() };
+}
 
 let shown_ms = 0;
 export function figures({ median_ms, factor, memory, stages, energy, rows }) {
@@ -17,6 +26,7 @@ export function figures({ median_ms, factor, memory, stages, energy, rows }) {
   $('energy-row').hidden = !energy;
   if (energy) $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)} mJ made, of ${(1000 * energy.put_in_J).toFixed(2)} mJ put in; ${energy.residual_J.toExponential(0)} J unexplained`;
   choices.price(state, median_ms);
+  pictures();
   if (!stages) return;
   const longest = stages.filter((s) => s.ms > 0.005).sort((a, b) => b.ms - a.ms).slice(0, 8);
   $('stages').tBodies[0].replaceChildren(...longest.map(({ name, ms }) => {

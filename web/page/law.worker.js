@@ -8,8 +8,9 @@ let library, controllers = [], tips = [], targets = [], extrapolator = 'adaptive
 let late = [], force = [], sampled = [], device = null, cursor = null, reasons = {}, waiting = false, pauses = new Pauses();
 
 const messages = {
-  async start({ port }) {
-    library = await load();
+  // form, module: of the library, compiled; undefined: it is loaded here.
+  async start({ port, form, module }) {
+    library = await load({ form, wasmModule: module });
     port.onmessage = ({ data }) => messages[data.kind](data);
     setInterval(run, 1);
     postMessage({ kind: 'ready' });

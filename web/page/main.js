@@ -1,34 +1,28 @@
 // The page: choices to scene settings, messages of the workers to view, figures and plots.
-import { SCENES, choices } from './choices.js';
+import { choices } from './choices.js';
 import { device } from './device.js';
 import { figures, plot } from './figures.js';
 import { accept, save } from './files.js';
 import { hold, listen, pad, place } from './hand.js';
+import { SCENES } from './scenes.js';
 import { $, fail, law, state, tissue, view } from './state.js';
 
 // For tests and the curious. fresh(n): runs n frames of the open scene from its start, along its hands; the result is state.ran.
 globalThis.tensormass = { state, view, tissue, law, fresh: (frames) => tissue.postMessage({ kind: 'run', frames, ...state.sent, files: state.sentFiles }) };
 
-const channel = new MessageChannel(), pictures = new MessageChannel();
-tissue.postMessage({ kind: 'start', port: channel.port1, pictures: pictures.port1 }, [channel.port1, pictures.port1]);
-view.start(pictures.port2);
-law.postMessage({ kind: 'start', port: channel.port2 }, [channel.port2]);
+view.start();
 
 // --- scenes ---
 
-const files = new Map();
-async function fileOf(path) {
-  if (!files.has(path)) files.set(path, new Uint8Array(await (await fetch(`data/${path}`)).arrayBuffer()));
-  return files.get(path);
-}
+const { fileOf } = globalThis.boot;
 
 async function open() {
   const name = state.chosen.scene, scene = SCENES[name];
   if (state.own?.yaml) return send(state.own.yaml, state.own.files, {});
   if (state.own?.mesh) return tissue.postMessage({ kind: 'mesh', name: state.own.mesh, files: state.own.files, sets: choices.sets(state.chosen) });
   const mesh = scene.meshes[state.chosen.mesh] ?? Object.values(scene.meshes)[0];
-  const yaml = new TextDecoder().decode(await fileOf(`${name}.yaml`));
-  return send(yaml, { [mesh]: await fileOf(mesh) }, { 'tissue.mesh': mesh, 'haptics.compliance': 'iterations', ...(/^rendering:/m.test(yaml) ? { rendering: null } : {}), ...choices.sets(state.chosen) });
+  const [text, content] = await Promise.all([`${name}.yaml`, mesh].map(fileOf)), yaml = new TextDecoder().decode(text);
+  return send(yaml, { [mesh]: content }, { 'tissue.mesh': mesh, 'haptics.compliance': 'iterations', ...(/^rendering:/m.test(yaml) ? { rendering: null } : {}), ...choices.sets(state.chosen) });
 }
 
 function send(yaml, content, sets) {
@@ -49,9 +43,13 @@ function choose(name) {
 // --- messages of the workers ---
 
 const fromTissue = {
-  ready({ form }) { state.form = form; begin(); },
+  ready({ form }) {
+    state.form = form;
+    open().catch((error) => fail(`The page's data cannot be read: ${error.message}`));
+  },
   made({ yaml }) { state.sent = { yaml, sets: choices.sets(state.chosen) }; state.sentFiles = state.own.files; },
   opened(message) {
+    law.start();
     state.opened = { ...message, number: (state.opened?.number ?? 0) + 1 };
     state.ownGood = state.own;
     state.opening = false;
@@ -91,7 +89,7 @@ const fromTissue = {
   error({ message }) { state.own = state.ownGood ?? null; fail(message); },
 };
 const fromLaw = {
-  ready: begin,
+  ready() {},
   law(message) { law.postMessage({ kind: 'taken' }); state.law = message; plot(message); },
   cursor({ tip_m, closed }) { place(tip_m, closed); },
 };
@@ -104,8 +102,6 @@ const fromDevice = {
 };
 tissue.onmessage = ({ data }) => fromTissue[data.kind](data);
 law.onmessage = ({ data }) => fromLaw[data.kind](data);
-
-function begin() { if (++state.ready === 2) open().catch((error) => fail(`The page's data cannot be read: ${error.message}`)); }
 
 // --- start ---
 

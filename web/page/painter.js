@@ -1,16 +1,27 @@
 // Draws the picture in a worker of its own, by three.js: organ, instruments, marks. The page's thread stays free for the hand and for the watchdog of a device.
-// Frames come from the tissue's worker directly; camera, size and colours from the page (view.js).
+// Frames come from the tissue's worker directly; camera, size and colours from the page (view.js). The first picture is the organ at rest, from a file.
+// A picture that would not differ is not drawn. The resolution follows the time of a picture (scale.js); when nothing moves, it is complete.
 import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight, DynamicDrawUsage, Group, HemisphereLight, Mesh, MeshPhysicalMaterial,
   MeshStandardMaterial, PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from 'three';
 import { Marks, store } from './marks.js';
+import { placed } from './placed.js';
+import { Scale } from './scale.js';
 
 const wet = (color) => new MeshPhysicalMaterial({ color, roughness: 0.42, clearcoat: 0.35, clearcoatRoughness: 0.4 });
 
+// SAME_PX: motion that a picture does not show. REST_MS: without a change, for a picture in full resolution. PIXELS_MAX: of a picture.
+const SAME_PX = 0.25, REST_MS = 250, PIXELS_MAX = 8e6;
+
 class Painter {
-  constructor(canvas) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true });
+  // answer(): tells the tissue's worker that a frame was drawn, or replaced by a newer one.
+  constructor(canvas, answer) {
+    this.answer = answer;
+    // Without transparency and multisampling, which a processor that draws pays for with half of its time.
+    const context = canvas.getContext('webgl2', { alpha: false, antialias: false });
+    if (!context) throw new Error('it gave no context');
+    this.renderer = new WebGLRenderer({ canvas, context });
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(35, 1, 0.001, 10);
     const key = new DirectionalLight(0xffffff, 2.2);
@@ -24,24 +35,48 @@ class Painter {
     this.marks = new Marks(this.scene);
     this.instruments = [];
     this.frames = 0;
-    this.fineness = 1; // share of the screen's resolution
+    this.pictures = 0;
+    this.scale = new Scale();
     this.fence = null;
     this.dirty = true; // the picture needs drawing
-    this.answer = false; // the tissue's worker waits for its frame to be drawn
+    this.next = null; // the newest frame, until it is drawn
+    this.late = false; // the tissue is
+    this.changed_ms = -Infinity;
+    this.sharp = false; // the last picture has the full resolution
+    this.placed = false; // the page has set the camera
     this.size = { width: 1, height: 1, ratio: 1 };
   }
 
-  // Shows a new organ between two corners: rest positions [3n], instruments of the scene, supported vertices [3m].
-  open({ rest, instruments, supports, low_m, high_m }) {
+  // Shows a new organ between two corners: positions [3n], triangles as in frame() (a recorded session: none yet), instruments of the scene, supported
+  // vertices [3m].
+  open({ rest, triangles, own, instruments, supports, low_m, high_m }) {
+    if (this.next) this.answer();
+    Object.assign(this, { next: null, tips: null });
     this.organ.geometry.dispose();
     this.organ.geometry = new BufferGeometry();
     this.organ.geometry.setAttribute('position', new BufferAttribute(rest, 3).setUsage(DynamicDrawUsage));
+    if (triangles) this.surface(triangles, own);
     this.instruments.forEach((i) => this.remove(i));
     this.instruments = instruments.map((i) => this.instrument(i));
+    instruments.forEach(({ pose }, i) => pose && this.place(i, pose.tip_m));
+    this.centre = placed(this.placed ? new PerspectiveCamera() : this.camera, low_m, high_m);
+    if (!this.placed) this.camera.lookAt(this.centre);
     this.marks.open(new Vector3(...low_m).distanceTo(new Vector3(...high_m)));
     this.marks.place('supports', supports);
-    this.dirty = true;
+    this.change();
   }
+
+  // The organ's triangles [3m], those that cuts exposed last; own: number of the others.
+  surface(triangles, own = Infinity) {
+    const { geometry } = this.organ, first = Math.min(3 * own, triangles.length);
+    store(geometry, 'index', triangles, 1);
+    geometry.clearGroups();
+    geometry.addGroup(0, first, 0);
+    geometry.addGroup(first, Infinity, 1);
+    geometry.computeVertexNormals();
+  }
+
+  change() { Object.assign(this, { dirty: true, changed_ms: performance.now() }); }
 
   instrument({ trocar_m, radius_m, mode }) {
     const steel = new MeshStandardMaterial({ color: mode === 2 ? 0xd8b04a : 0xb8c0c8, metalness: 0.55, roughness: 0.35 });
@@ -56,23 +91,38 @@ class Painter {
     for (const part of [shaft, tip]) { part.geometry.dispose(); part.material.dispose(); }
   }
 
-  // position: [3n]. triangles: [3m] if they changed, those that cuts exposed last; own: number of the others. tips: of the instruments.
-  frame({ position, triangles, tips, own = Infinity, patch, rows }) {
-    const geometry = this.organ.geometry;
+  // Takes a frame: position [3n]; triangles and own as in open(), if they changed; tips of the instruments; whether the tissue is late. It replaces one that was
+  // not drawn yet.
+  frame(frame) {
+    const { triangles, own } = frame.triangles || !this.next ? frame : this.next;
+    if (this.next) this.answer();
+    this.next = { ...frame, triangles, own };
+  }
+
+  // Shows the newest frame.
+  take({ position, triangles, tips, own, patch, rows, late = false }) {
+    const { geometry } = this.organ;
+    this.frames++;
+    this.late = late;
+    this.next = null;
+    if (!triangles && !this.moved(position, tips) && !patch?.length && !rows?.length && !this.marked) return;
+    this.marked = Boolean(patch?.length || rows?.length);
+    this.tips = tips;
     geometry.attributes.position.array.set(position);
     geometry.attributes.position.needsUpdate = true;
-    if (triangles) {
-      store(geometry, 'index', triangles, 1);
-      geometry.clearGroups();
-      geometry.addGroup(0, Math.min(3 * own, triangles.length), 0);
-      geometry.addGroup(Math.min(3 * own, triangles.length), Infinity, 1);
-    }
-    if (geometry.index) geometry.computeVertexNormals();
+    if (triangles) this.surface(triangles, own);
+    else if (geometry.index) geometry.computeVertexNormals();
     tips.forEach((tip_m, i) => this.place(i, tip_m));
     if (patch) this.marks.place('patch', patch);
     if (rows) this.marks.rows(rows);
-    this.frames++;
-    this.dirty = this.answer = true;
+    this.change();
+  }
+
+  // Returns whether a picture would show the motion since the last one.
+  moved(position, tips) {
+    const before = this.organ.geometry.attributes.position.array, pixel_m = (2 * Math.tan(Math.PI * 17.5 / 180) * this.camera.position.distanceTo(this.centre)) / this.size.height;
+    const least_m = (SAME_PX * pixel_m) / this.size.ratio, far = (a, b) => a.some((x, i) => !(Math.abs(x - b[i]) < least_m));
+    return !this.tips || far(position, before) || tips.some((tip_m, i) => far(tip_m, this.tips[i] ?? []));
   }
 
   place(i, tip_m) {
@@ -86,44 +136,52 @@ class Painter {
   }
 
   look({ position, quaternion, near, far }) {
+    this.placed = true;
     this.camera.position.fromArray(position);
     this.camera.quaternion.fromArray(quaternion);
     Object.assign(this.camera, { near, far });
     this.camera.updateProjectionMatrix();
-    this.dirty = true;
+    this.change();
   }
 
-  // Draws if something changed and the last picture is finished: a slow machine draws fewer.
+  // Draws if something changed and the last picture is finished: a slow machine draws fewer. Draws once more, in full resolution, when nothing has changed for a
+  // while. Returns whether a frame was shown or a picture drawn.
   draw() {
-    if (!this.dirty || (this.fence && !this.finished())) return false;
-    this.dirty = false;
-    this.fit();
+    if (this.fence) return false;
+    const taken = this.next;
+    if (taken) this.take(taken);
+    const now = performance.now(), rests = !this.dirty && !this.sharp && now - this.changed_ms > REST_MS;
+    if (!this.dirty && !rests) return Boolean(taken);
+    this.fit(rests ? Math.max(1, this.scale.value) : this.scale.value);
+    Object.assign(this, { dirty: false, sharp: rests || this.scale.value >= 1, since_ms: now - (this.begun ?? -Infinity), begun: now });
     this.renderer.render(this.scene, this.camera);
     const gl = this.renderer.getContext();
-    this.begun = performance.now();
     this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
+    this.pictures++;
+    this.wait(rests);
     return true;
   }
 
-  fit() {
-    const { width, height, ratio } = this.size, canvas = this.renderer.domElement, fine = ratio * this.fineness;
+  // Waits until the picture is finished; its time decides on the resolution of the next.
+  wait(rests) {
+    const gl = this.renderer.getContext();
+    if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED && !gl.isContextLost()) return setTimeout(() => this.wait(rests), 2);
+    gl.deleteSync(this.fence);
+    this.fence = null;
+    this.picture_ms = performance.now() - this.begun;
+    if (!rests && this.pictures > 3 && !this.fixed) this.scale.drawn(this.picture_ms, this.since_ms, this.late);
+    return undefined;
+  }
+
+  // scale: share of the screen's resolution.
+  fit(scale) {
+    const { width, height, ratio } = this.size, canvas = this.renderer.domElement, fine = Math.min(ratio * scale, Math.sqrt(PIXELS_MAX / (width * height)));
     if (canvas.width === Math.floor(width * fine) && canvas.height === Math.floor(height * fine)) return;
     this.renderer.setPixelRatio(fine);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-  }
-
-  // Returns whether the last picture is finished. A slow one lowers the resolution of the next.
-  finished() {
-    const gl = this.renderer.getContext();
-    if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
-    gl.deleteSync(this.fence);
-    this.fence = null;
-    const ms = performance.now() - this.begun;
-    if (ms > 80) this.fineness = Math.max(0.4, this.fineness * (ms > 250 ? 0.5 : 0.8));
-    return true;
   }
 
   // The picture as a PNG.
@@ -136,31 +194,53 @@ class Painter {
 let painter, tissue;
 
 const messages = {
-  start({ canvas, port }) {
+  // rest: address of the organ at rest.
+  async start({ canvas, port, rest, size, dark }) {
     tissue = port;
     tissue.onmessage = ({ data }) => messages[data.kind](data);
+    const organ = fetch(rest).then((answer) => answer.json()).catch(() => null);
     try {
-      painter = globalThis.painter = new Painter(canvas);
+      painter = globalThis.painter = new Painter(canvas, () => tissue.postMessage({ kind: 'drawn' }));
     } catch (error) {
       postMessage({ kind: 'failed', message: `The picture needs WebGL2 in a worker: ${error.message}` });
       return;
     }
+    messages.size({ size });
+    messages.colour({ dark });
+    painter.camera.aspect = size.width / size.height;
+    const found = await organ;
+    if (found && !painter.centre) painter.open({ ...found, rest: Float32Array.from(found.rest_um, (x) => 1e-6 * x), triangles: Uint32Array.from(found.triangles), supports: new Float32Array(0) });
     requestAnimationFrame(drawn);
   },
   open(message) { painter?.open(message); },
   frame(message) { painter?.frame(message); },
   look(message) { painter?.look(message); },
-  size({ size }) { if (painter) Object.assign(painter, { size, dirty: true }); },
-  colour({ value }) { if (painter) { painter.scene.background = new Color(value); painter.dirty = true; } },
-  show({ mark, on }) { painter?.marks.show(mark, on); if (painter) painter.dirty = true; },
+  size({ size }) {
+    if (!painter || !size.width || !size.height) return;
+    painter.size = size;
+    painter.change();
+  },
+  colour({ dark }) {
+    if (!painter) return;
+    painter.scene.background = new Color(dark ? 0x1b1e21 : 0xe9edf0);
+    painter.change();
+  },
+  show({ mark, on }) {
+    painter?.marks.show(mark, on);
+    painter?.change();
+  },
   async save() { postMessage({ kind: 'picture', blob: await painter.save() }); },
+  // Keeps a resolution, for measurements; none: it follows the time of a picture again.
+  fix({ at }) { if (painter) Object.assign(painter.scale, { at: at ?? painter.scale.at }) && (painter.fixed = at !== undefined); },
 };
 onmessage = ({ data }) => messages[data.kind](data);
 
 function drawn() {
   requestAnimationFrame(drawn);
+  const before = painter.frames;
   if (!painter.draw()) return;
-  if (painter.answer) tissue.postMessage({ kind: 'drawn' });
-  painter.answer = false;
-  postMessage({ kind: 'drawn', frames: painter.frames, counts: Object.fromEntries(['supports', 'patch', 'rows'].map((mark) => [mark, painter.marks.count(mark)])) });
+  if (painter.frames > before) painter.answer();
+  const { frames, pictures, picture_ms, renderer: { domElement }, size, centre } = painter;
+  const counts = Object.fromEntries(['supports', 'patch', 'rows'].map((mark) => [mark, painter.marks.count(mark)]));
+  postMessage({ kind: 'drawn', frames, pictures, organ: Boolean(centre), picture_ms, scale: domElement.width / (size.width * size.ratio), counts });
 }

@@ -2,10 +2,10 @@
 import { View } from './view.js';
 
 export const $ = (id) => document.getElementById(id);
-export const tissue = new Worker(new URL('./tissue.worker.js', import.meta.url), { type: 'module' });
-export const law = new Worker(new URL('./law.worker.js', import.meta.url), { type: 'module' });
+// boot.js has started them.
+export const { tissue, law } = globalThis.boot;
 export const view = new View($('view'), fail);
-export const state = { chosen: {}, opened: null, held: -1, poses: [], price: {}, last: null, ready: 0, own: null, changed: null };
+export const state = { chosen: {}, opened: null, held: -1, poses: [], price: {}, last: null, own: null, changed: null };
 
 export function fail(message) {
   state.error = message;

@@ -3,14 +3,17 @@ import { Mesh, Scene, constants, load, readLog } from './lib/index.js';
 import { sceneFor } from './own_mesh.js';
 
 let library, scene, law, pictures, form, timer = 0, hidden = false, sent = -1, generation = 0;
-let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null, shown = {}, waiting = false, drawing = false;
+let poses = null, next = 0, load_ms = [], reportsOf = null, firstRun = null, trouble = 'none', away = 0, playing = null, shown = {}, waiting = false, flying = 0;
+// Frames that are on their way to the painter: one may be drawn while the next is computed.
+const FLYING_MAX = 3;
 
 const messages = {
-  async start({ port, pictures: painter }) {
+  // form, module: of the library, compiled; undefined: it is loaded here.
+  async start({ port, pictures: painter, form, module }) {
     law = port;
     pictures = painter;
-    pictures.onmessage = () => { drawing = false; }; // the painter has drawn the last frame
-    library = await load();
+    pictures.onmessage = () => { flying--; }; // the painter has drawn a frame, or has a newer one
+    library = await load({ form, wasmModule: module });
     postMessage({ kind: 'ready', form: library.form });
   },
   open({ yaml, files, sets, name }) {
@@ -135,6 +138,7 @@ function play() {
     pictures.postMessage({ kind: 'open', rest: position, instruments, supports: new Float32Array(0), ...corners(position) });
     playing.shown = true;
   }
+  flying++;
   pictures.postMessage({ kind: 'frame', position, triangles, tips });
   postMessage({ kind: 'played', triangles: triangles.length / 3, forces, frame: playing.frame, frames: all.length, time_s: Number(message.sim_utime) / 1e6, first, ...corners(position) });
   playing.frame = (playing.frame + 1) % all.length;
@@ -189,7 +193,9 @@ function supported() {
 // Gives the painter the scene's organ and instruments.
 function present(instruments) {
   sent = -1;
-  pictures.postMessage({ kind: 'open', rest: Float32Array.from(scene.rest_m), instruments, supports: supported(), ...corners(scene.rest_m) });
+  const position = positions(), [triangles, own] = sorted(scene.surface);
+  sent = scene.surface.revision;
+  pictures.postMessage({ kind: 'open', rest: position, triangles, own, instruments, supports: supported(), ...corners(scene.rest_m) }, [position.buffer, triangles.buffer]);
 }
 
 // Corners of the box around positions [3n].
@@ -200,21 +206,27 @@ function corners(position) {
 }
 
 function draw(reactions, t_us) {
-  if (waiting && drawing) return;
+  if (waiting && flying >= FLYING_MAX) return;
   const poses = reactions.map((_, i) => scene.pose(i)), rows = rowsOf();
-  if (!drawing) picture(poses, rows);
+  if (flying < FLYING_MAX) picture(poses, rows);
   if (!waiting) figures(reactions, poses, rows, t_us);
+}
+
+// Positions of all vertices, [3n] m.
+function positions() {
+  const u = scene.displacement_m, rest = scene.rest_m, position = new Float32Array(u.length);
+  for (let i = 0; i < u.length; i++) position[i] = rest[i] + u[i];
+  return position;
 }
 
 // Sends the positions to the painter, and the triangles if they changed.
 function picture(poses, rows) {
-  drawing = true;
-  const u = scene.displacement_m, rest = scene.rest_m, position = new Float32Array(u.length);
-  for (let i = 0; i < u.length; i++) position[i] = rest[i] + u[i];
+  flying++;
+  const position = positions(), late = performance.now() > next + 1000 * scene.frame_s;
   const surface = scene.surface, changed = surface.revision !== sent;
   const [triangles, own] = changed ? sorted(surface) : [null, 0];
   sent = surface.revision;
-  pictures.postMessage({ kind: 'frame', position, triangles, own, tips: poses.map((p) => p.tip_m), patch: patchOf(), rows }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
+  pictures.postMessage({ kind: 'frame', position, triangles, own, tips: poses.map((p) => p.tip_m), patch: patchOf(), rows, late }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
 }
 
 function figures(reactions, poses, rows, t_us) {

@@ -1,20 +1,25 @@
 // The view: camera and pointer on this thread, the picture in the painter's worker (painter.js).
 import { PerspectiveCamera, Plane, Raycaster, Vector2, Vector3 } from 'three';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
+import { placed } from './placed.js';
 
 export class View {
-  // failed(message): the picture cannot be drawn. frames and counts of marks: of the newest picture.
+  // failed(message): the picture cannot be drawn. frames, pictures and counts of marks: until the newest picture. first_ms: the organ's first picture;
+  // moving_ms: the first of a frame of the tissue.
   constructor(canvas, failed) {
     this.canvas = canvas;
-    this.frames = 0;
-    this.counts = {};
-    this.painter = new Worker(new URL('./painter.js', import.meta.url), { type: 'module' });
-    this.painter.onmessage = ({ data }) => this.answers[data.kind](data);
+    Object.assign(this, { frames: 0, pictures: 0, counts: {} });
+    this.painter = globalThis.boot.painter;
     this.answers = {
-      drawn: ({ frames, counts }) => { Object.assign(this, { frames, counts }); this.first_ms ??= frames ? performance.now() : undefined; },
+      drawn: ({ kind, organ, ...newest }) => {
+        Object.assign(this, newest);
+        if (organ && !this.first_ms) this.appeared();
+        if (newest.frames) this.moving_ms ??= performance.now();
+      },
       picture: ({ blob }) => this.saved(blob),
       failed: ({ message }) => failed(message),
     };
+    this.painter.onmessage = ({ data }) => this.answers[data.kind](data);
     this.camera = new PerspectiveCamera(35, 1, 0.001, 10);
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
@@ -24,17 +29,20 @@ export class View {
     this.dark.addEventListener('change', () => this.paint());
   }
 
-  // Hands the canvas to the painter. port: to the tissue's worker.
-  start(port) {
+  // The picture appears, or will never.
+  appeared() {
+    this.first_ms = performance.now();
+    globalThis.boot.law.start();
+  }
+
+  // boot.js has given the canvas to the painter.
+  start() {
     if (!this.canvas.transferControlToOffscreen) return this.answers.failed({ message: 'This browser cannot draw in a worker; use Chromium 69, Firefox 105, Safari 17 or newer.' });
-    const canvas = this.canvas.transferControlToOffscreen();
-    this.painter.postMessage({ kind: 'start', canvas, port }, [canvas, port]);
-    this.paint();
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     return this.fit();
   }
 
-  paint() { this.painter.postMessage({ kind: 'colour', value: this.dark.matches ? 0x1b1e21 : 0xe9edf0 }); }
+  paint() { this.painter.postMessage({ kind: 'colour', dark: this.dark.matches }); }
 
   fit() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
@@ -51,12 +59,7 @@ export class View {
 
   // Looks at a new organ between these corners.
   open({ low_m, high_m }) {
-    const low = new Vector3(...low_m), high = new Vector3(...high_m), centre = low.clone().add(high).multiplyScalar(0.5), size = high.distanceTo(low);
-    this.controls.target.copy(centre);
-    this.camera.position.copy(centre).add(new Vector3(-0.35, -1.35, 0.95).multiplyScalar(size * Math.max(1, 1.1 / this.camera.aspect))); // a narrow screen shows its width
-    this.camera.near = size / 100;
-    this.camera.far = 20 * size;
-    this.camera.updateProjectionMatrix();
+    this.controls.target.copy(placed(this.camera, low_m, high_m));
     this.controls.update();
     this.look();
   }
