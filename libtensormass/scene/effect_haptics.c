@@ -22,7 +22,7 @@ static const app_field fields[] = {
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
      "source of the dynamic model's stiffness and patches. `factor`: a Cholesky factor (opens the module "
      "`solve`; a thread in real time), exact except where `rotation` or a `law` changes it. `iterations`: a few "
-     "conjugate-gradient iterations a frame; none are ready in the first seconds, and few with `rotation` or a `law`"},
+     "conjugate-gradient iterations a frame; few are ready while a cautery cuts, and with `rotation` or a `law`"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "largest number of vertices of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,

@@ -1,5 +1,5 @@
 /* An incomplete patch is not sent: with conjugate gradients there is no stiffness while columns are missing; then it
- * is the tissue's. */
+ * is the tissue's, within 5 % from the first patch, whose columns are rough, and within 1 % once none are pending. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,7 +15,7 @@ static double pressed_at(scene *s, double z) {
     return scene_frame(s, 0, scene_pose(0.003, 0.002, z), 0.004).force_N[2];
 }
 
-/* Pressed 6.5 mm and held, on a block of 14,400 tetrahedra: its 24 columns take some 170 frames. */
+/* Pressed 6.5 mm and held, on a block of 14,400 tetrahedra. */
 static void test_incomplete_patch_has_no_stiffness(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -29,9 +29,9 @@ static void test_incomplete_patch_has_no_stiffness(void **unused) {
     tm_error error;
     scene_must(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
     tm_patch patch;
-    double most = 0, least = INFINITY;
+    double most = 0, least = INFINITY, final = 0;
     int none = 0, sent = 0;
-    for (int k = 0; k < 400 && sent < 10; k++) {
+    for (int k = 0; k < 400 && (sent < 10 || tm_patch_pending(maker) > 0); k++) {
         scene_frame(&s, 0, scene_pose(0.003, 0.002, k < 20 ? 0.034 - 0.0004 * k : 0.026), 0.04);
         const bool made = tm_patch_compute(maker, 0, &patch);
         const tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
@@ -39,13 +39,15 @@ static void test_incomplete_patch_has_no_stiffness(void **unused) {
         none += !made;
         if (!made || k < 60) continue; /* pressed and held: the comparison is made at this equilibrium */
         sent++;
-        assert_int_equal(tm_patch_pending(maker), 0);
+        final = -r.stiffness_N_m[8];
         most = fmax(most, -r.stiffness_N_m[8]), least = fmin(least, -r.stiffness_N_m[8]);
     }
     const double is = (pressed_at(&s, 0.0259) - pressed_at(&s, 0.0261)) / 2e-4;
-    print_message("none in %d frames, then %d with %.1f to %.1f N/m; moving the tool %.1f N/m\n", none, sent, least,
-                  most, is);
-    assert_true(none > 5 && sent == 10);
+    print_message("none in %d frames, then %d with %.1f to %.1f N/m, at last %.2f; moving the tool %.2f N/m\n", none,
+                  sent, least, most, final, is);
+    assert_true(none > 5 && sent >= 10);
+    assert_int_equal(tm_patch_pending(maker), 0);
+    assert_in_range((int)(1e4 * final / is), 9900, 10100);
     assert_true(least > 0.95 * is && most < 1.05 * is);
     scene_destroy(&s);
 }

@@ -536,7 +536,7 @@ static void test_compliance_is_the_tangents(void **state) {
             s->u_m[3 * v] = 1.2 * ((1 - cos(a)) / k + x0 * cos(a)) - x0;
             s->u_m[3 * v + 2] = 1.2 * (sin(a) / k - x0 * sin(a)) - at[2];
         }
-        tm_columns_want(columns, 0, &tip, 1);
+        tm_columns_want(columns, 0, &tip, 1, 1);
         for (int k = 0; k < 3000; k++) tm_columns_work(columns, 20);
         assert_int_equal(tm_columns_pending(columns), 0);
         tm_rotation_tangent(t.rotation, s->u_m, &tangent);

@@ -18,13 +18,18 @@
 
 #define MAX_ITERATIONS 400 /* a column that needs more belongs to an unconstrained component */
 
-enum { TETS_PER_ITERATION = 40 };    /* tangents that cost as much as one iteration */
+enum {
+    TETS_PER_ITERATION = 40, /* tangents that cost as much as one iteration */
+    COARSE_EVERY = 16        /* requests between two refreshes of the coarse correction */
+};
 static const double MOVED_ON = 0.02; /* relative to an edge, approximately */
+static const double ROUGH = 5;       /* a column is used once it is within so many times the tolerance */
 
 typedef struct column {
     int32_t vertex; /* -1: free */
     int32_t good;   /* axes that have converged: 0, 1, 2 or 3 */
     int32_t newest; /* of these, those with the present stiffness */
+    int32_t fine;   /* of these, those within the complete tolerance; the others are within ROUGH times that */
     bool hopeless;
     int64_t wanted_at; /* time of the last request */
     float *u_m;        /* [3][3*vertex_count] m/N */
@@ -35,12 +40,15 @@ struct tm_columns {
     int32_t n, capacity;
     double tolerance;
     column *column;
-    uint8_t *fixed;            /* [3*vertex_count] */
-    double *inverse;           /* [9*vertex_count] inverse vertex tensors of the free components */
+    uint8_t *fixed;  /* [3*vertex_count] */
+    double *inverse; /* [9*vertex_count] inverse vertex tensors of the free components */
+    tm_coarse *coarse;
+    int64_t coarse_at;         /* time of its last refresh, -1: none */
     bool stale;                /* fixed and inverse are out of date */
     double *x, *r, *z, *p, *q; /* [3*vertex_count] of the column in progress */
     int32_t job;               /* column in progress, -1 */
     int32_t iterations;
+    bool refines; /* the column in progress, to the complete tolerance */
     double rz, scale;
     int64_t now;
     const tm_nonlinear *law; /* or null */
@@ -50,7 +58,8 @@ struct tm_columns {
     int32_t rotated;   /* tetrahedra whose tangents it contains */
     bool uncompared;   /* it has just been completed */
     double age;        /* difference of the columns from it, when it was complete */
-    int32_t want[TM_MAX_INSTRUMENTS][TM_PATCH_VERTICES], want_count[TM_MAX_INSTRUMENTS];
+    int32_t want[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_REQUEST_MAX], want_count[TM_MAX_INSTRUMENTS];
+    int32_t needed[TM_MAX_INSTRUMENTS]; /* of these, those that a patch needs now; they come first */
 };
 
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance) {
@@ -60,6 +69,8 @@ tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, 
     c->column = TM_ALLOC(pool, column, vertices);
     c->fixed = TM_ALLOC(pool, uint8_t, n);
     c->inverse = TM_ALLOC(pool, double, 3 * n);
+    c->coarse = tm_coarse_create(pool, world->tissue->mesh);
+    c->coarse_at = -1;
     double **vector[] = {&c->x, &c->r, &c->z, &c->p, &c->q};
     for (int i = 0; i < 5; i++) *vector[i] = TM_ALLOC(pool, double, n);
     c->law = world->nonlinear;
@@ -106,7 +117,7 @@ void tm_columns_cut(tm_columns *c) {
     c->stale = true;
     c->job = -1;
     for (int32_t i = 0; i < c->capacity; i++) {
-        c->column[i].good = c->column[i].newest = 0;
+        c->column[i].newest = c->column[i].fine = 0;
         c->column[i].hopeless = false;
     }
 }
@@ -144,9 +155,10 @@ static void guess(tm_columns *c, column *fresh) {
         memset(fresh->u_m, 0, sizeof(float) * 3 * (size_t)c->n);
 }
 
-void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_t count) {
+void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_t needed, int32_t count) {
     c->now++;
     c->want_count[owner] = count;
+    c->needed[owner] = needed;
     memcpy(c->want[owner], vertex, sizeof(int32_t) * (size_t)count);
     for (int32_t k = 0; k < count; k++) {
         int32_t i = find(c, vertex[k]);
@@ -159,7 +171,7 @@ void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_
         if (fresh->vertex >= 0 && fresh->wanted_at == c->now) break; /* all are requested: more than the capacity */
         if (c->job == i) c->job = -1;
         fresh->vertex = vertex[k];
-        fresh->good = fresh->newest = 0;
+        fresh->good = fresh->newest = fresh->fine = 0;
         fresh->hopeless = false;
         fresh->wanted_at = c->now;
         fresh->u_m[0] = NAN; /* the guess is made when its turn comes: by then a nearer neighbour may be there */
@@ -169,9 +181,10 @@ void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_
 int32_t tm_columns_pending(const tm_columns *c) {
     int32_t pending = 0;
     for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++)
-        for (int32_t k = 0; k < c->want_count[o]; k++) {
+        for (int32_t k = 0; k < c->needed[o]; k++) {
             int32_t i = find(c, c->want[o][k]);
-            pending += i < 0 || (c->column[i].good < 3 && !c->column[i].hopeless);
+            /* Under a nonlinear law the newest tangent is never reached while the tissue moves. */
+            pending += i < 0 || ((c->law ? c->column[i].good : c->column[i].fine) < 3 && !c->column[i].hopeless);
         }
     return pending;
 }
@@ -197,6 +210,11 @@ static void refresh(tm_columns *c) {
             if (det > 0 && !c->fixed[3 * v + i / 3] && !c->fixed[3 * v + i % 3])
                 inverse[i] = minor[3 * (i % 3) + i / 3] / det;
     }
+    /* A refresh takes as long as some ten iterations, and cuts follow each other. */
+    if (c->law || c->coarse_at < 0 || c->now - c->coarse_at >= COARSE_EVERY) {
+        tm_coarse_refresh(c->coarse, c->law ? &c->tangent.graph : &tissue->graph, c->fixed);
+        c->coarse_at = c->now;
+    }
     c->stale = false;
 }
 
@@ -211,6 +229,7 @@ static void precondition(const tm_columns *c) {
         const double *m = c->inverse + 9 * v, *r = c->r + 3 * v;
         for (int i = 0; i < 3; i++) c->z[3 * v + i] = vdot(m + 3 * i, r);
     }
+    tm_coarse_correct(c->coarse, c->fixed, c->r, c->z);
 }
 
 typedef struct product {
@@ -235,9 +254,11 @@ static void apply(const tm_columns *c, const double *p) { tm_partitions_run(c->w
 
 static void begin(tm_columns *c, int32_t i) {
     column *work = c->column + i;
-    int32_t axis = work->newest, dof = 3 * work->vertex + axis;
+    int32_t axis = c->refines ? work->fine : work->newest, dof = 3 * work->vertex + axis;
     if (isnan(work->u_m[0])) guess(c, work);
-    for (int32_t k = 0; k < c->n; k++) c->x[k] = c->fixed[k] ? 0 : (double)work->u_m[(int64_t)axis * c->n + k];
+    /* A fixed component does not yield: its column is zero, whatever the guess. */
+    for (int32_t k = 0; k < c->n; k++)
+        c->x[k] = c->fixed[k] || c->fixed[dof] ? 0 : (double)work->u_m[(int64_t)axis * c->n + k];
     apply(c, c->x);
     for (int32_t k = 0; k < c->n; k++) c->r[k] = -c->q[k];
     if (!c->fixed[dof]) c->r[dof] += 1;
@@ -265,35 +286,53 @@ static void iterate(tm_columns *c) {
 
 static void finish(tm_columns *c) {
     column *work = c->column + c->job;
-    for (int32_t k = 0; k < c->n; k++) work->u_m[(int64_t)work->newest * c->n + k] = (float)c->x[k];
-    work->newest++;
+    const int32_t axis = c->refines ? work->fine : work->newest;
+    for (int32_t k = 0; k < c->n; k++) work->u_m[(int64_t)axis * c->n + k] = (float)c->x[k];
+    if (c->refines)
+        work->fine++;
+    else
+        work->newest++;
     if (work->good < work->newest) work->good = work->newest;
     c->job = -1;
 }
 
-/* Returns the first requested column that has not converged, most urgent of each owner in turn; else one of an old
- * tangent; -1: none. */
+/* Returns what a column still needs: 0 it has no use yet, 1 it belongs to an earlier stiffness, 2 it is rough, 3
+ * nothing. */
+static int32_t stage_of(const column *of) {
+    if (of->hopeless) return 3;
+    return of->good < 3 ? 0 : of->newest < 3 ? 1 : of->fine < 3 ? 2 : 3;
+}
+
+/* Returns the requested column at the earliest stage, most urgent of each owner in turn; those that may be needed soon
+ * come last, and are only made usable. -1: none. */
 static int32_t next_job(const tm_columns *c) {
-    for (int32_t k = 0; k < TM_PATCH_VERTICES; k++)
+    int32_t best = -1, least = 4;
+    for (int32_t k = 0; k < TM_COMPLIANCE_REQUEST_MAX; k++)
         for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {
-            int32_t i = k < c->want_count[o] ? find(c, c->want[o][k]) : -1;
-            if (i >= 0 && c->column[i].good < 3 && !c->column[i].hopeless) return i;
+            const int32_t i = k < c->want_count[o] ? find(c, c->want[o][k]) : -1;
+            if (i < 0) continue;
+            const int32_t stage = stage_of(c->column + i), rank = k < c->needed[o] ? stage : stage == 0 ? 3 : 4;
+            if (rank < least && stage < 3) best = i, least = rank;
         }
-    for (int32_t i = 0; i < c->capacity && c->law; i++)
-        if (c->column[i].vertex >= 0 && c->column[i].wanted_at >= c->now - TM_MAX_INSTRUMENTS &&
-            c->column[i].newest < 3 && !c->column[i].hopeless)
-            return i;
-    return -1;
+    return best;
+}
+
+/* Returns whether all columns that patches need belong to the present stiffness. */
+static bool is_current(const tm_columns *c) {
+    for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++)
+        for (int32_t k = 0; k < c->needed[o]; k++) {
+            const int32_t i = find(c, c->want[o][k]);
+            if (i >= 0 && stage_of(c->column + i) < 2) return false;
+        }
+    return true;
 }
 
 /* Begins a new tangent if the tissue has moved away from the state of this one. */
-static bool moves_on(tm_columns *c) {
+static void moves_on(tm_columns *c) {
     double moved = 0;
     const double *u = c->world->state.u_m;
     for (int32_t k = 0; k < c->n; k++) moved = fmax(moved, fabs(u[k] - c->at_m[k]));
-    if (!(moved > c->moved_on_m)) return false;
-    c->stale = true;
-    return true;
+    if (moved > c->moved_on_m) c->stale = true;
 }
 
 /* Continues the tangent by a slice; returns true when it is complete. */
@@ -302,7 +341,7 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     if (c->stale) {
         memcpy(c->at_m, c->world->state.u_m, sizeof(double) * (size_t)c->n);
         tm_tangent_begin(c->world->tissue, &c->tangent);
-        for (int32_t i = 0; i < c->capacity; i++) c->column[i].newest = 0;
+        for (int32_t i = 0; i < c->capacity; i++) c->column[i].newest = c->column[i].fine = 0;
         c->job = -1;
         c->rotated = 0;
         refresh(c);
@@ -334,7 +373,7 @@ static void compare(tm_columns *c) {
 
 double tm_columns_age(const tm_columns *c) {
     for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++)
-        for (int32_t k = 0; k < c->want_count[o]; k++) {
+        for (int32_t k = 0; k < c->needed[o]; k++) {
             const int32_t i = find(c, c->want[o][k]);
             if (i >= 0 && c->column[i].good == 3 && c->column[i].newest < 3) return c->age;
         }
@@ -347,21 +386,27 @@ static void work(tm_columns *c, int32_t iterations) {
             int32_t next = next_job(c);
             if (next < 0) return;
             if (c->stale) refresh(c);
+            c->refines = stage_of(c->column + next) == 2;
             begin(c, next);
         } else {
             iterate(c);
         }
-        if (c->rz <= c->tolerance * c->tolerance * c->scale) {
+        const double within = c->tolerance * (c->refines ? 1 : ROUGH);
+        if (c->rz <= within * within * c->scale) {
             finish(c);
         } else if (c->iterations >= MAX_ITERATIONS || !(c->rz < INFINITY)) {
             c->column[c->job].hopeless = true;
+            c->column[c->job].good = 0; /* it may be of before a cut that detached the vertex */
             c->job = -1;
         }
     }
 }
 
 void tm_columns_work(tm_columns *c, int32_t iterations) {
-    if (c->law && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
+    if (c->law && c->job < 0 && !c->stale) {
+        if (is_current(c)) moves_on(c);
+        if (!c->stale && next_job(c) < 0) return;
+    }
     if (c->law && !tangent_is_there(c, iterations)) return;
     c->world->evaluating = true; /* outside a step: by the world's own threads only */
     tm_partitions_begin(c->world, iterations);

@@ -206,7 +206,8 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
             "leave source null");
     tm_pool pool = {0};
     tm_patch_builder *builder = TM_ALLOC(&pool, tm_patch_builder, 1);
-    tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    const int32_t kept = contact->tool_count * def->column_vertices;
+    tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, kept, def->tolerance);
     tm_patch_behind *behind = def->source ? tm_patch_behind_create(&pool, world) : NULL;
     tm_status status =
         !pool.failed ? tm_patch_solver_create(&builder->solver, error) : tm_fail_memory(error, "patch stage");

@@ -111,17 +111,26 @@ bool tm_patch_coupled_block(void *self, int32_t a, int32_t b, double C[9]);
 
 /* compliance_cg.c: columns of the quasi-static compliance, computed incrementally and stored. */
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);
-/* Requests the columns of these vertices, most urgent first; others may be discarded for them. `owner` is an
- * instrument. */
-void tm_columns_want(tm_columns *columns, int32_t owner, const int32_t *vertex, int32_t count);
+/* Requests the columns of these vertices, most urgent first; others may be discarded for them. A patch needs the first
+ * `needed`; the others may be needed soon. `owner` is an instrument. */
+void tm_columns_want(tm_columns *columns, int32_t owner, const int32_t *vertex, int32_t needed, int32_t count);
 /* Runs at most so many iterations. */
 void tm_columns_work(tm_columns *columns, int32_t iterations);
-/* Handles a cut: present columns become first guesses. */
+/* Handles a cut: present columns remain in use until they are renewed. */
 void tm_columns_cut(tm_columns *columns);
 /* Returns how far columns of an earlier tangent are from the newest one (tm_patch.age); 0 once all are of that. */
 double tm_columns_age(const tm_columns *columns);
 bool tm_columns_good(const tm_columns *columns, int32_t vertex);
 int32_t tm_columns_pending(const tm_columns *columns);
 bool tm_columns_block(const tm_columns *columns, int32_t a, int32_t b, double C[9]);
+
+/* compliance_coarse.c: coarse correction of a preconditioner. */
+typedef struct tm_coarse tm_coarse;
+struct tm_force_graph;
+tm_coarse *tm_coarse_create(tm_pool *pool, const tm_mesh *mesh);
+/* Computes it for the tensors of a graph. fixed: [3*vertex_count]. */
+void tm_coarse_refresh(tm_coarse *coarse, const struct tm_force_graph *graph, const uint8_t *fixed);
+/* Adds the correction for the residual r, which is zero at fixed components, to z. */
+void tm_coarse_correct(tm_coarse *coarse, const uint8_t *fixed, const double *r, double *z);
 
 #endif

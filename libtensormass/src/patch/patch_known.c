@@ -101,6 +101,28 @@ static int32_t list_patch(const tm_patch_builder *builder, int32_t t, const tm_p
     return n;
 }
 
+/* Finds the vertices nearest to the tool's path; for a cautery also inner ones, which the next cut may expose. */
+static int32_t find_near(const tm_patch_builder *builder, int32_t t, int32_t near[TM_COMPLIANCE_REQUEST_MAX]) {
+    const tm_contact *contact = builder->contact;
+    const tm_tissue *tissue = builder->world->tissue;
+    const tm_surface_view surface = tm_patch_surface_of(builder);
+    return tm_patch_nearest(tissue->mesh->rest_m, builder->world->state.u_m, &surface, &contact->tool[t].capsule,
+                            builder->velocity_m_s[t], builder->def.horizon_s, contact->row, contact->row_count,
+                            contact->tool[t].def.mode == TM_TOOL_CAUTERY ? tissue->mass_kg : NULL,
+                            tissue->mesh->vertex_count, near);
+}
+
+/* Appends the vertices nearest to the tool's path, so that their columns are there when the tool is. Returns
+ * the count. */
+static int32_t list_next(const tm_patch_builder *builder, int32_t t, int32_t *list, int32_t n) {
+    int32_t near[TM_COMPLIANCE_REQUEST_MAX], most = builder->def.column_vertices;
+    if (most > TM_COMPLIANCE_REQUEST_MAX) most = TM_COMPLIANCE_REQUEST_MAX;
+    const int32_t needed = n, found = find_near(builder, t, near);
+    for (int32_t i = 0; i < found && n < most; i++)
+        if (!among(list, needed, near[i])) list[n++] = near[i];
+    return n;
+}
+
 /* Requests columns from conjugate gradients, whose capacity is limited: with many held vertices the patch is
  * smaller. */
 static void want_columns(tm_patch_builder *builder, int32_t t, int32_t fixed, int32_t max_vertices, int32_t *list,
@@ -116,24 +138,17 @@ static void want_columns(tm_patch_builder *builder, int32_t t, int32_t fixed, in
         patch->vertex_count = patch->triangle_count = 0;
         n = fixed < TM_PATCH_VERTICES ? fixed : TM_PATCH_VERTICES;
     }
-    tm_columns_want(builder->columns, t, list, n);
+    tm_columns_want(builder->columns, t, list, n, list_next(builder, t, list, n));
     tm_columns_work(builder->columns, builder->def.iterations);
 }
 
 /* Requests compliance from the source: the patch, and then the surroundings of the tool's path. */
 static void want_pieces(tm_patch_builder *builder, int32_t t, int32_t fixed, const tm_patch *patch, int32_t *list) {
-    const tm_contact *contact = builder->contact;
-    const tm_tissue *tissue = builder->world->tissue;
-    const tm_surface_view surface = tm_patch_surface_of(builder);
     int32_t near[TM_COMPLIANCE_REQUEST_MAX], n = list_patch(builder, t, patch, list, fixed);
     if (n > TM_COMPLIANCE_REQUEST_MAX) n = TM_COMPLIANCE_REQUEST_MAX;
     for (int32_t i = 0; i < builder->behind_count && n < TM_COMPLIANCE_REQUEST_MAX; i++)
         if (!among(list, n, builder->behind_vertex[i])) list[n++] = builder->behind_vertex[i];
-    const int32_t needed = n, found = tm_patch_nearest(
-                                  tissue->mesh->rest_m, builder->world->state.u_m, &surface, &contact->tool[t].capsule,
-                                  builder->velocity_m_s[t], builder->def.horizon_s, contact->row, contact->row_count,
-                                  contact->tool[t].def.mode == TM_TOOL_CAUTERY ? tissue->mass_kg : NULL,
-                                  tissue->mesh->vertex_count, near);
+    const int32_t needed = n, found = find_near(builder, t, near);
     for (int32_t i = 0; i < found && n < TM_COMPLIANCE_REQUEST_MAX; i++)
         if (!among(list, needed, near[i])) list[n++] = near[i];
     const tm_compliance_request request = {
