@@ -52,7 +52,7 @@ $(WEB)/npm/messages.js: $(call files,lcm_types/*.lcm)
 	$(call step,COPY)
 	$(Q)node -e 'console.log("export const definitions = " + JSON.stringify(process.argv.slice(1).map((f) => fs.readFileSync(f, "utf8"))) + ";")' $^ > $@
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM)
-# The page: one folder of static files. three.js is bundled; the library is copied unchanged.
+# The page: one folder of static files. three.js is bundled; the library is copied unchanged, without the plain form: browsers that draw in workers have vectors.
 WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js $(patsubst %,web/page/%.js,own_mesh pauses)))
 WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
@@ -76,17 +76,20 @@ $(WEB)/page/main.js: $(call files,web/page/*.js web/page/*.json) web/npm/vectors
 	$(Q)$(WEB)/node_modules/.bin/esbuild web/page/boot.js --bundle --minify --format=esm --log-level=warning --outfile=$(@D)/boot.js
 $(WEB)/page/lib/index.js: web-npm
 	$(call step,COPY)
-	$(Q)cp $(filter-out %.json %.md,$(wildcard $(WEB)/npm/*)) $(@D)/
+	$(Q)cp $(filter-out %.json %.md %.ts $(WEB)/npm/plain.%,$(wildcard $(WEB)/npm/*)) $(@D)/ && rm -f $(@D)/plain.* $(@D)/*.ts
 web-page: $(WEB_PAGE) $(WEB_DATA) $(WEB_REST) $(WEB)/page/main.js $(WEB)/page/lib/index.js
-# The errors that the page shows beside its choices: an hour of studies.
-WEB_STUDY = nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB)/study
+# The errors that the page shows beside its choices: an hour of studies. A part: make web-study WEB_STUDIES=block WEB_STUDY_TO=FILE WEB_STUDY_MORE='--finest 3000'
+WEB_STUDIES ?= press block cut grasp
+WEB_STUDY_TO ?= web/page/study.json
+WEB_STUDY_DIR ?= $(WEB)/study
+WEB_STUDY_press := --scene apps/scenes/liver-press.yaml --mesh meshes/liver_1k.msh --finest 90000
+WEB_STUDY_block := --scene apps/scenes/block-press.yaml --finest 90000
+WEB_STUDY_cut := --scene apps/scenes/liver-cut.yaml --finest 40000
+WEB_STUDY_grasp := --scene apps/scenes/liver-cut.yaml --duration 4.4s --finest 90000
 web-study: $(OUT)/bin/tm-accuracy $(OUT)/bin/tm-sim
-	$(Q)mkdir -p $(WEB)/study
-	$(WEB_STUDY)/press.json --scene apps/scenes/liver-press.yaml --mesh meshes/liver_1k.msh --finest 90000
-	$(WEB_STUDY)/block.json --scene apps/scenes/block-press.yaml --finest 90000
-	$(WEB_STUDY)/cut.json --scene apps/scenes/liver-cut.yaml --finest 40000
-	$(WEB_STUDY)/grasp.json --scene apps/scenes/liver-cut.yaml --duration 4.4s --finest 90000
-	python3 web/study.py $(OUT)/bin/tm-sim web/page/study.json $(patsubst %,$(WEB)/study/%.json,press block cut grasp) > $(WEB)/study.json && cp $(WEB)/study.json web/page/study.json
+	$(Q)mkdir -p $(WEB_STUDY_DIR)
+	$(foreach one,$(WEB_STUDIES),nice $(OUT)/bin/tm-accuracy --limit 40min --json $(WEB_STUDY_DIR)/$(one).json $(WEB_STUDY_$(one)) $(WEB_STUDY_MORE) &&) true
+	python3 web/study.py $(OUT)/bin/tm-sim web/page/study.json $(WEB_STUDIES:%=$(WEB_STUDY_DIR)/%.json) > $(WEB_STUDY_DIR)/study.json && cp $(WEB_STUDY_DIR)/study.json $(WEB_STUDY_TO)
 .PHONY: web-npm web-page web-study
 #: make web                    the library for browsers and node: the npm package in build/web/npm/, the page in build/web/page/
 web:

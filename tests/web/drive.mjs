@@ -149,6 +149,19 @@ await page.evaluate(() => {
 });
 await page.close();
 step('marks');
+// A hand that stays away from the tissue: frames go on, pictures do not, and the last one is sharp.
+[page] = await opened('?scene=block-press');
+await page.evaluate(() => {
+  tensormass.state.poses[0].tip_m = [0.05, 0.05, 0.12];
+  document.getElementById('take').click();
+});
+await until(page, () => tensormass.view.scale >= 0.99);
+await new Promise((r) => setTimeout(r, 1500));
+const rest = await page.evaluate(() => [tensormass.view.frames, tensormass.view.pictures]);
+seen.still = await valueOf(page, (from) => tensormass.view.frames > from[0] + 10 && { frames: tensormass.view.frames - from[0], pictures: tensormass.view.pictures - from[1], scale: tensormass.view.scale }, rest);
+seen.appeared = await page.evaluate(() => [tensormass.view.first_ms, tensormass.view.moving_ms]);
+await page.close();
+step('rest');
 [page, seen.first_ms] = await opened('?scene=liver-press', { width: 1280, height: 800 });
 await page.evaluate(() => document.getElementById('show-supports').click());
 [seen.liver, seen.errors] = await valueOf(page, () => {

@@ -157,6 +157,31 @@ def test_the_three_js_example_presses_its_block(seen):
     assert 0.02 < seen["example_N"] < 5
 
 
+def test_the_organ_at_rest_is_the_first_picture_and_a_still_one_is_sharp(seen):
+    first_ms, moving_ms = seen["appeared"]
+    assert 0 < first_ms <= moving_ms
+    assert seen["still"]["scale"] >= 0.99 and seen["still"]["frames"] > 10 and seen["still"]["pictures"] <= 1
+
+
+def test_the_resolution_follows_the_time_of_a_picture():
+    ran = subprocess.run(["node", ROOT / "tests/web/scale.mjs", ROOT / "web/page/scale.js"], capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    coarsest, finest = found["scales"][0], found["scales"][-1]
+    assert found["start"] == 0.5 and found["slow"] == coarsest and found["fast"] == finest and found["steady"] == 0.5
+    assert found["late"] == coarsest and found["unguilty"] >= 0.5
+    assert found["back"] == found["patient"] == 0.5
+
+
+def test_a_part_of_the_study_can_be_made(tmp_path):
+    """`make web-study` for one scene, with coarse meshes and a short path: scenes that are not studied keep their figures."""
+    subprocess.run(["make", "web-study", "WEB_STUDIES=block", f"WEB_STUDY_DIR={tmp_path}", f"WEB_STUDY_TO={tmp_path}/page.json", "WEB_STUDY_MORE=--finest 3000 --duration 1.2s"],
+                   check=True, capture_output=True, timeout=400, cwd=ROOT)
+    made, before = (json.loads(p.read_text())["scenes"] for p in (tmp_path / "page.json", ROOT / "web/page/study.json"))
+    assert made["liver-press"] == before["liver-press"]
+    assert set(made["block-press"]["change"]) == set(before["block-press"]["change"]) and made["block-press"]["samples"]["25 Hz"]
+
+
 def test_it_fits_a_phone(seen):
     assert seen["overflow"] <= 0
 

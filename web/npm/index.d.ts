@@ -21,7 +21,7 @@ export class Library {
   make(name: string): any;
 }
 
-export function load(options?: { form?: 'best' | 'simd' | 'plain'; wasmBinary?: BufferSource }): Promise<Library>;
+export function load(options?: { form?: 'best' | 'simd' | 'plain'; wasmBinary?: BufferSource; wasmModule?: WebAssembly.Module }): Promise<Library>;
 /** Whether this machine's WebAssembly has 128-bit vectors. */
 export function hasSimd(): boolean;
 export const constants: Readonly<Record<string, number>>;

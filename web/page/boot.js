@@ -32,13 +32,14 @@ const canvas = document.getElementById('view'), pictures = new MessageChannel(),
 const start = (worker, message, ports) => worker.postMessage({ kind: 'start', ...message }, ports);
 const fetched = async (path) => new Uint8Array(await (await fetch(`data/${path}`)).arrayBuffer());
 
-if (canvas.transferControlToOffscreen) {
+const able = canvas.transferControlToOffscreen && hasSimd();
+if (able) {
   const drawn = canvas.transferControlToOffscreen(), { clientWidth: width, clientHeight: height } = canvas;
   const dark = matchMedia('(prefers-color-scheme: dark)').matches;
   start(painter, { canvas: drawn, port: pictures.port2, rest: `data/${restOf(scene, mesh)}`, size: { width, height, ratio: Math.min(devicePixelRatio, 2) }, dark }, [drawn, pictures.port2]);
 }
 // Compiled once, for both workers; a server that sends .wasm by another type leaves it to them.
-const form = hasSimd() ? 'simd' : 'plain', compiled = WebAssembly.compileStreaming(fetch(`lib/${form}.wasm`)).catch(() => undefined);
+const form = 'simd', compiled = WebAssembly.compileStreaming(fetch('lib/simd.wasm')).catch(() => undefined);
 compiled.then((module) => {
   start(tissue, { form, module, port: samples.port1, pictures: pictures.port1 }, [samples.port1, pictures.port1]);
   start(law, { form, module, port: samples.port2 }, [samples.port2]);
@@ -46,9 +47,9 @@ compiled.then((module) => {
 const files = new Map([`${scene}.yaml`, mesh].map((path) => [path, fetched(path)]));
 files.forEach((file) => file.catch(() => undefined)); // the page's own code reports it
 
-// fileOf(path): the bytes of a file of data/.
+// able: the browser can run the page. fileOf(path): the bytes of a file of data/.
 globalThis.boot = {
-  painter, tissue, law,
+  able, painter, tissue, law,
   fileOf(path) {
     if (!files.has(path)) files.set(path, fetched(path));
     return files.get(path);

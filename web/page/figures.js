@@ -8,7 +8,7 @@ let counted = { pictures: 0, at_ms: 0 };
 function pictures() {
   const past_s = (performance.now() - counted.at_ms) / 1000;
   if (past_s < 1) return;
-  $('pictures').textContent = `${((view.pictures - counted.pictures) / past_s).toFixed(0)}, ${(100 * view.scale).toFixed(0)} %`;
+  $('pictures').textContent = `${((view.pictures - counted.pictures) / past_s).toFixed(0)}/s, ${(100 * view.scale).toFixed(0)} %`;
   counted = { pictures: view.pictures, at_ms: performance.now() };
 }
 
@@ -23,8 +23,11 @@ export function figures({ median_ms, factor, memory, stages, energy, rows }) {
   $('memory').textContent = `${(memory / 1048576).toFixed(0)} MB`;
   const forces = rows.filter((_, i) => i % ROW === ROW - 1);
   $('rows').textContent = `${forces.length}; ${forces.filter((f) => f > 0).length} bear ${forces.reduce((sum, f) => sum + f, 0).toFixed(2)} N`;
-  $('energy-row').hidden = !energy;
-  if (energy) $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)} mJ made, of ${(1000 * energy.put_in_J).toFixed(2)} mJ put in; ${energy.residual_J.toExponential(0)} J unexplained`;
+  $('energy-row').hidden = $('residual-row').hidden = !energy;
+  if (energy) {
+    $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)}, ${(1000 * energy.put_in_J).toFixed(2)} mJ`;
+    $('residual').textContent = `${energy.residual_J.toExponential(0)} J`;
+  }
   choices.price(state, median_ms);
   pictures();
   if (!stages) return;

@@ -1,7 +1,7 @@
 // A Haply Inverse3 by its service's WebSocket. This worker owns the socket and computes no force: it judges, by its own clock, whether the law's worker and
 // the page still run, as a debugger stops one thread at a time. device.js starts it. The service speaks first (an inventory), then answers each message
 // with one state. One message is under way at a time.
-const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 15, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100;
+const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 15, LOOK_MS = 2, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100; // browsers look every 4 ms at most
 
 const vector = (x) => (x && [x.x, x.y, x.z].every(Number.isFinite) ? [x.x, x.y, x.z] : null);
 
@@ -18,7 +18,7 @@ class Newest {
 class Haply {
   // tick(cursor_m, buttons, gain): called with every state. force, page: a Newest. tell(text): for the page.
   constructor(url, { tick, force, page, tell }) {
-    Object.assign(this, { tick, force, page, tell, trips: 0, known: null, first: true, under: 0, sent: 0, refused: 0, enabled: true, gain: 0, sent_ms: 0, why: '', last_ms: performance.now() });
+    Object.assign(this, { tick, force, page, tell, trips: 0, known: null, first: true, under: 0, sent: 0, refused: 0, withheld_ms: null, enabled: true, gain: 0, sent_ms: 0, why: '', last_ms: performance.now() });
     this.socket = new WebSocket(url);
     this.socket.onopen = () => tell('connected; waiting for the inventory');
     this.socket.onmessage = ({ data }) => this.receive(data);
@@ -27,7 +27,7 @@ class Haply {
       clearInterval(this.watch);
       if (!this.closed) tell('the service closed the connection, or none runs there; start the Haply Inverse Service', true);
     };
-    this.watch = setInterval(() => this.look(), 5);
+    this.watch = setInterval(() => this.look(), LOOK_MS);
   }
 
   receive(text) {
@@ -68,6 +68,7 @@ class Haply {
     return Number.isFinite(Math.hypot(...this.force.N)) ? '' : 'the force is not finite';
   }
 
+  // withheld_ms: time from the last sign of life until zero force was sent, the last time that a thread paused.
   // The force that may go out now, N: within the limit; zero if there is a reason, and rising again over RAMP_MS after it.
   allowed(zero) {
     this.why = this.held();
@@ -83,13 +84,14 @@ class Haply {
     const filters = this.first && this.since35 ? { configure: { force_gate: { gain: 0 }, damping: { scalar: 0 } } } : {};
     const commands = { set_cursor_force: { [this.since35 ? 'vector' : 'values']: { x, y, z } } };
     this.socket.send(JSON.stringify({ ...session, inverse3: [{ device_id: this.known, ...filters, commands }] }));
+    if (this.sent_N > 0 && this.why) this.withheld_ms = Math.max(this.force.age_ms, this.page.age_ms);
     Object.assign(this, { first: false, under: this.under + 1, sent: this.sent + 1, trips: this.trips + (this.sent_N > 0 && this.why !== ''), sent_N: Math.hypot(x, y, z), sent_ms: performance.now() });
   }
 
   // Zero force at once: does not wait for an answer.
   stop() { this.enabled = false; this.send(true); }
 
-  // Every 5 ms, without waiting for an answer: takes a force back, once, if it may go out no longer, or if the next one was not sent in time.
+  // Every LOOK_MS, without waiting for an answer: takes a force back, once, if it may go out no longer, or if the next one was not sent in time.
   look() {
     const now = performance.now();
     if (this.sent_N > 0 && (this.held() || now - this.sent_ms > FRESH_MS / 2)) this.send(true);
@@ -131,4 +133,4 @@ const messages = {
   },
 };
 onmessage = ({ data }) => messages[data.kind](data);
-setInterval(() => { if (device) postMessage({ kind: 'sent', sent: device.sent, sent_N: device.sent_N ?? 0, why: device.why, trips: device.trips }); }, 100);
+setInterval(() => { if (device) postMessage({ kind: 'sent', sent: device.sent, sent_N: device.sent_N ?? 0, why: device.why, trips: device.trips, withheld_ms: device.withheld_ms }); }, 100);

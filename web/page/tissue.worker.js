@@ -173,18 +173,19 @@ function patchOf() {
 // Contact rows of the last substep, if they are shown: point on the surface, m; normal from the tool to the tissue; force on the tissue, N; seven numbers each.
 function rowsOf() {
   if (!shown.rows) return new Float32Array(0);
-  const u = scene.displacement_m, rest = scene.rest_m;
-  return Float32Array.from(scene.rows().flatMap(({ vertex, weight, normal, lambda_N }) =>
+  const rows = scene.rows(), u = scene.displacement_m, rest = scene.rest_m; // views last: a call may move the memory
+  return Float32Array.from(rows.flatMap(({ vertex, weight, normal, lambda_N }) =>
     [...[0, 1, 2].map((a) => vertex.reduce((sum, v, k) => sum + weight[k] * (rest[3 * v + a] + u[3 * v + a]), 0)), ...normal, lambda_N]));
 }
 
 // Rest positions of vertices with a prescribed component.
 function supported() {
-  const world = library.call('tm_scene_world', scene.pointer), rest = scene.rest_m, found = [];
+  const world = library.call('tm_scene_world', scene.pointer), count = 3 * scene.vertexCount, found = [];
   if (!world) return new Float32Array(0);
-  const mask = library.allocate(rest.length), marked = library.view(mask, rest.length, 'u8');
-  marked.fill(0);
+  const mask = library.allocate(count);
+  library.view(mask, count, 'u8').fill(0);
   library.call('tm_support_mask', world, mask);
+  const rest = scene.rest_m;
   for (let i = 0; i < rest.length; i += 3) if (library.bytes[mask + i] || library.bytes[mask + i + 1] || library.bytes[mask + i + 2]) found.push(rest[i], rest[i + 1], rest[i + 2]);
   library.free(mask);
   return Float32Array.from(found);

@@ -37,7 +37,7 @@ export class View {
 
   // boot.js has given the canvas to the painter.
   start() {
-    if (!this.canvas.transferControlToOffscreen) return this.answers.failed({ message: 'This browser cannot draw in a worker; use Chromium 69, Firefox 105, Safari 17 or newer.' });
+    if (!globalThis.boot.able) return this.answers.failed({ message: 'This browser cannot draw in a worker, or its WebAssembly has no vectors; use Chromium 91, Firefox 105, Safari 17 or newer.' });
     new ResizeObserver(() => this.fit()).observe(this.canvas);
     return this.fit();
   }

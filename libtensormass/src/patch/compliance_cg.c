@@ -193,26 +193,16 @@ int32_t tm_columns_pending(const tm_columns *c) {
 
 static void refresh(tm_columns *c) {
     const tm_tissue *tissue = c->world->tissue;
+    const tm_force_graph *graph = c->law ? &c->tangent.graph : &tissue->graph;
     memset(c->fixed, 0, (size_t)c->n);
     tm_support_mask(c->world, c->fixed);
     for (int32_t v = 0; v < c->n / 3; v++) {
-        double K[9], minor[9], *inverse = c->inverse + 9 * v;
-        memset(inverse, 0, 9 * sizeof *inverse);
         if (tissue->mass_kg[v] <= 0) memset(c->fixed + 3 * v, 1, 3);
-        tm_tissue_vertex_tensor(tissue, v, K);
-        if (c->law) memcpy(K, c->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                if (c->fixed[3 * v + i] || c->fixed[3 * v + j]) K[3 * i + j] = i == j;
-        for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
-        double det = vdot(K, minor);
-        for (int i = 0; i < 9; i++)
-            if (det > 0 && !c->fixed[3 * v + i / 3] && !c->fixed[3 * v + i % 3])
-                inverse[i] = minor[3 * (i % 3) + i / 3] / det;
+        tm_vertex_inverse(graph->vertex_tensor + 9 * (int64_t)v, c->fixed + 3 * v, c->inverse + 9 * v);
     }
     /* A refresh takes as long as some ten iterations, and cuts follow each other. */
     if (c->law || c->coarse_at < 0 || c->now - c->coarse_at >= COARSE_EVERY) {
-        tm_coarse_refresh(c->coarse, c->law ? &c->tangent.graph : &tissue->graph, c->fixed);
+        tm_coarse_refresh(c->coarse, graph, c->fixed);
         c->coarse_at = c->now;
     }
     c->stale = false;
@@ -222,14 +212,6 @@ static double dot_n(const double *a, const double *b, int32_t n) {
     double sum = 0;
     for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
     return sum;
-}
-
-static void precondition(const tm_columns *c) {
-    for (int32_t v = 0; v < c->n / 3; v++) {
-        const double *m = c->inverse + 9 * v, *r = c->r + 3 * v;
-        for (int i = 0; i < 3; i++) c->z[3 * v + i] = vdot(m + 3 * i, r);
-    }
-    tm_coarse_correct(c->coarse, c->fixed, c->r, c->z);
 }
 
 typedef struct product {
@@ -262,7 +244,7 @@ static void begin(tm_columns *c, int32_t i) {
     apply(c, c->x);
     for (int32_t k = 0; k < c->n; k++) c->r[k] = -c->q[k];
     if (!c->fixed[dof]) c->r[dof] += 1;
-    precondition(c);
+    tm_precondition(c->coarse, c->inverse, c->fixed, c->r, c->z);
     memcpy(c->p, c->z, sizeof(double) * (size_t)c->n);
     c->rz = dot_n(c->r, c->z, c->n);
     c->scale = c->inverse[9 * work->vertex + 4 * axis]; /* of the unit force alone */
@@ -277,7 +259,7 @@ static void iterate(tm_columns *c) {
         c->x[k] += step * c->p[k];
         c->r[k] -= step * c->q[k];
     }
-    precondition(c);
+    tm_precondition(c->coarse, c->inverse, c->fixed, c->r, c->z);
     double rz = dot_n(c->r, c->z, c->n), turn = c->rz > 0 ? rz / c->rz : 0;
     for (int32_t k = 0; k < c->n; k++) c->p[k] = c->z[k] + turn * c->p[k];
     c->rz = rz;

@@ -1,9 +1,10 @@
-/* Coarse correction for the conjugate gradients of compliance columns: z += P (P^T K P)^-1 P^T r, where P moves groups
- * of neighbouring vertices as rigid bodies. Block-diagonal preconditioning alone takes many iterations for the smooth
- * part of a column, which reaches through the complete organ. Together they are a symmetric preconditioner, and remain
- * one if K has changed since: a cut needs no new correction at once. */
+/* Preconditioner for the conjugate gradients of compliance columns: inverse vertex tensors, and a coarse correction z
+ * += P (P^T K P)^-1 P^T r, where P moves groups of neighbouring vertices as rigid bodies. Block-diagonal
+ * preconditioning alone takes many iterations for the smooth part of a column, which reaches through the complete
+ * organ. Together they are a symmetric preconditioner, and remain one if K has changed since: a cut needs no new
+ * correction at once. */
 #include "patch/patch_internal.h"
-#include "tissue/force_graph.h"
+#include "tissue/tangent.h"
 
 #include <math.h>
 #include <string.h>
@@ -141,7 +142,8 @@ static void solve(const tm_coarse *c) {
     }
 }
 
-void tm_coarse_correct(tm_coarse *c, const uint8_t *fixed, const double *r, double *z) {
+/* Adds the correction for the residual r, which is zero at fixed components, to z. */
+static void correct(tm_coarse *c, const uint8_t *fixed, const double *r, double *z) {
     memset(c->y, 0, sizeof(double) * (size_t)c->n);
     for (int32_t v = 0; v < c->vertex_count; v++) {
         double x[3], turn[3], *y = c->y + MODES * c->group[v];
@@ -158,4 +160,23 @@ void tm_coarse_correct(tm_coarse *c, const uint8_t *fixed, const double *r, doub
         for (int i = 0; i < 3; i++)
             if (!fixed[3 * v + i]) z[3 * v + i] += y[i] + turn[i];
     }
+}
+
+void tm_vertex_inverse(const double tensor[9], const uint8_t fixed[3], double inverse[9]) {
+    double K[9], minor[9];
+    memcpy(K, tensor, sizeof K);
+    memset(inverse, 0, 9 * sizeof *inverse);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (fixed[i] || fixed[j]) K[3 * i + j] = i == j;
+    for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
+    const double det = vdot(K, minor);
+    for (int i = 0; i < 9; i++)
+        if (det > 0 && !fixed[i / 3] && !fixed[i % 3]) inverse[i] = minor[3 * (i % 3) + i / 3] / det;
+}
+
+void tm_precondition(tm_coarse *c, const double *inverse, const uint8_t *fixed, const double *r, double *z) {
+    for (int32_t v = 0; v < c->vertex_count; v++)
+        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+    correct(c, fixed, r, z);
 }

@@ -124,13 +124,15 @@ bool tm_columns_good(const tm_columns *columns, int32_t vertex);
 int32_t tm_columns_pending(const tm_columns *columns);
 bool tm_columns_block(const tm_columns *columns, int32_t a, int32_t b, double C[9]);
 
+/* compliance_coarse.c: inverse of a vertex tensor between its free components, zero elsewhere. */
+void tm_vertex_inverse(const double tensor[9], const uint8_t fixed[3], double inverse[9]);
 /* compliance_coarse.c: coarse correction of a preconditioner. */
 typedef struct tm_coarse tm_coarse;
 struct tm_force_graph;
 tm_coarse *tm_coarse_create(tm_pool *pool, const tm_mesh *mesh);
 /* Computes it for the tensors of a graph. fixed: [3*vertex_count]. */
 void tm_coarse_refresh(tm_coarse *coarse, const struct tm_force_graph *graph, const uint8_t *fixed);
-/* Adds the correction for the residual r, which is zero at fixed components, to z. */
-void tm_coarse_correct(tm_coarse *coarse, const uint8_t *fixed, const double *r, double *z);
+/* Computes z = M^-1 r: inverse vertex tensors [9*vertex_count] and the correction. r is zero at fixed components. */
+void tm_precondition(tm_coarse *coarse, const double *inverse, const uint8_t *fixed, const double *r, double *z);
 
 #endif
