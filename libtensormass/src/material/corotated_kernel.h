@@ -10,7 +10,9 @@
  *
  * Where the two smaller stretches cancel in an inverted tetrahedron, two roots meet and R jumps. There d(I, J) > 0
  * keeps them apart, so that x is smooth for every F (material_internal.h). The law uses S only through x and its
- * gradient R. So the energy is one smooth function of F and the force its gradient, also under inversion. */
+ * gradient R. So the energy is one smooth function of F and the force its gradient, also under inversion.
+ *
+ * Over 400 lines: one pass whose parts are inlined, included once for each instruction set. */
 
 #include "material/simd_vector.h"
 #include "material/tet_batch_kernel.h"
