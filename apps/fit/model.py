@@ -130,6 +130,7 @@ class Problem:
         self.tolerance, self.from_first, self.row_sets, self.data = tolerance, from_first, row_sets, data
         self.swing_s, self.any_start = swing_s, any_start
         self.evaluations, self.solutions = 0, 0
+        self.doubts = {}  # row: what is doubtful about its last equilibrium
         self.differences = "" if adjoint else "asked for"  # why derivatives are differences of rests; empty: they are the adjoint's
         if adjoint and time_column is not None:
             self.differences = "a series over time is no rest"
@@ -200,6 +201,7 @@ class Problem:
             if asked:
                 what = {"duration_s": self.swing_s} if swings else {"settle": self.tolerance, "cold": cold}
                 answer = trials.ask(self.sets(inner, row), points_m=where, **what)
+                self.doubts[row] = answer.get("doubt")
                 for j in asked:
                     values[0, j] = self.compared[j].values(answer, self.points)[0]
         return values
@@ -239,6 +241,7 @@ class Problem:
         pairs, distance = self._pairs(inner, row)
         answer = trials.ask(self.sets(inner, row), settle=self.tolerance, points_m=list(self.points.values()), cold=cold,
                             slopes={"of": [c.quantity(self.points) for c in self.compared], "by": pairs})
+        self.doubts[row] = answer.get("doubt")
         values = self._picked(answer)
         if answer["slopes"] is None:
             self.differences = answer["why"]

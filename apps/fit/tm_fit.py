@@ -172,6 +172,7 @@ def run(a, problem, trials):
     fit = Fit(a, problem, trials)
     start = [c.inner(c.start) for c in problem.constants]
     x, residual, jacobian = least_squares(fit.evaluate, start, fit.low, fit.high, a.robust)
+    doubts = [(row + 1, doubt) for row, doubt in sorted(problem.doubts.items()) if doubt]
     found = summary(x, residual, jacobian, fit.low, fit.high)
     square, limit, constants = float(residual @ residual), found["t"]**2 * found["variance"], []
     for k, c in enumerate(problem.constants):
@@ -192,6 +193,7 @@ def run(a, problem, trials):
             "measured": blank(problem.measured), "fitted": blank(values), "along": along(a, problem),
             "outliers": [{"row": int(at[i][0]) + 1, "column": problem.compared[at[i][1]].column} for i in odd], "predicted": [predict(a, text, x, trials, mesh) for text in a.predict],
             "mesh_check": mesh and mesh.found(problem),
+            "doubts": doubts,
             "more": more_to_measure(fit, x, found, jacobian), "trials": problem.evaluations, "solutions": problem.solutions,
             "differences": problem.differences, "seconds": time.monotonic() - fit.begun}
     if mesh:
@@ -254,6 +256,18 @@ def along(a, problem):
     return ["row", list(range(1, problem.count + 1))]
 
 
+def report_doubts(found):
+    """Prints columns whose sign is wrong, and rows whose equilibrium is no valid shape."""
+    for j, name in enumerate(found["columns"]):
+        products = [m[j] * f[j] for m, f in zip(found["measured"], found["fitted"]) if m[j] is not None and f[j] is not None]
+        if products and max(products) < 0:
+            print(f"  {name}: measured and simulated values have opposite signs; put a '-' before the quantity in --compare, or remove it")
+    if found["doubts"]:
+        row, doubt = found["doubts"][0]
+        more = f" (and {len(found['doubts']) - 1} more rows)" if len(found["doubts"]) > 1 else ""
+        print(f"  row {row}{more}: {doubt}")
+
+
 def report(found):
     from fit_page import derivatives_of
     print(f"{len(found['measured'])} rows, {found['trials']} trials, derivatives by {derivatives_of(found)}, {found['seconds']:.0f} s; root mean square error: "
@@ -265,6 +279,7 @@ def report(found):
         for j in range(i):
             if abs(found["correlation"][i][j]) > 0.95:
                 print(f"  {c['path']} and {found['constants'][j]['path']} are correlated ({found['correlation'][i][j]:.3f}): the data determine their combination better than each alone")
+    report_doubts(found)
     for o in found["outliers"]:
         print(f"  row {o['row']}, {o['column']}: far from the others; check it, or use --robust")
     if found["more"] and min(found["more"][0]["shrinks_to"]) > 0.98:

@@ -180,8 +180,20 @@ static bool warm(const trials *t, const sim *s, const request *r) {
     return true;
 }
 
-static tm_status settle(const trials *t, sim *s, const request *r, double *u, double *reaction, tm_error *error) {
-    tm_settle_result result;
+/* Adds what is doubtful about an equilibrium, as a sentence. */
+static void add_doubt(const sim *s, const tm_deformation *shape, cJSON *answer) {
+    static const double TOLD_SHARE = 0.01;
+    char sentence[TM_ERROR_MESSAGE_MAX] = "";
+    const int32_t limited = s->model->world ? tm_world_limited_tets(s->model->world) : 0;
+    if (!tm_tissue_check_deformation(s->model->tissue, shape, sentence) && limited > TOLD_SHARE * sim_alive(s))
+        snprintf(sentence, sizeof sentence,
+                 "%d of %d tetrahedra are beyond the limit of their law; allow a larger 'stretch:', or leave it out",
+                 (int)limited, (int)sim_alive(s));
+    if (sentence[0]) cJSON_AddStringToObject(answer, "doubt", sentence);
+}
+
+static tm_status settle(const trials *t, sim *s, const request *r, double *u, double *reaction,
+                        tm_settle_result *result, tm_error *error) {
     tm_settle_def def = tm_settle_def_default();
     def.tolerance = r->tolerance;
     def.progress = on_progress;
@@ -191,25 +203,27 @@ static tm_status settle(const trials *t, sim *s, const request *r, double *u, do
         snprintf(error->message, sizeof error->message, "the instruments' way in blew up; lower time.step_fraction");
         return status;
     }
-    status = tm_model_settle(s->model, &def, u, reaction, &result, error);
+    status = tm_model_settle(s->model, &def, u, reaction, result, error);
     if (!status || !warmed || app_interrupted()) return status;
     tm_state *state = tm_world_state(s->model->world); /* from the beginning, in load steps */
     memset(state->u_m, 0, 3 * (size_t)s->mesh->vertex_count * sizeof *u);
     memset(state->u_prev_m, 0, 3 * (size_t)s->mesh->vertex_count * sizeof *u);
-    return tm_model_settle(s->model, &def, u, reaction, &result, error);
+    return tm_model_settle(s->model, &def, u, reaction, result, error);
 }
 
 static cJSON *settled(trials *t, sim *s, const request *r, const trial_point *at, int count) {
     const size_t n = 3 * (size_t)s->mesh->vertex_count;
+    tm_settle_result result = {0};
     tm_error error = {0};
     double *u = calloc(2 * n, sizeof *u);
     if (!u) return refuse("out of memory; use a smaller mesh");
-    if (settle(t, s, r, u, u + n, &error)) {
+    if (settle(t, s, r, u, u + n, &result, &error)) {
         free(u);
         return refuse(error.message);
     }
     cJSON *answer = begin_answer(s);
     add_state(s, at, count, u + n, answer);
+    add_doubt(s, &result.deformation, answer);
     if (r->slopes) trial_add_slopes(&t->shifts, t->o, &t->host, s, at, count, r->slopes, answer);
     free(t->rest_m);
     t->rest_m = u;

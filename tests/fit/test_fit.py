@@ -109,6 +109,17 @@ def test_constants_without_any_effect_have_the_whole_range(bin, scene):
     json.loads((scene.parent / "fit/fit.json").read_text(), parse_constant=refuse)
 
 
+@pytest.mark.parametrize("case", ["sign", "depth", "limit", ""])
+def test_a_wrong_sign_and_invalid_shapes_are_told(bin, scene, case):
+    """Forces of the other sign; a press through the block, as by millimetres; one that crushes beyond the law's limits."""
+    depths = [0.001, 0.002, 0.025 if case == "depth" else 0.018 if case == "limit" else 0.003]
+    data = write(scene.parent / "press.csv", depths, [(-300 if case == "sign" else 300) * d for d in depths])
+    said = tm_fit(bin, scene, "--data", data, "--row", ROW, "--compare", FORCE, "--quiet", "--fit", YOUNG).stdout
+    assert ("force_N: measured and simulated values have opposite signs; put a '-' before" in said) == (case == "sign"), said
+    assert ("  row 3: " in said and "tetrahedra are inverted" in said) == (case == "depth"), said
+    assert ("  row 3: " in said and "are beyond the limit of their law" in said) == (case == "limit"), said
+
+
 def test_an_outlier_is_named(bin, scene):
     scene.write_text(LINEAR)
     depths = np.linspace(0.0005, 0.006, 12)
