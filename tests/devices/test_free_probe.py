@@ -8,7 +8,7 @@ import pytest
 import scenekit
 import test_libraries
 from kit import report
-from paths import BUILD, ROOT
+from paths import BUILD, LONG, ROOT
 from test_haply import built_in
 
 SCENE = ROOT / "apps/scenes/block-probe.yaml"
@@ -54,7 +54,7 @@ def test_torque_turns_the_handle_in_lockstep(tmp_path, device):
 
 
 # tilt_y: of the emulated handle. The service's is upright, the stylus points away from the user.
-@pytest.mark.parametrize(("name", "device", "tilt_y"), [("haply", "inverse3_versegrip", 0.0), ("touch", "touch_stylus", 1.5708), ("omega", "omega_wrist", 1.5708)])
+@pytest.mark.parametrize(("name", "device", "tilt_y"), [("haply", "inverse3_versegrip", 0.0), ("touch", "touch_stylus", 1.5708), *([("omega", "omega_wrist", 1.5708)] if LONG else [])])
 def test_free_probe_with_the_emulator(tmp_path, once, monkeypatch, name, device, tilt_y):
     """The force at the emulator is that of the ticks, and the tool has the handle's direction."""
     if name == "haply" and not built_in():
