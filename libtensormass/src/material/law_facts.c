@@ -2,6 +2,7 @@
 #include "material/law_facts.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "material/hyperelastic.h"
 
@@ -30,8 +31,9 @@ bool tm_law_has_fibres(tm_law_kind law) { return facts_of(law) && facts_of(law)-
 bool tm_law_needs_fibre(tm_law_kind law) { return facts_of(law) && facts_of(law)->needs_fibre; }
 
 tm_status tm_law_bad(const tm_material *m, const char *what, double value, const char *violated, tm_error *error) {
-    return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s with %s = %g: %s is violated", facts_of(m->law)->name, what,
-                   value, violated);
+    const char *remedy = strncmp(what, "lambda", 6) ? "" : "; give a larger Poisson's ratio, or lambda";
+    return tm_fail(error, TM_ERR_MATERIAL, -1, "law %s with %s = %g: %s is violated%s", facts_of(m->law)->name, what,
+                   value, violated, remedy);
 }
 
 static tm_status check_constants(const tm_material *m, tm_error *error) {
