@@ -147,8 +147,9 @@ programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
-# The tests' own sources, a quarter of the code, need not be fast; the code under test is compiled as shipped.
-$(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT))) $(if $(filter coverage,$(config)),-fno-profile-instr-generate)
+# The tests' own sources, a quarter of the code, need not be fast, and with a sanitizer take a quarter of the time to compile without optimisation; the code
+# under test is compiled as shipped.
+$(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(if $(filter asan tsan,$(config)),-O0,$(patsubst -O3,-O1,$(filter -O%,$(OPT)))) $(if $(filter coverage,$(config)),-fno-profile-instr-generate)
 $(if $(CASES),$(TESTS)): SAN += -Wl,--wrap=_cmocka_run_group_tests
 
 # Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer those that

@@ -62,13 +62,13 @@ static int is_listed(const char *list, const char *name) {
 int __wrap__cmocka_run_group_tests(const char *group, const struct CMUnitTest *test, size_t count,
                                    CMFixtureFunction set_up, CMFixtureFunction tear_down) {
     const char *folder = getenv("TM_COVERAGE"), *list = getenv("TM_LEAVE_OUT");
-    if (folder) return each_by_itself(folder, group, test, count, set_up, tear_down);
-    if (!list) return __real__cmocka_run_group_tests(group, test, count, set_up, tear_down);
-    struct CMUnitTest *kept = calloc(count, sizeof *kept);
+    struct CMUnitTest *kept = calloc(count + 1, sizeof *kept);
     size_t n = 0;
     for (size_t i = 0; kept && i < count; i++)
-        if (!is_listed(list, test[i].name)) kept[n++] = test[i];
-    const int failed = n ? __real__cmocka_run_group_tests(group, kept, n, set_up, tear_down) : 1;
+        if (!list || !is_listed(list, test[i].name)) kept[n++] = test[i];
+    int failed = 1;
+    if (n && folder) failed = each_by_itself(folder, group, kept, n, set_up, tear_down);
+    if (n && !folder) failed = __real__cmocka_run_group_tests(group, kept, n, set_up, tear_down);
     free(kept);
     return failed;
 }

@@ -56,15 +56,16 @@ def test_what_is_left_out_exists(root):
             assert f"static void {case}(void **" in source.read_text(), f"{program} {case}: make sanitize-choice"
 
 
-def test_the_choice_reaches_every_region(root):
+def test_the_choice_reaches_its_share_of_regions(root):
     """By regions gained per second; a case that became superfluous and a program without a kept case are left out."""
     choose = chosen(root)
     cases = {("a/slow", "all"): (9, {1, 2, 3, 4}), ("a/fast", "first"): (1, {1, 2}), ("a/fast", "second"): (1, {2}), ("a/fast", "third"): (1, {3, 4}),
              ("a/other", "only"): (2, {5, 6}), ("a/other", "fails by itself"): (5, None)}
     cases = {name: (seconds, regions and frozenset(regions)) for name, (seconds, regions) in cases.items()}
-    kept = choose.choose(cases)
+    kept = choose.choose(cases, share=1)
     assert kept == {("a/fast", "first"), ("a/fast", "third"), ("a/other", "only"), ("a/other", "fails by itself")}
     assert list(choose.rows_of(cases, kept)) == ["a/fast second", "a/slow"]
+    assert ("a/other", "only") not in choose.choose(cases, share=0.66)
 
 
 CASES = """
