@@ -86,6 +86,14 @@ static float square_of_miss(const hrt_adaptive_record *before, const hrt_adaptiv
     return miss2;
 }
 
+/* Returns whether the laws that extrapolate samples had one with a force. If not, a first force misses all of them by
+ * itself, and a patch by nearly as much where the tool has just arrived: it says nothing about how they go on. */
+static bool had_a_sample_in_contact(const hrt_adaptive_record *record) {
+    float sum2 = 0.0f;
+    for (int i = 0; i < HRT_ADAPTIVE_PATCH; i++) sum2 += vdot(record->force_N[i], record->force_N[i]);
+    return sum2 > 0.0f;
+}
+
 void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const float force_N[3]) {
     const hrt_adaptive_record *before, *after;
     if (!find(a, t_us, &before, &after)) return;
@@ -100,6 +108,7 @@ void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const f
     }
     if (!(any2 > 0.0f)) return; /* without contact, errors neither grow nor decay */
     a->recent_peak_N = fmaxf(PEAK_FORCE_KEPT * a->recent_peak_N, vnorm(force_N));
+    if (!had_a_sample_in_contact(before)) return;
     const float scale2 = fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N) * fmaxf(a->recent_peak_N, PEAK_FORCE_MIN_N);
     /* Errors decay only as far as the worst law erred: otherwise the sample carries no information. A decay of
      * 1/(1+t/T) per sample t has half-life h = 2 t for T = t / (sqrt 2 - 1). */

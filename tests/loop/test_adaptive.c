@@ -75,6 +75,23 @@ static void the_patch_is_trusted_first_and_has_no_weight_without_one(void **unus
     assert_true(fabsf(sum - 1) < 1e-6f);
 }
 
+/* At the first touch all laws miss the sample by about its force: that does not tell them apart. */
+static void the_first_sample_in_contact_takes_no_weight_from_the_patch(void **unused) {
+    (void)unused;
+    float said[LAWS][3] = {{0}}, force[3];
+    hrt_adaptive_reset(&state);
+    said[HRT_ADAPTIVE_PATCH][2] = 0.001f;
+    hrt_adaptive_blend(&state, 0, true, said, force);
+    hrt_adaptive_judge(&state, 0, 0.05f, (const float[3]){0, 0, 0.004f});
+    hrt_adaptive_blend(&state, TICK_US, true, said, force);
+    assert_true(state.weight[HRT_ADAPTIVE_PATCH] > 0.95f);
+    for (int i = 0; i < HRT_ADAPTIVE_PATCH; i++) said[i][2] = 0.004f; /* now they have a sample to go on from */
+    hrt_adaptive_blend(&state, 2 * TICK_US, true, said, force);
+    hrt_adaptive_judge(&state, 2 * TICK_US, 0.05f, (const float[3]){0, 0, 0.004f});
+    hrt_adaptive_blend(&state, 3 * TICK_US, true, said, force);
+    assert_true(state.weight[HRT_ADAPTIVE_PATCH] < 0.5f);
+}
+
 /* One extrapolator is the best throughout: after a few samples the blend is as accurate. */
 static void blend_is_near_the_best_extrapolator_if_that_is_constant(void **unused) {
     (void)unused;
@@ -181,6 +198,7 @@ int main(void) {
         cmocka_unit_test(best_extrapolator_gets_the_weight),
         cmocka_unit_test(weight_moves_within_three_samples_to_a_new_best_extrapolator),
         cmocka_unit_test(the_patch_is_trusted_first_and_has_no_weight_without_one),
+        cmocka_unit_test(the_first_sample_in_contact_takes_no_weight_from_the_patch),
         cmocka_unit_test(blend_is_near_the_best_extrapolator_if_that_is_constant),
         cmocka_unit_test(blend_follows_a_changing_best_extrapolator),
         cmocka_unit_test(blend_is_between_its_extrapolators_for_any_input),
