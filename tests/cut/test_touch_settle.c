@@ -163,10 +163,11 @@ static void rest_does_not_depend_on_the_step(void **state) {
     drop(&a), drop(&b);
 }
 
-/* With friction the bodies are free. Where they rest depends on how they came there. */
+/* With friction the bodies are free. Where they rest depends on how they came there. Six did not settle before friction
+ * was handed on where a vertex moves to another face. */
 static void free_stacks_settle_and_then_stay(void **state) {
     (void)state;
-    for (int32_t count = 2; count <= 4; count++) {
+    for (int32_t count = 2; count <= 6; count += count == 4 ? 2 : 1) {
         bodies b = stack(count, false, 0.3, 1);
         check_rest(&b, "free, with friction");
         const size_t bytes = sizeof(double) * 3 * (size_t)b.mesh->vertex_count;

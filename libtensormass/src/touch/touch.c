@@ -32,7 +32,9 @@ static void run(void *self, tm_world *world) {
     tm_touch_prepare(t);
     if (tm_world_contact(world)) return; /* contact sweeps the rows */
     for (int32_t sweep = 0; sweep < t->def.sweeps && t->row_count > 0; sweep++) tm_touch_sweep(t, sweep);
+    tm_touch_note_energy(t);
     tm_touch_remember(t);
+    tm_touch_remember_account(t);
 }
 
 static void sweep(void *self, tm_world *world, int32_t number) {
@@ -53,6 +55,7 @@ static bool hold_back(void *self, tm_world *world, int32_t instrument) {
 static void finish(void *self, tm_world *world) {
     (void)world;
     tm_touch_remember(self);
+    tm_touch_remember_account(self);
 }
 
 static void react_not(void *self, int32_t instrument, double force_N[3], double resultant_N[3]) {
@@ -82,11 +85,20 @@ static void checkpoint(void *self) {
     memcpy(t->saved, t->memory, sizeof *t->memory * (size_t)t->memory_count);
 }
 
+/* Takes the account from the memory, which now holds another one. */
+static void recall_account(tm_touching *t) {
+    const tm_touch_memory *m = t->memory + t->memory_count - 1;
+    const bool has = t->memory_count > 0 && m->edges == TM_TOUCH_MEMORY_ACCOUNT;
+    t->reserve_J = has ? m->lambda_N : 0;
+    for (int i = 0; i < 2; i++) t->stored_before_J[i] = has ? m->drag_N[i] : 0;
+}
+
 static void rollback(void *self, tm_world *world) {
     (void)world;
     tm_touching *t = self;
     t->memory_count = t->saved_count;
     memcpy(t->memory, t->saved, sizeof *t->memory * (size_t)t->saved_count);
+    recall_account(t);
     t->row_count = 0;
     t->gathered = false;
 }
@@ -105,6 +117,7 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     if (!apply) return true;
     memcpy(t->memory, buffer, (size_t)bytes);
     t->memory_count = (int32_t)count;
+    recall_account(t);
     t->row_count = 0;
     t->gathered = false;
     return true;
@@ -155,6 +168,8 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->saved = TM_ALLOC(pool, tm_touch_memory, def->max_rows);
     t->fixed = TM_ALLOC(pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     t->revision = t->world->tissue->surface.revision - 1;
+    t->max_fast = t->def.max_candidates / 4;
+    t->fast.pair = TM_ALLOC(pool, tm_touch_pair, t->max_fast);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */
     return tm_touch_surface_init(&t->surface, pool, t->world->tissue) && tm_touch_gather_init(t, pool);
 }

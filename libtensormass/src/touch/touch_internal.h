@@ -5,7 +5,12 @@
 #include "contact/contact_internal.h"
 #include "tensormass/touch.h"
 
-enum { TM_COOKIE_TOUCHING = 0x746f7563 };
+enum {
+    TM_COOKIE_TOUCHING = 0x746f7563,
+    TM_TOUCH_MAX_INSIDE = 64,
+    TM_TOUCH_MEMORY_INSIDE = 2,
+    TM_TOUCH_MEMORY_ACCOUNT = 3
+};
 
 /* Features of the surface as cuts leave it, ascending by their persistent numbers. Rebuilt after a cut. */
 typedef struct tm_touch_surface {
@@ -44,13 +49,27 @@ typedef struct tm_touch_solver {
 
 /* What the next substep starts from, and snapshots hold. */
 typedef struct tm_touch_memory {
-    int32_t edges, a, b, slips;
+    int32_t edges, a, b, slips; /* edges TM_TOUCH_MEMORY_...: not a row, but what else lasts */
     double lambda_N, drag_N[3], friction_N[3];
 } tm_touch_memory;
 
 typedef struct tm_touch_box {
     double low[3], high[3];
 } tm_touch_box;
+
+typedef struct tm_touch_closest {
+    double weight[3]; /* barycentric, of the nearest point of the triangle */
+    double offset[3]; /* from that point to the vertex */
+    double distance_m;
+    bool inside; /* the projection is inside the triangle */
+} tm_touch_closest;
+
+/* A vertex inside another body. */
+typedef struct tm_touch_inside {
+    int32_t vertex, face;     /* the nearest face of the body */
+    tm_touch_closest closest; /* on that face */
+    double thickness_m;
+} tm_touch_inside;
 
 /* A ball around a feature. */
 typedef struct tm_touch_ball {
@@ -113,12 +132,23 @@ struct tm_touching {
     tm_touch_near near[2];              /* of vertices and faces; of edges */
     tm_touch_list vf, ee;
     tm_touch_pair *scratch; /* [max_candidates] */
+    /* pairs beyond the reach of the lists, of this substep */
+    int32_t max_fast;
+    tm_touch_list fast;              /* [max_fast] */
+    tm_touch_box box[TM_MAX_BODIES]; /* of each body */
+    int32_t inside_count;
+    tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
+    tm_touch_inside found;                       /* in this substep; vertex -1: none */
+    int32_t suspect;                             /* vertex that is checked in this substep; -1: none */
+    uint32_t suspect_rank;
     /* rows */
     int32_t row_count, memory_count, saved_count;
     tm_touching_row *row;
     tm_touch_solver *solver;
     tm_touch_memory *memory, *saved; /* [max_rows] of the last substep; when the step began */
     double swept_J;                  /* energy that the rows gave after the sweeps of this substep */
+    double reserve_J;                /* energy that rows took and may give back */
+    double stored_before_J[2];       /* in their compliance, after the last substep and the one before */
     uint8_t *fixed;                  /* [3*vertex_count] */
     const void *fixed_by;
     tm_touching_report report;
@@ -142,12 +172,6 @@ static inline bool tm_touch_enabled(const tm_touching *t, int32_t a, int32_t b) 
 }
 
 /* touch_geometry.c: closest points. */
-typedef struct tm_touch_closest {
-    double weight[3]; /* barycentric, of the nearest point of the triangle */
-    double offset[3]; /* from that point to the vertex */
-    double distance_m;
-    bool inside; /* the projection is inside the triangle */
-} tm_touch_closest;
 tm_touch_closest tm_touch_point_triangle(const double p[3], const double a[3], const double b[3], const double c[3]);
 /* Returns the distance of two segments; s and t are the nearest points' places on them, inside: both within. */
 double tm_touch_segments(const double a0[3], const double a1[3], const double b0[3], const double b1[3], double *s,
@@ -193,6 +217,17 @@ bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);
 /* Gathers again if a pair that is not in the lists may be in reach. */
 void tm_touch_update(tm_touching *touching);
 
+/* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
+void tm_touch_find_fast(tm_touching *touching);
+
+/* touch_inside.c: vertices inside another body. */
+void tm_touch_find_inside(tm_touching *touching);
+/* Names a vertex that is behind a face of another body; one of those named in a substep is checked. */
+void tm_touch_suspect(tm_touching *touching, int32_t vertex);
+void tm_touch_check_suspect(tm_touching *touching);
+/* Adds the vertices that are inside to the memory. */
+void tm_touch_remember_inside(tm_touching *touching);
+
 /* touch_rows.c */
 void tm_touch_find(tm_touching *touching);
 
@@ -214,9 +249,11 @@ void tm_touch_slip(const tm_touching_row *row, const double *to_m, const double 
 /* Sweeps once, but only reduces forces: first from the last row, or, with `sweep` odd, from the first. */
 void tm_touch_release(tm_touching *touching, int32_t sweep);
 
-/* touch_passivity.c: notes what the rows give after the sweeps, and limits them to that after instruments were held
- * back. Returns whether forces changed. */
+/* touch_passivity.c: limits and notes what the rows give after the sweeps, and limits them to that after instruments
+ * were held back. Returns whether forces changed. */
 void tm_touch_note_energy(tm_touching *touching);
+/* Adds what the rows gave in this substep to their account, and the account to the memory, as the last. */
+void tm_touch_remember_account(tm_touching *touching);
 bool tm_touch_limit_energy(tm_touching *touching);
 
 /* ties.c: calls `add` with each force of the ties in this substep; returns the energy that they store, J. */

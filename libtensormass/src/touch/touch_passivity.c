@@ -4,7 +4,10 @@
  * a tenth of the energy of the hands. So the rows' account, exact in the integrator's terms, is taken after the sweeps
  * and again after instruments were held back: the work over the two steps around the forces, and half of the energy in
  * the compliance. If rows then give more than after the sweeps, open rows lose the force that holds them open. If that
- * is not enough, all rows are reduced by one share. Without a change of the instruments no force changes. */
+ * is not enough, all rows are reduced by one share. Without a change of the instruments no force changes.
+ *
+ * A row that is new where its two sides just parted fast can give energy even so. So in each substep all rows together
+ * give no more than what they took in the last 0.2 s, and what their compliance returns. */
 #include "touch/touch_internal.h"
 
 #include <math.h>
@@ -13,6 +16,10 @@
 
 /* Energy below which nothing is done, J. */
 static const double LITTLE_J = 2e-8;
+/* Energy that rows may give in each substep, to push out what overlaps, J. */
+static const double PUSH_J = 1e-6;
+/* Time after which most of what rows took is forgotten, s. */
+static const double RESERVE_S = 0.2;
 enum { RELEASES = 2 };
 
 static void force_of(const tm_touching *t, int32_t i, double force_N[3]) {
@@ -75,7 +82,36 @@ static void reduce(tm_touching *t, double may_J) {
     push_all(t, 1);
 }
 
-void tm_touch_note_energy(tm_touching *t) { t->swept_J = t->world->settling ? 0 : account_J(t); }
+/* Returns what the rows may give in this substep, in the terms of account_J. */
+static double allowance_J(const tm_touching *t) {
+    return law_max(t->reserve_J, 0) + PUSH_J + 0.5 * t->stored_before_J[1];
+}
+
+void tm_touch_note_energy(tm_touching *t) {
+    t->swept_J = 0;
+    if (t->world->settling || t->row_count == 0) return;
+    t->swept_J = account_J(t);
+    const double may = allowance_J(t);
+    if (t->swept_J <= may) return;
+    reduce(t, may);
+    t->swept_J = account_J(t);
+}
+
+static void book_energy(tm_touching *t) {
+    const double stored = 2 * half_stored_J(t), given = work_J(t) + 0.5 * (stored - t->stored_before_J[1]);
+    t->reserve_J = t->reserve_J * (1 - law_min(t->world->state.dt_s / RESERVE_S, 1)) - given;
+    t->reserve_J = law_max(t->reserve_J, 0);
+    t->stored_before_J[1] = t->stored_before_J[0], t->stored_before_J[0] = stored;
+}
+
+void tm_touch_remember_account(tm_touching *t) {
+    book_energy(t);
+    if (!(t->reserve_J > 0 || t->stored_before_J[0] > 0 || t->stored_before_J[1] > 0)) return;
+    if (t->memory_count == t->def.max_rows) t->memory_count--;
+    t->memory[t->memory_count++] = (tm_touch_memory){.edges = TM_TOUCH_MEMORY_ACCOUNT,
+                                                     .lambda_N = t->reserve_J,
+                                                     .drag_N = {t->stored_before_J[0], t->stored_before_J[1]}};
+}
 
 bool tm_touch_limit_energy(tm_touching *t) {
     if (t->world->settling) return false;

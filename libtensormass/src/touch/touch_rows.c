@@ -13,7 +13,8 @@ static const double FOLD = 1 - 0.9703;
 /* --- ranges --- */
 
 /* A pair within its thickness and this distance gets a row: what it may approach in a substep. Twice the pair's own
- * relative motion in the last substep, at most a thickness, and never less than a quarter of one. */
+ * relative motion in the last substep, and a quarter of a thickness. Pairs of the lists are within reach, which is a
+ * thickness more than theirs. */
 static double lookahead_m(const tm_touching *t, const tm_touching_row *row) {
     const tm_state *state = &t->world->state;
     double moved[3] = {0, 0, 0};
@@ -22,7 +23,7 @@ static double lookahead_m(const tm_touching *t, const tm_touching_row *row) {
             const int32_t d = 3 * row->vertex[j] + c;
             moved[c] += row->weight[j] * (state->u_m[d] - state->u_prev_m[d]);
         }
-    return law_min(t->def.thickness_m, 0.25 * t->def.thickness_m + 2 * vnorm(moved));
+    return 0.25 * t->def.thickness_m + 2 * vnorm(moved);
 }
 
 static bool is_asleep(const tm_touching *t, const tm_touch_pair *pair) { return pair->wake_m > t->odometer_m; }
@@ -148,6 +149,7 @@ static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch
     if (is_own(t, pair) && is_inverted(t, pair->b, n)) return;
     const double signed_m = vdot(c->offset, n);
     if (signed_m < 0) { /* passed through, if its own surface looks the other way; else it is on the far side */
+        if (!is_own(t, pair)) tm_touch_suspect(t, pair->a);
         vertex_normal(t, pair->a, own);
         if (-signed_m > t->def.thickness_m || vdot(own, n) > -0.1 || are_crushed(t, 0, pair)) return;
         t->report.deepest_m = law_max(t->report.deepest_m, -signed_m);
@@ -158,14 +160,15 @@ static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch
     add(t, &row, t->def.compliance_m_N);
 }
 
-static void try_pair(tm_touching *t, tm_touch_pair *pair, vertex_search *search) {
+/* Tries a pair that is nearer than its thickness and `reach_m`. */
+static void try_pair(tm_touching *t, tm_touch_pair *pair, double reach_m, vertex_search *search) {
     double p[3], x[3][3];
     tm_touch_at(t->world, pair->a, p);
     int32_t v[3];
     tm_touch_triangle(t, pair->b, v);
     for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
     const tm_touch_closest c = tm_touch_point_triangle(p, x[0], x[1], x[2]);
-    if (c.distance_m > pair->thickness_m + t->def.thickness_m) {
+    if (c.distance_m > pair->thickness_m + reach_m) {
         send_to_sleep(t, pair, c.distance_m);
         return;
     }
@@ -181,12 +184,41 @@ static void try_pair(tm_touching *t, tm_touch_pair *pair, vertex_search *search)
     set_vertex_face(t, pair, &c, away, c.distance_m, &search->edged);
 }
 
+/* Tries the pairs of one vertex in a list, from `i` on. Returns the index behind them. */
+static int32_t try_pairs_of(tm_touching *t, tm_touch_list *list, int32_t i, int32_t vertex, double reach_m,
+                            vertex_search *search) {
+    for (; i < list->count && list->pair[i].a == vertex; i++)
+        if (!is_asleep(t, list->pair + i)) try_pair(t, list->pair + i, reach_m, search);
+    return i;
+}
+
+/* Replaces the rows of the vertex with another body by one that pushes it out along the shortest way. */
+static void push_out(tm_touching *t, const tm_touch_inside *inside, vertex_search *search) {
+    const tm_touch_pair pair = {.a = inside->vertex, .b = inside->face, .thickness_m = inside->thickness_m};
+    const int32_t body = tm_touch_body(t, inside->face);
+    tm_touching_row row;
+    double out[3];
+    int32_t kept = search->first;
+    for (int32_t r = search->first; r < t->row_count; r++)
+        if (tm_touch_body(t, t->row[r].b) != body) t->row[kept] = t->row[r], t->solver[kept++] = t->solver[r];
+    t->row_count = kept;
+    if (search->nearest_m < INFINITY && tm_touch_body(t, search->edged.b) == body) search->nearest_m = INFINITY;
+    vscale(-1 / inside->closest.distance_m, inside->closest.offset, out);
+    set_vertex_face(t, &pair, &inside->closest, out, -inside->closest.distance_m, &row);
+    add(t, &row, t->def.compliance_m_N);
+}
+
+static int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
+
 static void find_vertices(tm_touching *t) {
-    tm_touch_list *list = &t->vf;
-    for (int32_t i = 0, end; i < list->count; i = end) {
+    for (int32_t i = 0, k = 0, m = 0; i < t->vf.count || k < t->fast.count || m < t->inside_count;) {
+        const int32_t vertex = least(i < t->vf.count ? t->vf.pair[i].a : INT32_MAX,
+                                     least(k < t->fast.count ? t->fast.pair[k].a : INT32_MAX,
+                                           m < t->inside_count ? t->inside[m].vertex : INT32_MAX));
         vertex_search search = {.first = t->row_count, .inside_m = INFINITY, .nearest_m = INFINITY};
-        for (end = i; end < list->count && list->pair[end].a == list->pair[i].a; end++)
-            if (!is_asleep(t, list->pair + end)) try_pair(t, list->pair + end, &search);
+        i = try_pairs_of(t, &t->vf, i, vertex, t->def.thickness_m, &search);
+        k = try_pairs_of(t, &t->fast, k, vertex, INFINITY, &search);
+        for (; m < t->inside_count && t->inside[m].vertex == vertex; m++) push_out(t, t->inside + m, &search);
         if (search.nearest_m < search.inside_m && search.edged.gap_m <= lookahead_m(t, &search.edged))
             add(t, &search.edged, t->def.compliance_m_N);
         const int32_t count = t->row_count - search.first;
@@ -263,14 +295,23 @@ static int compare(int32_t edges, int32_t a, int32_t b, const tm_touch_memory *m
     return b != m->b ? (b < m->b ? -1 : 1) : 0;
 }
 
-/* A vertex that moves on to another face takes along the force that its rows of before no longer bear. */
+/* A vertex that moves on to another face takes along the force and friction that its rows of before no longer bear. */
 static void hand_on(tm_touching *t, int32_t first, int32_t end, int32_t from, int32_t to) {
-    double left_N = 0;
+    double left_N = 0, friction_N[3] = {0, 0, 0};
     int32_t unknown = 0;
-    for (int32_t m = from; m < to; m++) left_N += t->memory[m].lambda_N;
-    for (int32_t i = first; i < end; i++) left_N -= t->row[i].lambda_N, unknown += t->row[i].lambda_N == 0;
-    for (int32_t i = first; i < end && left_N > 0 && unknown > 0; i++)
-        if (t->row[i].lambda_N == 0) t->row[i].lambda_N = left_N / unknown;
+    for (int32_t m = from; m < to; m++) {
+        left_N += t->memory[m].lambda_N;
+        vmadd(friction_N, 1, t->memory[m].friction_N, friction_N);
+    }
+    for (int32_t i = first; i < end; i++) {
+        left_N -= t->row[i].lambda_N, unknown += t->row[i].lambda_N == 0;
+        vmadd(friction_N, -1, t->solver[i].friction_N, friction_N);
+    }
+    for (int32_t i = first; i < end && left_N > 0 && unknown > 0; i++) {
+        if (t->row[i].lambda_N != 0) continue;
+        t->row[i].lambda_N = left_N / unknown;
+        vscale(1.0 / unknown, friction_N, t->solver[i].friction_N);
+    }
 }
 
 /* Both lists are sorted, so one pass suffices. */
@@ -307,9 +348,12 @@ static void order_rows(tm_touching *t) {
 
 void tm_touch_find(tm_touching *t) {
     tm_touch_update(t);
+    tm_touch_find_fast(t);
+    tm_touch_find_inside(t);
     t->row_count = 0;
     t->report.deepest_m = 0;
     find_vertices(t);
+    tm_touch_check_suspect(t);
     for (int32_t i = 0; i < t->ee.count; i++)
         if (!is_asleep(t, t->ee.pair + i)) try_edges(t, t->ee.pair + i);
     order_rows(t);

@@ -177,4 +177,5 @@ void tm_touch_remember(tm_touching *t) {
         vset(s->drag_N, m->drag_N);
         vset(s->friction_N, m->friction_N);
     }
+    tm_touch_remember_inside(t);
 }

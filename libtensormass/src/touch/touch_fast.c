@@ -1,0 +1,139 @@
+/* Pairs of two bodies that are out of the lists' reach, but may meet in this substep because one side is fast: tissue
+ * that a tool crushed and releases moves by several mm. They get rows as pairs within reach do, at a distance of up to
+ * twice their relative motion in the last substep. Without a fast vertex nothing is searched. */
+#include "touch/touch_internal.h"
+
+#include <math.h>
+
+#include "base/vec.h"
+
+/* Motion in a substep from which a vertex is fast, of the thickness. Slower ones meet within the lists' reach. */
+static const double FAST = 0.5;
+
+static double motion2_of(const tm_touching *t, int32_t v) {
+    double d[3];
+    vsub(t->world->state.u_m + 3 * (int64_t)v, t->world->state.u_prev_m + 3 * (int64_t)v, d);
+    return vdot(d, d);
+}
+
+/* --- boxes of bodies --- */
+
+static void grow(tm_touch_box *box, const double x[3]) {
+    for (int c = 0; c < 3; c++) box->low[c] = law_min(box->low[c], x[c]), box->high[c] = law_max(box->high[c], x[c]);
+}
+
+static void box_bodies(tm_touching *t) {
+    for (int32_t b = 0; b < t->def.body_count; b++)
+        for (int c = 0; c < 3; c++) t->box[b].low[c] = INFINITY, t->box[b].high[c] = -INFINITY;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        double x[3];
+        tm_touch_at(t->world, t->surface.vertex[i], x);
+        grow(t->box + t->surface.body[t->surface.vertex[i]], x);
+    }
+}
+
+/* Returns whether a ball is in the box of another body that the body touches. */
+static bool is_near_another(const tm_touching *t, int32_t body, const tm_touch_ball *ball) {
+    for (int32_t b = 0; b < t->def.body_count; b++) {
+        bool near = b != body && tm_touch_enabled(t, body, b);
+        for (int c = 0; c < 3; c++)
+            near &= ball->middle[c] + ball->radius_m >= t->box[b].low[c] &&
+                    ball->middle[c] - ball->radius_m <= t->box[b].high[c];
+        if (near) return true;
+    }
+    return false;
+}
+
+/* --- pairs --- */
+
+static void try_pair(tm_touching *t, int32_t v, int32_t face) {
+    const tm_mesh *mesh = t->world->tissue->mesh;
+    const int32_t body = t->surface.body[v], other = tm_touch_body(t, face);
+    if (body == other || !tm_touch_enabled(t, body, other)) return;
+    double p[3], x[3][3], moved[3];
+    int32_t w[3];
+    tm_touch_triangle(t, face, w);
+    tm_touch_at(t->world, v, p);
+    for (int j = 0; j < 3; j++) tm_touch_at(t->world, w[j], x[j]);
+    const tm_touch_closest c = tm_touch_point_triangle(p, x[0], x[1], x[2]);
+    const double *u = t->world->state.u_m, *before = t->world->state.u_prev_m, full = t->def.thickness_m;
+    vsub(u + 3 * (int64_t)v, before + 3 * (int64_t)v, moved);
+    for (int j = 0; j < 3; j++)
+        for (int k = 0; k < 3; k++) moved[k] -= c.weight[j] * (u[3 * w[j] + k] - before[3 * w[j] + k]);
+    if (!(c.distance_m <= 1.25 * full + 2 * vnorm(moved))) return;
+    const double *rest = mesh->rest_m;
+    const double rest_m =
+        tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]).distance_m;
+    const double thickness_m = law_min(full, rest_m);
+    if (!(c.distance_m > thickness_m + full)) return; /* within the lists' reach */
+    if (t->fast.count == t->max_fast) {
+        t->report.overflowed = true;
+        return;
+    }
+    t->fast.pair[t->fast.count++] = (tm_touch_pair){.a = v, .b = face, .thickness_m = thickness_m};
+}
+
+/* Returns a ball in which all places are with which a feature may meet. */
+static tm_touch_ball reach_of(const tm_touching *t, const double middle[3], double radius_m, double motion_m) {
+    tm_touch_ball ball = {.radius_m = radius_m + 1.25 * t->def.thickness_m + 4 * motion_m};
+    vset(middle, ball.middle);
+    return ball;
+}
+
+/* Finds features around the ball; the grids hold them in places that may be half a margin off. */
+static int32_t find(tm_touching *t, int kind, tm_touch_ball ball) {
+    const tm_touch_surface *s = &t->surface;
+    int32_t *found = t->near[0].item;
+    ball.radius_m += t->margin_m;
+    if (!t->all_pairs) return tm_touch_grid_find(t->grid + kind, &ball, found);
+    const int32_t count = kind == TM_TOUCH_FACES ? s->face_count : s->vertex_count;
+    for (int32_t i = 0; i < count; i++) found[i] = kind == TM_TOUCH_FACES ? s->face[i] : s->vertex[i];
+    return count;
+}
+
+static void search_vertex(tm_touching *t, int32_t v, double limit2) {
+    double x[3];
+    const double motion2 = motion2_of(t, v);
+    if (!(motion2 > limit2)) return;
+    tm_touch_at(t->world, v, x);
+    const tm_touch_ball ball = reach_of(t, x, 0, sqrt(motion2));
+    if (!is_near_another(t, t->surface.body[v], &ball)) return;
+    const int32_t count = find(t, TM_TOUCH_FACES, ball);
+    for (int32_t i = 0; i < count; i++) try_pair(t, v, t->near[0].item[i]);
+}
+
+static void search_face(tm_touching *t, int32_t face, double limit2) {
+    double x[3][3], motion2 = 0, radius2 = 0, d[3];
+    int32_t w[3];
+    tm_touch_triangle(t, face, w);
+    for (int j = 0; j < 3; j++) motion2 = law_max(motion2, motion2_of(t, w[j]));
+    if (!(motion2 > limit2)) return;
+    for (int j = 0; j < 3; j++) {
+        tm_touch_at(t->world, w[j], x[j]);
+        vsub(x[j], x[0], d);
+        radius2 = law_max(radius2, vdot(d, d));
+    }
+    const tm_touch_ball ball = reach_of(t, x[0], sqrt(radius2), sqrt(motion2));
+    if (!is_near_another(t, tm_touch_body(t, face), &ball)) return;
+    const int32_t count = find(t, TM_TOUCH_VERTICES, ball);
+    for (int32_t i = 0; i < count; i++) try_pair(t, t->near[0].item[i], face);
+}
+
+static void drop_doubles(tm_touch_list *list) {
+    int32_t kept = 0;
+    for (int32_t i = 0; i < list->count; i++)
+        if (i == 0 || list->pair[i].a != list->pair[i - 1].a || list->pair[i].b != list->pair[i - 1].b)
+            list->pair[kept++] = list->pair[i];
+    list->count = kept;
+}
+
+void tm_touch_find_fast(tm_touching *t) {
+    const double limit_m = FAST * t->def.thickness_m;
+    t->fast.count = 0;
+    if (t->def.body_count < 2 || t->world->settling || !(tm_max_increment_m(t->world) > limit_m)) return;
+    box_bodies(t);
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i], limit_m * limit_m);
+    for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i], limit_m * limit_m);
+    tm_touch_list_merge(&t->fast, 0, t->scratch);
+    drop_doubles(&t->fast);
+}

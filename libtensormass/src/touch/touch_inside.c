@@ -1,0 +1,180 @@
+/* Vertices inside another body. Rows keep surfaces apart, but where tissue is crushed, turned inside out and released,
+ * a vertex may end on the wrong side, deeper than rows reach. So now and then a vertex is checked: one of those behind
+ * a face of another body, and one of the complete surface in turn. One that is inside, and was not at rest, is pushed
+ * to the nearest point of that body's surface until it is outside. The list is in the memory of the rows, and so in
+ * snapshots. */
+#include "touch/touch_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+
+/* Faces that are looked at in a substep, by each kind of check; a check takes all. And substeps between at most. */
+enum { FACES = 512, PERIOD_MAX = 8 };
+static const double PI = 3.14159265358979;
+
+/* --- inside or outside --- */
+
+static void corner(const tm_touching *t, int32_t vertex, bool at_rest, double x[3]) {
+    if (at_rest)
+        vset(t->world->tissue->mesh->rest_m + 3 * (int64_t)vertex, x);
+    else
+        tm_touch_at(t->world, vertex, x);
+}
+
+/* Returns whether the surface of a body winds around a vertex. */
+static bool is_wound(const tm_touching *t, int32_t vertex, int32_t body, bool at_rest) {
+    double p[3], sum = 0;
+    corner(t, vertex, at_rest, p);
+    for (int32_t i = 0; i < t->surface.face_count; i++) {
+        double x[3][3], r[3], cross[3];
+        int32_t v[3];
+        if (tm_touch_body(t, t->surface.face[i]) != body) continue;
+        tm_touch_triangle(t, t->surface.face[i], v);
+        for (int j = 0; j < 3; j++) {
+            corner(t, v[j], at_rest, x[j]);
+            vsub(x[j], p, x[j]);
+            r[j] = vnorm(x[j]);
+        }
+        vcross(x[1], x[2], cross);
+        sum += atan2(vdot(x[0], cross), r[0] * r[1] * r[2] + vdot(x[0], x[1]) * r[2] + vdot(x[1], x[2]) * r[0] +
+                                            vdot(x[2], x[0]) * r[1]); /* half of the solid angle */
+    }
+    return fabs(sum) > PI; /* 0 outside, 2 pi inside, -2 pi where the body is inverted */
+}
+
+static double turn_of(const double a[2], const double b[2]) { return a[0] * b[1] - a[1] * b[0]; }
+
+/* Returns a body that an upward ray from the vertex leaves once more than it enters, or -1: cheap, for most vertices.
+ */
+static int32_t body_around(const tm_touching *t, int32_t vertex) {
+    double p[3];
+    int32_t left[TM_MAX_BODIES] = {0};
+    tm_touch_at(t->world, vertex, p);
+    for (int32_t i = 0; i < t->surface.face_count; i++) {
+        double x[3], q[3][2], height[3];
+        int32_t v[3];
+        tm_touch_triangle(t, t->surface.face[i], v);
+        for (int j = 0; j < 3; j++) { /* along a direction that no grid of vertices has */
+            tm_touch_at(t->world, v[j], x);
+            height[j] = x[2] - p[2];
+            q[j][0] = x[0] - p[0] - 0.317 * height[j], q[j][1] = x[1] - p[1] - 0.171 * height[j];
+        }
+        const double a = turn_of(q[1], q[2]), b = turn_of(q[2], q[0]), c = turn_of(q[0], q[1]);
+        const bool up = a >= 0 && b >= 0 && c >= 0, down = a < 0 && b < 0 && c < 0;
+        if (!(up || down) || !((a * height[0] + b * height[1] + c * height[2]) / (a + b + c) > 0)) continue;
+        left[tm_touch_body(t, t->surface.face[i])] += up ? 1 : -1;
+    }
+    for (int32_t b = 0; b < t->def.body_count; b++)
+        if (left[b] != 0 && b != t->surface.body[vertex] && tm_touch_enabled(t, t->surface.body[vertex], b)) return b;
+    return -1;
+}
+
+/* --- the list --- */
+
+static bool is_listed(const tm_touching *t, int32_t vertex) {
+    for (int32_t i = 0; i < t->inside_count; i++)
+        if (t->inside[i].vertex == vertex) return true;
+    return false;
+}
+
+/* Returns a face of a body. */
+static int32_t face_of(const tm_touching *t, int32_t body) {
+    for (int32_t i = 0; i < t->surface.face_count; i++)
+        if (tm_touch_body(t, t->surface.face[i]) == body) return t->surface.face[i];
+    return -1;
+}
+
+/* Returns the substeps from check to check; those of suspects are halfway between. */
+static int64_t period(const tm_touching *t) {
+    return (int64_t)law_clamp((double)(t->surface.face_count / FACES), 1, PERIOD_MAX);
+}
+
+/* Lists a vertex from the next substep on, if it is inside. */
+static void check(tm_touching *t, int32_t vertex) {
+    const int32_t body = is_listed(t, vertex) ? -1 : body_around(t, vertex);
+    if (body >= 0 && is_wound(t, vertex, body, false) && !is_wound(t, vertex, body, true))
+        t->found = (tm_touch_inside){.vertex = vertex, .face = face_of(t, body)};
+}
+
+void tm_touch_suspect(tm_touching *t, int32_t vertex) {
+    if (t->world->settling || t->world->state.step % period(t) != period(t) / 2) return;
+    const uint32_t rank =
+        ((uint32_t)vertex ^ (uint32_t)t->world->state.step) * 2654435761u; /* each comes first at times */
+    if (t->suspect >= 0 && rank <= t->suspect_rank) return;
+    t->suspect = vertex, t->suspect_rank = rank;
+}
+
+void tm_touch_check_suspect(tm_touching *t) {
+    if (t->suspect >= 0) check(t, t->suspect);
+}
+
+/* --- the way out --- */
+
+static void find_nearest(tm_touching *t, tm_touch_inside *inside, const int32_t *face, int32_t count) {
+    const int32_t body = tm_touch_body(t, inside->face);
+    double p[3];
+    inside->closest.distance_m = INFINITY;
+    tm_touch_at(t->world, inside->vertex, p);
+    for (int32_t i = 0; i < count; i++) {
+        double x[3][3];
+        int32_t v[3];
+        if (tm_touch_body(t, face[i]) != body) continue;
+        tm_touch_triangle(t, face[i], v);
+        for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
+        const tm_touch_closest c = tm_touch_point_triangle(p, x[0], x[1], x[2]);
+        if (c.distance_m > inside->closest.distance_m) continue;
+        if (c.distance_m == inside->closest.distance_m && face[i] > inside->face) continue;
+        inside->closest = c, inside->face = face[i];
+    }
+}
+
+/* Returns whether the vertex is still inside; sets its nearest point, and whether it is pushed. */
+static bool is_still_inside(tm_touching *t, tm_touch_inside *inside) {
+    const tm_mesh *mesh = t->world->tissue->mesh;
+    double x[3][3];
+    int32_t v[3];
+    const int32_t body = tm_touch_body(t, inside->face);
+    if (t->surface.body[inside->vertex] < 0) return false; /* cut */
+    find_nearest(t, inside, t->surface.face, t->surface.face_count);
+    if (!(inside->closest.distance_m > 0 && inside->closest.distance_m < INFINITY)) return false;
+    tm_touch_triangle(t, inside->face, v);
+    for (int j = 0; j < 3; j++) vset(mesh->rest_m + 3 * (int64_t)v[j], x[j]);
+    inside->thickness_m =
+        law_min(t->def.thickness_m,
+                tm_touch_point_triangle(mesh->rest_m + 3 * (int64_t)inside->vertex, x[0], x[1], x[2]).distance_m);
+    return is_wound(t, inside->vertex, body, false);
+}
+
+void tm_touch_find_inside(tm_touching *t) {
+    t->inside_count = 0, t->found.vertex = t->suspect = -1;
+    if (t->def.body_count < 2 || t->world->settling) return;
+    int32_t end = t->memory_count;
+    if (end > 0 && t->memory[end - 1].edges == TM_TOUCH_MEMORY_ACCOUNT) end--;
+    int32_t first = end;
+    while (first > 0 && t->memory[first - 1].edges == TM_TOUCH_MEMORY_INSIDE) first--;
+    for (int32_t i = first; i < end && t->inside_count < TM_TOUCH_MAX_INSIDE; i++) {
+        tm_touch_inside *inside = t->inside + t->inside_count;
+        *inside = (tm_touch_inside){.vertex = t->memory[i].a, .face = t->memory[i].b};
+        t->inside_count += is_still_inside(t, inside);
+    }
+    const int64_t turn = t->world->state.step / period(t);
+    if (t->world->state.step % period(t) == 0 && t->surface.vertex_count > 0)
+        check(t, t->surface.vertex[turn % t->surface.vertex_count]);
+}
+
+void tm_touch_remember_inside(tm_touching *t) {
+    bool left = t->found.vertex >= 0;
+    for (int32_t i = 0; i < t->inside_count || left;) { /* ascending */
+        const bool new = left && (i == t->inside_count || t->found.vertex < t->inside[i].vertex);
+        const tm_touch_inside *one = new ? &t->found : t->inside + i;
+        if (new)
+            left = false;
+        else
+            i++;
+        if (t->memory_count == t->def.max_rows) return;
+        t->memory[t->memory_count++] =
+            (tm_touch_memory){.edges = TM_TOUCH_MEMORY_INSIDE, .a = one->vertex, .b = one->face};
+    }
+}
