@@ -74,7 +74,8 @@ static tm_status warn_collapse(const sim *s) {
 }
 
 static tm_status warn_supports(const sim *s) {
-    const int index = sim_effect_find(s->scene, "gravity");
+    const int index = sim_effect_find(s->scene, "gravity"), touch = sim_effect_find(s->scene, "touch");
+    if (s->rigid_tet && touch >= 0 && sim_effect_line(s->scene, touch)) return 0; /* it falls onto a rigid body */
     if (s->scene->support.count || index < 0 || !sim_effect_line(s->scene, index)) return 0;
     return app_scene_warn(s->scene, sim_effect_line(s->scene, index),
                           "gravity acts and nothing holds the tissue, so it falls without end; add 'supports:'");

@@ -12,6 +12,9 @@
 
 /* Faces that are looked at in a substep, by each kind of check; a check takes all. And substeps between at most. */
 enum { FACES = 512, PERIOD_MAX = 8 };
+/* Depth from which a vertex is pushed out, of the thickness: rows of surfaces that are close at rest let it nearly as
+ * far. */
+static const double DEEP = 0.5;
 static const double PI = 3.14159265358979;
 
 /* --- inside or outside --- */
@@ -86,32 +89,6 @@ static int32_t face_of(const tm_touching *t, int32_t body) {
     return -1;
 }
 
-/* Returns the substeps from check to check; those of suspects are halfway between. */
-static int64_t period(const tm_touching *t) {
-    return (int64_t)law_clamp((double)(t->surface.face_count / FACES), 1, PERIOD_MAX);
-}
-
-/* Lists a vertex from the next substep on, if it is inside. */
-static void check(tm_touching *t, int32_t vertex) {
-    const int32_t body = is_listed(t, vertex) ? -1 : body_around(t, vertex);
-    if (body >= 0 && is_wound(t, vertex, body, false) && !is_wound(t, vertex, body, true))
-        t->found = (tm_touch_inside){.vertex = vertex, .face = face_of(t, body)};
-}
-
-void tm_touch_suspect(tm_touching *t, int32_t vertex) {
-    if (t->world->settling || t->world->state.step % period(t) != period(t) / 2) return;
-    const uint32_t rank =
-        ((uint32_t)vertex ^ (uint32_t)t->world->state.step) * 2654435761u; /* each comes first at times */
-    if (t->suspect >= 0 && rank <= t->suspect_rank) return;
-    t->suspect = vertex, t->suspect_rank = rank;
-}
-
-void tm_touch_check_suspect(tm_touching *t) {
-    if (t->suspect >= 0) check(t, t->suspect);
-}
-
-/* --- the way out --- */
-
 static void find_nearest(tm_touching *t, tm_touch_inside *inside, const int32_t *face, int32_t count) {
     const int32_t body = tm_touch_body(t, inside->face);
     double p[3];
@@ -129,6 +106,34 @@ static void find_nearest(tm_touching *t, tm_touch_inside *inside, const int32_t 
         inside->closest = c, inside->face = face[i];
     }
 }
+
+/* Returns the substeps from check to check; those of suspects are halfway between. */
+static int64_t period(const tm_touching *t) {
+    return (int64_t)law_clamp((double)(t->surface.face_count / FACES), 1, PERIOD_MAX);
+}
+
+/* Lists a vertex from the next substep on, if it is inside, deeper than rows let it. */
+static void check(tm_touching *t, int32_t vertex) {
+    const int32_t body = is_listed(t, vertex) ? -1 : body_around(t, vertex);
+    if (body < 0 || !is_wound(t, vertex, body, false) || is_wound(t, vertex, body, true)) return;
+    tm_touch_inside inside = {.vertex = vertex, .face = face_of(t, body)};
+    find_nearest(t, &inside, t->surface.face, t->surface.face_count);
+    if (inside.closest.distance_m > DEEP * t->def.thickness_m) t->found = inside;
+}
+
+void tm_touch_suspect(tm_touching *t, int32_t vertex) {
+    if (t->world->settling || t->world->state.step % period(t) != period(t) / 2) return;
+    const uint32_t rank =
+        ((uint32_t)vertex ^ (uint32_t)t->world->state.step) * 2654435761u; /* each comes first at times */
+    if (t->suspect >= 0 && rank <= t->suspect_rank) return;
+    t->suspect = vertex, t->suspect_rank = rank;
+}
+
+void tm_touch_check_suspect(tm_touching *t) {
+    if (t->suspect >= 0) check(t, t->suspect);
+}
+
+/* --- the way out --- */
 
 /* Returns whether the vertex is still inside; sets its nearest point, and whether it is pushed. */
 static bool is_still_inside(tm_touching *t, tm_touch_inside *inside) {

@@ -17,7 +17,7 @@
 /* Energy below which nothing is done, J. */
 static const double LITTLE_J = 2e-8;
 /* Energy that rows may give in each substep, to push out what overlaps, J. */
-static const double PUSH_J = 1e-6;
+static const double PUSH_J = 1e-4;
 /* Time after which most of what rows took is forgotten, s. */
 static const double RESERVE_S = 0.2;
 enum { RELEASES = 2 };
