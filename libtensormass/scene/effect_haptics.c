@@ -22,7 +22,7 @@ static const app_field fields[] = {
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
      "source of the dynamic model's stiffness and patches. `factor`: a Cholesky factor (opens the module "
      "`solve`; a thread in real time), exact except where `rotation` or a `law` changes it. `iterations`: a few "
-     "conjugate-gradient iterations a frame; few are ready while a cautery cuts, and with `rotation` or a `law`"},
+     "conjugate-gradient iterations a frame; few are ready while a cautery cuts; with `rotation` or a `law` they are of an earlier shape"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "largest number of vertices of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,
@@ -84,7 +84,8 @@ static tm_status open_exact(sim *s, int line, tm_compliance_source *source) {
     return 0;
 }
 
-/* Warns of slow patches: by iterations their columns take seconds, and are outdated where tissue turns or strains. */
+/* Warns of old patches: by iterations their columns take many frames, so they are outdated where tissue turns or
+ * strains. */
 static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     const app_section *turns = sim_options(s->scene, "rotation");
     const int line = turns ? turns->line : sim_law_line(s->scene);
@@ -93,7 +94,8 @@ static tm_status warn_of_coverage(const sim *s, const sim_haptics *o) {
     app_scene_where(s->scene, line, where, sizeof where);
     return app_scene_warn(s->scene, o->compliance.line,
                           "with %s (%s) the stiffness changes faster than 'compliance: iterations' can follow, so "
-                          "most samples will carry no patch; leave 'compliance' out to use a factor",
+                          "patches are of an earlier shape, and few are sent while a cautery cuts; leave 'compliance' "
+                          "out to use a factor",
                           turns ? "rotation" : "the law", where);
 }
 
