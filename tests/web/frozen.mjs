@@ -10,7 +10,7 @@ async function touching() {
   const page = await app.newPage();
   await page.setViewport({ width: 500, height: 300 });
   await page.goto(`${url}?scene=block-press`, { waitUntil: 'load' });
-  await page.waitForFunction(() => globalThis.tensormass?.state.last, WAIT);
+  await page.waitForFunction(() => globalThis.tensormass?.state.last && tensormass.state.law, WAIT); // the law's first state places the tip
   await takeDevice(page, haply);
   await felt(page);
   return page;
