@@ -203,7 +203,7 @@ def test_a_frozen_thread_page_or_process_leaves_no_force(tmp_path):
         time_us, *force = line.split(",")[:4]
         commands.append((int(time_us), any(float(f) for f in force)))
     # Limits of web/page/haply.worker.js, and what a busy machine adds.
-    for name, limit_ms in {"law": 15, "page": 15, "hidden": 0, "process": 15, "frozen": 15, "closed": 0}.items():
+    for name, limit_ms in {"law": 12, "page": 12, "hidden": 0, "process": 12, "frozen": 12, "closed": 0}.items():
         case = found[name]
         assert any(force for time_us, force in commands if case["before"] - 3e6 < time_us < case["before"]), f"{name}: nothing was felt"
         late = [time_us for time_us, force in commands if force and case["after"] + 1e3 * limit_ms + 1e5 < time_us < case["end"]]

@@ -1,7 +1,7 @@
 // A Haply Inverse3 by its service's WebSocket. This worker owns the socket and computes no force: it judges, by its own clock, whether the law's worker and
 // the page still run, as a debugger stops one thread at a time. device.js starts it. The service speaks first (an inventory), then answers each message
 // with one state. One message is under way at a time.
-const LIMIT_N = 5, FRESH_MS = 15, PAGE_MS = 15, LOOK_MS = 2, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100; // browsers look every 4 ms at most
+const LIMIT_N = 5, FRESH_MS = 12, PAGE_MS = 12, LOOK_MS = 2, GONE_MS = 1000, PACE_MS = 1, RAMP_MS = 100; // browsers look every 4 ms at most
 
 const vector = (x) => (x && [x.x, x.y, x.z].every(Number.isFinite) ? [x.x, x.y, x.z] : null);
 

@@ -1,7 +1,7 @@
 // Pauses of the browser: which faults of the controller they explain. Such a fault is reset; any other stays until the user resets it.
 import { constants } from './lib/index.js';
 
-export const PAUSE_MS = 15, AFTER_MS = 50, STUCK_MS = 1000;
+export const PAUSE_MS = 12, AFTER_MS = 50, STUCK_MS = 1000;
 
 export class Pauses {
   constructor() { Object.assign(this, { at_ms: {}, ended_ms: -Infinity, withheld_ms: -Infinity }); }
