@@ -57,7 +57,7 @@ INSIDE void TM_NAME(measure)(const V8 F[9], TM_NAME(stretch) * s) {
     TM_NAME(parting)(&s->I, &s->J, &s->d, &s->d_I, &s->d_J);
 }
 
-/* Returns a number that is not below the root, from where the quartic rises. */
+/* Sets the trace to a number that is not below the root; from there on the quartic rises. */
 INSIDE void TM_NAME(above_root)(TM_NAME(stretch) * s) {
     V8 far = s->d;
     const M8 parted = far > 0;
@@ -288,8 +288,11 @@ typedef struct TM_NAME(turned) {
     V8 H[9], F[9], R[9], trace, I; /* the polar rotation, and the trace of its stretch */
     V8 stress[9], energy, weight, slope;
 } TM_NAME(turned);
-INSIDE void TM_NAME(straighten)(TM_NAME(turned) * b) {
+INSIDE void TM_NAME(deform)(TM_NAME(turned) * b) {
     for (int i = 0; i < 9; i++) b->F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
+}
+INSIDE void TM_NAME(straighten)(TM_NAME(turned) * b) {
+    TM_NAME(deform)(b);
     TM_NAME(polar)(b->F, b->R, &b->I, &b->trace);
 }
 INSIDE void TM_NAME(turn_law)(const TM_NAME(law) * w, bool fibred, bool wants_energy, TM_NAME(turned) * b) {
@@ -327,11 +330,11 @@ INSIDE int TM_NAME(turn_all)(const tm_tet_batches *batches, int32_t p, const dou
         TM_NAME(turned) *b = turned + count;
         TM_NAME(gradient)(batches, p, l, u, b->H);
         if (!TM_NAME(blend)(batches, b->H, &b->weight, &b->slope)) continue;
-        for (int i = 0; i < 9; i++) b->F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
+        TM_NAME(deform)(b);
         TM_NAME(measure)(b->F, stretch + count);
         at[count++] = l;
     }
-    if (count == TM_NAME(SETS))
+    if (count == TM_NAME(SETS)) /* the usual case, with a number that the compiler knows */
         TM_NAME(find_traces)(stretch, TM_NAME(SETS));
     else
         TM_NAME(find_traces)(stretch, count);

@@ -45,6 +45,11 @@ typedef struct tm_tet_span {
     int32_t tet, end;
 } tm_tet_span;
 
+/* Returns the end of a batch's tetrahedra. */
+static inline int32_t tm_tet_span_end(tm_tet_span span) {
+    return span.tet + TM_LANES < span.end ? span.tet + TM_LANES : span.end;
+}
+
 typedef struct tm_tet_batches {
     const tm_mesh *mesh;
     int32_t count, tet_count;

@@ -9,12 +9,9 @@ static bool has_fibre(const tm_material_field *field, int32_t tet) {
     return !tm_material_is_isotropic(tm_field_material(field, tet));
 }
 
-/* Returns the end of a batch's tetrahedra. */
-static int32_t end_of(tm_tet_span span) { return span.tet + TM_LANES < span.end ? span.tet + TM_LANES : span.end; }
-
 static bool batch_has_fibre(const tm_material_field *field, tm_tet_span span) {
     bool any = false;
-    for (int32_t t = span.tet; t < end_of(span); t++) any = any || has_fibre(field, t);
+    for (int32_t t = span.tet; t < tm_tet_span_end(span); t++) any = any || has_fibre(field, t);
     return any;
 }
 
@@ -72,7 +69,7 @@ bool tm_tet_batches_init_where(tm_tet_batches *batches, tm_pool *pool, const tm_
     for (int32_t p = 0, at = 0; p < count; p++) {
         const bool has = fibred && batch_has_fibre(field, span[p]);
         if (fibred_of) fibred_of[p] = has ? at : -1;
-        for (int32_t t = span[p].tet; t < end_of(span[p]); t++) {
+        for (int32_t t = span[p].tet; t < tm_tet_span_end(span[p]); t++) {
             fill(field, t, batch + p, t - span[p].tet);
             if (has) fill_fibre(field, t, fibre_pack + at, t - span[p].tet);
         }
@@ -98,7 +95,7 @@ int64_t tm_tet_slot(const tm_tet_batches *batches, int32_t tet) {
         const int32_t middle = low + (high - low) / 2;
         *(batches->span[middle].tet <= tet ? &low : &high) = middle;
     }
-    if (low == high || tet < batches->span[low].tet || tet >= end_of(batches->span[low])) return -1;
+    if (low == high || tet < batches->span[low].tet || tet >= tm_tet_span_end(batches->span[low])) return -1;
     return TM_LANES * (int64_t)low + tet - batches->span[low].tet;
 }
 
@@ -120,7 +117,7 @@ void tm_packs_corners(const tm_tet_batches *batches, int32_t *place) {
 double tm_tet_batch_spread(const tm_tet_batches *batches, int32_t p) {
     const tm_mesh *mesh = batches->mesh;
     double most = 0;
-    for (int32_t t = batches->span[p].tet; t < end_of(batches->span[p]); t++) {
+    for (int32_t t = batches->span[p].tet; t < tm_tet_span_end(batches->span[p]); t++) {
         double sum = 0;
         for (int k = 0; k < 4; k++) {
             const double *alpha = mesh->shape_1_m + 12 * (int64_t)t + 3 * k;
@@ -136,7 +133,7 @@ double tm_tet_batch_spread(const tm_tet_batches *batches, int32_t p) {
 static double steepest(const tm_tet_batches *batches, int32_t p, const double *u) {
     const tm_mesh *mesh = batches->mesh;
     double most = 0;
-    for (int32_t t = batches->span[p].tet; t < end_of(batches->span[p]); t++) {
+    for (int32_t t = batches->span[p].tet; t < tm_tet_span_end(batches->span[p]); t++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         const double *alpha = mesh->shape_1_m + 12 * (int64_t)t;
         double H[9] = {0}, s = 0;

@@ -16,8 +16,6 @@ static int32_t begin_of(const tm_divided_batches *d, int32_t part) {
     return tm_tet_batches_before(d->rotation->list_count, part, d->world->partition_count);
 }
 
-static int32_t end_of(tm_tet_span span) { return span.tet + TM_LANES < span.end ? span.tet + TM_LANES : span.end; }
-
 /* --- division: once for each list --- */
 
 /* Takes the batch's vertices that have no owner. Returns whether an earlier part owns one. */
@@ -25,7 +23,7 @@ static bool take_vertices(const tm_divided_batches *d, int32_t batch, uint8_t pa
     const tm_tet_span span = d->rotation->batches.span[batch];
     const int32_t *vertex = d->rotation->batches.mesh->tet;
     bool earlier = false;
-    for (int64_t i = 4 * (int64_t)span.tet; i < 4 * (int64_t)end_of(span); i++) {
+    for (int64_t i = 4 * (int64_t)span.tet; i < 4 * (int64_t)tm_tet_span_end(span); i++) {
         uint8_t *owner = d->owner + vertex[i];
         if (*owner > part) *owner = part;
         earlier |= *owner < part;
