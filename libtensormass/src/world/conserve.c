@@ -161,12 +161,11 @@ static void find_correction(tm_conserving *c, tm_world *world) {
     add(c, c->all_before_N, c->now_before_N);
 }
 
-/* Returns whether force_N is the tensors' alone when the stage begins. */
+/* Returns whether force_N is the tensors' alone when the stage begins: "force", which sets it, is directly before. */
 static bool follows_force(const tm_conserving *c, const tm_world *world) {
     int32_t own = 0;
     while (own < world->stage_count && world->entry[own].stage.self != (void *)c->rotation) own++;
-    const int32_t force = own == 2 && !strcmp(world->entry[0].stage.name, "viscous strain"); /* of other bodies */
-    return own == force + 1 && !strcmp(world->entry[force].stage.name, "force");
+    return own > 0 && own < world->stage_count && !strcmp(world->entry[own - 1].stage.name, "force");
 }
 
 void tm_conserve(tm_conserving *c, tm_world *world) {
