@@ -220,6 +220,28 @@ class contact_ref : public reference<tm_contact> {
     tm_tool_reaction reaction(std::int32_t instrument) const { return tm_contact_reaction(p_, instrument); }
 };
 
+/* The handle of the stage "touch", contact of tissue with tissue, which its world owns. */
+class touching_ref : public reference<tm_touching> {
+  public:
+    using reference::reference;
+    /* Rows of the last substep; valid until the next. */
+    span<const tm_touching_row> rows() const {
+        const tm_touching_row *row = nullptr;
+        const std::int32_t count = tm_touching_rows(p_, &row);
+        return {row, std::size_t(count)};
+    }
+    tm_touching_report report() const { return tm_touching_get_report(p_); }
+};
+
+/* The handle of the stage "ties", which its world owns. */
+class ties_ref : public reference<tm_ties> {
+  public:
+    using reference::reference;
+    std::int32_t count() const { return tm_ties_count(p_); }
+    bool is_whole(std::int32_t tie) const { return tm_ties_is_whole(p_, tie); }
+    double force_N(std::int32_t tie) const { return tm_ties_force_N(p_, tie, nullptr, nullptr); }
+};
+
 class world_ref : public reference<tm_world> {
   public:
     using reference::reference;
@@ -268,6 +290,21 @@ class world_ref : public reference<tm_world> {
     void add_cut(contact_ref contact, const tm_cut_def &def = tm_cut_def_default()) const {
         check([&](tm_error *e) { return tm_stage_cut(p_, contact.get(), &def, e); });
     }
+    touching_ref add_touch(const tm_touching_def &def = tm_touching_def_default()) const {
+        tm_touching *made = nullptr;
+        check([&](tm_error *e) { return tm_stage_touch(p_, &def, &made, e); });
+        return made;
+    }
+    ties_ref add_ties(span<const tm_tie> tie) const {
+        tm_ties_def def = tm_ties_def_default();
+        def.count = std::int32_t(tie.size()), def.tie = tie.data();
+        tm_ties *made = nullptr;
+        check([&](tm_error *e) { return tm_stage_ties(p_, &def, &made, e); });
+        return made;
+    }
+    /* Null: the world has no such stage. */
+    touching_ref touch() const { return tm_world_touching(p_); }
+    ties_ref ties() const { return tm_world_ties(p_); }
     /* `run(world_ref)`, which may not throw, once a substep; the world keeps it. */
     template <class F> void add_stage(const char *name, tm_phase phase, F run) const {
         static_assert(std::is_nothrow_invocable_v<F &, world_ref>,

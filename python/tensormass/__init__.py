@@ -17,6 +17,7 @@ from ._core import (
     ArgumentError, ContractError, ConvergenceError, DeformationWarning, Error, ExcludedError, FileError, LimitError, MaterialError, MeshError, NoMemoryError, SceneWarning,
     StepError, SupportError, UnstableError, lib,
 )
+from .bodies import Tie, Ties, Touch, TouchReport
 from .controller import Controller, Extrapolator, controller_patch, parameters, sample
 from .instruments import Contact, Cut, Friction, Grasp, FrictionStation, Instrument, Pose, Reaction, tip_force
 from .log import Channel, read_log
@@ -34,6 +35,6 @@ __all__ = [
     "ArgumentError", "Body", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Deformation", "DeformationWarning", "Error", "ExcludedError", "Extrapolator",
     "ComplianceFactor", "FileError", "Friction", "Grasp", "FrictionStation", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Timing", "NoMemoryError",
     "Patch", "PatchBuilder", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
-    "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",
+    "Stage", "StepError", "SupportError", "Surface", "Tie", "Ties", "Tissue", "Touch", "TouchReport", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",
     "read_fibres", "read_log", "sample", "solve_static", "tip_force",
 ]

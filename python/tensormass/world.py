@@ -3,6 +3,8 @@ from __future__ import annotations
 
 from typing import Any, Optional, Sequence, Tuple
 
+from ._core import lib
+from .bodies import Tie, Ties, Touch
 from .instruments import Contact, Cut, Friction, Grasp, Instrument
 from .patch import PatchBuilder
 from .solve import ComplianceFactor
@@ -39,3 +41,23 @@ class World(WorldState):
     def add_patch(self, contact: Contact, source: Optional[ComplianceFactor] = None, **options: Any) -> PatchBuilder:
         """Adds patches: the surface near a tool with its compliance; see PatchBuilder."""
         return PatchBuilder(self, contact, source, **options)
+
+    def add_touch(self, bodies: Any = None, pairs: Optional[Sequence[Tuple[int, int]]] = None, friction: Tuple[float, float] = (0.0, 0.0), **options: Any) -> Touch:
+        """Adds contact of tissue with tissue: bodies touch each other and themselves; see Touch."""
+        return Touch(self, bodies, pairs, friction, **options)
+
+    def add_ties(self, ties: Sequence[Tie], **options: Any) -> Ties:
+        """Adds ligaments and fat between bodies; see Ties."""
+        return Ties(self, ties, **options)
+
+    @property
+    def touch(self) -> Optional[Touch]:
+        """The stage "touch", such as a scene's; None: there is none."""
+        handle = lib.tm_world_touching(self)
+        return Touch._of(self, handle) if handle else None
+
+    @property
+    def ties(self) -> Optional[Ties]:
+        """The stage "ties", such as a scene's; None: there is none."""
+        handle = lib.tm_world_ties(self)
+        return Ties._of(self, handle) if handle else None

@@ -86,6 +86,17 @@ int main(int, char **word) {
         assert(world.snapshot().size() > free_again.size() && std::int64_t(8 * world.snapshot().size()) <= most);
         world.restore(free_again);
         assert(world.hash() == free_hash && world.snapshot() == free_again);
+        assert(!world.touch() && !world.ties());
+        const tensormass::touching_ref touching = world.add_touch();
+        tm_tie tie{};
+        tie.stiffness_N_m = 10;
+        assert(tm_tie_lead(mesh.get(), mesh->surface[0], mesh->surface, mesh->surface_count, &tie));
+        const tensormass::ties_ref ties = world.add_ties(tensormass::span<const tm_tie>(&tie, 1));
+        assert(world.step() == TM_OK && touching.rows().empty() && touching.report().rows == 0 && world.touch().get() == touching.get());
+        assert(ties.count() == 1 && ties.is_whole(0) && ties.force_N(0) >= 0 && world.ties().get() == ties.get());
+        world.remove_stage("ties");
+        world.remove_stage("touch");
+        assert(!world.touch() && !world.ties());
         tensormass::world other = std::move(world);
         assert(!world && other.u_m().size() == mesh.rest_m().size());
         try {

@@ -65,7 +65,7 @@ def environment(log, tmp_path):
             "TM_LCM_TYPES": str(BUILD / "python"), "TM_CACHE_DIR": str(tmp_path / "cache")}
 
 
-@pytest.mark.parametrize("part", ["core", "models", "scene"])
+@pytest.mark.parametrize("part", ["core", "models", "scene", "bodies"])
 def test_inside(python, environment, part, tmp_path):
     run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "error", f"--basetemp={tmp_path / 'inside'}", HERE / f"inside_{part}.py",
         env=environment, cwd=tmp_path)
