@@ -398,6 +398,37 @@ static void test_invalid_rotation_settings_are_rejected(void **state) {
 
 /* Each vertex is moved anywhere in a box of half the size, so most tetrahedra are crushed or inverted. Damped, the
  * tissue recovers its shape, at any position. */
+static tm_force_kernel counted;
+static int passes;
+static void count_passes(const tm_force_graph *graph, tm_force_partition *part, int32_t begin, int32_t end,
+                         const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+    passes += end == graph->vertex_count;
+    counted(graph, part, begin, end, u_m, force_N);
+}
+
+static void do_nothing(void *self, tm_world *world) { (void)self, (void)world; }
+
+/* With a stage before the force too, which every scene with instruments has. */
+static void test_a_step_computes_the_linear_force_once(void **state) {
+    (void)state;
+    turning t = block(false, true);
+    tm_error error;
+    double *u = vectors(&t, 1);
+    const tm_stage before = {.size = sizeof before, .name = "before", .phase = TM_PHASE_BEGIN, .run = do_nothing};
+    fix_ok(tm_world_add_stage(t.world, &before, 0, &error), &error);
+    turn(&t, 0.7, 0, u);
+    memcpy(tm_world_state(t.world)->u_m, u, sizeof(double) * (size_t)t.n);
+    memcpy(tm_world_state(t.world)->u_prev_m, u, sizeof(double) * (size_t)t.n);
+    assert_int_equal(tm_world_step(t.world, 2), TM_OK); /* the first finds the state before it */
+    counted = t.tissue->force, passes = 0;
+    t.tissue->force = count_passes;
+    assert_int_equal(tm_world_step(t.world, 10), TM_OK);
+    assert_int_equal(passes, 10);
+    assert_int_equal(tm_rotation_last(t.rotation).active, tm_rotation_last(t.rotation).batches);
+    free(u);
+    destroy(&t);
+}
+
 static void test_inverted_tissue_recovers(void **state) {
     (void)state;
     for (int fibred = 0; fibred < 2; fibred++) {
@@ -641,6 +672,7 @@ int main(void) {
         cmocka_unit_test(test_cut_equals_a_fresh_build_bit_for_bit),
         cmocka_unit_test(test_a_snapshot_goes_on_to_the_last_bit),
         cmocka_unit_test(test_invalid_rotation_settings_are_rejected),
+        cmocka_unit_test(test_a_step_computes_the_linear_force_once),
         cmocka_unit_test(test_inverted_tissue_recovers),
         cmocka_unit_test(test_a_cantilever_follows_the_elastica),
         cmocka_unit_test(test_compliance_is_the_tangents),

@@ -144,6 +144,13 @@ void tm_rotation_linear(const tm_corotated_lane *lane, double A[81]);
 /* Computes d2 tr S/dF2 of F = I + H = R S. */
 void tm_stretch_hessian(const double H[9], const double R[9], double trace, double A[81]);
 
+/* Sums over vertices of the last step: the energy that it generated, without the law's; the work in the next step of a
+ * share s of the change of the force, s p + s^2 q. differs: the step did not begin at `seen_m`. */
+typedef struct tm_conserve_sums {
+    double generated_J, p_J, q_J;
+    bool differs;
+} tm_conserve_sums;
+
 /* Energy that steps generate, and its removal (world/conserve.c). */
 typedef struct tm_conserving {
     struct tm_rotation *rotation;
@@ -159,7 +166,8 @@ typedef struct tm_conserving {
     /* [3*vertex_count] the correction (with averaged dilatation: the complete force), the tissue's force, and the added
      * share of its change */
     double *now_N, *all_N, *push_N;
-    double *batch_J; /* [batches] */
+    double *batch_J;       /* [batches] */
+    tm_conserve_sums *sum; /* of each block of vertices */
 } tm_conserving;
 
 struct tm_rotation {

@@ -31,32 +31,128 @@ static double min_damping(const tm_world *world, const tm_ranges *where) {
     return least < HUGE_VAL ? least : 0;
 }
 
-/* to := from, on the vertices of corotated bodies. */
-static void copy(const tm_conserving *c, double *to, const double *from) {
-    const tm_ranges *r = c->where;
-    for (int32_t i = 0; i < r->count; i++) {
-        const int64_t begin = 3 * (int64_t)r->end[2 * i];
-        memcpy(to + begin, from + begin, sizeof *to * (size_t)(3 * (int64_t)r->end[2 * i + 1] - begin));
+/* --- passes over the vertices, divided among threads --- */
+
+/* Vertices are summed in blocks from the first on, and the blocks' sums in ascending order: the same bits for any
+ * number of threads, and for a body alone. */
+enum { BLOCK = 256 };
+
+static int32_t count_blocks(const tm_ranges *r) { return (tm_ranges_length(r) + BLOCK - 1) / BLOCK; }
+
+/* Goes over the vertices [begin, end) of a block. */
+typedef void block_work(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end);
+
+typedef struct pass {
+    tm_conserving *c;
+    tm_world *world;
+    block_work *work;
+} pass;
+
+static void run_part(void *context, int32_t part) {
+    const pass *p = context;
+    const tm_ranges *where = p->c->where;
+    const int32_t count = count_blocks(where), parts = p->world->partition_count,
+                  last = tm_tet_batches_before(count, part + 1, parts);
+    for (int32_t b = tm_tet_batches_before(count, part, parts); b < last; b++) {
+        const int32_t from = tm_ranges_first(where) + BLOCK * b;
+        for (int32_t i = 0, begin, end; tm_ranges_next(where, &i, from, from + BLOCK, &begin, &end);)
+            p->work(p->c, p->world, b, begin, end);
     }
 }
 
-static bool are_equal(const tm_conserving *c, const double *a, const double *b) {
-    const tm_ranges *r = c->where;
-    for (int32_t i = 0; i < r->count; i++) {
-        const int64_t begin = 3 * (int64_t)r->end[2 * i];
-        if (memcmp(a + begin, b + begin, sizeof *a * (size_t)(3 * (int64_t)r->end[2 * i + 1] - begin))) return false;
+static void run_pass(tm_conserving *c, tm_world *world, block_work *work) {
+    pass p = {c, world, work};
+    tm_partitions_run(world, run_part, &p);
+}
+
+static void add(double *TM_RESTRICT to, const double *TM_RESTRICT from, int32_t begin, int32_t end) {
+    for (int64_t i = 3 * (int64_t)begin; i < 3 * (int64_t)end; i++) to[i] += from[i];
+}
+
+static void copy(double *to, const double *from, int32_t begin, int32_t end) {
+    memcpy(to + 3 * (int64_t)begin, from + 3 * (int64_t)begin, sizeof *to * 3 * (size_t)(end - begin));
+}
+
+static void add_all(const tm_conserving *c, double *to, const double *from) {
+    for (int32_t k = 0; k < c->where->count; k++) add(to, from, c->where->end[2 * k], c->where->end[2 * k + 1]);
+}
+
+static void copy_all(const tm_conserving *c, double *to, const double *from) {
+    for (int32_t k = 0; k < c->where->count; k++) copy(to, from, c->where->end[2 * k], c->where->end[2 * k + 1]);
+}
+
+/* Computes the energy that the last step generated, without W. Sets push_N to the change of the force, and computes its
+ * work in the next step at share 1. */
+static void go_over(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
+    const tm_state *s = &world->state;
+    const double *TM_RESTRICT u = s->u_m, *TM_RESTRICT u_prev = s->u_prev_m, *TM_RESTRICT force = s->force_N,
+                              *TM_RESTRICT all = c->all_N, *TM_RESTRICT all_before = c->all_before_N,
+                              *TM_RESTRICT now = c->now_N, *TM_RESTRICT now_before = c->now_before_N;
+    double *TM_RESTRICT push = c->push_N, generated_J[3] = {0}, p_J[3] = {0}, q_J[3] = {0}; /* by axis */
+    for (int32_t v = begin; v < end; v++) {
+        const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->inertia[v] : 1;
+        for (int k = 0; k < 3; k++) {
+            const int64_t i = 3 * (int64_t)v + k;
+            const double came = u[i] - u_prev[i], change = all[i] - all_before[i];
+            push[i] = change;
+            generated_J[k] += 0.5 * (now[i] + now_before[i]) * came;
+            if (!(mobility > 0)) continue;
+            p_J[k] += change * (0.5 * (came + carry * came + mobility * force[i]));
+            q_J[k] += 0.5 * mobility * change * change;
+        }
     }
-    return true;
+    tm_conserve_sums *sum = c->sum + block;
+    for (int k = 0; k < 3; k++) sum->generated_J += generated_J[k], sum->p_J += p_J[k], sum->q_J += q_J[k];
 }
 
-/* to += from */
-static void add(const tm_conserving *c, double *to, const double *from) {
-    const tm_ranges *r = c->where;
-    for (int32_t k = 0; k < r->count; k++)
-        for (int64_t i = 3 * (int64_t)r->end[2 * k]; i < 3 * (int64_t)r->end[2 * k + 1]; i++) to[i] += from[i];
+static void begin_block(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
+    const int64_t first = 3 * (int64_t)begin;
+    c->sum[block].differs |=
+        memcmp(c->seen_m + first, world->state.u_prev_m + first, sizeof(double) * 3 * (size_t)(end - begin)) != 0;
+    go_over(c, world, block, begin, end);
 }
 
-void tm_conserve_clear(tm_conserving *c) { tm_ranges_clear(c->where, c->now_N); }
+/* Adds the correction to the tensors' force, which is the world's until then. */
+static void add_to_tensors(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
+    add(world->state.force_N, c->now_N, begin, end);
+    copy(c->all_N, world->state.force_N, begin, end);
+    begin_block(c, world, block, begin, end);
+}
+
+/* The same where the world's force has other parts, and the tensors' is in all_N. */
+static void add_to_others(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
+    add(c->all_N, c->now_N, begin, end);
+    add(world->state.force_N, c->now_N, begin, end);
+    begin_block(c, world, block, begin, end);
+}
+
+static void end_block(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
+    double *TM_RESTRICT force = world->state.force_N, *TM_RESTRICT push = c->push_N;
+    (void)block;
+    for (int64_t i = 3 * (int64_t)begin; c->share != 0 && i < 3 * (int64_t)end; i++) force[i] += push[i] *= c->share;
+    copy(c->seen_m, world->state.u_m, begin, end);
+}
+
+/* Returns the sums, and sets those of the blocks to zero. */
+static tm_conserve_sums take_sums(tm_conserving *c) {
+    tm_conserve_sums all = {0};
+    for (int32_t b = 0; b < count_blocks(c->where); b++) {
+        const tm_conserve_sums *one = c->sum + b;
+        all.generated_J += one->generated_J, all.p_J += one->p_J, all.q_J += one->q_J;
+        all.differs |= one->differs;
+        c->sum[b] = (tm_conserve_sums){0};
+    }
+    return all;
+}
+
+/* --- the law --- */
+
+void tm_conserve_clear(tm_conserving *c, int32_t part, int32_t parts) {
+    const int32_t first = tm_ranges_first(c->where), n = tm_ranges_length(c->where);
+    const int64_t begin = 3 * (int64_t)(first + tm_tet_batches_before(n, part, parts)),
+                  end = 3 * (int64_t)(first + tm_tet_batches_before(n, part + 1, parts));
+    memset(c->now_N + begin, 0, sizeof(double) * (size_t)(end - begin));
+}
 
 /* Computes the tensors' force on the vertices of corotated bodies. */
 static void linear_force(const tm_conserving *c, const tm_world *world, const double *u_m, double *force_N) {
@@ -76,39 +172,12 @@ bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm
     for (int i = 0; i < 6; i++)
         *of[i] = tm_shifted(TM_ALLOC(pool, double, n), sizeof(double), 3 * (int64_t)tm_ranges_first(&rotation->where));
     c->batch_J = TM_ALLOC(pool, double, rotation->batches.count);
+    c->sum = TM_ALLOC(pool, tm_conserve_sums, count_blocks(c->where));
     return !pool->failed;
 }
 
-typedef struct sums {
-    double generated_J, p_J, q_J;
-} sums;
-
-/* Computes the energy that the last step generated, without W. Sets push_N to the change of the force, and computes its
- * work in the next step at share 1. */
-static void go_over_vertex(tm_conserving *c, const tm_world *world, int32_t v, sums *sum) {
-    const tm_state *s = &world->state;
-    const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->inertia[v] : 1;
-    for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
-        const double came = s->u_m[i] - s->u_prev_m[i], change = c->all_N[i] - c->all_before_N[i];
-        const double way = 0.5 * (came + carry * came + mobility * s->force_N[i]);
-        c->push_N[i] = change;
-        sum->generated_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
-        if (!(mobility > 0)) continue;
-        sum->p_J += change * way;
-        sum->q_J += 0.5 * mobility * change * change;
-    }
-}
-
-static sums go_over(tm_conserving *c, const tm_world *world) {
-    const tm_ranges *r = c->where;
-    sums sum = {0};
-    for (int32_t i = 0; i < r->count; i++)
-        for (int32_t v = r->end[2 * i]; v < r->end[2 * i + 1]; v++) go_over_vertex(c, world, v, &sum);
-    return sum;
-}
-
 /* Chooses the share that removes generated_J; the rest stays there and fades as fast as motion is damped. */
-static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
+static double choose_share(tm_conserving *c, double dt_s, const tm_conserve_sums *sum) {
     double share = 0;
     bool all = false;
     if (sum->p_J < 0) {
@@ -123,24 +192,31 @@ static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
     return share;
 }
 
-/* Adds the removing force. Needs all values at u; those at u_prev are stored, or `find_before` computes them. */
-static void take_back(tm_conserving *c, tm_world *world, double energy_J,
+static void swap(double **a, double **b) {
+    double *const of_a = *a;
+    *a = *b, *b = of_a;
+}
+
+/* Adds the removing force after `first`, a pass that ends with begin_block. `find_before` computes the values at u_prev
+ * if those stored are of another state. */
+static void take_back(tm_conserving *c, tm_world *world, double energy_J, block_work *first,
                       void (*find_before)(tm_conserving *, tm_world *)) {
-    tm_state *s = &world->state;
+    const tm_state *s = &world->state;
     c->share = 0;
+    run_pass(c, world, first);
+    tm_conserve_sums sum = take_sums(c);
     if (s->time_s == c->last_s) return; /* no step: tissue settles */
-    if (!c->valid || !are_equal(c, c->seen_m, s->u_prev_m)) find_before(c, world);
-    const sums sum = go_over(c, world);
+    if (!c->valid || sum.differs) {
+        find_before(c, world);
+        run_pass(c, world, go_over);
+        sum = take_sums(c);
+    }
     c->generated_J += energy_J - c->energy_J + sum.generated_J;
     c->share = choose_share(c, s->dt_s, &sum);
-    const tm_ranges *r = c->where;
-    for (int32_t k = 0; c->share != 0 && k < r->count; k++)
-        for (int64_t i = 3 * (int64_t)r->end[2 * k]; i < 3 * (int64_t)r->end[2 * k + 1]; i++)
-            s->force_N[i] += c->push_N[i] *= c->share;
+    run_pass(c, world, end_block);
     c->valid = true, c->last_s = s->time_s, c->energy_J = energy_J;
-    copy(c, c->now_before_N, c->now_N);
-    copy(c, c->all_before_N, c->all_N);
-    copy(c, c->seen_m, s->u_m);
+    swap(&c->now_N, &c->now_before_N);
+    swap(&c->all_N, &c->all_before_N);
 }
 
 /* --- correction in addition to the tensors --- */
@@ -158,7 +234,7 @@ static void find_correction(tm_conserving *c, tm_world *world) {
     r->kernel(&r->batches, r->elastic, r->elastic_count, u, c->now_before_N, c->batch_J);
     c->energy_J = sum_of(c->batch_J, r->elastic_count);
     linear_force(c, world, u, c->all_before_N);
-    add(c, c->all_before_N, c->now_before_N);
+    add_all(c, c->all_before_N, c->now_before_N);
 }
 
 /* Returns whether force_N is the tensors' alone when the stage begins: "force", which sets it, is directly before. */
@@ -169,21 +245,14 @@ static bool follows_force(const tm_conserving *c, const tm_world *world) {
 }
 
 void tm_conserve(tm_conserving *c, tm_world *world) {
-    double *force = world->state.force_N;
     if (world->evaluating) {
-        add(c, force, c->now_N);
+        add_all(c, world->state.force_N, c->now_N);
         return;
     }
     const double energy_J = sum_of(c->batch_J, c->rotation->list_count);
-    if (!follows_force(c, world)) {
-        linear_force(c, world, world->state.u_m, c->all_N);
-        add(c, c->all_N, c->now_N);
-        add(c, force, c->now_N);
-    } else {
-        add(c, force, c->now_N);
-        copy(c, c->all_N, force);
-    }
-    take_back(c, world, energy_J, find_correction);
+    const bool follows = follows_force(c, world);
+    if (!follows) linear_force(c, world, world->state.u_m, c->all_N);
+    take_back(c, world, energy_J, follows ? add_to_tensors : add_to_others, find_correction);
 }
 
 /* --- complete law --- */
@@ -202,7 +271,7 @@ static void find_whole(tm_conserving *c, tm_world *world) {
     tm_ranges_clear(c->where, c->now_before_N);
     tm_relaxing_force(c->rotation->whole);
     *s = own;
-    copy(c, c->all_before_N, c->now_before_N);
+    copy_all(c, c->all_before_N, c->now_before_N);
     c->energy_J = whole_energy(c, own.u_prev_m);
 }
 
@@ -212,13 +281,13 @@ void tm_conserve_whole(tm_conserving *c, tm_world *world) {
         tm_relaxing_force(c->rotation->whole);
         return;
     }
-    copy(c, c->push_N, force);
+    copy_all(c, c->push_N, force);
     tm_ranges_clear(c->where, force);
     tm_relaxing_force(c->rotation->whole);
-    copy(c, c->now_N, force);
-    copy(c, c->all_N, force);
-    add(c, force, c->push_N);
-    take_back(c, world, whole_energy(c, world->state.u_m), find_whole);
+    copy_all(c, c->now_N, force);
+    copy_all(c, c->all_N, force);
+    add_all(c, force, c->push_N);
+    take_back(c, world, whole_energy(c, world->state.u_m), begin_block, find_whole);
 }
 
 /* --- snapshot, checkpoint, rollback --- */

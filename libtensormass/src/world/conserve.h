@@ -6,8 +6,8 @@
 
 /* Allocates from the pool. Returns false without memory. */
 bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation);
-/* Sets now_N to zero. */
-void tm_conserve_clear(tm_conserving *c);
+/* Sets a part of now_N to zero. */
+void tm_conserve_clear(tm_conserving *c, int32_t part, int32_t parts);
 /* Adds now_N to the world's force, and a force that removes the energy that the last step generated. batch_J holds the
  * energies of the listed batches. */
 void tm_conserve(tm_conserving *c, tm_world *world);

@@ -1,11 +1,9 @@
 /* The corrections of the listed batches, divided among the world's threads by their index in the list, since their work
  * lies where tissue has rotated: the partitions of vertices, which balance the force, may have all of it in one. Each
- * part adds to the vertices that no earlier part reaches. The other forces of its batches are stored, and added when
- * all are done, part after part. So each vertex sums in the list's order, for any number of threads, and no batch is
- * computed twice. */
+ * part owns the vertices that no batch before its first one has, listed or not, and adds to these. The other forces of
+ * its batches are stored, and added when all are done, part after part, by the thread that has the vertex then. So each
+ * vertex sums in the list's order, for any number of threads, and no batch is computed twice. */
 #include "world/divided_batches.h"
-
-#include <string.h>
 
 enum {
     WORTH = 64, /* fewer batches do not repay the synchronisation */
@@ -16,44 +14,38 @@ static int32_t begin_of(const tm_divided_batches *d, int32_t part) {
     return tm_tet_batches_before(d->rotation->list_count, part, d->world->partition_count);
 }
 
-/* --- division: once for each list --- */
-
-/* Takes the batch's vertices that have no owner. Returns whether an earlier part owns one. */
-static bool take_vertices(const tm_divided_batches *d, int32_t batch, uint8_t part) {
-    const tm_tet_span span = d->rotation->batches.span[batch];
-    const int32_t *vertex = d->rotation->batches.mesh->tet;
-    bool earlier = false;
-    for (int64_t i = 4 * (int64_t)span.tet; i < 4 * (int64_t)tm_tet_span_end(span); i++) {
-        uint8_t *owner = d->owner + vertex[i];
-        if (*owner > part) *owner = part;
-        earlier |= *owner < part;
-    }
-    return earlier;
+/* Returns the batch with which a part begins: the vertices of earlier ones are not its own. */
+static int32_t first_of(const tm_divided_batches *d, int32_t part) {
+    const int32_t begin = begin_of(d, part);
+    return begin < d->rotation->list_count ? d->rotation->list[begin] : INT32_MAX;
 }
+
+/* --- division: once for each list --- */
 
 static void divide(tm_divided_batches *d) {
     const tm_rotation *r = d->rotation;
     int32_t late = 0;
     d->listing = r->listing;
     d->pays = r->list_count >= WORTH;
-    if (!d->pays) return;
-    memset(d->owner, TM_MAX_THREADS, (size_t)r->batches.mesh->vertex_count);
-    for (int32_t part = 0; part < d->world->partition_count; part++) {
+    for (int32_t part = 0; d->pays && part < d->world->partition_count; part++) {
+        const int32_t first = first_of(d, part), end = begin_of(d, part + 1);
         d->late_begin[part] = late;
-        for (int32_t n = begin_of(d, part); n < begin_of(d, part + 1); n++) {
-            if (!take_vertices(d, r->list[n], (uint8_t)part)) continue;
+        for (int32_t n = begin_of(d, part); n < end && part > 0; n++) {
+            if (d->lowest[r->list[n]] >= first) continue;
             if (late < d->capacity) d->late[late] = n;
             late++;
         }
     }
     d->late_begin[d->world->partition_count] = late;
-    d->pays = late <= d->capacity;
+    d->pays = d->pays && late <= d->capacity;
 }
 
 /* --- computation --- */
 
-/* Adds the corner forces of a batch that straddles to those vertices that the part owns, or to the others. */
-static void add_corners(const tm_divided_batches *d, int32_t late, int32_t part, bool owned) {
+/* Adds the corner forces of a batch that straddles to those of the vertices [begin, end) that its part owns, or to
+ * those that it does not. first: the batch with which the part begins. */
+static void add_corners(const tm_divided_batches *d, int32_t late, int32_t first, bool owned, int32_t begin,
+                        int32_t end) {
     const tm_rotation *r = d->rotation;
     const tm_tet_batch *batch = r->batches.batch + r->list[d->late[late]];
     double *TM_RESTRICT force_N = r->conserving.now_N;
@@ -62,7 +54,7 @@ static void add_corners(const tm_divided_batches *d, int32_t late, int32_t part,
         const double *f = d->corner_N + 12 * TM_LANES * (int64_t)late + l;
         for (int k = 0; k < 4; k++, f += 3 * TM_LANES) {
             const int32_t c = batch->component[k][l];
-            if ((d->owner[c / 3] == part) != owned) continue;
+            if (c < 3 * begin || c >= 3 * end || (d->first[c / 3] >= first) != owned) continue;
             for (int i = 0; i < 3; i++) force_N[c + i] -= f[TM_LANES * i];
         }
     }
@@ -72,7 +64,7 @@ static void run_part(void *context, int32_t part) {
     const tm_divided_batches *d = context;
     tm_rotation *r = d->rotation;
     const double *u_m = d->world->state.u_m;
-    const int32_t end = begin_of(d, part + 1);
+    const int32_t end = begin_of(d, part + 1), first = first_of(d, part);
     int32_t late = d->late_begin[part], active = 0;
     for (int32_t n = begin_of(d, part), next; n < end; n = next + 1) {
         next = late < d->late_begin[part + 1] ? d->late[late] : end;
@@ -80,10 +72,20 @@ static void run_part(void *context, int32_t part) {
         if (next == end) break;
         d->corner_force(&r->batches, r->list + next, 1, u_m, d->corner_N + 12 * TM_LANES * (int64_t)late, d->who + late,
                         r->conserving.batch_J + next);
-        add_corners(d, late, part, true);
+        add_corners(d, late, first, true, 0, r->batches.mesh->vertex_count);
         active += d->who[late++] != 0;
     }
     d->active[part] = active;
+}
+
+/* Adds what is left, to a part of the vertices. */
+static void finish_part(void *context, int32_t part) {
+    const tm_divided_batches *d = context;
+    const int32_t n = d->rotation->batches.mesh->vertex_count, parts = d->world->partition_count,
+                  begin = tm_tet_batches_before(n, part, parts), end = tm_tet_batches_before(n, part + 1, parts);
+    for (int32_t of = 1; of < parts; of++)
+        for (int32_t late = d->late_begin[of]; late < d->late_begin[of + 1]; late++)
+            add_corners(d, late, first_of(d, of), false, begin, end);
 }
 
 void tm_divided_batches_run(tm_divided_batches *d) {
@@ -97,11 +99,22 @@ void tm_divided_batches_run(tm_divided_batches *d) {
         return;
     }
     tm_partitions_run(d->world, run_part, d);
-    r->active = d->active[0];
-    for (int32_t part = 1; part < parts; part++) {
-        for (int32_t late = d->late_begin[part]; late < d->late_begin[part + 1]; late++)
-            add_corners(d, late, part, false);
-        r->active += d->active[part];
+    tm_partitions_run(d->world, finish_part, d);
+    r->active = 0;
+    for (int32_t part = 0; part < parts; part++) r->active += d->active[part];
+}
+
+/* Finds the first batch of each vertex, and the lowest of those of a batch's vertices. */
+static void find_first(tm_divided_batches *d) {
+    const tm_tet_batches *b = &d->rotation->batches;
+    for (int32_t v = 0; v < b->mesh->vertex_count; v++) d->first[v] = INT32_MAX;
+    for (int32_t p = 0; p < b->count; p++) {
+        d->lowest[p] = p;
+        for (int64_t i = 4 * (int64_t)b->span[p].tet; i < 4 * (int64_t)tm_tet_span_end(b->span[p]); i++) {
+            int32_t *first = d->first + b->mesh->tet[i];
+            if (*first > p) *first = p;
+            if (*first < d->lowest[p]) d->lowest[p] = *first;
+        }
     }
 }
 
@@ -111,11 +124,13 @@ bool tm_divided_batches_init(tm_divided_batches *d, tm_pool *pool, tm_world *wor
     if (parts == 1) return true;
     d->corner_force = tm_corner_force_choose(world->tissue->plain);
     d->capacity = parts < WHOLE ? (int32_t)((int64_t)count * parts / WHOLE) : count;
-    d->owner = TM_ALLOC(pool, uint8_t, rotation->batches.mesh->vertex_count);
+    d->first = TM_ALLOC(pool, int32_t, rotation->batches.mesh->vertex_count);
+    d->lowest = TM_ALLOC(pool, int32_t, count);
     d->active = TM_ALLOC(pool, int32_t, parts);
     d->late_begin = TM_ALLOC(pool, int32_t, parts + 1);
     d->late = TM_ALLOC(pool, int32_t, d->capacity);
     d->corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)d->capacity);
     d->who = TM_ALLOC(pool, uint8_t, d->capacity);
+    if (!pool->failed) find_first(d);
     return !pool->failed;
 }

@@ -11,7 +11,8 @@ typedef struct tm_divided_batches {
     tm_corner_force_kernel corner_force;
     bool pays;
     int64_t listing; /* the list's number at the last division */
-    uint8_t *owner;  /* [vertex_count] first part with a batch at the vertex */
+    int32_t *first;  /* [vertex_count] first batch that has the vertex */
+    int32_t *lowest; /* [batches] lowest first batch of its vertices */
     int32_t *active; /* [parts] batches with a correction */
     /* Of batches that straddle, part after part: index in the list, corner forces and lanes that have any. */
     int32_t *late_begin; /* [parts + 1] */

@@ -23,9 +23,10 @@ static void see(void *context, int32_t partition) {
 }
 
 static void go(void *context, int32_t partition) {
-    const turner *t = context;
+    turner *t = context;
     t->increment_m[partition] =
         tm_tet_batches_increment(&t->rotation, t->world->state.u_m, partition, t->world->partition_count);
+    tm_conserve_clear(&t->rotation.conserving, partition, t->world->partition_count);
 }
 
 static void run(void *self, tm_world *world) {
@@ -44,7 +45,6 @@ static void run(void *self, tm_world *world) {
     double way_m = t->increment_m[0];
     for (int32_t p = 1; p < world->partition_count; p++) way_m = t->increment_m[p] > way_m ? t->increment_m[p] : way_m;
     tm_tet_batches_list(r, way_m);
-    tm_conserve_clear(&r->conserving);
     tm_divided_batches_run(&t->divided);
     tm_conserve(&r->conserving, world);
     r->idle += r->list_count - r->active;
