@@ -80,12 +80,12 @@ static tm_touch_ball reach_of(const tm_touching *t, const double middle[3], doub
     return ball;
 }
 
-/* Finds features around the ball; the grids hold them in places that may be half a margin off. */
-static int32_t find(tm_touching *t, int kind, tm_touch_ball ball) {
+/* Finds features around the ball; the clusters hold them in places that may be half a margin off. */
+static int32_t find(tm_touching *t, int kind, const tm_touch_ball *ball) {
     const tm_touch_surface *s = &t->surface;
-    int32_t *found = t->near[0].item;
-    ball.radius_m += t->margin_m;
-    if (!t->all_pairs) return tm_touch_grid_find(t->grid + kind, &ball, found);
+    int32_t *found = t->near_items;
+    const tm_touch_bounds near = tm_touch_bounds_around(ball->middle, ball->middle, ball->radius_m + t->margin_m);
+    if (!t->all_pairs) return tm_touch_clusters_find(t->clusters + kind, &near, found);
     const int32_t count = kind == TM_TOUCH_FACES ? s->face_count : s->vertex_count;
     for (int32_t i = 0; i < count; i++) found[i] = kind == TM_TOUCH_FACES ? s->face[i] : s->vertex[i];
     return count;
@@ -98,8 +98,8 @@ static void search_vertex(tm_touching *t, int32_t v, double limit2) {
     tm_touch_at(t->world, v, x);
     const tm_touch_ball ball = reach_of(t, x, 0, sqrt(motion2));
     if (!is_near_another(t, t->surface.body[v], &ball)) return;
-    const int32_t count = find(t, TM_TOUCH_FACES, ball);
-    for (int32_t i = 0; i < count; i++) try_pair(t, v, t->near[0].item[i]);
+    const int32_t count = find(t, TM_TOUCH_FACES, &ball);
+    for (int32_t i = 0; i < count; i++) try_pair(t, v, t->near_items[i]);
 }
 
 static void search_face(tm_touching *t, int32_t face, double limit2) {
@@ -115,8 +115,8 @@ static void search_face(tm_touching *t, int32_t face, double limit2) {
     }
     const tm_touch_ball ball = reach_of(t, x[0], sqrt(radius2), sqrt(motion2));
     if (!is_near_another(t, tm_touch_body(t, face), &ball)) return;
-    const int32_t count = find(t, TM_TOUCH_VERTICES, ball);
-    for (int32_t i = 0; i < count; i++) try_pair(t, t->near[0].item[i], face);
+    const int32_t count = find(t, TM_TOUCH_VERTICES, &ball);
+    for (int32_t i = 0; i < count; i++) try_pair(t, t->near_items[i], face);
 }
 
 static void drop_doubles(tm_touch_list *list) {

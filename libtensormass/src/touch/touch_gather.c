@@ -1,5 +1,5 @@
-/* Broad phase: lists of pairs of features that may come within reach, found by a hashed grid and kept while they are
- * proven complete.
+/* Broad phase: lists of pairs of features that may come within reach, found by boxes of clusters and kept while they
+ * are proven complete.
  *
  * A pair in reach is nearer than `reach_m`. Each vertex of the surface has a place: where it was when its pairs were
  * last searched. The lists hold every pair that is nearer than reach_m + margin_m in those places. A point of a feature
@@ -19,14 +19,6 @@
 static void init_fresh(tm_touch_fresh *fresh, tm_pool *pool, int64_t items, int32_t most) {
     fresh->is = TM_ALLOC(pool, uint8_t, items);
     fresh->list = TM_ALLOC(pool, int32_t, most);
-    fresh->sorted = TM_ALLOC(pool, int32_t, most);
-}
-
-static void init_near(tm_touch_near *near, tm_pool *pool, int32_t most) {
-    const int64_t padded = (int64_t)most + 32;
-    near->item = TM_ALLOC(pool, int32_t, padded);
-    for (int c = 0; c < 3; c++)
-        near->low[c] = TM_ALLOC(pool, float, padded), near->high[c] = TM_ALLOC(pool, float, padded);
 }
 
 static bool init_search(tm_touching *t, tm_pool *pool) {
@@ -35,11 +27,10 @@ static bool init_search(tm_touching *t, tm_pool *pool) {
     init_fresh(t->fresh + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->vertex_count);
     init_fresh(t->fresh + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, faces);
     init_fresh(t->fresh + TM_TOUCH_EDGES, pool, mesh->edge_count, mesh->edge_count);
-    init_near(t->near, pool, faces > mesh->vertex_count ? faces : mesh->vertex_count);
-    init_near(t->near + 1, pool, mesh->edge_count);
-    return tm_touch_grid_init(t->grid + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->surface_count) &&
-           tm_touch_grid_init(t->grid + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, 2 * mesh->surface_count) &&
-           tm_touch_grid_init(t->grid + TM_TOUCH_EDGES, pool, mesh->edge_count, 3 * mesh->surface_count);
+    t->near_items = TM_ALLOC(pool, int32_t, faces > mesh->vertex_count ? faces : mesh->vertex_count);
+    return tm_touch_clusters_init(t, pool, TM_TOUCH_VERTICES, mesh->vertex_count, 1, mesh->vertex_count) &&
+           tm_touch_clusters_init(t, pool, TM_TOUCH_FACES, mesh->tet_count, 4, faces) &&
+           tm_touch_clusters_init(t, pool, TM_TOUCH_EDGES, mesh->edge_count, 1, mesh->edge_count);
 }
 
 bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
@@ -104,8 +95,7 @@ static void gather(tm_touching *t) {
         gather_all(t);
     } else {
         const int32_t kept[2] = {t->vf.count, t->ee.count};
-        tm_touch_search_faces(t);
-        tm_touch_search_edges(t);
+        tm_touch_search(t);
         tm_touch_list_merge(&t->vf, kept[0], t->scratch);
         tm_touch_list_merge(&t->ee, kept[1], t->scratch);
     }
@@ -115,6 +105,7 @@ static void gather(tm_touching *t) {
 static void gather_complete(tm_touching *t) {
     adapt_margin(t);
     tm_touch_list_all(t);
+    t->clustered = false;
     t->vf.count = t->ee.count = 0;
     t->odometer_m = t->moved_m = 0;
     gather(t);

@@ -76,40 +76,43 @@ typedef struct tm_touch_ball {
     double middle[3], radius_m;
 } tm_touch_ball;
 
-typedef struct tm_touch_node {
-    tm_touch_ball ball;
-    int64_t key;  /* cell; -1: not in the grid */
-    int32_t next; /* in the same bucket; -1: none */
-} tm_touch_node;
+enum { TM_TOUCH_CLUSTER = 16 };
+typedef struct tm_touch_bounds {
+    float low[3], high[3];
+} tm_touch_bounds;
 
-/* Features of the surface in the cells of a hashed grid, by their persistent numbers. */
-enum { TM_TOUCH_LEVELS = 8 };
-typedef struct tm_touch_grid {
-    double cell_m;                  /* of the first level; twice as large from level to level */
-    int32_t count[TM_TOUCH_LEVELS]; /* of features */
-    int32_t buckets;                /* a power of two */
-    int32_t *head;                  /* [buckets] the first of each; -1: none */
-    tm_touch_node *node;            /* [items] */
+typedef struct tm_touch_boxes {
+    float low[3][TM_TOUCH_CLUSTER], high[3][TM_TOUCH_CLUSTER]; /* an empty one overlaps nothing */
+} tm_touch_boxes;
+
+/* Features that are neighbours at rest. */
+typedef struct tm_touch_cluster {
+    tm_touch_boxes box;
+    int32_t item[TM_TOUCH_CLUSTER];
+} tm_touch_cluster;
+
+/* Features of the surface of one kind, by their persistent numbers. */
+typedef struct tm_touch_clusters {
+    int32_t count; /* of clusters */
+    bool wide;     /* the machine has AVX2 */
+    tm_touch_cluster *of;
+    tm_touch_boxes *around; /* of each cluster, many together */
     int64_t items;
-} tm_touch_grid;
+    int32_t *slot;               /* [items] its place in the clusters; -1: not on the surface */
+    int32_t order_count, *order; /* neighbours next to each other; `together` features each */
+    int together;
+    int32_t *listed; /* clusters with moving features */
+    uint16_t *fresh; /* of each cluster, a bit for each of these */
+} tm_touch_clusters;
 
 enum { TM_TOUCH_VERTICES, TM_TOUCH_FACES, TM_TOUCH_EDGES, TM_TOUCH_KINDS };
 
 /* Features of one kind whose pairs must be searched: those with a fresh vertex, and those that a cut changed. */
-enum { TM_TOUCH_GROUP_BITS = 10 };
 typedef struct tm_touch_fresh {
     uint8_t *is;   /* [items]; faces that a cut removed too */
     int32_t count; /* of those on the surface */
-    int32_t *list, *sorted;
-    int32_t begin[(1 << TM_TOUCH_GROUP_BITS) + 1]; /* of each group in `sorted` */
+    int32_t *list;
 } tm_touch_fresh;
-
-/* Features near a group, and their boxes. */
-typedef struct tm_touch_near {
-    int32_t count;
-    int32_t *item;
-    float *low[3], *high[3];
-} tm_touch_near;
 
 struct tm_touching {
     tm_pool pool;
@@ -128,8 +131,9 @@ struct tm_touching {
     double *place_m;      /* [3*mesh vertices] its place then */
     double *last_u_m;     /* [3*mesh vertices] displacements in the last substep */
     tm_touch_fresh fresh[TM_TOUCH_KINDS];
-    tm_touch_grid grid[TM_TOUCH_KINDS]; /* of places */
-    tm_touch_near near[2];              /* of vertices and faces; of edges */
+    tm_touch_clusters clusters[TM_TOUCH_KINDS]; /* of places */
+    bool clustered;                             /* they are of the surface as it is */
+    int32_t *near_items;                        /* features near another */
     tm_touch_list vf, ee;
     tm_touch_pair *scratch; /* [max_candidates] */
     /* pairs beyond the reach of the lists, of this substep */
@@ -181,19 +185,26 @@ static inline bool tm_touch_is_on_surface(const tm_touch_surface *s, int32_t edg
     return s->of_edge[2 * (int64_t)edge + 1] >= 0;
 }
 
-/* touch_grid.c */
-static inline int64_t tm_touch_cell(double cell_m, double x_m) {
-    return (int64_t)(law_clamp(x_m / cell_m, -5e5, 5e5) + 5e5); /* positive, so this rounds down */
+/* touch_clusters.c */
+/* Allocates. order_count, together: features of the mesh, and how many are next to each other in any case; most: on the
+ * surface. */
+bool tm_touch_clusters_init(tm_touching *touching, tm_pool *pool, int kind, int32_t order_count, int together,
+                            int64_t most);
+/* Puts the features of the surface into clusters, with boxes of their places. */
+void tm_touch_clusters_build(tm_touching *touching, int kind, const int32_t *item, int32_t count);
+/* Renews the boxes of features with new places. */
+void tm_touch_clusters_move(tm_touching *touching, int kind, const int32_t *item, int32_t count);
+static inline bool tm_touch_clusters_have(const tm_touch_clusters *clusters, int32_t item) {
+    return clusters->slot[item] >= 0;
 }
-/* Allocates an empty grid. usual: number of features that are in it usually. */
-bool tm_touch_grid_init(tm_touch_grid *grid, tm_pool *pool, int64_t items, int32_t usual);
-void tm_touch_grid_clear(tm_touch_grid *grid, double cell_m);
-static inline bool tm_touch_grid_has(const tm_touch_grid *grid, int32_t item) { return grid->node[item].key >= 0; }
-/* Adds a feature, or moves it. */
-void tm_touch_grid_set(tm_touch_grid *grid, int32_t item, const tm_touch_ball *ball);
-void tm_touch_grid_remove(tm_touch_grid *grid, int32_t item);
-/* Finds all features whose balls overlap this one. Returns their number. */
-int32_t tm_touch_grid_find(const tm_touch_grid *grid, const tm_touch_ball *ball, int32_t *found);
+/* Returns bounds of a box and what is nearer to it than grow_m. */
+tm_touch_bounds tm_touch_bounds_around(const double low[3], const double high[3], double grow_m);
+/* Finds all features whose boxes overlap these bounds. Returns their number. */
+int32_t tm_touch_clusters_find(const tm_touch_clusters *clusters, const tm_touch_bounds *bounds, int32_t *found);
+/* Calls `try` with each of these features and each of the kind `against` whose boxes are within grow_m. */
+typedef void tm_touch_try(tm_touching *touching, int32_t item, int32_t other);
+void tm_touch_clusters_try(tm_touching *touching, int kind, int against, const int32_t *item, int32_t count,
+                           double grow_m, tm_touch_try *try);
 
 /* touch_pairs.c: add a pair to the lists if it is close in the places of its vertices, and may touch. */
 void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t face);
@@ -205,12 +216,11 @@ void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scrat
 void tm_touch_add_fresh(tm_touching *touching, int kind, int32_t item);
 /* Lists the fresh vertices, and adds their faces and edges to those of a cut. */
 void tm_touch_list_fresh(tm_touching *touching);
-/* Lists the complete surface, and empties the grids. */
+/* Lists the complete surface. */
 void tm_touch_list_all(tm_touching *touching);
 void tm_touch_forget_fresh(tm_touching *touching);
 void tm_touch_forget_removed(tm_touching *touching);
-void tm_touch_search_faces(tm_touching *touching);
-void tm_touch_search_edges(tm_touching *touching);
+void tm_touch_search(tm_touching *touching);
 
 /* touch_gather.c: the lists of close pairs. */
 bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);

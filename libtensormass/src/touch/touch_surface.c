@@ -50,26 +50,22 @@ static void list_vertices(tm_touching *t) {
         if (s->body[v] >= 0) s->vertex[s->vertex_count++] = v;
         if (s->body[v] != WAS_OUTSIDE) continue;
         s->body[v] = INSIDE, t->fresh[TM_TOUCH_VERTICES].is[v] = 1;
-        tm_touch_grid_remove(t->grid + TM_TOUCH_VERTICES, v);
     }
 }
 
-/* Makes a face that came or went fresh, and its edges; those that went leave the grids. */
+/* Makes a face that came or went fresh, and its edges. */
 static void mark_change(tm_touching *t, int32_t face, bool went) {
     int32_t edge[3];
     edges_of(t->world->tissue->mesh, face, edge);
-    if (went) {
+    if (went)
         t->fresh[TM_TOUCH_FACES].is[face] = 1;
-        tm_touch_grid_remove(t->grid + TM_TOUCH_FACES, face);
-    } else
+    else
         tm_touch_add_fresh(t, TM_TOUCH_FACES, face);
     for (int j = 0; j < 3; j++)
-        if (tm_touch_is_on_surface(&t->surface, edge[j])) {
+        if (tm_touch_is_on_surface(&t->surface, edge[j]))
             tm_touch_add_fresh(t, TM_TOUCH_EDGES, edge[j]);
-        } else {
+        else
             t->fresh[TM_TOUCH_EDGES].is[edge[j]] = 1;
-            tm_touch_grid_remove(t->grid + TM_TOUCH_EDGES, edge[j]);
-        }
 }
 
 /* Finds the faces that are in one list alone; both lists ascend. */
@@ -110,4 +106,5 @@ void tm_touch_surface_build(tm_touching *t) {
     s->mean_edge_m = s->edge_count ? sum / s->edge_count : 0;
     t->revision = tissue->surface.revision;
     mark_changes(t, before_count);
+    t->clustered = false;
 }
