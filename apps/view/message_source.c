@@ -13,6 +13,8 @@
 #include "io/network.h"
 #include "message_validation.h"
 
+enum { TOPICS = 3 + VIEW_INSTRUMENTS };
+
 struct view_feed {
     view_intake intake;
     app_link *link;
@@ -43,6 +45,13 @@ static app_verdict read_tissue(void *user, int instrument, int64_t utime, const 
     (void)instrument, (void)utime;
     view_feed *feed = user;
     view_intake_tissue(&feed->intake, feed->picture, feed->time_s, message);
+    return APP_TAKEN;
+}
+
+static app_verdict read_cut(void *user, int instrument, int64_t utime, const void *message) {
+    (void)instrument, (void)utime;
+    view_feed *feed = user;
+    view_intake_cut(&feed->intake, feed->picture, message);
     return APP_TAKEN;
 }
 
@@ -88,13 +97,14 @@ static void read_bytes(view_feed *feed, const char *channel, int64_t utime, cons
     if (atomic_load(&c->forged) != forged) view_intake_refuse(&feed->intake, channel, "without the key's tag");
 }
 
-static view_feed *feed_new(app_topic topic[2 + VIEW_INSTRUMENTS]) {
+static view_feed *feed_new(app_topic topic[TOPICS]) {
     view_feed *feed = calloc(1, sizeof *feed);
     if (!feed) return NULL;
     view_intake_begin(&feed->intake);
     topic[0] = (app_topic){APP_TISSUE, 0, read_tissue, feed};
     topic[1] = (app_topic){APP_SIM_STATUS, 0, read_status, feed};
-    for (int i = 0; i < VIEW_INSTRUMENTS; i++) topic[2 + i] = (app_topic){APP_CONTROLLER, i, read_controller, feed};
+    topic[2] = (app_topic){APP_CUT, 0, read_cut, feed};
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) topic[3 + i] = (app_topic){APP_CONTROLLER, i, read_controller, feed};
     return feed;
 }
 
@@ -167,10 +177,10 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     if (!begins_like_log(path))
         return tm_fail(error, TM_ERR_FILE, -1,
                        "is not an LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
-    app_topic topic[2 + VIEW_INSTRUMENTS];
+    app_topic topic[TOPICS];
     view_feed *feed = feed_new(topic);
     if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for received messages; close other programs");
-    app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS};
+    app_link_def def = {.topic = topic, .topics = TOPICS};
     bool readable = read_facts(feed, path, &def, facts);
     if (readable && facts->tissues > 0) {
         def.keep = log_event;
@@ -213,7 +223,7 @@ static bool connect(view_feed *feed, app_network_opener *network, const char *ur
 tm_status view_feed_open_live(const char *url, const view_live_key *key, view_feed **out, tm_error *error) {
     char why[400];
     const char *set = getenv("LCM_DEFAULT_URL");
-    app_topic topic[2 + VIEW_INSTRUMENTS];
+    app_topic topic[TOPICS];
     app_key sealed;
     app_network_opener *network = hrt_network(error);
     if (!network) return error->status;
@@ -226,7 +236,7 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
         view_feed_close(feed);
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "%s", why);
     }
-    app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS, .key = &sealed};
+    app_link_def def = {.topic = topic, .topics = TOPICS, .key = &sealed};
     if (!connect(feed, network, url, &def)) {
         view_feed_close(feed);
         return tm_fail(

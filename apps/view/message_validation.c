@@ -76,6 +76,12 @@ static bool read_tissue(view_surface *s, const tensormass_tissue_t *m) {
     return true;
 }
 
+/* In another session all ties are whole. */
+static void begin_ties(view_picture *p, int64_t session) {
+    if (p->tie_session != session) memset(p->tie_gone, 0, sizeof p->tie_gone);
+    p->tie_session = session;
+}
+
 void view_intake_tissue(view_intake *in, view_picture *p, double time_s, const tensormass_tissue_t *m) {
     const char *fault = tissue_fault(m);
     if (fault)
@@ -83,7 +89,19 @@ void view_intake_tissue(view_intake *in, view_picture *p, double time_s, const t
     else if (!read_tissue(&p->surface, m))
         view_intake_refuse(in, "TISSUE", "no memory for %d vertices", m->vertex_count);
     else
-        in->tissue_s = time_s, ++in->counts.accepted;
+        in->tissue_s = time_s, ++in->counts.accepted, begin_ties(p, m->session);
+}
+
+/* Only the ties: the tissue that a cut removes is in the next TISSUE. */
+void view_intake_cut(view_intake *in, view_picture *p, const tensormass_cut_event_t *m) {
+    for (int32_t i = 0; i < m->tie_count; i++)
+        if (m->cut_tie[i] < 0 || m->cut_tie[i] >= VIEW_TIES_MAX) {
+            view_intake_refuse(in, "CUT", "a tie's number is outside 0 to %d", VIEW_TIES_MAX - 1);
+            return;
+        }
+    begin_ties(p, m->session);
+    for (int32_t i = 0; i < m->tie_count; i++) p->tie_gone[m->cut_tie[i] / 8] |= (uint8_t)(1 << m->cut_tie[i] % 8);
+    ++in->counts.accepted;
 }
 
 static const char *status_fault(const tensormass_sim_status_t *m) {

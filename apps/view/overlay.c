@@ -14,7 +14,7 @@ static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, 
                          GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
 static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};
 
-static const view_colour HELD = {72, 205, 165, 1}, FIBRE = {226, 214, 178, 1};
+static const view_colour HELD = {72, 205, 165, 1}, FIBRE = {226, 214, 178, 1}, TIE = {236, 200, 150, 1};
 
 /* Position of the next line. */
 typedef struct pen {
@@ -65,6 +65,12 @@ static int named_regions(const pen *p, const view_picture *s, int lines) {
     return s->regions > 1 && fits ? s->regions : 0;
 }
 
+static int32_t ties_whole(const view_picture *s) {
+    int32_t whole = 0;
+    for (int32_t t = 0; s->marks && t < s->marks->tie_count; t++) whole += !view_tie_is_gone(s, t);
+    return whole;
+}
+
 static void simulation_panel(pen p, view_layout *l, const view_picture *s, double drawn_hz) {
     const view_marks *m = s->marks;
     const char *title = m && m->title[0] ? m->title : s->title;
@@ -74,7 +80,9 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     float right = p.x + (float)(streams + (drawn_hz > 0 ? 31 : 25)) * p.cap, top = p.y - 1.9f * p.cap;
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
-    int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (m && m->fibre);
+    char ties[48] = "";
+    if (m && m->tie_count) snprintf(ties, sizeof ties, "ties: %d of %d", ties_whole(s), m->tie_count);
+    int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (ties[0] != 0) + (m && m->fibre);
     const int named = named_regions(&p, s, lines);
     for (int i = 0; i < named; i++)
         right = fmaxf(right, p.x + view_text_width(s->region[i].name, p.cap) + 2.6f * p.cap);
@@ -100,11 +108,12 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
         if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
     }
     if (held[0]) legend(&p, HELD, held);
+    if (ties[0]) legend(&p, TIE, ties);
     if (m && m->fibre) legend(&p, FIBRE, "fibres");
     for (int i = 0; i < named; i++) legend(&p, colour_of(&s->region[i]), s->region[i].name);
 }
 
-static void instrument_panel(pen p, view_layout *l, const view_instrument *t, int i) {
+static void instrument_panel(pen p, view_layout *l, const view_instrument *t, int i, bool live) {
     float right = p.x + 24 * p.cap, top = p.y - 1.9f * p.cap;
     bool fault = t->has_controller && t->state == HRT_FAULT;
     float bottom = top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap;
@@ -121,7 +130,7 @@ static void instrument_panel(pen p, view_layout *l, const view_instrument *t, in
     write_at(&big, right - p.cap - view_text_width(force, big.cap), WHITE, "%s", force);
     p.y += p.line;
     if (!t->has_controller) {
-        write_at(&p, p.x, BAD, "no controller heard");
+        write_at(&p, p.x, live ? BAD : GREY, live ? "no controller heard" : "no controller");
         return;
     }
     char state[16];
@@ -248,7 +257,7 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
     for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         shown[i] = s->has_status && s->instrument[i].shown;
         if (!shown[i]) continue;
-        instrument_panel(q, &l, &s->instrument[i], i);
+        instrument_panel(q, &l, &s->instrument[i], i, s->sim_rate > 0); /* 0: lockstep */
         q.y += 8.2f * p.cap;
         any = true;
     }

@@ -14,7 +14,7 @@ enum {
     VIEW_TRACE = 512,
     VIEW_VERTICES_MAX = 2000000,
     VIEW_TRIANGLES_MAX = 4000000,
-    VIEW_REGIONS = 16
+    VIEW_REGIONS = 64 /* as many colours as the tissue's shader has */
 };
 
 /* Returns a triangle's kind: bit 0 is set if a cut or a plane exposed it, the other bits are its region. */
@@ -80,11 +80,13 @@ typedef struct view_picture {
     bool has_status;
     int32_t tets, substeps;
     double frame_hz, sample_hz, sim_rate, compute_s;
-    double time_s;           /* since the start of the source */
-    view_trace trace;        /* forces of the last seconds */
-    double newton_m;         /* length of an arrow of one newton; 0: no arrows */
-    const view_marks *marks; /* marks of the scene; null: none */
-    char notice[128];        /* what the picture waits for, or empty */
+    double time_s;                             /* since the start of the source */
+    view_trace trace;                          /* forces of the last seconds */
+    double newton_m;                           /* length of an arrow of one newton; 0: no arrows */
+    const view_marks *marks;                   /* marks of the scene; null: none */
+    int64_t tie_session;                       /* session whose messages named the ties that are gone */
+    uint8_t tie_gone[(VIEW_TIES_MAX + 7) / 8]; /* bits: broken or cut */
+    char notice[128];                          /* what the picture waits for, or empty */
 } view_picture;
 
 /* Allocates for these counts; contents are lost if it grows. Returns false if memory is exhausted, with the surface
@@ -93,6 +95,7 @@ bool view_surface_reserve(view_surface *surface, int32_t vertices, int32_t trian
 void view_surface_free(view_surface *surface);
 /* Adds each triangle's region to its kind, if the marks have regions. */
 void view_marks_tint(const view_marks *marks, view_surface *surface);
+static inline bool view_tie_is_gone(const view_picture *p, int32_t tie) { return p->tie_gone[tie / 8] >> tie % 8 & 1; }
 void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS]);
 
 #endif

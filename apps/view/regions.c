@@ -15,7 +15,8 @@
 static const struct {
     const char *words;
     float rgb[3];
-} known[] = {{"tumo cancer lesion metasta carcin", {0.62f, 0.46f, 0.20f}},
+} known[] = {{"_bed fossa", {0.33f, 0.115f, 0.075f}}, /* of an organ that lay there: paler than its neighbour */
+             {"tumo cancer lesion metasta carcin", {0.62f, 0.46f, 0.20f}},
              {"vein vena portal cava", {0.035f, 0.07f, 0.30f}},
              {"arter aorta", {0.42f, 0.02f, 0.015f}},
              {"vessel", {0.06f, 0.06f, 0.28f}},

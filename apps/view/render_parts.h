@@ -29,7 +29,7 @@ struct view_renderer {
     view_batch tissue, tools, arrows, marks;
     view_skin *skin;
     view_shape tool_shape, arrow_shape, mark_shape;
-    int32_t support_count; /* vertices of mark_shape that mark supports; those of fibres follow */
+    int32_t support_count; /* vertices of mark_shape that mark supports; those of fibres and ties follow */
     int32_t shadow_count;  /* vertices of tool_shape that cast shadows */
 };
 

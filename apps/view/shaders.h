@@ -67,7 +67,7 @@ static const char *const view_lit_vertex =
 /* Wet tissue: light scatters past the terminator, red farthest; a thin film of water reflects the lamps. */
 static const char *const view_tissue_fragment =
     VIEW_GLSL VIEW_NOISE VIEW_LIGHTING
-    "uniform vec4 tint[16];\n"
+    "uniform vec4 tint[64];\n"
     "void main() {\n"
     "  float kind = floor(misc.x + 0.5), opened = mod(kind, 2.0); vec4 own = tint[int(kind * 0.5)];\n"
     "  vec4 fine = noise(ref * mix(0.9, 1.5, opened)), coarse = noise(ref * 0.27 + 3.1);\n"
@@ -103,7 +103,8 @@ static const char *const view_metal_fragment =
     "  else if (kind < 6.5) { albedo = vec3(0.62, 0.27, 0.012); glow = albedo * 0.30; }\n"
     "  else if (kind < 7.5) { albedo = vec3(0.02, 0.24, 0.52); glow = albedo * 0.30; }\n"
     "  else if (kind < 8.5) { albedo = vec3(0.012, 0.26, 0.15); glow = albedo * 0.20; }\n"
-    "  else { albedo = vec3(0.40, 0.35, 0.22); glow = albedo * 0.10; }\n"
+    "  else if (kind < 9.5) { albedo = vec3(0.40, 0.35, 0.22); glow = albedo * 0.10; }\n"
+    "  else { albedo = vec3(0.52, 0.33, 0.17); glow = albedo * 0.08; a = 0.3; }\n"
     "  if (kind > 5.5) s = 1.0;\n"
     "  vec3 c = albedo * (nl * s * 2.6 + nf * 0.5 + 0.30 * (dot(N, up) * 0.5 + 0.5) + 0.12) + glow;\n"
     "  vec3 F = f0 + (1.0 - f0) * pow(1.0 - nv, 5.0) * 0.5;\n"

@@ -197,6 +197,19 @@ void view_shape_port(view_shape *s, const view_instrument *t) {
     lathe(s, &f, port, 7, VIEW_PAINT_PORT);
 }
 
+void view_shape_strand(view_shape *s, const float from_m[3], const float to_m[3], float radius_m, int paint) {
+    frame f;
+    float length = 0;
+    for (int k = 0; k < 3; k++) f.o[k] = from_m[k], f.w[k] = to_m[k] - from_m[k], length += f.w[k] * f.w[k];
+    length = sqrtf(length);
+    if (!(length > 0)) return;
+    for (int k = 0; k < 3; k++) f.w[k] /= length;
+    view_frame(f.w, f.u, f.v);
+    const ring strand[] = {
+        {0, 1.5f * radius_m}, {0.25f * length, radius_m}, {0.75f * length, radius_m}, {length, 1.5f * radius_m}};
+    lathe(s, &f, strand, 4, paint);
+}
+
 /* Appends a flat ring perpendicular to w, with a dot or a cross in it. */
 static void end_on(view_shape *s, const frame *f, float thickness_m, bool away, int paint) {
     const float n[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, r = 1.9f * thickness_m, w = 0.4f * thickness_m;

@@ -59,6 +59,15 @@ def test_up_is_either_way(bin, mesh):
     assert flat != other
 
 
+def test_the_last_of_many_regions_has_its_colour(bin, tmp_path):
+    """As of several bodies; regions beyond those that the shader knew had the colour of the first."""
+    m, path = meshlib.block(3), tmp_path / "block.msh"
+    m.names = {(3, i + 1): f"part_{i}" if i < 39 else "vein" for i in range(40)}
+    m.region = [40 if all(m.points[v][2] > 0.066 and m.points[v][1] < 0.067 for v in t) else 1 if i % 2 else 2 + i % 38 for i, t in enumerate(m.tets)]
+    path.write_text(meshlib.msh2(m))
+    assert draw(bin, path)[0] > 0.03
+
+
 @pytest.mark.parametrize("args,said", [(("--clip", "0,0,0"), "not a direction"), (("--clip", "1,2"), "for example --clip 0,-1,0,10"), (("--through", "1"), "from 0 to 0.95"), (("--up", "-w"), "or -x, -y or -z")])
 def test_bad_input(bin, mesh, args, said):
     done = run(bin, mesh, "--png", mesh.with_suffix(".png"), *args)

@@ -203,6 +203,37 @@ def test_the_force_plot_has_a_time_axis(bin, log, tmp_path):
         assert below[x - 1:x + 2].max() > below[x - 8:x - 4].max() + 0.1, second
 
 
+TIED = """\
+tissue: {materials: {"*": {young: 5 kPa, poisson: 0.4}}}
+bodies: {low: {mesh: BLOCK, scale: 0.5}, high: {mesh: BLOCK, scale: 0.5, move: [0, 0, 50 mm]}}
+damping: {rate: 60 /s}
+gravity:
+rendering:
+supports: [{group: low.z_min}, {group: high.z_max}]
+ties: {between: [{from: high.z_min, to: low.z_max, within: 30 mm, stiffness: 30 N/m, rest: 5 mm, break: 1.2 N}]}
+"""
+
+
+def cream(r, g, b):
+    return (r > 0.5) & (g > 0.75 * r) & (b < 0.85 * g) & (b > 0.3 * g)
+
+
+def test_ties_are_drawn_until_they_break(bin, build, root, tmp_path):
+    """Ties are in the scene, and CUT names those that are gone. Each pulls with 0.6 N at first; all break at a load of 0.1 N."""
+    scene, seen = tmp_path / "tied.yaml", {}
+    scene.write_text(TIED.replace("BLOCK", str(root / "meshes/block_1k.msh")))
+    for name, load in {"whole": "1.2 N", "broken": "0.1 N"}.items():
+        log = tmp_path / f"{name}.lcm"
+        subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.2 s", "--set", f"ties.between[0].break={load}", "--record", log], check=True,
+                       capture_output=True, timeout=300)
+        words = ["--png", tmp_path / f"{name}.png", "--size", "320x240", "--no-words", "--no-supports", "--elevation", "5"]
+        for held in ([], ["--scene", scene]):
+            result = run(bin, log, *words, *held)
+            assert result.returncode == 0, result.stderr
+            seen[name, bool(held)] = share(pixels(tmp_path / f"{name}.png"), cream)
+    assert seen["whole", True] > 0.003 + seen["whole", False] and seen["broken", True] == seen["broken", False], seen
+
+
 def test_scene_errors_are_the_scenes(bin, tmp_path):
     scene = tmp_path / "bad.yaml"
     scene.write_text("title: x\ntisue:\n  mesh: nowhere.msh\n")

@@ -39,6 +39,8 @@ TM_API tm_status tm_stage_ties(tm_world *world, const tm_ties_def *def, tm_ties 
 /* Returns the world's stage "ties", or null. */
 TM_API tm_ties *tm_world_ties(tm_world *world);
 TM_API int32_t tm_ties_count(const tm_ties *ties);
+/* Returns a tie as it was added. */
+TM_API tm_tie tm_ties_get(const tm_ties *ties, int32_t tie);
 TM_API bool tm_ties_is_whole(const tm_ties *ties, int32_t tie);
 /* Returns the force of a tie in the last substep, N, and its ends [3] m (may be null). */
 TM_API double tm_ties_force_N(const tm_ties *ties, int32_t tie, double from_m[3], double to_m[3]);

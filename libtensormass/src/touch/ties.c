@@ -326,6 +326,11 @@ int32_t tm_ties_count(const tm_ties *ties) {
     return ties->count;
 }
 
+tm_tie tm_ties_get(const tm_ties *ties, int32_t tie) {
+    TM_REQUIRE(ties && tie >= 0 && tie < ties->count, "ties is null or tie is not one of its own", (tm_tie){0});
+    return ties->tie[tie];
+}
+
 bool tm_ties_is_whole(const tm_ties *ties, int32_t tie) {
     TM_REQUIRE(ties && tie >= 0 && tie < ties->count, "ties is null or tie is not one of its own", false);
     return ties->state[tie].whole != 0;
