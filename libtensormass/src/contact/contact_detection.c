@@ -165,9 +165,9 @@ const tm_contact_query *tm_contact_detect(tm_contact *contact) {
 
 /* --- during the force pass --- */
 
-static bool is_of_contact(const tm_contact *contact, const void *self) {
-    bool is = self == contact;
-    for (int32_t b = 0; b < contact->block_count; b++) is |= self && contact->block[b].owner == self;
+bool tm_contact_owns(const tm_contact *contact, const void *self) {
+    bool is = contact && self == contact;
+    for (int32_t b = 0; contact && b < contact->block_count; b++) is |= self && contact->block[b].owner == self;
     return is;
 }
 
@@ -178,7 +178,7 @@ static bool begin_overlap(void *self, tm_world *world) {
     tm_contact *contact = self;
     const struct tm_stage_entry *slot = world->entry + world->group_end, *const end = world->entry + world->step_count;
     while (slot < end && slot->stage.overlap != &tm_contact_overlap &&
-           (is_of_contact(contact, slot->stage.self) || slot->few == &tm_changes_none))
+           (tm_contact_owns(contact, slot->stage.self) || slot->few == &tm_changes_none))
         slot++;
     if (slot == end || slot->stage.self != contact || contact->others.solve) return false;
     begin_detection(contact);
@@ -197,7 +197,7 @@ const tm_overlap tm_contact_overlap = {begin_overlap, work_overlap};
 const char *tm_contact_first_stage(const tm_contact *contact) {
     const tm_world *world = contact->world;
     for (int32_t i = 0; i < world->step_count; i++)
-        if (world->entry[i].stage.phase == TM_PHASE_CONSTRAIN && is_of_contact(contact, world->entry[i].stage.self))
+        if (world->entry[i].stage.phase == TM_PHASE_CONSTRAIN && tm_contact_owns(contact, world->entry[i].stage.self))
             return world->entry[i].stage.name;
     return TM_STAGE_CONTACT_DETECT;
 }

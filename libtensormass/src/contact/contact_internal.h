@@ -168,6 +168,8 @@ struct tm_contact {
 const tm_contact_query *tm_contact_detect(tm_contact *contact);
 /* Detection during the force pass; of the stage "contact detect". */
 extern const tm_overlap tm_contact_overlap;
+/* Returns whether a stage with this self is contact's own, or that of one of its blocks; contact may be null. */
+bool tm_contact_owns(const tm_contact *contact, const void *self);
 /* Displacements that rows and jaws change. */
 extern const tm_few tm_contact_few;
 /* Returns the first of contact's stages that uses new displacements. */

@@ -28,7 +28,8 @@ static void refresh_supports(tm_touching *t) {
 static void run(void *self, tm_world *world) {
     tm_touching *t = self;
     if (t->fixed_by != world->support) refresh_supports(t);
-    tm_touch_find(t);
+    if (!t->found_early) tm_touch_begin(t), tm_touch_find(t);
+    t->found_early = false;
     tm_touch_prepare(t);
     if (tm_world_contact(world)) return; /* contact sweeps the rows */
     for (int32_t sweep = 0; sweep < t->def.sweeps && t->row_count > 0; sweep++) tm_touch_sweep(t, sweep);
@@ -36,6 +37,27 @@ static void run(void *self, tm_world *world) {
     tm_touch_remember(t);
     tm_touch_remember_account(t);
 }
+
+/* Rows depend on the start of a substep. Overlaps if no stage between the new displacements and this one might cut:
+ * each is contact's, or registered as changing nothing. */
+static bool begin_overlap(void *self, tm_world *world) {
+    tm_touching *t = self;
+    const tm_contact *contact = tm_world_contact(world);
+    for (int32_t i = world->group_end; i < world->step_count && world->entry[i].stage.self != self; i++)
+        if (world->entry[i].few != &tm_changes_none && !tm_contact_owns(contact, world->entry[i].stage.self))
+            return false;
+    tm_touch_begin(t);
+    t->found_early = true;
+    return true;
+}
+
+/* On the caller's thread: it takes from nothing to a millisecond, and a thread of the pool that is late by as much
+ * counts as preempted. */
+static void work_overlap(void *self, tm_world *world, int32_t part) {
+    (void)world;
+    if (part == 0) tm_touch_find(self);
+}
+static const tm_overlap overlap = {begin_overlap, work_overlap};
 
 static void sweep(void *self, tm_world *world, int32_t number) {
     (void)world;
@@ -193,6 +215,7 @@ static tm_status add_stage(tm_touching *t, tm_contact *contact, tm_error *error)
                       .destroy = destroy,
                       .step_changed = changed,
                       .self = t,
+                      .overlap = &overlap,
                       .snapshot = snapshot,
                       .restore = restore,
                       .checkpoint = checkpoint,

@@ -130,7 +130,7 @@ static void drop_doubles(tm_touch_list *list) {
 void tm_touch_find_fast(tm_touching *t) {
     const double limit_m = FAST * t->def.thickness_m;
     t->fast.count = 0;
-    if (t->def.body_count < 2 || t->world->settling || !(tm_max_increment_m(t->world) > limit_m)) return;
+    if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > limit_m)) return;
     box_bodies(t);
     for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i], limit_m * limit_m);
     for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i], limit_m * limit_m);

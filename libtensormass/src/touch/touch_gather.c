@@ -160,7 +160,7 @@ static double travel_m(tm_touching *t) {
             vsub(t->world->state.u_m + 3 * t->surface.vertex[i], t->last_u_m + 3 * t->surface.vertex[i], d);
             most_m = law_max(most_m, vdot(d, d));
         }
-    most_m = t->maybe_moved || t->world->settling ? sqrt(most_m) : tm_max_increment_m(t->world);
+    most_m = t->maybe_moved || t->world->settling ? sqrt(most_m) : t->increment_m;
     memcpy(t->last_u_m, t->world->state.u_m, bytes);
     t->maybe_moved = false;
     return most_m;

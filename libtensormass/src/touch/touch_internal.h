@@ -146,6 +146,8 @@ struct tm_touching {
     int32_t suspect;                             /* vertex that is checked in this substep; -1: none */
     uint32_t suspect_rank;
     /* rows */
+    bool found_early;   /* during the force pass of this substep */
+    double increment_m; /* bound of the motion of a vertex in the last substep */
     int32_t row_count, memory_count, saved_count;
     tm_touching_row *row;
     tm_touch_solver *solver;
@@ -238,7 +240,9 @@ void tm_touch_check_suspect(tm_touching *touching);
 /* Adds the vertices that are inside to the memory. */
 void tm_touch_remember_inside(tm_touching *touching);
 
-/* touch_rows.c */
+/* touch_rows.c: notes what the rows of a substep depend on and its integration changes; then finds them, perhaps on
+ * another thread. */
+void tm_touch_begin(tm_touching *touching);
 void tm_touch_find(tm_touching *touching);
 
 /* Returns the energy in a row's compliance, J. */

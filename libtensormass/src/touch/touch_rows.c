@@ -346,6 +346,9 @@ static void order_rows(tm_touching *t) {
     }
 }
 
+/* A bound of the motion in the last substep, which the integrator of this one overwrites. */
+void tm_touch_begin(tm_touching *t) { t->increment_m = tm_max_increment_m(t->world); }
+
 void tm_touch_find(tm_touching *t) {
     tm_touch_update(t);
     tm_touch_find_fast(t);

@@ -2,7 +2,8 @@
  * lies where tissue has rotated: the partitions of vertices, which balance the force, may have all of it in one. Each
  * part owns the vertices that no batch before its first one has, listed or not, and adds to these. The other forces of
  * its batches are stored, and added when all are done, part after part, by the thread that has the vertex then. So each
- * vertex sums in the list's order, for any number of threads, and no batch is computed twice. */
+ * vertex sums in the list's order, for any number of threads, and no batch is computed twice. Shares of the list follow
+ * the measured times of the threads, which have work of other stages too (overlaps.c). */
 #include "world/divided_batches.h"
 
 enum {
@@ -11,7 +12,7 @@ enum {
 };
 
 static int32_t begin_of(const tm_divided_batches *d, int32_t part) {
-    return tm_tet_batches_before(d->rotation->list_count, part, d->world->partition_count);
+    return (int32_t)(d->before[part] * d->rotation->list_count);
 }
 
 /* Returns the batch with which a part begins: the vertices of earlier ones are not its own. */
@@ -20,7 +21,29 @@ static int32_t first_of(const tm_divided_batches *d, int32_t part) {
     return begin < d->rotation->list_count ? d->rotation->list[begin] : INT32_MAX;
 }
 
-/* --- division: once for each list --- */
+/* --- division: once for each list, and when shares have moved --- */
+
+/* Moves half of each thread's time above the mean to the others. */
+static void balance(tm_divided_batches *d) {
+    enum { EVERY = 4 };
+    static const double GAIN = 0.5, ALIKE = 0.02;
+    const int32_t parts = d->world->partition_count;
+    double mean_s = 0, most_s = 0, sum = 0, share[TM_MAX_THREADS];
+    if (++d->runs % EVERY) return;
+    for (int32_t p = 0; p < parts; p++) {
+        mean_s += d->took_s[p] / parts;
+        most_s = d->took_s[p] > most_s ? d->took_s[p] : most_s;
+    }
+    for (int32_t p = 0; p < parts; p++) {
+        const double own = d->before[p + 1] - d->before[p], moved = GAIN * (1 - d->took_s[p] / mean_s) / parts;
+        share[p] = own + moved > 0 ? own + moved : 0;
+        sum += share[p];
+        d->took_s[p] = 0;
+    }
+    if (!(most_s > (1 + ALIKE) * mean_s) || !(sum > 0)) return;
+    for (int32_t p = 1; p < parts; p++) d->before[p] = d->before[p - 1] + share[p - 1] / sum;
+    d->listing = -1;
+}
 
 static void divide(tm_divided_batches *d) {
     const tm_rotation *r = d->rotation;
@@ -63,6 +86,8 @@ static void add_corners(const tm_divided_batches *d, int32_t late, int32_t first
 static void run_part(void *context, int32_t part) {
     const tm_divided_batches *d = context;
     tm_rotation *r = d->rotation;
+    const double since_s = tm_clock_s();
+    if (d->overlaps) tm_overlaps_work(d->world, part);
     const double *u_m = d->world->state.u_m;
     const int32_t end = begin_of(d, part + 1), first = first_of(d, part);
     int32_t late = d->late_begin[part], active = 0;
@@ -76,6 +101,7 @@ static void run_part(void *context, int32_t part) {
         active += d->who[late++] != 0;
     }
     d->active[part] = active;
+    d->took_s[part] += tm_clock_s() - since_s;
 }
 
 /* Adds what is left, to a part of the vertices. */
@@ -98,8 +124,10 @@ void tm_divided_batches_run(tm_divided_batches *d) {
                               r->conserving.batch_J);
         return;
     }
+    d->overlaps = !d->world->evaluating && !d->world->settling && tm_overlaps_begin_after(d->world, r);
     tm_partitions_run(d->world, run_part, d);
     tm_partitions_run(d->world, finish_part, d);
+    balance(d);
     r->active = 0;
     for (int32_t part = 0; part < parts; part++) r->active += d->active[part];
 }
@@ -127,10 +155,14 @@ bool tm_divided_batches_init(tm_divided_batches *d, tm_pool *pool, tm_world *wor
     d->first = TM_ALLOC(pool, int32_t, rotation->batches.mesh->vertex_count);
     d->lowest = TM_ALLOC(pool, int32_t, count);
     d->active = TM_ALLOC(pool, int32_t, parts);
+    d->took_s = TM_ALLOC(pool, double, parts);
+    d->before = TM_ALLOC(pool, double, parts + 1);
     d->late_begin = TM_ALLOC(pool, int32_t, parts + 1);
     d->late = TM_ALLOC(pool, int32_t, d->capacity);
     d->corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)d->capacity);
     d->who = TM_ALLOC(pool, uint8_t, d->capacity);
-    if (!pool->failed) find_first(d);
-    return !pool->failed;
+    if (pool->failed) return false;
+    for (int32_t p = 0; p <= parts; p++) d->before[p] = (double)p / parts;
+    find_first(d);
+    return true;
 }

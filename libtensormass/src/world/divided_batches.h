@@ -9,7 +9,10 @@ typedef struct tm_divided_batches {
     tm_rotation *rotation;
     tm_world *world;
     tm_corner_force_kernel corner_force;
-    bool pays;
+    bool pays, overlaps;
+    double *before; /* [parts + 1] fraction of the list before each part */
+    double *took_s; /* [parts] time since the fractions were last adapted, after `runs` jobs */
+    int32_t runs;
     int64_t listing; /* the list's number at the last division */
     int32_t *first;  /* [vertex_count] first batch that has the vertex */
     int32_t *lowest; /* [batches] lowest first batch of its vertices */

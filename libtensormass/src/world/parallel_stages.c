@@ -83,9 +83,8 @@ double tm_max_increment_m(const tm_world *world) {
 
 typedef struct stages {
     tm_world *world;
-    int32_t begin, end;                            /* indices */
-    bool look, timed;                              /* timed: by the clock, for load balancing */
-    int32_t overlap_count, overlap[TM_MAX_STAGES]; /* indices of stages with overlapped tasks */
+    int32_t begin, end;         /* indices */
+    bool look, timed, overlaps; /* timed: by the clock, for load balancing */
 } stages;
 
 /* The first partition attributes time for all of them. */
@@ -97,11 +96,7 @@ static void run_part(void *context, int32_t number) {
     const double since_s = s->timed ? tm_clock_s() : 0;
     if (partition->unstable)
         partition->unstable = false; /* writes only on change: a store invalidates the line in other cores */
-    for (int32_t i = 0; i < s->overlap_count; i++) {
-        const tm_stage *stage = &world->entry[s->overlap[i]].stage;
-        if (timed) tm_profile_enter(world, s->overlap[i]);
-        stage->overlap->work(stage->self, world, number);
-    }
+    if (s->overlaps) tm_overlaps_work(world, number);
     for (int32_t begin = partition->force.begin; begin < partition->force.end;) {
         const tm_range range = {number, begin,
                                 begin + BLOCK < partition->force.end ? begin + BLOCK : partition->force.end};
@@ -159,22 +154,14 @@ static bool is_force_job(const tm_world *world, int32_t begin, int32_t end) {
     return world->entry[begin].stage.phase <= TM_PHASE_FORCE && world->entry[end - 1].stage.phase >= TM_PHASE_INTEGRATE;
 }
 
-static void begin_overlaps(tm_world *world, stages *s) {
-    for (int32_t i = s->end; i < world->step_count; i++) {
-        const tm_stage *stage = &world->entry[i].stage;
-        if (stage->overlap && stage->overlap->begin(stage->self, world)) s->overlap[s->overlap_count++] = i;
-    }
-}
-
 void tm_partitions_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too) {
     stages s = {.world = world, .begin = begin, .end = end, .look = look_too};
     const bool waits = world->timing && world->partition_count > 1;
     double before_s[TM_MAX_STAGES];
     for (int32_t i = 0; i < world->stage_count && waits; i++) before_s[i] = world->entry[i].seconds;
-    world->group_end = end;
     if (world->partition_count > 1 && is_force_job(world, begin, end)) {
         s.timed = world->has_thread_pool;
-        begin_overlaps(world, &s);
+        s.overlaps = tm_overlaps_begin(world, end);
     }
     check_partitions(world, run_part, &s);
     if (waits) profile_wait(world, before_s);

@@ -92,10 +92,11 @@ struct tm_world {
     tm_force_provider force;
     const tm_nonlinear *nonlinear; /* null: the tissue is linear */
     int32_t partition_count;
-    tm_partition *partition;     /* [partition_count+1] the last: all vertices, for passes by one thread */
-    int32_t job_count;           /* force jobs since the last rebalancing */
-    int32_t group_end;           /* index after the running parallel stages */
-    tm_thread_pool *thread_pool; /* null: one partition, or the caller's own threads */
+    tm_partition *partition; /* [partition_count+1] the last: all vertices, for passes by one thread */
+    int32_t job_count;       /* force jobs since the last rebalancing */
+    int32_t group_end;       /* index after the stages that compute new displacements: where overlapped work is for */
+    int32_t overlap_count, overlap[TM_MAX_STAGES]; /* indices of stages with overlapped work in the running job */
+    tm_thread_pool *thread_pool;                   /* null: one partition, or the caller's own threads */
     bool has_thread_pool;
     tm_parallel_for *parallel_for;
     void *parallel_for_user;
@@ -131,6 +132,12 @@ void tm_world_set_force(tm_world *world, const tm_force_provider *provider);
 /* Returns whether the stages from this index on change few displacements only; whether those are bounded. */
 bool tm_world_changes_few(const tm_world *world, int32_t slot);
 bool tm_world_few_are_bounded(const tm_world *world, int32_t slot);
+
+/* Overlapped work (overlaps.c). Begins that of the stages from `end` on, or, in the job of a stage's own, of those
+ * after the new displacements; returns whether there is any. Then each part of the job does its own. */
+bool tm_overlaps_begin(tm_world *world, int32_t end);
+bool tm_overlaps_begin_after(tm_world *world, const void *self);
+void tm_overlaps_work(tm_world *world, int32_t part);
 
 /* Removes all stages and frees their memory. */
 void tm_world_remove_all_stages(tm_world *world);
