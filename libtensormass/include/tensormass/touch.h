@@ -51,7 +51,10 @@ typedef struct tm_touching_report {
     int32_t rows, candidates; /* of the last substep */
     int64_t gathers;          /* searches of the complete surface since the stage was added */
     bool overflowed;          /* rows or candidates were dropped since the stage was added */
-    double deepest_m;         /* deepest overlap of two surfaces in the last substep, m: 0, they did not cross */
+    /* Deepest overlap at the start of the last substep, m, of rows and of the vertices found inside another body: 0,
+     * none known. Features deeper than a thickness are known once a vertex of theirs was checked
+     * (docs/bodies.md#contact). */
+    double deepest_m;
 } tm_touching_report;
 
 TM_API tm_touching_def tm_touching_def_default(void);

@@ -357,6 +357,8 @@ void tm_touch_find(tm_touching *t) {
     t->report.deepest_m = 0;
     find_vertices(t);
     tm_touch_check_suspect(t);
+    for (int32_t i = 0; i < t->inside_count; i++)
+        t->report.deepest_m = law_max(t->report.deepest_m, t->inside[i].closest.distance_m);
     for (int32_t i = 0; i < t->ee.count; i++)
         if (!is_asleep(t, t->ee.pair + i)) try_edges(t, t->ee.pair + i);
     order_rows(t);
