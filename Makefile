@@ -154,7 +154,7 @@ $(if $(CASES),$(TESTS)): SAN += -Wl,--wrap=_cmocka_run_group_tests
 
 # Tests in the short form of `make sanitize` (tests/sanitize): under ThreadSanitizer the C programs that start threads, under AddressSanitizer those that
 # left_out.txt does not name (docs/sanitizers.md).
-THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
+THREADED := $(addprefix $(OUT)/tests/,cut/test_touch_threads loop/test_mailbox physics/test_partition physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 LEFT_OUT := $(shell awk 'NF == 1 && !/^\#/ {print $$1}' tests/sanitize/left_out.txt)
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(if $(filter asan,$(config)),$(filter-out $(addprefix $(OUT)/tests/,$(LEFT_OUT)),$(TESTS)),$(TESTS)))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py
