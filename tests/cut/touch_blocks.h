@@ -14,7 +14,7 @@ typedef struct part {
 
 typedef struct bodies {
     tm_mesh *mesh;
-    int32_t *tet_body, body_begin[9], count;
+    int32_t *tet_body, body_begin[17], count;
     tm_tissue *tissue;
     tm_world *world;
     tm_touching *touching;

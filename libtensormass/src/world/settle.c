@@ -306,6 +306,36 @@ static double damping_from_motion(const relaxation *x) {
     return fmin(damping, 1.6);
 }
 
+/* Damping in turns. Critical damping of the moving mode is best while one mode moves. But rows that come and go without
+ * end look like a fast mode, and its damping holds slow ones: a leaning stack then never comes upright. Momentum that
+ * grows until it leads uphill (Nesterov's method with restarts, O'Donoghue and Candes 2015) needs no frequency, but can
+ * keep rows coming and going. So whichever makes no progress gives way to the other. */
+typedef struct damping_turns {
+    double best;            /* least residual so far */
+    int64_t improved, turn; /* steps at which it became less, and at which the present damping began */
+    bool by_momentum;
+    int32_t downhill; /* steps since momentum last led uphill */
+} damping_turns;
+
+enum { TURN_STEPS = 1000, IDLE_STEPS = 20000 };
+
+static double damping_by_momentum(const relaxation *x, damping_turns *d) {
+    const tm_state *s = &x->world->state;
+    double gain = 0;
+    for (int32_t i = 0; i < x->n; i++) gain += x->residual[i] * (s->u_next_m[i] - s->u_m[i]);
+    d->downhill = gain < 0 ? 0 : d->downhill + 1;
+    return 6.0 / (2.0 * d->downhill + 3.0); /* carries on the share k / (k + 3) after k steps */
+}
+
+/* Returns the damping of the next step, from the step just made. */
+static double choose_damping(const relaxation *x, damping_turns *d) {
+    if (x->relative < 0.9 * d->best) d->best = x->relative, d->improved = x->steps;
+    if (x->steps - (d->improved > d->turn ? d->improved : d->turn) > TURN_STEPS)
+        d->by_momentum = !d->by_momentum, d->turn = x->steps, d->downhill = 0;
+    if (d->by_momentum) return damping_by_momentum(x, d);
+    return x->steps ? damping_from_motion(x) : 0;
+}
+
 /* Returns an error if a free vertex has moved farther than supports did by more than the mesh is large: contact of
  * tissue does not hold its body. */
 static tm_status check_displacement(const relaxation *x, tm_error *error) {
@@ -326,22 +356,20 @@ static tm_status check_displacement(const relaxation *x, tm_error *error) {
 }
 
 static tm_status relax_stages(relaxation *x, tm_error *error) {
-    enum { IDLE_STEPS = 20000 };
     tm_state *s = &x->world->state;
     if (x->world->nonlinear) lead(x);
     fictitious_masses(x);
-    double damping = 0, best = HUGE_VAL;
-    int64_t last = x->steps;
+    damping_turns turns = {.best = HUGE_VAL, .improved = x->steps, .turn = x->steps};
+    double damping = 0;
     for (int calm = 0; calm < 3;) {
         relaxed_pass(x, damping);
         const double forces = fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n));
         x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
-        if (x->relative < 0.9 * best) best = x->relative, last = x->steps;
-        if (!isfinite(x->relative) || x->steps - last > IDLE_STEPS) return not_converged(x, error);
+        if (!isfinite(x->relative) || x->steps - turns.improved > IDLE_STEPS) return not_converged(x, error);
         const tm_status status = x->world->settle_stride_m > 0 ? check_displacement(x, error) : TM_OK;
         if (status) return status;
         calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
-        damping = x->steps ? damping_from_motion(x) : 0;
+        damping = choose_damping(x, &turns);
         memcpy(x->image, x->residual, sizeof(double) * (size_t)x->n);
         double *oldest = s->u_prev_m;
         s->u_prev_m = s->u_m;
