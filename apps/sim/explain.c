@@ -218,12 +218,16 @@ static void explain_times(const sim *s, cJSON *json) {
 static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
     tm_mass_scaling added;
     const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
+    char setter[SIM_TET_NAME];
+    if (scaled)
+        snprintf(setter, sizeof setter, "%d", s->scene->mass_scaling.line);
+    else
+        sim_tet_name(s, s->model->timing.critical_tet, setter);
     printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
-           "set by %s %lld)\n\n",
+           "set by %s %s)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
            s->substeps == 1 ? "" : "s", s->dt_s, s->model->timing.critical_s,
-           scaled ? "time.mass_scaling, line" : "tetrahedron",
-           scaled ? (long long)s->scene->mass_scaling.line : (long long)s->file.tet_tag[s->model->timing.critical_tet]);
+           scaled ? "time.mass_scaling, line" : "tetrahedron", setter);
     const int32_t threads = s->model->world ? tm_world_partitions(s->model->world) : 1;
     if (s->scene->threads.line)
         printf("threads: %d of %lld requested%s\n\n", threads, (long long)s->scene->threads.value,

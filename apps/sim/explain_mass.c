@@ -69,13 +69,13 @@ static void slivers(const sim *s, cJSON *json) {
     }
     if (step) num_sort(step, n);
     if (n && least < SLIVER * step[n / 2]) {
-        const long long tag = (long long)s->file.tet_tag[worst];
-        printf("cut: the step must be stable for each tetrahedron by itself; that of %lld is %.2g of the median "
+        char name[SIM_TET_NAME];
+        printf("cut: the step must be stable for each tetrahedron by itself; that of %s is %.2g of the median "
                "(tm-mesh info). A mesh without slivers, or time.mass_scaling, makes the step longer\n"
                "\n",
-               tag, least / step[n / 2]);
+               sim_tet_name(s, worst, name), least / step[n / 2]);
         cJSON *out = cJSON_AddObjectToObject(json, "slivers");
-        cJSON_AddNumberToObject(out, "tetrahedron", (double)tag);
+        cJSON_AddNumberToObject(out, "tetrahedron", (double)s->file.tet_tag[worst]);
         cJSON_AddNumberToObject(out, "of_median", least / step[n / 2]);
     }
     free(step);

@@ -164,6 +164,26 @@ static void report_touch(const sim *s, cJSON *json) {
     cJSON_AddNumberToObject(to, "normal_sum_N", sum_N);
 }
 
+/* Reports ties: how many hold, and the sum and the largest of their forces. */
+static void report_ties(const sim *s, cJSON *json) {
+    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
+    if (!ties) return;
+    double sum_N = 0, largest_N = 0;
+    int32_t whole = 0, count = tm_ties_count(ties);
+    for (int32_t i = 0; i < count; i++) {
+        const double force_N = tm_ties_force_N(ties, i, NULL, NULL);
+        whole += tm_ties_is_whole(ties, i);
+        sum_N += force_N, largest_N = fmax(largest_N, force_N);
+    }
+    printf("ties: %d whole, %d gone, forces of %.9g N in sum, of %.9g N at most\n", whole, count - whole, sum_N,
+           largest_N);
+    cJSON *to = cJSON_AddObjectToObject(json, "ties");
+    cJSON_AddNumberToObject(to, "whole", whole);
+    cJSON_AddNumberToObject(to, "gone", count - whole);
+    cJSON_AddNumberToObject(to, "force_sum_N", sum_N);
+    cJSON_AddNumberToObject(to, "force_max_N", largest_N);
+}
+
 /* Writes u and reaction in the mesh's numbering. */
 static int write_rest(app_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
     const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
@@ -209,6 +229,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     report_supports(s, reaction, json);
     report_tools(s, json);
     report_touch(s, json);
+    report_ties(s, json);
     if (written->begun) rc = write_rest(written, s, o, u, reaction);
     free(u);
     return rc;

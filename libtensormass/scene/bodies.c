@@ -192,11 +192,13 @@ typedef struct paths {
     moved component[];
 } paths;
 
-/* Sets the body's displacement at a time: minimum jerk between waypoints, still before the first and after the last. */
+/* Sets the body's displacement at a time: minimum jerk from its place at time 0 to the first waypoint,
+ * and from waypoint to waypoint; still after the last. */
 static void follow(body_path *p, double time_s) {
     int32_t k = 0;
     while (k < p->count && p->way[k].time.si <= time_s) k++;
-    const app_body_waypoint *to = p->way + (k < p->count ? k : p->count - 1), *from = k > 0 ? p->way + k - 1 : to;
+    static const app_body_waypoint start; /* at time 0, not moved */
+    const app_body_waypoint *from = k > 0 ? p->way + k - 1 : &start, *to = k < p->count ? p->way + k : from;
     const double length_s = to->time.si - from->time.si;
     const double t = length_s > 0 ? (time_s - from->time.si) / length_s : 1;
     const double share = t * t * t * (10 + t * (6 * t - 15));
@@ -254,6 +256,11 @@ static tm_status check_path(const app_scene *scene, const app_body *body) {
             "body '%s' has a path, and only the dynamic model moves bodies; write 'model: dynamic', or "
             "remove 'path:'",
             body->name.s);
+    if (body->path.count && way->time.si == 0 && (way->move.v[0] || way->move.v[1] || way->move.v[2]))
+        return app_scene_bad(scene, way->move.line,
+                             "at time 0 body '%s' is at its place, so that it would jump to the first waypoint; write "
+                             "'move: [0, 0, 0]' there, or place its mesh by bodies.%s.move",
+                             body->name.s, body->name.s);
     for (int i = 1; i < body->path.count; i++)
         if (!(way[i].time.si > way[i - 1].time.si))
             return app_scene_bad(scene, way[i].time.line,

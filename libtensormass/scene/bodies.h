@@ -26,4 +26,8 @@ const sim_body *sim_body_find(const sim *s, const char *name);
 /* Returns the index of each tetrahedron's body, [tet_count], 0 without bodies; null without memory. tm_release it. */
 int32_t *sim_bodies_of_tets(const sim *s);
 
+/* body_overlap.c: warns if surface vertices of a body are inside another one, deeper than the tolerance, in a pair that
+ * touches; pair: [body_count*body_count]. */
+tm_status sim_warn_overlaps(const sim *s, const int32_t *tet_body, const uint8_t *pair, double tolerance_m);
+
 #endif

@@ -68,6 +68,9 @@ static tm_status mark_pairs(const sim *s, const options *o, int32_t count, uint8
     return 0;
 }
 
+/* Depth of an overlap at rest that gives no warning, of the thickness. */
+static const double TOLERATED = 0.5;
+
 static tm_status build(sim *s, const void *own) {
     const options *o = own;
     uint8_t pair[SIM_MAX_BODIES * SIM_MAX_BODIES];
@@ -85,6 +88,7 @@ static tm_status build(sim *s, const void *own) {
     def.mu_static = o->at_rest.si;
     def.mu_kinetic = o->sliding.si;
     tm_status rc = mark_pairs(s, o, count, pair);
+    if (!rc && s->body_count > 1) rc = sim_warn_overlaps(s, body, pair, TOLERATED * o->thickness.si);
     if (!rc && tm_stage_touch(s->model->world, &def, &touching, &error))
         rc = sim_report(s->scene, o->here.line, &error);
     tm_release(body, sizeof *body * (size_t)s->mesh->tet_count);

@@ -121,9 +121,18 @@ static int line_of(const app_scene *scene, const char *member) {
     return effect >= 0 ? sim_effect_line(scene, effect) : scene->model.line;
 }
 
+const char *sim_tet_name(const sim *s, int32_t tet, char name[SIM_TET_NAME]) {
+    int32_t i = 0;
+    while (i < s->body_count && tet >= s->body[i].tet_end) i++;
+    snprintf(name, SIM_TET_NAME, i < s->body_count ? "%lld of body %.40s" : "%lld", (long long)s->file.tet_tag[tet],
+             i < s->body_count ? s->body[i].name : "");
+    return name;
+}
+
 tm_status sim_check_model(const sim *s, tm_status status, const tm_error *error) {
     const char *invalid_member = s->def.invalid_member ? s->def.invalid_member : "";
     const int line = line_of(s->scene, invalid_member);
+    char name[SIM_TET_NAME];
     if (status == TM_OK) return TM_OK;
     if (!strcmp(invalid_member, "precision"))
         return app_scene_bad(
@@ -135,7 +144,7 @@ tm_status sim_check_model(const sim *s, tm_status status, const tm_error *error)
         return app_scene_bad(s->scene, s->scene->mass_scaling.line,
                              "time.mass_scaling: %s (time.step, time.mass_scaling_max)", error->message);
     if ((status == TM_ERR_STEP || status == TM_ERR_LIMIT) && error->entity >= 0)
-        return app_scene_bad(s->scene, line, "%s (tetrahedron %lld of the mesh file; tm-mesh info)", error->message,
-                             (long long)s->file.tet_tag[error->entity]);
+        return app_scene_bad(s->scene, line, "%s (tetrahedron %s, in its mesh file; tm-mesh info)", error->message,
+                             sim_tet_name(s, (int32_t)error->entity, name));
     return sim_report(s->scene, line, error);
 }

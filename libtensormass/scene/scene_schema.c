@@ -127,7 +127,7 @@ static const app_field fields[] = {
     {"bodies.*.rigid", APP_FLAG, NULL, "no", 0, 0, offsetof(app_body, rigid), 0,
      "the body does not deform (bone, table, stand): it is fixed or on its `path`, needs no material and is not cut"},
     {"bodies.*.path", APP_LIST, NULL, NULL, 0, 0, offsetof(app_body, path), sizeof(app_body_waypoint),
-     "of a rigid body: waypoints in the order of time, between which it moves smoothly (minimum jerk)"},
+     "of a rigid body: waypoints in the order of time, between which it moves smoothly (minimum jerk); at time 0 it is at its place"},
     {"bodies.*.path[].time", APP_NUMBER, "time", "!", 0, 1e6, offsetof(app_body_waypoint, time), 0,
      "when it is reached"},
     {"bodies.*.path[].move", APP_VECTOR, "length", "!", 0, 0, offsetof(app_body_waypoint, move), 0,

@@ -104,6 +104,7 @@ typedef struct sim_body {
     bool rigid;
 } sim_body;
 
+enum { SIM_TET_NAME = 80 };
 enum { SIM_MAX_BODIES = 32, SIM_RIGID = 128 };
 
 struct sim_picture;
@@ -253,6 +254,9 @@ const double *sim_displacement(const sim *s);
 double sim_time_s(const sim *s);
 /* Returns the number of active tetrahedra of the complete organ. */
 int32_t sim_alive(const sim *s);
+/* Writes a tetrahedron's number in its mesh file, and the body's name if there are bodies: "590 of body liver". Returns
+ * `name`. */
+const char *sim_tet_name(const sim *s, int32_t tet, char name[SIM_TET_NAME]);
 uint64_t sim_hash(const sim *s);
 
 /* --- force samples per frame, and their additions --- */

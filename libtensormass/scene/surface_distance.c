@@ -118,20 +118,34 @@ double sim_surface_distance(const sim *s, const double point_m[3]) {
     return least;
 }
 
-bool sim_is_inside(const tm_mesh *mesh, const double point_m[3]) {
-    static const int face[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}}; /* normal inward */
-    for (int32_t t = 0; t < mesh->tet_count; t++) {
-        bool inside = true;
-        for (int f = 0; f < 4 && inside; f++) {
-            double e[3], g[3], m[3], n[3];
-            vec a = &mesh->rest_m[3 * mesh->tet[4 * t + face[f][0]]];
-            vsub(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][1]]], a, e);
-            vsub(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][2]]], a, g);
-            vsub(point_m, a, m);
-            vcross(e, g, n);
-            inside = vdot(n, m) >= 0;
-        }
-        if (inside) return true;
+double sim_body_distance(const tm_mesh *mesh, const int32_t *tet_body, int32_t body, const double point_m[3]) {
+    double least = INFINITY;
+    for (int32_t t = 0; t < mesh->surface_count; t++) {
+        vec p[3];
+        if (tet_body[mesh->surface_face[t] / 4] != body) continue;
+        for (int k = 0; k < 3; k++) p[k] = &mesh->rest_m[3 * mesh->surface[3 * t + k]];
+        least = fmin(least, distance(point_m, p[0], p[1], p[2]));
     }
-    return false;
+    return least;
+}
+
+bool sim_is_in_tet(const tm_mesh *mesh, int32_t tet, const double point_m[3]) {
+    static const int face[4][3] = {{1, 3, 2}, {0, 2, 3}, {0, 3, 1}, {0, 1, 2}}; /* normal inward */
+    bool inside = true;
+    for (int f = 0; f < 4 && inside; f++) {
+        double e[3], g[3], m[3], n[3];
+        vec a = &mesh->rest_m[3 * mesh->tet[4 * tet + face[f][0]]];
+        vsub(&mesh->rest_m[3 * mesh->tet[4 * tet + face[f][1]]], a, e);
+        vsub(&mesh->rest_m[3 * mesh->tet[4 * tet + face[f][2]]], a, g);
+        vsub(point_m, a, m);
+        vcross(e, g, n);
+        inside = vdot(n, m) >= 0;
+    }
+    return inside;
+}
+
+bool sim_is_inside(const tm_mesh *mesh, const double point_m[3]) {
+    bool inside = false;
+    for (int32_t t = 0; t < mesh->tet_count && !inside; t++) inside = sim_is_in_tet(mesh, t, point_m);
+    return inside;
 }

@@ -17,18 +17,44 @@ static void bounds(const tm_mesh *mesh, double low[3], double high[3]) {
     }
 }
 
-static tm_status warn_size(const sim *s) {
-    double low[3], high[3], size = 0;
-    bounds(s->mesh, low, high);
-    for (int a = 0; a < 3; a++) size = fmax(size, high[a] - low[a]);
-    int line = s->scene->scale.line ? s->scene->scale.line : app_mesh_line(s->scene);
-    if (size > largest_organ_m)
-        return app_scene_warn(s->scene, line, "the mesh is %.4g m across; if its file is in millimetres, write %s: %g",
-                              size, s->body_count ? "bodies.NAME.scale" : "tissue.scale", 1e-3 * s->scene->scale.si);
-    if (size < smallest_organ_m)
-        return app_scene_warn(s->scene, line, "the mesh is %.4g mm across; check tissue.scale (metres per unit)",
-                              1e3 * size);
+/* Returns the longest side of the box around vertices of the file. */
+static double size_of(const tm_mesh_file *file, int32_t begin, int32_t end) {
+    double size_m = 0;
+    for (int a = 0; a < 3; a++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int32_t v = begin; v < end; v++)
+            low = fmin(low, file->vertex_m[3 * v + a]), high = fmax(high, file->vertex_m[3 * v + a]);
+        size_m = fmax(size_m, high - low);
+    }
+    return size_m;
+}
+
+static tm_status warn_size_of(const sim *s, const char *what, const char *key, const app_number *scale, int mesh_line,
+                              double size_m) {
+    const int line = scale->line ? scale->line : mesh_line;
+    if (size_m > largest_organ_m)
+        return app_scene_warn(s->scene, line, "%s is %.4g m across; if its file is in millimetres, write %s: %g", what,
+                              size_m, key, 1e-3 * scale->si);
+    if (size_m < smallest_organ_m)
+        return app_scene_warn(s->scene, line, "%s is %.4g mm across; check %s (metres per unit)", what, 1e3 * size_m,
+                              key);
     return 0;
+}
+
+static tm_status warn_size(const sim *s) {
+    if (!s->body_count)
+        return warn_size_of(s, "the mesh", "tissue.scale", &s->scene->scale, app_mesh_line(s->scene),
+                            size_of(&s->file, 0, s->file.vertex_count));
+    tm_status rc = 0;
+    for (int32_t i = 0; i < s->body_count && !rc; i++) {
+        const app_body *body = (const app_body *)s->scene->body.item + i;
+        char what[64], key[80];
+        snprintf(what, sizeof what, "body '%.40s'", s->body[i].name);
+        snprintf(key, sizeof key, "bodies.%.40s.scale", s->body[i].name);
+        rc = warn_size_of(s, what, key, &body->scale, body->mesh.line,
+                          size_of(&s->file, s->body[i].vertex_begin, s->body[i].vertex_end));
+    }
+    return rc;
 }
 
 static tm_status warn_materials(const sim *s) {
@@ -143,18 +169,19 @@ tm_status sim_warn_timing(const sim *s) {
     const tm_timing *pace = &s->model->timing;
     const tm_status rc = warn_rate(s);
     if (rc) return rc;
+    char name[SIM_TET_NAME];
     const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
     const double substeps = (double)s->samples * pace->substeps;
     if (substeps > MAX_SUBSTEPS) /* the model refuses as many per force sample */
         return app_scene_bad(
             s->scene, line,
-            "a frame would take %.3g substeps of %.3g s because of tetrahedron %lld; check its material (Young's "
+            "a frame would take %.3g substeps of %.3g s because of tetrahedron %s; check its material (Young's "
             "modulus, density) and its shape (tm-mesh info)",
-            substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+            substeps, pace->dt_s, sim_tet_name(s, pace->critical_tet, name));
     if (substeps <= MANY_SUBSTEPS) return 0;
     return app_scene_warn(
         s->scene, line,
-        "a frame takes %.3g substeps of %.3g s because of tetrahedron %lld; check its material (Young's "
+        "a frame takes %.3g substeps of %.3g s because of tetrahedron %s; check its material (Young's "
         "modulus, density) and its shape (tm-mesh info)",
-        substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+        substeps, pace->dt_s, sim_tet_name(s, pace->critical_tet, name));
 }

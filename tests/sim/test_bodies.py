@@ -1,4 +1,6 @@
 """Scenes of several bodies: `bodies:` in tm-sim and in Python."""
+import re
+
 import pytest
 from simkit import report, run
 
@@ -53,7 +55,8 @@ def test_bodies_keep_their_numbers_and_materials(bin, block, tmp_path):
     text = HEAD % (TWO % (block, block), "low.")
     text = text.replace('"*": {young: 5 kPa, poisson: 0.4}', '"low.*": {young: 5 kPa, poisson: 0.4}\n    high.tissue: {young: 7 kPa, poisson: 0.3}')
     scene = write(tmp_path / "two.yaml", text)
-    assert run(bin / "tm-sim", scene, "--explain")[0].count("body ") == 2
+    explained = run(bin / "tm-sim", scene, "--explain")[0]
+    assert len(re.findall(r"^body ", explained, re.M)) == 2 and re.search(r"set by tetrahedron \d+ of body (low|high)\)", explained)
     alone, threads = state(bin, scene, tmp_path), state(bin, scene, tmp_path, "--set", "threads=2")
     assert alone["state_hash"] == threads["state_hash"]
     low, high = alone["bodies"]
@@ -82,13 +85,21 @@ def test_faulty_bodies_are_refused_with_their_line(bin, block, tmp_path, change,
     assert said.startswith(f"{scene}:") and words in said and ";" in said and not (tmp_path / "o.json").exists(), said
 
 
+def test_a_faulty_step_or_size_names_the_body(bin, block, tmp_path):
+    scene = write(tmp_path / "two.yaml", HEAD % (TWO % (block, block), "low."))
+    said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", "bodies.high.scale=0.5", "--set", "time.step=10 ms", code=2)[1]
+    assert re.search(r"tetrahedron \d+ of body high, in its mesh file", said), said
+    said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", "bodies.high.scale=1000")[1]
+    assert "bodies.high.scale=1000: warning: body 'high' is 100 m across; if its file is in millimetres, write bodies.high.scale: 1" in said, said
+
+
 STACK = """\
 tissue:
   force: plain
   materials: {"*": {young: 5 kPa, poisson: 0.4}}
 bodies:
   low: {mesh: %s}
-  high: {mesh: %s, scale: 0.5, move: [20 mm, 20 mm, 41 mm]}
+  high: {mesh: %s, scale: 0.5, move: [20 mm, 20 mm, 51 mm]}
 damping: {rate: 60 /s}
 gravity:
 energy:
@@ -105,6 +116,20 @@ def test_a_body_falls_on_another_and_through_one_it_does_not_touch(bin, block, t
     assert said["energy"]["touch_J"] < 0 and abs(said["energy"]["residual_J"]) < 1e-12
     through = state(bin, scene, tmp_path, "--set", "touch.pairs=[{body: low, other: self}, {body: high, other: self}]")
     assert through["energy"]["touch_J"] == 0 and through["energy"]["gravity_J"] > said["energy"]["gravity_J"] + 0.01
+
+
+def test_bodies_that_overlap_at_rest_are_warned_of(bin, block, tmp_path):
+    """The upper block has an edge of 50 mm: moved by 20 mm instead of 51 mm it lies in the lower one, and contact leaves it there."""
+    scene = write(tmp_path / "stack.yaml", STACK % (block, block))
+
+    def said(*changes):
+        return run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, *(w for c in changes for w in ("--set", c)))[1]
+    inside = "touch.pairs=[{body: low, other: high}]", "bodies.high.move=[20 mm, 20 mm, 20 mm]"
+    assert re.search(r"move=.*: warning: 212 surface vertices of body 'high' are inside body 'low', up to [\d.]+ mm deep", said(*inside)), said(*inside)
+    assert "inside body" not in said() and "inside body" not in said("bodies.high.move=[20 mm, 20 mm, 50 mm]")
+    assert "inside body" not in said("touch.pairs=[{body: low, other: self}]", inside[1])
+    # they have the same place; the surfaces coincide, which is no depth
+    assert "inside body" not in said("bodies.high.scale=1", "bodies.high.move=[0, 0, 0]")
 
 
 @pytest.mark.parametrize("change, words", [
@@ -159,6 +184,15 @@ def test_ties_that_are_hardly_meant_are_warned_of(bin, block, tmp_path, change, 
     scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
     warned = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--set", change)[1]
     assert (f"{change}: warning: {words}" if "spacing" in change else f"{scene}:13: warning: {words}") in warned, warned
+
+
+def test_settling_states_what_ties_bear(bin, block, tmp_path):
+    scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
+    said = report(bin / "tm-sim", scene, "--settle", "1e-8", "--set", "ties.between[0].break=0", tmp=tmp_path)["ties"]
+    weight_N = 9.81 * 1000 * 0.05 * 0.05 * 0.025
+    assert said["whole"] == 16 and said["gone"] == 0 and said["force_sum_N"] == pytest.approx(weight_N, rel=2e-3)
+    assert said["force_sum_N"] / 16 < said["force_max_N"] < weight_N / 4
+    assert "ties: 16 whole, 0 gone, forces of 0.61" in run(bin / "tm-sim", scene, "--settle", "1e-6")[0]
 
 
 def test_ties_are_counted_before_and_after(bin, block, tmp_path):
@@ -278,6 +312,10 @@ def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path
     # the block fell on the table and was lifted by it (20 mm, less about 0.5 mm of fall and the sag)
     assert -said["energy"]["gravity_J"] == pytest.approx(0.02 * table_N + 0.0192 * weight_N, abs=0.001 * weight_N) and abs(said["energy"]["residual_J"]) < 1e-10
     assert said["force_N"]["peak"] > 0.05 and said["tets_removed"] == 0  # the cautery pressed on the table
+    # without a waypoint at time 0 it leaves its place smoothly, and does not jump to the first
+    early = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0.4 s, move: [0, 0, 10 mm]}]")
+    later = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0 s, move: [0, 0, 0]}, {time: 0.4 s, move: [0, 0, 10 mm]}]")
+    assert early["state_hash"] == later["state_hash"]
     still = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0 s, move: [0, 0, 0]}]")
     assert still["energy"]["gravity_J"] > 0 and still["tets_removed"] == 0
 
@@ -286,7 +324,8 @@ def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path
     ("bodies.soft.path=[{time: 0 s, move: [0, 0, 0]}]", "has a path and is not rigid"),
     ("bodies.table.path=[{time: 1 s, move: [0, 0, 0]}, {time: 1 s, move: [0, 0, 0]}]", "not later"),
     ("supports=[{group: table.z_min}]", "which is rigid"),
-], ids=["not rigid", "order", "held"])
+    ("bodies.table.path=[{time: 0 s, move: [0, 0, 1 mm]}]", "would jump to the first waypoint"),
+], ids=["not rigid", "order", "held", "jump"])
 def test_faulty_rigid_bodies_are_refused(bin, block, tmp_path, change, words):
     said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", LIFT % (block, block)), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
     assert words in said and ";" in said, said
