@@ -75,6 +75,10 @@ static int parse_label(const char *text, image_options *o) {
             if (iscntrl((unsigned char)*at))
                 return command_usage(
                     "image", "--label %d: its name contains a control character; use letters and digits", r->value);
+        for (int i = 1; i <= o->regions; i++)
+            if (strcmp(o->region[i].name, r->name) == 0)
+                return command_usage("image", "--label %s: label %d has this name; give each its own", text,
+                                     o->region[i].value);
     } else if (*end && *end != ':')
         return command_usage("image", "--label %s: give N, N=NAME or N=NAME:SIZE", text);
     if (colon && !command_quantity("label", colon + 1, "length", &r->size_m)) return APP_BAD_INPUT;

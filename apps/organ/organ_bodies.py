@@ -27,8 +27,8 @@ def write_bodies(path, names):
     path.write_text(text.replace("\ntissue:\n", f"\n{head}tissue:\n", 1).replace("\ncontact: #", f"\n{touch}contact: #", 1))
 
 
-def split(call, path, figures, names, refusal):
-    """Writes NAME.msh beside organ.msh for each body, or raises refusal(message) where bodies share vertices."""
+def split(call, path, figures, names):
+    """Writes NAME.msh beside organ.msh for each body. Returns how many vertices bodies share; then nothing is left."""
     vertices = 0
     for name in names:
         said, _ = call("tm-mesh", "convert", "--region", name, path("organ.msh"), "-o", path(name + ".msh"))
@@ -36,4 +36,10 @@ def split(call, path, figures, names, refusal):
     if vertices > figures["vertices"]:
         for name in names:
             path(name + ".msh").unlink()
-        raise refusal("--bodies: regions share %d vertices, and so hold each other; raise --budget if the gap is narrower than a tetrahedron, leave background between them, or leave --bodies out" % (vertices - figures["vertices"]))
+    return vertices - figures["vertices"]
+
+
+def shared_refusal(shared, kind):
+    """Returns the message about bodies that hold each other."""
+    remedy = {"image": "raise --budget if the gap is narrower than a tetrahedron, leave background between them, also between voxels that meet at an edge or a corner,"}
+    return "--bodies: regions share %d vertices, and so hold each other; %s or leave --bodies out" % (shared, remedy.get(kind, "separate them in the mesh"))

@@ -15,7 +15,7 @@ import time
 
 BIN = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(BIN.parent / "lib/tensormass/organ"), str(BIN)]
-from organ_bodies import names_of, split, write_bodies  # noqa: E402
+from organ_bodies import names_of, shared_refusal, split, write_bodies  # noqa: E402
 
 IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 SURFACES = (".stl", ".obj", ".ply", ".off", ".vtp")
@@ -146,7 +146,22 @@ class Work:
 
 
 def mesh(a, kind, coarser, w):
-    """Makes organ.msh, in metres; `coarser`: share of the tetrahedra to keep."""
+    """Makes organ.msh, in metres, and the bodies' meshes; `coarser`: share of the tetrahedra to keep."""
+    f = tetrahedra(a, kind, coarser, w, a.smooth)
+    shared = split(w.call, w.path, f, names_of(f, Stop)) if a.bodies else 0
+    if shared and kind == "image" and not a.smooth:  # smoothing closes a gap of about a voxel
+        f = tetrahedra(a, kind, coarser, w, "0")
+        left = split(w.call, w.path, f, names_of(f, Stop))
+        if not left:
+            w.warn(f"{a.source}: warning: smoothing closes the gap ({shared} shared vertices), so the voxels are not smoothed; a finer image would have smooth surfaces")
+        shared = left
+    if shared:
+        raise Stop(shared_refusal(shared, kind))
+    return f"{f['tets']:,} tetrahedra, {len(f['regions'])} region{'s' * (len(f['regions']) != 1)}, {f['volume_m3'] * 1e6:.4g} cm3"
+
+
+def tetrahedra(a, kind, coarser, w, smooth):
+    """Makes organ.msh and returns its figures."""
     out, figures = w.path("organ.msh"), w.path("mesh.json")
     size = a.size
     if coarser < 1 and (size or kind == "surface"):
@@ -157,7 +172,7 @@ def mesh(a, kind, coarser, w):
         if "  image " not in w.call("tm-mesh", "--list")[0]:
             raise Stop(f"{a.source}: this tm-mesh has no module for images; build it (make image), or give a surface")
         try:
-            for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
+            for line in w.call("tm-mesh", "image", *words, *(["--smooth", smooth] if smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
                 if "warning:" in line or "all labels are kept" in line:
                     w.warn(line)
         except Stop as stop:  # a missing module's message does not name the image
@@ -178,9 +193,7 @@ def mesh(a, kind, coarser, w):
     f = json.loads(figures.read_text())
     if coarser == 1:
         w.done["edge_m"] = edge_m(a, f)
-    if a.bodies:
-        split(w.call, w.path, f, names_of(f, Stop), Stop)
-    return f"{f['tets']:,} tetrahedra, {len(f['regions'])} region{'s' * (len(f['regions']) != 1)}, {f['volume_m3'] * 1e6:.4g} cm3"
+    return f
 
 
 def edge_m(a, f):

@@ -215,10 +215,10 @@ static void explain_times(const sim *s, cJSON *json) {
     explain_adaptive(s, json);
 }
 
-static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
+static void print_head(const sim *s) {
     tm_mass_scaling added;
-    const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
     char setter[SIM_TET_NAME];
+    const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
     if (scaled)
         snprintf(setter, sizeof setter, "%d", s->scene->mass_scaling.line);
     else
@@ -228,6 +228,10 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
            s->substeps == 1 ? "" : "s", s->dt_s, s->model->timing.critical_s,
            scaled ? "time.mass_scaling, line" : "tetrahedron", setter);
+}
+
+static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
+    print_head(s);
     const int32_t threads = s->model->world ? tm_world_partitions(s->model->world) : 1;
     if (s->scene->threads.line)
         printf("threads: %d of %lld requested%s\n\n", threads, (long long)s->scene->threads.value,

@@ -237,7 +237,7 @@ def test_from_an_image(bin, image_module, tmp_path):
     assert "3 regions" in said and "tetrahedra cut" in said and "over tumour" in scene and 'group: "ribs"' in scene
 
 
-def two_labels(gap_mm):
+def two_labels(gap_mm, grid_mm=(3.0, 3.0, 3.0)):
     """A liver (1) and a gallbladder (2) beneath it, `gap_mm` apart; none: they share faces."""
     import phantom as image
 
@@ -247,7 +247,7 @@ def two_labels(gap_mm):
         out[(image.ellipsoid(p, (8, -4, -28), (26, 14, 14)) < 0) & (liver > gap_mm)] = 2
         out[liver < 0] = 1
         return out
-    return image.grid_of(at, (120, 90, 100), np.array([3.0, 3.0, 3.0]))
+    return image.grid_of(at, (120, 90, 100), np.array(grid_mm))
 
 
 def test_labels_with_a_gap_make_bodies_that_touch(bin, image_module, tmp_path):
@@ -265,6 +265,17 @@ def test_labels_with_a_gap_make_bodies_that_touch(bin, image_module, tmp_path):
     explained = subprocess.run([bin / "tm-sim", tmp_path / "out/organ.yaml", "--explain"], check=True, capture_output=True, text=True).stdout
     assert "body liver:" in explained and "body gallbladder:" in explained and re.search(r"^touch ", explained, re.M)
     assert organ(bin, tmp_path / "seg.nii.gz", *words).count("(done before)") == 6
+
+
+def test_a_gap_that_smoothing_closes_is_kept(bin, image_module, tmp_path):
+    """Voxels of 5 mm along z, 8 mm apart: no two voxels of the labels meet, but their smoothed surfaces do, at any number of tetrahedra."""
+    import phantom as image
+    image.write(tmp_path / "seg.nii.gz", two_labels(8, (1.5, 1.5, 5)), (1.5, 1.5, 5))
+    said = organ(bin, tmp_path / "seg.nii.gz", "--label", "1=liver", "--label", "2=gallbladder", "--bodies", "-o", tmp_path / "out", "--no-film", "--budget", "3000")
+    assert re.search(r"smoothing closes the gap \(\d+ shared vertices\), so the voxels are not smoothed", said)
+    assert (tmp_path / "out/gallbladder.msh").exists() and "\ntouch:" in (tmp_path / "out/organ.yaml").read_text()
+    said = organ(bin, tmp_path / "seg.nii.gz", "--label", "1=liver", "--label", "2=liver", "-o", tmp_path / "same", "--no-film", code=2)
+    assert "--label 2=liver: label 1 has this name; give each its own" in said and not (tmp_path / "same").exists()
 
 
 def test_labels_that_share_faces_make_no_bodies(bin, image_module, tmp_path):
