@@ -37,7 +37,9 @@ typedef struct lockstep {
     double compute_s, processor_s, frame_s, second_s,
         busiest_s;        /* processor time; frame_s: of this frame; second_s: of this second */
     int64_t second_frame; /* first frame of this second */
-    hrt_histogram frame_processor;
+    int64_t over;         /* frames that took longer than they last, by the wall clock */
+    double noted_s;       /* compute_s at the end of the last frame */
+    hrt_histogram frame_processor, frame_compute;
     sim_magnitude force;
     int joint_columns; /* of the trace: those of the device that all have, else the maximum of all devices */
 } lockstep;
@@ -131,6 +133,9 @@ static void note_frame(lockstep *l) {
     l->second_s += l->frame_s;
     l->busiest_s = fmax(l->busiest_s, l->second_s);
     hrt_histogram_add(&l->frame_processor, (int64_t)(1e9 * l->frame_s));
+    hrt_histogram_add(&l->frame_compute, (int64_t)(1e9 * (l->compute_s - l->noted_s)));
+    l->over += l->compute_s - l->noted_s > l->s->frame_s;
+    l->noted_s = l->compute_s;
     l->frame_s = 0;
 }
 
@@ -170,8 +175,8 @@ static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
     const double processor_before_s = processor_s();
     if (!status) sim_frame_end(s);
     l->frame_s += processor_s() - processor_before_s;
-    note_frame(l);
     l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
+    note_frame(l);
     l->frame++;
     sim_reach_note(s);
     if (l->frame % 10 == 9) sim_shape_note(s);
@@ -251,6 +256,8 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "processor_s", l->processor_s);
     cJSON_AddNumberToObject(json, "busiest_second_s", l->busiest_s);
     hrt_report_quantiles(json, "frame_processor_us", &l->frame_processor);
+    hrt_report_quantiles(json, "frame_compute_us", &l->frame_compute);
+    cJSON_AddNumberToObject(json, "frames_over", (double)l->over);
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", l->compute_s > 0 ? simulated_s / l->compute_s : 0);
     cJSON_AddNumberToObject(json, "ticks", (double)l->ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", 0); /* a virtual clock misses no tick */

@@ -35,6 +35,8 @@ def test_summary_has_the_keys_of_the_contract(bin, root, tmp_path):
     assert set(r["lateness_us"]) == {"p50", "p99", "p999", "max"} and r["missed_ticks"] == 0
     assert 0 < r["force_N"]["rms"] < r["force_N"]["peak"] < 8.9
     assert r["sim_seconds_per_wall_second"] > 0 and len(r["state_hash"]) == 16
+    assert (r["frames_over"] > 0) == (r["frame_compute_us"]["max"] > 1e6 * r["sim_s"] / r["frames"])
+    assert r["compute_s"] / r["frames"] <= r["frame_compute_us"]["max"] * 1e-6
     (c,) = r["controllers"]
     assert c["state"] == "engaged" and c["samples_rejected"] == 0 and c["samples_received"] >= 998
 
