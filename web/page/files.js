@@ -1,5 +1,6 @@
 // One's own files: meshes, scenes, recorded sessions; and what can be saved.
 import { choices } from './choices.js';
+import { byPaths } from './own_mesh.js';
 import { $, fail, state, tissue, view } from './state.js';
 
 async function take(list) {
@@ -13,11 +14,12 @@ async function take(list) {
   }
   if (log) return tissue.postMessage({ kind: 'play', bytes: log });
   if (!yaml && !mesh) return fail('No mesh, scene or log among these files; give a .msh, .vtk, .mesh, .yaml or .log file.');
-  state.own = yaml ? { yaml, files: content } : { mesh, files: content };
+  const files = yaml ? byPaths(yaml, content) : content;
+  state.own = yaml ? { yaml, files } : { mesh, files };
   if (yaml) {
     state.sent = { yaml, sets: {} };
-    state.sentFiles = content;
-    return tissue.postMessage({ kind: 'open', yaml, files: content, sets: {} });
+    state.sentFiles = files;
+    return tissue.postMessage({ kind: 'open', yaml, files, sets: {} });
   }
   return tissue.postMessage({ kind: 'mesh', name: mesh, files: content, sets: choices.sets(state.chosen) });
 }

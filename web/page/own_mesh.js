@@ -35,3 +35,13 @@ haptics: {extrapolator: adaptive, compliance: iterations}
 time: {frame_rate: 25 Hz, duration: 60 s}
 `;
 }
+
+// Files by the paths that a scene names, such as ../meshes/liver.msh: what is dropped on a page has a name only. yaml: of the scene. content: {name: bytes}.
+export function byPaths(yaml, content) {
+  const all = { ...content };
+  for (const [path] of yaml.matchAll(/[^\s"'{}[\],]+/g)) {
+    const name = path.split('/').pop();
+    if (content[name]) all[path] = content[name];
+  }
+  return all;
+}
