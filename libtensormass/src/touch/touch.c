@@ -192,6 +192,7 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->revision = t->world->tissue->surface.revision - 1;
     t->max_fast = t->def.max_candidates / 4;
     t->fast.pair = TM_ALLOC(pool, tm_touch_pair, t->max_fast);
+    t->is_fast = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */
     return tm_touch_surface_init(&t->surface, pool, t->world->tissue) && tm_touch_gather_init(t, pool);
 }

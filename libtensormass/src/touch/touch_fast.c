@@ -91,10 +91,22 @@ static int32_t find(tm_touching *t, int kind, const tm_touch_ball *ball) {
     return count;
 }
 
-static void search_vertex(tm_touching *t, int32_t v, double limit2) {
+/* Marks the fast vertices of the surface; returns their number. */
+static int32_t mark_fast(tm_touching *t) {
+    const double limit_m = FAST * t->def.thickness_m;
+    int32_t count = 0;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        const int32_t v = t->surface.vertex[i];
+        t->is_fast[v] = motion2_of(t, v) > limit_m * limit_m;
+        count += t->is_fast[v];
+    }
+    return count;
+}
+
+static void search_vertex(tm_touching *t, int32_t v) {
     double x[3];
+    if (!t->is_fast[v]) return;
     const double motion2 = motion2_of(t, v);
-    if (!(motion2 > limit2)) return;
     tm_touch_at(t->world, v, x);
     const tm_touch_ball ball = reach_of(t, x, 0, sqrt(motion2));
     if (!is_near_another(t, t->surface.body[v], &ball)) return;
@@ -102,13 +114,13 @@ static void search_vertex(tm_touching *t, int32_t v, double limit2) {
     for (int32_t i = 0; i < count; i++) try_pair(t, v, t->near_items[i]);
 }
 
-static void search_face(tm_touching *t, int32_t face, double limit2) {
+static void search_face(tm_touching *t, int32_t face) {
     double x[3][3], motion2 = 0, radius2 = 0, d[3];
     int32_t w[3];
     tm_touch_triangle(t, face, w);
-    for (int j = 0; j < 3; j++) motion2 = law_max(motion2, motion2_of(t, w[j]));
-    if (!(motion2 > limit2)) return;
+    if (!(t->is_fast[w[0]] | t->is_fast[w[1]] | t->is_fast[w[2]])) return;
     for (int j = 0; j < 3; j++) {
+        motion2 = law_max(motion2, motion2_of(t, w[j]));
         tm_touch_at(t->world, w[j], x[j]);
         vsub(x[j], x[0], d);
         radius2 = law_max(radius2, vdot(d, d));
@@ -128,12 +140,12 @@ static void drop_doubles(tm_touch_list *list) {
 }
 
 void tm_touch_find_fast(tm_touching *t) {
-    const double limit_m = FAST * t->def.thickness_m;
     t->fast.count = 0;
-    if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > limit_m)) return;
+    if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
+    if (!mark_fast(t)) return;
     box_bodies(t);
-    for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i], limit_m * limit_m);
-    for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i], limit_m * limit_m);
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i]);
+    for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i]);
     tm_touch_list_merge(&t->fast, 0, t->scratch);
     drop_doubles(&t->fast);
 }

@@ -139,6 +139,7 @@ struct tm_touching {
     /* pairs beyond the reach of the lists, of this substep */
     int32_t max_fast;
     tm_touch_list fast;              /* [max_fast] */
+    uint8_t *is_fast;                /* [mesh vertices] those that move far in a substep */
     tm_touch_box box[TM_MAX_BODIES]; /* of each body */
     int32_t inside_count;
     tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
