@@ -43,7 +43,7 @@ install-lib: $(call lib,$(INSTALLED)) $(INSTALLED:%=$(OUT)/lib/lib%.so.$(VERSION
 	$(call pc,$(INSTALLED))
 	$(call cmake)
 	$(call pages,CHANGELOG.md $(addprefix docs/,library-guide.md library-api.md library-models.md scene-guide.md scene-reference.md bodies.md bodies-results.md meshes.md meshes-from-images.md mesh-formats.md mesh-generation.md models.md models-theory.md hybrid.md precomputing.md contact.md contact-solve.md physics.md \
-		strain-smoothing.md corotation.md corotation-smoothing.md nonlinear-laws.md nonlinear-steps.md nonlinear-effects.md viscosity.md time-stepping.md equilibrium.md energy.md grasping.md passivity.md friction.md cutting.md patches.md compliance.md),examples/block.c examples/engine.c examples/press.c)
+		strain-smoothing.md corotation.md corotation-smoothing.md corotation-single.md nonlinear-laws.md nonlinear-steps.md nonlinear-effects.md viscosity.md time-stepping.md equilibrium.md energy.md grasping.md passivity.md friction.md cutting.md patches.md compliance.md),examples/block.c examples/engine.c examples/press.c)
 	$(call to,$(DOCDIR)/examples,tests/install/block.c examples/engine/engine.c examples/scene/press.c)
 	$(put)
 

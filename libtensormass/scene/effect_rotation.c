@@ -17,11 +17,10 @@ static const app_field fields[] = {
 
 static tm_status check(const app_scene *scene, const void *own) {
     (void)own;
-    if (scene->precision.index != TM_SINGLE) return 0;
-    return app_scene_bad(
-        scene, scene->precision.line,
-        "rotation subtracts the linear force, which single precision rounds differently; write 'precision: "
-        "double', or leave rotation out");
+    if (scene->precision.index != TM_SINGLE || !sim_options(scene, "viscosity")) return 0;
+    return app_scene_bad(scene, scene->precision.line,
+                         "tissue.precision = single and rotation with 'viscosity:' exclude each other: what relaxes is "
+                         "kept in double; write 'precision: double', or leave viscosity out");
 }
 
 static tm_status prepare(sim *s, const void *own) {

@@ -84,7 +84,7 @@ static const app_field fields[] = {
     {"tissue.renumber", APP_FLAG, NULL, "yes", 0, 0, AT(renumber),
      "renumber vertices internally if that makes steps faster; files keep the mesh file's numbers"},
     {"tissue.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, AT(precision),
-     "precision of the stored stiffness tensors, or of the stresses of a nonlinear law; positions are always double. `single` needs supports that hold every connected piece"},
+     "precision of the stored stiffness tensors and of the correction of `rotation`, or of the stresses of a nonlinear law; positions are always double. `single` needs supports that hold every connected piece"},
     {"tissue.force", APP_CHOICE, APP_CHOICE_WORDS(APP_FORCE_FORMS), "best", 0, 0, AT(force),
      "form of the force loop. `best`: the fastest of this processor; `plain`: the C reference, with the same bits on all machines"},
     {"tissue.materials", APP_TABLE, NULL, "!", 0, 0, offsetof(app_scene, material), sizeof(app_material),

@@ -159,7 +159,7 @@ class Tissue(Object):
 
     materials: one, or one a material number. region_material: (R,) material of each region, None: region i has material i (one material: all). fibres: (T,
     3) unit vectors, copied; None if every material is isotropic. cuttable: allocate the memory that cutting needs. alive: (T,) bool, build without the
-    others. precision: of the stored edge tensors, or of the stresses of a nonlinear law, "double" or "single" (for supported tissue). form: of the force loop, "best" or "plain" (bit-identical
+    others. precision: of the stored edge tensors (with rotation also of its correction), or of the stresses of a nonlinear law, "double" or "single" (for supported tissue). form: of the force loop, "best" or "plain" (bit-identical
     on every machine). strain_smoothing: reduces locking near Poisson's ratio 0.5 (docs/strain-smoothing.md); a number is the share of the shear that is
     averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation makes tetrahedra corotational that rotate more
     than this. region_effects: for each region the names of those of rotation, smoothing and viscosity that act in it, such as [("rotation",), ()];

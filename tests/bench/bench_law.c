@@ -9,10 +9,11 @@
 #include "bandwidth.h"
 #include "bench.h"
 #include "material/hyperelastic_single.h"
+#include "material/single_batches.h"
 #include "tensormass/rotation.h"
 #include "tissue/tissue_internal.h"
 
-enum { LINEAR, TURNED, FIRST_LAW, CASES = 14, FORMS = 3 };
+enum { LINEAR, TURNED, TURNED_SINGLE, FIRST_LAW, CASES = 15, FORMS = 3 };
 static const char *const form_name[FORMS] = {"plain", "avx2", "avx512"};
 
 static const struct subject {
@@ -23,6 +24,7 @@ static const struct subject {
     tm_precision precision;
 } subject[CASES] = {{"linear", TM_LAW_LINEAR, {0}, false, TM_DOUBLE},
                     {"rotation", TM_LAW_LINEAR, {0}, false, TM_DOUBLE},
+                    {"rotation, single", TM_LAW_LINEAR, {0}, false, TM_SINGLE},
                     {"neo-hooke", TM_LAW_NEO_HOOKE, {0}, false, TM_DOUBLE},
                     {"mooney-rivlin", TM_LAW_MOONEY_RIVLIN, {0.3}, false, TM_DOUBLE},
                     {"st-venant-kirchhoff", TM_LAW_ST_VENANT_KIRCHHOFF, {0.5}, false, TM_DOUBLE},
@@ -35,6 +37,8 @@ static const struct subject {
                     {"st-venant-kirchhoff, single", TM_LAW_ST_VENANT_KIRCHHOFF, {0.5}, true, TM_SINGLE},
                     {"fung, fibred, single", TM_LAW_FUNG, {20e3}, true, TM_SINGLE},
                     {"holzapfel, single", TM_LAW_HOLZAPFEL, {4e3, 0.8, 0.1}, true, TM_SINGLE}};
+
+static bool is_turned(int c) { return c == TURNED || c == TURNED_SINGLE; }
 
 static tm_tissue *tissue_of(const tm_mesh *mesh, const struct subject *s, bool turned, const double *fibre) {
     tm_material material;
@@ -99,7 +103,9 @@ typedef struct measured {
     tm_hyperelastic hyper; /* times of the passes of each form */
     tm_single_law narrow;
     double *corner_N;
-    float *single_N; /* of a case in single precision */
+    float *single_N;       /* of a case in single precision */
+    tm_rotation *rotation; /* of the cases with rotation, with the forces of its batches */
+    double *force_N;
     tm_pool pool;
 } measured;
 
@@ -128,22 +134,34 @@ static void round_of(measured *m, int32_t steps) {
     m->force_s = fmin(m->force_s, (stage_s(after, count, "force") - stage_s(before, count, "force")) / steps);
 }
 
-/* Measures the stress pass alone, in every form that this processor supports. */
+/* Runs a pass of the law, or of the rotation's correction, in a form. Returns false if this processor does not support
+ * it. */
+static bool run_form(measured *m, int form) {
+    const double *u_m = tm_world_state(m->world[0])->u_m;
+    const tm_hyper_force pass = tm_hyper_force_form(form);
+    const tm_single_force single = tm_single_force_form(form);
+    const tm_rotation *r = m->rotation;
+    if (r) {
+        const tm_rotation_kernel kernel = r->batches.single ? tm_single_rotation_form(form) : tm_rotation_form(form);
+        if (kernel) kernel(&r->batches, r->every, r->batches.count, u_m, m->force_N, r->conserving.batch_J);
+        return kernel;
+    }
+    if (!m->corner_N || (m->single_N ? !single : !pass)) return false;
+    if (m->single_N)
+        single(&m->narrow, 0, m->hyper.packs.count, u_m, m->single_N);
+    else
+        pass(&m->hyper, 0, m->hyper.packs.count, u_m, m->corner_N);
+    return true;
+}
+
+/* Measures the pass alone, in every form. */
 static void forms_of(measured *m, int32_t passes) {
-    for (int f = 0; f < FORMS && m->corner_N; f++) {
-        const double *u_m = tm_world_state(m->world[0])->u_m;
-        const tm_hyper_force pass = tm_hyper_force_form(f);
-        const tm_single_force single = tm_single_force_form(f);
-        if (m->single_N ? !single : !pass) continue;
+    for (int f = 0; f < FORMS; f++)
         for (int32_t i = 0; i < passes; i++) { /* each by itself: on a busy machine some pass undisturbed */
             const double begin = app_seconds();
-            if (m->single_N)
-                single(&m->narrow, 0, m->hyper.packs.count, u_m, m->single_N);
-            else
-                pass(&m->hyper, 0, m->hyper.packs.count, u_m, m->corner_N);
+            if (!run_form(m, f)) break;
             m->form_s[f] = fmin(m->form_s[f], app_seconds() - begin);
         }
-    }
 }
 
 static cJSON *row_of(const measured *m, const struct subject *s, int32_t tets, const measured *linear, double unit_s) {
@@ -182,7 +200,7 @@ static void one_size(const tm_mesh *mesh, bool quick, cJSON *rows) {
     measured m[CASES];
     tm_error error;
     for (int c = 0; c < CASES; c++) {
-        m[c] = (measured){.tissue = tissue_of(mesh, subject + c, c == TURNED, fibre),
+        m[c] = (measured){.tissue = tissue_of(mesh, subject + c, is_turned(c), fibre),
                           .step_s = {HUGE_VAL, HUGE_VAL},
                           .law_s = HUGE_VAL,
                           .force_s = HUGE_VAL,
@@ -190,13 +208,14 @@ static void one_size(const tm_mesh *mesh, bool quick, cJSON *rows) {
         const tm_material_field field = tm_tissue_field(m[c].tissue);
         if (c >= FIRST_LAW && tm_hyperelastic_take(&m[c].hyper, &m[c].pool, &field))
             m[c].corner_N = TM_ALLOC(&m[c].pool, double, 12 * TM_LANES * (int64_t)m[c].hyper.packs.count);
-        if (subject[c].precision == TM_SINGLE && tm_single_law_init(&m[c].narrow, &m[c].pool, &m[c].hyper))
+        if (c >= FIRST_LAW && subject[c].precision == TM_SINGLE &&
+            tm_single_law_init(&m[c].narrow, &m[c].pool, &m[c].hyper))
             m[c].single_N = TM_ALLOC(&m[c].pool, float, 12 * TM_LANES * (int64_t)m[c].hyper.packs.count);
         for (int k = 0; k < 2; k++) {
             m[c].world[k] = bench_world(m[c].tissue, k ? (int)(cores < TM_MAX_THREADS ? cores : TM_MAX_THREADS) : 1);
-            tm_rotation *rotation;
-            if (c == TURNED) bench_must(tm_stage_rotation(m[c].world[k], &rotation, &error), &error);
+            if (is_turned(c)) bench_must(tm_stage_rotation(m[c].world[k], &m[c].rotation, &error), &error);
         }
+        if (is_turned(c)) m[c].force_N = TM_ALLOC(&m[c].pool, double, 3 * (int64_t)mesh->vertex_count);
     }
     double unit_s = HUGE_VAL; /* between the rounds, as the machine's clock changes */
     for (int round = 0; round < (quick ? 5 : 25); round++) {

@@ -65,6 +65,17 @@ def test_nonlinear_law_rejects_incompatible_effects_by_name(bin, root, tmp_path,
     assert done.returncode == 2 and f"{scene}:" in done.stderr and expected in done.stderr, done.stderr
 
 
+def test_single_precision_with_rotation_rejects_what_relaxes(bin, root, tmp_path):
+    """Rotation alone is accepted; with viscosity or averages the line that has `precision` is named."""
+    single = SCENE.replace("  materials:", "  precision: single\n  materials:").replace("{root}", str(root)).replace("{{", "{").replace("}}", "}")
+    for other, said in (("", ""), ("viscosity", "tissue.precision = single and rotation with 'viscosity:' exclude each other"),
+                        ("strain_smoothing", "strain_smoothing and tissue.precision = single")):
+        scene = tmp_path / "scene.yaml"
+        scene.write_text(single + EFFECT["rotation"] + (EFFECT["viscosity"] if other == "viscosity" else f"{other}:\n" if other else ""))
+        done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
+        assert done.returncode == (2 if other else 0) and said in done.stderr and (not other or f"{scene}:" in done.stderr), done.stderr
+
+
 def test_a_stiff_linear_body_runs_beside_a_soft_one_of_another_law(bin, root, tmp_path):
     """The gall-bladder's bed is linear and twenty times as stiff as the neo-Hookean tissue around it; a press of that tissue runs, and no warning
     concerns the linear part."""

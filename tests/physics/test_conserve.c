@@ -16,7 +16,7 @@ typedef struct body {
 typedef struct hot {
     const char *name;
     double ratio, poisson; /* of fibres; 1: isotropic */
-    bool volume, slivers;
+    bool volume, slivers, single;
     double noise; /* initial displacement, of an edge of 10 mm, or of a sliver's height */
     double rate;  /* angular velocity, rad/s */
     double share; /* of the guaranteed step */
@@ -41,6 +41,7 @@ static body make(const hot *h, double damping) {
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = b.mesh, def.material_count = 1, def.material = &m, def.fibre = h->ratio > 1 ? fibre : NULL;
     def.rotation = TM_ROTATION_THRESHOLD;
+    if (h->single) def.precision = TM_SINGLE;
     if (h->volume) def.strain_smoothing = true, def.smoothed_shear_share = 0;
     fix_ok(tm_tissue_create(&def, &b.tissue, &error), &error);
     free(fibre);
@@ -97,17 +98,21 @@ static double drift(const hot *h, int32_t steps) {
 static void test_undamped_energy_is_conserved(void **state) {
     (void)state;
     static const hot all[] = {
-        {"warm", 1, 0.45, false, false, 0.05, 0, 1, 3e-4, 0.01},
-        {"hot", 1, 0.45, false, false, 0.2, 0, 1, 3e-4, 0.03},
-        {"spun", 1, 0.3, false, false, 0.02, 20, 1, 3e-4, 0.01},
-        {"fibred 2:1, hot", 2, 0, false, false, 0.2, 0, 1, 3e-4, 0.01},
-        {"fibred 7:1, spun", 7, 0, false, false, 0.1, 20, 1, 3e-4, 0.01},
-        {"volume, hot", 1, 0.49, true, false, 0.2, 0, 1, 3e-4, 0.01},
-        {"slivers, spun", 1, 0.45, false, true, 0.03, 20, 1, 3e-3, 0.1},
-        {"slivers, warm", 1, 0.45, false, true, 0.05, 0, 1, 0.01, 0.3},
-        {"slivers, hot", 1, 0.45, false, true, 0.1, 0, 1, 3e-3, 0.1},
-        {"slivers, hot, 0.9", 1, 0.45, false, true, 0.1, 0, 0.9, 3e-3, 0.1},
-        {"slivers, fibred", 7, 0, false, true, 0.1, 0, 1, 3e-3, 0.1},
+        {"warm", 1, 0.45, false, false, false, 0.05, 0, 1, 3e-4, 0.01},
+        {"hot", 1, 0.45, false, false, false, 0.2, 0, 1, 3e-4, 0.03},
+        {"spun", 1, 0.3, false, false, false, 0.02, 20, 1, 3e-4, 0.01},
+        {"fibred 2:1, hot", 2, 0, false, false, false, 0.2, 0, 1, 3e-4, 0.01},
+        {"fibred 7:1, spun", 7, 0, false, false, false, 0.1, 20, 1, 3e-4, 0.01},
+        {"volume, hot", 1, 0.49, true, false, false, 0.2, 0, 1, 3e-4, 0.01},
+        {"slivers, spun", 1, 0.45, false, true, false, 0.03, 20, 1, 3e-3, 0.1},
+        {"slivers, warm", 1, 0.45, false, true, false, 0.05, 0, 1, 0.01, 0.3},
+        {"slivers, hot", 1, 0.45, false, true, false, 0.1, 0, 1, 3e-3, 0.1},
+        {"slivers, hot, 0.9", 1, 0.45, false, true, false, 0.1, 0, 0.9, 3e-3, 0.1},
+        {"slivers, fibred", 7, 0, false, true, false, 0.1, 0, 1, 3e-3, 0.1},
+        {"single, hot", 1, 0.45, false, false, true, 0.2, 0, 1, 3e-4, 0.03},
+        {"single, fibred 7:1, spun", 7, 0, false, false, true, 0.1, 20, 1, 3e-4, 0.01},
+        {"single, slivers, hot", 1, 0.45, false, true, true, 0.1, 0, 1, 3e-3, 0.1},
+        {"single, slivers, fibred", 7, 0, false, true, true, 0.1, 0, 1, 3e-3, 0.1},
     };
     for (size_t k = 0; k < sizeof all / sizeof *all; k++)
         assert_true(drift(all + k, test_is_long() ? 100000 : test_is_sanitized() ? 1000 : 6000) < all[k].most);
@@ -117,7 +122,7 @@ static void test_undamped_energy_is_conserved(void **state) {
  * damping of 20 1/s. */
 static void test_slivers_come_to_rest(void **state) {
     (void)state;
-    const hot h = {"slivers", 10, 0, false, true, 3, 0, 0.9, 0, 0};
+    const hot h = {"slivers", 10, 0, false, true, false, 3, 0, 0.9, 0, 0};
     body b = make(&h, 20);
     tm_state *s = tm_world_state(b.world);
     const double start = turning_energy(b.tissue, b.rotation, s->u_m);

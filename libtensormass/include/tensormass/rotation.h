@@ -20,10 +20,10 @@ extern "C" {
 
 typedef struct tm_rotation tm_rotation;
 
-/* Adds the stage "rotation" after "force". The tissue must be in TM_DOUBLE and built with tm_tissue_def.rotation > 0,
- * so that its guaranteed step holds when it rotates. The world owns the handle; `rotation` may be null. The stage keeps
- * the energy that steps generated and that could not be removed at once (docs/corotation.md, "Energy of the step"), in
- * snapshots too: mostly 0. */
+/* Adds the stage "rotation" after "force". The tissue must be built with tm_tissue_def.rotation > 0, so that its
+ * guaranteed step holds when it rotates. If it is in TM_SINGLE, steps compute the correction in single precision. The
+ * world owns the handle; `rotation` may be null. The stage keeps the energy that steps generated and that could not be
+ * removed at once (docs/corotation.md, "Energy of the step"), in snapshots too: mostly 0. */
 TM_API tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error);
 
 typedef struct tm_rotation_report {

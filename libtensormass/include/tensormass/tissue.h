@@ -10,10 +10,10 @@
 extern "C" {
 #endif
 
-/* Precision of the stored edge tensors; with a nonlinear law that of its stresses in a step (material/
- * hyperelastic_single.h), while settling, energies and tangents stay double. TM_SINGLE is for constrained tissue
- * (tm_world_check_constrained). Rounded tensors have no exact rigid-body modes: undamped, a free body grows unstable,
- * by a factor e in ten to a hundred thousand steps. */
+/* Precision of the stored edge tensors; with rotation also that of its correction in a step, and with a nonlinear law
+ * that of its stresses alone (material/single_batches.h), while settling, energies and tangents stay double. TM_SINGLE
+ * is for constrained tissue (tm_world_check_constrained). Rounded tensors have no exact rigid-body modes: undamped, a
+ * free body grows unstable, by a factor e in ten to a hundred thousand steps. */
 typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision;
 
 /* Form of the force loop. All SIMD forms agree with TM_FORCE_PLAIN to rounding; only the plain form gives the same bits

@@ -1,11 +1,12 @@
 /* Corner forces of the listed batches, for threads that share vertices; a part of corotated_kernel.h. They are stored
  * by index in the list. A bit marks each lane that has any. Also computes the batches' energies. */
-TM_TARGET static void TM_NAME(pulls)(const tm_tet_batches *batches, const int32_t *list, int32_t count,
-                                     const double *u_m, double *corner_N, uint8_t *who, double *energy_J) {
+TM_TARGET static void TM_NAME(pulls)(const tm_tet_batches *all, const int32_t *list, int32_t count, const double *u_m,
+                                     double *corner_N, uint8_t *who, double *energy_J) {
+    const TM_BATCHES *batches = TM_BATCHES_OF(all);
     for (int32_t n = 0; n < count; n++) {
         TM_NAME(turned) b[TM_NAME(SETS)];
         int at[TM_NAME(SETS)];
-        const int sets = TM_NAME(turn_all)(batches, list[n], u_m, true, b, at);
+        const int sets = TM_NAME(turn_all)(batches, list + n, 1, u_m, true, b, at);
         who[n] = 0;
         energy_J[n] = 0;
         for (int c = 0; c < sets; c++) {
@@ -15,7 +16,7 @@ TM_TARGET static void TM_NAME(pulls)(const tm_tet_batches *batches, const int32_
             TM_NAME(add_energy)(b + c, energy_J + n);
             TM_NAME(pull)(batches, list[n], at[c], P, f);
             for (int i = 0; i < 12; i++)
-                memcpy(corner_N + 12 * TM_LANES * (int64_t)n + TM_LANES * i + at[c], &f[i / 3][i % 3], sizeof(V8));
+                TM_NAME(store_wide)(&f[i / 3][i % 3], corner_N + 12 * TM_LANES * (int64_t)n + TM_LANES * i + at[c]);
             for (int l = 0; l < TM_WIDTH; l++) who[n] |= (uint8_t)((heavy[l] & 1) << (at[c] + l));
         }
     }

@@ -56,31 +56,23 @@ tm_single_force tm_single_force_choose(bool plain) {
     return best ? best : tm_single_force_form(0);
 }
 
-static void narrow(const double *from, int32_t count, float *to) {
-    for (int32_t i = 0; i < count; i++) to[i] = from[i] < (double)3e38f ? (float)from[i] : 3e38f; /* no limit: 1e300 */
-}
-
-static void convert(const tm_tet_batch *batch, const tm_law_pack *law, tm_single_batch *b, tm_single_laws *l) {
-    memcpy(b->component, batch->component, sizeof b->component);
-    narrow(batch->shape_1_m[0], 9 * TM_LANES, b->shape_1_m[0]);
-    narrow(batch->mu_J, TM_LANES, b->mu_J);
-    narrow(batch->lambda_J, TM_LANES, b->lambda_J);
-    narrow(law->I3_max, TM_LANES, l->I3_max);
-    narrow(law->constant[0], TM_LAW_CONSTANTS * TM_LANES, l->constant[0]);
-    narrow(law->dlambda_J, TM_LANES, l->dlambda_J);
-    narrow(law->dmu_J, TM_LANES, l->dmu_J);
-    narrow(law->beta_J, TM_LANES, l->beta_J);
-    narrow(law->fibre[0], 3 * TM_LANES, l->fibre[0]);
+static void convert(const tm_law_pack *law, tm_single_laws *l) {
+    tm_narrow(law->I3_max, TM_LANES, l->I3_max);
+    tm_narrow(law->constant[0], TM_LAW_CONSTANTS * TM_LANES, l->constant[0]);
+    tm_narrow(law->dlambda_J, TM_LANES, l->dlambda_J);
+    tm_narrow(law->dmu_J, TM_LANES, l->dmu_J);
+    tm_narrow(law->beta_J, TM_LANES, l->beta_J);
+    tm_narrow(law->fibre[0], 3 * TM_LANES, l->fibre[0]);
     for (int i = 0; i < TM_LANES; i++) l->law[i] = (int32_t)law->law[i];
     l->laws = law->laws;
 }
 
 bool tm_single_law_init(tm_single_law *s, tm_pool *pool, const tm_hyperelastic *h) {
     const int32_t count = h->packs.count;
-    tm_single_batch *batch = TM_ALLOC(pool, tm_single_batch, count);
+    const tm_single_batch *batch = tm_single_batch_take(pool, &h->packs);
     tm_single_laws *law = TM_ALLOC(pool, tm_single_laws, count);
     if (pool->failed) return false;
-    for (int32_t p = 0; p < count; p++) convert(h->packs.batch + p, h->law + p, batch + p, law + p);
-    *s = (tm_single_law){{count, h->packs.span, h->packs.alive, batch}, law};
+    for (int32_t p = 0; p < count; p++) convert(h->law + p, law + p);
+    *s = (tm_single_law){{.count = count, .span = h->packs.span, .alive = h->packs.alive, .batch = batch}, law};
     return true;
 }

@@ -5,21 +5,9 @@
 #define TM_HYPERELASTIC_SINGLE_H
 
 #include "material/hyperelastic.h"
+#include "material/single_batches.h"
 
-/* As tm_tet_batch, tm_tet_batches, tm_law_pack and tm_hyperelastic, with numbers of half the size. */
-typedef struct tm_single_batch {
-    int32_t component[4][TM_LANES];
-    float shape_1_m[9][TM_LANES];
-    float mu_J[TM_LANES], lambda_J[TM_LANES];
-} tm_single_batch;
-
-typedef struct tm_single_batches {
-    int32_t count;
-    const tm_tet_span *span;
-    const uint8_t *alive;
-    const tm_single_batch *batch;
-} tm_single_batches;
-
+/* As tm_law_pack and tm_hyperelastic, with numbers of half the size. */
 typedef struct tm_single_laws {
     float I3_max[TM_LANES];
     float constant[TM_LAW_CONSTANTS][TM_LANES];

@@ -59,6 +59,7 @@ typedef struct tm_tet_batches {
     const tm_fibre_batch *fibred;
     const int32_t *fibred_of;    /* [count] into fibred, -1: isotropic; null: all are */
     double begin_1_2, width_1_2; /* |grad u|^2 at which the correction begins; width of the band where it grows */
+    const struct tm_single_batches *single; /* the same in single precision, for steps; null: steps are in double */
 } tm_tet_batches;
 
 /* force_N += the correction of the listed batches, ascending; energy_J [count] := theirs, unless null. Returns how many
@@ -74,6 +75,18 @@ tm_rotation_kernel tm_rotation_choose(bool plain);
 typedef void (*tm_corner_force_kernel)(const tm_tet_batches *packs, const int32_t *list, int32_t count,
                                        const double *u_m, double *corner_N, uint8_t *who, double *energy_J);
 tm_corner_force_kernel tm_corner_force_choose(bool plain);
+/* Sets batches->single. Returns false without memory. */
+bool tm_single_rotation_init(tm_tet_batches *batches, tm_pool *pool);
+
+/* Returns the error of grad u in single precision relative to grad u and to tm_tet_batch_spread: five roundings of each
+ * term, each at most the longest edge times a gradient of a shape function, and those of the norm. */
+double tm_single_rounding_m(const tm_mesh *mesh);
+
+/* The forms of the rotation's kernel in single precision. 0 plain, 1 AVX2; null: not supported by this processor. */
+tm_rotation_kernel tm_single_rotation_form(int form);
+tm_rotation_kernel tm_single_rotation_choose(bool plain);
+tm_corner_force_kernel tm_single_corner_force_choose(bool plain);
+
 /* Returns the energy of the correction, J. */
 double tm_rotation_sum_energy(const tm_tet_batches *batches, const double *u_m);
 /* Returns the energy of the linear law, computed without tensors. */
@@ -158,6 +171,7 @@ typedef struct tm_conserving {
     bool on;
     double fades_1_s;                      /* minimum rate of damping */
     double generated_J, saved_generated_J; /* not yet removed; its value when a call began */
+    double rounding_J;                     /* below it generated_J may be rounding; 0 in double */
     double share;                          /* of the change of the force, added in this step */
     /* Of the last step, which began at `seen_m`; not valid: of none. */
     bool valid;
@@ -176,8 +190,9 @@ struct tm_rotation {
     tm_tet_batches batches;
     tm_ranges where; /* its vertices */
     tm_nodal_dilatation nodal_dilatation;
-    tm_rotation_kernel kernel;
+    tm_rotation_kernel kernel; /* of steps */
     double threshold;
+    double rounding_m; /* bound of the error of grad u in the kernel, relative to grad u and to spread_1_m */
     /* Which batches to check. `reach_m`: distance of components of u from `seen_m` within which no tetrahedron of the
      * batch passes the threshold. */
     double *seen_m;                    /* [3*vertex_count] */

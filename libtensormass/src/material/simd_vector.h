@@ -124,11 +124,23 @@ INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, const
 
 #endif
 
-#ifndef TM_FLOATS
-/* xy[l] := components x and y of lane l. */
+/* xy[l] := components x and y of lane l, in double. */
 typedef double TM_NAME(two) __attribute__((vector_size(16)));
 INSIDE void TM_NAME(pairs)(const V8 *x, const V8 *y, TM_NAME(two) xy[TM_WIDTH]) {
-#if !defined(TM_NEON_FORM) && TM_WIDTH >= 4
+#ifdef TM_FLOATS
+#if !defined(TM_NEON_FORM) && TM_WIDTH == 8
+    const __m256 even = _mm256_unpacklo_ps((__m256)*x, (__m256)*y), odd = _mm256_unpackhi_ps((__m256)*x, (__m256)*y);
+    const __m256d part[4] = {
+        _mm256_cvtps_pd(_mm256_castps256_ps128(even)), _mm256_cvtps_pd(_mm256_castps256_ps128(odd)),
+        _mm256_cvtps_pd(_mm256_extractf128_ps(even, 1)), _mm256_cvtps_pd(_mm256_extractf128_ps(odd, 1))};
+    for (int h = 0; h < 4; h++) {
+        xy[2 * h] = (TM_NAME(two))_mm256_castpd256_pd128(part[h]);
+        xy[2 * h + 1] = (TM_NAME(two))_mm256_extractf128_pd(part[h], 1);
+    }
+#else
+    for (int l = 0; l < TM_WIDTH; l++) xy[l] = (TM_NAME(two)){(double)(*x)[l], (double)(*y)[l]};
+#endif
+#elif !defined(TM_NEON_FORM) && TM_WIDTH >= 4
     __m256d part[2][TM_WIDTH / 4];
     memcpy(part[0], x, sizeof part[0]);
     memcpy(part[1], y, sizeof part[1]);
@@ -144,7 +156,15 @@ INSIDE void TM_NAME(pairs)(const V8 *x, const V8 *y, TM_NAME(two) xy[TM_WIDTH]) 
     for (int l = 0; l < TM_WIDTH; l++) xy[l] = (TM_NAME(two)){(*x)[l], (*y)[l]};
 #endif
 }
+
+/* to[l] := lane l in double. */
+INSIDE void TM_NAME(store_wide)(const V8 *x, double to[TM_WIDTH]) {
+#ifdef TM_FLOATS
+    for (int l = 0; l < TM_WIDTH; l++) to[l] = (double)(*x)[l];
+#else
+    memcpy(to, x, sizeof *x);
 #endif
+}
 
 INSIDE void TM_NAME(root)(V8 *x) {
 #ifdef TM_FLOATS

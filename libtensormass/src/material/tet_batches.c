@@ -163,7 +163,8 @@ void tm_tet_batches_mark_seen(tm_rotation *r, const double *u, int32_t partition
         memcpy(r->seen_m + begin, u + begin, sizeof(double) * (size_t)(end - begin));
     for (int32_t p = tm_tet_batches_before(r->batches.count, partition, parts);
          p < tm_tet_batches_before(r->batches.count, partition + 1, parts); p++) {
-        const double reach = (r->threshold * (1 - 1e-9) - steepest(&r->batches, p, u)) / r->spread_1_m[p];
+        const double margin = 1e-9 + r->rounding_m * r->spread_1_m[p];
+        const double reach = (r->threshold * (1 - margin) - steepest(&r->batches, p, u)) / r->spread_1_m[p];
         r->reach_m[p] = r->relaxes && r->relaxes[p] ? HUGE_VAL : reach > 0 ? reach : 0;
     }
 }

@@ -102,11 +102,6 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
             "rotation excludes smoothed_shear_share = %g: shears of rotated tetrahedra are not averaged; give "
             "0, or leave rotation or strain_smoothing out",
             def->smoothed_shear_share);
-    if (def->precision == TM_SINGLE)
-        return tm_fail(
-            error, TM_ERR_ARGUMENT, -1,
-            "rotation subtracts the linear force, which single precision rounds differently; set precision to "
-            "TM_DOUBLE");
     return TM_OK;
 }
 
@@ -279,7 +274,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     const tm_mesh *mesh = def->mesh;
     tissue->material_count = def->material_count;
     tissue->precision = tensor_precision(def);
-    tissue->has_single_law = def->precision != tissue->precision;
+    tissue->has_single_law = def->precision == TM_SINGLE && (any_nonlinear(def) || def->rotation > 0);
     tissue->cuttable = def->cuttable;
     tissue->plain = def->form == TM_FORCE_PLAIN;
     tissue->rotation = def->rotation;

@@ -16,7 +16,7 @@ struct tm_tissue {
     int32_t *region_material; /* [region_count] */
     double *fibre;            /* [3*tet_count] or null */
     tm_precision precision;   /* of the tensors */
-    bool has_single_law;      /* the step computes the nonlinear law in single precision */
+    bool has_single_law;      /* the step computes the nonlinear law, or rotation, in single precision */
     bool cuttable, plain;     /* plain: the force loop's form */
     double *stiffest_Pa;      /* [material_count] bound of d2W/dF2 of nonlinear laws; null: all are linear */
     uint8_t *effects;         /* [region_count] sums of tm_region_effect; null: all act everywhere */

@@ -13,6 +13,7 @@
  * share adds more than the step lost: it is stable without a bound, unlike a constant share. */
 #include "world/conserve.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -21,6 +22,9 @@
 static const double SHARE_MAX = 1;
 /* With averaged dilatation W takes extra passes, so conservation is on only below this damping. */
 static const double FULL_MAX_1_S = 10;
+
+/* Error of a batch's energy in single precision, relative to it and to 1/threshold. */
+static const double ROUNDING = 4 * (double)FLT_EPSILON;
 
 static double min_damping(const tm_world *world, const tm_ranges *where) {
     const tm_tissue *tissue = world->tissue;
@@ -180,7 +184,7 @@ bool tm_conserve_init(tm_conserving *c, tm_pool *pool, const tm_world *world, tm
 static double choose_share(tm_conserving *c, double dt_s, const tm_conserve_sums *sum) {
     double share = 0;
     bool all = false;
-    if (sum->p_J < 0) {
+    if (sum->p_J < 0 && fabs(c->generated_J) >= c->rounding_J) {
         const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->generated_J;
         /* if less can be removed than there is, the largest possible amount */
         const double wanted = root > 0 ? 2 * c->generated_J / (-sum->p_J + sqrt(root)) : -sum->p_J / (2 * sum->q_J);
@@ -227,6 +231,16 @@ static double sum_of(const double *partition, int32_t count) {
     return sum;
 }
 
+/* Returns a bound of the rounding of the energies in single precision, whose errors are independent. Energy below it is
+ * not removed: that would keep tissue moving that comes to rest. */
+static double rounding_of(const tm_conserving *c) {
+    const tm_rotation *r = c->rotation;
+    double square = 0;
+    if (!r->batches.single) return 0;
+    for (int32_t n = 0; n < r->list_count; n++) square += c->batch_J[n] * c->batch_J[n];
+    return ROUNDING / r->threshold * sqrt(square);
+}
+
 static void find_correction(tm_conserving *c, tm_world *world) {
     tm_rotation *r = c->rotation;
     const double *u = world->state.u_prev_m;
@@ -250,6 +264,7 @@ void tm_conserve(tm_conserving *c, tm_world *world) {
         return;
     }
     const double energy_J = sum_of(c->batch_J, c->rotation->list_count);
+    c->rounding_J = rounding_of(c);
     const bool follows = follows_force(c, world);
     if (!follows) linear_force(c, world, world->state.u_m, c->all_N);
     take_back(c, world, energy_J, follows ? add_to_tensors : add_to_others, find_correction);

@@ -150,7 +150,8 @@ bool tm_divided_batches_init(tm_divided_batches *d, tm_pool *pool, tm_world *wor
     const int32_t parts = world->partition_count, count = rotation->batches.count;
     *d = (tm_divided_batches){.rotation = rotation, .world = world, .listing = -1};
     if (parts == 1) return true;
-    d->corner_force = tm_corner_force_choose(world->tissue->plain);
+    d->corner_force = rotation->batches.single ? tm_single_corner_force_choose(world->tissue->plain)
+                                               : tm_corner_force_choose(world->tissue->plain);
     d->capacity = parts < WHOLE ? (int32_t)((int64_t)count * parts / WHOLE) : count;
     d->first = TM_ALLOC(pool, int32_t, rotation->batches.mesh->vertex_count);
     d->lowest = TM_ALLOC(pool, int32_t, count);

@@ -93,7 +93,7 @@ static double law_energy(const void *self, const double *u_m) { return tm_rotati
 static void law_force(const void *self, const double *u_m, double *force_N) {
     const tm_rotation *r = self;
     tm_ranges_clear(&r->where, force_N);
-    r->kernel(&r->batches, r->every, r->batches.count, u_m, force_N, NULL);
+    tm_rotation_choose(r->tissue->plain)(&r->batches, r->every, r->batches.count, u_m, force_N, NULL);
     tm_nodal_dilatation_add(&r->nodal_dilatation, &r->batches, r->tissue->plain, u_m, force_N);
 }
 
@@ -143,6 +143,10 @@ static bool init(turner *t, tm_pool *pool, tm_world *world) {
     tm_rotation *r = &t->rotation;
     const tm_material_field field = tm_rotation_field(tissue);
     if (!tm_tet_batches_init(&r->batches, pool, &field)) return false;
+    if (tissue->has_single_law) {
+        if (!tm_single_rotation_init(&r->batches, pool)) return false;
+        r->rounding_m = tm_single_rounding_m(tissue->mesh);
+    }
     if (!tm_effect_vertices(&r->where, pool, &field, TM_REGION_ROTATION, 0)) return false;
     const int64_t n = 3 * (int64_t)tm_ranges_length(&r->where), first = 3 * (int64_t)tm_ranges_first(&r->where);
     if (!tm_nodal_dilatation_init(&r->nodal_dilatation, pool, &field, r->batches.count)) return false;
@@ -190,7 +194,7 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
     r->pool = pool;
     r->tissue = tissue;
     r->threshold = tissue->rotation;
-    r->kernel = tm_rotation_choose(tissue->plain);
+    r->kernel = r->batches.single ? tm_single_rotation_choose(tissue->plain) : tm_rotation_choose(tissue->plain);
     const tm_stage stage = {.size = sizeof stage,
                             .name = "rotation",
                             .phase = TM_PHASE_FORCE,

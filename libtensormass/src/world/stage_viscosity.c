@@ -306,8 +306,9 @@ tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_er
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "viscosity does not support a condensed part, which cannot relax; leave one of them out");
     if (world->tissue->has_single_law)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "viscosity of a nonlinear law needs double precision; set precision to TM_DOUBLE");
+        return tm_fail(
+            error, TM_ERR_EXCLUDED, -1,
+            "viscosity of a nonlinear law, or with rotation, needs double precision; set precision to TM_DOUBLE");
     const kind kinds = kinds_of(world);
     if (kinds == BOTH)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
