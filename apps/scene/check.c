@@ -48,13 +48,15 @@ static double size_m(const tm_mesh *mesh) {
 
 static void check_size(review *r) {
     const app_scene *scene = r->s->scene;
-    const int line = scene->scale.line ? scene->scale.line : app_mesh_line(scene);
+    const app_body *body = r->s->body_count ? scene->body.item : NULL;
+    const app_number *scale = body ? &body->scale : &scene->scale;
+    const int line = scale->line ? scale->line : app_mesh_line(scene);
+    const char *key = body ? "the bodies' scale" : "tissue.scale";
     const double size = size_m(r->s->mesh);
     if (size > 1)
-        odd(r, line, "the organ has %.3g m; if the mesh is in millimetres, write tissue.scale: %g", size,
-            1e-3 * scene->scale.si);
+        odd(r, line, "the organ has %.3g m; if the mesh is in millimetres, write %s: %g", size, key, 1e-3 * scale->si);
     else if (size < 5e-3)
-        odd(r, line, "the organ has %.3g mm; check tissue.scale (metres per unit of the mesh)", 1e3 * size);
+        odd(r, line, "the organ has %.3g mm; check %s (metres per unit of the mesh)", 1e3 * size, key);
 }
 
 /* Returns the scene's entry with the constants of a region. */
@@ -62,17 +64,27 @@ static const app_material *entry_of(const app_scene *scene, const char *region) 
     const app_material *all = scene->material.item, *rest = NULL;
     for (int i = 0; i < scene->material.count; i++) {
         if (strcmp(all[i].region.s, region) == 0) return all + i;
-        if (strcmp(all[i].region.s, "*") == 0) rest = all + i;
+        const size_t body = strcspn(region, ".");
+        const char *name = all[i].region.s;
+        if (region[body] && !strncmp(name, region, body) && !strcmp(name + body, ".*")) rest = all + i;
+        if (!rest && strcmp(name, "*") == 0) rest = all + i;
     }
     return rest;
 }
 
-/* Returns whether every vertex of the region is fixed. Its constants then have no effect. */
+/* Returns whether every vertex of the region is fixed, or rigid. Its constants then have no effect. */
 static bool is_held(const sim *s, int32_t region) {
     for (int32_t t = 0; t < s->mesh->tet_count; t++)
         for (int k = 0; k < 4 && s->mesh->region[t] == region; k++)
-            if (!s->support_of || !s->support_of[s->mesh->tet[4 * t + k]]) return false;
+            if (!(s->rigid_tet && s->rigid_tet[t]) && (!s->support_of || !s->support_of[s->mesh->tet[4 * t + k]]))
+                return false;
     return true;
+}
+
+static bool is_rigid(const sim *s, int32_t region) {
+    for (int32_t t = 0; t < s->mesh->tet_count; t++)
+        if (s->mesh->region[t] == region) return s->rigid_tet && s->rigid_tet[t];
+    return false;
 }
 
 static void check_region(review *r, int32_t region) {
@@ -108,41 +120,72 @@ static void check_region(review *r, int32_t region) {
             m->density_kg_m3);
 }
 
-/* Finds connected components of the mesh without a fixed vertex. */
-static void check_supports(review *r) {
+/* Marks vertices that are fixed or rigid. Returns their number. */
+static int32_t mark_held(const sim *s, uint8_t *held) {
+    int32_t count = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) held[v] = s->support_of && s->support_of[v];
+    for (int32_t i = 0; i < 4 * s->mesh->tet_count && s->rigid_tet; i++)
+        if (s->rigid_tet[i / 4]) held[s->mesh->tet[i]] = 1;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) count += held[v];
+    return count;
+}
+
+/* Returns whether a piece without support comes to lie on others: contact of tissue, and weight. */
+static bool can_lie(const sim *s) { return sim_has(s, "touch") && sim_has(s, "gravity"); }
+
+static void report_loose(review *r, const int32_t *parent, const uint8_t *hangs) {
     const sim *s = r->s;
-    const tm_mesh *m = s->mesh;
-    int32_t held = 0, soft = 0, soft_held = 0, *parent = malloc(sizeof *parent * (size_t)m->vertex_count), loose = 0,
-            pieces = 0;
-    uint8_t *hangs = calloc((size_t)m->vertex_count, 1), *moves = calloc((size_t)m->vertex_count, 1);
-    for (int32_t t = 0; t < m->tet_count && moves; t++)
-        for (int k = 0; k < 4; k++) moves[m->tet[4 * t + k]] |= !r->held[m->region[t]];
-    for (int32_t v = 0; v < m->vertex_count && s->support_of; v++) held += s->support_of[v] != 0;
-    for (int32_t v = 0; v < m->vertex_count && s->support_of && moves; v++) {
-        soft += moves[v];
-        soft_held += moves[v] && s->support_of[v];
-    }
-    if (!held)
+    int32_t loose = 0, pieces = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
+        if (parent[v] == v) pieces++, loose += !hangs[v];
+    if (!loose || can_lie(s)) return;
+    odd(r, s->scene->support.line,
+        s->body_count
+            ? "%d of the %d connected pieces of all bodies %s without support and will drift; support each, tie it (ties:), or let it lie on others (gravity: and touch:)"
+            : "%d of the mesh's %d connected pieces %s without support and will drift; support each, or mesh them as one",
+        loose, pieces, loose == 1 ? "is" : "are");
+}
+
+/* Finds connected components of the mesh, joined by ties too, without a fixed vertex. */
+static void check_pieces(review *r, const uint8_t *held, int32_t *parent, uint8_t *hangs) {
+    const tm_mesh *m = r->s->mesh;
+    const tm_ties *ties = r->s->model->world ? tm_world_ties(r->s->model->world) : NULL;
+    for (int32_t v = 0; v < m->vertex_count; v++) parent[v] = v;
+    for (int32_t e = 0; e < m->edge_count; e++) law_join(parent, m->edge[2 * e], m->edge[2 * e + 1]);
+    for (int32_t i = 0; ties && i < tm_ties_count(ties); i++)
+        law_join(parent, tm_ties_get(ties, i).vertex, tm_ties_get(ties, i).other[0]);
+    for (int32_t v = 0; v < m->vertex_count; v++) hangs[law_root(parent, v)] |= held[v];
+    report_loose(r, parent, hangs);
+}
+
+/* Reports missing supports, and too many; `moves` and `held` [vertex_count]. */
+static void check_share(review *r, uint8_t *moves, const uint8_t *held, int32_t all_held) {
+    const sim *s = r->s;
+    int32_t soft = 0, soft_held = 0;
+    for (int32_t i = 0; i < 4 * s->mesh->tet_count; i++) moves[s->mesh->tet[i]] |= !r->held[s->mesh->region[i / 4]];
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) soft += moves[v], soft_held += moves[v] && held[v];
+    if (!all_held)
         odd(r, s->scene->support.line,
             "the organ has no supports and moves away when it is pushed; add 'supports:' (tm-scene new proposes some)");
     else if (soft_held > soft / 2)
         odd(r, s->scene->support.line,
             "%.0f %% of the vertices of movable regions are fixed; make the selectors narrower",
             100.0 * soft_held / soft);
-    if (held && parent && hangs) {
-        for (int32_t v = 0; v < m->vertex_count; v++) parent[v] = v;
-        for (int32_t e = 0; e < m->edge_count; e++) law_join(parent, m->edge[2 * e], m->edge[2 * e + 1]);
-        for (int32_t v = 0; v < m->vertex_count; v++) hangs[law_root(parent, v)] |= s->support_of[v] != 0;
-        for (int32_t v = 0; v < m->vertex_count; v++)
-            if (parent[v] == v) pieces++, loose += !hangs[v];
-        if (loose)
-            odd(r, s->scene->support.line,
-                "%d of the mesh's %d connected pieces %s without support and will drift; support each, or mesh them as one",
-                loose, pieces, loose == 1 ? "is" : "are");
+}
+
+static void check_supports(review *r) {
+    const size_t n = (size_t)r->s->mesh->vertex_count;
+    int32_t *parent = malloc(sizeof *parent * n);
+    uint8_t *hangs = calloc(n, 1), *moves = calloc(n, 1), *held = calloc(n, 1);
+    if (parent && hangs && moves && held) {
+        const int32_t all_held = mark_held(r->s, held);
+        check_share(r, moves, held, all_held);
+        if (all_held) check_pieces(r, held, parent, hangs);
     }
     free(parent);
     free(hangs);
     free(moves);
+    free(held);
 }
 
 /* Returns the smallest distance of the scripted tip from the surface at rest, measured from the tip's centre. */
@@ -243,15 +286,25 @@ static void check_timing(review *r) {
                 "region '%s' makes a frame take %d substeps, about %d too many: the others need %.1f times fewer; make it softer, support it, or mesh it coarser",
                 s->file.region_name[g], s->substeps, (int)(s->substeps * (1 - worst_s / others)), others / worst_s);
         }
+        char name[SIM_TET_NAME];
         num_sort(step, n);
         if (worst_s < 0.2 * step[n / 100])
             odd(r, app_mesh_line(s->scene),
-                "tetrahedron %lld makes the step %.1f times shorter than 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
-                (long long)s->file.tet_tag[worst], step[n / 100] / worst_s,
+                "tetrahedron %s makes the step %.1f times shorter than 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
+                sim_tet_name(s, worst, name), step[n / 100] / worst_s,
                 (int)(s->substeps * (1 - worst_s / step[n / 100])));
     }
     free(step);
     free(least);
+}
+
+/* Returns whether the precomputed model takes the scene's effects. */
+static bool can_be_precomputed(const sim *s) {
+    static const char *const without[] = {"touch", "ties", "cut", "breathing", "rotation", "viscosity", "energy"};
+    bool can = !sim_law_line(s->scene);
+    for (size_t i = 0; i < sizeof without / sizeof *without; i++) can = can && !sim_has(s, without[i]);
+    for (int32_t i = 0; i < s->body_count; i++) can = can && !((const app_body *)s->scene->body.item)[i].path.count;
+    return can;
 }
 
 /* Returns the time to compute one frame at rest, best of three, over the frame's duration. */
@@ -279,15 +332,18 @@ int check_scene(const char *path, bool strict) {
     }
     for (int32_t g = 0; g < r.s->file.region_count; g++) r.held[g] = is_held(r.s, g);
     check_size(&r);
-    for (int32_t g = 0; g < r.s->file.region_count; g++) check_region(&r, g);
+    for (int32_t g = 0; g < r.s->file.region_count; g++)
+        if (!is_rigid(r.s, g)) check_region(&r, g);
     check_supports(&r);
     check_hands(&r);
     if (r.s->model->tissue && r.s->scene->model.index == APP_DYNAMIC) check_timing(&r);
     const double share = frame_share(r.s);
     if (share > 0.9)
         odd(&r, r.s->scene->time.line,
-            "a frame takes %.2g times its real time on this machine now: %d tetrahedra, %d substeps; mesh it coarser, or write model: precomputed",
-            share, r.s->mesh->tet_count, r.s->substeps);
+            "a frame takes %.2g times its real time on this machine now: %d tetrahedra, %d substeps; %s", share,
+            r.s->mesh->tet_count, r.s->substeps,
+            can_be_precomputed(r.s) ? "mesh it coarser, or write model: precomputed"
+                                    : "mesh it coarser, or set 'threads:'");
     if (!app_is_quiet() || r.odd)
         printf("%s: %d tetrahedra, %.3g mm, %d substeps a frame, %.2g of its time; %s\n", path, r.s->mesh->tet_count,
                1e3 * size_m(r.s->mesh), r.s->substeps, share, r.odd ? "see the warnings above" : "no warnings");

@@ -164,6 +164,31 @@ def test_a_sound_scene_is_called_sound(bin, made):
     assert "no warnings" in run(bin / "tm-scene", "check", "--strict", made)
 
 
+BODIES = """\
+tissue: {materials: {"high.*": {young: 5 kPa, poisson: 0.45, density: 1 kg/m3}}}
+bodies:
+  table: {mesh: BLOCK, rigid: yes}
+  high: {mesh: BLOCK, scale: 0.5, move: [20 mm, 20 mm, 51 mm]}
+damping: {rate: 40 /s}
+touch:
+"""
+
+
+def test_bodies_that_lie_or_hang_are_no_fault(bin, root, tmp_path):
+    """A rigid body holds, ties hold, weight on another body holds; what is held by nothing is reported, and the material's line is its own."""
+    scene = tmp_path / "bodies.yaml"
+
+    def said(text):
+        scene.write_text((BODIES + text).replace("BLOCK", str(root / "meshes/block_1k.msh")))
+        return run(bin / "tm-scene", "check", scene)
+    tied = "ties: {between: [{from: high.z_min, to: table.z_max, stiffness: 10 N/m}]}\n"
+    free = said("")
+    assert "1 of the 2 connected pieces of all bodies is without support and will drift; support each, tie it (ties:), or let it lie on others" in free
+    assert "bodies.yaml:1: warning: region 'high.high'" not in free and "bodies.yaml:1: warning: region 'high.tissue': no tissue has a density of 1 kg/m3" in free
+    assert "table" not in free and "no supports" not in free
+    assert "without support" not in said(tied) and "without support" not in said("gravity:\n")
+
+
 def test_missing_sections_are_reported(bin, made):
     (made.parent / "bare.yaml").write_text('tissue: {mesh: organ.msh, materials: {"*": {young: 5 kPa, poisson: 0.45}}}\n')
     said = run(bin / "tm-scene", "check", made.parent / "bare.yaml")
