@@ -14,4 +14,10 @@ static inline bool test_is_long(void) {
 /* A sanitizer is ten times as slow: some of many similar cases suffice, as the plain build runs all. */
 static inline bool test_is_sanitized(void) { return getenv("TM_SANITIZER") != NULL; }
 
+/* ThreadSanitizer watches what threads share: runs of one thread, whose bits the plain build compares, are left out. */
+static inline bool test_watches_threads(void) {
+    const char *name = getenv("TM_SANITIZER");
+    return name && strcmp(name, "tsan") == 0;
+}
+
 #endif

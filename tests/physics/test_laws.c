@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "../long.h"
 #include "law_rows.h"
 #include "material/law.h"
 #include "turning.h"
@@ -225,9 +226,11 @@ static void stays_below_its_bound(body *b, bool fibred, double least) {
         noise(b, round < SIZES ? SIZE_M[round] : 5e-4 * (round - 2) * 30 / rounds, u);
         worst = fmax(worst, frequency2(b, u, u + b->n, u + 2 * b->n) / bound);
     }
-    if (b->law.law->kind != TM_LAW_LINEAR && least > 0) worst = fmax(worst, climb(b, bound, u));
+    const bool climbs =
+        b->law.law->kind != TM_LAW_LINEAR && least > 0 && !test_is_sanitized(); /* thousands of products */
+    if (climbs) worst = fmax(worst, climb(b, bound, u));
     print_message("%s%s: %.2f of the bound\n", b->law.law->name, fibred ? ", fibred" : "", worst);
-    assert_true(worst <= 1 + 1e-12 && worst > least);
+    assert_true(worst <= 1 + 1e-12 && worst > (test_is_sanitized() ? 0 : least));
     free(u);
 }
 
@@ -359,7 +362,7 @@ static void returns_energy_in_closed_loops(body *b) {
         const double *x = b->mesh->rest_m + i / 3 * 3, *a = b->fibre, across = 1 / sqrt(1.2) - 1;
         rest[i] = across * x[i % 3] + (0.2 - across) * a[i % 3] * (a[0] * x[0] + a[1] * x[1] + a[2] * x[2]);
     }
-    for (int loop = 0; loop < 3; loop++) {
+    for (int loop = test_is_sanitized() ? 2 : 0; loop < 3; loop++) {
         double net_J = 0, sizes_J = 0, strain = 0, most_J = 0, least_J = HUGE_VAL;
         noise(b, 7e-4, wave), noise(b, 7e-4, wave + b->n), noise(b, 2e-4, wave + 2 * b->n),
             noise(b, 2e-4, wave + 3 * b->n);

@@ -46,7 +46,7 @@ static void same_story(tm_force_form form, tm_precision precision, int32_t threa
     uint64_t hash[FRAMES];
     scene s = create(form, precision, threads, parallel_for);
     play(&s, hash);
-    assert_memory_equal(hash, expected, sizeof hash);
+    if (!test_watches_threads()) assert_memory_equal(hash, expected, sizeof hash);
     scene_destroy(&s);
 }
 
@@ -57,10 +57,12 @@ static void bits_are_the_same_for_any_number_of_threads(void **state) {
         tm_precision precision;
     } kind[] = {{TM_FORCE_PLAIN, TM_DOUBLE}, {TM_FORCE_BEST, TM_DOUBLE}, {TM_FORCE_BEST, TM_SINGLE}};
     for (int k = 0; k < 3; k++) {
-        uint64_t one[FRAMES];
-        scene s = create(kind[k].form, kind[k].precision, 1, NULL);
-        play(&s, one);
-        scene_destroy(&s);
+        uint64_t one[FRAMES] = {0};
+        if (!test_watches_threads()) {
+            scene s = create(kind[k].form, kind[k].precision, 1, NULL);
+            play(&s, one);
+            scene_destroy(&s);
+        }
         for (int t = test_is_sanitized() ? 3 - k : 1; t < (test_is_sanitized() ? 4 - k : 4); t++)
             same_story(kind[k].form, kind[k].precision, THREADS[t], NULL, one);
     }
@@ -134,7 +136,9 @@ static void patch_made_by(int32_t threads, tm_patch *patch) {
 static void patches_have_the_same_bits(void **state) {
     (void)state;
     static tm_patch one, three;
-    patch_made_by(1, &one), patch_made_by(3, &three);
+    patch_made_by(3, &three);
+    if (test_watches_threads()) return;
+    patch_made_by(1, &one);
     assert_memory_equal(&one, &three, sizeof one);
 }
 
@@ -172,7 +176,8 @@ static void bits_are_the_same_for_any_numbering(void **state) {
     fix_ok(tm_material_young(5e3, 0.45, &material, &error), &error);
     tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
     uint64_t one = 0;
-    for (int t = 0; t < 4; t++) {
+    const int first = test_watches_threads() ? 3 : 0;
+    for (int t = first; t < 4; t++) {
         tm_world_def def = tm_world_def_default();
         def.tissue = tissue, def.threads = THREADS[t], def.damped = false;
         tm_world *world = NULL;
@@ -182,7 +187,7 @@ static void bits_are_the_same_for_any_numbering(void **state) {
         tm_state *s = tm_world_state(world);
         for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->u_m[i] = s->u_prev_m[i] = 1e-5 * fix_signed(&random);
         assert_int_equal(tm_world_step(world, 20), TM_OK);
-        if (t == 0) one = tm_world_hash(world);
+        if (t == first) one = tm_world_hash(world);
         assert_true(tm_world_hash(world) == one);
         tm_world_destroy(world);
     }
@@ -293,6 +298,11 @@ static void rotation_dilatation_and_viscosity_have_the_same_bits(void **state) {
     for (int kind = 1; kind < KINDS; kind++) {
         if (kind == VOLUME) continue;       /* its tensors are those of any tissue */
         const bool account = kind & VOLUME; /* of tensors and of the complete law */
+        if (test_watches_threads()) {       /* with each of the three */
+            if (kind == TURNED || kind == RELAXES || kind == KINDS - 1)
+                effects_story(mesh, TM_FORCE_BEST, kind, account, THREADS[2]);
+            continue;
+        }
         const uint64_t one = effects_story(mesh, TM_FORCE_BEST, kind, account, 1);
         /* Under a sanitizer one number of threads each, in turn. */
         for (int t = test_is_sanitized() ? 1 + kind % 3 : 1; t < (test_is_sanitized() ? 2 + kind % 3 : 4); t++)

@@ -46,7 +46,7 @@ def run_suite(name, build, short, arguments):
     # C programs share nothing and do not depend on the clock: two at a time, as one processor would otherwise be idle at the end.
     beside = ["-n", os.environ.get("TM_JOBS", "2"), "--dist", "worksteal"] if short == "programs" else []
     command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *beside, *arguments]
-    fewer = {"TM_LONG": "0", "TM_LEFT_OUT": str(HERE / "left_out.txt") if name == "asan" else os.devnull} if short else {}
+    fewer = {"TM_LONG": "0", "TM_LEFT_OUT": str(HERE / ("left_out.txt" if name == "asan" else "left_out_tsan.txt"))} if short else {}
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
     text = done.stdout + done.stderr
     count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped, \d+ retried$", text, re.M)

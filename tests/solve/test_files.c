@@ -285,10 +285,11 @@ static void file_finished_by_another_process_is_used(void **state) {
     close_set_up(&s);
 }
 
-static int calls_while_waiting;
+static int calls_while_waiting, end_holder[2];
 static bool count_waiting(void *user, const char *what, double fraction, double left) {
     (void)user, (void)fraction, (void)left;
-    calls_while_waiting += !strcmp(what, "waiting for another run");
+    if (strcmp(what, "waiting for another run")) return true;
+    if (++calls_while_waiting == 3) close(end_holder[1]);
     return calls_while_waiting < 2000;
 }
 
@@ -301,23 +302,25 @@ static void four_processes_at_once_share_one_file(void **state) {
     int status, pipe_end[2];
     char why[160], byte;
     assert_int_equal(pipe(pipe_end), 0);
+    assert_int_equal(pipe(end_holder), 0);
     const pid_t holder = fork();
     if (holder == 0) {
         tm_error lack;
-        const bool held = tms_file_lock(&s.def.problem, s.path, 0, &file, &lack) == TM_OK;
-        if (write(pipe_end[1], &held, 1) == 1) usleep(300000);
+        bool held = tms_file_lock(&s.def.problem, s.path, 0, &file, &lack) == TM_OK;
+        close(end_holder[1]);
+        if (write(pipe_end[1], &held, 1) == 1) held = read(end_holder[0], &byte, 1) == 0; /* the other has waited */
         _exit(0); /* simulates a kill: its temporary file stays */
     }
     assert_int_equal(read(pipe_end[0], &byte, 1), 1);
     assert_int_equal(byte, 1);
-    s.def.problem.progress = count_waiting;
     assert_int_equal(tms_file_lock(&s.def.problem, s.path, 0.05, &file, &error), TM_ERR_FILE);
+    s.def.problem.progress = count_waiting;
     assert_non_null(strstr(error.message, "another run"));
     assert_false(opens(&s, why));
     assert_true(calls_while_waiting > 2);
     assert_true(opens(&s, why));
     assert_int_equal(waitpid(holder, &status, 0), holder);
-    close(pipe_end[0]), close(pipe_end[1]);
+    close(pipe_end[0]), close(pipe_end[1]), close(end_holder[0]);
     unlink(s.path);
     setenv("TEST_FILES_PATH", s.path, 1);
     pid_t user[4];
