@@ -354,7 +354,7 @@ def test_invalid_options_are_rejected(bin, root, tmp_path, arguments, says):
 
 
 def test_threads_are_recommended_if_one_processor_is_not_enough(bin, root, tmp_path):
-    short = ["--duration", "0.2 s", *OWN, "--set", "threads=1"]
+    short = ["--duration", "0.08 s", *OWN, "--set", "threads=1"]
     liver = "apps/scenes/liver-press.yaml"
     run, data = study(bin, root, tmp_path, *short, scene=liver)
     assert "touches nothing" in run.stderr and "no instrument touches" in named(data, "local_model")["cannot"]
@@ -368,7 +368,7 @@ def test_threads_are_recommended_if_one_processor_is_not_enough(bin, root, tmp_p
             r["cpu_s"] = r["cpu_p95_s"] = r["busy_p95_s"] = 1.2 * r["frame_s"]
     two["busy_p95_s"] = 0.7 * two["frame_s"]
     (tmp_path / "s.json").write_text(json.dumps(data))
-    run, said = study(bin, root, tmp_path, *short, "--budget", "2 cores", "--hold", "0.2 s", scene=liver)
+    run, said = study(bin, root, tmp_path, *short, "--budget", "2 cores", "--hold", "0.08 s", scene=liver)
     assert said["recommendation"]["fits"] and "2 threads" in said["recommendation"]["settings"] and "for 2 processors" in run.stdout
     assert "threads: 2" in (tmp_path / "s-recommended.yaml").read_text()
 

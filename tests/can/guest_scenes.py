@@ -5,7 +5,7 @@ import os
 import guest_run
 from paths import BUILD, LONG, ROOT
 
-STEADY_S = 60 if LONG else 4
+STEADY_S = 60 if LONG else 3
 # Limit for a hang, long enough for a busy host.
 LIMIT_S = 1500 + (600 if LONG else 0)
 
@@ -24,7 +24,7 @@ scene() {{
     if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; listening $out/b.log; fi
     listening $out/a.log
     for i in 0 1; do
-        {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration $(($seconds + 1)) --json $out/d$i.json 2> $out/d$i.txt & eval d$i=$!
+        {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration $(echo "$seconds 0.6" | awk '{{ print $1 + $2 }}') --json $out/d$i.json 2> $out/d$i.txt & eval d$i=$!
     done
     sleep 0.2
     for i in 0 1; do
@@ -41,13 +41,13 @@ scene() {{
 """
 SCENES = {
     "steady": (STEADY_S, 2 * STEADY_S, ""), # missed ticks prolong it
-    "silent": (3, 1.6, ""),
-    "unplugged": (3, 4, "sleep 1.6; kill -9 $d0"),
-    "orphaned": (3, 4, "sleep 1.6; kill -9 $c0"),
+    "silent": (2.5, 1.6, ""),
+    "unplugged": (2.4, 4, "sleep 1.6; kill -9 $d0"),
+    "orphaned": (2.4, 4, "sleep 1.6; kill -9 $c0"),
 }
 ONLY = {
-    "vcan": {"bus_off": (3, 4, "sleep 1.6; cansend $CAN_A 20000040#0000000000000000")},
-    "controllers": {"down": (4, 5, "sleep 1.6; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; "
+    "vcan": {"bus_off": (2.4, 4, "sleep 1.6; cansend $CAN_A 20000040#0000000000000000")},
+    "controllers": {"down": (3, 5, "sleep 1.6; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; "
                                    "candump -L $CAN_A,0:0,#FFFFFFFF > $out/c.log & listeners=\\\"$listeners $!\\\"")},
 }
 # Stock tools communicate with each other.
@@ -80,8 +80,8 @@ true
 CALLS = f"""
 cd {ROOT}
 printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
-{BUILD}/bin/tm-device --bus socketcan:$CAN_B --duration 4 &
-strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 3 || exit 1
+{BUILD}/bin/tm-device --bus socketcan:$CAN_B --duration 3 &
+strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 2.2 || exit 1
 wait
 """
 # Commands to moteus, which no motor answers; an interface that carries classical frames only.

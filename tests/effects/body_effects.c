@@ -5,11 +5,11 @@
  * EFFECTS: the sum of tm_region_effect that act in the first body. Prints the bytes in use. */
 #include "../fixture.h"
 
-enum { SUBSTEPS = 25 };
+enum { SUBSTEPS = 10 };
 
 /* Makes the bodies [first, last): blocks at a distance, each a region. */
 static tm_mesh *make_bodies(int first, int last) {
-    tm_mesh *block = fix_block((const int[3]){12, 8, 8}, (const double[3]){0.12, 0.08, 0.08}, 0.1, &(fix_random){7});
+    tm_mesh *block = fix_block((const int[3]){9, 6, 6}, (const double[3]){0.09, 0.06, 0.06}, 0.1, &(fix_random){7});
     const int32_t v = block->vertex_count, t = block->tet_count, bodies = last - first;
     double *vertex = malloc(sizeof *vertex * 3 * (size_t)(bodies * v));
     int32_t *tet = malloc(sizeof *tet * 4 * (size_t)(bodies * t)),
