@@ -1,5 +1,6 @@
 /* Corner forces of nonlinear laws on another machine: every SIMD form that it has against the plain one, in double and
- * in single precision, to the bit. Prints hashes, the same everywhere, and how many forms were compared. */
+ * in single precision, to the bit; and the correction of rotation in single precision. Prints hashes, the same
+ * everywhere, and how many forms were compared. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -103,11 +104,56 @@ static int one_law(const tm_mesh *mesh, tm_law_kind law, int *compared) {
     return f.differ;
 }
 
+/* The correction of fibred tissue. Returns how many forms differ, or -1. */
+static int one_rotation(const tm_mesh *mesh, int *compared) {
+    static const double size_m[] = {2e-5, 1e-4, 1e-3, 5e-3};
+    static const int32_t only[1] = {0};
+    const int32_t n = 3 * mesh->vertex_count;
+    tm_pool pool = {0};
+    tm_tet_batches batches;
+    tm_material m;
+    tm_error error;
+    uint8_t *alive = TM_ALLOC(&pool, uint8_t, mesh->tet_count);
+    double *fibre = TM_ALLOC(&pool, double, n), *u_m = TM_ALLOC(&pool, double, n);
+    if (pool.failed || tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &m, &error)) return -1;
+    memset(alive, 1, (size_t)mesh->tet_count);
+    for (int32_t i = 0; i < 3 * mesh->tet_count; i++) fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
+    const tm_material_field field = {.mesh = mesh,
+                                     .alive = alive,
+                                     .material = &m,
+                                     .region_material = only,
+                                     .fibre = fibre,
+                                     .material_count = 1,
+                                     .rotation = TM_ROTATION_THRESHOLD};
+    if (!tm_tet_batches_init(&batches, &pool, &field) || !tm_single_rotation_init(&batches, &pool)) return -1;
+    int32_t *every = TM_ALLOC(&pool, int32_t, batches.count), differ = 0;
+    for (int32_t p = 0; p < batches.count; p++) every[p] = p;
+    uint64_t hash = TM_HASH_SEED;
+    for (int i = 0; i < 4; i++) {
+        uint64_t own[2] = {0};
+        for (int32_t d = 0; d < n; d++) u_m[d] = size_m[i] * number();
+        for (int form = 0; form < 2; form++) {
+            const tm_rotation_kernel pass = tm_single_rotation_form(form);
+            double *force_N = TM_ALLOC(&pool, double, n), *energy_J = TM_ALLOC(&pool, double, batches.count);
+            if (!pass || pool.failed) continue;
+            pass(&batches, every, batches.count, u_m, force_N, energy_J);
+            own[form] = tm_hash(energy_J, sizeof *energy_J * (size_t)batches.count,
+                                tm_hash(force_N, sizeof *force_N * (size_t)n, hash));
+        }
+        *compared += own[1] != 0, differ += own[1] && own[1] != own[0];
+        hash = own[0];
+    }
+    printf("rotation %016llx\n", (unsigned long long)hash);
+    tm_pool_release(&pool);
+    return differ;
+}
+
 int main(void) {
     int compared = 0, differ = 0;
     tm_mesh *mesh = tetrahedra();
     if (!mesh) return 1;
     for (int law = 1; law < TM_LAW_COUNT; law++) differ += one_law(mesh, (tm_law_kind)law, &compared);
+    differ += one_rotation(mesh, &compared);
     printf("compared %d\n", compared);
     if (differ) printf("failed: %d differ\n", differ);
     tm_mesh_destroy(mesh);
