@@ -195,6 +195,15 @@ def test_settling_states_what_ties_bear(bin, block, tmp_path):
     assert "ties: 16 whole, 0 gone, forces of 0.61" in run(bin / "tm-sim", scene, "--settle", "1e-6")[0]
 
 
+@pytest.mark.parametrize("ties", ["stiffness: 1000000 N/m", "stiffness: 1000 N/m, rest: 0"])
+def test_ties_of_no_length_come_to_rest(bin, block, tmp_path, ties):
+    """Blocks with a common face, or drawn together: across a short tie its force turns fast, and an explicit direction swung without end (1e-5 J)."""
+    text = (STACK % (block, block)).replace("51 mm]", "50 mm]").replace("touch:\n", "ties: {between: [{from: high.z_min, to: low.z_max, spacing: 12 mm, %s}]}\n" % ties)
+    said = state(bin, write(tmp_path / "glued.yaml", text), tmp_path, "--duration", "1.5")
+    assert said["ties"]["whole"] == 16 and said["energy"]["kinetic_J"] < 1e-12 and abs(said["energy"]["residual_J"]) < 1e-12
+    assert said["energy"]["touch_J"] < 0, "ties gained energy"
+
+
 def test_ties_are_counted_before_and_after(bin, block, tmp_path):
     scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
     assert "ties: 16\n" in run(bin / "tm-sim", scene, "--explain")[0]

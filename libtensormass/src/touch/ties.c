@@ -18,6 +18,8 @@ typedef struct tie_state {
 typedef struct tie_row {
     int32_t vertex[4];
     double weight[4], normal[3], response[4][3], diagonal_m_N, stretch_m;
+    double span_m[3], mobility_m_N[3]; /* from end to end before the substep; of all four vertices, by axis */
+    bool is_short;                     /* its direction is solved too */
 } tie_row;
 
 struct tm_ties {
@@ -94,35 +96,66 @@ static void cut(tm_ties *t, const tm_contact *contact) {
 
 /* --- the step --- */
 
-static void push(tm_ties *t, int32_t i, double force_N) {
+/* Across itself a tie is a spring of force / length. Above this share of the mobility's stiffness its ends would swing
+ * if its direction were that of the last substep: short ties, whose rest length is 0 for instance. */
+static const double STIFF_ACROSS = 0.25;
+
+static void push(tm_ties *t, int32_t i, const double force_N[3]) {
     const tie_row *row = t->row + i;
     for (int j = 0; j < 4; j++)
         for (int c = 0; c < 3; c++)
-            t->world->state.u_next_m[3 * row->vertex[j] + c] += row->response[j][c] * row->normal[c] * force_N;
+            t->world->state.u_next_m[3 * row->vertex[j] + c] += row->response[j][c] * force_N[c];
 }
 
 static void prepare(tm_ties *t, int32_t i) {
     const tm_tie *tie = t->tie + i;
     tie_row *row = t->row + i;
-    double from[3], to[3];
+    double from[3], to[3], force[3];
     ends_at(t, i, t->world->state.u_m, from, to);
     *row = (tie_row){.vertex = {tie->vertex, tie->other[0], tie->other[1], tie->other[2]},
                      .weight = {1, -tie->weight[0], -tie->weight[1], -tie->weight[2]}};
-    vsub(to, from, row->normal);
-    row->stretch_m = vunit(row->normal, row->normal) - tie->rest_m;
+    vsub(to, from, row->span_m);
+    const double length_m = vunit(row->span_m, row->normal);
+    row->stretch_m = length_m - tie->rest_m;
     for (int j = 0; j < 4; j++)
         for (int c = 0; c < 3; c++) {
             const int32_t dof = 3 * row->vertex[j] + c;
             row->response[j][c] = t->fixed[dof] ? 0 : row->weight[j] * t->world->mobility_s2_kg[row->vertex[j]];
+            row->mobility_m_N[c] += row->weight[j] * row->response[j][c];
             row->diagonal_m_N += row->weight[j] * row->response[j][c] * row->normal[c] * row->normal[c];
         }
-    push(t, i, t->state[i].lambda_N);
+    const double mobility = law_max(law_max(row->mobility_m_N[0], row->mobility_m_N[1]), row->mobility_m_N[2]);
+    row->is_short = t->state[i].lambda_N * mobility >= STIFF_ACROSS * length_m;
+    vscale(t->state[i].lambda_N, row->normal, force);
+    push(t, i, force);
+}
+
+/* Solves force and direction of a short tie: both are those of its ends after the substep. */
+static void relax_short(tm_ties *t, int32_t i) {
+    tie_row *row = t->row + i;
+    const tm_state *state = &t->world->state;
+    double before[3], free_m[3], change[3], mobility = 0; /* free_m: from end to end without the tie's force */
+    vscale(t->state[i].lambda_N, row->normal, before);
+    for (int c = 0; c < 3; c++) {
+        free_m[c] = row->span_m[c] + row->mobility_m_N[c] * before[c];
+        for (int j = 0; j < 4; j++) {
+            const int32_t dof = 3 * row->vertex[j] + c;
+            free_m[c] -= row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
+        }
+    }
+    const double stretch = vunit(free_m, row->normal) - t->tie[i].rest_m;
+    t->world->unstable |= !(fabs(stretch) < INFINITY);
+    for (int c = 0; c < 3; c++) mobility += row->mobility_m_N[c] * row->normal[c] * row->normal[c];
+    t->state[i].lambda_N = law_max(stretch / (mobility + 1 / t->tie[i].stiffness_N_m), 0);
+    vscale(t->state[i].lambda_N, row->normal, change);
+    vsub(change, before, change);
+    push(t, i, change);
 }
 
 static void relax(tm_ties *t, int32_t i) {
     const tie_row *row = t->row + i;
     const tm_state *state = &t->world->state;
-    double nearer = 0;
+    double nearer = 0, change[3];
     for (int j = 0; j < 4; j++)
         for (int c = 0; c < 3; c++) {
             const int32_t dof = 3 * row->vertex[j] + c;
@@ -131,7 +164,8 @@ static void relax(tm_ties *t, int32_t i) {
     const double stretch = row->stretch_m - nearer + row->diagonal_m_N * t->state[i].lambda_N;
     t->world->unstable |= !(fabs(stretch) < INFINITY);
     const double lambda = law_max(stretch / (row->diagonal_m_N + 1 / t->tie[i].stiffness_N_m), 0);
-    if (lambda != t->state[i].lambda_N) push(t, i, lambda - t->state[i].lambda_N);
+    vscale(lambda - t->state[i].lambda_N, row->normal, change);
+    if (lambda != t->state[i].lambda_N) push(t, i, change);
     t->state[i].lambda_N = lambda;
 }
 
@@ -140,7 +174,7 @@ static void sweep(void *self, tm_world *world, int32_t number) {
     tm_ties *t = self;
     for (int32_t k = 0; k < t->count; k++) {
         const int32_t i = number % 2 ? t->count - 1 - k : k;
-        if (t->state[i].whole) relax(t, i);
+        if (t->state[i].whole) t->row[i].is_short ? relax_short(t, i) : relax(t, i);
     }
 }
 
