@@ -31,7 +31,10 @@ static const struct {
 static const float others[][3] = {
     {0.05f, 0.25f, 0.25f}, {0.30f, 0.12f, 0.32f}, {0.40f, 0.24f, 0.05f}, {0.10f, 0.28f, 0.08f}, {0.12f, 0.16f, 0.34f}};
 
-static const float *colour_of(const char *name, int number) {
+static const float rigid_grey[3] = {0.27f, 0.29f, 0.31f};
+
+/* Returns the colour of a known word in the name, or `other`. */
+static const float *colour_of(const char *name, const float other[3]) {
     char lower[64] = "";
     for (size_t i = 0; name[i] && i < sizeof lower - 1; i++) lower[i] = (char)tolower((unsigned char)name[i]);
     for (size_t k = 0; k < sizeof known / sizeof *known; k++)
@@ -41,23 +44,29 @@ static const float *colour_of(const char *name, int number) {
                 if (strncmp(at, word, length) == 0) return known[k].rgb;
             word += length + (word[length] == ' ');
         }
-    return others[number % (int)(sizeof others / sizeof *others)];
+    return other;
 }
 
-void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, view_picture *picture) {
+void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, const uint8_t *rigid_tet, view_picture *picture) {
     double volume_m3[VIEW_REGIONS] = {0};
+    bool rigid[VIEW_REGIONS] = {false};
     picture->regions = file->region_count < VIEW_REGIONS ? file->region_count : VIEW_REGIONS;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        if (mesh->region[t] < picture->regions) volume_m3[mesh->region[t]] += mesh->volume_m3[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        const int32_t r = mesh->region[t];
+        if (r >= picture->regions) continue;
+        rigid[r] = rigid_tet && rigid_tet[t];
+        if (!rigid[r]) volume_m3[r] += mesh->volume_m3[t];
+    }
     int largest = 0, number = 0;
     for (int r = 1; r < picture->regions; r++)
         if (volume_m3[r] > volume_m3[largest]) largest = r;
     for (int r = 0; r < picture->regions; r++) {
         view_region *region = &picture->region[r];
+        const float *other = rigid[r] ? rigid_grey : others[number % (int)(sizeof others / sizeof *others)];
         snprintf(region->name, sizeof region->name, "%s", file->region_name[r]);
-        region->tinted = r != largest;
-        memcpy(region->rgb, colour_of(region->name, number), sizeof region->rgb);
-        number += region->tinted;
+        region->tinted = r != largest || rigid[r];
+        memcpy(region->rgb, colour_of(region->name, other), sizeof region->rgb);
+        number += region->tinted && !rigid[r];
     }
 }
 

@@ -18,9 +18,9 @@ static int create_as_in_file(app_scene *scene, sim **s) {
 }
 
 /* Fills the visible mesh surface. Returns 0, or an exit code after an error message. */
-static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const view_cutaway *cut,
-                view_picture *picture) {
-    view_regions_name(file, mesh, picture);
+static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const uint8_t *rigid_tet,
+                const view_cutaway *cut, view_picture *picture) {
+    view_regions_name(file, mesh, rigid_tet, picture);
     if (!view_regions_surface(mesh, cut, picture))
         return app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
     picture->tets = mesh->tet_count;
@@ -35,7 +35,7 @@ static int load_mesh(const char *path, double scale, const view_cutaway *cut, vi
     if (tm_mesh_file_load(path, scale, &file, &error)) return app_report(NULL, 0, &error);
     tm_mesh *mesh = NULL;
     int wrong = tm_mesh_file_build(&file, &mesh, &error) ? app_report(NULL, 0, &error) : 0;
-    if (!wrong) wrong = show(path, &file, mesh, cut, picture);
+    if (!wrong) wrong = show(path, &file, mesh, NULL, cut, picture);
     tm_mesh_file_free(&file);
     tm_mesh_destroy(mesh);
     return wrong;
@@ -59,7 +59,7 @@ static int view_scene_marks(const char *path, const view_mark_choice *choice, vi
     if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
     wrong = read_marks(s, path, choice, marks);
-    view_regions_name(&s->file, s->mesh, picture);
+    view_regions_name(&s->file, s->mesh, s->rigid_tet, picture);
     if (!wrong && inside && !view_inside_take(inside, s->mesh))
         wrong = app_bad_input(path, 0, "no memory for its regions; leave --through out") - 1;
     sim_destroy(s);
@@ -74,7 +74,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, const vi
     int wrong = app_exit_code(sim_scene_load(path, NULL, 0, app_program_host(), &scene));
     if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
-    wrong = show(path, &s->file, s->mesh, cut, picture);
+    wrong = show(path, &s->file, s->mesh, s->rigid_tet, cut, picture);
     if (!wrong) wrong = read_marks(s, path, choice, marks);
     for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; i++) {
         view_instrument *t = &picture->instrument[i];

@@ -19,8 +19,9 @@ typedef struct view_cutaway {
     double through; /* share of light through the outer surface, 0..1; above 0 inner regions are drawn too */
 } view_cutaway;
 
-/* Sets names and colours: the largest region has the colour of tissue, the others have their own. */
-void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, view_picture *picture);
+/* Sets names and colours: the largest region has the colour of tissue, the others have their own, rigid bodies
+ * (rigid_tet; null: none) are grey. */
+void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, const uint8_t *rigid_tet, view_picture *picture);
 /* Fills the picture's surface; it has no triangles if the plane removes everything. Returns false if memory is
  * exhausted. */
 bool view_regions_surface(const tm_mesh *mesh, const view_cutaway *cut, view_picture *picture);

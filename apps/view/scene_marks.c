@@ -68,7 +68,7 @@ bool view_marks_take(view_marks *m, const sim *s, bool supports, bool fibres) {
     names(s->scene, m->held_by, sizeof m->held_by);
     m->vertex_count = mesh->vertex_count, m->tet_count = mesh->tet_count;
     bool good = true;
-    if (supports && s->support_of) {
+    if (supports && s->scene->support.count && s->support_of) {
         good = (m->support_of = malloc(vertices)) != NULL;
         if (good) memcpy(m->support_of, s->support_of, vertices);
     }

@@ -234,6 +234,20 @@ def test_ties_are_drawn_until_they_break(bin, build, root, tmp_path):
     assert seen["whole", True] > 0.003 + seen["whole", False] and seen["broken", True] == seen["broken", False], seen
 
 
+def test_a_rigid_body_is_grey_and_not_held(bin, root, tmp_path):
+    """The largest region is tissue, also if a rigid one is larger."""
+    scene = tmp_path / "table.yaml"
+    scene.write_text("""\
+tissue: {materials: {"*": {young: 5 kPa, poisson: 0.4}}}
+bodies: {table: {mesh: BLOCK, rigid: yes}, soft: {mesh: BLOCK, scale: 0.5, move: [20 mm, 20 mm, 51 mm]}}
+""".replace("BLOCK", str(root / "meshes/block_1k.msh")))
+    result = run(bin, scene, "--png", tmp_path / "table.png", "--size", "320x240", "--no-words")
+    assert result.returncode == 0, result.stderr
+    picture = pixels(tmp_path / "table.png")
+    grey = share(picture, lambda r, g, b: (r > 0.35) & (abs(r - g) < 0.06) & (abs(g - b) < 0.06))
+    assert 0.01 < share(picture, tissue_red) < 0.1 and grey > 0.05, (share(picture, tissue_red), grey)
+
+
 def test_scene_errors_are_the_scenes(bin, tmp_path):
     scene = tmp_path / "bad.yaml"
     scene.write_text("title: x\ntisue:\n  mesh: nowhere.msh\n")
