@@ -149,3 +149,14 @@ def test_a_run_tells_at_its_end_that_linear_tissue_was_far_outside_its_range(bin
     assert " linear tissue far outside its range" in said and "'rotation'" in said, said
     assert json.loads((tmp_path / "run.json").read_text())["deformation"]["nonlinear_share"] > 0.2
     assert "range" not in run(bin / "tm-sim", sags, "--lockstep", "--duration", "0.6 s", "--set", "rotation=")[1]
+
+
+@pytest.mark.parametrize("threads", (1, 2))
+def test_rotation_in_single_precision_settles_among_contact_as_double(bin, root, tmp_path, threads):
+    """With contact the stages run; in single precision their forces would stay above the tolerance."""
+    energy = {}
+    for precision in ("double", "single"):
+        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--settle", "1e-9", "--json", tmp_path / "out.json", "--set", "rotation=", "--set", "gravity=",
+            "--set", f"threads={threads}", "--set", f"tissue.precision={precision}")
+        energy[precision] = json.loads((tmp_path / "out.json").read_text())["energy_J"]
+    assert energy["single"] != energy["double"] and abs(energy["single"] / energy["double"] - 1) < 1e-6, energy

@@ -29,10 +29,22 @@ static void go(void *context, int32_t partition) {
     tm_conserve_clear(&t->rotation.conserving, partition, t->world->partition_count);
 }
 
+/* Of tissue in single precision: settling computes in double, so that it comes below any tolerance. */
+static void choose_precision(turner *t) {
+    tm_rotation *r = &t->rotation;
+    const bool plain = t->world->tissue->plain, settling = t->world->settling;
+    const tm_rotation_kernel kernel = settling ? tm_rotation_choose(plain) : tm_single_rotation_choose(plain);
+    if (kernel == r->kernel) return;
+    r->kernel = kernel;
+    t->divided.corner_force = settling ? tm_corner_force_choose(plain) : tm_single_corner_force_choose(plain);
+    r->conserving.valid = false; /* what it stores has the other rounding */
+}
+
 static void run(void *self, tm_world *world) {
     turner *t = self;
     tm_rotation *r = &t->rotation;
     if (r->done_by_viscosity) return;
+    if (r->batches.single) choose_precision(t);
     if (r->whole) {
         tm_conserve_whole(&r->conserving, world);
         return;
