@@ -12,6 +12,9 @@
 
 #include "libtensormass/numeric/elementary.h"
 
+/* Largest distance of a body from the origin, m. */
+static const double FAR_M = 1e5;
+
 /* --- one body --- */
 
 tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_text *path, double scale,
@@ -53,6 +56,19 @@ static bool qualify(char name[64], const char *body) {
     return length < 64;
 }
 
+/* Places the body's vertices. */
+static tm_status place_all(const app_scene *scene, const app_body *body, tm_mesh_file *file) {
+    for (int32_t v = 0; v < file->vertex_count && (body->move.line || body->turn.line); v++) {
+        double *x = file->vertex_m + 3 * v;
+        place(body, x);
+        if (!(fabs(x[0]) + fabs(x[1]) + fabs(x[2]) <= FAR_M))
+            return app_scene_bad(scene, body->move.line ? body->move.line : body->turn.line,
+                                 "body '%s' would lie more than %g km away; correct 'move:' or 'turn:'", body->name.s,
+                                 1e-3 * FAR_M);
+    }
+    return 0;
+}
+
 /* Loads a body: its mesh in place, with qualified names. */
 static tm_status load(const app_scene *scene, const app_body *body, bool checked, tm_mesh_file *file) {
     char key[128];
@@ -63,8 +79,7 @@ static tm_status load(const app_scene *scene, const app_body *body, bool checked
     if (!rc && checked && tm_mesh_file_build(file, &mesh, &error)) /* errors in this file's numbers */
         rc = sim_report_file(scene, body->mesh.line, NULL, 0, &error);
     if (mesh) tm_mesh_destroy(mesh);
-    for (int32_t v = 0; v < file->vertex_count && !rc && (body->move.line || body->turn.line); v++)
-        place(body, file->vertex_m + 3 * v);
+    if (!rc) rc = place_all(scene, body, file);
     bool fits = true;
     for (int32_t r = 0; r < file->region_count && !rc; r++) fits &= qualify(file->region_name[r], body->name.s);
     for (int32_t g = 0; g < file->group_count && !rc; g++) fits &= qualify(file->group_name[g], body->name.s);

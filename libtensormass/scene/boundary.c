@@ -5,12 +5,34 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Returns the index of the vertex's body; the scene has bodies. */
+static int32_t body_of(const sim *s, int32_t vertex) {
+    const int32_t in_file = tm_mesh_original_vertex(s->mesh, vertex);
+    int32_t i = 0;
+    while (in_file >= s->body[i].vertex_end) i++;
+    return i;
+}
+
+/* Refuses a load that rigid bodies alone would bear. */
+static tm_status check_load(const sim *s, const app_load *load, const uint8_t *mark) {
+    const sim_body *rigid = NULL;
+    for (int32_t v = 0; v < s->mesh->vertex_count && s->rigid_tet; v++) {
+        if (!mark[v]) continue;
+        rigid = s->body + body_of(s, v);
+        if (!rigid->rigid) return 0;
+    }
+    if (!rigid) return 0;
+    return app_scene_bad(
+        s->scene, load->here.line,
+        "this load acts on the body '%s' alone, which is rigid, so that it moves nothing; name another "
+        "selector, or remove the load",
+        rigid->name);
+}
+
 /* Prescribes all components of rigid bodies. */
 static tm_status hold_rigid(const sim *s, uint8_t *held) {
     for (int32_t v = 0; v < s->mesh->vertex_count && s->rigid_tet; v++) {
-        const int32_t in_file = tm_mesh_original_vertex(s->mesh, v);
-        int32_t i = 0;
-        while (in_file >= s->body[i].vertex_end) i++;
+        const int32_t i = body_of(s, v);
         for (int32_t d = 3 * v; d < 3 * v + 3 && s->body[i].rigid; d++) {
             if (held[d])
                 return app_scene_bad(s->scene, ((const app_support *)s->scene->support.item)[held[d] - 1].here.line,
@@ -132,6 +154,7 @@ static void add_total(const sim *s, const app_load *load, const uint8_t *mark, i
 static tm_status add_pressure(sim *s, const app_load *load, uint8_t *mark, double *pressure_Pa) {
     int32_t *list = NULL, count = 0, selected;
     tm_status rc = sim_select(s, &load->select, load->here.line, mark, &selected);
+    if (!rc) rc = check_load(s, load, mark);
     if (!rc) rc = list_triangles(s, load->pressure.line, mark, &list, &count);
     for (int32_t i = 0; i < count && !rc; i++) pressure_Pa[list[i]] += load->pressure.si;
     free(list);
@@ -169,6 +192,7 @@ tm_status sim_build_loads(sim *s) {
     for (int i = 0; i < scene->load.count && !rc; i++) {
         const app_load *load = (const app_load *)scene->load.item + i;
         rc = sim_select(s, &load->select, load->here.line, mark, &selected);
+        if (!rc) rc = check_load(s, load, mark);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
         if (!rc && load->total.line) add_total(s, load, mark, selected, force);
         for (int32_t v = 0; v < n && !rc && load->force.line; v++)

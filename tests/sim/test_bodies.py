@@ -334,7 +334,10 @@ def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path
     ("bodies.table.path=[{time: 1 s, move: [0, 0, 0]}, {time: 1 s, move: [0, 0, 0]}]", "not later"),
     ("supports=[{group: table.z_min}]", "which is rigid"),
     ("bodies.table.path=[{time: 0 s, move: [0, 0, 1 mm]}]", "would jump to the first waypoint"),
-], ids=["not rigid", "order", "held", "jump"])
+    ("loads=[{group: table.z_max, total: [0, 0, -1 N]}]", "this load acts on the body 'table' alone, which is rigid"),
+    ("loads=[{group: table.z_max, pressure: 1 kPa}]", "this load acts on the body 'table' alone, which is rigid"),
+    ("bodies.soft.move=[1e9 m, 0, 0]", "body 'soft' would lie more than 100 km away"),
+], ids=["not rigid", "order", "held", "jump", "load", "pressure", "far"])
 def test_faulty_rigid_bodies_are_refused(bin, block, tmp_path, change, words):
     said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", LIFT % (block, block)), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
     assert words in said and ";" in said, said
