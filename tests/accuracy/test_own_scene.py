@@ -288,6 +288,26 @@ def test_the_law_of_large_strains_is_tried_the_other_way(bin, root, tmp_path, la
     assert run["name"] == other and "cannot" not in run and run["change"] > 1e-4 and run["set"][-len(sets):] == sets
 
 
+def test_a_scene_of_bodies_keeps_their_meshes(bin, root, tmp_path):
+    """Its meshes are not varied, their content belongs to the study, and the recommended scene finds them from its folder."""
+    (tmp_path / "in").mkdir()
+    for name in ("low", "high"):
+        (tmp_path / f"in/{name}.msh").write_bytes((root / "meshes/block_1k.msh").read_bytes())
+    head, tail = (root / SCENE).read_text().split("tissue:\n", 1)
+    text = head + "bodies:\n  low: {mesh: low.msh}\n  high: {mesh: high.msh, move: [200 mm, 0, 0]}\ntissue:\n" + re.sub(r"^  mesh: .*\n", "", tail, flags=re.M)
+    (tmp_path / "in/two.yaml").write_text(re.sub(r"group: (\w+)", r"group: low.\1", text))
+    run, data = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s", "--duration", "0.6 s", scene=tmp_path / "in/two.yaml")
+    assert "each of its bodies has a mesh of its own" in run.stderr and not [r for r in data["runs"] if r["knob"] == "mesh"]
+    written, = tmp_path.glob("**/*recommended*.yaml")
+    assert subprocess.run([bin / "tm-sim", written, "--check"], cwd=root, capture_output=True, timeout=300).returncode == 0, written.read_text()
+    before = data["runs"][0]["key"]
+    mesh = tmp_path / "in/high.msh"
+    mesh.write_text(mesh.read_text().replace("tissue", "meat"))
+    assert study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s", "--duration", "0.6 s", scene=tmp_path / "in/two.yaml")[1]["runs"][0]["key"] != before
+    run, _ = study(bin, root, tmp_path, "--mesh", root / "meshes/block_1k.msh", scene=tmp_path / "in/two.yaml", good=2)
+    assert "--mesh replaces tissue.mesh, and the scene has bodies; leave it out" in run.stderr
+
+
 def test_fibres_follow_finer_meshes_and_impossible_ones_are_reported(bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
     (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")

@@ -27,7 +27,9 @@ void study_make_key(const study *t, study_run *r) {
 }
 
 static uint64_t files_hash(const study *t, const sim *own) {
-    uint64_t hash = sim_hash_file(t->scene_hash, own->scene->mesh.s);
+    uint64_t hash = own->body_count ? t->scene_hash : sim_hash_file(t->scene_hash, own->scene->mesh.s);
+    for (int32_t i = 0; i < own->body_count; i++)
+        hash = sim_hash_file(hash, ((const app_body *)own->scene->body.item)[i].mesh.s);
     return own->fibre ? sim_hash_bytes(hash, own->fibre, 3 * sizeof *own->fibre * (size_t)own->mesh->tet_count) : hash;
 }
 

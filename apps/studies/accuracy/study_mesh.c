@@ -264,6 +264,7 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
 /* Returns the setting that prevents other meshes: vertices fixed or loaded one by one. */
 static const char *bound_to_vertices(const app_scene *scene) {
     int by_number = 0;
+    if (scene->body.count) return "each of its bodies has a mesh of its own (vary them by --set bodies.NAME.mesh)";
     for (int i = 0; i < scene->support.count; i++)
         if (((const app_support *)scene->support.item + i)->select.vertex.line && ++by_number > STUDY_CARRIED)
             return "many supports by vertex number (give them groups)";
@@ -292,6 +293,8 @@ int study_make_meshes(study *t, const sim *own) {
         if (factor[i] < 0.7 && !t->quick) refine(t, own, factor[i] < 0.6 ? 0.71 : 0.8, "finer");
         break;
     }
+    if (t->other_count && own->scene->body.count)
+        return app_bad_input(t->file, 0, "--mesh replaces tissue.mesh, and the scene has bodies; leave it out");
     for (int i = 0; i < t->other_count; i++) {
         study_mesh *m = &t->mesh[t->mesh_count++];
         char whole[4096];

@@ -202,7 +202,7 @@ static bool change_moved(text *t, const char *edit, const char *to) {
 
 /* Adapts a path: paths are relative to the scene's folder, and the written scene may be in another. */
 static void move_path(text *t, const char *scene, const char *to, const char *key) {
-    char path[40], *rest = path, file[4096], found[4096], edit[4200];
+    char path[96], *rest = path, file[4096], found[4096], edit[4200];
     yaml_node_t *in;
     snprintf(path, sizeof path, "%s", key);
     const yaml_node_pair_t *pair = walk(t, &rest, &in);
@@ -214,6 +214,22 @@ static void move_path(text *t, const char *scene, const char *to, const char *ke
     change_moved(t, edit, to);
 }
 
+/* Adapts the paths of the bodies' meshes. The text is parsed again after each change, so bodies are found by number. */
+static void move_bodies(text *t, const char *scene, const char *to) {
+    for (int i = 0;; i++) {
+        char path[] = "bodies", *rest = path, key[96];
+        yaml_node_t *in;
+        const yaml_node_pair_t *pair = walk(t, &rest, &in);
+        const yaml_node_t *bodies = pair && !strchr(rest, '.') ? node(t, pair->value) : NULL;
+        if (!bodies || bodies->type != YAML_MAPPING_NODE) return;
+        if (bodies->data.mapping.pairs.top - bodies->data.mapping.pairs.start <= i) return;
+        const yaml_node_t *name = node(t, bodies->data.mapping.pairs.start[i].key);
+        if (name->type != YAML_SCALAR_NODE) return;
+        snprintf(key, sizeof key, "bodies.%.60s.mesh", (const char *)name->data.scalar.value);
+        move_path(t, scene, to, key);
+    }
+}
+
 int study_write_yaml(const study *t, const char *path, char *const *edit, int edit_count, const char *evidence) {
     static const char *const files[] = {"tissue.mesh", "anisotropy.file", "haptics.profile"};
     text scene;
@@ -221,6 +237,7 @@ int study_write_yaml(const study *t, const char *path, char *const *edit, int ed
     app_output output;
     if (!read_text(&scene, t->file)) return app_bad_input(t->file, 0, "cannot be read again; leave it as it is");
     for (int i = 0; i < 3; i++) move_path(&scene, t->file, path, files[i]);
+    move_bodies(&scene, t->file, path);
     for (int i = 0; i < edit_count; i++)
         if (!change_moved(&scene, edit[i], path))
             app_remark("tm-accuracy: --set %s cannot be written into %s; give it to tm-sim again", edit[i], path);
