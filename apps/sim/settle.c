@@ -215,6 +215,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
         printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
     else
         printf("at rest, by the direct solver");
+    if (result.held_friction > 0) printf(", with a friction of %.3g between bodies that slide", result.held_friction);
     printf("; energy %.9g J; largest displacement %.6g m; least det F %.3g\n", result.energy_J, largest,
            result.deformation.min_det);
     sim_shape_warn(s, &result.deformation, "at rest ");
@@ -224,6 +225,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     cJSON_AddNumberToObject(json, "load_steps", result.load_steps);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);
+    cJSON_AddNumberToObject(json, "held_friction", result.held_friction);
     cJSON_AddNumberToObject(json, "energy_J", result.energy_J);
     cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
     report_supports(s, reaction, json);

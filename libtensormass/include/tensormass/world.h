@@ -258,6 +258,8 @@ typedef struct tm_settle_result {
     double energy_J;
     int32_t load_steps;         /* in which supports and loads were applied (with "rotation"); else 0 */
     tm_deformation deformation; /* in equilibrium. `inverted` above 0: the result is not valid */
+    /* Above 0: bodies rest only with this friction between their surfaces, which have less; they slide on without. */
+    double held_friction;
 } tm_settle_result;
 TM_API tm_settle_def tm_settle_def_default(void);
 /* Solves K u = f_ext with the world's supports and loads, by dynamic relaxation (adaptive damping, fictitious masses

@@ -204,6 +204,7 @@ static void destroy(void *self) {
     t->world->notes_travel--;
     t->world->touching = NULL;
     t->world->settle_stride_m = 0;
+    t->world->settle_slides = false;
     tm_pool pool = t->pool;
     tm_pool_release(&pool);
 }
@@ -228,6 +229,7 @@ static tm_status add_stage(tm_touching *t, tm_contact *contact, tm_error *error)
     t->world->notes_travel++;
     t->world->touching = t;
     t->world->settle_stride_m = 0.2 * t->def.thickness_m; /* two sides: less than a thickness, which rows reach */
+    t->world->settle_slides = t->def.mu_static < TM_SETTLE_FRICTION;
     tm_world_set_few(t->world, "touch", &few);
     const tm_constraint_block block = {
         .self = t, .owner = t, .sweep = sweep, .finish = note, .hold_back = hold_back, .react = react_not};

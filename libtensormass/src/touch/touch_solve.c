@@ -25,6 +25,8 @@ void tm_touch_slip(const tm_touching_row *row, const double *to_m, const double 
     }
 }
 
+static bool has_friction(const tm_touching *t) { return t->def.mu_static > 0 || t->world->settling; }
+
 static void prepare(tm_touching *t, int32_t i) {
     const tm_world *world = t->world;
     const tm_touching_row *row = t->row + i;
@@ -41,6 +43,7 @@ static void prepare(tm_touching *t, int32_t i) {
         if (free_axis) s->weight2_m_N += row->weight[j] * row->weight[j] * mobility;
     }
     double way[3], force[3];
+    if (!has_friction(t)) vset((const double[3]){0, 0, 0}, s->friction_N); /* from settling (world->settle_friction) */
     tm_touch_slip(row, world->state.u_m, world->state.u_prev_m, way);
     const double undone = law_max(RECOVERY_M_S * world->state.dt_s, vnorm(way));
     const double over = -row->gap_m - law_compliance_depth(s->compliance_m_N, s->soft_m, row->lambda_N) - undone;
@@ -90,6 +93,10 @@ static void drag(tm_touching *t, int32_t i) {
     change_to(t, i, s->drag_N, wanted);
 }
 
+static double friction(const tm_touching *t, double coefficient) {
+    return t->world->settling ? law_max(coefficient, t->world->settle_friction) : coefficient;
+}
+
 /* Coulomb friction: holds the surfaces still within the cone of the static coefficient, else slides at the kinetic
  * one. */
 static void rub(tm_touching *t, int32_t i) {
@@ -99,8 +106,8 @@ static void rub(tm_touching *t, int32_t i) {
     tm_touch_slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
     for (int c = 0; c < 3; c++) wanted[c] = s->weight2_m_N > 0 ? s->friction_N[c] - way[c] / s->weight2_m_N : 0;
     vmadd(wanted, -vdot(wanted, row->normal), row->normal, wanted);
-    const double size = vnorm(wanted), kinetic = t->def.mu_kinetic * row->lambda_N;
-    s->slips = size > (s->slips ? kinetic : t->def.mu_static * row->lambda_N);
+    const double size = vnorm(wanted), kinetic = friction(t, t->def.mu_kinetic) * row->lambda_N;
+    s->slips = size > (s->slips ? kinetic : friction(t, t->def.mu_static) * row->lambda_N);
     if (s->slips) vscale(kinetic / size, wanted, wanted);
     change_to(t, i, s->friction_N, wanted);
 }
@@ -116,7 +123,7 @@ void tm_touch_sweep(tm_touching *t, int32_t sweep) {
             vdot(t->solver[i].friction_N, t->solver[i].friction_N) == 0)
             continue; /* the case of most rows */
         drag(t, i);
-        if (t->def.mu_static > 0) rub(t, i);
+        if (has_friction(t)) rub(t, i);
     }
 }
 

@@ -35,7 +35,7 @@ typedef struct relaxation {
     tm_force_scale scale;
     int32_t load_steps;
     int64_t steps;
-    double relative;
+    double relative, held_friction;
 } relaxation;
 
 static double largest(const double *a, const uint8_t *fixed, int32_t n) {
@@ -317,7 +317,7 @@ typedef struct damping_turns {
     int32_t downhill; /* steps since momentum last led uphill */
 } damping_turns;
 
-enum { TURN_STEPS = 1000, IDLE_STEPS = 20000 };
+enum { TURN_STEPS = 1000, IDLE_STEPS = 20000, SLIDING_STEPS = 5000 };
 
 static double damping_by_momentum(const relaxation *x, damping_turns *d) {
     const tm_state *s = &x->world->state;
@@ -355,7 +355,8 @@ static tm_status check_displacement(const relaxation *x, tm_error *error) {
     return TM_OK;
 }
 
-static tm_status relax_stages(relaxation *x, tm_error *error) {
+/* Gives up after `idle_steps` without progress. */
+static tm_status relax_stages(relaxation *x, int32_t idle_steps, tm_error *error) {
     tm_state *s = &x->world->state;
     if (x->world->nonlinear) lead(x);
     fictitious_masses(x);
@@ -365,7 +366,7 @@ static tm_status relax_stages(relaxation *x, tm_error *error) {
         relaxed_pass(x, damping);
         const double forces = fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n));
         x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
-        if (!isfinite(x->relative) || x->steps - turns.improved > IDLE_STEPS) return not_converged(x, error);
+        if (!isfinite(x->relative) || x->steps - turns.improved > idle_steps) return not_converged(x, error);
         const tm_status status = x->world->settle_stride_m > 0 ? check_displacement(x, error) : TM_OK;
         if (status) return status;
         calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
@@ -378,6 +379,38 @@ static tm_status relax_stages(relaxation *x, tm_error *error) {
         if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
     }
     return TM_OK;
+}
+
+static void keep_stages(tm_world *world, bool recall) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->entry[i].stage;
+        if (!recall && stage->checkpoint) stage->checkpoint(stage->self);
+        if (recall && stage->rollback) stage->rollback(stage->self, world);
+    }
+}
+
+/* Relaxes bodies that slide on each other. Facets press them sideways, each by another small share, so that they slide
+ * far or fall although a user put them where they nearly rest. So they come to rest with a little friction first, near
+ * the start, then without. If they do not without, the first rest is the result. */
+static tm_status relax_sliding(relaxation *x, tm_error *error) {
+    tm_world *world = x->world;
+    const size_t bytes = sizeof(double) * (size_t)x->n;
+    world->settle_friction = TM_SETTLE_FRICTION;
+    const tm_status status = relax_stages(x, IDLE_STEPS, error);
+    world->settle_friction = 0;
+    if (status) return status;
+    const double relative = x->relative;
+    memcpy(x->step, world->state.u_m, bytes);
+    keep_stages(world, false);
+    if (!relax_stages(x, SLIDING_STEPS, NULL)) return TM_OK;
+    memcpy(world->state.u_m, x->step, bytes);
+    keep_stages(world, true);
+    x->relative = relative, x->held_friction = TM_SETTLE_FRICTION;
+    return TM_OK;
+}
+
+static bool slides(const tm_world *world) {
+    return world->settle_slides && tm_check_constrained(world, NULL, NULL) == TM_ERR_SUPPORT;
 }
 
 /* --- both --- */
@@ -433,7 +466,7 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     tm_status status = linear ? tm_check_constrained(world, x.external, error) : TM_OK;
     if (pressed && linear) find_loads(&x);
     if (!status)
-        status = !linear   ? relax_stages(&x, error)
+        status = !linear   ? (slides(world) ? relax_sliding(&x, error) : relax_stages(&x, IDLE_STEPS, error))
                  : law     ? relax_corotated(&x, def, false, error)
                  : pressed ? relax_pressed(&x, error)
                            : relax_linear(&x, error);
@@ -441,12 +474,15 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     const size_t bytes = sizeof(double) * (size_t)x.n;
     memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);
     memcpy(s->u_prev_m, status ? x.start_u_prev : s->u_m, bytes);
+    world->settle_friction = x.held_friction;
     refresh(world);
+    world->settle_friction = 0;
     if (result)
         *result = (tm_settle_result){.steps = x.steps,
                                      .residual = x.relative,
                                      .energy_J = tm_tissue_energy(world->tissue, s->u_m),
                                      .load_steps = x.load_steps,
+                                     .held_friction = x.held_friction,
                                      .deformation = tm_tissue_deformation(world->tissue, s->u_m)};
     if (result && law) result->energy_J += law->energy(law->self, s->u_m);
     tm_pool_release(&x.pool);

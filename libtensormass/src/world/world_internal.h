@@ -115,6 +115,10 @@ struct tm_world {
     void *touching, *ties;  /* self of these stages, or null */
     double settle_stride_m; /* settling moves a component by at most this in a step, so that none passes through; 0: no
                                limit */
+    /* Contact of tissue has less friction than settling holds bodies by where they would slide (settle.c), and the
+     * least friction between surfaces while they are held. */
+    bool settle_slides;
+    double settle_friction;
 };
 
 /* Adds the reactions of the supports without forces that contact, bodies in contact and ties exert on them. */
@@ -207,6 +211,10 @@ void tm_stage_integrate_changed(void *self, tm_world *world);
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count);
 /* Sets all three of u to the present u at removed vertices, which every stage skips. */
 void tm_stage_integrate_freeze_removed(tm_world *world);
+/* Friction by which settling holds bodies at first. Facets press a body that lies on them sideways by up to a hundredth
+ * of its weight. */
+#define TM_SETTLE_FRICTION 0.02
+
 /* The stages that settling recognises: with these alone the equilibrium is the solution of a linear system. */
 tm_stage_range tm_stage_gravity_run, tm_stage_load_run, tm_stage_support_run;
 const double *tm_stage_gravity_m_s2(const void *self);      /* [3] */
