@@ -300,9 +300,14 @@ static void check_timing(review *r) {
 
 /* Returns whether the precomputed model takes the scene's effects. */
 static bool can_be_precomputed(const sim *s) {
-    static const char *const without[] = {"touch", "ties", "cut", "breathing", "rotation", "viscosity", "energy"};
+    static const char model[] = "precomputed";
     bool can = !sim_law_line(s->scene);
-    for (size_t i = 0; i < sizeof without / sizeof *without; i++) can = can && !sim_has(s, without[i]);
+    for (int e = 0; e < sim_effect_count; e++)
+        for (int i = 0; i < 4 && sim_effects[e]->excludes[i].other; i++) {
+            const char *other = sim_effects[e]->excludes[i].other;
+            if (!strcmp(other, model) && sim_effect_line(s->scene, e)) can = false;
+            if (!strcmp(sim_effects[e]->name, model) && sim_has(s, other)) can = false;
+        }
     for (int32_t i = 0; i < s->body_count; i++) can = can && !((const app_body *)s->scene->body.item)[i].path.count;
     return can;
 }
