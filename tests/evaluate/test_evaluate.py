@@ -218,7 +218,7 @@ def test_the_loop_is_stable_where_theory_says_so_and_further(page):
 
 
 def test_streaming_widens_what_a_hand_can_touch(page):
-    """Z-width with hold: 3,074 N/m at 500 samples a second, 530 at 25 (short form), both near theory; damping in the wall helps at high sample rates."""
+    """Z-width with hold: 2,694 N/m at 500 samples a second, 377 at 25 (short form), both near theory; damping in the wall helps at high sample rates."""
     at = {(r["rate_Hz"], r["wall_N_s_m"]): r for r in page[1]["loop"]["z_width"] if not r["passivity"]}
     assert all(0.5 < at[rate, 0]["stiffness_N_m"] / at[rate, 0]["theory_N_m"] < 1.5 for rate in (25, 500))
     assert at[500, 0]["stiffness_N_m"] > 4 * at[25, 0]["stiffness_N_m"]
@@ -243,7 +243,7 @@ def test_errors_at_the_hand_fall_with_the_rate_and_grow_with_delay(page, root):
 
 
 def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
-    """Measured 13.7 times the stiffness with hold."""
+    """Measured 14.5 times the stiffness with hold."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)
     at = {r["extrapolator"]: r["stiffness_N_m"] for r in json.loads((tmp_path / "loop.json").read_text())["tissue-loop"]}
     assert 300 < at["hold"] < 2000 and at["local_model"] > 10 * at["hold"]
@@ -376,7 +376,7 @@ def operating(page):
 def test_operating_scenes_have_every_law_rate_and_phase(operating):
     hands = {(r["scene"], r["mode"]) for r in operating}
     assert {("liver-press", "probe"), ("liver-dissect", "grasper"), ("liver-dissect", "cautery")} <= hands
-    assert {r["extrapolator"] for r in operating} == {*NAMES, "frozen"} and {r["rate_Hz"] for r in operating} >= {25, 100, 500}
+    assert {r["extrapolator"] for r in operating} == {*NAMES, "frozen"} and {r["rate_Hz"] for r in operating} >= ({25, 100, 500} if LONG else {25, 500})
     phases = {p for r in operating if r["mode"] == "grasper" for p in r["phases"]}
     assert {"free", "touch", "grasp", "lift", "cut", "let go"} <= phases
     assert all(sum(p["ticks"] for p in r["phases"].values()) == r["judged"] for r in operating)

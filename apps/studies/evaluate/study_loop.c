@@ -272,12 +272,12 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     return r;
 }
 
-/* Finds the largest stable stiffness, by doubling and then bisection; `beyond` if nothing tried was unstable. */
+/* Finds the largest stable stiffness, by growing steps and then bisection; `beyond` if nothing tried was unstable. */
 static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
     loop_result best = {0};
-    double good = 0, bad = 0;
+    double good = 0, bad = 0, growth = quick ? 2.2 : 1.6;
     *beyond = false;
-    for (double compliance = 1.0 / 50; !(bad > 0); compliance /= 1.6) {
+    for (double compliance = 1.0 / 50; !(bad > 0); compliance /= growth) {
         if (compliance < 1.0 / 60000) {
             *beyond = true;
             return best;

@@ -21,7 +21,7 @@ static const struct {
               {"liver-dissect", "liver-dissect, fade", true, "cut.fade=50ms"}};
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
-static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 100, 500};
+static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 500};
 /* Above this rate a simulation sends no patch (libtensormass/scene/queries.c), and laws that need one run without. */
 static const double patch_rate_max_Hz = 50;
 
