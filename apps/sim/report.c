@@ -91,7 +91,7 @@ void run_report_ties(const sim *s, cJSON *report) {
     if (!ties) return;
     cJSON *to = cJSON_AddObjectToObject(report, "ties");
     cJSON_AddNumberToObject(to, "whole", whole_ties(ties));
-    cJSON_AddNumberToObject(to, "gone", (double)s->ties_cut.total);
+    cJSON_AddNumberToObject(to, "gone", tm_ties_count(ties) - whole_ties(ties)); /* before --restore too */
 }
 
 void run_print_ties(const sim *s) {

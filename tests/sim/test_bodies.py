@@ -208,7 +208,10 @@ def test_ties_are_counted_before_and_after(bin, block, tmp_path):
     scene = write(tmp_path / "hung.yaml", HUNG % (block, block))
     assert "ties: 16\n" in run(bin / "tm-sim", scene, "--explain")[0]
     assert "gone" not in run(bin / "tm-sim", scene, "--lockstep", "--frames", 1)[0]
-    broken = run(bin / "tm-sim", scene, "--lockstep", "--set", "ties.between[0].break=1 mN")[0]
+    load = "--set", "ties.between[0].break=1 mN"
+    state(bin, scene, tmp_path, *load, "--snapshot-at", "0.2", "--snapshot", tmp_path / "a.snap")
+    assert state(bin, scene, tmp_path, *load, "--restore", tmp_path / "a.snap")["ties"] == {"whole": 0, "gone": 16}
+    broken = run(bin / "tm-sim", scene, "--lockstep", *load)[0]
     assert "ties: 0 whole, 16 gone, of these 16 at their breaking load" in broken
 
 
