@@ -154,22 +154,6 @@ static void snapshots_continue_bit_for_bit(void **state) {
 
 /* --- one body that touches itself --- */
 
-/* A block that a cut opens like a mouth: a layer of cells is removed, except where the lips are joined. */
-static bodies mouth(const setup *s) {
-    const part p = {{12, 3, 5}, {0.06, 0.015, 0.025}, {0, 0, 0}, 0};
-    bodies b = make(&p, 1, s);
-    int32_t *gone = malloc(sizeof *gone * (size_t)b.mesh->tet_count), count = 0;
-    for (int32_t t = 0; t < b.mesh->tet_count; t++) {
-        double x = 0, z = 0;
-        for (int j = 0; j < 4; j++) x += b.mesh->rest_m[3 * b.mesh->tet[4 * t + j]] / 4;
-        for (int j = 0; j < 4; j++) z += b.mesh->rest_m[3 * b.mesh->tet[4 * t + j] + 2] / 4;
-        if (x > 0.01 && z > 0.01 && z < 0.015) gone[count++] = t;
-    }
-    tm_cut_remove(b.tissue, gone, count, NULL, 0);
-    free(gone);
-    return b;
-}
-
 static void push_upper_lip(bodies *b, double acceleration_m_s2) {
     tm_state *s = tm_world_state(b->world);
     for (int32_t v = 0; v < b->mesh->vertex_count; v++)

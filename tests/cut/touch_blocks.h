@@ -23,7 +23,8 @@ typedef struct bodies {
 
 typedef struct setup {
     double young_Pa, damping_1_s, gravity_m_s2, step_s, mu;
-    bool cuttable, rotation;
+    double tilt_rad;                         /* of each part about y, before it turns */
+    bool cuttable, rotation, one_body;       /* one_body: all parts are of one */
     bool (*is_held)(const double rest_m[3]); /* which vertices are held; null: none */
     int32_t threads;
     tm_touching_def touch;
@@ -34,13 +35,15 @@ static inline setup plain(void) {
     return (setup){.young_Pa = 5000, .damping_1_s = 60, .threads = 1, .touch = tm_touching_def_default()};
 }
 
-static inline void add_part(const part *p, double *vertex, int32_t *tet, int32_t *body, int32_t index, int32_t *v,
-                            int32_t *t) {
+static inline void add_part(const part *p, double tilt_rad, double *vertex, int32_t *tet, int32_t *body, int32_t index,
+                            int32_t *v, int32_t *t) {
     app_block block;
     const int32_t cells[3] = {p->cells[0], p->cells[1], p->cells[2]};
     assert_true(app_block_build(&block, cells, p->size_m));
     for (int32_t i = 0; i < block.vertex_count; i++) {
-        const double *x = block.vertex_m + 3 * i, c = cos(p->turn_rad), s = sin(p->turn_rad);
+        const double *flat = block.vertex_m + 3 * i, up = cos(tilt_rad), aside = sin(tilt_rad);
+        const double x[3] = {up * flat[0] + aside * flat[2], flat[1], up * flat[2] - aside * flat[0]};
+        const double c = cos(p->turn_rad), s = sin(p->turn_rad);
         const double y[3] = {c * x[0] - s * x[1], s * x[0] + c * x[1], x[2]};
         for (int a = 0; a < 3; a++) vertex[3 * (*v + i) + a] = y[a] + p->at_m[a];
     }
@@ -64,7 +67,7 @@ static inline void hold(bodies *b, bool (*is_held)(const double rest_m[3])) {
     free(dof), free(zero);
 }
 
-static inline void make_mesh(bodies *b, const part *p) {
+static inline void make_mesh(bodies *b, const part *p, const setup *s) {
     int32_t vertices = 0, tets = 0, v = 0, t = 0;
     for (int32_t i = 0; i < b->count; i++) {
         const int *c = p[i].cells;
@@ -75,7 +78,7 @@ static inline void make_mesh(bodies *b, const part *p) {
     b->tet_body = malloc(sizeof *b->tet_body * (size_t)tets);
     for (int32_t i = 0; i < b->count; i++) {
         b->body_begin[i] = v;
-        add_part(p + i, vertex, tet, b->tet_body, i, &v, &t);
+        add_part(p + i, s->tilt_rad, vertex, tet, b->tet_body, i, &v, &t);
     }
     b->body_begin[b->count] = v;
     tm_error error;
@@ -99,7 +102,7 @@ static inline void make_tissue(bodies *b, const setup *s) {
 static inline bodies make(const part *p, int32_t count, const setup *s) {
     bodies b = {.count = count};
     tm_error error;
-    make_mesh(&b, p);
+    make_mesh(&b, p, s);
     make_tissue(&b, s);
     tm_world_def world = tm_world_def_default();
     world.tissue = b.tissue, world.threads = s->threads, world.dt_s = s->step_s;
@@ -110,8 +113,25 @@ static inline bodies make(const part *p, int32_t count, const setup *s) {
     if (s->gravity_m_s2 != 0) fix_ok(tm_stage_gravity(b.world, g, &error), &error);
     if (s->add_tools) s->add_tools(&b);
     tm_touching_def touch = s->touch;
-    touch.body_count = count, touch.tet_body = b.tet_body, touch.mu_static = touch.mu_kinetic = s->mu;
+    if (s->one_body) memset(b.tet_body, 0, sizeof *b.tet_body * (size_t)b.mesh->tet_count);
+    touch.body_count = s->one_body ? 1 : count, touch.tet_body = b.tet_body, touch.mu_static = touch.mu_kinetic = s->mu;
     fix_ok(tm_stage_touch(b.world, &touch, &b.touching, &error), &error);
+    return b;
+}
+
+/* A block that a cut opens like a mouth: a layer of cells is removed, except where the lips are joined. */
+static inline bodies mouth(const setup *s) {
+    const part p = {{12, 3, 5}, {0.06, 0.015, 0.025}, {0, 0, 0}, 0};
+    bodies b = make(&p, 1, s);
+    int32_t *gone = malloc(sizeof *gone * (size_t)b.mesh->tet_count), count = 0;
+    for (int32_t t = 0; t < b.mesh->tet_count; t++) {
+        double x = 0, z = 0;
+        for (int j = 0; j < 4; j++) x += b.mesh->rest_m[3 * b.mesh->tet[4 * t + j]] / 4;
+        for (int j = 0; j < 4; j++) z += b.mesh->rest_m[3 * b.mesh->tet[4 * t + j] + 2] / 4;
+        if (x > 0.01 && z > 0.01 && z < 0.015) gone[count++] = t;
+    }
+    tm_cut_remove(b.tissue, gone, count, NULL, 0);
+    free(gone);
     return b;
 }
 

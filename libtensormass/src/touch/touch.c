@@ -32,8 +32,9 @@ static void run(void *self, tm_world *world) {
     t->found_early = false;
     tm_touch_prepare(t);
     if (tm_world_contact(world)) return; /* contact sweeps the rows */
-    for (int32_t sweep = 0; sweep < t->def.sweeps && t->row_count > 0; sweep++) tm_touch_sweep(t, sweep);
+    for (int32_t sweep = 0; sweep < t->def.sweeps; sweep++) tm_touch_sweep(t, sweep);
     tm_touch_note_energy(t);
+    tm_touch_list_entered(t);
     tm_touch_remember(t);
     tm_touch_remember_account(t);
 }
@@ -76,6 +77,7 @@ static bool hold_back(void *self, tm_world *world, int32_t instrument) {
 
 static void finish(void *self, tm_world *world) {
     (void)world;
+    tm_touch_list_entered(self);
     tm_touch_remember(self);
     tm_touch_remember_account(self);
 }

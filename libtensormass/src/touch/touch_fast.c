@@ -131,14 +131,6 @@ static void search_face(tm_touching *t, int32_t face) {
     for (int32_t i = 0; i < count; i++) try_pair(t, t->near_items[i], face);
 }
 
-static void drop_doubles(tm_touch_list *list) {
-    int32_t kept = 0;
-    for (int32_t i = 0; i < list->count; i++)
-        if (i == 0 || list->pair[i].a != list->pair[i - 1].a || list->pair[i].b != list->pair[i - 1].b)
-            list->pair[kept++] = list->pair[i];
-    list->count = kept;
-}
-
 void tm_touch_find_fast(tm_touching *t) {
     t->fast.count = 0;
     if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
@@ -147,5 +139,5 @@ void tm_touch_find_fast(tm_touching *t) {
     for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i]);
     for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i]);
     tm_touch_list_merge(&t->fast, 0, t->scratch);
-    drop_doubles(&t->fast);
+    tm_touch_list_drop_doubles(&t->fast);
 }

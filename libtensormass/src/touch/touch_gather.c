@@ -27,7 +27,7 @@ static bool init_search(tm_touching *t, tm_pool *pool) {
     init_fresh(t->fresh + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->vertex_count);
     init_fresh(t->fresh + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, faces);
     init_fresh(t->fresh + TM_TOUCH_EDGES, pool, mesh->edge_count, mesh->edge_count);
-    t->near_items = TM_ALLOC(pool, int32_t, faces > mesh->vertex_count ? faces : mesh->vertex_count);
+    t->near_items = TM_ALLOC(pool, int32_t, (int64_t)law_max(law_max(faces, mesh->vertex_count), mesh->edge_count));
     return tm_touch_clusters_init(t, pool, TM_TOUCH_VERTICES, mesh->vertex_count, 1, mesh->vertex_count) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_FACES, mesh->tet_count, 4, faces) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_EDGES, mesh->edge_count, 1, mesh->edge_count);

@@ -82,6 +82,16 @@ static bool is_listed(const tm_touching *t, int32_t vertex) {
     return false;
 }
 
+void tm_touch_note_inside(tm_touching *t, const tm_touch_inside *inside) {
+    int32_t at = t->found_count;
+    while (at > 0 && t->found[at - 1].vertex > inside->vertex) at--;
+    if (is_listed(t, inside->vertex) || t->found_count == TM_TOUCH_MAX_INSIDE) return;
+    if (at > 0 && t->found[at - 1].vertex == inside->vertex) return;
+    memmove(t->found + at + 1, t->found + at, sizeof *t->found * (size_t)(t->found_count - at));
+    t->found[at] = *inside;
+    t->found_count++;
+}
+
 /* Returns a face of a body. */
 static int32_t face_of(const tm_touching *t, int32_t body) {
     for (int32_t i = 0; i < t->surface.face_count; i++)
@@ -118,7 +128,7 @@ static void check(tm_touching *t, int32_t vertex) {
     if (body < 0 || !is_wound(t, vertex, body, false) || is_wound(t, vertex, body, true)) return;
     tm_touch_inside inside = {.vertex = vertex, .face = face_of(t, body)};
     find_nearest(t, &inside, t->surface.face, t->surface.face_count);
-    if (inside.closest.distance_m > DEEP * t->def.thickness_m) t->found = inside;
+    if (inside.closest.distance_m > DEEP * t->def.thickness_m) tm_touch_note_inside(t, &inside);
 }
 
 void tm_touch_suspect(tm_touching *t, int32_t vertex) {
@@ -153,7 +163,7 @@ static bool is_still_inside(tm_touching *t, tm_touch_inside *inside) {
 }
 
 void tm_touch_find_inside(tm_touching *t) {
-    t->inside_count = 0, t->found.vertex = t->suspect = -1;
+    t->inside_count = t->found_count = 0, t->suspect = -1;
     if (t->def.body_count < 2 || t->world->settling) return;
     int32_t end = t->memory_count;
     if (end > 0 && t->memory[end - 1].edges == TM_TOUCH_MEMORY_ACCOUNT) end--;
@@ -170,14 +180,9 @@ void tm_touch_find_inside(tm_touching *t) {
 }
 
 void tm_touch_remember_inside(tm_touching *t) {
-    bool left = t->found.vertex >= 0;
-    for (int32_t i = 0; i < t->inside_count || left;) { /* ascending */
-        const bool new = left && (i == t->inside_count || t->found.vertex < t->inside[i].vertex);
-        const tm_touch_inside *one = new ? &t->found : t->inside + i;
-        if (new)
-            left = false;
-        else
-            i++;
+    for (int32_t i = 0, k = 0; i < t->inside_count || k < t->found_count;) { /* ascending */
+        const bool new = i == t->inside_count || (k < t->found_count && t->found[k].vertex < t->inside[i].vertex);
+        const tm_touch_inside *one = new ? t->found + k++ : t->inside + i++;
         if (t->memory_count == t->def.max_rows) return;
         t->memory[t->memory_count++] =
             (tm_touch_memory){.edges = TM_TOUCH_MEMORY_INSIDE, .a = one->vertex, .b = one->face};

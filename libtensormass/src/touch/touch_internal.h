@@ -143,13 +143,16 @@ struct tm_touching {
     tm_touch_box box[TM_MAX_BODIES]; /* of each body */
     int32_t inside_count;
     tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
-    tm_touch_inside found;                       /* in this substep; vertex -1: none */
-    int32_t suspect;                             /* vertex that is checked in this substep; -1: none */
+    int32_t found_count;
+    tm_touch_inside found[TM_TOUCH_MAX_INSIDE]; /* in this substep, ascending */
+    int32_t suspect;                            /* vertex that is checked in this substep; -1: none */
     uint32_t suspect_rank;
     /* rows */
     bool found_early;   /* during the force pass of this substep */
     double increment_m; /* bound of the motion of a vertex in the last substep */
     int32_t row_count, memory_count, saved_count;
+    bool may_cross;           /* in this substep, a vertex moves by more than a thickness */
+    int32_t persistent_count; /* rows that the next substep starts from; those behind are of crossings */
     tm_touching_row *row;
     tm_touch_solver *solver;
     tm_touch_memory *memory, *saved; /* [max_rows] of the last substep; when the step began */
@@ -210,10 +213,14 @@ void tm_touch_clusters_try(tm_touching *touching, int kind, int against, const i
                            double grow_m, tm_touch_try *try);
 
 /* touch_pairs.c: add a pair to the lists if it is close in the places of its vertices, and may touch. */
+/* Returns whether a pair may touch wherever it is, by its bodies and its places at rest. */
+bool tm_touch_may_touch_face(const tm_touching *touching, int32_t vertex, int32_t face, tm_touch_pair *pair);
+bool tm_touch_may_touch_edges(const tm_touching *touching, int32_t a, int32_t b, tm_touch_pair *pair); /* a < b */
 void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t face);
 void tm_touch_try_edges(tm_touching *touching, int32_t a, int32_t b);
 /* Sorts a list whose first `kept` pairs are sorted. */
 void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch);
+void tm_touch_list_drop_doubles(tm_touch_list *list); /* sorted */
 
 /* touch_search.c: try the pairs of fresh features with all others. */
 void tm_touch_add_fresh(tm_touching *touching, int kind, int32_t item);
@@ -233,11 +240,18 @@ void tm_touch_update(tm_touching *touching);
 /* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
 void tm_touch_find_fast(tm_touching *touching);
 
+/* touch_crossing.c: sweeps the rows; before some sweeps, adds rows of features that would cross in this substep. */
+void tm_touch_sweep(tm_touching *touching, int32_t sweep);
+/* After the sweeps: lists vertices that entered another body in spite of their rows as inside. */
+void tm_touch_list_entered(tm_touching *touching);
+
 /* touch_inside.c: vertices inside another body. */
 void tm_touch_find_inside(tm_touching *touching);
 /* Names a vertex that is behind a face of another body; one of those named in a substep is checked. */
 void tm_touch_suspect(tm_touching *touching, int32_t vertex);
 void tm_touch_check_suspect(tm_touching *touching);
+/* Lists a vertex as inside from the next substep on. */
+void tm_touch_note_inside(tm_touching *touching, const tm_touch_inside *inside);
 /* Adds the vertices that are inside to the memory. */
 void tm_touch_remember_inside(tm_touching *touching);
 
@@ -255,7 +269,8 @@ void tm_touch_forces(const void *self, void *to, tm_add_force *add);
 /* Returns the derivative of a row's depth by its force, m/N, and whether its friction sticks. */
 double tm_touching_slope_m_N(const tm_touching *touching, int32_t row, bool *sticks);
 void tm_touch_prepare(tm_touching *touching);
-void tm_touch_sweep(tm_touching *touching, int32_t sweep);
+void tm_touch_prepare_row(tm_touching *touching, int32_t row);
+void tm_touch_sweep_once(tm_touching *touching, int32_t sweep);
 void tm_touch_remember(tm_touching *touching);
 /* Adds the displacements under a force on a row and its opposite. */
 void tm_touch_push(tm_touching *touching, int32_t row, const double force_N[3]);

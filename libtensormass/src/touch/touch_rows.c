@@ -363,6 +363,6 @@ void tm_touch_find(tm_touching *t) {
         if (!is_asleep(t, t->ee.pair + i)) try_edges(t, t->ee.pair + i);
     order_rows(t);
     start_warm(t);
-    t->report.rows = t->row_count;
+    t->report.rows = t->persistent_count = t->row_count;
     t->report.candidates = t->vf.count + t->ee.count;
 }

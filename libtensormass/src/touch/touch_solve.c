@@ -27,7 +27,7 @@ void tm_touch_slip(const tm_touching_row *row, const double *to_m, const double 
 
 static bool has_friction(const tm_touching *t) { return t->def.mu_static > 0 || t->world->settling; }
 
-static void prepare(tm_touching *t, int32_t i) {
+void tm_touch_prepare_row(tm_touching *t, int32_t i) {
     const tm_world *world = t->world;
     const tm_touching_row *row = t->row + i;
     tm_touch_solver *s = t->solver + i;
@@ -54,7 +54,7 @@ static void prepare(tm_touching *t, int32_t i) {
 }
 
 void tm_touch_prepare(tm_touching *t) {
-    for (int32_t i = 0; i < t->row_count; i++) prepare(t, i);
+    for (int32_t i = 0; i < t->row_count; i++) tm_touch_prepare_row(t, i);
 }
 
 static void relax(tm_touching *t, int32_t i, const double way_m[3], double cap_N) {
@@ -112,7 +112,7 @@ static void rub(tm_touching *t, int32_t i) {
     change_to(t, i, s->friction_N, wanted);
 }
 
-void tm_touch_sweep(tm_touching *t, int32_t sweep) {
+void tm_touch_sweep_once(tm_touching *t, int32_t sweep) {
     for (int32_t k = 0; k < t->row_count; k++) { /* forward and backward: no row is always last */
         const int32_t i = sweep % 2 ? t->row_count - 1 - k : k;
         double way[3];
@@ -177,7 +177,7 @@ void tm_touch_remember(tm_touching *t) {
         tm_touching_row *row = t->row + i;
         const tm_touch_solver *s = t->solver + i;
         for (int c = 0; c < 3; c++) row->across_N[c] = s->drag_N[c] + s->friction_N[c];
-        if (row->lambda_N == 0) continue;
+        if (row->lambda_N == 0 || i >= t->persistent_count) continue;
         tm_touch_memory *m = t->memory + t->memory_count++;
         *m = (tm_touch_memory){
             .edges = row->edges, .a = row->a, .b = row->b, .slips = s->slips, .lambda_N = row->lambda_N};

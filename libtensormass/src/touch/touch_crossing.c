@@ -1,0 +1,333 @@
+/* Surfaces that would cross in this substep although their rows hold. A row is linear in the motion: what moves by more
+ * than its own size in a substep may pass beside the face or edge that the row was for, and tissue that starts to move
+ * may meet what was out of reach. So after some sweeps the paths of fast features are followed from the start of the
+ * substep to its end as it is by then. Where a vertex enters a face, or an edge an edge, from outside, a row is added
+ * with the weights and the normal of that moment, also between folds of one body. Without a fast vertex nothing is
+ * searched. */
+#include "touch/touch_internal.h"
+
+#include <math.h>
+
+#include "base/vec.h"
+#include "contact_law/compliance.h"
+
+/* Motion in a substep from which a vertex is fast, of the thickness. Of two slower ones, the pair is within reach. */
+static const double FAST = 1;
+/* How near the paths must come, of the thickness: between two neighbours no gap is left. */
+static const double TOUCHING = 1e-4;
+/* Sweeps before which paths are followed. */
+enum { FIRST = 4, PERIOD = 2 };
+
+/* --- paths --- */
+
+static double motion2_of(const tm_touching *t, int32_t v) {
+    double d[3];
+    vsub(t->world->state.u_next_m + 3 * (int64_t)v, t->world->state.u_m + 3 * (int64_t)v, d);
+    return vdot(d, d);
+}
+
+/* Computes the place of a vertex at a share of the substep. */
+static void place_at(const tm_touching *t, int32_t v, double share, double x[3]) {
+    const tm_state *state = &t->world->state;
+    for (int c = 0; c < 3; c++) {
+        const int64_t d = 3 * (int64_t)v + c;
+        x[c] = t->world->tissue->mesh->rest_m[d] + state->u_m[d] + share * (state->u_next_m[d] - state->u_m[d]);
+    }
+}
+
+static tm_touch_box box_of_paths(const tm_touching *t, const int32_t *vertex, int count) {
+    tm_touch_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int k = 0; k < 2 * count; k++) {
+        double x[3];
+        place_at(t, vertex[k / 2], k % 2, x);
+        for (int c = 0; c < 3; c++) box.low[c] = law_min(box.low[c], x[c]), box.high[c] = law_max(box.high[c], x[c]);
+    }
+    return box;
+}
+
+static bool boxes_overlap(const tm_touch_box *a, const tm_touch_box *b) {
+    bool overlap = true;
+    for (int c = 0; c < 3; c++) overlap &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
+    return overlap;
+}
+
+static double determinant(const double a[3], const double b[3], const double c[3]) {
+    double cross[3];
+    vcross(a, b, cross);
+    return vdot(cross, c);
+}
+
+/* Computes the cubic in the share of the substep of the volume between four vertices: that of the vectors from the
+ * first to the others. */
+static void volume_of(const tm_touching *t, const int32_t vertex[4], double cubic[4]) {
+    double e[3][3], d[3][3], from[2][3];
+    for (int k = 0; k < 2; k++) place_at(t, vertex[0], k, from[k]);
+    for (int j = 0; j < 3; j++) {
+        double to[3];
+        place_at(t, vertex[1 + j], 0, to);
+        vsub(to, from[0], e[j]);
+        place_at(t, vertex[1 + j], 1, to);
+        vsub(to, from[1], d[j]);
+        vsub(d[j], e[j], d[j]);
+    }
+    cubic[0] = determinant(e[0], e[1], e[2]);
+    cubic[1] = determinant(d[0], e[1], e[2]) + determinant(e[0], d[1], e[2]) + determinant(e[0], e[1], d[2]);
+    cubic[2] = determinant(d[0], d[1], e[2]) + determinant(d[0], e[1], d[2]) + determinant(e[0], d[1], d[2]);
+    cubic[3] = determinant(d[0], d[1], d[2]);
+}
+
+static double value(const double c[4], double x) { return ((c[3] * x + c[2]) * x + c[1]) * x + c[0]; }
+
+/* Stores the ends of the parts of [0, 1] in which the cubic ascends or descends. Returns the count of parts. */
+static int divide(const double c[4], double end[4]) {
+    const double a = 3 * c[3], half = c[2], root2 = half * half - a * c[1];
+    int count = 0;
+    end[0] = 0;
+    if (root2 > 0) {
+        const double q = -(half + copysign(sqrt(root2), half)), one = a != 0 ? q / a : -1, two = q != 0 ? c[1] / q : -1;
+        const double low = law_min(one, two), high = law_max(one, two);
+        if (low > 0 && low < 1) end[++count] = low;
+        if (high > 0 && high < 1) end[++count] = high;
+    }
+    end[++count] = 1;
+    return count;
+}
+
+/* Returns where the cubic changes its sign between two places. */
+static double root_between(const double c[4], double low, double high) {
+    const bool from_positive = value(c, low) > 0;
+    for (int i = 0; i < 50; i++) {
+        const double middle = 0.5 * (low + high);
+        *((value(c, middle) > 0) == from_positive ? &low : &high) = middle;
+    }
+    return 0.5 * (low + high);
+}
+
+/* --- a vertex and a face --- */
+
+/* Returns whether a vertex enters a face from outside; sets its row. */
+static bool enters_face(const tm_touching *t, const tm_touch_pair *pair, tm_touching_row *row) {
+    int32_t w[3];
+    double c[4], end[4];
+    tm_touch_triangle(t, pair->b, w);
+    volume_of(t, (int32_t[]){w[0], w[1], w[2], pair->a}, c);
+    const int parts = divide(c, end);
+    for (int i = 0; i < parts; i++) {
+        if (!(value(c, end[i]) > 0 && value(c, end[i + 1]) <= 0)) continue;
+        const double share = root_between(c, end[i], end[i + 1]);
+        double x[4][3], ab[3], ac[3];
+        place_at(t, pair->a, share, x[3]);
+        for (int j = 0; j < 3; j++) place_at(t, w[j], share, x[j]);
+        const tm_touch_closest closest = tm_touch_point_triangle(x[3], x[0], x[1], x[2]);
+        if (!(closest.distance_m <= TOUCHING * t->def.thickness_m)) continue;
+        *row = (tm_touching_row){.a = pair->a, .b = pair->b, .thickness_m = pair->thickness_m};
+        row->vertex[0] = pair->a, row->weight[0] = 1;
+        for (int j = 0; j < 3; j++) row->vertex[1 + j] = w[j], row->weight[1 + j] = -closest.weight[j];
+        vsub(x[1], x[0], ab);
+        vsub(x[2], x[0], ac);
+        vcross(ab, ac, row->normal);
+        return vunit(row->normal, row->normal) > 0;
+    }
+    return false;
+}
+
+/* --- two edges --- */
+
+static void normal_at(const tm_touching *t, int32_t face, double share, double n[3]) {
+    int32_t v[3];
+    double x[3][3];
+    tm_touch_triangle(t, face, v);
+    for (int j = 0; j < 3; j++) place_at(t, v[j], share, x[j]);
+    vsub(x[1], x[0], x[1]);
+    vsub(x[2], x[0], x[2]);
+    vcross(x[1], x[2], n);
+    vunit(n, n);
+}
+
+/* Computes the sum of the normals of an edge's faces at a share of the substep. Returns whether the edge sticks out. */
+static bool sticks_out(const tm_touching *t, int32_t edge, double share, double n[3]) {
+    const int32_t *of = t->surface.of_edge + 2 * (int64_t)edge,
+                  *ends = t->world->tissue->mesh->edge + 2 * (int64_t)edge;
+    int32_t v[3], across = ends[0];
+    double first[3], second[3], from[3], to[3];
+    normal_at(t, of[0], share, first);
+    normal_at(t, of[1], share, second);
+    vset(first, n);
+    vmadd(n, 1, second, n);
+    tm_touch_triangle(t, of[1], v);
+    for (int j = 0; j < 3; j++)
+        if (v[j] != ends[0] && v[j] != ends[1]) across = v[j];
+    place_at(t, ends[0], share, from);
+    place_at(t, across, share, to);
+    vsub(to, from, to);
+    return vdot(to, first) < 0;
+}
+
+/* Sets the row of two edges that meet at a share of the substep. `sign`: of the volume before. Returns false if they
+ * only seem to, or one leaves the other's tissue. */
+static bool meet(const tm_touching *t, const tm_touch_pair *pair, const int32_t v[4], double share, double sign,
+                 tm_touching_row *row) {
+    double x[4][3], da[3], db[3], na[3], nb[3], s, r;
+    bool inside;
+    for (int j = 0; j < 4; j++) place_at(t, v[j], share, x[j]);
+    if (!(tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) <= TOUCHING * t->def.thickness_m)) return false;
+    if (!inside || !sticks_out(t, pair->a, share, na) || !sticks_out(t, pair->b, share, nb)) return false;
+    *row = (tm_touching_row){.edges = 1,
+                             .a = pair->a,
+                             .b = pair->b,
+                             .vertex = {v[0], v[1], v[2], v[3]},
+                             .weight = {-(1 - s), -s, 1 - r, r},
+                             .thickness_m = pair->thickness_m};
+    vsub(x[1], x[0], da);
+    vsub(x[3], x[2], db);
+    vcross(da, db, row->normal);
+    vunit(row->normal, row->normal);
+    vscale(sign, row->normal, row->normal); /* from the first to the second, before they met */
+    return vdot(row->normal, na) > 0 && vdot(row->normal, nb) < 0;
+}
+
+/* Returns whether two edges enter each other's tissue; sets their row. */
+static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touching_row *row) {
+    const int32_t *va = t->world->tissue->mesh->edge + 2 * (int64_t)pair->a,
+                  *vb = t->world->tissue->mesh->edge + 2 * (int64_t)pair->b, v[4] = {va[0], va[1], vb[0], vb[1]};
+    double c[4], end[4];
+    volume_of(t, (int32_t[]){v[0], v[1], v[2], v[3]},
+              c); /* (a1 - a0) x (b0 - a0) . (b1 - a0) = -(da x db) . (b0 - a0) */
+    const int parts = divide(c, end);
+    for (int i = 0; i < parts; i++) {
+        const bool positive = value(c, end[i]) > 0;
+        if (positive == (value(c, end[i + 1]) > 0)) continue;
+        if (meet(t, pair, v, root_between(c, end[i], end[i + 1]), positive ? -1 : 1, row)) return true;
+    }
+    return false;
+}
+
+/* --- search --- */
+
+static int vertices_of(const tm_touching *t, int kind, int32_t item, int32_t v[3]) {
+    const int32_t *ends = t->world->tissue->mesh->edge;
+    if (kind == TM_TOUCH_FACES) tm_touch_triangle(t, item, v);
+    if (kind == TM_TOUCH_EDGES) v[0] = ends[2 * (int64_t)item], v[1] = ends[2 * (int64_t)item + 1];
+    if (kind == TM_TOUCH_VERTICES) v[0] = item;
+    return kind == TM_TOUCH_FACES ? 3 : kind == TM_TOUCH_EDGES ? 2 : 1;
+}
+
+static void try_pair(tm_touching *t, int kind, int32_t item, const tm_touch_box *box, int against, int32_t other) {
+    int32_t v[3];
+    const int count = vertices_of(t, against, other, v);
+    const tm_touch_box its = box_of_paths(t, v, count);
+    tm_touch_pair pair;
+    if (!boxes_overlap(box, &its)) return;
+    const bool may = kind == TM_TOUCH_EDGES
+                         ? tm_touch_may_touch_edges(t, item < other ? item : other, item < other ? other : item, &pair)
+                         : tm_touch_may_touch_face(t, kind == TM_TOUCH_VERTICES ? item : other,
+                                                   kind == TM_TOUCH_VERTICES ? other : item, &pair);
+    if (!may) return;
+    if (t->fast.count == t->max_fast)
+        t->report.overflowed = true;
+    else
+        t->fast.pair[t->fast.count++] = pair;
+}
+
+/* Finds the pairs of a feature with those that are not faster; the clusters hold these in places that may be half a
+ * margin off. */
+static void search(tm_touching *t, int kind, int against, int32_t item) {
+    const tm_touch_surface *s = &t->surface;
+    int32_t v[3], *found = t->near_items,
+                  all = against == TM_TOUCH_FACES   ? s->face_count
+                        : against == TM_TOUCH_EDGES ? s->edge_count
+                                                    : s->vertex_count;
+    const int count = vertices_of(t, kind, item, v);
+    double motion2 = 0;
+    for (int j = 0; j < count; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
+    if (!(motion2 > FAST * FAST * t->def.thickness_m * t->def.thickness_m)) return;
+    const tm_touch_box box = box_of_paths(t, v, count);
+    const int32_t *of = against == TM_TOUCH_FACES ? s->face : against == TM_TOUCH_EDGES ? s->edge : s->vertex;
+    if (!t->all_pairs) {
+        const tm_touch_bounds near = tm_touch_bounds_around(box.low, box.high, t->margin_m + sqrt(motion2));
+        all = tm_touch_clusters_find(t->clusters + against, &near, found), of = found;
+    }
+    for (int32_t i = 0; i < all; i++) try_pair(t, kind, item, &box, against, of[i]);
+}
+
+/* --- rows --- */
+
+static void add_row(tm_touching *t, tm_touching_row *row) {
+    double from[3] = {0, 0, 0};
+    if (t->row_count == t->def.max_rows) {
+        t->report.overflowed = true;
+        return;
+    }
+    for (int j = 0; j < 4; j++) {
+        double x[3];
+        place_at(t, row->vertex[j], 0, x);
+        vmadd(from, row->weight[j], x, from);
+    }
+    row->gap_m = vdot(row->normal, from) - row->thickness_m;
+    t->row[t->row_count] = *row;
+    t->solver[t->row_count++] = (tm_touch_solver){.compliance_m_N = t->def.compliance_m_N,
+                                                  .gap_m = row->gap_m,
+                                                  .soft_m = LAW_COMPLIANCE_TRAVEL * row->thickness_m};
+    tm_touch_prepare_row(t, t->row_count - 1);
+}
+
+/* Returns whether a vertex is fast by now: tools push it, so the integrator's bound does not hold. */
+static bool has_fast(const tm_touching *t) {
+    const double limit2 = FAST * FAST * t->def.thickness_m * t->def.thickness_m;
+    double most2 = 0;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) most2 = law_max(most2, motion2_of(t, t->surface.vertex[i]));
+    return most2 > limit2;
+}
+
+static void search_faces(tm_touching *t) {
+    const tm_touch_surface *s = &t->surface;
+    t->fast.count = 0;
+    for (int32_t i = 0; i < s->vertex_count; i++) search(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES, s->vertex[i]);
+    for (int32_t i = 0; i < s->face_count; i++) search(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES, s->face[i]);
+    tm_touch_list_merge(&t->fast, 0, t->scratch);
+    tm_touch_list_drop_doubles(&t->fast);
+}
+
+static void search_edges(tm_touching *t) {
+    const tm_touch_surface *s = &t->surface;
+    t->fast.count = 0;
+    for (int32_t i = 0; i < s->edge_count; i++) search(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES, s->edge[i]);
+    tm_touch_list_merge(&t->fast, 0, t->scratch);
+    tm_touch_list_drop_doubles(&t->fast);
+}
+
+/* Adds rows of what would cross; returns whether anything would. */
+static bool stop_crossings(tm_touching *t, int32_t sweep) {
+    tm_touching_row row;
+    const int32_t before = t->row_count;
+    if (t->world->settling || sweep < FIRST || sweep % PERIOD != FIRST % PERIOD) return false;
+    t->may_cross = (sweep == FIRST || t->may_cross) && has_fast(t);
+    if (!t->may_cross) return false;
+    search_faces(t);
+    for (int32_t i = 0; i < t->fast.count; i++)
+        if (enters_face(t, t->fast.pair + i, &row)) add_row(t, &row);
+    search_edges(t);
+    for (int32_t i = 0; i < t->fast.count; i++)
+        if (edges_enter(t, t->fast.pair + i, &row)) add_row(t, &row);
+    return t->row_count > before;
+}
+
+/* Bodies that meet fast take more sweeps until their rows agree. */
+void tm_touch_sweep(tm_touching *t, int32_t sweep) {
+    enum { MORE = 10 };
+    const bool crossed = stop_crossings(t, sweep);
+    for (int32_t k = 0; crossed && k < MORE; k++) tm_touch_sweep_once(t, k);
+    tm_touch_sweep_once(t, sweep);
+}
+
+void tm_touch_list_entered(tm_touching *t) {
+    if (!t->may_cross || t->def.body_count < 2) return;
+    t->may_cross = false;
+    search_faces(t);
+    for (int32_t i = 0; i < t->fast.count; i++) {
+        const tm_touch_pair *pair = t->fast.pair + i;
+        tm_touching_row row;
+        if (t->surface.body[pair->a] != tm_touch_body(t, pair->b) && enters_face(t, pair, &row))
+            tm_touch_note_inside(t, &(tm_touch_inside){.vertex = pair->a, .face = pair->b});
+    }
+}
