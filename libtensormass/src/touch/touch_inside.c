@@ -99,18 +99,42 @@ static int32_t face_of(const tm_touching *t, int32_t body) {
     return -1;
 }
 
-static void find_nearest(tm_touching *t, tm_touch_inside *inside, const int32_t *face, int32_t count) {
-    const int32_t body = tm_touch_body(t, inside->face);
+/* Returns whether a face is still on the surface; the list of these ascends. */
+static bool is_on_surface(const tm_touching *t, int32_t face) {
+    int32_t low = 0, high = t->surface.face_count;
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (t->surface.face[middle] < face)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < t->surface.face_count && t->surface.face[low] == face;
+}
+
+static tm_touch_closest closest_on(const tm_touching *t, const double p[3], int32_t face) {
+    double x[3][3];
+    int32_t v[3];
+    tm_touch_triangle(t, face, v);
+    for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
+    return tm_touch_point_triangle(p, x[0], x[1], x[2]);
+}
+
+/* Finds the nearest face of the body of `inside->face`, of equally near ones the first. It is no farther than that
+ * face; the clusters hold faces in places that may be half a margin off. */
+static void find_nearest(tm_touching *t, tm_touch_inside *inside) {
+    const int32_t body = tm_touch_body(t, inside->face), *face = t->surface.face;
+    int32_t count = t->surface.face_count;
     double p[3];
-    inside->closest.distance_m = INFINITY;
     tm_touch_at(t->world, inside->vertex, p);
+    inside->closest = closest_on(t, p, inside->face);
+    if (!t->all_pairs && inside->closest.distance_m < INFINITY) {
+        const tm_touch_bounds near = tm_touch_bounds_around(p, p, inside->closest.distance_m + t->margin_m);
+        count = tm_touch_clusters_find(t->clusters + TM_TOUCH_FACES, &near, t->near_items), face = t->near_items;
+    }
     for (int32_t i = 0; i < count; i++) {
-        double x[3][3];
-        int32_t v[3];
         if (tm_touch_body(t, face[i]) != body) continue;
-        tm_touch_triangle(t, face[i], v);
-        for (int j = 0; j < 3; j++) tm_touch_at(t->world, v[j], x[j]);
-        const tm_touch_closest c = tm_touch_point_triangle(p, x[0], x[1], x[2]);
+        const tm_touch_closest c = closest_on(t, p, face[i]);
         if (c.distance_m > inside->closest.distance_m) continue;
         if (c.distance_m == inside->closest.distance_m && face[i] > inside->face) continue;
         inside->closest = c, inside->face = face[i];
@@ -127,7 +151,7 @@ static void check(tm_touching *t, int32_t vertex) {
     const int32_t body = is_listed(t, vertex) ? -1 : body_around(t, vertex);
     if (body < 0 || !is_wound(t, vertex, body, false) || is_wound(t, vertex, body, true)) return;
     tm_touch_inside inside = {.vertex = vertex, .face = face_of(t, body)};
-    find_nearest(t, &inside, t->surface.face, t->surface.face_count);
+    find_nearest(t, &inside);
     if (inside.closest.distance_m > DEEP * t->def.thickness_m) tm_touch_note_inside(t, &inside);
 }
 
@@ -151,8 +175,9 @@ static bool is_still_inside(tm_touching *t, tm_touch_inside *inside) {
     double x[3][3];
     int32_t v[3];
     const int32_t body = tm_touch_body(t, inside->face);
-    if (t->surface.body[inside->vertex] < 0) return false; /* cut */
-    find_nearest(t, inside, t->surface.face, t->surface.face_count);
+    if (!is_on_surface(t, inside->face)) inside->face = face_of(t, body);
+    if (inside->face < 0 || t->surface.body[inside->vertex] < 0) return false; /* cut */
+    find_nearest(t, inside);
     if (!(inside->closest.distance_m > 0 && inside->closest.distance_m < INFINITY)) return false;
     tm_touch_triangle(t, inside->face, v);
     for (int j = 0; j < 3; j++) vset(mesh->rest_m + 3 * (int64_t)v[j], x[j]);

@@ -135,6 +135,7 @@ typedef struct vertex_search {
     double inside_m;       /* nearest of those on faces */
     double nearest_m;      /* nearest edge or vertex */
     tm_touching_row edged; /* its row */
+    int32_t left_out;      /* body that the vertex is inside of: it has one row of its own with it; -1: none */
 } vertex_search;
 
 /* Returns whether vertex and face are of one body. */
@@ -188,21 +189,16 @@ static void try_pair(tm_touching *t, tm_touch_pair *pair, double reach_m, vertex
 static int32_t try_pairs_of(tm_touching *t, tm_touch_list *list, int32_t i, int32_t vertex, double reach_m,
                             vertex_search *search) {
     for (; i < list->count && list->pair[i].a == vertex; i++)
-        if (!is_asleep(t, list->pair + i)) try_pair(t, list->pair + i, reach_m, search);
+        if (!is_asleep(t, list->pair + i) && tm_touch_body(t, list->pair[i].b) != search->left_out)
+            try_pair(t, list->pair + i, reach_m, search);
     return i;
 }
 
-/* Replaces the rows of the vertex with another body by one that pushes it out along the shortest way. */
-static void push_out(tm_touching *t, const tm_touch_inside *inside, vertex_search *search) {
+/* Adds the row that pushes a vertex out of another body along the shortest way. */
+static void push_out(tm_touching *t, const tm_touch_inside *inside) {
     const tm_touch_pair pair = {.a = inside->vertex, .b = inside->face, .thickness_m = inside->thickness_m};
-    const int32_t body = tm_touch_body(t, inside->face);
     tm_touching_row row;
     double out[3];
-    int32_t kept = search->first;
-    for (int32_t r = search->first; r < t->row_count; r++)
-        if (tm_touch_body(t, t->row[r].b) != body) t->row[kept] = t->row[r], t->solver[kept++] = t->solver[r];
-    t->row_count = kept;
-    if (search->nearest_m < INFINITY && tm_touch_body(t, search->edged.b) == body) search->nearest_m = INFINITY;
     vscale(-1 / inside->closest.distance_m, inside->closest.offset, out);
     set_vertex_face(t, &pair, &inside->closest, out, -inside->closest.distance_m, &row);
     add(t, &row, t->def.compliance_m_N);
@@ -215,10 +211,12 @@ static void find_vertices(tm_touching *t) {
         const int32_t vertex = least(i < t->vf.count ? t->vf.pair[i].a : INT32_MAX,
                                      least(k < t->fast.count ? t->fast.pair[k].a : INT32_MAX,
                                            m < t->inside_count ? t->inside[m].vertex : INT32_MAX));
-        vertex_search search = {.first = t->row_count, .inside_m = INFINITY, .nearest_m = INFINITY};
+        vertex_search search = {.first = t->row_count, .inside_m = INFINITY, .nearest_m = INFINITY, .left_out = -1};
+        const bool listed = m < t->inside_count && t->inside[m].vertex == vertex;
+        if (listed) search.left_out = tm_touch_body(t, t->inside[m].face);
         i = try_pairs_of(t, &t->vf, i, vertex, t->def.thickness_m, &search);
         k = try_pairs_of(t, &t->fast, k, vertex, INFINITY, &search);
-        for (; m < t->inside_count && t->inside[m].vertex == vertex; m++) push_out(t, t->inside + m, &search);
+        if (listed) push_out(t, t->inside + m++);
         if (search.nearest_m < search.inside_m && search.edged.gap_m <= lookahead_m(t, &search.edged))
             add(t, &search.edged, t->def.compliance_m_N);
         const int32_t count = t->row_count - search.first;
