@@ -189,7 +189,7 @@ static double frequency2(body *b, const double *u, double *d, double *change) {
     const double *mass = tm_tissue_mass_kg(b->tissue);
     double value = 0;
     noise(b, 1, d);
-    for (int k = 0; k < 120; k++) {
+    for (int k = 0; k < (test_is_sanitized() ? 10 : 120); k++) {
         double weight = 0, length = 0;
         tangent(b, u, d, change);
         for (int32_t i = 0; i < b->n; i++) weight += mass[i / 3] * d[i] * d[i];
