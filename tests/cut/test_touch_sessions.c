@@ -18,6 +18,9 @@ static const double SURPLUS_SHARE = 0.06, TOUCH_SHARE = 0.01, SURPLUS_J = 5e-5;
 /* True overlap (overlap.h) while tissue is slower, and was for CALM frames: what a tool crushed and releases is faster
  * for moments. Mostly it is below LITTLE. Where tissue is inverted, its overlap with itself has no bound. */
 static const double DEEPEST_M = 2e-3, LITTLE_M = 0.5e-3, FAST_M_S = 4, FARTHEST_M = 0.1;
+/* What contact of tissue may give in a substep after its sweeps: the limit (touch_passivity.c), and what a last
+ * reduction of instruments adds. Without the limit some substep of these sessions gives 100 times as much. */
+static const double LATE_J = 2e-6;
 enum { CALM = 5 };
 
 enum { ROTATION = 1, FRICTION = 2, TIED = 4, SELF = 8, EFFECTS = 4 };
@@ -181,6 +184,26 @@ static void fail_at(stage *g, int i, const char *why, double is, double bound) {
     g->v.good = false;
 }
 
+/* Returns how much more energy the rows gave in the last substep than after its sweeps, when the forces of instruments
+ * had not yet been reduced. Their work is that of the two steps around it; the integrator keeps the oldest
+ * displacements in u_next_m. */
+static double given_late_J(const bodies *b) {
+    const tm_touching *t = b->touching;
+    const tm_state *state = tm_world_state(b->world);
+    double account = 0;
+    for (int32_t i = 0; i < t->row_count; i++) {
+        const tm_touching_row *row = t->row + i;
+        double way[3];
+        if (!(row->lambda_N > 0)) continue;
+        tm_touch_slip(row, state->u_m, state->u_next_m, way);
+        for (int c = 0; c < 3; c++)
+            account +=
+                0.5 * way[c] * (row->lambda_N * row->normal[c] + t->solver[i].drag_N[c] + t->solver[i].friction_N[c]);
+        account += 0.5 * tm_touching_stored_J(t, i);
+    }
+    return account - fmax(t->swept_J, 0);
+}
+
 static double farthest_m(const bodies *b) {
     double far = 0;
     for (int32_t k = 0; k < 3 * b->mesh->vertex_count; k++)
@@ -268,6 +291,8 @@ static void go(stage *g, const session *s, int i, const tm_tool_pose to[2], int 
             fail_at(g, i, "the step is unstable", 0, 0);
             return;
         }
+        const double late_J = given_late_J(&g->b);
+        if (late_J > LATE_J) fail_at(g, i, "contact of tissue gave after the sweeps J", late_J, LATE_J);
         judge(g, s, i);
     }
 }
