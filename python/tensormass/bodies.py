@@ -49,12 +49,6 @@ class Touch(_Part):
         definition.mu_static, definition.mu_kinetic = friction
         call(lib.tm_stage_touch, world, ctypes.byref(definition), ctypes.byref(self._handle))
 
-    @classmethod
-    def _of(cls, world: WorldState, handle: int) -> "Touch":
-        touch = cls.__new__(cls)
-        touch.world, touch._handle = world, ctypes.c_void_p(handle)
-        return touch
-
     @property
     def rows(self) -> Any:
         """Returns the rows (n,) of the last substep, a copy: a structured array with the fields of tm_touching_row: edges, vertex (4,), weight (4,), normal
@@ -136,12 +130,6 @@ class Ties(_Part):
         fill(definition, options)
         definition.count, definition.tie = len(ties), ctypes.addressof(listed)
         call(lib.tm_stage_ties, world, ctypes.byref(definition), ctypes.byref(self._handle))
-
-    @classmethod
-    def _of(cls, world: WorldState, handle: int) -> "Ties":
-        ties = cls.__new__(cls)
-        ties.world, ties._handle = world, ctypes.c_void_p(handle)
-        return ties
 
     def __len__(self) -> int:
         return int(lib.tm_ties_count(self))

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 
@@ -112,12 +112,22 @@ def fill(definition: Any, options: Dict[str, Any]) -> None:
         setattr(definition, name, value)
 
 
+_P = TypeVar("_P", bound="_Part")
+
+
 class _Part:
     """Handle of a stage that the world owns."""
 
     def __init__(self, world: WorldState) -> None:
         self.world = world
         self._handle = ctypes.c_void_p()
+
+    @classmethod
+    def _of(cls: Type[_P], world: WorldState, handle: int) -> _P:
+        """Returns the stage of this handle, which the world has already."""
+        part = cls.__new__(cls)
+        part.world, part._handle = world, ctypes.c_void_p(handle)
+        return part
 
     @property
     def _as_parameter_(self) -> ctypes.c_void_p:

@@ -3,43 +3,12 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/intrinsics.h"
 #include "base/vec.h"
 #include "material/single_batches.h"
 
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
-
-#define TM_FLOATS
-#define TM_NAME(x) tm_turn_plain_##x
-#define TM_TARGET
-#define TM_WIDTH 4
-#include "material/corotated_kernel.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-
-#ifdef TM_HAS_AVX2
-#define TM_NAME(x) tm_turn_avx2_##x
-#define TM_TARGET __attribute__((target("avx2")))
-#define TM_WIDTH 8
-#include "material/corotated_kernel.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-#endif
-
-#ifdef TM_HAS_NEON
-#define TM_NEON_FORM
-#define TM_NAME(x) tm_turn_neon_##x
-#define TM_TARGET
-#define TM_WIDTH 4
-#include "material/corotated_kernel.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-#undef TM_NEON_FORM
-#endif
-#undef TM_FLOATS
+#define TM_KERNEL "material/corotated_kernel.h"
+#define TM_FORM(form, x) tm_turn_##form##_##x
+#include "material/single_forms.h"
 
 tm_rotation_kernel tm_single_rotation_form(int form) {
 #ifdef TM_HAS_AVX2

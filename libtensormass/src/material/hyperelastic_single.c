@@ -4,42 +4,9 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/intrinsics.h"
-
-#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: every function that takes them is inlined */
-
-#define TM_FLOATS
-#define TM_NAME(x) tm_single_plain_##x
-#define TM_TARGET
-#define TM_WIDTH 4
-#include "material/hyperelastic_single_pass.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-
-#ifdef TM_HAS_AVX2
-#define TM_NAME(x) tm_single_avx2_##x
-#define TM_TARGET __attribute__((target("avx2")))
-#define TM_WIDTH 8
-#include "material/hyperelastic_single_pass.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-#endif
-
-#ifdef TM_HAS_NEON
-#define TM_NEON_FORM
-#define TM_NAME(x) tm_single_neon_##x
-#define TM_TARGET
-#define TM_WIDTH 4
-#include "material/hyperelastic_single_pass.h"
-#undef TM_NAME
-#undef TM_TARGET
-#undef TM_WIDTH
-#undef TM_NEON_FORM
-#endif
-
-#undef TM_FLOATS
+#define TM_KERNEL "material/hyperelastic_single_pass.h"
+#define TM_FORM(form, x) tm_single_##form##_##x
+#include "material/single_forms.h"
 
 tm_single_force tm_single_force_form(int form) {
 #ifdef TM_HAS_AVX2

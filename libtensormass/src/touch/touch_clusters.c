@@ -13,20 +13,6 @@ enum { WIDTH = TM_TOUCH_CLUSTER, NONE = -1 };
 
 /* --- boxes --- */
 
-static int corners_of(const tm_touching *t, int kind, int32_t item, int32_t vertex[3]) {
-    const tm_mesh *mesh = t->world->tissue->mesh;
-    if (kind == TM_TOUCH_FACES) {
-        tm_touch_triangle(t, item, vertex);
-        return 3;
-    }
-    if (kind == TM_TOUCH_VERTICES) {
-        vertex[0] = item;
-        return 1;
-    }
-    vertex[0] = mesh->edge[2 * (int64_t)item], vertex[1] = mesh->edge[2 * (int64_t)item + 1];
-    return 2;
-}
-
 /* Rounds down by more than the rounding to single precision. */
 static float below(double x) { return (float)(x - 2e-7 * fabs(x) - 1e-30); }
 static float above(double x) { return (float)(x + 2e-7 * fabs(x) + 1e-30); }
@@ -50,7 +36,7 @@ static void widen(tm_touch_bounds *b, const tm_touch_bounds *by) {
 
 static tm_touch_bounds around(const tm_touching *t, int kind, int32_t item) {
     int32_t vertex[3];
-    const int count = corners_of(t, kind, item, vertex);
+    const int count = tm_touch_vertices(t, kind, item, vertex);
     tm_touch_bounds b;
     for (int c = 0; c < 3; c++) {
         double low = t->place_m[3 * (int64_t)vertex[0] + c], high = low;

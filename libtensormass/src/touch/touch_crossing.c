@@ -9,7 +9,6 @@
 #include <math.h>
 
 #include "base/vec.h"
-#include "contact_law/compliance.h"
 
 /* Motion in a substep from which a vertex is fast, of the thickness. Of two slower ones, the pair is within reach. */
 static const double FAST = 1;
@@ -191,8 +190,7 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
     const int32_t *va = t->world->tissue->mesh->edge + 2 * (int64_t)pair->a,
                   *vb = t->world->tissue->mesh->edge + 2 * (int64_t)pair->b, v[4] = {va[0], va[1], vb[0], vb[1]};
     double c[4], end[4];
-    volume_of(t, (int32_t[]){v[0], v[1], v[2], v[3]},
-              c); /* (a1 - a0) x (b0 - a0) . (b1 - a0) = -(da x db) . (b0 - a0) */
+    volume_of(t, v, c); /* (a1 - a0) x (b0 - a0) . (b1 - a0) = -(da x db) . (b0 - a0) */
     const int parts = divide(c, end);
     for (int i = 0; i < parts; i++) {
         const bool positive = value(c, end[i]) > 0;
@@ -204,17 +202,9 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
 
 /* --- search --- */
 
-static int vertices_of(const tm_touching *t, int kind, int32_t item, int32_t v[3]) {
-    const int32_t *ends = t->world->tissue->mesh->edge;
-    if (kind == TM_TOUCH_FACES) tm_touch_triangle(t, item, v);
-    if (kind == TM_TOUCH_EDGES) v[0] = ends[2 * (int64_t)item], v[1] = ends[2 * (int64_t)item + 1];
-    if (kind == TM_TOUCH_VERTICES) v[0] = item;
-    return kind == TM_TOUCH_FACES ? 3 : kind == TM_TOUCH_EDGES ? 2 : 1;
-}
-
 static void try_pair(tm_touching *t, int kind, int32_t item, const tm_touch_box *box, int against, int32_t other) {
     int32_t v[3];
-    const int count = vertices_of(t, against, other, v);
+    const int count = tm_touch_vertices(t, against, other, v);
     const tm_touch_box its = box_of_paths(t, v, count);
     tm_touch_pair pair;
     if (!boxes_overlap(box, &its)) return;
@@ -237,7 +227,7 @@ static void search(tm_touching *t, int kind, int against, int32_t item) {
                   all = against == TM_TOUCH_FACES   ? s->face_count
                         : against == TM_TOUCH_EDGES ? s->edge_count
                                                     : s->vertex_count;
-    const int count = vertices_of(t, kind, item, v);
+    const int count = tm_touch_vertices(t, kind, item, v);
     double motion2 = 0;
     for (int j = 0; j < count; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
     if (!(motion2 > FAST * FAST * t->def.thickness_m * t->def.thickness_m)) return;
@@ -254,21 +244,13 @@ static void search(tm_touching *t, int kind, int against, int32_t item) {
 
 static void add_row(tm_touching *t, tm_touching_row *row) {
     double from[3] = {0, 0, 0};
-    if (t->row_count == t->def.max_rows) {
-        t->report.overflowed = true;
-        return;
-    }
     for (int j = 0; j < 4; j++) {
         double x[3];
         place_at(t, row->vertex[j], 0, x);
         vmadd(from, row->weight[j], x, from);
     }
     row->gap_m = vdot(row->normal, from) - row->thickness_m;
-    t->row[t->row_count] = *row;
-    t->solver[t->row_count++] = (tm_touch_solver){.compliance_m_N = t->def.compliance_m_N,
-                                                  .gap_m = row->gap_m,
-                                                  .soft_m = LAW_COMPLIANCE_TRAVEL * row->thickness_m};
-    tm_touch_prepare_row(t, t->row_count - 1);
+    if (tm_touch_add_row(t, row, t->def.compliance_m_N)) tm_touch_prepare_row(t, t->row_count - 1);
 }
 
 /* Returns whether a vertex is fast by now: tools push it, so the integrator's bound does not hold. */

@@ -174,6 +174,20 @@ static inline void tm_touch_triangle(const tm_touching *t, int32_t face, int32_t
     const int32_t *tet = t->world->tissue->mesh->tet + 4 * (int64_t)(face / 4);
     for (int j = 0; j < 3; j++) vertex[j] = tet[tm_face_vertex[face % 4][j]];
 }
+/* Returns the number of vertices of a feature, and lists them. */
+static inline int tm_touch_vertices(const tm_touching *t, int kind, int32_t item, int32_t vertex[3]) {
+    if (kind == TM_TOUCH_FACES) {
+        tm_touch_triangle(t, item, vertex);
+        return 3;
+    }
+    if (kind == TM_TOUCH_VERTICES) {
+        vertex[0] = item;
+        return 1;
+    }
+    const int32_t *ends = t->world->tissue->mesh->edge + 2 * (int64_t)item;
+    vertex[0] = ends[0], vertex[1] = ends[1];
+    return 2;
+}
 static inline int32_t tm_touch_body(const tm_touching *t, int32_t face) {
     return t->tet_body ? t->tet_body[face / 4] : 0;
 }
@@ -259,6 +273,8 @@ void tm_touch_remember_inside(tm_touching *touching);
  * another thread. */
 void tm_touch_begin(tm_touching *touching);
 void tm_touch_find(tm_touching *touching);
+/* Adds a row; drops and flags it where there is no room. Returns whether it was added. */
+bool tm_touch_add_row(tm_touching *touching, const tm_touching_row *row, double compliance_m_N);
 
 /* Returns the energy in a row's compliance, J. */
 double tm_touching_stored_J(const tm_touching *touching, int32_t row);

@@ -55,7 +55,7 @@ static bool is_inverted(const tm_touching *t, int32_t face, const double n[3]) {
     return vdot(within, n) >= 0;
 }
 
-static bool add(tm_touching *t, const tm_touching_row *row, double compliance_m_N) {
+bool tm_touch_add_row(tm_touching *t, const tm_touching_row *row, double compliance_m_N) {
     if (t->row_count == t->def.max_rows) {
         t->report.overflowed = true;
         return false;
@@ -158,7 +158,7 @@ static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch
     set_vertex_face(t, pair, c, n, signed_m, &row);
     if (row.gap_m > lookahead_m(t, &row)) return;
     search->inside_m = law_min(search->inside_m, law_max(signed_m, 0));
-    add(t, &row, t->def.compliance_m_N);
+    tm_touch_add_row(t, &row, t->def.compliance_m_N);
 }
 
 /* Tries a pair that is nearer than its thickness and `reach_m`. */
@@ -201,7 +201,7 @@ static void push_out(tm_touching *t, const tm_touch_inside *inside) {
     double out[3];
     vscale(-1 / inside->closest.distance_m, inside->closest.offset, out);
     set_vertex_face(t, &pair, &inside->closest, out, -inside->closest.distance_m, &row);
-    add(t, &row, t->def.compliance_m_N);
+    tm_touch_add_row(t, &row, t->def.compliance_m_N);
 }
 
 static int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
@@ -218,7 +218,7 @@ static void find_vertices(tm_touching *t) {
         k = try_pairs_of(t, &t->fast, k, vertex, INFINITY, &search);
         if (listed) push_out(t, t->inside + m++);
         if (search.nearest_m < search.inside_m && search.edged.gap_m <= lookahead_m(t, &search.edged))
-            add(t, &search.edged, t->def.compliance_m_N);
+            tm_touch_add_row(t, &search.edged, t->def.compliance_m_N);
         const int32_t count = t->row_count - search.first;
         for (int32_t r = search.first; r < t->row_count; r++) /* the compliance is the vertex' */
             t->solver[r].compliance_m_N *= count;
@@ -282,7 +282,7 @@ static void try_edges(tm_touching *t, tm_touch_pair *pair) {
     vset(n, row.normal);
     if (row.gap_m > lookahead_m(t, &row)) return;
     if (signed_m < 0) t->report.deepest_m = law_max(t->report.deepest_m, -signed_m);
-    add(t, &row, t->def.compliance_m_N / (share_a * share_b));
+    tm_touch_add_row(t, &row, t->def.compliance_m_N / (share_a * share_b));
 }
 
 /* --- all rows --- */
