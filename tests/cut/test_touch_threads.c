@@ -17,7 +17,7 @@ static uint64_t collide(bool rotation, int32_t threads) {
         const tm_touching_row *row;
         const int32_t n = tm_touching_rows(b.touching, &row);
         if (k > 0) assert_true(n > 0);
-        hash = tm_hash(row, sizeof *row * (size_t)n, hash);
+        hash = hash_of_rows(row, n, hash);
         assert_int_equal(b.world->overlap_count, threads > 1);
         const int32_t gone[] = {5 + k, 90 + k, 400 + k};
         tm_cut_remove(b.tissue, gone, 3, NULL, 0);

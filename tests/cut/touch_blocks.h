@@ -200,4 +200,16 @@ static inline bool is_inside_another(const bodies *b) {
     return false;
 }
 
+/* Of the fields alone: the bytes between `vertex` and `weight` belong to none. */
+static inline uint64_t hash_of_rows(const tm_touching_row *row, int32_t count, uint64_t hash) {
+    const size_t indices = offsetof(tm_touching_row, vertex) + sizeof row->vertex;
+    const size_t numbers = offsetof(tm_touching_row, weight);
+    for (int32_t i = 0; i < count; i++) {
+        const char *at = (const char *)(row + i);
+        hash = tm_hash(at, indices, hash);
+        hash = tm_hash(at + numbers, sizeof *row - numbers, hash);
+    }
+    return hash;
+}
+
 #endif
