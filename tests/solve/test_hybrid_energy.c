@@ -4,8 +4,8 @@
 
 enum { MAX_ACTIONS = 8, EFFECTS = 2, GRASP = 1, CUT = 2, MAX_SAMPLES = 200, SAMPLES_A_FRAME = 5 };
 /* Maximum gain of a window, relative to the maximum stored meanwhile; tolerance of the account, relative to that and
- * the hands' work (forces of a solution that did not converge are not those of its rows). */
-static const double SHARE = 0.3, OFF = 1e-2, ROUNDING_J = 1e-7;
+ * the hands' work. */
+static const double SHARE = 0.3, OFF = 1e-5, ROUNDING_J = 1e-7;
 
 typedef enum kind { PRESS, PULL, CLOSE, OPEN, LEAVE, STAND, KINDS } kind;
 static const char *const KIND[KINDS] = {"press", "pull", "close", "open", "leave", "stand"};
@@ -28,7 +28,7 @@ typedef struct session {
 typedef struct verdict {
     bool good;
     int action;
-    double worst, hands_J;
+    double worst, off, hands_J; /* off: of the account, relative */
     char why[160];
 } verdict;
 
@@ -203,6 +203,7 @@ static void watch(stage *g, int i) {
                  SHARE * worst);
     }
     const double off = fabs(e.residual_J) + fabs(e.state_change_J), all = g->v.hands_J + most;
+    if (off > ROUNDING_J) g->v.off = fmax(g->v.off, (off - ROUNDING_J) / all);
     if (!g->v.good || off <= OFF * all + ROUNDING_J) return;
     g->v.good = false, g->v.action = i;
     snprintf(g->v.why, sizeof g->v.why, "account off by %.1e J of %.1e J", off, all);
@@ -242,17 +243,17 @@ static verdict run_session(const session *s, bool tell_all) {
 }
 
 /* Seeds with the largest gain before forces were limited: at the interface, with two tools in contact, with grasping
- * jaws. */
-static const uint64_t ONCE_BROKE[] = {85, 167, 231, 239};
+ * jaws. In 672 the account counted a loss twice in substeps that cut. */
+static const uint64_t ONCE_BROKE[] = {85, 167, 231, 239, 672};
 
 typedef struct tally {
-    double worst, hands_J;
+    double worst, off, hands_J;
 } tally;
 
 static void take(void *to, uint64_t seed, const verdict *v) {
     tally *sum = to;
     (void)seed;
-    sum->worst = fmax(sum->worst, v->worst), sum->hands_J += v->hands_J;
+    sum->worst = fmax(sum->worst, v->worst), sum->off = fmax(sum->off, v->off), sum->hands_J += v->hands_J;
 }
 
 static void test_random_sessions_gain_no_energy_in_any_window(void **unused) {
@@ -262,8 +263,9 @@ static void test_random_sessions_gain_no_energy_in_any_window(void **unused) {
     if (range.count == 10000) range.count = 1000;
     tally sum = {0};
     const int failed = run_sessions(&range, take, &sum);
-    print_message("%llu sessions: %.2f J through the hands, gain at most %.2f of what was stored\n",
-                  (unsigned long long)(range.count + range.again), sum.hands_J, SHARE * sum.worst);
+    print_message(
+        "%llu sessions: %.2f J through the hands, gain at most %.2f of what was stored, account off by %.1e\n",
+        (unsigned long long)(range.count + range.again), sum.hands_J, SHARE * sum.worst, sum.off);
     assert_int_equal(failed, 0);
 }
 

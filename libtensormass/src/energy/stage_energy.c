@@ -280,7 +280,7 @@ static void run(void *self, tm_world *world) {
     if (a->next_step < 0)
         a->sum.start_J = p.before_J;
     else if (a->revision != world->tissue->surface.revision && !anew)
-        a->sum.cut_J += a->stored_J - p.before_J;
+        a->sum.cut_J += a->stored_J - p.before_J - p.eased_J; /* damping_J has eased_J already */
     else
         a->sum.state_change_J += p.before_J + p.eased_J - a->stored_J;
     over_tools(e, world, anew);
