@@ -3,6 +3,7 @@
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2.
  * Here f are all forces besides the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
+#include "energy/law_memo.h"
 #include "tensormass/energy.h"
 #include "touch/touch_internal.h"
 #include "world/world_internal.h"
@@ -40,6 +41,7 @@ typedef struct energy {
     double *reaction_N; /* [3*vertex_count] of the supports */
     uint8_t *fixed;     /* [3*vertex_count] */
     const void *fixed_by;
+    tm_law_memo law;
 } energy;
 
 /* --- the tissue --- */
@@ -79,25 +81,25 @@ static pass over_tissue(const energy *e, const tm_world *world) {
 /* Adds the energy of a nonlinear law, a function of the state: half of it at each end of a step, and (f' - f).(u' -
  * u)/4 of its force. Together they are what the scheme conserves for small motions. over_tissue counted the work of its
  * force as that of a load: it is removed here, as is the work of the force that corrects the energy of the step. */
-static void over_law(const tm_world *world, const tm_nonlinear *law, pass *p) {
+static void over_law(tm_law_memo *memo, const tm_world *world, pass *p) {
     const tm_state *s = &world->state;
+    const tm_nonlinear *law = world->nonlinear;
     const double *added = law->added_N ? law->added_N(law->self) : NULL;
     const int32_t all[2] = {0, world->tissue->mesh->vertex_count};
     const tm_ranges whole = {1, all}, *where = law->where ? law->where : &whole;
     const double *u[3] = {s->u_prev_m, s->u_m, s->u_next_m};
-    double *scratch = law->scratch_N, energy_J[3];
+    double energy_J[3];
     for (int k = 0; k < 3; k++) {
-        energy_J[k] = law->energy(law->self, u[k]);
-        law->force(law->self, u[k], scratch);
+        const double *force = tm_law_memo_get(memo, world, u[k], energy_J + k);
         for (int32_t r = 0; r < where->count; r++)
             for (int32_t i = 3 * where->end[2 * r]; i < 3 * where->end[2 * r + 1]; i++) {
                 if (world->mobility_s2_kg[i / 3] <= 0) continue;
-                const double came = 0.25 * scratch[i] * (s->u_m[i] - s->u_prev_m[i]);
-                const double goes = 0.25 * scratch[i] * (s->u_next_m[i] - s->u_m[i]);
+                const double came = 0.25 * force[i] * (s->u_m[i] - s->u_prev_m[i]);
+                const double goes = 0.25 * force[i] * (s->u_next_m[i] - s->u_m[i]);
                 const double way = 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
                 if (k < 2) p->before_J += k == 1 ? came : -came;
                 if (k > 0) p->elastic_J += k == 2 ? goes : -goes;
-                if (k == 1) p->outer_J -= (scratch[i] + (added ? added[i] : 0)) * way;
+                if (k == 1) p->outer_J -= (force[i] + (added ? added[i] : 0)) * way;
             }
     }
     p->before_J += 0.5 * (energy_J[0] + energy_J[1]);
@@ -275,7 +277,7 @@ static void run(void *self, tm_world *world) {
     memset(e->reaction_N, 0, sizeof(double) * n);
     tm_support_reaction_of_tissue(world, e->reaction_N);
     pass p = over_tissue(e, world);
-    if (world->nonlinear) over_law(world, world->nonlinear, &p);
+    if (world->nonlinear) over_law(&e->law, world, &p);
     if (world->energy_part) over_part(e, world, &p);
     if (a->next_step < 0)
         a->sum.start_J = p.before_J;
@@ -306,6 +308,7 @@ static void rollback(void *self, tm_world *world) {
     (void)world;
     energy *e = self;
     e->now = e->saved;
+    tm_law_memo_forget(&e->law); /* another cut may have this revision next */
 }
 
 static void destroy(void *self) {
@@ -322,11 +325,14 @@ tm_status tm_stage_energy(tm_world *world, tm_error *error) {
     energy *self = TM_ALLOC(&pool, energy, 1);
     double *internal = TM_ALLOC(&pool, double, n), *reaction = TM_ALLOC(&pool, double, n);
     uint8_t *fixed = TM_ALLOC(&pool, uint8_t, n);
+    tm_law_memo memo = {0};
+    if (world->nonlinear) tm_law_memo_init(&memo, &pool, world->tissue->mesh);
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "energy stage");
     }
-    *self = (energy){.pool = pool, .world = world, .internal_N = internal, .reaction_N = reaction, .fixed = fixed};
+    *self = (energy){
+        .pool = pool, .world = world, .internal_N = internal, .reaction_N = reaction, .fixed = fixed, .law = memo};
     self->now.next_step = -1;
     const tm_stage stage = {.size = sizeof stage,
                             .name = "energy",
