@@ -374,7 +374,7 @@ int main(int argc, char **argv) {
     if (p.feed) view_feed_close(p.feed);
     if (p.studio.api) view_studio_close(&p.studio);
     if (p.window) p.window_api->close(p.window);
-    view_surface_free(&p.picture.surface);
+    view_picture_free(&p.picture);
     view_dress_free(&p.dress);
     return wrong;
 }

@@ -226,7 +226,11 @@ static void send_tissue(sim_publisher *p, sim *s, int64_t utime) {
                                    .vertex_m = now->vertex_m,
                                    .triangle_count = now->triangle_count,
                                    .triangle = now->triangle,
-                                   .triangle_kind = now->triangle_kind};
+                                   .triangle_kind = now->triangle_kind,
+                                   .tie_total = now->tie_total,
+                                   .tie_count = now->tie_count,
+                                   .tie_id = now->tie_id,
+                                   .tie_m = now->tie_m};
     app_link_publish(p->link, APP_TISSUE, 0, utime, &m);
 }
 

@@ -143,7 +143,7 @@ static int show_log(job *j) {
         if (wrong || !sequence) return wrong;
         view_feed_close(j->feed);
         j->feed = NULL;
-        view_surface_free(&j->picture.surface);
+        view_picture_free(&j->picture);
         const view_picture seen = j->picture;
         j->picture = (view_picture){.regions = seen.regions};
         memcpy(j->picture.region, seen.region, sizeof seen.region);
@@ -263,7 +263,7 @@ int main(int argc, char **argv) {
     wrong = run(&j);
     if (j.feed) view_feed_close(j.feed);
     if (j.studio.api) view_studio_close(&j.studio);
-    view_surface_free(&j.picture.surface);
+    view_picture_free(&j.picture);
     view_dress_free(&j.dress);
     return wrong;
 }

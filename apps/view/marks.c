@@ -33,23 +33,9 @@ void view_shape_supports(view_shape *s, const view_marks *m, const view_surface 
             ball(s, surface->vertex_m + XYZ * i, radius_m);
 }
 
-void view_shape_ties(view_shape *s, const view_marks *m, const uint8_t *gone, const view_surface *surface,
-                     float radius_m) {
-    for (int32_t v = 0; v < m->vertex_count && m->tie_count; v++) m->place_of[v] = -1;
-    for (int32_t i = 0; i < surface->vertex_count && m->tie_count; i++)
-        if (surface->vertex_id[i] < m->vertex_count) m->place_of[surface->vertex_id[i]] = i;
-    for (int32_t t = 0; t < m->tie_count; t++) {
-        if (gone && gone[t / 8] >> t % 8 & 1) continue;
-        float to[3] = {0};
-        bool there = true;
-        for (int j = 0; j < 4; j++) there = there && m->place_of[m->tie[t].vertex[j]] >= 0;
-        for (int j = 0; j < 3 && there; j++)
-            for (int k = 0; k < 3; k++)
-                to[k] += m->tie[t].weight[j] * surface->vertex_m[XYZ * m->place_of[m->tie[t].vertex[1 + j]] + k];
-        if (there)
-            view_shape_strand(s, surface->vertex_m + XYZ * m->place_of[m->tie[t].vertex[0]], to, radius_m,
-                              VIEW_PAINT_TIE);
-    }
+void view_shape_ties(view_shape *s, const view_ties *ties, float radius_m) {
+    for (int32_t i = 0; i < ties->count; i++)
+        view_shape_strand(s, ties->end_m + 2 * XYZ * i, ties->end_m + 2 * XYZ * i + XYZ, radius_m, VIEW_PAINT_TIE);
 }
 
 /* Computes the fibre at rest as shares of two edges of the triangle, without its normal component. Returns false for a

@@ -5,14 +5,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { VIEW_TIES_MAX = 100000 };
-
-/* A tie between two surfaces, from a vertex to the point of three others. */
-typedef struct view_tie {
-    int32_t vertex[4];
-    float weight[3]; /* of vertex[1..3] */
-} view_tie;
-
 typedef struct view_marks {
     char title[96];
     char held_by[128]; /* names of the supports for the legend; empty: none has a name */
@@ -23,9 +15,6 @@ typedef struct view_marks {
     uint8_t *region;     /* [tet_count], up to VIEW_REGIONS; null: one region */
     int32_t *face;       /* with fibres or regions, [4*4*tet_count], ascending: the faces of each tetrahedron as three
                             ascending vertices and 2 * tetrahedron, + 1 if they run clockwise seen from outside */
-    int32_t tie_count;
-    view_tie *tie;     /* [tie_count], in the order of the scene; null: none */
-    int32_t *place_of; /* with ties, [vertex_count] scratch: index of a vertex in the surface that is drawn, or -1 */
 } view_marks;
 
 /* Returns the tetrahedron with this face, or -1. Of two, returns the one whose outward normal agrees with the corners'

@@ -13,7 +13,7 @@
 #include "io/network.h"
 #include "message_validation.h"
 
-enum { TOPICS = 3 + VIEW_INSTRUMENTS };
+enum { TOPICS = 2 + VIEW_INSTRUMENTS };
 
 struct view_feed {
     view_intake intake;
@@ -45,13 +45,6 @@ static app_verdict read_tissue(void *user, int instrument, int64_t utime, const 
     (void)instrument, (void)utime;
     view_feed *feed = user;
     view_intake_tissue(&feed->intake, feed->picture, feed->time_s, message);
-    return APP_TAKEN;
-}
-
-static app_verdict read_cut(void *user, int instrument, int64_t utime, const void *message) {
-    (void)instrument, (void)utime;
-    view_feed *feed = user;
-    view_intake_cut(&feed->intake, feed->picture, message);
     return APP_TAKEN;
 }
 
@@ -103,8 +96,7 @@ static view_feed *feed_new(app_topic topic[TOPICS]) {
     view_intake_begin(&feed->intake);
     topic[0] = (app_topic){APP_TISSUE, 0, read_tissue, feed};
     topic[1] = (app_topic){APP_SIM_STATUS, 0, read_status, feed};
-    topic[2] = (app_topic){APP_CUT, 0, read_cut, feed};
-    for (int i = 0; i < VIEW_INSTRUMENTS; i++) topic[3 + i] = (app_topic){APP_CONTROLLER, i, read_controller, feed};
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) topic[2 + i] = (app_topic){APP_CONTROLLER, i, read_controller, feed};
     return feed;
 }
 

@@ -54,6 +54,17 @@ static const char *tissue_fault(const tensormass_tissue_t *m) {
     return NULL;
 }
 
+static const char *ties_fault(const tensormass_tissue_t *m) {
+    if (m->tie_total > VIEW_TIES_MAX) return "more ties than can be drawn";
+    if (m->tie_count > m->tie_total) return "more ties hold than the scene has";
+    for (int32_t i = 0; i < m->tie_count; i++) {
+        if (m->tie_id[i] < 0 || m->tie_id[i] >= m->tie_total) return "a tie's number is not one of the scene's";
+        for (int k = 0; k < 6; k++)
+            if (!(fabsf(m->tie_m[i][k]) <= (float)FAR_M)) return "an end of a tie is not finite, or beyond 1000 m";
+    }
+    return NULL;
+}
+
 static bool read_tissue(view_surface *s, const tensormass_tissue_t *m) {
     bool same =
         s->vertex_count == m->vertex_count && s->triangle_count == m->triangle_count && s->session == m->session;
@@ -76,32 +87,22 @@ static bool read_tissue(view_surface *s, const tensormass_tissue_t *m) {
     return true;
 }
 
-/* In another session all ties are whole. */
-static void begin_ties(view_picture *p, int64_t session) {
-    if (p->tie_session != session) memset(p->tie_gone, 0, sizeof p->tie_gone);
-    p->tie_session = session;
+static bool read_ties(view_ties *t, const tensormass_tissue_t *m) {
+    if (!view_ties_reserve(t, m->tie_count)) return false;
+    for (int32_t i = 0; i < m->tie_count; i++) memcpy(t->end_m + 6 * i, m->tie_m[i], 6 * sizeof(float));
+    t->total = m->tie_total, t->count = m->tie_count;
+    return true;
 }
 
 void view_intake_tissue(view_intake *in, view_picture *p, double time_s, const tensormass_tissue_t *m) {
     const char *fault = tissue_fault(m);
+    if (!fault) fault = ties_fault(m);
     if (fault)
         view_intake_refuse(in, "TISSUE", "%s", fault);
-    else if (!read_tissue(&p->surface, m))
-        view_intake_refuse(in, "TISSUE", "no memory for %d vertices", m->vertex_count);
+    else if (!read_tissue(&p->surface, m) || !read_ties(&p->ties, m))
+        view_intake_refuse(in, "TISSUE", "no memory for %d vertices and %d ties", m->vertex_count, m->tie_count);
     else
-        in->tissue_s = time_s, ++in->counts.accepted, begin_ties(p, m->session);
-}
-
-/* Only the ties: the tissue that a cut removes is in the next TISSUE. */
-void view_intake_cut(view_intake *in, view_picture *p, const tensormass_cut_event_t *m) {
-    for (int32_t i = 0; i < m->tie_count; i++)
-        if (m->cut_tie[i] < 0 || m->cut_tie[i] >= VIEW_TIES_MAX) {
-            view_intake_refuse(in, "CUT", "a tie's number is outside 0 to %d", VIEW_TIES_MAX - 1);
-            return;
-        }
-    begin_ties(p, m->session);
-    for (int32_t i = 0; i < m->tie_count; i++) p->tie_gone[m->cut_tie[i] / 8] |= (uint8_t)(1 << m->cut_tie[i] % 8);
-    ++in->counts.accepted;
+        in->tissue_s = time_s, ++in->counts.accepted;
 }
 
 static const char *status_fault(const tensormass_sim_status_t *m) {

@@ -3,7 +3,6 @@
 #define VIEW_INTAKE_H
 
 #include "lcm_types/tensormass_controller_status_t.h"
-#include "lcm_types/tensormass_cut_event_t.h"
 #include "lcm_types/tensormass_sim_status_t.h"
 #include "lcm_types/tensormass_tissue_t.h"
 #include "message_source.h"
@@ -21,7 +20,6 @@ void view_intake_begin(view_intake *intake);
 /* Store one message each. `time_s` is on the picture's clock. The messages are well-formed; their values are still
  * unchecked. */
 void view_intake_tissue(view_intake *intake, view_picture *picture, double time_s, const tensormass_tissue_t *message);
-void view_intake_cut(view_intake *intake, view_picture *picture, const tensormass_cut_event_t *message);
 void view_intake_status(view_intake *intake, view_picture *picture, double time_s,
                         const tensormass_sim_status_t *message);
 void view_intake_controller(view_intake *intake, view_picture *picture, double time_s, int instrument,

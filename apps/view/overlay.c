@@ -65,12 +65,6 @@ static int named_regions(const pen *p, const view_picture *s, int lines) {
     return s->regions > 1 && fits ? s->regions : 0;
 }
 
-static int32_t ties_whole(const view_picture *s) {
-    int32_t whole = 0;
-    for (int32_t t = 0; s->marks && t < s->marks->tie_count; t++) whole += !view_tie_is_gone(s, t);
-    return whole;
-}
-
 static void simulation_panel(pen p, view_layout *l, const view_picture *s, double drawn_hz) {
     const view_marks *m = s->marks;
     const char *title = m && m->title[0] ? m->title : s->title;
@@ -81,7 +75,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
     char ties[48] = "";
-    if (m && m->tie_count) snprintf(ties, sizeof ties, "ties: %d of %d", ties_whole(s), m->tie_count);
+    if (s->ties.total) snprintf(ties, sizeof ties, "ties: %d of %d", s->ties.count, s->ties.total);
     int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (ties[0] != 0) + (m && m->fibre);
     const int named = named_regions(&p, s, lines);
     for (int i = 0; i < named; i++)

@@ -24,6 +24,21 @@ bool view_surface_reserve(view_surface *s, int32_t vertices, int32_t triangles) 
     return true;
 }
 
+bool view_ties_reserve(view_ties *t, int32_t count) {
+    const bool spare = t->capacity / 8 > count + 1000;
+    if (!spare && count <= t->capacity) return true;
+    free(t->end_m);
+    *t = (view_ties){.end_m = malloc((size_t)count * 6 * sizeof *t->end_m + 1)};
+    if (t->end_m) t->capacity = count;
+    return t->end_m != NULL;
+}
+
+void view_picture_free(view_picture *p) {
+    view_surface_free(&p->surface);
+    free(p->ties.end_m);
+    p->ties = (view_ties){0};
+}
+
 void view_surface_free(view_surface *s) {
     free(s->vertex_m);
     free(s->vertex_id);

@@ -14,6 +14,7 @@ enum {
     VIEW_TRACE = 512,
     VIEW_VERTICES_MAX = 2000000,
     VIEW_TRIANGLES_MAX = 4000000,
+    VIEW_TIES_MAX = 100000,
     VIEW_REGIONS = 64 /* as many colours as the tissue's shader has */
 };
 
@@ -35,6 +36,13 @@ typedef struct view_surface {
     uint32_t topology; /* increases when triangles or ids change */
     int32_t vertex_capacity, triangle_capacity;
 } view_surface;
+
+/* Ties between bodies. */
+typedef struct view_ties {
+    int32_t total, count; /* of the scene; those that hold */
+    float *end_m;         /* [6*count] both ends of each, m, world */
+    int32_t capacity;
+} view_ties;
 
 typedef struct view_instrument {
     bool shown;
@@ -72,6 +80,7 @@ typedef struct view_region {
 
 typedef struct view_picture {
     view_surface surface;
+    view_ties ties;
     view_region region[VIEW_REGIONS];
     int regions;
     float through; /* share of light from behind the surface; 0: opaque */
@@ -80,22 +89,23 @@ typedef struct view_picture {
     bool has_status;
     int32_t tets, substeps;
     double frame_hz, sample_hz, sim_rate, compute_s;
-    double time_s;                             /* since the start of the source */
-    view_trace trace;                          /* forces of the last seconds */
-    double newton_m;                           /* length of an arrow of one newton; 0: no arrows */
-    const view_marks *marks;                   /* marks of the scene; null: none */
-    int64_t tie_session;                       /* session whose messages named the ties that are gone */
-    uint8_t tie_gone[(VIEW_TIES_MAX + 7) / 8]; /* bits: broken or cut */
-    char notice[128];                          /* what the picture waits for, or empty */
+    double time_s;           /* since the start of the source */
+    view_trace trace;        /* forces of the last seconds */
+    double newton_m;         /* length of an arrow of one newton; 0: no arrows */
+    const view_marks *marks; /* marks of the scene; null: none */
+    char notice[128];        /* what the picture waits for, or empty */
 } view_picture;
 
 /* Allocates for these counts; contents are lost if it grows. Returns false if memory is exhausted, with the surface
  * empty. */
 bool view_surface_reserve(view_surface *surface, int32_t vertices, int32_t triangles);
 void view_surface_free(view_surface *surface);
+/* Allocates for this many ties; the ends are lost if it grows. Returns false if memory is exhausted, without ties. */
+bool view_ties_reserve(view_ties *ties, int32_t count);
+/* Frees surface and ties. */
+void view_picture_free(view_picture *picture);
 /* Adds each triangle's region to its kind, if the marks have regions. */
 void view_marks_tint(const view_marks *marks, view_surface *surface);
-static inline bool view_tie_is_gone(const view_picture *p, int32_t tie) { return p->tie_gone[tie / 8] >> tie % 8 & 1; }
 void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS]);
 
 #endif

@@ -270,3 +270,23 @@ bool view_regions_surface(const tm_mesh *mesh, const view_cutaway *cut, view_pic
     free(s.kind);
     return good;
 }
+
+bool view_regions_ties(const tm_mesh *mesh, const tm_ties *ties, const view_cutaway *cut, view_picture *picture) {
+    const int32_t count = tm_ties_count(ties);
+    double *side = cut->clipped ? sides(mesh, cut) : NULL;
+    const bool good = (side || !cut->clipped) && count <= VIEW_TIES_MAX && view_ties_reserve(&picture->ties, count);
+    view_ties *to = &picture->ties;
+    for (int32_t i = 0; i < count && good; i++) {
+        const tm_tie tie = tm_ties_get(ties, i);
+        bool hidden = !tm_ties_is_whole(ties, i) || (side && side[tie.vertex] > 0);
+        for (int j = 0; j < 3; j++) hidden = hidden || (side && side[tie.other[j]] > 0);
+        if (hidden) continue;
+        double end[6];
+        tm_ties_force_N(ties, i, end, end + 3);
+        for (int a = 0; a < 6; a++) to->end_m[6 * to->count + a] = (float)end[a];
+        to->count++;
+    }
+    to->total = good ? count : 0;
+    free(side);
+    return good;
+}

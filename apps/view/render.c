@@ -131,7 +131,7 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
     if (p->marks) view_shape_supports(&r->mark_shape, p->marks, &drawn, 0.013f * camera->radius_m);
     r->support_count = r->mark_shape.count;
     if (p->marks) view_shape_fibres(&r->mark_shape, p->marks, &drawn);
-    if (p->marks) view_shape_ties(&r->mark_shape, p->marks, p->tie_gone, &drawn, 0.0045f * camera->radius_m);
+    view_shape_ties(&r->mark_shape, &p->ties, 0.0045f * camera->radius_m);
     fill_batch(&r->marks, r->mark_shape.vertex, r->mark_shape.count);
     fill_batch(&r->tools, r->tool_shape.vertex, r->tool_shape.count);
     fill_batch(&r->arrows, r->arrow_shape.vertex, r->arrow_shape.count);

@@ -76,6 +76,9 @@ static int load_scene(const char *path, const view_mark_choice *choice, const vi
     if (wrong) return wrong;
     wrong = show(path, &s->file, s->mesh, s->rigid_tet, cut, picture);
     if (!wrong) wrong = read_marks(s, path, choice, marks);
+    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
+    if (!wrong && ties && !view_regions_ties(s->mesh, ties, cut, picture))
+        wrong = app_bad_input(path, 0, "no memory for its ties; close other programs") - 1;
     for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; i++) {
         view_instrument *t = &picture->instrument[i];
         tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);

@@ -25,6 +25,8 @@ void view_regions_name(const tm_mesh_file *file, const tm_mesh *mesh, const uint
 /* Fills the picture's surface; it has no triangles if the plane removes everything. Returns false if memory is
  * exhausted. */
 bool view_regions_surface(const tm_mesh *mesh, const view_cutaway *cut, view_picture *picture);
+/* Fills the picture's ties, but for those with an end that the plane removes. Returns false if memory is exhausted. */
+bool view_regions_ties(const tm_mesh *mesh, const tm_ties *ties, const view_cutaway *cut, view_picture *picture);
 
 /* --- marks of an open scene --- */
 

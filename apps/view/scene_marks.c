@@ -1,4 +1,4 @@
-/* Reads the marks of an open scene: title, supports, fibres, regions, faces, ties. */
+/* Reads the marks of an open scene: title, supports, fibres, regions, faces. */
 #include "scene_decoration.h"
 
 #include "picture.h"
@@ -13,8 +13,6 @@ void view_marks_free(view_marks *m) {
     free(m->fibre);
     free(m->region);
     free(m->face);
-    free(m->tie);
-    free(m->place_of);
     memset(m, 0, sizeof *m);
 }
 
@@ -44,20 +42,6 @@ static void names(const app_scene *scene, char *out, size_t size) {
         const char *name = ((const app_support *)scene->support.item)[i].name.s;
         if (*name) used += (size_t)snprintf(out + used, size - used, "%s%s", used ? ", " : "", name);
     }
-}
-
-static bool take_ties(view_marks *m, const tm_ties *ties) {
-    const int32_t count = tm_ties_count(ties);
-    m->tie = malloc((size_t)count * sizeof *m->tie + 1);
-    m->place_of = malloc((size_t)m->vertex_count * sizeof *m->place_of);
-    if (!m->tie || !m->place_of) return false;
-    for (m->tie_count = 0; m->tie_count < count && m->tie_count < VIEW_TIES_MAX; m->tie_count++) {
-        const tm_tie tie = tm_ties_get(ties, m->tie_count);
-        view_tie *to = m->tie + m->tie_count;
-        to->vertex[0] = tie.vertex;
-        for (int j = 0; j < 3; j++) to->vertex[1 + j] = tie.other[j], to->weight[j] = (float)tie.weight[j];
-    }
-    return true;
 }
 
 bool view_marks_take(view_marks *m, const sim *s, bool supports, bool fibres) {
@@ -93,8 +77,6 @@ bool view_marks_take(view_marks *m, const sim *s, bool supports, bool fibres) {
         for (size_t i = 0; good && i < 3 * vertices; i++) m->rest_m[i] = (float)mesh->rest_m[i];
         for (size_t i = 0; good && i < 3 * tets; i++) m->fibre[i] = (float)s->fibre[i];
     }
-    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
-    if (ties && good) good = take_ties(m, ties);
     if (!good) view_marks_free(m);
     return good;
 }

@@ -36,9 +36,7 @@ void view_shape_arrow(view_shape *shape, const double from_m[3], const double al
 void view_shape_supports(view_shape *shape, const view_marks *marks, const view_surface *surface, float radius_m);
 /* Appends fibre directions on each triangle that is a face of a tetrahedron; they move with the tissue. */
 void view_shape_fibres(view_shape *shape, const view_marks *marks, const view_surface *surface);
-/* Appends the ties whose ends are on the surface and that are not gone (bits; null: none is). */
-void view_shape_ties(view_shape *shape, const view_marks *marks, const uint8_t *gone, const view_surface *surface,
-                     float radius_m);
+void view_shape_ties(view_shape *shape, const view_ties *ties, float radius_m);
 /* Appends a strand, thicker at its ends. */
 void view_shape_strand(view_shape *shape, const float from_m[3], const float to_m[3], float radius_m, int paint);
 /* Appends one corner of a triangle, in world coordinates. */

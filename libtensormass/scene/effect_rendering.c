@@ -1,4 +1,4 @@
-/* The surface for viewers: allocated with the scene, filled once a frame. */
+/* Surface and ties for viewers: allocated with the scene, filled once a frame. */
 #include <string.h>
 
 #include "effects.h"
@@ -6,7 +6,7 @@
 
 static const app_field fields[] = {
     {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0,
-     "send the surface for pictures, on channel TISSUE"},
+     "send surface and ties for pictures, on channel TISSUE"},
     {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "send every n-th frame"},
 };
 
@@ -19,6 +19,9 @@ static tm_status build(sim *s, const void *own) {
     size_t t = (size_t)s->mesh->surface_count + (s->def.model.tissue.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
     size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
                    t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
+    const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
+    const size_t k = ties ? (size_t)tm_ties_count(ties) : 0;
+    bytes += k * (sizeof(float *) + 6 * sizeof(float) + sizeof(int32_t));
     const bool renumbered = s->mesh->original_vertex;
     if (renumbered) bytes += n * sizeof(int32_t);
     sim_picture *p = s->picture = tm_allocate(bytes);
@@ -28,14 +31,18 @@ static tm_status build(sim *s, const void *own) {
     p->revision = -1;
     p->vertex_m = (float **)(p + 1);
     p->triangle = (int32_t **)(p->vertex_m + n);
-    float *xyz = (float *)(p->triangle + t);
-    int32_t *corner = (int32_t *)(xyz + 3 * n);
-    p->vertex_id = corner + 3 * t;
+    p->tie_m = (float **)(p->triangle + t);
+    float *xyz = (float *)(p->tie_m + k), *ends = xyz + 3 * n;
+    int32_t *corner = (int32_t *)(ends + 6 * k);
+    p->tie_id = corner + 3 * t;
+    p->vertex_id = p->tie_id + k;
     p->slot_of = p->vertex_id + n;
     if (renumbered) sim_vertices_of_file(s, p->of_file = p->slot_of + n);
     p->triangle_kind = (int8_t *)(p->slot_of + (renumbered ? 2 : 1) * n);
     for (size_t i = 0; i < n; i++) p->vertex_m[i] = xyz + 3 * i;
     for (size_t i = 0; i < t; i++) p->triangle[i] = corner + 3 * i;
+    for (size_t i = 0; i < k; i++) p->tie_m[i] = ends + 6 * i;
+    p->tie_total = (int32_t)k;
     return 0;
 }
 
@@ -76,6 +83,18 @@ static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surfac
     p->revision = surface->revision;
 }
 
+/* Lists the ties that hold. */
+static void place_ties(sim_picture *p, const tm_ties *ties) {
+    p->tie_count = 0;
+    for (int32_t i = 0; i < p->tie_total; i++) {
+        if (!tm_ties_is_whole(ties, i)) continue;
+        double end[6];
+        tm_ties_force_N(ties, i, end, end + 3);
+        for (int a = 0; a < 6; a++) p->tie_m[p->tie_count][a] = (float)end[a];
+        p->tie_id[p->tie_count++] = i;
+    }
+}
+
 const sim_picture *sim_picture_now(sim *s) {
     sim_picture *p = s->picture;
     tm_surface_view surface = sim_surface(s);
@@ -86,6 +105,7 @@ const sim_picture *sim_picture_now(sim *s) {
             int32_t d = 3 * vertex_of(p, p->vertex_id[i]) + a;
             p->vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
         }
+    if (p->tie_total) place_ties(p, tm_world_ties(s->model->world));
     return p;
 }
 

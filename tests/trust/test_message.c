@@ -71,23 +71,30 @@ static void strings_of_false_length_are_rejected(void **state) {
     }
 }
 
-/* tissue_t with three vertices and one triangle: two counts, one array of each. */
+/* tissue_t with three vertices, one triangle and one tie: three counts, one array of each. */
 static int tissue_bytes(uint8_t bytes[ROOM]) {
     float p[3][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, *vertex[3] = {p[0], p[1], p[2]};
     int32_t id[3] = {4, 5, 6}, corners[3] = {0, 1, 2}, *triangle[1] = {corners};
     int8_t kind[1] = {1};
+    float ends[6] = {0, 0, 0, 1, 0, 0}, *tie_m[1] = {ends};
+    int32_t tie_id[1] = {2};
     const tensormass_tissue_t m = {.vertex_count = 3,
                                    .vertex_m = vertex,
                                    .vertex_id = id,
                                    .triangle_count = 1,
                                    .triangle = triangle,
-                                   .triangle_kind = kind};
+                                   .triangle_kind = kind,
+                                   .tie_total = 3,
+                                   .tie_count = 1,
+                                   .tie_id = tie_id,
+                                   .tie_m = tie_m};
     return app_message_encode(APP_TISSUE, bytes, ROOM, &m);
 }
 
 static void false_counts_are_rejected(void **state) {
     (void)state;
-    enum { VERTICES = FINGERPRINT + 32, TRIANGLES = VERTICES + 4 + 36 + 12 };
+    enum { VERTICES = FINGERPRINT + 32, TRIANGLES = VERTICES + 4 + 36 + 12, TIES = TRIANGLES + 4 + 12 + 1 + 4 };
+    static const int at[] = {VERTICES, TRIANGLES, TIES};
     static const uint8_t lies[][4] = {
         {0xff, 0xff, 0xff, 0xff}, {0x7f, 0xff, 0xff, 0xff}, {0x20, 0, 0, 0}, {0, 0, 0, 4}, {0, 0, 0, 2},
         {0x55, 0x55, 0x55, 0x56}};
@@ -96,13 +103,14 @@ static void false_counts_are_rejected(void **state) {
     const int size = tissue_bytes(bytes);
     assert_int_equal(bytes[VERTICES + 3], 3);
     assert_int_equal(bytes[TRIANGLES + 3], 1);
+    assert_int_equal(bytes[TIES + 3], 1);
     assert_true(app_message_decode(APP_TISSUE, bytes, size, &m));
     assert_true(m.TISSUE.vertex_m[1][0] == 1.0f && m.TISSUE.triangle[0][2] == 2);
     app_message_cleanup(APP_TISSUE, &m);
     for (size_t i = 0; i < sizeof lies / sizeof *lies; i++)
-        for (int which = 0; which < 2; which++) {
+        for (int which = 0; which < 3; which++) {
             tissue_bytes(bytes);
-            memcpy(bytes + (which ? TRIANGLES : VERTICES), lies[i], 4);
+            memcpy(bytes + at[which], lies[i], 4);
             assert_false(app_message_decode(APP_TISSUE, bytes, size, &m));
         }
 }

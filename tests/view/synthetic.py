@@ -62,6 +62,7 @@ class Session:
         m.triangle = [list(tri) for tri, _ in kept]
         m.triangle_kind = [kind for _, kind in kept]
         m.vertex_count, m.triangle_count = len(m.vertex_m), len(m.triangle)
+        m.tie_total, m.tie_count, m.tie_id, m.tie_m = 2, 1, [1], [[0, 0, 0, 0.01, 0, 0]]  # within the body
         return m
 
     def tip(self, t):

@@ -171,37 +171,27 @@ static void test_labels_stay_outside_the_panels(void **state) {
     assert_memory_equal(large, kept, sizeof kept);
 }
 
-static void test_ties_are_drawn_while_they_hold(void **state) {
+static void test_ties_are_drawn_from_end_to_end(void **state) {
     (void)state;
-    view_tie tie[2] = {{{7, 2, 5, 2}, {0.25f, 0.75f, 0}}, {{7, 2, 5, 8}, {0.5f, 0.25f, 0.25f}}};
-    int32_t place_of[9];
+    float end_m[12] = {0, 0, 0, 0.3f, 0, 0.4f, 1, 1, 1, 1, 1, 1};
+    view_ties ties = {.total = 3, .count = 1, .end_m = end_m};
     view_shape s = {0};
-    view_marks m = marks();
-    m.tie_count = 2, m.tie = tie, m.place_of = place_of;
-    prepare(1, 0, 0);
-    view_surface now = surface();
-    view_shape_ties(&s, &m, NULL, &now, 1e-3f); /* of the second, an end is not on the surface */
+    view_shape_ties(&s, &ties, 1e-3f);
     const int32_t one = s.count;
     assert_true(one > 0);
     float nearest[2] = {1, 1};
     for (int32_t i = 0; i < s.count; i++)
         for (int e = 0; e < 2; e++) {
             float d2 = 0;
-            for (int k = 0; k < 3; k++) {
-                const float end = e ? 0.25f * surface_m[3 + k] + 0.75f * surface_m[6 + k] : surface_m[k];
-                d2 += (s.vertex[i].at_m[k] - end) * (s.vertex[i].at_m[k] - end);
-            }
+            for (int k = 0; k < 3; k++)
+                d2 += (s.vertex[i].at_m[k] - end_m[3 * e + k]) * (s.vertex[i].at_m[k] - end_m[3 * e + k]);
             nearest[e] = fminf(nearest[e], sqrtf(d2));
         }
     assert_float_equal(nearest[0], 1.5e-3f, 1e-6);
     assert_float_equal(nearest[1], 1.5e-3f, 1e-6);
-    const uint8_t first = 1, second = 2;
-    s.count = 0;
-    view_shape_ties(&s, &m, &second, &now, 1e-3f);
+    s.count = 0, ties.count = 2; /* the second has no length */
+    view_shape_ties(&s, &ties, 1e-3f);
     assert_int_equal(s.count, one);
-    s.count = 0;
-    view_shape_ties(&s, &m, &first, &now, 1e-3f);
-    assert_int_equal(s.count, 0);
     view_shape_free(&s);
 }
 
@@ -209,7 +199,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_fibres_move_with_the_tissue),
         cmocka_unit_test(test_supports_are_drawn_where_tissue_is_fixed),
-        cmocka_unit_test(test_ties_are_drawn_while_they_hold),
+        cmocka_unit_test(test_ties_are_drawn_from_end_to_end),
         cmocka_unit_test(test_arrow_seen_end_on_is_a_ring),
         cmocka_unit_test(test_labels_stay_outside_the_panels),
     };

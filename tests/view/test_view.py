@@ -219,19 +219,35 @@ def cream(r, g, b):
 
 
 def test_ties_are_drawn_until_they_break(bin, build, root, tmp_path):
-    """Ties are in the scene, and CUT names those that are gone. Each pulls with 0.6 N at first; all break at a load of 0.1 N."""
+    """Each pulls with 0.6 N at first; all break at a load of 0.1 N. A viewer that is late has seen no CUT, and a run that continues a snapshot sends none."""
+    import lcm
+
     scene, seen = tmp_path / "tied.yaml", {}
     scene.write_text(TIED.replace("BLOCK", str(root / "meshes/block_1k.msh")))
-    for name, load in {"whole": "1.2 N", "broken": "0.1 N"}.items():
-        log = tmp_path / f"{name}.lcm"
-        subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.2 s", "--set", f"ties.between[0].break={load}", "--record", log], check=True,
-                       capture_output=True, timeout=300)
-        words = ["--png", tmp_path / f"{name}.png", "--size", "320x240", "--no-words", "--no-supports", "--elevation", "5"]
-        for held in ([], ["--scene", scene]):
-            result = run(bin, log, *words, *held)
-            assert result.returncode == 0, result.stderr
-            seen[name, bool(held)] = share(pixels(tmp_path / f"{name}.png"), cream)
-    assert seen["whole", True] > 0.003 + seen["whole", False] and seen["broken", True] == seen["broken", False], seen
+    tie = ["--set", "ties.between[0].break=0.1 N"]
+    for name, more in {"whole": [], "broken": [*tie, "--snapshot-at", "0.12 s", "--snapshot", tmp_path / "a.snap"], "restored": [*tie, "--restore", tmp_path / "a.snap"]}.items():
+        subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.2 s", *more, "--record", tmp_path / f"{name}.lcm"], check=True, capture_output=True, timeout=300)
+    events, late = list(lcm.EventLog(str(tmp_path / "broken.lcm"))), lcm.EventLog(str(tmp_path / "late.lcm"), "w", overwrite=True)
+    last_cut = max(i for i, e in enumerate(events) if e.channel == "CUT")
+    for e in events[last_cut + 1:]:
+        late.write_event(e.timestamp, e.channel, e.data)
+    late.close()
+    for name in ("whole", "broken", "late", "restored"):
+        result = run(bin, tmp_path / f"{name}.lcm", "--png", tmp_path / f"{name}.png", "--size", "320x240", "--no-words", "--no-supports", "--elevation", "5")
+        assert result.returncode == 0, result.stderr
+        seen[name] = share(pixels(tmp_path / f"{name}.png"), cream)
+    assert seen["whole"] > 0.003 and seen["broken"] == seen["late"] == seen["restored"] == 0, seen
+
+
+def test_a_plane_hides_the_ties_beyond_it(bin, root, tmp_path):
+    """Halves of a scene before its first frame; and a plane that ties do not reach."""
+    scene, seen = tmp_path / "tied.yaml", {}
+    scene.write_text(TIED.replace("BLOCK", str(root / "meshes/block_1k.msh")))
+    for name, plane in {"whole": [], "low": ["--clip", "0,0,1,-20"], "half": ["--clip", "0,-1,0,0"]}.items():
+        result = run(bin, scene, *plane, "--png", tmp_path / "p.png", "--size", "320x240", "--no-words", "--no-supports", "--elevation", "5")
+        assert result.returncode == 0, result.stderr
+        seen[name] = share(pixels(tmp_path / "p.png"), cream)
+    assert seen["whole"] > 0.003 and seen["low"] == 0 and 0 < seen["half"] < seen["whole"], seen
 
 
 def test_a_rigid_body_is_grey_and_not_held(bin, root, tmp_path):
@@ -338,7 +354,15 @@ def spoilers():
         "triangle negative": ("TISSUE", lambda d: put(d, triangle_at(d), ">i", -1)),
         "vertex count negative": ("TISSUE", lambda d: put(d, 40, ">i", -5)),
         "vertex count enormous": ("TISSUE", lambda d: put(d, 40, ">i", 2**31 - 1)),
-        "kind unknown": ("TISSUE", lambda d: d[:-1] + b"\x09"),
+        "kind unknown": ("TISSUE", lambda d: put(d, len(d) - 37, ">b", 9)),
+        "more ties hold than there are": ("TISSUE", lambda d: put(d, len(d) - 36, ">i", 0)),
+        "tie count negative": ("TISSUE", lambda d: put(d, len(d) - 32, ">i", -1)),
+        "tie count enormous": ("TISSUE", lambda d: put(d, len(d) - 32, ">i", 1 << 24)),
+        "ties more than can be drawn": ("TISSUE", lambda d: put(d, len(d) - 36, ">i", 2**31 - 1)),
+        "tie past the scene's": ("TISSUE", lambda d: put(d, len(d) - 28, ">i", 2)),
+        "tie negative": ("TISSUE", lambda d: put(d, len(d) - 28, ">i", -1)),
+        "end of a tie not a number": ("TISSUE", lambda d: put(d, len(d) - 4, ">f", float("nan"))),
+        "end of a tie far away": ("TISSUE", lambda d: put(d, len(d) - 24, ">f", 1001)),
         "truncated": ("TISSUE", lambda d: d[: len(d) // 2]),
         "trailing bytes": ("TISSUE", lambda d: d + b"\0\0\0\0"),
         "empty": ("TISSUE", lambda d: b""),
