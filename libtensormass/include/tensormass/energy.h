@@ -1,7 +1,7 @@
 /* Energy account of the tissue of a world. It uses the integrator's own terms in each step, so that it closes to
- * rounding (docs/energy.md). A separate stage: a world without it has no cost. With it, a step costs two passes over the
- * vertices, and a vertex 51 bytes; with rotation or a nonlinear law also its force and energy once, and 144 bytes. Add it
- * after these, else they are computed three times a step. */
+ * rounding (docs/energy.md). A separate stage: a world without it has no cost. With it, a step costs two passes over
+ * the vertices, and a vertex 51 bytes; with rotation or a nonlinear law also its force and energy once, and 144 bytes.
+ * Add it after these, else they are computed three times a step. */
 #ifndef TENSORMASS_ENERGY_H
 #define TENSORMASS_ENERGY_H
 
