@@ -32,8 +32,4 @@ tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path,
 enum { REGIONS_WITHOUT = 32 };
 int32_t find_empty_regions(const tm_mesh_file *mesh, const char *path, char name[REGIONS_WITHOUT][64]);
 
-/* Removes the tetrahedra whose `keep` is 0, and the vertices without a tetrahedron. `kept` [tet_count] receives the old
- * number of each remaining tetrahedron; may be null. */
-bool command_subset(tm_mesh_file *mesh, const uint8_t *keep, int32_t *kept);
-
 #endif

@@ -76,6 +76,7 @@ static tm_status load(const app_scene *scene, const app_body *body, bool checked
     tm_status rc = sim_load_mesh_file(scene, key, &body->mesh, body->scale.si, file);
     tm_mesh *mesh = NULL;
     tm_error error = {0};
+    if (!rc && body->part.line) rc = sim_take_part(scene, body, file);
     if (!rc && checked && tm_mesh_file_build(file, &mesh, &error)) /* errors in this file's numbers */
         rc = sim_report_file(scene, body->mesh.line, NULL, 0, &error);
     if (mesh) tm_mesh_destroy(mesh);

@@ -12,6 +12,9 @@ tm_status sim_load_mesh_file(const app_scene *scene, const char *key, const app_
 /* Loads all bodies and merges them into s->file; fills s->body. */
 tm_status sim_load_bodies(sim *s);
 
+/* body_part.c: keeps only the parts of the mesh that the body's `part` names. */
+tm_status sim_take_part(const app_scene *scene, const app_body *body, tm_mesh_file *file);
+
 /* Lists the tetrahedra of rigid bodies in s->rigid_tet; adds the stage that leads them along their paths, if any. */
 tm_status sim_mark_rigid(sim *s);
 tm_status sim_build_paths(sim *s);

@@ -170,6 +170,7 @@ typedef struct app_material {
 typedef struct app_body {
     app_text name;
     app_text mesh;
+    app_text part; /* group; line 0: the complete mesh */
     app_number scale;
     app_vector move, turn;
     app_flag rigid;

@@ -118,6 +118,8 @@ static const app_field fields[] = {
      "several meshes in place of `tissue.mesh`, each under a name of its own ([bodies](bodies.md)). Regions and groups are then called `BODY.NAME`, and `BODY` alone is the group of all its vertices"},
     {"bodies.*.mesh", APP_PATH, NULL, "!", 0, 0, offsetof(app_body, mesh), 0,
      "mesh file (.msh, .vtk, .mesh), relative to the scene"},
+    {"bodies.*.part", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_body, part), 0,
+     "of a mesh file with several separate parts: a region or group; only the parts with a vertex of it belong to the body. Left out: all"},
     {"bodies.*.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, offsetof(app_body, scale), 0,
      "metres per unit of the mesh file"},
     {"bodies.*.move", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(app_body, move), 0,

@@ -51,6 +51,33 @@ def test_one_body_is_the_plain_scene_bit_for_bit(bin, block, tmp_path):
 TWO = "bodies:\n  low: {mesh: %s}\n  high: {mesh: %s, move: [200 mm, 0, 0], turn: [0, 0, 90 deg]}"
 
 
+def join(mesh, path):
+    """Writes a Gmsh file with a mesh twice, in one place: regions low and high, groups low_x_min ... high_z_max."""
+    def rows(name):
+        return [line.split() for line in mesh.split(f"${name}\n")[1].split(f"$End{name}")[0].splitlines()[1:]]
+    names, nodes, elements = [], [], []
+    for k, body in enumerate(("low", "high")):
+        names += [[dim, str(int(tag) + 100 * k), '"%s"' % (body if dim == "3" else f"{body}_{name[1:-1]}")] for dim, tag, name in rows("PhysicalNames")]
+        nodes += [[str(int(tag) + 10000 * k), *x] for tag, *x in rows("Nodes")]
+        elements += [[str(int(tag) + 10000 * k), kind, "2", *(str(int(t) + 100 * k) for t in rest[:2]), *(str(int(v) + 10000 * k) for v in rest[2:])] for tag, kind, _, *rest in rows("Elements")]
+    sections = "".join("$%s\n%d\n%s\n$End%s\n" % (name, len(of), "\n".join(" ".join(row) for row in of), name) for name, of in (("PhysicalNames", names), ("Nodes", nodes), ("Elements", elements)))
+    return write(path, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n" + sections)
+
+
+def test_parts_of_one_mesh_are_bodies(bin, block, tmp_path):
+    """They have the bits of bodies with a file each, and each has its own regions and groups alone."""
+    both = join(block.read_text(), tmp_path / "both.msh")
+    head = HEAD.replace("time: {", "touch:\ntime: {")
+    files = head % ("bodies:\n  a: {mesh: %s}\n  b: {mesh: %s, move: [5 mm, 0, 50.2 mm]}" % (block, block), "a.")
+    parts = head % ("bodies:\n  a: {mesh: %s, part: low}\n  b: {mesh: %s, part: high_z_max, move: [5 mm, 0, 50.2 mm]}" % (both, both), "a.low_")
+    said = [state(bin, write(tmp_path / f"{i}.yaml", text), tmp_path) for i, text in enumerate((files, parts))]
+    assert said[0]["state_hash"] == said[1]["state_hash"] and said[0]["bodies"] == said[1]["bodies"]
+    for change, words in ((("part: low", "part: middle"), r"bodies\.a\.part: the mesh has no region or group 'middle'; it has: low_x_min, .*high"), (("a.low_", "a.high_"), r"no group 'a\.high_z_min'")):
+        scene = write(tmp_path / "bad.yaml", parts.replace(*change))
+        error = run(bin / "tm-sim", scene, "--check", code=2)[1]
+        assert re.search(r"bad\.yaml:\d+: .*" + words, error), error
+
+
 def test_bodies_keep_their_numbers_and_materials(bin, block, tmp_path):
     text = HEAD % (TWO % (block, block), "low.")
     text = text.replace('"*": {young: 5 kPa, poisson: 0.4}', '"low.*": {young: 5 kPa, poisson: 0.4}\n    high.tissue: {young: 7 kPa, poisson: 0.3}')

@@ -58,6 +58,10 @@ TM_API const char *tm_mesh_file_endings(bool written);
 TM_API bool tm_mesh_file_allocate(tm_mesh_file *file, int32_t group_vertex_count);
 /* Frees the arrays, not the struct, and zeroes it. */
 TM_API void tm_mesh_file_free(tm_mesh_file *file);
+/* Removes the tetrahedra whose keep[tet_count] is 0, and the vertices without a tetrahedron; regions and groups stay,
+ * empty ones too. `kept` [tet_count] receives the old number of each remaining tetrahedron; may be null. Returns false
+ * if memory is exhausted; nothing is changed then. */
+TM_API bool tm_mesh_file_subset(tm_mesh_file *file, const uint8_t *keep, int32_t *kept);
 /* Builds a mesh by tm_mesh_create, with errors in the file's numbers. On failure `*mesh` is unchanged. */
 TM_API tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error);
 /* The same with tm_mesh_def.renumber. The file's own arrays and groups keep its numbering (tm_mesh_original_vertex). */
