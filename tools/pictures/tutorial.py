@@ -42,11 +42,11 @@ def prepare(folder, build, page):
 
 
 def shows(expected, line, tolerance=0.02):
-    """Returns whether a line matches the expected one: "…" matches anything, numbers agree within the tolerance."""
+    """Returns whether a line matches the expected one: "…" matches anything, at the end also nothing, numbers agree within the tolerance."""
     pattern = ""
     for part in re.split(rf"(…|{NUMBER}|\s+)", expected.strip()):
         pattern += ".*?" if part == "…" else f"({NUMBER})" if re.fullmatch(NUMBER, part) else r"\s+" if part.isspace() else re.escape(part)
-    found = re.fullmatch(pattern, line.strip())
+    found = re.fullmatch(pattern, line.strip()) or re.fullmatch(pattern, line.strip() + " ")
     numbers = [float(n) for n in re.findall(NUMBER, expected)]
     return bool(found) and all(abs(float(g) - n) <= tolerance * abs(n) for g, n in zip(found.groups(), numbers))
 
