@@ -59,6 +59,38 @@ def test_the_objects_make_the_bits_of_a_scene(tmp_path):
     assert "negative order" in order and "$MeshFormat" in text and "0.5" in poisson and "strain_smoothing" in option and "cautery" in mode and "lcm-logger" in log
 
 
+TWO = """\
+tissue: {materials: {"*": {young: 5 kPa, poisson: 0.4}}}
+bodies: {low: {mesh: block_1k.msh}, high: {mesh: block_1k.msh, scale: 0.5, move: [20 mm, 20 mm, 50.6 mm]}, floor: {mesh: block_1k.msh, move: [0, 0, -60 mm], rigid: yes}}
+damping: {rate: 60 /s}
+gravity:
+supports: [{group: low.z_min}]
+touch:
+ties: {between: [{from: high.z_min, to: low.z_max, stiffness: 30 N/m, spacing: 12 mm}]}
+"""
+
+
+def test_bodies_touch_and_are_tied(tmp_path):
+    """As tests/python/inside_bodies.py; the scene has the bits of the native build."""
+    (tmp_path / "two.yaml").write_text(TWO)
+    shutil.copy(ROOT / "meshes/block_1k.msh", tmp_path)
+    subprocess.run([BUILD / "bin/tm-sim", tmp_path / "two.yaml", "--lockstep", "--force", "plain", "--duration", "0.2 s", "--json", tmp_path / "run.json"], check=True, capture_output=True, timeout=300)
+    seen = node("bodies.mjs", tmp_path / "two.yaml", tmp_path / "block_1k.msh")
+    contact, ties, broken = seen["contact"], seen["ties"], seen["broken"]
+    assert contact["before"] is None and contact["force_N"] == pytest.approx(contact["weight_N"], abs=1e-9) and contact["all_N"] < 1e-15 and contact["weights"] < 1e-15
+    assert contact["rows"] == contact["again"] == contact["report"]["rows"] > 0 and contact["report"]["deepest_m"] == 0 and not contact["report"]["overflowed"]
+    assert seen["apart"]["rows"] == 0 and seen["apart"]["sunk_m"] > 1.1e-3
+    assert ties["count"] == ties["again"] == 9 and ties["whole"] and ties["none"] is None and ties["leaked"] == 0 and ties["rest_m"] == pytest.approx([0.01] * 9)
+    assert sum(ties["force_N"]) == pytest.approx(ties["weight_N"], rel=1e-3) and ties["force_N"] == pytest.approx([50 * (m - 0.01) for m in ties["length_m"]], rel=1e-4)
+    assert broken == {"none_yet": 0, "tie": list(range(9)), "why": [-1], "whole": False, "ends": 0, "again": 0}
+    expected = ["names no two of 2 bodies; give 0 to 1", "friction", "mu_static: give bodies, pairs and friction instead", '"thick" is not known; use one of', "bodies: 2 values; give 216",
+                "already", "vertex or triangles: outside 0 to 35", "tie 0", "other: 2 values; give 3", "count: give the list of ties instead"]
+    assert len(seen["messages"]) == len(expected) and all(words in message for words, message in zip(expected, seen["messages"])), seen["messages"]
+    scene = seen["scene"]
+    assert scene["hash"] == json.loads((tmp_path / "run.json").read_text())["state_hash"] and scene["rows"] > 10 and scene["ties"] == 16
+    assert scene["bodies"] == [["low", False, 320], ["high", False, 320], ["floor", True, 320]]
+
+
 def test_the_controller_follows_the_scene_and_falls_silent_with_it():
     seen = node("controller.mjs", "apps/scenes/block-press.yaml", "meshes/block_1k.msh", "adaptive")
     assert seen["state"] == "engaged" and seen["patches"] > 20

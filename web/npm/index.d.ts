@@ -125,6 +125,10 @@ export class Scene {
   /** The struct tm_patch of the last frame, null if there is none. Valid until the next frame. */
   patch(instrument?: number): any;
   rows(): ContactRow[];
+  /** Ranges of each body's vertices and tetrahedra; none with tissue.mesh. */
+  readonly bodies: { name: string; rigid: boolean; vertex_begin: number; vertex_end: number; tet_begin: number; tet_end: number }[];
+  readonly touch: Touch | null;
+  readonly ties: Ties | null;
   save(): Uint8Array;
   restore(bytes: Uint8Array): void;
   close(): void;
@@ -206,6 +210,11 @@ export class World {
   addGrasp(contact: Contact, options?: Record<string, unknown>): Grasp;
   addFriction(contact: Contact, coefficients: [number, number][]): void;
   addCut(contact: Contact, options?: Record<string, unknown>): void;
+  /** See Touch. */
+  addTouch(bodies?: ArrayLike<number> | null, pairs?: [number, number][] | null, friction?: [number, number], options?: Record<string, unknown>): Touch;
+  addTies(ties: Tie[], options?: Record<string, unknown>): Ties;
+  readonly touch: Touch | null;
+  readonly ties: Ties | null;
   free(): void;
 }
 
@@ -218,6 +227,60 @@ export class Contact {
 
 export class Grasp {
   vertices(instrument?: number): { vertices: Int32Array; state: 'open' | 'holding' | 'releasing' };
+}
+
+/** A vertex against a face (vertex[0] against the others), or an edge against an edge (vertex[2], vertex[3] against vertex[0], vertex[1]). */
+export interface TouchRow {
+  edges: number;
+  a: number;
+  b: number;
+  vertex: number[];
+  weight: number[];
+  normal: number[];
+  thickness_m: number;
+  gap_m: number;
+  lambda_N: number;
+  across_N: number[];
+}
+
+/** Contact of bodies with each other and with themselves. Add it after contact, if there is any. */
+export class Touch {
+  /** bodies: [tetCount] body of each tetrahedron, from 0; null: one body. pairs: those that touch, a body twice for itself; null: all.
+   * friction: [static, kinetic]. options: fields of tm_touching_def. */
+  constructor(world: World, bodies?: ArrayLike<number> | null, pairs?: [number, number][] | null, friction?: [number, number], options?: Record<string, unknown>);
+  /** Copies; vertex j bears weight[j] * (lambda_N * normal + across_N), N. */
+  rows(): TouchRow[];
+  /** [3 * vertexCount] N, of the last substep. */
+  readonly force_N: Float64Array;
+  readonly report: { rows: number; candidates: number; gathers: number; overflowed: boolean; deepest_m: number };
+}
+
+/** A spring that pulls and never pushes, from a vertex to a point of another surface. */
+export class Tie {
+  /** The point of the vertices other [3] with the barycentric weight [3]. rest_m: length up to which it is slack. break_N: breaking load, 0: none. */
+  constructor(vertex: number, other: number[], weight: number[], rest_m: number, stiffness_N_m: number, break_N?: number);
+  /** To the nearest point, at rest, of triangles [3n]. null: each triangle has the vertex. */
+  static toNearest(mesh: Mesh, vertex: number, triangles: ArrayLike<number> & Iterable<number>, stiffness_N_m: number, break_N?: number): Tie | null;
+  vertex: number;
+  other: number[];
+  weight: number[];
+  rest_m: number;
+  stiffness_N_m: number;
+  break_N: number;
+}
+
+/** Ligaments and fat between bodies. Add them after contact, if there is any. */
+export class Ties {
+  /** options: fields of tm_ties_def. */
+  constructor(world: World, ties: Tie[], options?: Record<string, unknown>);
+  readonly count: number;
+  readonly whole: boolean[];
+  /** [count] N, of the last substep. */
+  readonly force_N: Float64Array;
+  /** [6 * count] both ends of each, m; with whole, only of those that hold. */
+  ends_m(options?: { whole?: boolean }): Float64Array;
+  /** Ties that went since the last call; why: the instrument that cut it, -1: its load broke it, -2: the tissue at an end went. */
+  fetchCut(): { tie: Int32Array; why: Int32Array };
 }
 
 /** An LCM log (tm-sim --record, lcm-logger) as messages, one list a channel. */

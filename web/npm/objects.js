@@ -1,4 +1,6 @@
 // Meshes, tissue, worlds and instruments, named as in Python (docs/python.md). SI units; arrays are views of the library's memory.
+import { Ties, Touch } from './bodies.js';
+import { created, fill } from './made.js';
 import { TensormassError, constants } from './runtime.js';
 import { poseInto, rowsOf } from './scene.js';
 
@@ -12,26 +14,6 @@ const HELD = () => ({ [constants.TM_GRASP_OPEN]: 'open', [constants.TM_GRASP_HOL
 function choice(value, table, prefix, what) {
   if (!(value in table)) throw new TensormassError(`${what} "${value}" is not known; use one of ${Object.keys(table).join(', ')}`);
   return constants[prefix + table[value]];
-}
-
-// Calls a function that creates an object, and returns the object's address.
-function created(library, name, ...given) {
-  const place = library.newArray([0], 'pointer');
-  try {
-    library.checked(name, ...given, place);
-    return library.view(place, 1, 'pointer')[0];
-  } finally {
-    library.free(place);
-  }
-}
-
-// Sets fields of a definition by name.
-function fill(definition, options) {
-  for (const [name, value] of Object.entries(options)) {
-    if (!(name in definition)) throw new TensormassError(`option "${name}" is not known; use one of ${Object.keys(definition.toObject()).join(', ')}`);
-    definition[name] = value;
-  }
-  return definition;
 }
 
 // An object of the library. free() destroys it; objects made on it must be freed before.
@@ -221,6 +203,13 @@ export class World extends Owned {
   }
   // Lets active cauteries remove what they touch. The tissue must be cuttable.
   addCut(contact, options = {}) { this.library.checked('tm_stage_cut', this.pointer, contact.pointer, fill(this.library.call('tm_cut_def_default'), options)); }
+  // Contact of tissue with tissue: bodies touch each other and themselves; see Touch.
+  addTouch(bodies = null, pairs = null, friction = [0, 0], options = {}) { return new Touch(this, bodies, pairs, friction, options); }
+  // Ligaments and fat between bodies; see Ties.
+  addTies(ties, options = {}) { return new Ties(this, ties, options); }
+  // The stages "touch" and "ties"; null: there is none.
+  get touch() { return Touch.of(this.library, this.tissue.mesh.vertexCount, this.pointer); }
+  get ties() { return Ties.of(this.library, this.tissue.mesh.vertexCount, this.pointer); }
 }
 
 // Contact of up to two instruments with the tissue's surface.

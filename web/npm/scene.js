@@ -1,4 +1,5 @@
 // Scenes: the YAML files that tm-sim runs, advanced frame by frame.
+import { Ties, Touch } from './bodies.js';
 import { TensormassError, constants } from './runtime.js';
 
 let opened = 0;
@@ -122,6 +123,17 @@ export class Scene {
     const contact = this.library.call('tm_scene_contact', this.pointer);
     return contact ? rowsOf(this.library, contact) : [];
   }
+
+  // [{name, rigid, vertex_begin, vertex_end, tet_begin, tet_end}]: ranges of each body's vertices and tetrahedra; none with tissue.mesh.
+  get bodies() {
+    const { library } = this, found = library.makeArray('tm_scene_body', constants.TM_MAX_BODIES);
+    const count = library.call('tm_scene_get_bodies', this.pointer, found[0], found.length), bodies = found.slice(0, count).map((body) => body.toObject());
+    found[0].free();
+    return bodies;
+  }
+  // Contact of tissue with tissue, and ties, of the scene; null: it names none.
+  get touch() { return Touch.of(this.library, this.vertexCount, this.library.call('tm_scene_world', this.pointer)); }
+  get ties() { return Ties.of(this.library, this.vertexCount, this.library.call('tm_scene_world', this.pointer)); }
 
   // [3 * vertexCount] displacements, m: a view; get it again after a frame.
   get displacement_m() { return this.library.view(this.library.call('tm_scene_displacement', this.pointer), 3 * this.vertexCount); }
