@@ -20,6 +20,9 @@ static const tissue_constants rows[] = {
      "chosen: held fast, so that its own 10 to 20 GPa, which would ask for thousands of substeps, are not needed"},
     {"liver", "liver hepat", TISSUE_SOFT, 5.5e3, 0.45, 1079,
      "429 healthy people, transient elastography, 5.49 kPa: Roulot 2008, J Hepatol 48:606"},
+    {"gallbladder", "gallbladder gall_bladder", TISSUE_SOFT, 6e3, 0.45, 1000,
+     "chosen: assumed as in apps/scenes/cholecystectomy.yaml, density of water; a label fills the bile too, papers have the "
+     "wall alone"},
     {"kidney", "kidney renal", TISSUE_SOFT, 5.0e3, 0.45, 1066,
      "renal cortex, shear-wave elastography, 5.0 kPa: Arda 2011, AJR 197:532"},
     {"spleen", "spleen splen", TISSUE_SOFT, 2.9e3, 0.45, 1089,

@@ -75,6 +75,11 @@ def test_the_table_has_a_source_a_row(bin):
     assert len(rows) > 10 and all(re.search(r"[12]\d{3}, |chosen: ", row) for row in rows)
 
 
+def test_the_gallbladder_is_that_of_the_scene_it_names(bin, root):
+    row = re.search(r"^gallbladder +([\d.]+) .*assumed as in (\S+),", run(bin / "tm-scene", "tissues"), re.M)
+    assert row and re.search(rf'"gallbladder\.\*": {{young: {row[1]} kPa,', (root / row[2]).read_text())
+
+
 LARGE = """tissue:
   mesh: {mesh}
   materials:

@@ -1,9 +1,9 @@
-// Drives the page in a browser: node drive.mjs PUPPETEER BROWSER URL FOLDER HAPLY_URL MESH LOG -> JSON of what was seen; pictures in FOLDER.
+// Drives the page in a browser: node drive.mjs PUPPETEER BROWSER URL FOLDER HAPLY_URL MESH LOG TIED.yaml TIED.lcm -> JSON of what was seen; pictures in FOLDER.
 import { readFile, writeFile } from 'node:fs/promises';
 
 import { launch, takeDevice } from './browser.mjs';
 
-const [, , puppeteer, executablePath, url, folder, haply, mesh, log] = process.argv;
+const [, , puppeteer, executablePath, url, folder, haply, mesh, log, tied, tiedLog] = process.argv;
 const firefox = executablePath.includes('firefox'), seen = { console: [] }, WAIT = { timeout: 120000, polling: 100 };
 const app = await launch(puppeteer, executablePath);
 const begun = Date.now(), step = (what) => console.error(`${((Date.now() - begun) / 1000).toFixed(1)} s: ${what}`);
@@ -112,6 +112,21 @@ seen.played = await valueOf(page, () => tensormass.state.played?.frame > 5 && [t
 await page.evaluate(() => document.getElementById('live').click());
 await until(page, () => !tensormass.state.played);
 step('recorded session');
+// Bodies with ties, live and recorded; the surface has more vertices after the cut.
+await give(page, [['tied.yaml', (await readFile(tied)).toString('base64')], ['block_1k.msh', (await readFile(mesh)).toString('base64')]]);
+const told = () => {
+  const { state, view } = tensormass, ties = state.played?.ties ?? state.last?.ties;
+  return ties && ties[0] < ties[1] && view.counts.ties === ties[0] && document.getElementById('ties').textContent === `${ties[0]} of ${ties[1]} hold` && ties;
+};
+seen.tied = await valueOf(page, told);
+await picture(page, 'tied');
+await give(page, [['tied.lcm', (await readFile(tiedLog)).toString('base64')]]);
+await until(page, () => tensormass.state.played?.frame === tensormass.state.played?.frames - 1);
+seen.tiedLog = await valueOf(page, told);
+await picture(page, 'tied_log');
+await page.evaluate(() => document.getElementById('live').click());
+await until(page, () => !tensormass.state.played);
+step('ties');
 
 await hide(page, true);
 seen.hidden = await valueOf(page, () => tensormass.state.law.state !== 'engaged' && Math.hypot(...tensormass.state.law.vector[0]) === 0 && [tensormass.state.law.state, 0]);

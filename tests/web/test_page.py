@@ -52,11 +52,14 @@ def seen(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
     subprocess.run([BUILD / "bin/tm-sim", "apps/scenes/block-press.yaml", "--lockstep", "--set", "rendering={}", "--duration", "1 s", "--record", folder / "press.log"],
                    check=True, capture_output=True, timeout=120, cwd=ROOT)
+    for path in ("tests/web/tied.yaml", "meshes/block_1k.msh"):
+        shutil.copy(ROOT / path, folder)
+    subprocess.run([BUILD / "bin/tm-sim", folder / "tied.yaml", "--lockstep", "--record", folder / "tied.lcm"], check=True, capture_output=True, timeout=120)
     shutil.copy(ROOT / "examples/web/three.html", PAGE.parent)
     with served() as url, haply(folder / "haply.csv") as service:
         screen = ["xvfb-run", "-a"] if request.param == "firefox" else []  # headless, Firefox draws no WebGL
         ran = subprocess.run([*screen, "node", ROOT / "tests/web/drive.mjs", BUILD / "web/node_modules/puppeteer-core", browser, url, folder, service,
-                              ROOT / "meshes/block_1k.msh", folder / "press.log"], capture_output=True, text=True, timeout=500)
+                              ROOT / "meshes/block_1k.msh", folder / "press.log", folder / "tied.yaml", folder / "tied.lcm"], capture_output=True, text=True, timeout=500)
     assert ran.returncode == 0, ran.stderr[-3000:]
     found = json.loads(ran.stdout)
     wall_less_monotonic_us = 1e6 * (time.time() - time.monotonic())
@@ -115,6 +118,10 @@ def test_a_bad_mesh_has_the_librarys_sentence_and_a_good_one_is_pressed(seen):
 def test_a_recorded_session_is_shown(seen):
     frames, triangles, title = seen["played"]
     assert frames == 25 and triangles > 100 and "Recorded session" in title
+
+
+def test_ties_that_hold_are_drawn_and_counted(seen):
+    assert all(0 < holding < all_ == 16 for holding, all_ in (seen["tied"], seen["tiedLog"])) and not seen["console"]
 
 
 def test_a_hidden_tab_has_no_force(seen):

@@ -13,7 +13,13 @@ function pictures() {
 }
 
 let shown_ms = 0;
-export function figures({ median_ms, factor, memory, stages, energy, rows }) {
+// ties: [those that hold, all]; null: the scene has none.
+export function tied(ties) {
+  $('ties-row').hidden = !ties;
+  if (ties) $('ties').textContent = `${ties[0]} of ${ties[1]} hold`;
+}
+
+export function figures({ median_ms, factor, memory, stages, energy, rows, ties }) {
   if (!stages && performance.now() - shown_ms < 200) return; // read by people
   shown_ms = performance.now();
   const { substeps, dt_s, frame_s } = state.opened;
@@ -23,6 +29,7 @@ export function figures({ median_ms, factor, memory, stages, energy, rows }) {
   $('memory').textContent = `${(memory / 1048576).toFixed(0)} MB`;
   const forces = rows.filter((_, i) => i % ROW === ROW - 1);
   $('rows').textContent = `${forces.length}; ${forces.filter((f) => f > 0).length} bear ${forces.reduce((sum, f) => sum + f, 0).toFixed(2)} N`;
+  tied(ties);
   $('energy-row').hidden = $('residual-row').hidden = !energy;
   if (energy) {
     $('energy').textContent = `${(1000 * energy.generated_J).toFixed(3)}, ${(1000 * energy.put_in_J).toFixed(2)} mJ`;
@@ -54,7 +61,7 @@ export function plot({ now, force, sampled, late_ms, state: name, fault, reasons
   if (canvas.width !== Math.floor(w * ratio)) { canvas.width = Math.floor(w * ratio); canvas.height = Math.floor(h * ratio); }
   const c = canvas.getContext('2d', { willReadFrequently: true }); // drawn by this processor: a busy graphics one would stop the page's thread
   let top = 0.5;
-  for (let i = 1; i < force.length; i += 2) top = Math.max(top, force[i]);
+  for (const values of [force, sampled]) for (let i = 1; i < values.length; i += 2) top = Math.max(top, values[i]);
   const x = (t) => w - ((now - t) / 4e6) * w, y = (f) => h - 6 - (f / (1.15 * top)) * (h - 12);
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.clearRect(0, 0, w, h);

@@ -8,12 +8,12 @@ async function take(list) {
   let yaml = null, mesh = null, log = null;
   for (const file of list) {
     if (/\.ya?ml$/.test(file.name)) yaml = await file.text();
-    else if (/\.log$/.test(file.name)) log = new Uint8Array(await file.arrayBuffer());
+    else if (/(^log|\.log|\.lcm)$/.test(file.name)) log = new Uint8Array(await file.arrayBuffer());
     else content[file.name] = new Uint8Array(await file.arrayBuffer());
     if (/\.(msh|vtk|vtu|mesh)$/.test(file.name)) mesh = file.name;
   }
   if (log) return tissue.postMessage({ kind: 'play', bytes: log });
-  if (!yaml && !mesh) return fail('No mesh, scene or log among these files; give a .msh, .vtk, .mesh, .yaml or .log file.');
+  if (!yaml && !mesh) return fail('No mesh, scene or log among these files; give a .msh, .vtk, .mesh, .yaml, .log or .lcm file.');
   const files = yaml ? byPaths(yaml, content) : content;
   state.own = yaml ? { yaml, files } : { mesh, files };
   if (yaml) {

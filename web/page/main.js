@@ -1,7 +1,7 @@
 // The page: choices to scene settings, messages of the workers to view, figures and plots.
 import { choices } from './choices.js';
 import { device } from './device.js';
-import { figures, plot } from './figures.js';
+import { figures, plot, tied } from './figures.js';
 import { accept, save } from './files.js';
 import { hold, listen, pad, place } from './hand.js';
 import { SCENES } from './scenes.js';
@@ -79,8 +79,9 @@ const fromTissue = {
       $('live').hidden = false;
     }
     state.played = message;
+    tied(message.ties);
     $('title').textContent = `Recorded session: frame ${message.frame + 1} of ${message.frames}, ${message.time_s.toFixed(2)} s`;
-    $('force-now').textContent = `${Math.hypot(...message.forces[0]).toFixed(2)} N`;
+    $('force-now').textContent = `${Math.hypot(...(message.forces[0] ?? [0])).toFixed(2)} N`;
   },
   live() { if (state.played) { state.played = null; state.opening = true; open(); } },
   snapshot({ bytes }) { save(new Blob([bytes]), 'tissue.snapshot'); },

@@ -1,5 +1,8 @@
 // Marks on request: supported vertices, vertices of the patch that the law feels between samples, and contact rows.
-import { BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, DynamicDrawUsage, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4, MeshBasicMaterial, Points, PointsMaterial, Quaternion, Vector3 } from 'three';
+import {
+  BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, DynamicDrawUsage, InstancedMesh, LineBasicMaterial, LineSegments, Matrix4, MeshBasicMaterial, MeshStandardMaterial, Points,
+  PointsMaterial, Quaternion, Vector3,
+} from 'three';
 
 // Numbers of one row in a message: point on the surface, normal from the tool to the tissue, force on the tissue, N.
 export const ROW = 7;
@@ -68,5 +71,38 @@ export class Marks {
     const turn = new Quaternion().setFromUnitVectors(UP, along), wide = length > 0 ? 0.006 * this.size_m : 0, head = Math.min(0.4 * length, 0.03 * this.size_m);
     this.heads.setMatrixAt(i, new Matrix4().compose(end, turn, new Vector3(wide, head, wide)));
     this.shafts.setMatrixAt(i, new Matrix4().compose(end.clone().addScaledVector(along, -length), turn, new Vector3(0.5 * wide, length - head, 0.5 * wide)));
+  }
+}
+
+// Ties between bodies that hold, as strands.
+export class Strands {
+  constructor(scene) {
+    this.scene = scene;
+    this.shape = new CylinderGeometry(1, 1, 1, 8).translate(0, 0.5, 0); // its own axis is y, from 0 to 1
+    this.material = new MeshStandardMaterial({ color: 0xecc896, roughness: 0.6 });
+    this.mesh = null;
+    this.count = 0;
+  }
+
+  // ends: [6n] m, both ends of each. size_m: of the organ.
+  place(ends, size_m) {
+    this.count = ends.length / 6;
+    if (!this.mesh || this.count > this.mesh.instanceMatrix.count) this.reserve(Math.ceil(1.5 * this.count));
+    const wide = 0.0025 * size_m, from = new Vector3(), along = new Vector3(), turn = new Quaternion(), scale = new Vector3(), matrix = new Matrix4();
+    for (let i = 0; i < this.count; i++) {
+      from.fromArray(ends, 6 * i);
+      along.fromArray(ends, 6 * i + 3).sub(from);
+      scale.set(wide, Math.max(along.length(), 1e-9), wide);
+      this.mesh.setMatrixAt(i, matrix.compose(from, turn.setFromUnitVectors(UP, along.divideScalar(scale.y)), scale));
+    }
+    this.mesh.count = this.count;
+    this.mesh.instanceMatrix.needsUpdate = true;
+  }
+
+  reserve(count) {
+    if (this.mesh) { this.scene.remove(this.mesh); this.mesh.dispose(); }
+    this.mesh = new InstancedMesh(this.shape, this.material, count);
+    this.mesh.frustumCulled = false;
+    this.scene.add(this.mesh);
   }
 }

@@ -5,10 +5,11 @@ import {
   AmbientLight, BufferAttribute, BufferGeometry, Color, CylinderGeometry, DirectionalLight, DynamicDrawUsage, Group, HemisphereLight, Mesh, MeshPhysicalMaterial,
   MeshStandardMaterial, PerspectiveCamera, Scene, SphereGeometry, Vector3, WebGLRenderer,
 } from 'three';
-import { Marks, store } from './marks.js';
+import { Marks, Strands, store } from './marks.js';
 import { placed } from './placed.js';
 import { Scale } from './scale.js';
 
+const TISSUE = 0x9c3b32;
 const wet = (color) => new MeshPhysicalMaterial({ color, roughness: 0.42, clearcoat: 0.35, clearcoatRoughness: 0.4 });
 
 // SAME_PX: motion that a picture does not show. REST_MS: without a change, for a picture in full resolution. PIXELS_MAX: of a picture.
@@ -29,10 +30,11 @@ class Painter {
     this.camera.add(key);
     this.scene.add(this.camera, new HemisphereLight(0xffffff, 0x886655, 1.1), new AmbientLight(0xffffff, 0.25));
     // Materials of the organ's own surface and of what cuts exposed.
-    this.organ = new Mesh(new BufferGeometry(), [wet(0x9c3b32), wet(0xd98a76)]);
+    this.organ = new Mesh(new BufferGeometry(), [wet(TISSUE), wet(0xd98a76)]);
     this.organ.frustumCulled = false;
     this.scene.add(this.organ);
     this.marks = new Marks(this.scene);
+    this.strands = new Strands(this.scene);
     this.instruments = [];
     this.frames = 0;
     this.pictures = 0;
@@ -48,13 +50,14 @@ class Painter {
   }
 
   // Shows a new organ between two corners: positions [3n], triangles as in frame() (a recorded session: none yet), instruments of the scene, supported
-  // vertices [3m].
-  open({ rest, triangles, own, instruments, supports, low_m, high_m }) {
+  // vertices [3m], ends of ties [6k], the body of each vertex and the colours of bodies (none: all are tissue).
+  open({ rest, triangles, own, instruments, supports, ties = [], bodies, colours, low_m, high_m }) {
     if (this.next) this.answer();
     Object.assign(this, { next: null, tips: null });
     this.organ.geometry.dispose();
     this.organ.geometry = new BufferGeometry();
     this.organ.geometry.setAttribute('position', new BufferAttribute(rest, 3).setUsage(DynamicDrawUsage));
+    this.tint(bodies, colours);
     if (triangles) this.surface(triangles, own);
     this.instruments.forEach((i) => this.remove(i));
     this.instruments = instruments.map((i) => this.instrument(i));
@@ -63,7 +66,21 @@ class Painter {
     if (!this.placed) this.camera.lookAt(this.centre);
     this.marks.open(new Vector3(...low_m).distanceTo(new Vector3(...high_m)));
     this.marks.place('supports', supports);
+    this.strands.place(ties, this.marks.size_m);
     this.change();
+  }
+
+  // Gives each vertex the colour of its body.
+  tint(bodies, colours) {
+    const [skin] = this.organ.material, tinted = Boolean(bodies);
+    if (tinted) {
+      const colour = new Color(), values = new Float32Array(3 * bodies.length);
+      bodies.forEach((body, v) => colour.set(colours[body] ?? TISSUE).toArray(values, 3 * v));
+      this.organ.geometry.setAttribute('color', new BufferAttribute(values, 3));
+    }
+    skin.color.set(tinted ? 0xffffff : TISSUE);
+    skin.needsUpdate = skin.vertexColors !== tinted;
+    skin.vertexColors = tinted;
   }
 
   // The organ's triangles [3m], those that cuts exposed last; own: number of the others.
@@ -91,8 +108,8 @@ class Painter {
     for (const part of [shaft, tip]) { part.geometry.dispose(); part.material.dispose(); }
   }
 
-  // Takes a frame: position [3n]; triangles and own as in open(), if they changed; tips of the instruments; whether the tissue is late. It replaces one that was
-  // not drawn yet.
+  // Takes a frame: position [3n]; triangles and own as in open(), if they changed; tips of the instruments; ends of the ties that hold; whether the tissue is
+  // late. It replaces one that was not drawn yet.
   frame(frame) {
     const { triangles, own } = frame.triangles || !this.next ? frame : this.next;
     if (this.next) this.answer();
@@ -100,22 +117,33 @@ class Painter {
   }
 
   // Shows the newest frame.
-  take({ position, triangles, tips, own, patch, rows, late = false }) {
+  take({ position, triangles, tips, own, ties = [], patch, rows, late = false }) {
     const { geometry } = this.organ;
     this.frames++;
     this.late = late;
     this.next = null;
-    if (!triangles && !this.moved(position, tips) && !patch?.length && !rows?.length && !this.marked) return;
+    if (!triangles && ties.length === 6 * this.strands.count && !this.moved(position, tips) && !patch?.length && !rows?.length && !this.marked) return;
     this.marked = Boolean(patch?.length || rows?.length);
     this.tips = tips;
-    geometry.attributes.position.array.set(position);
+    if (position.length > geometry.attributes.position.array.length) this.enlarge(position);
+    else geometry.attributes.position.array.set(position);
     geometry.attributes.position.needsUpdate = true;
     if (triangles) this.surface(triangles, own);
     else if (geometry.index) geometry.computeVertexNormals();
     tips.forEach((tip_m, i) => this.place(i, tip_m));
+    this.strands.place(ties, this.marks.size_m);
     if (patch) this.marks.place('patch', patch);
     if (rows) this.marks.rows(rows);
     this.change();
+  }
+
+  // A recorded surface has more vertices after a cut.
+  enlarge(position) {
+    const { geometry } = this.organ, larger = new Float32Array(Math.ceil(1.5 * position.length));
+    larger.set(position);
+    geometry.dispose();
+    geometry.deleteAttribute('normal');
+    geometry.setAttribute('position', new BufferAttribute(larger, 3).setUsage(DynamicDrawUsage));
   }
 
   // Returns whether a picture would show the motion since the last one.
@@ -241,6 +269,6 @@ function drawn() {
   if (!painter.draw()) return;
   if (painter.frames > before) painter.answer();
   const { frames, pictures, picture_ms, renderer: { domElement }, size, centre } = painter;
-  const counts = Object.fromEntries(['supports', 'patch', 'rows'].map((mark) => [mark, painter.marks.count(mark)]));
+  const counts = { ...Object.fromEntries(['supports', 'patch', 'rows'].map((mark) => [mark, painter.marks.count(mark)])), ties: painter.strands.count };
   postMessage({ kind: 'drawn', frames, pictures, organ: Boolean(centre), picture_ms, scale: domElement.width / (size.width * size.ratio), counts });
 }

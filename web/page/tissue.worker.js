@@ -127,20 +127,33 @@ function troubled() {
   return jump ? now.map((p) => ({ ...p, tip_m: p.tip_m.map((x, a) => (a === 2 ? x + (away ? 0.015 : -0.015) : x)) })) : now;
 }
 
+// Triangles of a recorded surface: those that cuts exposed last.
+function recorded({ triangle, triangle_kind }) {
+  const parts = [[], []];
+  triangle_kind.forEach((kind, i) => parts[kind ? 1 : 0].push(triangle[3 * i], triangle[3 * i + 1], triangle[3 * i + 2]));
+  return { triangles: Uint32Array.from(parts.flat()), own: parts[0].length / 3 };
+}
+
+// Instruments {trocar_m, radius_m, mode, tip_m, force_N} of a SIM_STATUS; none: it is missing.
+function toolsOf(status) {
+  const three = (values, i) => values.slice(3 * i, 3 * i + 3);
+  return Array.from({ length: status?.instrument_count ?? 0 }, (_, i) =>
+    ({ trocar_m: three(status.trocar_m, i), radius_m: status.radius_m[i], mode: status.mode[i], tip_m: three(status.tip_m, i), force_N: three(status.force_N, i) }));
+}
+
 // Shows one frame of a recorded session, and asks for the next.
 function play() {
-  const all = playing.channels.TISSUE, { message, utime_us } = all[playing.frame];
-  const before = (list) => (list ?? []).filter((m) => m.utime_us <= utime_us).at(-1)?.message;
-  const tools = [0, 1].map((i) => before(playing.channels[`TOOL_${i}`])).filter(Boolean), forces = [0, 1].map((i) => before(playing.channels[`FORCE_${i}`])?.force_N ?? [0, 0, 0]);
-  const position = Float32Array.from(message.vertex_m), triangles = Uint32Array.from(message.triangle), tips = tools.map((t) => t.tip_m), first = playing.frame === 0;
-  if (first || !playing.shown) {
-    const instruments = tips.map((tip_m) => ({ trocar_m: tip_m.map((x, a) => x + (a === 2 ? 0.1 : 0)), radius_m: 0.0025, mode: 0 }));
-    pictures.postMessage({ kind: 'open', rest: position, instruments, supports: new Float32Array(0), ...corners(position) });
-    playing.shown = true;
-  }
+  const all = playing.channels.TISSUE, { message, utime_us } = all[playing.frame], first = !playing.shown;
+  const tools = toolsOf((playing.channels.SIM_STATUS ?? []).filter((m) => m.utime_us <= utime_us).at(-1)?.message), tips = tools.map((tool) => tool.tip_m);
+  const position = Float32Array.from(message.vertex_m), held = Float32Array.from(message.tie_m);
+  if (first) pictures.postMessage({ kind: 'open', rest: position, instruments: tools, supports: new Float32Array(0), ties: held, ...corners(position) });
+  playing.shown = true;
   flying++;
-  pictures.postMessage({ kind: 'frame', position, triangles, tips });
-  postMessage({ kind: 'played', triangles: triangles.length / 3, forces, frame: playing.frame, frames: all.length, time_s: Number(message.sim_utime) / 1e6, first, ...corners(position) });
+  pictures.postMessage({ kind: 'frame', position, ...recorded(message), tips, ties: held });
+  postMessage({
+    kind: 'played', triangles: message.triangle_count, ties: message.tie_total ? [message.tie_count, message.tie_total] : null, forces: tools.map((tool) => tool.force_N),
+    frame: playing.frame, frames: all.length, time_s: Number(message.sim_utime) / 1e6, first, ...corners(position),
+  });
   playing.frame = (playing.frame + 1) % all.length;
   const wait_ms = playing.frame ? (all[playing.frame].utime_us - utime_us) / 1000 : 1000;
   schedule(Math.min(1000, wait_ms));
@@ -154,15 +167,29 @@ function sample(reactions, t_us) {
   });
 }
 
-let original = new Set();
+let original = new Set(), ties = null;
 
-// Triangles of the organ's own surface first, then those that cuts exposed; and the number of the first.
+// Triangles of the organ's own surface first, then those that cuts exposed; own: number of the first.
 function sorted({ count, triangles, faces }) {
   if (sent < 0) original = new Set(faces);
   const first = [], last = [];
   for (let i = 0; i < count; i++) (original.has(faces[i]) ? first : last).push(triangles[3 * i], triangles[3 * i + 1], triangles[3 * i + 2]);
-  return [Uint32Array.from(first.concat(last)), first.length / 3];
+  return { triangles: Uint32Array.from(first.concat(last)), own: first.length / 3 };
 }
+
+// {bodies: the body of each vertex, colours: of bodies but for the largest, which has that of tissue; rigid ones are grey}; nothing for one body.
+const OTHERS = [0x6f8a3a, 0x3f8080, 0x8a5092, 0xa9762d, 0x55649c];
+function tints() {
+  const { bodies } = scene, size = (body) => (body.rigid ? 0 : body.tet_end - body.tet_begin), largest = bodies.reduce((most, body, b) => (size(body) > size(bodies[most]) ? b : most), 0);
+  if (!bodies.length) return {};
+  const of = new Uint8Array(scene.vertexCount);
+  bodies.forEach(({ vertex_begin, vertex_end }, b) => of.fill(b, vertex_begin, vertex_end));
+  let other = 0;
+  return { bodies: of, colours: bodies.map(({ rigid }, b) => (rigid ? 0x9a9c9e : b === largest ? null : OTHERS[other++ % OTHERS.length])) };
+}
+
+// Ends of the ties that hold, [6n] m.
+const holding = () => (ties ? Float32Array.from(ties.ends_m({ whole: true })) : new Float32Array(0));
 
 // Vertices of the patch of instrument 0, [3n] m, if they are shown.
 function patchOf() {
@@ -194,9 +221,10 @@ function supported() {
 // Gives the painter the scene's organ and instruments.
 function present(instruments) {
   sent = -1;
-  const position = positions(), [triangles, own] = sorted(scene.surface);
+  ties = scene.ties;
+  const position = positions(), surface = sorted(scene.surface);
   sent = scene.surface.revision;
-  pictures.postMessage({ kind: 'open', rest: position, triangles, own, instruments, supports: supported(), ...corners(scene.rest_m) }, [position.buffer, triangles.buffer]);
+  pictures.postMessage({ kind: 'open', rest: position, ...surface, instruments, supports: supported(), ties: holding(), ...tints(), ...corners(scene.rest_m) }, [position.buffer, surface.triangles.buffer]);
 }
 
 // Corners of the box around positions [3n].
@@ -225,16 +253,16 @@ function picture(poses, rows) {
   flying++;
   const position = positions(), late = performance.now() > next + 1000 * scene.frame_s;
   const surface = scene.surface, changed = surface.revision !== sent;
-  const [triangles, own] = changed ? sorted(surface) : [null, 0];
+  const parts = changed ? sorted(surface) : { triangles: null };
   sent = surface.revision;
-  pictures.postMessage({ kind: 'frame', position, triangles, own, tips: poses.map((p) => p.tip_m), patch: patchOf(), rows, late }, triangles ? [position.buffer, triangles.buffer] : [position.buffer]);
+  pictures.postMessage({ kind: 'frame', position, ...parts, tips: poses.map((p) => p.tip_m), ties: holding(), patch: patchOf(), rows, late }, changed ? [position.buffer, parts.triangles.buffer] : [position.buffer]);
 }
 
 function figures(reactions, poses, rows, t_us) {
   waiting = true;
   const times = [...load_ms].sort((a, b) => a - b), median = times[times.length >> 1];
   postMessage({
-    kind: 'frame', generation, rows, energy: balance(), reactions, poses, time_s: scene.time_s, alive: scene.aliveCount,
+    kind: 'frame', generation, rows, ties: ties && [ties.whole.filter(Boolean).length, ties.count], energy: balance(), reactions, poses, time_s: scene.time_s, alive: scene.aliveCount,
     median_ms: median, factor: (1000 * scene.frame_s) / median, memory: library.bytes.length, used: library.bytesUsed, t_us, stages: stages(),
   });
 }
