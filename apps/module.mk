@@ -135,7 +135,7 @@ cholecystectomy: $(if $(FINE),$(CHOLECYSTECTOMY_MESHES))
 	@mkdir -p $(CHOLECYSTECTOMY)
 	sed -e 's#../../meshes/liver_10k.msh#$(abspath $(word 1,$(CHOLECYSTECTOMY_MESHES)))#' -e 's#../../meshes/gallbladder_1k.msh#$(abspath $(word 2,$(CHOLECYSTECTOMY_MESHES)))#' apps/scenes/cholecystectomy.yaml > $(CHOLECYSTECTOMY)/scene.yaml
 	$(OUT)/bin/tm-sim $(CHOLECYSTECTOMY)/scene.yaml --lockstep $(if $(FINE),--set threads=2) --record $(CHOLECYSTECTOMY)/log --csv $(CHOLECYSTECTOMY)/force.csv --json $(CHOLECYSTECTOMY)/figures.json
-	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene $(CHOLECYSTECTOMY)/scene.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.7 --shift -0.04,0.15 --no-supports --video $(CHOLECYSTECTOMY)/video.mp4
+	$(OUT)/bin/tm-view $(CHOLECYSTECTOMY)/log --scene $(CHOLECYSTECTOMY)/scene.yaml --size 640x480 --azimuth -130 --elevation 8 --zoom 1.6 --shift -0.04,0.27 --no-supports --video $(CHOLECYSTECTOMY)/video.mp4
 	ffmpeg -v error -y -i $(CHOLECYSTECTOMY)/video.mp4 -vf fps=1,scale=480:-1,tile=4x2 -frames:v 1 $(CHOLECYSTECTOMY)/strip.png
 # Generates the committed meshes again. liver_cut is finer where the demo cuts, the front margin of the left lobe, and renumbered:
 # refining numbers new vertices last, wherever they are.

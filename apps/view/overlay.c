@@ -75,7 +75,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
     char ties[48] = "";
-    if (s->ties.total) snprintf(ties, sizeof ties, "ties: %d of %d", s->ties.count, s->ties.total);
+    if (s->ties.total) snprintf(ties, sizeof ties, "%d of %d ties hold", s->ties.count, s->ties.total);
     int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (ties[0] != 0) + (m && m->fibre);
     const int named = named_regions(&p, s, lines);
     for (int i = 0; i < named; i++)
