@@ -23,7 +23,9 @@ def write_bodies(path, names):
         text = re.sub(r'\bgroup: "(%s_[^"]*)"' % re.escape(name), r'group: "%s.\1"' % name, text)
     bodies = "".join(f'  {name}: {{mesh: "{name}.msh"}}\n' for name in names)
     head = f"# One body a label ({', '.join(names)}):{mesh[1].replace(' #', '')}. Regions and groups are called BODY.NAME (docs/bodies.md).\nbodies:\n{bodies}"
-    touch = "touch: # bodies keep apart; ties: between: [{from: A, to: B, ...}] would hold them together\n"
+    tie = "ties: {between: [{from: %s, to: %s, within: 10 mm, spacing: 6 mm, stiffness: 60 N/m, break: 1 N}]}" % (names[1], names[0])
+    touch = f"touch: # bodies keep apart. Uncomment to tie them to each other, as peritoneum does:\n# {tie}\n"
+    text = re.sub(r"^#   touch: .*\n", "", text, flags=re.M)  # of the list of what may be added
     path.write_text(text.replace("\ntissue:\n", f"\n{head}tissue:\n", 1).replace("\ncontact: #", f"\n{touch}contact: #", 1))
 
 

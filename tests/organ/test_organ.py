@@ -265,6 +265,9 @@ def test_labels_with_a_gap_make_bodies_that_touch(bin, image_module, tmp_path):
     explained = subprocess.run([bin / "tm-sim", tmp_path / "out/organ.yaml", "--explain"], check=True, capture_output=True, text=True).stdout
     assert "body liver:" in explained and "body gallbladder:" in explained and re.search(r"^touch ", explained, re.M)
     assert organ(bin, tmp_path / "seg.nii.gz", *words).count("(done before)") == 6
+    (tmp_path / "out/tied.yaml").write_text(scene.replace("\n# ties:", "\nties:", 1))
+    assert re.search(r"^ties: [1-9]", subprocess.run([bin / "tm-sim", tmp_path / "out/tied.yaml", "--explain"], check=True, capture_output=True, text=True).stdout, re.M)
+    assert "#   touch:" not in scene
 
 
 def test_a_gap_that_smoothing_closes_is_kept(bin, image_module, tmp_path):
