@@ -198,8 +198,8 @@ static void lists_and_rows_after_cuts_are_those_of_all_pairs(void **state) {
             rows += count[0];
             const double margin_m = fmin(b[0].touching->margin_m, b[1].touching->margin_m);
             const double near_m = b[0].touching->reach_m + (i < 4 ? margin_m : 0);
-            pairs += check_list(b, near_m, &b[1].touching->vf, &b[0].touching->vf, false);
-            pairs += check_list(b, near_m, &b[1].touching->ee, &b[0].touching->ee, true);
+            pairs += check_list(b, near_m, &b[1].touching->near.vf, &b[0].touching->near.vf, false);
+            pairs += check_list(b, near_m, &b[1].touching->near.ee, &b[0].touching->near.ee, true);
         }
     }
     const int64_t searches = tm_touching_get_report(b[0].touching).gathers;

@@ -1,5 +1,5 @@
-/* Rows are found by one thread while the others compute the force: the same bits for any number of threads, with the
- * linear law, where the force pass has the work, and with rotation, whose own job has it. */
+/* All threads search close pairs, and one finds rows while the others compute the force: the same bits for any number
+ * of threads, with the linear law, where the force pass has the work, and with rotation, whose own job has it. */
 #include "touch_blocks.h"
 
 static uint64_t collide(bool rotation, int32_t threads) {

@@ -48,6 +48,7 @@ static bool begin_overlap(void *self, tm_world *world) {
         if (world->entry[i].few != &tm_changes_none && !tm_contact_owns(contact, world->entry[i].stage.self))
             return false;
     tm_touch_begin(t);
+    tm_touch_update(t); /* here, as it uses all threads */
     t->found_early = true;
     return true;
 }
@@ -194,7 +195,6 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->revision = t->world->tissue->surface.revision - 1;
     t->max_fast = t->def.max_candidates / 4;
     t->fast.pair = TM_ALLOC(pool, tm_touch_pair, t->max_fast);
-    t->is_fast = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */
     return tm_touch_surface_init(&t->surface, pool, t->world->tissue) && tm_touch_gather_init(t, pool);
 }

@@ -128,19 +128,18 @@ void tm_touch_clusters_build(tm_touching *t, int kind, const int32_t *item, int3
     for (int32_t k = c->count; k % WIDTH; k++) set_bounds(c->around + k / WIDTH, k % WIDTH, &nothing);
 }
 
-/* Lists the clusters of features, with a bit for each of these. */
-static int32_t list_clusters(tm_touch_clusters *c, const int32_t *item, int32_t count) {
-    int32_t listed = 0;
+/* With a bit for each of the features. */
+void tm_touch_clusters_list(tm_touch_clusters *c, const int32_t *item, int32_t count) {
     for (int32_t i = 0; i < count; i++) {
         const int32_t slot = c->slot[item[i]], cluster = cluster_of(slot);
-        if (!c->fresh[cluster]) c->listed[listed++] = cluster;
+        if (!c->fresh[cluster]) c->listed[c->listed_count++] = cluster;
         c->fresh[cluster] |= (uint16_t)(1u << slot % WIDTH);
     }
-    return listed;
 }
 
-static void forget_list(tm_touch_clusters *c, int32_t listed) {
-    for (int32_t i = 0; i < listed; i++) c->fresh[c->listed[i]] = 0;
+void tm_touch_clusters_forget(tm_touch_clusters *c) {
+    for (int32_t i = 0; i < c->listed_count; i++) c->fresh[c->listed[i]] = 0;
+    c->listed_count = 0;
 }
 
 void tm_touch_clusters_move(tm_touching *t, int kind, const int32_t *item, int32_t count) {
@@ -149,9 +148,9 @@ void tm_touch_clusters_move(tm_touching *t, int kind, const int32_t *item, int32
         const tm_touch_bounds b = around(t, kind, item[i]);
         set_bounds(&c->of[cluster_of(c->slot[item[i]])].box, c->slot[item[i]] % WIDTH, &b);
     }
-    const int32_t listed = list_clusters(c, item, count);
-    for (int32_t i = 0; i < listed; i++) bound(c, c->listed[i]);
-    forget_list(c, listed);
+    tm_touch_clusters_list(c, item, count);
+    for (int32_t i = 0; i < c->listed_count; i++) bound(c, c->listed[i]);
+    tm_touch_clusters_forget(c);
 }
 
 /* --- finding --- */
@@ -168,35 +167,32 @@ int32_t tm_touch_clusters_find(const tm_touch_clusters *c, const tm_touch_bounds
 }
 
 /* Tries the features of one cluster that have a bit with those of a cluster near them. */
-static void try_clusters(tm_touching *t, const tm_touch_clusters *c, int32_t cluster, double grow_m,
-                         const tm_touch_cluster *near, tm_touch_try *try) {
+static void try_clusters(const tm_touching *t, const tm_touch_clusters *c, int32_t cluster, double grow_m,
+                         const tm_touch_cluster *near, tm_touch_try *try, tm_touch_lists *to) {
     for (uint32_t own = c->fresh[cluster]; own; own &= own - 1) {
         const int place = __builtin_ctz(own);
         tm_touch_bounds b;
         get_bounds(&c->of[cluster].box, place, &b);
         for (int k = 0; k < 3; k++) b.low[k] -= (float)grow_m, b.high[k] += (float)grow_m;
         for (uint32_t hit = compare(c, &near->box, &b); hit; hit &= hit - 1)
-            try(t, c->of[cluster].item[place], near->item[__builtin_ctz(hit)]);
+            try(t, to, c->of[cluster].item[place], near->item[__builtin_ctz(hit)]);
     }
 }
 
-void tm_touch_clusters_try(tm_touching *t, int kind, int against, const int32_t *item, int32_t count, double grow_m,
-                           tm_touch_try *try) {
-    tm_touch_clusters *c = t->clusters + kind;
-    const tm_touch_clusters *to = t->clusters + against;
-    const int32_t listed = list_clusters(c, item, count);
-    for (int32_t i = 0; i < listed; i++) {
+void tm_touch_clusters_try(const tm_touching *t, int kind, int against, int32_t part, int32_t parts, double grow_m,
+                           tm_touch_try *try, tm_touch_lists *to) {
+    const tm_touch_clusters *c = t->clusters + kind, *others = t->clusters + against;
+    for (int32_t i = part; i < c->listed_count; i += parts) {
         tm_touch_bounds all = nothing, one;
         for (uint32_t own = c->fresh[c->listed[i]]; own; own &= own - 1) {
             get_bounds(&c->of[c->listed[i]].box, __builtin_ctz(own), &one);
             widen(&all, &one);
         }
         for (int k = 0; k < 3; k++) all.low[k] -= (float)grow_m, all.high[k] += (float)grow_m;
-        for (int32_t first = 0; first < to->count; first += WIDTH)
-            for (uint32_t near = compare(to, to->around + first / WIDTH, &all); near; near &= near - 1)
-                try_clusters(t, c, c->listed[i], grow_m, to->of + first + __builtin_ctz(near), try);
+        for (int32_t first = 0; first < others->count; first += WIDTH)
+            for (uint32_t near = compare(others, others->around + first / WIDTH, &all); near; near &= near - 1)
+                try_clusters(t, c, c->listed[i], grow_m, others->of + first + __builtin_ctz(near), try, to);
     }
-    forget_list(c, listed);
 }
 
 /* --- creation --- */

@@ -202,12 +202,9 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
 
 /* --- search --- */
 
-static void try_pair(tm_touching *t, int kind, int32_t item, const tm_touch_box *box, int against, int32_t other) {
-    int32_t v[3];
-    const int count = tm_touch_vertices(t, against, other, v);
-    const tm_touch_box its = box_of_paths(t, v, count);
+/* Lists a pair whose paths overlap, if it may touch. */
+static void list_pair(tm_touching *t, int kind, int32_t item, int32_t other) {
     tm_touch_pair pair;
-    if (!boxes_overlap(box, &its)) return;
     const bool may = kind == TM_TOUCH_EDGES
                          ? tm_touch_may_touch_edges(t, item < other ? item : other, item < other ? other : item, &pair)
                          : tm_touch_may_touch_face(t, kind == TM_TOUCH_VERTICES ? item : other,
@@ -219,25 +216,48 @@ static void try_pair(tm_touching *t, int kind, int32_t item, const tm_touch_box 
         t->fast.pair[t->fast.count++] = pair;
 }
 
-/* Finds the pairs of a feature with those that are not faster; the clusters hold these in places that may be half a
- * margin off. */
-static void search(tm_touching *t, int kind, int against, int32_t item) {
+enum { TOGETHER = 16 };
+
+/* Computes the boxes of the paths of `count` fast features, neighbours for the most part. Returns a box around all that
+ * is in their way and not faster, in places of the clusters. */
+static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *item, int count,
+                               tm_touch_box box[TOGETHER]) {
+    tm_touch_box way = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int i = 0; i < count; i++) {
+        int32_t v[3];
+        double motion2 = 0;
+        const int vertices = tm_touch_vertices(t, kind, item[i], v);
+        for (int j = 0; j < vertices; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
+        box[i] = box_of_paths(t, v, vertices);
+        const double grow_m = tm_touch_misplaced_m(t) + sqrt(motion2);
+        for (int c = 0; c < 3; c++) {
+            way.low[c] = law_min(way.low[c], box[i].low[c] - grow_m);
+            way.high[c] = law_max(way.high[c], box[i].high[c] + grow_m);
+        }
+    }
+    return way;
+}
+
+/* Lists the pairs of some fast features with those that are not faster. */
+static void search(tm_touching *t, int kind, int against, const int32_t *item, int count) {
     const tm_touch_surface *s = &t->surface;
-    int32_t v[3], *found = t->near_items,
-                  all = against == TM_TOUCH_FACES   ? s->face_count
-                        : against == TM_TOUCH_EDGES ? s->edge_count
-                                                    : s->vertex_count;
-    const int count = tm_touch_vertices(t, kind, item, v);
-    double motion2 = 0;
-    for (int j = 0; j < count; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
-    if (!(motion2 > FAST * FAST * t->def.thickness_m * t->def.thickness_m)) return;
-    const tm_touch_box box = box_of_paths(t, v, count);
+    int32_t *found = t->near_items, all = against == TM_TOUCH_FACES   ? s->face_count
+                                          : against == TM_TOUCH_EDGES ? s->edge_count
+                                                                      : s->vertex_count;
     const int32_t *of = against == TM_TOUCH_FACES ? s->face : against == TM_TOUCH_EDGES ? s->edge : s->vertex;
+    tm_touch_box box[TOGETHER];
+    const tm_touch_box way = box_of_way(t, kind, item, count, box);
     if (!t->all_pairs) {
-        const tm_touch_bounds near = tm_touch_bounds_around(box.low, box.high, t->margin_m + sqrt(motion2));
+        const tm_touch_bounds near = tm_touch_bounds_around(way.low, way.high, 0);
         all = tm_touch_clusters_find(t->clusters + against, &near, found), of = found;
     }
-    for (int32_t i = 0; i < all; i++) try_pair(t, kind, item, &box, against, of[i]);
+    for (int32_t k = 0; k < all; k++) {
+        int32_t v[3];
+        const int vertices = tm_touch_vertices(t, against, of[k], v);
+        const tm_touch_box its = box_of_paths(t, v, vertices);
+        for (int i = 0; i < count; i++)
+            if (boxes_overlap(box + i, &its)) list_pair(t, kind, item[i], of[k]);
+    }
 }
 
 /* --- rows --- */
@@ -253,27 +273,30 @@ static void add_row(tm_touching *t, tm_touching_row *row) {
     if (tm_touch_add_row(t, row, t->def.compliance_m_N)) tm_touch_prepare_row(t, t->row_count - 1);
 }
 
-/* Returns whether a vertex is fast by now: tools push it, so the integrator's bound does not hold. */
-static bool has_fast(const tm_touching *t) {
-    const double limit2 = FAST * FAST * t->def.thickness_m * t->def.thickness_m;
-    double most2 = 0;
-    for (int32_t i = 0; i < t->surface.vertex_count; i++) most2 = law_max(most2, motion2_of(t, t->surface.vertex[i]));
-    return most2 > limit2;
+/* Lists the features that are fast by now: tools push them, so the integrator's bound does not hold. */
+static bool list_fast(tm_touching *t) {
+    const tm_state *state = &t->world->state;
+    return tm_touch_list_quick(t, state->u_next_m, state->u_m, FAST * t->def.thickness_m);
+}
+
+/* Lists the pairs of fast features of a kind with those of another. */
+static void search_kind(tm_touching *t, int kind, int against) {
+    const tm_touch_set *quick = t->quick + kind;
+    for (int32_t i = 0, left; (left = quick->count - i) > 0; i += TOGETHER)
+        search(t, kind, against, quick->list + i, left < TOGETHER ? left : TOGETHER);
 }
 
 static void search_faces(tm_touching *t) {
-    const tm_touch_surface *s = &t->surface;
     t->fast.count = 0;
-    for (int32_t i = 0; i < s->vertex_count; i++) search(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES, s->vertex[i]);
-    for (int32_t i = 0; i < s->face_count; i++) search(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES, s->face[i]);
+    search_kind(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES);
+    search_kind(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES);
     tm_touch_list_merge(&t->fast, 0, t->scratch);
     tm_touch_list_drop_doubles(&t->fast);
 }
 
 static void search_edges(tm_touching *t) {
-    const tm_touch_surface *s = &t->surface;
     t->fast.count = 0;
-    for (int32_t i = 0; i < s->edge_count; i++) search(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES, s->edge[i]);
+    search_kind(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES);
     tm_touch_list_merge(&t->fast, 0, t->scratch);
     tm_touch_list_drop_doubles(&t->fast);
 }
@@ -283,7 +306,7 @@ static bool stop_crossings(tm_touching *t, int32_t sweep) {
     tm_touching_row row;
     const int32_t before = t->row_count;
     if (t->world->settling || sweep < FIRST || sweep % PERIOD != FIRST % PERIOD) return false;
-    t->may_cross = (sweep == FIRST || t->may_cross) && has_fast(t);
+    t->may_cross = (sweep == FIRST || t->may_cross) && list_fast(t);
     if (!t->may_cross) return false;
     search_faces(t);
     for (int32_t i = 0; i < t->fast.count; i++)
@@ -305,6 +328,7 @@ void tm_touch_sweep(tm_touching *t, int32_t sweep) {
 void tm_touch_list_entered(tm_touching *t) {
     if (!t->may_cross || t->def.body_count < 2) return;
     t->may_cross = false;
+    list_fast(t);
     search_faces(t);
     for (int32_t i = 0; i < t->fast.count; i++) {
         const tm_touch_pair *pair = t->fast.pair + i;

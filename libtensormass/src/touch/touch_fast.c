@@ -84,28 +84,16 @@ static tm_touch_ball reach_of(const tm_touching *t, const double middle[3], doub
 static int32_t find(tm_touching *t, int kind, const tm_touch_ball *ball) {
     const tm_touch_surface *s = &t->surface;
     int32_t *found = t->near_items;
-    const tm_touch_bounds near = tm_touch_bounds_around(ball->middle, ball->middle, ball->radius_m + t->margin_m);
+    const tm_touch_bounds near =
+        tm_touch_bounds_around(ball->middle, ball->middle, ball->radius_m + tm_touch_misplaced_m(t));
     if (!t->all_pairs) return tm_touch_clusters_find(t->clusters + kind, &near, found);
     const int32_t count = kind == TM_TOUCH_FACES ? s->face_count : s->vertex_count;
     for (int32_t i = 0; i < count; i++) found[i] = kind == TM_TOUCH_FACES ? s->face[i] : s->vertex[i];
     return count;
 }
 
-/* Marks the fast vertices of the surface; returns their number. */
-static int32_t mark_fast(tm_touching *t) {
-    const double limit_m = FAST * t->def.thickness_m;
-    int32_t count = 0;
-    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
-        const int32_t v = t->surface.vertex[i];
-        t->is_fast[v] = motion2_of(t, v) > limit_m * limit_m;
-        count += t->is_fast[v];
-    }
-    return count;
-}
-
 static void search_vertex(tm_touching *t, int32_t v) {
     double x[3];
-    if (!t->is_fast[v]) return;
     const double motion2 = motion2_of(t, v);
     tm_touch_at(t->world, v, x);
     const tm_touch_ball ball = reach_of(t, x, 0, sqrt(motion2));
@@ -118,7 +106,6 @@ static void search_face(tm_touching *t, int32_t face) {
     double x[3][3], motion2 = 0, radius2 = 0, d[3];
     int32_t w[3];
     tm_touch_triangle(t, face, w);
-    if (!(t->is_fast[w[0]] | t->is_fast[w[1]] | t->is_fast[w[2]])) return;
     for (int j = 0; j < 3; j++) {
         motion2 = law_max(motion2, motion2_of(t, w[j]));
         tm_touch_at(t->world, w[j], x[j]);
@@ -134,10 +121,12 @@ static void search_face(tm_touching *t, int32_t face) {
 void tm_touch_find_fast(tm_touching *t) {
     t->fast.count = 0;
     if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
-    if (!mark_fast(t)) return;
+    const tm_state *state = &t->world->state;
+    if (!tm_touch_list_quick(t, state->u_m, state->u_prev_m, FAST * t->def.thickness_m)) return;
     box_bodies(t);
-    for (int32_t i = 0; i < t->surface.vertex_count; i++) search_vertex(t, t->surface.vertex[i]);
-    for (int32_t i = 0; i < t->surface.face_count; i++) search_face(t, t->surface.face[i]);
+    for (int32_t i = 0; i < t->quick[TM_TOUCH_VERTICES].count; i++)
+        search_vertex(t, t->quick[TM_TOUCH_VERTICES].list[i]);
+    for (int32_t i = 0; i < t->quick[TM_TOUCH_FACES].count; i++) search_face(t, t->quick[TM_TOUCH_FACES].list[i]);
     tm_touch_list_merge(&t->fast, 0, t->scratch);
     tm_touch_list_drop_doubles(&t->fast);
 }

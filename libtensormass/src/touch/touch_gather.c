@@ -8,7 +8,8 @@
  * all travel since the last measurement has used up the rest.
  *
  * Vertices that are too far are then `fresh`: they get new places, and the pairs of all features with a fresh vertex
- * are searched again. So are those of faces, edges and vertices that a cut changed. All others stay in the lists. */
+ * are searched again, on all threads. So are those of faces, edges and vertices that a cut changed. All others stay in
+ * the lists. */
 #include "touch/touch_internal.h"
 
 #include <math.h>
@@ -16,27 +17,29 @@
 
 #include "base/vec.h"
 
-static void init_fresh(tm_touch_fresh *fresh, tm_pool *pool, int64_t items, int32_t most) {
-    fresh->is = TM_ALLOC(pool, uint8_t, items);
-    fresh->list = TM_ALLOC(pool, int32_t, most);
-}
-
 static bool init_search(tm_touching *t, tm_pool *pool) {
     const tm_mesh *mesh = t->world->tissue->mesh;
     const int32_t faces = t->surface.max_faces;
-    init_fresh(t->fresh + TM_TOUCH_VERTICES, pool, mesh->vertex_count, mesh->vertex_count);
-    init_fresh(t->fresh + TM_TOUCH_FACES, pool, 4 * (int64_t)mesh->tet_count, faces);
-    init_fresh(t->fresh + TM_TOUCH_EDGES, pool, mesh->edge_count, mesh->edge_count);
     t->near_items = TM_ALLOC(pool, int32_t, (int64_t)law_max(law_max(faces, mesh->vertex_count), mesh->edge_count));
-    return tm_touch_clusters_init(t, pool, TM_TOUCH_VERTICES, mesh->vertex_count, 1, mesh->vertex_count) &&
+    return tm_touch_set_init(t, pool, t->fresh) && tm_touch_set_init(t, pool, t->quick) &&
+           tm_touch_clusters_init(t, pool, TM_TOUCH_VERTICES, mesh->vertex_count, 1, mesh->vertex_count) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_FACES, mesh->tet_count, 4, faces) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_EDGES, mesh->edge_count, 1, mesh->edge_count);
 }
 
+static void init_lists(tm_touch_lists *lists, tm_pool *pool, int32_t room) {
+    lists->vf.room = lists->ee.room = room;
+    lists->vf.pair = TM_ALLOC(pool, tm_touch_pair, room);
+    lists->ee.pair = TM_ALLOC(pool, tm_touch_pair, room);
+}
+
 bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
+    enum { SHARE = 4 }; /* of the pairs, that a thread has room for */
     const tm_mesh *mesh = t->world->tissue->mesh;
-    t->vf.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
-    t->ee.pair = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
+    const int32_t parts = t->world->partition_count;
+    if (parts > 1 && !(t->found_by = TM_ALLOC(pool, tm_touch_lists, parts))) return false;
+    init_lists(&t->near, pool, t->def.max_candidates);
+    for (int32_t p = 0; t->found_by && p < parts; p++) init_lists(t->found_by + p, pool, t->def.max_candidates / SHARE);
     t->scratch = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->gathered_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
     t->place_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
@@ -51,26 +54,26 @@ static void drop_fresh(tm_touching *t) {
     const uint8_t *vertices = t->fresh[TM_TOUCH_VERTICES].is, *faces = t->fresh[TM_TOUCH_FACES].is,
                   *edges = t->fresh[TM_TOUCH_EDGES].is;
     int32_t kept = 0;
-    for (int32_t i = 0; i < t->vf.count; i++) {
-        t->vf.pair[kept] = t->vf.pair[i];
-        kept += !vertices[t->vf.pair[i].a] && !faces[t->vf.pair[i].b];
+    for (int32_t i = 0; i < t->near.vf.count; i++) {
+        t->near.vf.pair[kept] = t->near.vf.pair[i];
+        kept += !vertices[t->near.vf.pair[i].a] && !faces[t->near.vf.pair[i].b];
     }
-    t->vf.count = kept;
+    t->near.vf.count = kept;
     kept = 0;
-    for (int32_t i = 0; i < t->ee.count; i++) {
-        t->ee.pair[kept] = t->ee.pair[i];
-        kept += !edges[t->ee.pair[i].a] && !edges[t->ee.pair[i].b];
+    for (int32_t i = 0; i < t->near.ee.count; i++) {
+        t->near.ee.pair[kept] = t->near.ee.pair[i];
+        kept += !edges[t->near.ee.pair[i].a] && !edges[t->near.ee.pair[i].b];
     }
-    t->ee.count = kept;
+    t->near.ee.count = kept;
 }
 
 /* For tests: every pair, in every substep. */
 static void gather_all(tm_touching *t) {
     const tm_touch_surface *s = &t->surface;
     for (int32_t i = 0; i < s->vertex_count; i++)
-        for (int32_t f = 0; f < s->face_count; f++) tm_touch_try_vertex_face(t, s->vertex[i], s->face[f]);
+        for (int32_t f = 0; f < s->face_count; f++) tm_touch_try_vertex_face(t, &t->near, s->vertex[i], s->face[f]);
     for (int32_t i = 0; i < s->edge_count; i++)
-        for (int32_t k = i + 1; k < s->edge_count; k++) tm_touch_try_edges(t, s->edge[i], s->edge[k]);
+        for (int32_t k = i + 1; k < s->edge_count; k++) tm_touch_try_edges(t, &t->near, s->edge[i], s->edge[k]);
 }
 
 /* Widens the margin while the complete surface is searched often. Rows do not depend on it. */
@@ -89,16 +92,17 @@ static void set_place(tm_touching *t, int32_t v) {
 
 /* Sets new places of fresh vertices and searches the pairs of fresh features. */
 static void gather(tm_touching *t) {
-    const tm_touch_fresh *vertices = t->fresh + TM_TOUCH_VERTICES;
+    const tm_touch_set *vertices = t->fresh + TM_TOUCH_VERTICES;
     for (int32_t i = 0; i < vertices->count; i++) set_place(t, vertices->list[i]);
     if (t->all_pairs) {
         gather_all(t);
     } else {
-        const int32_t kept[2] = {t->vf.count, t->ee.count};
+        const int32_t kept[2] = {t->near.vf.count, t->near.ee.count};
         tm_touch_search(t);
-        tm_touch_list_merge(&t->vf, kept[0], t->scratch);
-        tm_touch_list_merge(&t->ee, kept[1], t->scratch);
+        tm_touch_list_merge(&t->near.vf, kept[0], t->scratch);
+        tm_touch_list_merge(&t->near.ee, kept[1], t->scratch);
     }
+    t->report.overflowed |= t->near.vf.overflowed || t->near.ee.overflowed;
     tm_touch_forget_fresh(t);
 }
 
@@ -106,7 +110,7 @@ static void gather_complete(tm_touching *t) {
     adapt_margin(t);
     tm_touch_list_all(t);
     t->clustered = false;
-    t->vf.count = t->ee.count = 0;
+    t->near.vf.count = t->near.ee.count = 0;
     t->odometer_m = t->moved_m = 0;
     gather(t);
     t->gathered = true;
@@ -168,6 +172,8 @@ static double travel_m(tm_touching *t) {
 
 void tm_touch_update(tm_touching *t) {
     const tm_world *world = t->world;
+    if (t->updated) return;
+    t->updated = true;
     const bool cut = t->revision != world->tissue->surface.revision;
     if (cut) tm_touch_surface_build(t);
     const double travel = travel_m(t);

@@ -129,7 +129,7 @@ static void find_nearest(tm_touching *t, tm_touch_inside *inside) {
     tm_touch_at(t->world, inside->vertex, p);
     inside->closest = closest_on(t, p, inside->face);
     if (!t->all_pairs && inside->closest.distance_m < INFINITY) {
-        const tm_touch_bounds near = tm_touch_bounds_around(p, p, inside->closest.distance_m + t->margin_m);
+        const tm_touch_bounds near = tm_touch_bounds_around(p, p, inside->closest.distance_m + tm_touch_misplaced_m(t));
         count = tm_touch_clusters_find(t->clusters + TM_TOUCH_FACES, &near, t->near_items), face = t->near_items;
     }
     for (int32_t i = 0; i < count; i++) {

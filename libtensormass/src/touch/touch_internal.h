@@ -33,9 +33,15 @@ typedef struct tm_touch_pair {
 } tm_touch_pair;
 
 typedef struct tm_touch_list {
-    int32_t count;
-    tm_touch_pair *pair; /* [max_candidates] ascending by a, b */
+    int32_t count, room;
+    bool overflowed;     /* there was no room for a pair */
+    tm_touch_pair *pair; /* [room] ascending by a, b */
 } tm_touch_list;
+
+/* Lists of pairs: vertices with faces, and edges. */
+typedef struct tm_touch_lists {
+    tm_touch_list vf, ee;
+} tm_touch_lists;
 
 /* A row with what the sweeps need. */
 typedef struct tm_touch_solver {
@@ -101,18 +107,18 @@ typedef struct tm_touch_clusters {
     int32_t *slot;               /* [items] its place in the clusters; -1: not on the surface */
     int32_t order_count, *order; /* neighbours next to each other; `together` features each */
     int together;
-    int32_t *listed; /* clusters with moving features */
-    uint16_t *fresh; /* of each cluster, a bit for each of these */
+    int32_t listed_count, *listed; /* clusters with moving features */
+    uint16_t *fresh;               /* of each cluster, a bit for each of these */
 } tm_touch_clusters;
 
 enum { TM_TOUCH_VERTICES, TM_TOUCH_FACES, TM_TOUCH_EDGES, TM_TOUCH_KINDS };
 
-/* Features of one kind whose pairs must be searched: those with a fresh vertex, and those that a cut changed. */
-typedef struct tm_touch_fresh {
-    uint8_t *is;   /* [items]; faces that a cut removed too */
+/* Some of the features of one kind. */
+typedef struct tm_touch_set {
+    uint8_t *is;   /* [items]; of `fresh`, faces that a cut removed too */
     int32_t count; /* of those on the surface */
     int32_t *list;
-} tm_touch_fresh;
+} tm_touch_set;
 
 struct tm_touching {
     tm_pool pool;
@@ -127,20 +133,21 @@ struct tm_touching {
     int32_t since;    /* substeps since the last search of the complete surface */
     bool maybe_moved; /* the caller may have moved tissue since the last substep */
     double reach_m, margin_m, odometer_m, moved_m;
-    double *gathered_u_m; /* [3*mesh vertices] displacement of each when its pairs were last searched */
-    double *place_m;      /* [3*mesh vertices] its place then */
-    double *last_u_m;     /* [3*mesh vertices] displacements in the last substep */
-    tm_touch_fresh fresh[TM_TOUCH_KINDS];
+    double *gathered_u_m;               /* [3*mesh vertices] displacement of each when its pairs were last searched */
+    double *place_m;                    /* [3*mesh vertices] its place then */
+    double *last_u_m;                   /* [3*mesh vertices] displacements in the last substep */
+    tm_touch_set fresh[TM_TOUCH_KINDS]; /* whose pairs must be searched: with a fresh vertex, or changed by a cut */
     tm_touch_clusters clusters[TM_TOUCH_KINDS]; /* of places */
     bool clustered;                             /* they are of the surface as it is */
     int32_t *near_items;                        /* features near another */
-    tm_touch_list vf, ee;
-    tm_touch_pair *scratch; /* [max_candidates] */
+    tm_touch_lists near;
+    tm_touch_lists *found_by; /* [parts] those that each thread found; null for one thread */
+    tm_touch_pair *scratch;   /* [max_candidates] */
     /* pairs beyond the reach of the lists, of this substep */
     int32_t max_fast;
-    tm_touch_list fast;              /* [max_fast] */
-    uint8_t *is_fast;                /* [mesh vertices] those that move far in a substep */
-    tm_touch_box box[TM_MAX_BODIES]; /* of each body */
+    tm_touch_list fast;                 /* [max_fast] */
+    tm_touch_set quick[TM_TOUCH_KINDS]; /* features with a vertex that moves far in a substep */
+    tm_touch_box box[TM_MAX_BODIES];    /* of each body */
     int32_t inside_count;
     tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
     int32_t found_count;
@@ -148,6 +155,7 @@ struct tm_touching {
     int32_t suspect;                            /* vertex that is checked in this substep; -1: none */
     uint32_t suspect_rank;
     /* rows */
+    bool updated;       /* the lists are those of this substep */
     bool found_early;   /* during the force pass of this substep */
     double increment_m; /* bound of the motion of a vertex in the last substep */
     int32_t row_count, memory_count, saved_count;
@@ -191,6 +199,8 @@ static inline int tm_touch_vertices(const tm_touching *t, int kind, int32_t item
 static inline int32_t tm_touch_body(const tm_touching *t, int32_t face) {
     return t->tet_body ? t->tet_body[face / 4] : 0;
 }
+/* Returns how far a vertex may be from the place for which the clusters have it, with a margin for rounding. */
+static inline double tm_touch_misplaced_m(const tm_touching *t) { return 0.5001 * t->margin_m; }
 static inline bool tm_touch_enabled(const tm_touching *t, int32_t a, int32_t b) {
     return t->pair[a * t->def.body_count + b] != 0;
 }
@@ -221,22 +231,27 @@ static inline bool tm_touch_clusters_have(const tm_touch_clusters *clusters, int
 tm_touch_bounds tm_touch_bounds_around(const double low[3], const double high[3], double grow_m);
 /* Finds all features whose boxes overlap these bounds. Returns their number. */
 int32_t tm_touch_clusters_find(const tm_touch_clusters *clusters, const tm_touch_bounds *bounds, int32_t *found);
-/* Calls `try` with each of these features and each of the kind `against` whose boxes are within grow_m. */
-typedef void tm_touch_try(tm_touching *touching, int32_t item, int32_t other);
-void tm_touch_clusters_try(tm_touching *touching, int kind, int against, const int32_t *item, int32_t count,
-                           double grow_m, tm_touch_try *try);
+/* Lists the clusters of these features, until tm_touch_clusters_forget. */
+void tm_touch_clusters_list(tm_touch_clusters *clusters, const int32_t *item, int32_t count);
+void tm_touch_clusters_forget(tm_touch_clusters *clusters);
+/* Calls `try` with each of these features and each of the kind `against` whose boxes are within grow_m; a part takes
+ * every parts-th cluster. */
+typedef void tm_touch_try(const tm_touching *touching, tm_touch_lists *to, int32_t item, int32_t other);
+void tm_touch_clusters_try(const tm_touching *touching, int kind, int against, int32_t part, int32_t parts,
+                           double grow_m, tm_touch_try *try, tm_touch_lists *to);
 
 /* touch_pairs.c: add a pair to the lists if it is close in the places of its vertices, and may touch. */
 /* Returns whether a pair may touch wherever it is, by its bodies and its places at rest. */
 bool tm_touch_may_touch_face(const tm_touching *touching, int32_t vertex, int32_t face, tm_touch_pair *pair);
 bool tm_touch_may_touch_edges(const tm_touching *touching, int32_t a, int32_t b, tm_touch_pair *pair); /* a < b */
-void tm_touch_try_vertex_face(tm_touching *touching, int32_t vertex, int32_t face);
-void tm_touch_try_edges(tm_touching *touching, int32_t a, int32_t b);
+void tm_touch_try_vertex_face(const tm_touching *touching, tm_touch_lists *to, int32_t vertex, int32_t face);
+void tm_touch_try_edges(const tm_touching *touching, tm_touch_lists *to, int32_t a, int32_t b);
 /* Sorts a list whose first `kept` pairs are sorted. */
 void tm_touch_list_merge(tm_touch_list *list, int32_t kept, tm_touch_pair *scratch);
 void tm_touch_list_drop_doubles(tm_touch_list *list); /* sorted */
 
-/* touch_search.c: try the pairs of fresh features with all others. */
+/* touch_search.c: try the pairs of fresh features with all others, on all threads. */
+bool tm_touch_set_init(tm_touching *touching, tm_pool *pool, tm_touch_set set[TM_TOUCH_KINDS]);
 void tm_touch_add_fresh(tm_touching *touching, int kind, int32_t item);
 /* Lists the fresh vertices, and adds their faces and edges to those of a cut. */
 void tm_touch_list_fresh(tm_touching *touching);
@@ -248,8 +263,11 @@ void tm_touch_search(tm_touching *touching);
 
 /* touch_gather.c: the lists of close pairs. */
 bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);
-/* Gathers again if a pair that is not in the lists may be in reach. */
+/* Gathers again if a pair that is not in the lists may be in reach. Once in a substep. */
 void tm_touch_update(tm_touching *touching);
+
+/* Lists the features with a vertex that moves by more than this between two displacements; returns whether any does. */
+bool tm_touch_list_quick(tm_touching *touching, const double *to_m, const double *from_m, double limit_m);
 
 /* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
 void tm_touch_find_fast(tm_touching *touching);

@@ -5,9 +5,9 @@
 
 #include "base/vec.h"
 
-static void add(tm_touching *t, tm_touch_list *list, const tm_touch_pair *pair) {
-    if (list->count == t->def.max_candidates)
-        t->report.overflowed = true;
+static void add(tm_touch_list *list, const tm_touch_pair *pair) {
+    if (list->count == list->room)
+        list->overflowed = true;
     else
         list->pair[list->count++] = *pair;
 }
@@ -52,7 +52,7 @@ bool tm_touch_may_touch_face(const tm_touching *t, int32_t v, int32_t face, tm_t
     return set(t, v, face, t->surface.body[v] == tm_touch_body(t, face), c.distance_m, vdot(c.offset, n), pair);
 }
 
-void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
+void tm_touch_try_vertex_face(const tm_touching *t, tm_touch_lists *to, int32_t v, int32_t face) {
     const double *x = t->place_m;
     int32_t w[3];
     tm_touch_pair pair;
@@ -61,7 +61,7 @@ void tm_touch_try_vertex_face(tm_touching *t, int32_t v, int32_t face) {
     if (tm_touch_point_triangle(x + 3 * v, x + 3 * w[0], x + 3 * w[1], x + 3 * w[2]).distance_m >
         t->reach_m + t->margin_m)
         return;
-    if (tm_touch_may_touch_face(t, v, face, &pair)) add(t, &t->vf, &pair);
+    if (tm_touch_may_touch_face(t, v, face, &pair)) add(&to->vf, &pair);
 }
 
 /* Returns whether two edges are opposite edges of one tetrahedron: they cross only by its inversion. */
@@ -105,7 +105,7 @@ bool tm_touch_may_touch_edges(const tm_touching *t, int32_t a, int32_t b, tm_tou
            set(t, a, b, t->surface.body[va[0]] == t->surface.body[vb[0]], rest_m, vdot(to, n), pair);
 }
 
-void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
+void tm_touch_try_edges(const tm_touching *t, tm_touch_lists *to, int32_t a, int32_t b) {
     const int32_t *va = t->world->tissue->mesh->edge + 2 * a, *vb = t->world->tissue->mesh->edge + 2 * b;
     const double *x = t->place_m;
     double s, r;
@@ -115,7 +115,7 @@ void tm_touch_try_edges(tm_touching *t, int32_t a, int32_t b) {
     if (tm_touch_segments(x + 3 * va[0], x + 3 * va[1], x + 3 * vb[0], x + 3 * vb[1], &s, &r, &inside) >
         t->reach_m + t->margin_m)
         return;
-    if (tm_touch_may_touch_edges(t, a, b, &pair)) add(t, &t->ee, &pair);
+    if (tm_touch_may_touch_edges(t, a, b, &pair)) add(&to->ee, &pair);
 }
 
 /* --- order of the lists: by a, then b --- */

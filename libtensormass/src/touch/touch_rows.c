@@ -207,14 +207,14 @@ static void push_out(tm_touching *t, const tm_touch_inside *inside) {
 static int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
 
 static void find_vertices(tm_touching *t) {
-    for (int32_t i = 0, k = 0, m = 0; i < t->vf.count || k < t->fast.count || m < t->inside_count;) {
-        const int32_t vertex = least(i < t->vf.count ? t->vf.pair[i].a : INT32_MAX,
+    for (int32_t i = 0, k = 0, m = 0; i < t->near.vf.count || k < t->fast.count || m < t->inside_count;) {
+        const int32_t vertex = least(i < t->near.vf.count ? t->near.vf.pair[i].a : INT32_MAX,
                                      least(k < t->fast.count ? t->fast.pair[k].a : INT32_MAX,
                                            m < t->inside_count ? t->inside[m].vertex : INT32_MAX));
         vertex_search search = {.first = t->row_count, .inside_m = INFINITY, .nearest_m = INFINITY, .left_out = -1};
         const bool listed = m < t->inside_count && t->inside[m].vertex == vertex;
         if (listed) search.left_out = tm_touch_body(t, t->inside[m].face);
-        i = try_pairs_of(t, &t->vf, i, vertex, t->def.thickness_m, &search);
+        i = try_pairs_of(t, &t->near.vf, i, vertex, t->def.thickness_m, &search);
         k = try_pairs_of(t, &t->fast, k, vertex, INFINITY, &search);
         if (listed) push_out(t, t->inside + m++);
         if (search.nearest_m < search.inside_m && search.edged.gap_m <= lookahead_m(t, &search.edged))
@@ -345,7 +345,10 @@ static void order_rows(tm_touching *t) {
 }
 
 /* A bound of the motion in the last substep, which the integrator of this one overwrites. */
-void tm_touch_begin(tm_touching *t) { t->increment_m = tm_max_increment_m(t->world); }
+void tm_touch_begin(tm_touching *t) {
+    t->increment_m = tm_max_increment_m(t->world);
+    t->updated = false;
+}
 
 void tm_touch_find(tm_touching *t) {
     tm_touch_update(t);
@@ -357,10 +360,10 @@ void tm_touch_find(tm_touching *t) {
     tm_touch_check_suspect(t);
     for (int32_t i = 0; i < t->inside_count; i++)
         t->report.deepest_m = law_max(t->report.deepest_m, t->inside[i].closest.distance_m);
-    for (int32_t i = 0; i < t->ee.count; i++)
-        if (!is_asleep(t, t->ee.pair + i)) try_edges(t, t->ee.pair + i);
+    for (int32_t i = 0; i < t->near.ee.count; i++)
+        if (!is_asleep(t, t->near.ee.pair + i)) try_edges(t, t->near.ee.pair + i);
     order_rows(t);
     start_warm(t);
     t->report.rows = t->persistent_count = t->row_count;
-    t->report.candidates = t->vf.count + t->ee.count;
+    t->report.candidates = t->near.vf.count + t->near.ee.count;
 }
