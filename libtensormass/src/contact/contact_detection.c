@@ -43,19 +43,26 @@ static void gather(const tm_contact *contact, tm_tool *tool) {
     tool->regathered = true, tool->maybe_moved = false;
 }
 
-/* Returns whether motion and edge growth since the last gathering may exceed `share` of the margin. A triangle that was
- * not gathered can have come nearer by the motion of tissue and tool at most; the reach of rows grows with the tool's
- * speed. The normal of a triangle in reach also needs neighbours one edge farther, so edges that have grown use the
- * margin too. NaN counts as exceeded. */
-static bool is_margin_used(const tm_tool *tool, double share) {
+/* Returns whether motion and edge growth since the last gathering, and `more_m`, may exceed the margin. A triangle that
+ * was not gathered can have come nearer by the motion of tissue and tool at most; the reach of rows grows with the
+ * tool's speed. The normal of a triangle in reach also needs neighbours one edge farther, so edges that have grown use
+ * the margin too. NaN counts as exceeded. */
+static bool is_margin_used(const tm_tool *tool, double more_m) {
     const double room = (MARGIN_TOOL + MARGIN_TISSUE) * tool->def.radius_m;
-    return !(tool->margin_used_m + tm_capsule_travel(&tool->capsule, &tool->previous) + tool->longer_m <= share * room);
+    const double used_m = tool->margin_used_m + tm_capsule_travel(&tool->capsule, &tool->previous) + tool->longer_m;
+    return !(used_m + more_m <= room);
 }
 
 static double longest_edge(const tm_local_surface *s) {
-    double radius = 0;
-    for (int32_t i = 0; i < s->near.face_count; i++) radius = law_max(s->reach_m[s->near.face[i]], radius);
-    return 2 * radius;
+    double most2 = 0;
+    for (int32_t i = 0; i < s->near.face_count; i++)
+        for (int j = 0; j < 3; j++) {
+            const int32_t *v = s->face_vertex[s->near.face[i]];
+            double edge[3];
+            vsub(s->position_m[v[(j + 1) % 3]], s->position_m[v[j]], edge);
+            most2 = law_max(vdot(edge, edge), most2);
+        }
+    return sqrt(most2);
 }
 
 /* Returns whether a station has sunk through a face: with history it may be deeper than any margin. */
@@ -68,15 +75,16 @@ static bool sinks(const tm_contact_query *s, int32_t t) {
 }
 
 static void update_broad_phase(const tm_contact_query *s, int32_t t) {
-    static const double AHEAD = 0.9; /* the rest is for the tissue's motion in the previous substep */
     tm_contact *contact = s->contact;
     tm_tool *tool = contact->tool + t;
     const bool never = tool->gathered_age < 0, due = is_due(contact, tool);
+    /* for the tissue's motion in the previous substep, which is known later */
+    const double ahead_m = law_max(0.1 * (MARGIN_TOOL + MARGIN_TISSUE) * tool->def.radius_m, 2 * contact->way_m);
     tool->regathered = false;
     tool->gathered_age = due ? 0 : tool->gathered_age + 1;
     if (due) tool->gathered_at = tool->capsule;
     if (due && !tool->outside) check_outside(contact, tool);
-    if (never || is_margin_used(tool, AHEAD) ||
+    if (never || is_margin_used(tool, ahead_m) ||
         (due && (tool->maybe_moved || tool->surface->overflowed || sinks(s, t))))
         gather(contact, tool);
 }
@@ -115,13 +123,13 @@ static void detect_tool(tm_contact_query *s, int32_t t) {
  * integration, which is later than detection that overlapped the force pass. */
 static void repeat_detection(tm_contact_query *s) {
     tm_contact *contact = s->contact;
-    const double way_m = tm_max_increment_m(contact->world);
+    const double way_m = contact->way_m = tm_max_increment_m(contact->world);
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
         if (!tm_tool_is_present(tool)) tool->margin_used_m = INFINITY;
         if (!tm_tool_is_present(tool) || tool->regathered) continue;
         tool->margin_used_m += way_m + tm_capsule_travel(&tool->capsule, &tool->previous);
-        if (!is_margin_used(tool, 1)) continue;
+        if (!is_margin_used(tool, 0)) continue;
         gather(contact, tool);
         find_tool_rows(s, t);
     }

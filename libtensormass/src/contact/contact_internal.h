@@ -146,6 +146,7 @@ struct tm_contact {
     tm_contact_row *row, *previous_row; /* [max_rows * tool_count] of this and the last substep */
     int32_t row_count, previous_row_count;
     tm_contact_query query;
+    double way_m;          /* motion of the fastest vertex in the last substep that used margins */
     bool detected;         /* rows of this substep were detected during the force pass (contact_detection.c) */
     tm_solver_row *solver; /* [max_rows] */
     tm_hits *hits;         /* [tool_count] */
