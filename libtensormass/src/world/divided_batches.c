@@ -55,7 +55,7 @@ static void divide(tm_divided_batches *d) {
         d->late_begin[part] = late;
         for (int32_t n = begin_of(d, part); n < end && part > 0; n++) {
             if (d->lowest[r->list[n]] >= first) continue;
-            if (late < d->capacity) d->late[late] = n;
+            if (late < d->capacity) d->late[late] = n, d->late_batch[late] = r->list[n];
             late++;
         }
     }
@@ -70,7 +70,7 @@ static void divide(tm_divided_batches *d) {
 static void add_corners(const tm_divided_batches *d, int32_t late, int32_t first, bool owned, int32_t begin,
                         int32_t end) {
     const tm_rotation *r = d->rotation;
-    const tm_tet_batch *batch = r->batches.batch + r->list[d->late[late]];
+    const tm_tet_batch *batch = r->batches.batch + d->late_batch[late];
     double *TM_RESTRICT force_N = r->conserving.now_N;
     for (int l = 0; l < TM_LANES; l++) {
         if (!(d->who[late] >> l & 1)) continue;
@@ -91,12 +91,13 @@ static void run_part(void *context, int32_t part) {
     const double *u_m = d->world->state.u_m;
     const int32_t end = begin_of(d, part + 1), first = first_of(d, part);
     int32_t late = d->late_begin[part], active = 0;
+    d->corner_force(&r->batches, d->late_batch + late, d->late_begin[part + 1] - late, u_m,
+                    d->corner_N + 12 * TM_LANES * (int64_t)late, d->who + late, d->late_J + late);
     for (int32_t n = begin_of(d, part), next; n < end; n = next + 1) {
         next = late < d->late_begin[part + 1] ? d->late[late] : end;
         active += r->kernel(&r->batches, r->list + n, next - n, u_m, r->conserving.now_N, r->conserving.batch_J + n);
         if (next == end) break;
-        d->corner_force(&r->batches, r->list + next, 1, u_m, d->corner_N + 12 * TM_LANES * (int64_t)late, d->who + late,
-                        r->conserving.batch_J + next);
+        r->conserving.batch_J[next] = d->late_J[late];
         add_corners(d, late, first, true, 0, r->batches.mesh->vertex_count);
         active += d->who[late++] != 0;
     }
@@ -160,6 +161,8 @@ bool tm_divided_batches_init(tm_divided_batches *d, tm_pool *pool, tm_world *wor
     d->before = TM_ALLOC(pool, double, parts + 1);
     d->late_begin = TM_ALLOC(pool, int32_t, parts + 1);
     d->late = TM_ALLOC(pool, int32_t, d->capacity);
+    d->late_batch = TM_ALLOC(pool, int32_t, d->capacity);
+    d->late_J = TM_ALLOC(pool, double, d->capacity);
     d->corner_N = TM_ALLOC(pool, double, 12 * TM_LANES * (int64_t)d->capacity);
     d->who = TM_ALLOC(pool, uint8_t, d->capacity);
     if (pool->failed) return false;

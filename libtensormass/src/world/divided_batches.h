@@ -17,9 +17,10 @@ typedef struct tm_divided_batches {
     int32_t *first;  /* [vertex_count] first batch that has the vertex */
     int32_t *lowest; /* [batches] lowest first batch of its vertices */
     int32_t *active; /* [parts] batches with a correction */
-    /* Of batches that straddle, part after part: index in the list, corner forces and lanes that have any. */
+    /* Of batches that straddle, part after part: index in the list, batch, corner forces and lanes that have any. */
     int32_t *late_begin; /* [parts + 1] */
-    int32_t *late;
+    int32_t *late, *late_batch;
+    double *late_J;   /* energies */
     double *corner_N; /* [12*TM_LANES] each */
     uint8_t *who;
     int32_t capacity;
