@@ -193,8 +193,6 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->saved = TM_ALLOC(pool, tm_touch_memory, def->max_rows);
     t->fixed = TM_ALLOC(pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     t->revision = t->world->tissue->surface.revision - 1;
-    t->max_fast = t->def.max_candidates / 4;
-    t->fast.pair = TM_ALLOC(pool, tm_touch_pair, t->max_fast);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */
     return tm_touch_surface_init(&t->surface, pool, t->world->tissue) && tm_touch_gather_init(t, pool);
 }

@@ -203,17 +203,17 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
 /* --- search --- */
 
 /* Lists a pair whose paths overlap, if it may touch. */
-static void list_pair(tm_touching *t, int kind, int32_t item, int32_t other) {
+static void list_pair(const tm_touching *t, int kind, int32_t item, int32_t other, tm_touch_list *to) {
     tm_touch_pair pair;
     const bool may = kind == TM_TOUCH_EDGES
                          ? tm_touch_may_touch_edges(t, item < other ? item : other, item < other ? other : item, &pair)
                          : tm_touch_may_touch_face(t, kind == TM_TOUCH_VERTICES ? item : other,
                                                    kind == TM_TOUCH_VERTICES ? other : item, &pair);
     if (!may) return;
-    if (t->fast.count == t->max_fast)
-        t->report.overflowed = true;
+    if (to->count == to->room)
+        to->overflowed = true;
     else
-        t->fast.pair[t->fast.count++] = pair;
+        to->pair[to->count++] = pair;
 }
 
 enum { TOGETHER = 16 };
@@ -239,11 +239,12 @@ static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *it
 }
 
 /* Lists the pairs of some fast features with those that are not faster. */
-static void search(tm_touching *t, int kind, int against, const int32_t *item, int count) {
+static void search(const tm_touching *t, int kind, int against, const int32_t *item, int count, int32_t *found,
+                   tm_touch_list *to) {
     const tm_touch_surface *s = &t->surface;
-    int32_t *found = t->near_items, all = against == TM_TOUCH_FACES   ? s->face_count
-                                          : against == TM_TOUCH_EDGES ? s->edge_count
-                                                                      : s->vertex_count;
+    int32_t all = against == TM_TOUCH_FACES   ? s->face_count
+                  : against == TM_TOUCH_EDGES ? s->edge_count
+                                              : s->vertex_count;
     const int32_t *of = against == TM_TOUCH_FACES ? s->face : against == TM_TOUCH_EDGES ? s->edge : s->vertex;
     tm_touch_box box[TOGETHER];
     const tm_touch_box way = box_of_way(t, kind, item, count, box);
@@ -256,7 +257,7 @@ static void search(tm_touching *t, int kind, int against, const int32_t *item, i
         const int vertices = tm_touch_vertices(t, against, of[k], v);
         const tm_touch_box its = box_of_paths(t, v, vertices);
         for (int i = 0; i < count; i++)
-            if (boxes_overlap(box + i, &its)) list_pair(t, kind, item[i], of[k]);
+            if (boxes_overlap(box + i, &its)) list_pair(t, kind, item[i], of[k], to);
     }
 }
 
@@ -279,26 +280,34 @@ static bool list_fast(tm_touching *t) {
     return tm_touch_list_quick(t, state->u_next_m, state->u_m, FAST * t->def.thickness_m);
 }
 
-/* Lists the pairs of fast features of a kind with those of another. */
-static void search_kind(tm_touching *t, int kind, int against) {
+/* Lists a part of the pairs of fast features of a kind with those of another. */
+static void search_kind(tm_touching *t, int kind, int against, int32_t part, int32_t parts, tm_touch_list *to) {
     const tm_touch_set *quick = t->quick + kind;
-    for (int32_t i = 0, left; (left = quick->count - i) > 0; i += TOGETHER)
-        search(t, kind, against, quick->list + i, left < TOGETHER ? left : TOGETHER);
+    int32_t *found = t->near_items + (int64_t)t->most_items * part;
+    const int32_t share = quick->count / parts + 1, size = share < TOGETHER ? share : TOGETHER;
+    for (int32_t i = size * part, left; (left = quick->count - i) > 0; i += size * parts)
+        search(t, kind, against, quick->list + i, left < size ? left : size, found, to);
 }
 
-static void search_faces(tm_touching *t) {
-    t->fast.count = 0;
-    search_kind(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES);
-    search_kind(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES);
-    tm_touch_list_merge(&t->fast, 0, t->scratch);
-    tm_touch_list_drop_doubles(&t->fast);
+static void search_part(tm_touching *t, int32_t part, int32_t parts, tm_touch_lists *to) {
+    search_kind(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES, part, parts, &to->vf);
+    search_kind(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES, part, parts, &to->vf);
+    search_kind(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES, part, parts, &to->ee);
 }
 
-static void search_edges(tm_touching *t) {
-    t->fast.count = 0;
-    search_kind(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES);
-    tm_touch_list_merge(&t->fast, 0, t->scratch);
-    tm_touch_list_drop_doubles(&t->fast);
+/* Lists the pairs of fast features. */
+static void search_fast(tm_touching *t) {
+    tm_touch_lists *to = &t->fast;
+    to->vf.count = to->ee.count = 0;
+    if (t->quick[TM_TOUCH_EDGES].count > TOGETHER)
+        tm_touch_divide(t, search_part, to);
+    else
+        search_part(t, 0, 1, to);
+    t->report.overflowed |= to->vf.overflowed || to->ee.overflowed;
+    tm_touch_list_merge(&to->vf, 0, t->scratch);
+    tm_touch_list_drop_doubles(&to->vf);
+    tm_touch_list_merge(&to->ee, 0, t->scratch);
+    tm_touch_list_drop_doubles(&to->ee);
 }
 
 /* Adds rows of what would cross; returns whether anything would. */
@@ -308,12 +317,11 @@ static bool stop_crossings(tm_touching *t, int32_t sweep) {
     if (t->world->settling || sweep < FIRST || sweep % PERIOD != FIRST % PERIOD) return false;
     t->may_cross = (sweep == FIRST || t->may_cross) && list_fast(t);
     if (!t->may_cross) return false;
-    search_faces(t);
-    for (int32_t i = 0; i < t->fast.count; i++)
-        if (enters_face(t, t->fast.pair + i, &row)) add_row(t, &row);
-    search_edges(t);
-    for (int32_t i = 0; i < t->fast.count; i++)
-        if (edges_enter(t, t->fast.pair + i, &row)) add_row(t, &row);
+    search_fast(t);
+    for (int32_t i = 0; i < t->fast.vf.count; i++)
+        if (enters_face(t, t->fast.vf.pair + i, &row)) add_row(t, &row);
+    for (int32_t i = 0; i < t->fast.ee.count; i++)
+        if (edges_enter(t, t->fast.ee.pair + i, &row)) add_row(t, &row);
     return t->row_count > before;
 }
 
@@ -329,9 +337,9 @@ void tm_touch_list_entered(tm_touching *t) {
     if (!t->may_cross || t->def.body_count < 2) return;
     t->may_cross = false;
     list_fast(t);
-    search_faces(t);
-    for (int32_t i = 0; i < t->fast.count; i++) {
-        const tm_touch_pair *pair = t->fast.pair + i;
+    search_fast(t);
+    for (int32_t i = 0; i < t->fast.vf.count; i++) {
+        const tm_touch_pair *pair = t->fast.vf.pair + i;
         tm_touching_row row;
         if (t->surface.body[pair->a] != tm_touch_body(t, pair->b) && enters_face(t, pair, &row))
             tm_touch_note_inside(t, &(tm_touch_inside){.vertex = pair->a, .face = pair->b});

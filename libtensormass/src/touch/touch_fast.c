@@ -66,11 +66,11 @@ static void try_pair(tm_touching *t, int32_t v, int32_t face) {
         tm_touch_point_triangle(rest + 3 * v, rest + 3 * w[0], rest + 3 * w[1], rest + 3 * w[2]).distance_m;
     const double thickness_m = law_min(full, rest_m);
     if (!(c.distance_m > thickness_m + full)) return; /* within the lists' reach */
-    if (t->fast.count == t->max_fast) {
+    if (t->fast.vf.count == t->fast.vf.room) {
         t->report.overflowed = true;
         return;
     }
-    t->fast.pair[t->fast.count++] = (tm_touch_pair){.a = v, .b = face, .thickness_m = thickness_m};
+    t->fast.vf.pair[t->fast.vf.count++] = (tm_touch_pair){.a = v, .b = face, .thickness_m = thickness_m};
 }
 
 /* Returns a ball in which all places are with which a feature may meet. */
@@ -119,7 +119,7 @@ static void search_face(tm_touching *t, int32_t face) {
 }
 
 void tm_touch_find_fast(tm_touching *t) {
-    t->fast.count = 0;
+    t->fast.vf.count = 0;
     if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
     const tm_state *state = &t->world->state;
     if (!tm_touch_list_quick(t, state->u_m, state->u_prev_m, FAST * t->def.thickness_m)) return;
@@ -127,6 +127,6 @@ void tm_touch_find_fast(tm_touching *t) {
     for (int32_t i = 0; i < t->quick[TM_TOUCH_VERTICES].count; i++)
         search_vertex(t, t->quick[TM_TOUCH_VERTICES].list[i]);
     for (int32_t i = 0; i < t->quick[TM_TOUCH_FACES].count; i++) search_face(t, t->quick[TM_TOUCH_FACES].list[i]);
-    tm_touch_list_merge(&t->fast, 0, t->scratch);
-    tm_touch_list_drop_doubles(&t->fast);
+    tm_touch_list_merge(&t->fast.vf, 0, t->scratch);
+    tm_touch_list_drop_doubles(&t->fast.vf);
 }

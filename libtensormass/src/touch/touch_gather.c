@@ -20,7 +20,8 @@
 static bool init_search(tm_touching *t, tm_pool *pool) {
     const tm_mesh *mesh = t->world->tissue->mesh;
     const int32_t faces = t->surface.max_faces;
-    t->near_items = TM_ALLOC(pool, int32_t, (int64_t)law_max(law_max(faces, mesh->vertex_count), mesh->edge_count));
+    t->most_items = (int32_t)law_max(law_max(faces, mesh->vertex_count), mesh->edge_count);
+    t->near_items = TM_ALLOC(pool, int32_t, (int64_t)t->most_items * t->world->partition_count);
     return tm_touch_set_init(t, pool, t->fresh) && tm_touch_set_init(t, pool, t->quick) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_VERTICES, mesh->vertex_count, 1, mesh->vertex_count) &&
            tm_touch_clusters_init(t, pool, TM_TOUCH_FACES, mesh->tet_count, 4, faces) &&
@@ -34,11 +35,12 @@ static void init_lists(tm_touch_lists *lists, tm_pool *pool, int32_t room) {
 }
 
 bool tm_touch_gather_init(tm_touching *t, tm_pool *pool) {
-    enum { SHARE = 4 }; /* of the pairs, that a thread has room for */
+    enum { SHARE = 4 }; /* of the pairs: for those that a thread found, and for fast ones */
     const tm_mesh *mesh = t->world->tissue->mesh;
     const int32_t parts = t->world->partition_count;
     if (parts > 1 && !(t->found_by = TM_ALLOC(pool, tm_touch_lists, parts))) return false;
     init_lists(&t->near, pool, t->def.max_candidates);
+    init_lists(&t->fast, pool, t->def.max_candidates / SHARE);
     for (int32_t p = 0; t->found_by && p < parts; p++) init_lists(t->found_by + p, pool, t->def.max_candidates / SHARE);
     t->scratch = TM_ALLOC(pool, tm_touch_pair, t->def.max_candidates);
     t->gathered_u_m = TM_ALLOC(pool, double, 3 * (int64_t)mesh->vertex_count);
@@ -165,7 +167,8 @@ static double travel_m(tm_touching *t) {
             most_m = law_max(most_m, vdot(d, d));
         }
     most_m = t->maybe_moved || t->world->settling ? sqrt(most_m) : t->increment_m;
-    memcpy(t->last_u_m, t->world->state.u_m, bytes);
+    if (t->world->check_removed || t->world->settling) /* the caller may move tissue after the last substep */
+        memcpy(t->last_u_m, t->world->state.u_m, bytes);
     t->maybe_moved = false;
     return most_m;
 }

@@ -120,6 +120,9 @@ typedef struct tm_touch_set {
     int32_t *list;
 } tm_touch_set;
 
+/* Searches one of several parts. */
+typedef void tm_touch_work(tm_touching *touching, int32_t part, int32_t parts, tm_touch_lists *to);
+
 struct tm_touching {
     tm_pool pool;
     tm_world *world;
@@ -139,13 +142,13 @@ struct tm_touching {
     tm_touch_set fresh[TM_TOUCH_KINDS]; /* whose pairs must be searched: with a fresh vertex, or changed by a cut */
     tm_touch_clusters clusters[TM_TOUCH_KINDS]; /* of places */
     bool clustered;                             /* they are of the surface as it is */
-    int32_t *near_items;                        /* features near another */
+    int32_t most_items, *near_items;            /* [parts*most_items] features near another, of each thread */
     tm_touch_lists near;
     tm_touch_lists *found_by; /* [parts] those that each thread found; null for one thread */
+    tm_touch_work *work;      /* of the threads */
     tm_touch_pair *scratch;   /* [max_candidates] */
     /* pairs beyond the reach of the lists, of this substep */
-    int32_t max_fast;
-    tm_touch_list fast;                 /* [max_fast] */
+    tm_touch_lists fast;
     tm_touch_set quick[TM_TOUCH_KINDS]; /* features with a vertex that moves far in a substep */
     tm_touch_box box[TM_MAX_BODIES];    /* of each body */
     int32_t inside_count;
@@ -266,6 +269,8 @@ bool tm_touch_gather_init(tm_touching *touching, tm_pool *pool);
 /* Gathers again if a pair that is not in the lists may be in reach. Once in a substep. */
 void tm_touch_update(tm_touching *touching);
 
+/* Calls `work` once for each part, on all threads with lists of their own, and appends what they found. */
+void tm_touch_divide(tm_touching *touching, tm_touch_work *work, tm_touch_lists *to);
 /* Lists the features with a vertex that moves by more than this between two displacements; returns whether any does. */
 bool tm_touch_list_quick(tm_touching *touching, const double *to_m, const double *from_m, double limit_m);
 

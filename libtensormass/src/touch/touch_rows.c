@@ -207,15 +207,15 @@ static void push_out(tm_touching *t, const tm_touch_inside *inside) {
 static int32_t least(int32_t a, int32_t b) { return a < b ? a : b; }
 
 static void find_vertices(tm_touching *t) {
-    for (int32_t i = 0, k = 0, m = 0; i < t->near.vf.count || k < t->fast.count || m < t->inside_count;) {
+    for (int32_t i = 0, k = 0, m = 0; i < t->near.vf.count || k < t->fast.vf.count || m < t->inside_count;) {
         const int32_t vertex = least(i < t->near.vf.count ? t->near.vf.pair[i].a : INT32_MAX,
-                                     least(k < t->fast.count ? t->fast.pair[k].a : INT32_MAX,
+                                     least(k < t->fast.vf.count ? t->fast.vf.pair[k].a : INT32_MAX,
                                            m < t->inside_count ? t->inside[m].vertex : INT32_MAX));
         vertex_search search = {.first = t->row_count, .inside_m = INFINITY, .nearest_m = INFINITY, .left_out = -1};
         const bool listed = m < t->inside_count && t->inside[m].vertex == vertex;
         if (listed) search.left_out = tm_touch_body(t, t->inside[m].face);
         i = try_pairs_of(t, &t->near.vf, i, vertex, t->def.thickness_m, &search);
-        k = try_pairs_of(t, &t->fast, k, vertex, INFINITY, &search);
+        k = try_pairs_of(t, &t->fast.vf, k, vertex, INFINITY, &search);
         if (listed) push_out(t, t->inside + m++);
         if (search.nearest_m < search.inside_m && search.edged.gap_m <= lookahead_m(t, &search.edged))
             tm_touch_add_row(t, &search.edged, t->def.compliance_m_N);

@@ -101,6 +101,50 @@ bool tm_touch_list_quick(tm_touching *t, const double *to_m, const double *from_
     return set[TM_TOUCH_VERTICES].count > 0;
 }
 
+/* --- search on all threads --- */
+
+static void work_part(void *context, int32_t part) {
+    tm_touching *t = context;
+    tm_touch_lists *to = t->found_by + part;
+    to->vf.count = to->ee.count = 0;
+    to->vf.overflowed = to->ee.overflowed = false;
+    t->work(t, part, t->world->partition_count, to);
+}
+
+static bool has_room(const tm_touch_list *list, int32_t more, bool overflowed) {
+    return !overflowed && list->count + more <= list->room;
+}
+
+static void append(tm_touch_list *list, const tm_touch_list *more) {
+    memcpy(list->pair + list->count, more->pair, sizeof *more->pair * (size_t)more->count);
+    list->count += more->count;
+}
+
+/* Returns false if a list has no room for all. */
+static bool divide(tm_touching *t, tm_touch_lists *to) {
+    const int32_t parts = t->world->partition_count;
+    int32_t vf = 0, ee = 0;
+    bool vf_overflowed = false, ee_overflowed = false;
+    tm_partitions_run(t->world, work_part, t);
+    for (int32_t p = 0; p < parts; p++) {
+        vf += t->found_by[p].vf.count, vf_overflowed |= t->found_by[p].vf.overflowed;
+        ee += t->found_by[p].ee.count, ee_overflowed |= t->found_by[p].ee.overflowed;
+    }
+    if (!has_room(&to->vf, vf, vf_overflowed) || !has_room(&to->ee, ee, ee_overflowed)) return false;
+    for (int32_t p = 0; p < parts; p++) {
+        append(&to->vf, &t->found_by[p].vf);
+        append(&to->ee, &t->found_by[p].ee);
+    }
+    return true;
+}
+
+/* The lists are sorted afterwards, so they are the same for any number of threads; where they have no room for all,
+ * one thread drops the last ones. */
+void tm_touch_divide(tm_touching *t, tm_touch_work *work, tm_touch_lists *to) {
+    t->work = work;
+    if (!t->found_by || !divide(t, to)) work(t, 0, 1, to);
+}
+
 /* --- pairs, each once --- */
 
 static void try_vertex(const tm_touching *t, tm_touch_lists *to, int32_t vertex, int32_t face) {
@@ -120,48 +164,12 @@ static void try_edge(const tm_touching *t, tm_touch_lists *to, int32_t edge, int
         tm_touch_try_edges(t, to, other, edge);
 }
 
-/* Does a part of the search. */
-static void search(const tm_touching *t, int32_t part, int32_t parts, tm_touch_lists *to) {
+static void search(tm_touching *t, int32_t part, int32_t parts, tm_touch_lists *to) {
     const double grow_m = (t->reach_m + t->margin_m) * (1 + 1e-6);
     tm_touch_clusters_try(t, TM_TOUCH_VERTICES, TM_TOUCH_FACES, part, parts, grow_m, try_vertex, to);
     if (t->fresh[TM_TOUCH_VERTICES].count < t->surface.vertex_count)
         tm_touch_clusters_try(t, TM_TOUCH_FACES, TM_TOUCH_VERTICES, part, parts, grow_m, try_face, to);
     tm_touch_clusters_try(t, TM_TOUCH_EDGES, TM_TOUCH_EDGES, part, parts, grow_m, try_edge, to);
-}
-
-static void search_part(void *context, int32_t part) {
-    tm_touching *t = context;
-    tm_touch_lists *to = t->found_by + part;
-    to->vf.count = to->ee.count = 0;
-    to->vf.overflowed = to->ee.overflowed = false;
-    search(t, part, t->world->partition_count, to);
-}
-
-static bool has_room(const tm_touch_list *list, int32_t more, bool overflowed) {
-    return !overflowed && list->count + more <= list->room;
-}
-
-static void append(tm_touch_list *list, const tm_touch_list *more) {
-    memcpy(list->pair + list->count, more->pair, sizeof *more->pair * (size_t)more->count);
-    list->count += more->count;
-}
-
-/* Searches on all threads. Returns false if a list has no room for all. */
-static bool search_divided(tm_touching *t) {
-    const int32_t parts = t->world->partition_count;
-    int32_t vf = 0, ee = 0;
-    bool vf_overflowed = false, ee_overflowed = false;
-    tm_partitions_run(t->world, search_part, t);
-    for (int32_t p = 0; p < parts; p++) {
-        vf += t->found_by[p].vf.count, vf_overflowed |= t->found_by[p].vf.overflowed;
-        ee += t->found_by[p].ee.count, ee_overflowed |= t->found_by[p].ee.overflowed;
-    }
-    if (!has_room(&t->near.vf, vf, vf_overflowed) || !has_room(&t->near.ee, ee, ee_overflowed)) return false;
-    for (int32_t p = 0; p < parts; p++) {
-        append(&t->near.vf, &t->found_by[p].vf);
-        append(&t->near.ee, &t->found_by[p].ee);
-    }
-    return true;
 }
 
 static void place_features(tm_touching *t) {
@@ -176,12 +184,10 @@ static void place_features(tm_touching *t) {
     t->clustered = true;
 }
 
-/* The lists are sorted afterwards, so they are the same for any number of threads; where they have no room for all,
- * one thread drops the last ones. */
 void tm_touch_search(tm_touching *t) {
     place_features(t);
     for (int kind = 0; kind < TM_TOUCH_KINDS; kind++)
         tm_touch_clusters_list(t->clusters + kind, t->fresh[kind].list, t->fresh[kind].count);
-    if (!t->found_by || !search_divided(t)) search(t, 0, 1, &t->near);
+    tm_touch_divide(t, search, &t->near);
     for (int kind = 0; kind < TM_TOUCH_KINDS; kind++) tm_touch_clusters_forget(t->clusters + kind);
 }
