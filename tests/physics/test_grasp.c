@@ -212,6 +212,33 @@ static void test_setting_the_pose_releases_the_grasp(void **unused) {
 }
 
 /* A scene without grasping costs nothing for it; its graspers act as probes. */
+/* A jaw that was driven deep into the tissue closes: its springs store no more than the rows' compliance did. */
+static void test_closing_deep_in_the_tissue_generates_no_energy(void **unused) {
+    (void)unused;
+    scene_def d = small_block(1);
+    d.cells[0] = d.cells[1] = 3, d.cells[2] = 2;
+    grasp_scene g = open_scene(&d, false);
+    tm_error error;
+    tm_grasp_state state;
+    scene_must(tm_stage_energy(g.s.world, &error), &error);
+    double force[2][3], most_J = 0;
+    tm_tool_pose at = scene_pose(0, 0, 0.0447);
+    for (int k = 1; k <= 3; k++) at.tip_m[2] -= 0.007, frame(&g, &at, force);
+    tm_energy before, e;
+    assert_int_equal(tm_world_energy(g.s.world, &before, NULL), TM_OK);
+    at.grip = 1;
+    for (int k = 0; k < 4; k++) {
+        frame(&g, &at, force);
+        assert_int_equal(tm_world_energy(g.s.world, &e, NULL), TM_OK);
+        most_J = fmax(most_J, e.generated_J - e.drag_J - before.generated_J + before.drag_J);
+    }
+    assert_true(tm_grasp_vertices(g.grasp, 0, NULL, &state) > 0);
+    print_message("closing generated at most %.2g J where %.2g J were stored\n", most_J,
+                  before.elastic_J + before.contact_stored_J);
+    assert_true(most_J < 0.005 * (before.elastic_J + before.contact_stored_J));
+    scene_destroy(&g.s);
+}
+
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
@@ -248,6 +275,7 @@ int main(void) {
         cmocka_unit_test(test_cut_between_two_graspers_ends_their_pull),
         cmocka_unit_test(test_removed_vertices_are_released),
         cmocka_unit_test(test_setting_the_pose_releases_the_grasp),
+        cmocka_unit_test(test_closing_deep_in_the_tissue_generates_no_energy),
         cmocka_unit_test(test_costs_nothing_unless_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -37,25 +37,28 @@ static bool holds(void *self, int32_t instrument, int32_t vertex) {
     return false;
 }
 
-/* Takes over the contact forces on the grasped vertices, so that closing changes no force. */
+/* Takes over the contact forces on the grasped vertices, so that closing changes no force, unless that would generate
+ * energy: under a deep tool the springs of few vertices would store several times what the rows do. */
 static void take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, const tm_world *world) {
     const tm_contact *contact = grasp->contact;
+    double stored = 0;
     memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
         if (row->instrument != t || !tm_row_is_grasped(contact, row)) continue;
+        stored += tm_contact_row_energy(contact, k, &contact->tool[t].previous).compliance_J;
         for (int32_t i = 0; i < h->count; i++)
             for (int j = 0; j < 3; j++)
                 if (row->vertex[j] == h->vertex[i])
                     vmadd(h->force_N + 3 * i, row->lambda_N * row->weight[j], row->normal, h->force_N + 3 * i);
     }
+    tm_hold_take_over(grasp, h, t, stored);
     for (int32_t i = 0; i < h->count; i++) {
         double at[3];
         tm_hold_vertex_at(world, world->state.u_m, h->vertex[i], at);
         vmadd(at, grasp->def.compliance_m_N, h->force_N + 3 * i, at);
         tm_jaw_to_tool(&h->jaw, &contact->tool[t].pose, at, h->offset_m + 3 * i);
     }
-    tm_hold_take_over(grasp, h, t);
 }
 
 /* --- the jaw --- */

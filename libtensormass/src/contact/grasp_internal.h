@@ -48,8 +48,9 @@ void tm_hold_place(grasp_of_jaw *h, const tm_tool *tool);
 /* Begins a substep: force beyond the limits of the last one slips, before the jaw rotates. */
 void tm_hold_begin(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world);
 void tm_hold_follow(grasp_of_jaw *h, const tm_tool *tool); /* after rotation */
-/* Takes over the contact forces of a jaw that has just closed, with the energy of their compliance. */
-void tm_hold_take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t);
+/* Takes over the contact forces of a jaw that has just closed. Where its springs would store more than the rows'
+ * compliance did, `stored_J`, and than contact may generate, all are reduced by one share. */
+void tm_hold_take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, double stored_J);
 /* Starts one spring from the force of the last substep. */
 void tm_hold_start(const tm_grasp *grasp, grasp_of_jaw *h, int32_t i, tm_world *world);
 /* Hooks of the block. */
