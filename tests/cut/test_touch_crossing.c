@@ -103,11 +103,44 @@ static void lips_do_not_pass_through_each_other(void **state) {
     }
 }
 
+/* A plate whose top was pushed out through its bottom, like a funnel, in soft tissue that takes long to come back. Seen
+ * from outside, the part below is inside out. */
+static bodies funnel_and_block(bool touches, double turn_rad) {
+    const part p[] = {{{1, 3, 1}, {0.02, 0.024, 0.01}, {-0.0245, turn_rad > 0 ? -0.0145 : -0.0125, -0.002}, turn_rad},
+                      {{2, 2, 1}, {0.02, 0.02, 0.008}, {-0.01, -0.01, 0.01}, 0}};
+    setup s = loose(touches);
+    s.young_Pa = 50, s.step_s = 0.25e-3;
+    bodies b = make(p, 2, &s);
+    for (int32_t v = b.body_begin[1]; v < b.body_begin[2]; v++)
+        if (fabs(b.mesh->rest_m[3 * v]) < 1e-9 && fabs(b.mesh->rest_m[3 * v + 1]) < 1e-9 &&
+            b.mesh->rest_m[3 * v + 2] > 0.017)
+            tm_world_state(b.world)->u_m[3 * v + 2] = tm_world_state(b.world)->u_prev_m[3 * v + 2] = -0.014;
+    return b;
+}
+
+static void tissue_that_is_inside_out_is_not_entered_from_behind(void **state) {
+    (void)state;
+    for (int turned = 0; turned < 2; turned++) /* an edge meets an edge; a vertex meets a face */
+        for (int fast = 0; fast < SPEEDS; fast++) {
+            double deepest_m[2];
+            for (int touches = 0; touches < 2; touches++) {
+                bodies b = funnel_and_block(touches, turned ? 0.3 : 0);
+                throw_body(&b, 0, SPEED_M_S[fast], 0, 0);
+                deepest_m[touches] = meet(&b, 4e-3, SPEED_M_S[fast]);
+                drop(&b);
+            }
+            printf("inside out, %s at %.1f m/s: deepest overlap %.3g mm, without contact %.3g mm\n",
+                   turned ? "vertex" : "edge", SPEED_M_S[fast], 1e3 * deepest_m[1], 1e3 * deepest_m[0]);
+            assert_true(deepest_m[0] > 0.3e-3 && deepest_m[1] <= DEEPEST_M);
+        }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(ridges_do_not_pass_through_each_other),
         cmocka_unit_test(folds_of_one_body_do_not_pass_through_each_other),
         cmocka_unit_test(lips_do_not_pass_through_each_other),
+        cmocka_unit_test(tissue_that_is_inside_out_is_not_entered_from_behind),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

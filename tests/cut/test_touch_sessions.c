@@ -17,7 +17,7 @@ static const double FRAME_S = 0.005, GAP_M = 0.6e-3, LOW_M = 0.02, TOP_M = 0.032
 static const double SURPLUS_SHARE = 0.06, TOUCH_SHARE = 0.01, SURPLUS_J = 5e-5;
 /* True overlap (overlap.h) while tissue is slower, and was for CALM frames: what a tool crushed and releases is faster
  * for moments. Mostly it is below LITTLE. Where tissue is inverted, its overlap with itself has no bound. */
-static const double DEEPEST_M = 2e-3, LITTLE_M = 0.5e-3, FAST_M_S = 4, FARTHEST_M = 0.1;
+static const double DEEPEST_M = 0.5e-3, LITTLE_M = 0.25e-3, FAST_M_S = 4, FARTHEST_M = 0.1;
 /* What contact of tissue may give in a substep after its sweeps: the limit (touch_passivity.c), and what a last
  * reduction of instruments adds. Without the limit some substep of these sessions gives 100 times as much. */
 static const double LATE_J = 2e-6;
@@ -360,8 +360,9 @@ static bool drop_effect(session *s, int i) {
 
 /* Seeds that exceeded a bound: the first three before inverted tetrahedra and crushed tissue were left out, two before
  * rows were limited after instruments were held back, three before fast vertices had rows from afar, two (with 588)
- * before what would cross in a substep was stopped. */
-static const uint64_t ONCE_BROKE[] = {33, 1000, 1027, 10, 2115, 182, 575, 588, 20051, 20055};
+ * before what would cross in a substep was stopped, one (with 2115) before edges met where tissue is inside out, one
+ * before a closing jaw was limited, one before the energy of pushing out was limited over time. */
+static const uint64_t ONCE_BROKE[] = {33, 1000, 1027, 10, 2115, 182, 575, 588, 20051, 20055, 30127, 30169, 30141};
 
 typedef struct tally {
     double worst, touch_share, deepest_m, fast_m, crushed_m, farthest_m;

@@ -33,6 +33,7 @@ static void run(void *self, tm_world *world) {
     tm_touch_prepare(t);
     if (tm_world_contact(world)) return; /* contact sweeps the rows */
     for (int32_t sweep = 0; sweep < t->def.sweeps; sweep++) tm_touch_sweep(t, sweep);
+    tm_touch_sweep_last(t);
     tm_touch_note_energy(t);
     tm_touch_list_entered(t);
     tm_touch_remember(t);
@@ -68,6 +69,7 @@ static void sweep(void *self, tm_world *world, int32_t number) {
 
 static void note(void *self, tm_world *world) {
     (void)world;
+    tm_touch_sweep_last(self);
     tm_touch_note_energy(self);
 }
 
@@ -114,7 +116,7 @@ static void checkpoint(void *self) {
 static void recall_account(tm_touching *t) {
     const tm_touch_memory *m = t->memory + t->memory_count - 1;
     const bool has = t->memory_count > 0 && m->edges == TM_TOUCH_MEMORY_ACCOUNT;
-    t->reserve_J = has ? m->lambda_N : 0;
+    t->reserve_J = has ? m->lambda_N : 0, t->pushed_J = has ? m->drag_N[2] : 0;
     for (int i = 0; i < 2; i++) t->stored_before_J[i] = has ? m->drag_N[i] : 0;
 }
 
@@ -193,6 +195,8 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->saved = TM_ALLOC(pool, tm_touch_memory, def->max_rows);
     t->fixed = TM_ALLOC(pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     t->revision = t->world->tissue->surface.revision - 1;
+    t->is_followed = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
+    t->followed = TM_ALLOC(pool, int32_t, TM_TOUCH_MAX_FOLLOWED);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */
     return tm_touch_surface_init(&t->surface, pool, t->world->tissue) && tm_touch_gather_init(t, pool);
 }

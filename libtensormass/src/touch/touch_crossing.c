@@ -2,8 +2,12 @@
  * than its own size in a substep may pass beside the face or edge that the row was for, and tissue that starts to move
  * may meet what was out of reach. So after some sweeps the paths of fast features are followed from the start of the
  * substep to its end as it is by then. Where a vertex enters a face, or an edge an edge, from outside, a row is added
- * with the weights and the normal of that moment, also between folds of one body. Without a fast vertex nothing is
- * searched. */
+ * with the weights and the normal of that moment, also between folds of one body.
+ *
+ * Tissue that was pushed through its own body is inside out: its rows push the wrong way, and other tissue comes from
+ * behind. So where another body is behind a surface, slow features are followed too, against other bodies. A body is
+ * then outside by its winding number, and edges meet where both pairs of faces lead away. Without a fast vertex and
+ * without such a surface nothing is searched. */
 #include "touch/touch_internal.h"
 
 #include <math.h>
@@ -25,20 +29,22 @@ static double motion2_of(const tm_touching *t, int32_t v) {
     return vdot(d, d);
 }
 
-/* Computes the place of a vertex at a share of the substep. */
-static void place_at(const tm_touching *t, int32_t v, double share, double x[3]) {
-    const tm_state *state = &t->world->state;
-    for (int c = 0; c < 3; c++) {
-        const int64_t d = 3 * (int64_t)v + c;
-        x[c] = t->world->tissue->mesh->rest_m[d] + state->u_m[d] + share * (state->u_next_m[d] - state->u_m[d]);
-    }
+static bool moves_fast(const tm_touching *t, double motion2) {
+    return motion2 > FAST * FAST * t->def.thickness_m * t->def.thickness_m;
+}
+
+/* Returns whether one of four vertices is fast. */
+static bool has_fast(const tm_touching *t, const int32_t *vertex) {
+    double motion2 = 0;
+    for (int j = 0; j < 4; j++) motion2 = law_max(motion2, motion2_of(t, vertex[j]));
+    return moves_fast(t, motion2);
 }
 
 static tm_touch_box box_of_paths(const tm_touching *t, const int32_t *vertex, int count) {
     tm_touch_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int k = 0; k < 2 * count; k++) {
         double x[3];
-        place_at(t, vertex[k / 2], k % 2, x);
+        tm_touch_place_at(t, vertex[k / 2], k % 2, x);
         for (int c = 0; c < 3; c++) box.low[c] = law_min(box.low[c], x[c]), box.high[c] = law_max(box.high[c], x[c]);
     }
     return box;
@@ -50,82 +56,47 @@ static bool boxes_overlap(const tm_touch_box *a, const tm_touch_box *b) {
     return overlap;
 }
 
-static double determinant(const double a[3], const double b[3], const double c[3]) {
-    double cross[3];
-    vcross(a, b, cross);
-    return vdot(cross, c);
-}
-
-/* Computes the cubic in the share of the substep of the volume between four vertices: that of the vectors from the
- * first to the others. */
-static void volume_of(const tm_touching *t, const int32_t vertex[4], double cubic[4]) {
-    double e[3][3], d[3][3], from[2][3];
-    for (int k = 0; k < 2; k++) place_at(t, vertex[0], k, from[k]);
-    for (int j = 0; j < 3; j++) {
-        double to[3];
-        place_at(t, vertex[1 + j], 0, to);
-        vsub(to, from[0], e[j]);
-        place_at(t, vertex[1 + j], 1, to);
-        vsub(to, from[1], d[j]);
-        vsub(d[j], e[j], d[j]);
-    }
-    cubic[0] = determinant(e[0], e[1], e[2]);
-    cubic[1] = determinant(d[0], e[1], e[2]) + determinant(e[0], d[1], e[2]) + determinant(e[0], e[1], d[2]);
-    cubic[2] = determinant(d[0], d[1], e[2]) + determinant(d[0], e[1], d[2]) + determinant(e[0], d[1], d[2]);
-    cubic[3] = determinant(d[0], d[1], d[2]);
-}
-
-static double value(const double c[4], double x) { return ((c[3] * x + c[2]) * x + c[1]) * x + c[0]; }
-
-/* Stores the ends of the parts of [0, 1] in which the cubic ascends or descends. Returns the count of parts. */
-static int divide(const double c[4], double end[4]) {
-    const double a = 3 * c[3], half = c[2], root2 = half * half - a * c[1];
-    int count = 0;
-    end[0] = 0;
-    if (root2 > 0) {
-        const double q = -(half + copysign(sqrt(root2), half)), one = a != 0 ? q / a : -1, two = q != 0 ? c[1] / q : -1;
-        const double low = law_min(one, two), high = law_max(one, two);
-        if (low > 0 && low < 1) end[++count] = low;
-        if (high > 0 && high < 1) end[++count] = high;
-    }
-    end[++count] = 1;
-    return count;
-}
-
-/* Returns where the cubic changes its sign between two places. */
-static double root_between(const double c[4], double low, double high) {
-    const bool from_positive = value(c, low) > 0;
-    for (int i = 0; i < 50; i++) {
-        const double middle = 0.5 * (low + high);
-        *((value(c, middle) > 0) == from_positive ? &low : &high) = middle;
-    }
-    return 0.5 * (low + high);
-}
-
 /* --- a vertex and a face --- */
 
-/* Returns whether a vertex enters a face from outside; sets its row. */
+static bool is_of_two_bodies(const tm_touching *t, const tm_touch_pair *pair) {
+    return t->surface.body[pair->a] != tm_touch_body(t, pair->b);
+}
+
+/* Sets the row of a vertex that meets a face at a share of the substep; `side`: of the face on which it was. Returns
+ * false if it only seems to. */
+static bool meet_face(const tm_touching *t, const tm_touch_pair *pair, const int32_t w[3], double share, double side,
+                      tm_touching_row *row) {
+    double x[4][3], ab[3], ac[3];
+    tm_touch_place_at(t, pair->a, share, x[3]);
+    for (int j = 0; j < 3; j++) tm_touch_place_at(t, w[j], share, x[j]);
+    const tm_touch_closest closest = tm_touch_point_triangle(x[3], x[0], x[1], x[2]);
+    if (!(closest.distance_m <= TOUCHING * t->def.thickness_m)) return false;
+    *row = (tm_touching_row){.a = pair->a, .b = pair->b, .thickness_m = pair->thickness_m};
+    row->vertex[0] = pair->a, row->weight[0] = 1;
+    for (int j = 0; j < 3; j++) row->vertex[1 + j] = w[j], row->weight[1 + j] = -closest.weight[j];
+    vsub(x[1], x[0], ab);
+    vsub(x[2], x[0], ac);
+    vcross(ab, ac, row->normal);
+    const bool is_one = vunit(row->normal, row->normal) > 0;
+    vscale(side, row->normal, row->normal);
+    return is_one;
+}
+
+/* Returns whether a vertex enters a face from outside; sets its row. Tissue that was pushed through its own body is
+ * inside out: there a face of another body is also entered from behind, by a vertex that is outside that body. A slow
+ * vertex must be outside in any case: bodies that overlap may slide. */
 static bool enters_face(const tm_touching *t, const tm_touch_pair *pair, tm_touching_row *row) {
     int32_t w[3];
-    double c[4], end[4];
+    double c[4], end[4], from[3];
     tm_touch_triangle(t, pair->b, w);
-    volume_of(t, (int32_t[]){w[0], w[1], w[2], pair->a}, c);
-    const int parts = divide(c, end);
+    tm_touch_volume(t, (int32_t[]){w[0], w[1], w[2], pair->a}, c);
+    const int parts = tm_touch_volume_parts(c, end);
     for (int i = 0; i < parts; i++) {
-        if (!(value(c, end[i]) > 0 && value(c, end[i + 1]) <= 0)) continue;
-        const double share = root_between(c, end[i], end[i + 1]);
-        double x[4][3], ab[3], ac[3];
-        place_at(t, pair->a, share, x[3]);
-        for (int j = 0; j < 3; j++) place_at(t, w[j], share, x[j]);
-        const tm_touch_closest closest = tm_touch_point_triangle(x[3], x[0], x[1], x[2]);
-        if (!(closest.distance_m <= TOUCHING * t->def.thickness_m)) continue;
-        *row = (tm_touching_row){.a = pair->a, .b = pair->b, .thickness_m = pair->thickness_m};
-        row->vertex[0] = pair->a, row->weight[0] = 1;
-        for (int j = 0; j < 3; j++) row->vertex[1 + j] = w[j], row->weight[1 + j] = -closest.weight[j];
-        vsub(x[1], x[0], ab);
-        vsub(x[2], x[0], ac);
-        vcross(ab, ac, row->normal);
-        return vunit(row->normal, row->normal) > 0;
+        const bool front = tm_touch_volume_at(c, end[i]) > 0;
+        if (front == (tm_touch_volume_at(c, end[i + 1]) > 0) || !(front || is_of_two_bodies(t, pair))) continue;
+        if (!meet_face(t, pair, w, tm_touch_volume_root(c, end[i], end[i + 1]), front ? 1 : -1, row)) continue;
+        tm_touch_place_at(t, pair->a, 0, from);
+        if ((front && has_fast(t, row->vertex)) || tm_touch_is_outside(t, from, tm_touch_body(t, pair->b))) return true;
     }
     return false;
 }
@@ -136,7 +107,7 @@ static void normal_at(const tm_touching *t, int32_t face, double share, double n
     int32_t v[3];
     double x[3][3];
     tm_touch_triangle(t, face, v);
-    for (int j = 0; j < 3; j++) place_at(t, v[j], share, x[j]);
+    for (int j = 0; j < 3; j++) tm_touch_place_at(t, v[j], share, x[j]);
     vsub(x[1], x[0], x[1]);
     vsub(x[2], x[0], x[2]);
     vcross(x[1], x[2], n);
@@ -156,21 +127,57 @@ static bool sticks_out(const tm_touching *t, int32_t edge, double share, double 
     tm_touch_triangle(t, of[1], v);
     for (int j = 0; j < 3; j++)
         if (v[j] != ends[0] && v[j] != ends[1]) across = v[j];
-    place_at(t, ends[0], share, from);
-    place_at(t, across, share, to);
+    tm_touch_place_at(t, ends[0], share, from);
+    tm_touch_place_at(t, across, share, to);
     vsub(to, from, to);
     return vdot(to, first) < 0;
 }
 
+/* Returns whether both faces of an edge lead away from a point of it, along a direction. */
+static bool leads_along(const tm_touching *t, int32_t edge, double share, const double from[3], const double n[3]) {
+    const int32_t *ends = t->world->tissue->mesh->edge + 2 * (int64_t)edge;
+    bool along = true;
+    for (int k = 0; k < 2; k++) {
+        int32_t v[3];
+        double x[3];
+        tm_touch_triangle(t, t->surface.of_edge[2 * (int64_t)edge + k], v);
+        for (int j = 0; j < 3; j++) {
+            if (v[j] == ends[0] || v[j] == ends[1]) continue;
+            tm_touch_place_at(t, v[j], share, x);
+            vsub(x, from, x);
+            along &= vdot(x, n) > 0;
+        }
+    }
+    return along;
+}
+
+/* Returns whether the edges of a row are of two bodies that are apart there: both pairs of faces lead away from the
+ * other edge, and before, neither place was in the other body. Holds where tissue is inside out, too. */
+static bool were_apart(const tm_touching *t, const tm_touching_row *row, double share) {
+    const int32_t *v = row->vertex, body[2] = {t->surface.body[v[0]], t->surface.body[v[2]]};
+    double at[3] = {0, 0, 0}, back[3], x[3];
+    if (body[0] == body[1]) return false;
+    for (int j = 0; j < 2; j++) tm_touch_place_at(t, v[j], share, x), vmadd(at, -row->weight[j], x, at);
+    vscale(-1, row->normal, back);
+    if (!leads_along(t, row->a, share, at, back) || !leads_along(t, row->b, share, at, row->normal)) return false;
+    for (int k = 0; k < 2; k++) {
+        vset((const double[3]){0, 0, 0}, at);
+        for (int j = 2 * k; j < 2 * k + 2; j++)
+            tm_touch_place_at(t, v[j], 0, x), vmadd(at, fabs(row->weight[j]), x, at);
+        if (!tm_touch_is_outside(t, at, body[!k])) return false;
+    }
+    return true;
+}
+
 /* Sets the row of two edges that meet at a share of the substep. `sign`: of the volume before. Returns false if they
- * only seem to, or one leaves the other's tissue. */
+ * only seem to, or one leaves the other's tissue. Slow ones must have been apart. */
 static bool meet(const tm_touching *t, const tm_touch_pair *pair, const int32_t v[4], double share, double sign,
                  tm_touching_row *row) {
     double x[4][3], da[3], db[3], na[3], nb[3], s, r;
     bool inside;
-    for (int j = 0; j < 4; j++) place_at(t, v[j], share, x[j]);
+    for (int j = 0; j < 4; j++) tm_touch_place_at(t, v[j], share, x[j]);
     if (!(tm_touch_segments(x[0], x[1], x[2], x[3], &s, &r, &inside) <= TOUCHING * t->def.thickness_m)) return false;
-    if (!inside || !sticks_out(t, pair->a, share, na) || !sticks_out(t, pair->b, share, nb)) return false;
+    if (!inside) return false;
     *row = (tm_touching_row){.edges = 1,
                              .a = pair->a,
                              .b = pair->b,
@@ -182,7 +189,8 @@ static bool meet(const tm_touching *t, const tm_touch_pair *pair, const int32_t 
     vcross(da, db, row->normal);
     vunit(row->normal, row->normal);
     vscale(sign, row->normal, row->normal); /* from the first to the second, before they met */
-    return vdot(row->normal, na) > 0 && vdot(row->normal, nb) < 0;
+    const bool stick_out = sticks_out(t, pair->a, share, na) & sticks_out(t, pair->b, share, nb) && has_fast(t, v);
+    return (stick_out && vdot(row->normal, na) > 0 && vdot(row->normal, nb) < 0) || were_apart(t, row, share);
 }
 
 /* Returns whether two edges enter each other's tissue; sets their row. */
@@ -190,12 +198,12 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
     const int32_t *va = t->world->tissue->mesh->edge + 2 * (int64_t)pair->a,
                   *vb = t->world->tissue->mesh->edge + 2 * (int64_t)pair->b, v[4] = {va[0], va[1], vb[0], vb[1]};
     double c[4], end[4];
-    volume_of(t, v, c); /* (a1 - a0) x (b0 - a0) . (b1 - a0) = -(da x db) . (b0 - a0) */
-    const int parts = divide(c, end);
+    tm_touch_volume(t, v, c); /* (a1 - a0) x (b0 - a0) . (b1 - a0) = -(da x db) . (b0 - a0) */
+    const int parts = tm_touch_volume_parts(c, end);
     for (int i = 0; i < parts; i++) {
-        const bool positive = value(c, end[i]) > 0;
-        if (positive == (value(c, end[i + 1]) > 0)) continue;
-        if (meet(t, pair, v, root_between(c, end[i], end[i + 1]), positive ? -1 : 1, row)) return true;
+        const bool positive = tm_touch_volume_at(c, end[i]) > 0;
+        if (positive == (tm_touch_volume_at(c, end[i + 1]) > 0)) continue;
+        if (meet(t, pair, v, tm_touch_volume_root(c, end[i], end[i + 1]), positive ? -1 : 1, row)) return true;
     }
     return false;
 }
@@ -218,27 +226,34 @@ static void list_pair(const tm_touching *t, int kind, int32_t item, int32_t othe
 
 enum { TOGETHER = 16 };
 
-/* Computes the boxes of the paths of `count` fast features, neighbours for the most part. Returns a box around all that
- * is in their way and not faster, in places of the clusters. */
-static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *item, int count,
-                               tm_touch_box box[TOGETHER]) {
+/* The path of a feature that is followed. If it is not fast, only against other bodies. */
+typedef struct path {
+    tm_touch_box box;
+    int32_t body;
+    bool fast;
+} path;
+
+/* Computes the paths of `count` features, neighbours for the most part. Returns a box around all that is in their way
+ * and not faster, in places of the clusters. */
+static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *item, int count, path of[TOGETHER]) {
     tm_touch_box way = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int i = 0; i < count; i++) {
         int32_t v[3];
         double motion2 = 0;
         const int vertices = tm_touch_vertices(t, kind, item[i], v);
         for (int j = 0; j < vertices; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
-        box[i] = box_of_paths(t, v, vertices);
-        const double grow_m = tm_touch_misplaced_m(t) + sqrt(motion2);
+        of[i] = (path){box_of_paths(t, v, vertices), t->surface.body[v[0]], moves_fast(t, motion2)};
+        const double others_m = law_max(sqrt(motion2), FAST * t->def.thickness_m); /* or they search themselves */
+        const double grow_m = tm_touch_misplaced_m(t) + others_m;
         for (int c = 0; c < 3; c++) {
-            way.low[c] = law_min(way.low[c], box[i].low[c] - grow_m);
-            way.high[c] = law_max(way.high[c], box[i].high[c] + grow_m);
+            way.low[c] = law_min(way.low[c], of[i].box.low[c] - grow_m);
+            way.high[c] = law_max(way.high[c], of[i].box.high[c] + grow_m);
         }
     }
     return way;
 }
 
-/* Lists the pairs of some fast features with those that are not faster. */
+/* Lists the pairs of some followed features with those that are not faster. */
 static void search(const tm_touching *t, int kind, int against, const int32_t *item, int count, int32_t *found,
                    tm_touch_list *to) {
     const tm_touch_surface *s = &t->surface;
@@ -246,8 +261,8 @@ static void search(const tm_touching *t, int kind, int against, const int32_t *i
                   : against == TM_TOUCH_EDGES ? s->edge_count
                                               : s->vertex_count;
     const int32_t *of = against == TM_TOUCH_FACES ? s->face : against == TM_TOUCH_EDGES ? s->edge : s->vertex;
-    tm_touch_box box[TOGETHER];
-    const tm_touch_box way = box_of_way(t, kind, item, count, box);
+    path mine[TOGETHER];
+    const tm_touch_box way = box_of_way(t, kind, item, count, mine);
     if (!t->all_pairs) {
         const tm_touch_bounds near = tm_touch_bounds_around(way.low, way.high, 0);
         all = tm_touch_clusters_find(t->clusters + against, &near, found), of = found;
@@ -257,7 +272,8 @@ static void search(const tm_touching *t, int kind, int against, const int32_t *i
         const int vertices = tm_touch_vertices(t, against, of[k], v);
         const tm_touch_box its = box_of_paths(t, v, vertices);
         for (int i = 0; i < count; i++)
-            if (boxes_overlap(box + i, &its)) list_pair(t, kind, item[i], of[k], to);
+            if (boxes_overlap(&mine[i].box, &its) && (mine[i].fast || mine[i].body != t->surface.body[v[0]]))
+                list_pair(t, kind, item[i], of[k], to);
     }
 }
 
@@ -267,17 +283,18 @@ static void add_row(tm_touching *t, tm_touching_row *row) {
     double from[3] = {0, 0, 0};
     for (int j = 0; j < 4; j++) {
         double x[3];
-        place_at(t, row->vertex[j], 0, x);
+        tm_touch_place_at(t, row->vertex[j], 0, x);
         vmadd(from, row->weight[j], x, from);
     }
     row->gap_m = vdot(row->normal, from) - row->thickness_m;
     if (tm_touch_add_row(t, row, t->def.compliance_m_N)) tm_touch_prepare_row(t, t->row_count - 1);
 }
 
-/* Lists the features that are fast by now: tools push them, so the integrator's bound does not hold. */
+/* Lists the features that are fast by now, or followed in any case: tools push them, so the integrator's bound does not
+ * hold. */
 static bool list_fast(tm_touching *t) {
     const tm_state *state = &t->world->state;
-    return tm_touch_list_quick(t, state->u_next_m, state->u_m, FAST * t->def.thickness_m);
+    return tm_touch_list_quick(t, state->u_next_m, state->u_m, FAST * t->def.thickness_m, t->is_followed);
 }
 
 /* Lists a part of the pairs of fast features of a kind with those of another. */
@@ -311,11 +328,10 @@ static void search_fast(tm_touching *t) {
 }
 
 /* Adds rows of what would cross; returns whether anything would. */
-static bool stop_crossings(tm_touching *t, int32_t sweep) {
+static bool stop_crossings(tm_touching *t) {
     tm_touching_row row;
     const int32_t before = t->row_count;
-    if (t->world->settling || sweep < FIRST || sweep % PERIOD != FIRST % PERIOD) return false;
-    t->may_cross = (sweep == FIRST || t->may_cross) && list_fast(t);
+    t->may_cross = t->may_cross && list_fast(t);
     if (!t->may_cross) return false;
     search_fast(t);
     for (int32_t i = 0; i < t->fast.vf.count; i++)
@@ -325,12 +341,24 @@ static bool stop_crossings(tm_touching *t, int32_t sweep) {
     return t->row_count > before;
 }
 
-/* Bodies that meet fast take more sweeps until their rows agree. */
-void tm_touch_sweep(tm_touching *t, int32_t sweep) {
+/* Adds rows of what would cross, and sweeps until these agree. Returns whether anything would. */
+static bool sweep_crossings(tm_touching *t) {
     enum { MORE = 10 };
-    const bool crossed = stop_crossings(t, sweep);
+    const bool crossed = stop_crossings(t);
     for (int32_t k = 0; crossed && k < MORE; k++) tm_touch_sweep_once(t, k);
+    return crossed;
+}
+
+void tm_touch_sweep(tm_touching *t, int32_t sweep) {
+    if (sweep == FIRST) t->may_cross = !t->world->settling;
+    if (sweep >= FIRST && sweep % PERIOD == FIRST % PERIOD) sweep_crossings(t);
     tm_touch_sweep_once(t, sweep);
+}
+
+void tm_touch_sweep_last(tm_touching *t) {
+    enum { ROUNDS = 4 };
+    for (int32_t k = 0; k < ROUNDS && t->may_cross && sweep_crossings(t); k++) {
+    }
 }
 
 void tm_touch_list_entered(tm_touching *t) {

@@ -122,7 +122,7 @@ void tm_touch_find_fast(tm_touching *t) {
     t->fast.vf.count = 0;
     if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
     const tm_state *state = &t->world->state;
-    if (!tm_touch_list_quick(t, state->u_m, state->u_prev_m, FAST * t->def.thickness_m)) return;
+    if (!tm_touch_list_quick(t, state->u_m, state->u_prev_m, FAST * t->def.thickness_m, NULL)) return;
     box_bodies(t);
     for (int32_t i = 0; i < t->quick[TM_TOUCH_VERTICES].count; i++)
         search_vertex(t, t->quick[TM_TOUCH_VERTICES].list[i]);

@@ -49,12 +49,10 @@ static bool is_wound(const tm_touching *t, int32_t vertex, int32_t body, bool at
 
 static double turn_of(const double a[2], const double b[2]) { return a[0] * b[1] - a[1] * b[0]; }
 
-/* Returns a body that an upward ray from the vertex leaves once more than it enters, or -1: cheap, for most vertices.
- */
-static int32_t body_around(const tm_touching *t, int32_t vertex) {
-    double p[3];
-    int32_t left[TM_MAX_BODIES] = {0};
-    tm_touch_at(t->world, vertex, p);
+/* Counts how often each body's surface winds around a point: an upward ray leaves it so much more often than it enters.
+ * Cheaper than solid angles, but a ray may meet an edge. */
+static void count_winds(const tm_touching *t, const double p[3], int32_t *winds) {
+    memset(winds, 0, sizeof *winds * TM_MAX_BODIES);
     for (int32_t i = 0; i < t->surface.face_count; i++) {
         double x[3], q[3][2], height[3];
         int32_t v[3];
@@ -67,10 +65,24 @@ static int32_t body_around(const tm_touching *t, int32_t vertex) {
         const double a = turn_of(q[1], q[2]), b = turn_of(q[2], q[0]), c = turn_of(q[0], q[1]);
         const bool up = a >= 0 && b >= 0 && c >= 0, down = a < 0 && b < 0 && c < 0;
         if (!(up || down) || !((a * height[0] + b * height[1] + c * height[2]) / (a + b + c) > 0)) continue;
-        left[tm_touch_body(t, t->surface.face[i])] += up ? 1 : -1;
+        winds[tm_touch_body(t, t->surface.face[i])] += up ? 1 : -1;
     }
+}
+
+bool tm_touch_is_outside(const tm_touching *t, const double p[3], int32_t body) {
+    int32_t winds[TM_MAX_BODIES];
+    count_winds(t, p, winds);
+    return winds[body] == 0;
+}
+
+/* Returns a body whose surface winds around the vertex, or -1. */
+static int32_t body_around(const tm_touching *t, int32_t vertex) {
+    double p[3];
+    int32_t winds[TM_MAX_BODIES];
+    tm_touch_at(t->world, vertex, p);
+    count_winds(t, p, winds);
     for (int32_t b = 0; b < t->def.body_count; b++)
-        if (left[b] != 0 && b != t->surface.body[vertex] && tm_touch_enabled(t, t->surface.body[vertex], b)) return b;
+        if (winds[b] != 0 && b != t->surface.body[vertex] && tm_touch_enabled(t, t->surface.body[vertex], b)) return b;
     return -1;
 }
 

@@ -82,7 +82,7 @@ typedef struct tm_touch_ball {
     double middle[3], radius_m;
 } tm_touch_ball;
 
-enum { TM_TOUCH_CLUSTER = 16 };
+enum { TM_TOUCH_CLUSTER = 16, TM_TOUCH_MAX_FOLLOWED = 256 };
 typedef struct tm_touch_bounds {
     float low[3], high[3];
 } tm_touch_bounds;
@@ -149,7 +149,9 @@ struct tm_touching {
     tm_touch_pair *scratch;   /* [max_candidates] */
     /* pairs beyond the reach of the lists, of this substep */
     tm_touch_lists fast;
-    tm_touch_set quick[TM_TOUCH_KINDS]; /* features with a vertex that moves far in a substep */
+    tm_touch_set quick[TM_TOUCH_KINDS]; /* features with a vertex that moves far in a substep, or is followed */
+    uint8_t *is_followed;               /* [mesh vertices] those of surfaces with another body behind them */
+    int32_t followed_count, *followed;  /* [TM_TOUCH_MAX_FOLLOWED] these */
     tm_touch_box box[TM_MAX_BODIES];    /* of each body */
     int32_t inside_count;
     tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
@@ -168,7 +170,7 @@ struct tm_touching {
     tm_touch_solver *solver;
     tm_touch_memory *memory, *saved; /* [max_rows] of the last substep; when the step began */
     double swept_J;                  /* energy that the rows gave after the sweeps of this substep */
-    double reserve_J;                /* energy that rows took and may give back */
+    double reserve_J, pushed_J;      /* energy that rows took and may give back; that they gave beyond, of late */
     double stored_before_J[2];       /* in their compliance, after the last substep and the one before */
     uint8_t *fixed;                  /* [3*vertex_count] */
     const void *fixed_by;
@@ -271,18 +273,36 @@ void tm_touch_update(tm_touching *touching);
 
 /* Calls `work` once for each part, on all threads with lists of their own, and appends what they found. */
 void tm_touch_divide(tm_touching *touching, tm_touch_work *work, tm_touch_lists *to);
-/* Lists the features with a vertex that moves by more than this between two displacements; returns whether any does. */
-bool tm_touch_list_quick(tm_touching *touching, const double *to_m, const double *from_m, double limit_m);
+/* Lists the features with a vertex that moves by more than this between two displacements, or that `also` has (null:
+ * none); returns whether there is one. */
+bool tm_touch_list_quick(tm_touching *touching, const double *to_m, const double *from_m, double limit_m,
+                         const uint8_t *also);
 
 /* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
 void tm_touch_find_fast(tm_touching *touching);
 
+/* touch_paths.c */
+/* Computes the place of a vertex at a share of the substep. */
+void tm_touch_place_at(const tm_touching *touching, int32_t vertex, double share, double x[3]);
+/* Computes the cubic in the share of the substep of the volume between four vertices: that of the vectors from the
+ * first to the others. */
+void tm_touch_volume(const tm_touching *touching, const int32_t vertex[4], double cubic[4]);
+double tm_touch_volume_at(const double cubic[4], double share);
+/* Stores the ends of the parts of [0, 1] in which the cubic ascends or descends. Returns the count of parts. */
+int tm_touch_volume_parts(const double cubic[4], double end[4]);
+/* Returns where the cubic changes its sign between two shares. */
+double tm_touch_volume_root(const double cubic[4], double low, double high);
+
 /* touch_crossing.c: sweeps the rows; before some sweeps, adds rows of features that would cross in this substep. */
 void tm_touch_sweep(tm_touching *touching, int32_t sweep);
+/* After the sweeps, before energy is limited: stops what would still cross, against the rows of touch alone. */
+void tm_touch_sweep_last(tm_touching *touching);
 /* After the sweeps: lists vertices that entered another body in spite of their rows as inside. */
 void tm_touch_list_entered(tm_touching *touching);
 
 /* touch_inside.c: vertices inside another body. */
+/* Returns whether a point is outside a body: its surface does not wind around it. O(surface). */
+bool tm_touch_is_outside(const tm_touching *touching, const double p[3], int32_t body);
 void tm_touch_find_inside(tm_touching *touching);
 /* Names a vertex that is behind a face of another body; one of those named in a substep is checked. */
 void tm_touch_suspect(tm_touching *touching, int32_t vertex);

@@ -6,8 +6,9 @@
  * the compliance. If rows then give more than after the sweeps, open rows lose the force that holds them open. If that
  * is not enough, all rows are reduced by one share. Without a change of the instruments no force changes.
  *
- * A row that is new where its two sides just parted fast can give energy even so. So in each substep all rows together
- * give no more than what they took in the last 0.2 s, and what their compliance returns. */
+ * A row that is new where its two sides just parted fast can give energy even so, and so can one that appears deep in
+ * crushed tissue. So all rows together give no more than what they took in the last 0.2 s, what their compliance
+ * returns, and PUSH_J. */
 #include "touch/touch_internal.h"
 
 #include <math.h>
@@ -16,9 +17,9 @@
 
 /* Energy below which nothing is done, J. */
 static const double LITTLE_J = 2e-8;
-/* Energy that rows may give in each substep, to push out what overlaps, J. */
+/* Energy that rows may give in RESERVE_S beyond what they took, to push out what overlaps, J. */
 static const double PUSH_J = 1e-4;
-/* Time after which most of what rows took is forgotten, s. */
+/* Time after which most of what rows took or pushed is forgotten, s. */
 static const double RESERVE_S = 0.2;
 enum { RELEASES = 2 };
 
@@ -84,7 +85,7 @@ static void reduce(tm_touching *t, double may_J) {
 
 /* Returns what the rows may give in this substep, in the terms of account_J. */
 static double allowance_J(const tm_touching *t) {
-    return law_max(t->reserve_J, 0) + PUSH_J + 0.5 * t->stored_before_J[1];
+    return t->reserve_J + law_max(PUSH_J - t->pushed_J, 0) + 0.5 * t->stored_before_J[1];
 }
 
 void tm_touch_note_energy(tm_touching *t) {
@@ -99,18 +100,20 @@ void tm_touch_note_energy(tm_touching *t) {
 
 static void book_energy(tm_touching *t) {
     const double stored = 2 * half_stored_J(t), given = work_J(t) + 0.5 * (stored - t->stored_before_J[1]);
-    t->reserve_J = t->reserve_J * (1 - law_min(t->world->state.dt_s / RESERVE_S, 1)) - given;
-    t->reserve_J = law_max(t->reserve_J, 0);
+    const double kept = 1 - law_min(t->world->state.dt_s / RESERVE_S, 1), left = t->reserve_J * kept - given;
+    t->reserve_J = law_max(left, 0);
+    t->pushed_J = t->pushed_J * kept + law_max(-left, 0);
     t->stored_before_J[1] = t->stored_before_J[0], t->stored_before_J[0] = stored;
 }
 
 void tm_touch_remember_account(tm_touching *t) {
     book_energy(t);
-    if (!(t->reserve_J > 0 || t->stored_before_J[0] > 0 || t->stored_before_J[1] > 0)) return;
+    if (!(t->reserve_J > 0 || t->pushed_J > 0 || t->stored_before_J[0] > 0 || t->stored_before_J[1] > 0)) return;
     if (t->memory_count == t->def.max_rows) t->memory_count--;
-    t->memory[t->memory_count++] = (tm_touch_memory){.edges = TM_TOUCH_MEMORY_ACCOUNT,
-                                                     .lambda_N = t->reserve_J,
-                                                     .drag_N = {t->stored_before_J[0], t->stored_before_J[1]}};
+    t->memory[t->memory_count++] =
+        (tm_touch_memory){.edges = TM_TOUCH_MEMORY_ACCOUNT,
+                          .lambda_N = t->reserve_J,
+                          .drag_N = {t->stored_before_J[0], t->stored_before_J[1], t->pushed_J}};
 }
 
 bool tm_touch_limit_energy(tm_touching *t) {
