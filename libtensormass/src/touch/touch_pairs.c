@@ -65,13 +65,13 @@ void tm_touch_try_vertex_face(const tm_touching *t, tm_touch_lists *to, int32_t 
 }
 
 /* Returns whether two edges are opposite edges of one tetrahedron: they cross only by its inversion. */
-static bool are_opposite(const tm_tissue *tissue, const int32_t a[2], const int32_t b[2]) {
+static bool are_opposite(const tm_tissue *tissue, int32_t a, const int32_t b[2]) {
     const tm_mesh *mesh = tissue->mesh;
-    for (int32_t i = mesh->vertex_tet_begin[a[0]]; i < mesh->vertex_tet_begin[a[0] + 1]; i++) {
-        const int32_t *tet = mesh->tet + 4 * (int64_t)mesh->vertex_tet[i];
+    for (int32_t i = mesh->edge_tet_begin[a]; i < mesh->edge_tet_begin[a + 1]; i++) {
+        const int32_t *tet = mesh->tet + 4 * (int64_t)mesh->edge_tet[i];
         int found = 0;
-        for (int j = 0; j < 4; j++) found += tet[j] == a[1] || tet[j] == b[0] || tet[j] == b[1];
-        if (found == 3 && tissue->alive[mesh->vertex_tet[i]]) return true;
+        for (int j = 0; j < 4; j++) found += tet[j] == b[0] || tet[j] == b[1];
+        if (found == 2 && tissue->alive[mesh->edge_tet[i]]) return true;
     }
     return false;
 }
@@ -101,8 +101,8 @@ bool tm_touch_may_touch_edges(const tm_touching *t, int32_t a, int32_t b, tm_tou
         from[c] = y[0][c] + s * (y[1][c] - y[0][c]);
         to[c] = y[2][c] + r * (y[3][c] - y[2][c]) - from[c];
     }
-    return !are_opposite(t->world->tissue, va, vb) &&
-           set(t, a, b, t->surface.body[va[0]] == t->surface.body[vb[0]], rest_m, vdot(to, n), pair);
+    return set(t, a, b, t->surface.body[va[0]] == t->surface.body[vb[0]], rest_m, vdot(to, n), pair) &&
+           !are_opposite(t->world->tissue, a, vb);
 }
 
 void tm_touch_try_edges(const tm_touching *t, tm_touch_lists *to, int32_t a, int32_t b) {
