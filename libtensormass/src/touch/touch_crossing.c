@@ -29,15 +29,14 @@ static double motion2_of(const tm_touching *t, int32_t v) {
     return vdot(d, d);
 }
 
-static bool moves_fast(const tm_touching *t, double motion2) {
-    return motion2 > FAST * FAST * t->def.thickness_m * t->def.thickness_m;
+static bool is_fast(const tm_touching *t, int32_t v) {
+    return tm_touch_is_fast_in_frames(t, v, FAST * t->def.thickness_m);
 }
 
-/* Returns whether one of four vertices is fast. */
-static bool has_fast(const tm_touching *t, const int32_t *vertex) {
-    double motion2 = 0;
-    for (int j = 0; j < 4; j++) motion2 = law_max(motion2, motion2_of(t, vertex[j]));
-    return moves_fast(t, motion2);
+static bool has_fast(const tm_touching *t, const int32_t *vertex, int count) {
+    bool fast = false;
+    for (int j = 0; j < count && !fast; j++) fast = is_fast(t, vertex[j]);
+    return fast;
 }
 
 static tm_touch_box box_of_paths(const tm_touching *t, const int32_t *vertex, int count) {
@@ -96,7 +95,8 @@ static bool enters_face(const tm_touching *t, const tm_touch_pair *pair, tm_touc
         if (front == (tm_touch_volume_at(c, end[i + 1]) > 0) || !(front || is_of_two_bodies(t, pair))) continue;
         if (!meet_face(t, pair, w, tm_touch_volume_root(c, end[i], end[i + 1]), front ? 1 : -1, row)) continue;
         tm_touch_place_at(t, pair->a, 0, from);
-        if ((front && has_fast(t, row->vertex)) || tm_touch_is_outside(t, from, tm_touch_body(t, pair->b))) return true;
+        if ((front && has_fast(t, row->vertex, 4)) || tm_touch_is_outside(t, from, tm_touch_body(t, pair->b)))
+            return true;
     }
     return false;
 }
@@ -189,7 +189,7 @@ static bool meet(const tm_touching *t, const tm_touch_pair *pair, const int32_t 
     vcross(da, db, row->normal);
     vunit(row->normal, row->normal);
     vscale(sign, row->normal, row->normal); /* from the first to the second, before they met */
-    const bool stick_out = sticks_out(t, pair->a, share, na) & sticks_out(t, pair->b, share, nb) && has_fast(t, v);
+    const bool stick_out = sticks_out(t, pair->a, share, na) & sticks_out(t, pair->b, share, nb) && has_fast(t, v, 4);
     return (stick_out && vdot(row->normal, na) > 0 && vdot(row->normal, nb) < 0) || were_apart(t, row, share);
 }
 
@@ -237,14 +237,14 @@ typedef struct path {
  * and not faster, in places of the clusters. */
 static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *item, int count, path of[TOGETHER]) {
     tm_touch_box way = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    const double slow_m = t->frames_motion_m + FAST * t->def.thickness_m; /* at most, of what has no search */
     for (int i = 0; i < count; i++) {
         int32_t v[3];
         double motion2 = 0;
         const int vertices = tm_touch_vertices(t, kind, item[i], v);
         for (int j = 0; j < vertices; j++) motion2 = law_max(motion2, motion2_of(t, v[j]));
-        of[i] = (path){box_of_paths(t, v, vertices), t->surface.body[v[0]], moves_fast(t, motion2)};
-        const double others_m = law_max(sqrt(motion2), FAST * t->def.thickness_m); /* or they search themselves */
-        const double grow_m = tm_touch_misplaced_m(t) + others_m;
+        of[i] = (path){box_of_paths(t, v, vertices), t->surface.body[v[0]], has_fast(t, v, vertices)};
+        const double grow_m = tm_touch_misplaced_m(t) + law_max(sqrt(motion2), slow_m);
         for (int c = 0; c < 3; c++) {
             way.low[c] = law_min(way.low[c], of[i].box.low[c] - grow_m);
             way.high[c] = law_max(way.high[c], of[i].box.high[c] + grow_m);
@@ -290,11 +290,21 @@ static void add_row(tm_touching *t, tm_touching_row *row) {
     if (tm_touch_add_row(t, row, t->def.compliance_m_N)) tm_touch_prepare_row(t, t->row_count - 1);
 }
 
-/* Lists the features that are fast by now, or followed in any case: tools push them, so the integrator's bound does not
+static bool is_quick(const tm_touching *t, int32_t v) { return is_fast(t, v) || t->is_followed[v]; }
+
+/* Returns whether a vertex is fast by now, or followed in any case: tools push them, so the integrator's bound does not
  * hold. */
-static bool list_fast(tm_touching *t) {
-    const tm_state *state = &t->world->state;
-    return tm_touch_list_quick(t, state->u_next_m, state->u_m, FAST * t->def.thickness_m, t->is_followed);
+static bool has_quick(const tm_touching *t) {
+    const double limit2 = FAST * FAST * t->def.thickness_m * t->def.thickness_m;
+    double most2 = 0;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) most2 = law_max(most2, motion2_of(t, t->surface.vertex[i]));
+    return most2 > limit2 || t->followed_count > 0;
+}
+
+static bool list_quick(tm_touching *t) {
+    if (!has_quick(t)) return false;
+    tm_touch_find_frames(t);
+    return tm_touch_list_quick(t, is_quick);
 }
 
 /* Lists a part of the pairs of fast features of a kind with those of another. */
@@ -331,7 +341,7 @@ static void search_fast(tm_touching *t) {
 static bool stop_crossings(tm_touching *t) {
     tm_touching_row row;
     const int32_t before = t->row_count;
-    t->may_cross = t->may_cross && list_fast(t);
+    t->may_cross = t->may_cross && list_quick(t);
     if (!t->may_cross) return false;
     search_fast(t);
     for (int32_t i = 0; i < t->fast.vf.count; i++)
@@ -364,7 +374,7 @@ void tm_touch_sweep_last(tm_touching *t) {
 void tm_touch_list_entered(tm_touching *t) {
     if (!t->may_cross || t->def.body_count < 2) return;
     t->may_cross = false;
-    list_fast(t);
+    list_quick(t);
     search_fast(t);
     for (int32_t i = 0; i < t->fast.vf.count; i++) {
         const tm_touch_pair *pair = t->fast.vf.pair + i;

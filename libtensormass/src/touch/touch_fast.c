@@ -118,11 +118,14 @@ static void search_face(tm_touching *t, int32_t face) {
     for (int32_t i = 0; i < count; i++) try_pair(t, t->near_items[i], face);
 }
 
+static bool is_quick(const tm_touching *t, int32_t v) {
+    return motion2_of(t, v) > FAST * FAST * t->def.thickness_m * t->def.thickness_m;
+}
+
 void tm_touch_find_fast(tm_touching *t) {
     t->fast.vf.count = 0;
     if (t->def.body_count < 2 || t->world->settling || !(t->increment_m > FAST * t->def.thickness_m)) return;
-    const tm_state *state = &t->world->state;
-    if (!tm_touch_list_quick(t, state->u_m, state->u_prev_m, FAST * t->def.thickness_m, NULL)) return;
+    if (!tm_touch_list_quick(t, is_quick)) return;
     box_bodies(t);
     for (int32_t i = 0; i < t->quick[TM_TOUCH_VERTICES].count; i++)
         search_vertex(t, t->quick[TM_TOUCH_VERTICES].list[i]);

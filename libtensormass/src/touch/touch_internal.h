@@ -63,6 +63,13 @@ typedef struct tm_touch_box {
     double low[3], high[3];
 } tm_touch_box;
 
+/* A body as a whole in a substep. */
+typedef struct tm_touch_frame {
+    double motion_m[3]; /* mean motion of its surface */
+    tm_touch_box way;   /* of its vertices, from start to end */
+    int32_t count;
+} tm_touch_frame;
+
 typedef struct tm_touch_closest {
     double weight[3]; /* barycentric, of the nearest point of the triangle */
     double offset[3]; /* from that point to the vertex */
@@ -153,6 +160,8 @@ struct tm_touching {
     uint8_t *is_followed;               /* [mesh vertices] those of surfaces with another body behind them */
     int32_t followed_count, *followed;  /* [TM_TOUCH_MAX_FOLLOWED] these */
     tm_touch_box box[TM_MAX_BODIES];    /* of each body */
+    tm_touch_frame frame[TM_MAX_BODIES];
+    double frames_motion_m; /* of the fastest frame */
     int32_t inside_count;
     tm_touch_inside inside[TM_TOUCH_MAX_INSIDE]; /* ascending */
     int32_t found_count;
@@ -273,10 +282,9 @@ void tm_touch_update(tm_touching *touching);
 
 /* Calls `work` once for each part, on all threads with lists of their own, and appends what they found. */
 void tm_touch_divide(tm_touching *touching, tm_touch_work *work, tm_touch_lists *to);
-/* Lists the features with a vertex that moves by more than this between two displacements, or that `also` has (null:
- * none); returns whether there is one. */
-bool tm_touch_list_quick(tm_touching *touching, const double *to_m, const double *from_m, double limit_m,
-                         const uint8_t *also);
+/* Lists the features with a quick vertex; returns whether there is one. */
+typedef bool tm_touch_is_quick(const tm_touching *touching, int32_t vertex);
+bool tm_touch_list_quick(tm_touching *touching, tm_touch_is_quick *is);
 
 /* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
 void tm_touch_find_fast(tm_touching *touching);
@@ -292,6 +300,11 @@ double tm_touch_volume_at(const double cubic[4], double share);
 int tm_touch_volume_parts(const double cubic[4], double end[4]);
 /* Returns where the cubic changes its sign between two shares. */
 double tm_touch_volume_root(const double cubic[4], double low, double high);
+
+/* touch_frames.c: finds the motion of each body in this substep, as known by now. */
+void tm_touch_find_frames(tm_touching *touching);
+/* Returns whether a vertex moves by more than a limit relative to a body that it may meet. */
+bool tm_touch_is_fast_in_frames(const tm_touching *touching, int32_t vertex, double limit_m);
 
 /* touch_crossing.c: sweeps the rows; before some sweeps, adds rows of features that would cross in this substep. */
 void tm_touch_sweep(tm_touching *touching, int32_t sweep);

@@ -5,8 +5,6 @@
 
 #include <string.h>
 
-#include "base/vec.h"
-
 /* --- fresh features --- */
 
 static void add(tm_touch_set *set, int32_t item) {
@@ -84,16 +82,12 @@ static void add_with_quick(tm_touching *t, int kind, const int32_t *item, int32_
     }
 }
 
-bool tm_touch_list_quick(tm_touching *t, const double *to_m, const double *from_m, double limit_m,
-                         const uint8_t *also) {
+bool tm_touch_list_quick(tm_touching *t, tm_touch_is_quick *is) {
     const tm_touch_surface *s = &t->surface;
     tm_touch_set *set = t->quick;
     empty(set);
-    for (int32_t i = 0; i < s->vertex_count; i++) {
-        double d[3];
-        vsub(to_m + 3 * (int64_t)s->vertex[i], from_m + 3 * (int64_t)s->vertex[i], d);
-        if (vdot(d, d) > limit_m * limit_m || (also && also[s->vertex[i]])) add(set + TM_TOUCH_VERTICES, s->vertex[i]);
-    }
+    for (int32_t i = 0; i < s->vertex_count; i++)
+        if (is(t, s->vertex[i])) add(set + TM_TOUCH_VERTICES, s->vertex[i]);
     if (t->all_pairs) {
         add_with_quick(t, TM_TOUCH_FACES, s->face, s->face_count);
         add_with_quick(t, TM_TOUCH_EDGES, s->edge, s->edge_count);
