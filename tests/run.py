@@ -8,6 +8,7 @@ every test, on the wall clock and of processor: build/tests/PHASE.xml."""
 import collections
 import json
 import os
+import pathlib
 import re
 import signal
 import subprocess
@@ -21,8 +22,6 @@ import rooms
 JOBS = os.environ.get("TM_JOBS", "2")
 WAITING = str(int(JOBS) + 1)
 TOGETHER = ("-m", "not clock and not leftover", "-n", JOBS, "--dist", "worksteal")
-# Folders of the leftover tests: reading all tests takes each process seven seconds.
-LEFTOVER = [f for f in sorted({"tests/" + name.split("/")[0] for name in rooms.LEFTOVER}) if os.path.isdir(f)] or ["tests"]
 BESIDE = []  # process of the leftover tests
 RECORDS = []  # files with the seconds of each test
 FEW = 40     # more clock failures than this have another cause
@@ -67,6 +66,16 @@ def processor_seconds(count=8):
     return [f"{folders.total():.0f} s"] + [f"{seconds:.0f} s {name}" for name, seconds in folders.most_common(count) if seconds >= 1]
 
 
+def files_of(marker, names):
+    """Returns the files with tests of this marker, given there or by name: reading all tests takes each process six seconds."""
+    def has(path):
+        name = path.relative_to("tests").as_posix()
+        return any(name.startswith(n) or n.startswith(name) for n in names) or f"mark.{marker}" in path.read_text()
+
+    programs = "tests/test_programs.py"  # named by their folders
+    return [str(path) for path in sorted(pathlib.Path("tests").rglob("test_*.py")) if str(path) == programs or has(path)] or ["tests"]
+
+
 def phase(*arguments, leftover=False, **environment):
     """Runs pytest once; returns counts (passed, failed, skipped, retried). Shows its output at once, or at its end for leftover tests."""
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments, *sys.argv[1:]]
@@ -109,12 +118,12 @@ def by_themselves(counts, failed_json):
 def whole():
     """Runs the phases of all components; returns the counts."""
     leftover = []
-    beside = threading.Thread(target=lambda: leftover.extend(phase(*LEFTOVER, "-m", "leftover", "-n", JOBS, *record("leftover"), leftover=True)))
+    beside = threading.Thread(target=lambda: leftover.extend(phase(*files_of("leftover", rooms.LEFTOVER), "-m", "leftover", "-n", JOBS, *record("leftover"), leftover=True)))
     beside.start()
     with tempfile.TemporaryDirectory() as folder:
         try:
             together = phase("tests", *TOGETHER, *record("together"))
-            clock = phase("tests", "-m", "clock", *record("clock"), "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
+            clock = phase(*files_of("clock", rooms.CLOCK), "-m", "clock", *record("clock"), "-n", WAITING, "--dist", "loadgroup", TM_AGAIN="0", TM_FAILED=f"{folder}/failed.json")
             beside.join()
         except KeyboardInterrupt:
             os.killpg(BESIDE[0], signal.SIGTERM)  # a separate session does not receive Ctrl-C
