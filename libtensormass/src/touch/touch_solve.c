@@ -85,7 +85,8 @@ static void drag(tm_touching *t, int32_t i) {
     tm_touch_solver *s = t->solver + i;
     double way[3], wanted[3];
     tm_touch_slip(row, t->world->state.u_next_m, t->world->state.u_m, way);
-    const double coefficient = t->world->settling ? 0 : LAW_DRAG_S_M * row->lambda_N / t->world->state.dt_s;
+    const bool braked = !t->world->settling || t->world->settle_drag;
+    const double coefficient = braked ? LAW_DRAG_S_M * row->lambda_N / t->world->state.dt_s : 0;
     for (int c = 0; c < 3; c++)
         wanted[c] = -coefficient * (way[c] - s->weight2_m_N * s->drag_N[c]) / (1 + coefficient * s->weight2_m_N);
     const double size = vnorm(wanted);

@@ -87,8 +87,8 @@ static tm_status not_converged(const relaxation *x, tm_error *error) {
     if (x->world->settle_stride_m > 0)
         return tm_fail(
             error, TM_ERR_CONVERGENCE, -1,
-            "the residual is %g after %lld steps, above the tolerance of %g; bodies that contact alone holds "
-            "may slide or tip: add friction to 'touch' or supports, or allow a larger tolerance",
+            "no stable rest was found: the residual is %g after %lld steps, above the tolerance of %g; bodies that "
+            "contact alone holds may slide or tip: add friction to 'touch' or supports, or allow a larger tolerance",
             x->relative, (long long)x->steps, x->def->tolerance);
     return tm_fail(error, TM_ERR_CONVERGENCE, -1,
                    "the residual is %g after %lld steps, above the tolerance of %g; allow more steps or a larger "
@@ -317,7 +317,8 @@ typedef struct damping_turns {
     int32_t downhill; /* steps since momentum last led uphill */
 } damping_turns;
 
-enum { TURN_STEPS = 1000, IDLE_STEPS = 20000, SLIDING_STEPS = 5000 };
+enum { TURN_STEPS = 1000, IDLE_STEPS = 20000, SLIDING_STEPS = 5000, MOTION_STEPS = 12000 };
+static const double NEAR_REST = 1e-7; /* residual at which a motion in time ends */
 
 static double damping_by_momentum(const relaxation *x, damping_turns *d) {
     const tm_state *s = &x->world->state;
@@ -348,37 +349,69 @@ static tm_status check_displacement(const relaxation *x, tm_error *error) {
         if (x->fixed[i] || fabs(u[i]) <= limit_m) continue;
         const int32_t vertex = tm_mesh_original_vertex(x->world->tissue->mesh, i / 3);
         return tm_fail(error, TM_ERR_SUPPORT, vertex,
-                       "vertex %d: its body has moved by more than %.3g m, so neither supports nor contact hold it; "
-                       "add supports, a body beneath it, or friction to 'touch'",
+                       "no stable rest was found: the body of vertex %d has moved by more than %.3g m, so neither "
+                       "supports nor contact hold it; add supports, a body beneath it, or friction to 'touch'",
                        vertex, limit_m);
     }
     return TM_OK;
 }
 
+static void find_relative(relaxation *x) {
+    const tm_state *s = &x->world->state;
+    const double forces = fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n));
+    x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
+}
+
+static void advance(relaxation *x) {
+    tm_state *s = &x->world->state;
+    double *oldest = s->u_prev_m;
+    s->u_prev_m = s->u_m;
+    s->u_m = s->u_next_m;
+    s->u_next_m = oldest;
+}
+
 /* Gives up after `idle_steps` without progress. */
 static tm_status relax_stages(relaxation *x, int32_t idle_steps, tm_error *error) {
-    tm_state *s = &x->world->state;
     if (x->world->nonlinear) lead(x);
     fictitious_masses(x);
     damping_turns turns = {.best = HUGE_VAL, .improved = x->steps, .turn = x->steps};
     double damping = 0;
     for (int calm = 0; calm < 3;) {
         relaxed_pass(x, damping);
-        const double forces = fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n));
-        x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
+        find_relative(x);
         if (!isfinite(x->relative) || x->steps - turns.improved > idle_steps) return not_converged(x, error);
         const tm_status status = x->world->settle_stride_m > 0 ? check_displacement(x, error) : TM_OK;
         if (status) return status;
         calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
         damping = choose_damping(x, &turns);
         memcpy(x->image, x->residual, sizeof(double) * (size_t)x->n);
-        double *oldest = s->u_prev_m;
-        s->u_prev_m = s->u_m;
-        s->u_m = s->u_next_m;
-        s->u_next_m = oldest;
+        advance(x);
         if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
     }
     return TM_OK;
+}
+
+/* Moves bodies as in time, with their masses and the drag of their contact, braked enough for their sway to end soon.
+ * Friction holds a leaning stack by its history, and the relaxation's may keep rows coming and going without end. Ends
+ * near rest. */
+static tm_status move_in_time(relaxation *x, tm_error *error) {
+    tm_state *s = &x->world->state;
+    const double g_m_s2 = fmax(vnorm(tm_world_gravity_m_s2(x->world)), 1), dt_s = s->dt_s;
+    const double damping = fmin(3 * sqrt(g_m_s2 / x->scale.size_m) * dt_s, 1);
+    for (int32_t v = 0; v < x->n / 3; v++) x->mass[v] = x->world->tissue->mass_kg[v] / (dt_s * dt_s);
+    tm_status status = TM_OK;
+    x->relative = HUGE_VAL;
+    x->world->settle_drag = true;
+    for (int32_t k = 0; k < MOTION_STEPS && !status && x->relative > NEAR_REST; k++) {
+        relaxed_pass(x, damping);
+        find_relative(x);
+        status = check_displacement(x, error);
+        advance(x);
+        if (++x->steps >= x->def->max_steps || !isfinite(x->relative) || !report(x)) status = not_converged(x, error);
+    }
+    x->world->settle_drag = false;
+    memcpy(s->u_prev_m, s->u_m, sizeof(double) * (size_t)x->n);
+    return status;
 }
 
 static void keep_stages(tm_world *world, bool recall) {
@@ -407,6 +440,21 @@ static tm_status relax_sliding(relaxation *x, tm_error *error) {
     keep_stages(world, true);
     x->relative = relative, x->held_friction = TM_SETTLE_FRICTION;
     return TM_OK;
+}
+
+/* Relaxes with contact. Linear bodies that do not come to rest begin again by a motion in time. */
+static tm_status relax_held(relaxation *x, tm_error *error) {
+    tm_world *world = x->world;
+    const bool free = world->settle_stride_m > 0 && !world->nonlinear;
+    if (free) keep_stages(world, false);
+    const tm_status status = relax_stages(x, IDLE_STEPS, error);
+    if (status != TM_ERR_CONVERGENCE || !free || x->steps >= x->def->max_steps) return status;
+    keep_stages(world, true);
+    memcpy(world->state.u_m, x->start_u, sizeof(double) * (size_t)x->n);
+    tm_support_impose(world, world->state.u_m);
+    memcpy(world->state.u_prev_m, world->state.u_m, sizeof(double) * (size_t)x->n);
+    const tm_status moved = move_in_time(x, error);
+    return moved ? moved : relax_stages(x, IDLE_STEPS, error);
 }
 
 static bool slides(const tm_world *world) {
@@ -466,7 +514,7 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     tm_status status = linear ? tm_check_constrained(world, x.external, error) : TM_OK;
     if (pressed && linear) find_loads(&x);
     if (!status)
-        status = !linear   ? (slides(world) ? relax_sliding(&x, error) : relax_stages(&x, IDLE_STEPS, error))
+        status = !linear   ? (slides(world) ? relax_sliding(&x, error) : relax_held(&x, error))
                  : law     ? relax_corotated(&x, def, false, error)
                  : pressed ? relax_pressed(&x, error)
                            : relax_linear(&x, error);

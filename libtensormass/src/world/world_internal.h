@@ -113,6 +113,7 @@ struct tm_world {
     void *support;          /* self of the support stage, or null */
     int32_t supports_set;   /* times that it was set or removed */
     void *touching, *ties;  /* self of these stages, or null */
+    bool settle_drag;       /* settling moves bodies as in time, with the drag of their contact */
     double settle_stride_m; /* settling moves a component by at most this in a step, so that none passes through; 0: no
                                limit */
     /* Contact of tissue has less friction than settling holds bodies by where they would slide (settle.c), and the
