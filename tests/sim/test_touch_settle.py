@@ -11,7 +11,7 @@ tissue:
     "gallbladder.*": {{young: 6 kPa, poisson: 0.4}}
 bodies:
   liver: {{mesh: {meshes}/liver_1k.msh}}
-  gallbladder: {{mesh: {meshes}/gallbladder_1k.msh}}
+  gallbladder: {{mesh: {meshes}/gallbladder_1k.msh, move: [0, 0, -18 mm]}}  # apart at rest
 damping: {{rate: 40 /s}}
 gravity: {{acceleration: [0, 0, -2]}}
 contact:
@@ -21,7 +21,7 @@ supports:
   - {{name: ligament, group: liver.ligament}}
   - {{name: cystic duct, group: gallbladder.neck}}
 instruments:
-  - {{mode: probe, radius: 4 mm, trocar: [-20 mm, -80 mm, -180 mm]}}
+  - {{mode: probe, radius: 4 mm, trocar: [-20 mm, -80 mm, -240 mm]}}
 hand:
   - {{instrument: 0, path: [{{time: 0 s, tip: [-20 mm, -60 mm, {tip_mm} mm]}}]}}
 time: {{frame_rate: 25 Hz}}
@@ -49,7 +49,7 @@ def weight_N(said, end):
     return GRAVITY_M_S2 * (1050 * volume[:liver].sum() + 1000 * volume[liver:].sum())
 
 
-@pytest.mark.parametrize("tip_mm", [-150, -60])
+@pytest.mark.parametrize("tip_mm", [-200, -76])
 def test_organs_settle_where_a_simulation_ends_and_supports_bear_them(root, bin, tmp_path, tip_mm):
     """Without and with an instrument that presses against them from below. There the shape depends on its way in."""
     path = tmp_path / "organs.yaml"
@@ -57,7 +57,7 @@ def test_organs_settle_where_a_simulation_ends_and_supports_bear_them(root, bin,
     said, u = settle(path, bin, tmp_path)
     end = simulate(path, bin, tmp_path)
     tool = said["instruments"][0]
-    assert said["touch"]["rows"] > 5 and said["touch"]["normal_sum_N"] > 0.1 and tool["rows"] == (tip_mm == -60)
+    assert said["touch"]["rows"] >= 3 and said["touch"]["normal_sum_N"] > 0.1 and bool(tool["rows"]) == (tip_mm == -76)
     if not tool["rows"]:
         assert np.abs(end["displacement_m"] - u).max() < 1e-4 * np.abs(u).max()
     borne = np.sum([support["reaction_N"] for support in said["supports"]], 0) - tool["force_N"]
