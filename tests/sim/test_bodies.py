@@ -1,5 +1,6 @@
 """Scenes of several bodies: `bodies:` in tm-sim and in Python."""
 import re
+import subprocess
 
 import pytest
 from simkit import report, run
@@ -312,6 +313,15 @@ def test_the_hand_feels_two_bodies_as_well_as_one(bin, block, tmp_path):
     assert found["leaning"][0] > 1.3 * one_N and found["tied"][0] > 1.1 * one_N
     assert all(found["lying"][1]["factor", law] < one["factor", law] for law in ("local_model", "adaptive"))
     assert all(error < 2 * one[k] for name, (_, errors) in found.items() for k, error in errors.items())
+
+
+def test_the_fine_cholecystectomy_is_written_for_real_time(root, build, tmp_path):
+    """`make cholecystectomy FINE=1`: its line that writes the scene, run alone."""
+    said = subprocess.run(["make", "-n", "cholecystectomy", "FINE=1", f"BUILD={build}", "config=release"], cwd=root, capture_output=True, text=True).stdout
+    line = next(line for line in said.splitlines() if line.startswith("sed -e")).rsplit(" > ", 1)[0]
+    scene = subprocess.run(["bash", "-ec", line], cwd=root, capture_output=True, text=True, check=True).stdout
+    for words in ("threads: 2\ntissue:\n  precision: single\n", "step: 1 ms", "liver_18k.msh", "gallbladder_2k.msh", " 20,676 tetrahedra"):
+        assert words in scene, words
 
 
 def test_a_gallbladder_is_drawn_off_its_bed_and_its_ties_are_cut(bin, root, tmp_path):
