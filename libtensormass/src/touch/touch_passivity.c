@@ -18,7 +18,7 @@
 /* Energy below which nothing is done, J. */
 static const double LITTLE_J = 2e-8;
 /* Energy that rows may give in RESERVE_S beyond what they took, to push out what overlaps, J. */
-static const double PUSH_J = 1e-4;
+static const double PUSH_J = 5e-4;
 /* Time after which most of what rows took or pushed is forgotten, s. */
 static const double RESERVE_S = 0.2;
 enum { RELEASES = 2 };
