@@ -17,10 +17,8 @@ static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
  * It may be overdrawn by this share of the stored energy, and again only after that is paid back: the static force
  * along blended normals depends on the path. */
 static const double CREDIT_SHARE = 0.06;
-/* Below this speed a tool may take this share of reaction times travel from the reserve (sliding_J), and overdraw it by
- * this share of the stored energy. A tool that climbs onto a vertex needs up to 0.16 of it, and gives it back beyond:
- * slow strokes to and fro lose energy (test_contact). */
-static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5, SLIDING_CREDIT_SHARE = 0.12;
+/* Below this speed a tool may take this share of reaction times travel from the reserve (sliding_J). */
+static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
 /* Minimum share of its debt that a tool pays back in a substep. */
 static const double DEBT_SHARE = 0.125;
 /* Share of the window's limit from which the estimate of the stored energy is checked. */
@@ -112,9 +110,9 @@ static double gain_J(const tm_tool *tool, const row_sum *sum, double contact_sto
 
 /* --- the limit --- */
 
-/* Returns what is left of the reserve and its credit, and of the other allowances. */
-static double available_J(const tm_tool *tool, double credit_share) {
-    return law_max(tool->reserve_J + credit_share * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
+/* Returns what is left of the reserve and the other allowances. */
+static double available_J(const tm_tool *tool) {
+    return law_max(tool->reserve_J + CREDIT_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
 }
 
 /* Returns the limit in a window. */
@@ -128,7 +126,7 @@ static double recent_generated_J(const tm_tool *tool) {
 
 /* Returns the energy that may be generated in this substep. */
 static double allowed_J(const tm_tool *tool) {
-    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(tool, CREDIT_SHARE)), 0);
+    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(tool)), 0);
 }
 
 /* Returns the part of a travel within one substep that counts as slow. */
@@ -141,12 +139,12 @@ static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) 
     double sum = 0;
     for (int32_t i = s.first; i < s.end; i++)
         sum += contact->row[i].lambda_N * slow_m(vnorm(contact->solver[i].moved_m), contact->world->state.dt_s);
-    return law_min(SLIDING_SHARE * sum, available_J(tool, SLIDING_CREDIT_SHARE));
+    return law_min(SLIDING_SHARE * sum, available_J(tool));
 }
 
 double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s) {
-    const double sliding = SLIDING_SHARE * tool->load_N * slow_m(way_m, dt_s);
-    return allowed_J(tool) + law_min(sliding, available_J(tool, SLIDING_CREDIT_SHARE));
+    const double sliding = law_min(SLIDING_SHARE * tool->load_N * slow_m(way_m, dt_s), available_J(tool));
+    return allowed_J(tool) + sliding;
 }
 
 static void push(tm_contact *contact, span s, double share) {
