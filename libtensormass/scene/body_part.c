@@ -5,6 +5,7 @@
 
 #include "bodies.h"
 #include "libtensormass/numeric/union_find.h"
+#include "scene_parts.h"
 
 /* Joins the vertices of each tetrahedron. */
 static void connect(const tm_mesh_file *file, int32_t *parent) {
@@ -45,23 +46,15 @@ static void drop_empty(tm_mesh_file *file, int32_t *place) {
     file->region_count = regions, file->group_count = groups;
 }
 
-static int32_t find(const tm_mesh_file *file, const char *name) {
-    for (int32_t g = 0; g < file->group_count; g++)
-        if (!strcmp(file->group_name[g], name)) return g;
-    return -1;
-}
-
 static tm_status refuse(const app_scene *scene, const app_body *body, const tm_mesh_file *file) {
-    char names[512] = "none";
-    size_t used = 0;
-    for (int32_t g = 0; g < file->group_count && used < sizeof names; g++)
-        used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", g ? ", " : "", file->group_name[g]);
+    char names[512];
+    app_list_names((const char(*)[64])file->group_name, file->group_count, names);
     return app_scene_bad(scene, body->part.line, "bodies.%s.part: the mesh has no region or group '%s'; it has: %s",
                          body->name.s, body->part.s, names);
 }
 
 tm_status sim_take_part(const app_scene *scene, const app_body *body, tm_mesh_file *file) {
-    const int32_t group = find(file, body->part.s);
+    const int32_t group = app_find_group(file, body->part.s);
     if (group < 0) return refuse(scene, body, file);
     const size_t vertices = (size_t)file->vertex_count + 1, tets = (size_t)file->tet_count + 1;
     int32_t *parent = malloc(sizeof *parent * (vertices + (size_t)file->region_count));

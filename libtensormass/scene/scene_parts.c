@@ -7,18 +7,29 @@
 
 #include "law_keys.h"
 
+void app_list_names(const char (*name)[64], int32_t count, char list[512]) {
+    size_t used = (size_t)snprintf(list, 512, "%s", count ? "" : "none");
+    for (int32_t i = 0; i < count && used < 512; i++)
+        used += (size_t)snprintf(list + used, 512 - used, "%s%s", i ? ", " : "", name[i]);
+}
+
+int32_t app_find_group(const tm_mesh_file *mesh, const char *name) {
+    int32_t g = 0;
+    while (g < mesh->group_count && strcmp(mesh->group_name[g], name)) g++;
+    return g < mesh->group_count ? g : -1;
+}
+
 static tm_status select_group(const app_scene *scene, const app_select *select, const tm_mesh_file *mesh,
                               uint8_t *mark) {
-    for (int32_t g = 0; g < mesh->group_count; g++) {
-        if (strcmp(mesh->group_name[g], select->group.s)) continue;
-        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++) mark[mesh->group_vertex[i]] = 1;
-        return 0;
+    const int32_t g = app_find_group(mesh, select->group.s);
+    char names[512];
+    if (g < 0) {
+        app_list_names((const char(*)[64])mesh->group_name, mesh->group_count, names);
+        return app_scene_bad(scene, select->group.line, "the mesh has no group '%s'; it has: %s", select->group.s,
+                             names);
     }
-    char names[512] = "none";
-    size_t used = 0;
-    for (int32_t g = 0; g < mesh->group_count && used < sizeof names; g++)
-        used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", g ? ", " : "", mesh->group_name[g]);
-    return app_scene_bad(scene, select->group.line, "the mesh has no group '%s'; it has: %s", select->group.s, names);
+    for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++) mark[mesh->group_vertex[i]] = 1;
+    return 0;
 }
 
 static bool is_selected(const app_select *s, const double x[3]) {
@@ -129,18 +140,14 @@ tm_status app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, 
     const app_material *all = scene->material.item;
     for (int i = 0; i < scene->material.count; i++) {
         bool found = !strcmp(all[i].region.s, "*");
-        char names[512] = "";
-        size_t used = 0;
-        for (int32_t r = 0; r < mesh->region_count && !found; r++) {
+        for (int32_t r = 0; r < mesh->region_count && !found; r++)
             found = names_region(all[i].region.s, mesh->region_name[r]);
-            if (used < sizeof names)
-                used +=
-                    (size_t)snprintf(names + used, sizeof names - used, "%s%s", r ? ", " : "", mesh->region_name[r]);
-        }
-        if (!found)
-            return app_scene_bad(scene, all[i].region.line,
-                                 "the mesh has no region '%s'; it has: %s (or write \"*\" for all)", all[i].region.s,
-                                 names);
+        if (found) continue;
+        char names[512];
+        app_list_names((const char(*)[64])mesh->region_name, mesh->region_count, names);
+        return app_scene_bad(scene, all[i].region.line,
+                             "the mesh has no region '%s'; it has: %s (or write \"*\" for all)", all[i].region.s,
+                             names);
     }
     for (int32_t r = 0; r < mesh->region_count; r++) {
         const app_material *m = find_material(scene, mesh->region_name[r]);

@@ -19,6 +19,11 @@ tm_status app_select_vertices(const app_scene *scene, const app_select *select, 
 /* Checks what needs no mesh. app_scene_load does not call it: effects run their checks in the same pass. */
 tm_status app_scene_check(const app_scene *scene);
 
+/* Writes names for a message, "none" without one; what does not fit is left out. */
+void app_list_names(const char (*name)[64], int32_t count, char list[512]);
+/* Returns the index of a group of the mesh, or -1. */
+int32_t app_find_group(const tm_mesh_file *mesh, const char *name);
+
 /* Checks that nonlinear constants belong to the material's law. */
 tm_status app_scene_law_check(const app_scene *scene, const app_material *material);
 /* Fills out[mesh->region_count] with the scene's materials, one per region of the mesh. `default_damping_1_s` applies

@@ -40,19 +40,13 @@ static bool has_fast(const tm_touching *t, const int32_t *vertex, int count) {
 }
 
 static tm_touch_box box_of_paths(const tm_touching *t, const int32_t *vertex, int count) {
-    tm_touch_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    tm_touch_box box = tm_touch_no_box();
     for (int k = 0; k < 2 * count; k++) {
         double x[3];
         tm_touch_place_at(t, vertex[k / 2], k % 2, x);
-        for (int c = 0; c < 3; c++) box.low[c] = law_min(box.low[c], x[c]), box.high[c] = law_max(box.high[c], x[c]);
+        tm_touch_box_add(&box, x);
     }
     return box;
-}
-
-static bool boxes_overlap(const tm_touch_box *a, const tm_touch_box *b) {
-    bool overlap = true;
-    for (int c = 0; c < 3; c++) overlap &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
-    return overlap;
 }
 
 /* --- a vertex and a face --- */
@@ -236,7 +230,7 @@ typedef struct path {
 /* Computes the paths of `count` features, neighbours for the most part. Returns a box around all that is in their way
  * and not faster, in places of the clusters. */
 static tm_touch_box box_of_way(const tm_touching *t, int kind, const int32_t *item, int count, path of[TOGETHER]) {
-    tm_touch_box way = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    tm_touch_box way = tm_touch_no_box();
     const double slow_m = t->frames_motion_m + FAST * t->def.thickness_m; /* at most, of what has no search */
     for (int i = 0; i < count; i++) {
         int32_t v[3];
@@ -272,7 +266,7 @@ static void search(const tm_touching *t, int kind, int against, const int32_t *i
         const int vertices = tm_touch_vertices(t, against, of[k], v);
         const tm_touch_box its = box_of_paths(t, v, vertices);
         for (int i = 0; i < count; i++)
-            if (boxes_overlap(&mine[i].box, &its) && (mine[i].fast || mine[i].body != t->surface.body[v[0]]))
+            if (tm_touch_boxes_overlap(&mine[i].box, &its) && (mine[i].fast || mine[i].body != t->surface.body[v[0]]))
                 list_pair(t, kind, item[i], of[k], to);
     }
 }

@@ -18,17 +18,12 @@ static double motion2_of(const tm_touching *t, int32_t v) {
 
 /* --- boxes of bodies --- */
 
-static void grow(tm_touch_box *box, const double x[3]) {
-    for (int c = 0; c < 3; c++) box->low[c] = law_min(box->low[c], x[c]), box->high[c] = law_max(box->high[c], x[c]);
-}
-
 static void box_bodies(tm_touching *t) {
-    for (int32_t b = 0; b < t->def.body_count; b++)
-        for (int c = 0; c < 3; c++) t->box[b].low[c] = INFINITY, t->box[b].high[c] = -INFINITY;
+    for (int32_t b = 0; b < t->def.body_count; b++) t->box[b] = tm_touch_no_box();
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {
         double x[3];
         tm_touch_at(t->world, t->surface.vertex[i], x);
-        grow(t->box + t->surface.body[t->surface.vertex[i]], x);
+        tm_touch_box_add(t->box + t->surface.body[t->surface.vertex[i]], x);
     }
 }
 

@@ -12,26 +12,21 @@ static void motion_of(const tm_touching *t, int32_t v, double d[3]) {
     vsub(t->world->state.u_next_m + 3 * (int64_t)v, t->world->state.u_m + 3 * (int64_t)v, d);
 }
 
-static void grow(tm_touch_box *box, const double x[3]) {
-    for (int c = 0; c < 3; c++) box->low[c] = law_min(box->low[c], x[c]), box->high[c] = law_max(box->high[c], x[c]);
-}
-
 /* Adds the way of a vertex to its body's frame. */
 static void add_way(const tm_touching *t, int32_t v, tm_touch_frame *frame) {
     double d[3], x[3];
     motion_of(t, v, d);
     vmadd(frame->motion_m, 1, d, frame->motion_m);
-    tm_touch_at(t->world, v, x);
-    grow(&frame->way, x);
-    vmadd(x, 1, d, x);
-    grow(&frame->way, x);
+    for (int end = 0; end < 2; end++) {
+        tm_touch_place_at(t, v, end, x);
+        tm_touch_box_add(&frame->way, x);
+    }
     frame->count++;
 }
 
 void tm_touch_find_frames(tm_touching *t) {
     t->frames_motion_m = 0;
-    for (int32_t b = 0; b < t->def.body_count; b++)
-        t->frame[b] = (tm_touch_frame){.way = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}}};
+    for (int32_t b = 0; b < t->def.body_count; b++) t->frame[b] = (tm_touch_frame){.way = tm_touch_no_box()};
     for (int32_t i = 0; i < t->surface.vertex_count; i++)
         add_way(t, t->surface.vertex[i], t->frame + t->surface.body[t->surface.vertex[i]]);
     for (int32_t b = 0; b < t->def.body_count; b++) {
@@ -39,12 +34,6 @@ void tm_touch_find_frames(tm_touching *t) {
         vscale(1 / law_max(t->frame[b].count, 1), motion, motion);
         t->frames_motion_m = law_max(t->frames_motion_m, vnorm(motion));
     }
-}
-
-static bool meet(const tm_touch_box *a, const tm_touch_box *b) {
-    bool overlap = true;
-    for (int c = 0; c < 3; c++) overlap &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
-    return overlap;
 }
 
 bool tm_touch_is_fast_in_frames(const tm_touching *t, int32_t v, double limit_m) {
@@ -56,7 +45,8 @@ bool tm_touch_is_fast_in_frames(const tm_touching *t, int32_t v, double limit_m)
         double relative[3];
         vsub(d, frame->motion_m, relative);
         if (!(vdot(relative, relative) > limit_m * limit_m)) continue;
-        if (b == body || (tm_touch_enabled(t, body, b) && meet(&t->frame[body].way, &frame->way))) return true;
+        if (b == body || (tm_touch_enabled(t, body, b) && tm_touch_boxes_overlap(&t->frame[body].way, &frame->way)))
+            return true;
     }
     return false;
 }

@@ -2,6 +2,8 @@
 #ifndef TM_TOUCH_INTERNAL_H
 #define TM_TOUCH_INTERNAL_H
 
+#include <math.h>
+
 #include "contact/contact_internal.h"
 #include "tensormass/touch.h"
 
@@ -62,6 +64,18 @@ typedef struct tm_touch_memory {
 typedef struct tm_touch_box {
     double low[3], high[3];
 } tm_touch_box;
+
+static inline tm_touch_box tm_touch_no_box(void) {
+    return (tm_touch_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+}
+static inline void tm_touch_box_add(tm_touch_box *box, const double x[3]) {
+    for (int c = 0; c < 3; c++) box->low[c] = law_min(box->low[c], x[c]), box->high[c] = law_max(box->high[c], x[c]);
+}
+static inline bool tm_touch_boxes_overlap(const tm_touch_box *a, const tm_touch_box *b) {
+    bool overlap = true;
+    for (int c = 0; c < 3; c++) overlap &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
+    return overlap;
+}
 
 /* A body as a whole in a substep. */
 typedef struct tm_touch_frame {
