@@ -72,9 +72,9 @@ static inline void tm_touch_box_add(tm_touch_box *box, const double x[3]) {
     for (int c = 0; c < 3; c++) box->low[c] = law_min(box->low[c], x[c]), box->high[c] = law_max(box->high[c], x[c]);
 }
 static inline bool tm_touch_boxes_overlap(const tm_touch_box *a, const tm_touch_box *b) {
-    bool overlap = true;
-    for (int c = 0; c < 3; c++) overlap &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
-    return overlap;
+    bool meet = true;
+    for (int c = 0; c < 3; c++) meet &= a->low[c] <= b->high[c] && b->low[c] <= a->high[c];
+    return meet;
 }
 
 /* A body as a whole in a substep. */
