@@ -303,6 +303,11 @@ bool tm_touch_list_quick(tm_touching *touching, tm_touch_is_quick *is);
 /* touch_fast.c: finds vertices and faces of two bodies that may meet in this substep from beyond the lists' reach. */
 void tm_touch_find_fast(tm_touching *touching);
 
+/* touch_follow.c: notes vertices of a surface near another body that is behind it; `depth_m`: of the pair. */
+void tm_touch_follow(tm_touching *touching, const tm_touch_pair *pair, double depth_m, const int32_t *vertex,
+                     int count);
+void tm_touch_forget_followed(tm_touching *touching);
+
 /* touch_paths.c */
 /* Computes the place of a vertex at a share of the substep. */
 void tm_touch_place_at(const tm_touching *touching, int32_t vertex, double share, double x[3]);

@@ -66,24 +66,6 @@ bool tm_touch_add_row(tm_touching *t, const tm_touching_row *row, double complia
     return true;
 }
 
-/* --- surfaces with another body behind them --- */
-
-/* Notes vertices of a surface near another body that is behind it. Either that body is inside, or the surface was
- * pushed through its own body and is inside out: rows on it would push to the wrong side. Paths of these vertices are
- * followed (touch_crossing.c). */
-static void follow(tm_touching *t, const int32_t *vertex, int count) {
-    for (int j = 0; j < count && t->followed_count < TM_TOUCH_MAX_FOLLOWED; j++) {
-        if (t->is_followed[vertex[j]]) continue;
-        t->is_followed[vertex[j]] = 1;
-        t->followed[t->followed_count++] = vertex[j];
-    }
-}
-
-static void forget_followed(tm_touching *t) {
-    for (int32_t i = 0; i < t->followed_count; i++) t->is_followed[t->followed[i]] = 0;
-    t->followed_count = 0;
-}
-
 /* --- overlaps --- */
 
 static bool share_a_vertex(const tm_touching *t, int32_t edges, int32_t b, int32_t c) {
@@ -162,11 +144,11 @@ static bool is_own(const tm_touching *t, const tm_touch_pair *pair) {
 }
 
 /* A vertex is behind a face of another body. */
-static void suspect(tm_touching *t, const tm_touch_pair *pair) {
+static void suspect(tm_touching *t, const tm_touch_pair *pair, double depth_m) {
     int32_t v[3];
     tm_touch_suspect(t, pair->a);
     tm_touch_triangle(t, pair->b, v);
-    follow(t, v, 3);
+    tm_touch_follow(t, pair, depth_m, v, 3);
 }
 
 static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch_closest *c, vertex_search *search) {
@@ -176,7 +158,7 @@ static void try_inside(tm_touching *t, const tm_touch_pair *pair, const tm_touch
     if (is_own(t, pair) && is_inverted(t, pair->b, n)) return;
     const double signed_m = vdot(c->offset, n);
     if (signed_m < 0) { /* passed through, if its own surface looks the other way; else it is on the far side */
-        if (!is_own(t, pair)) suspect(t, pair);
+        if (!is_own(t, pair)) suspect(t, pair, -signed_m);
         vertex_normal(t, pair->a, own);
         if (-signed_m > t->def.thickness_m || vdot(own, n) > -0.1 || are_crushed(t, 0, pair)) return;
         t->report.deepest_m = law_max(t->report.deepest_m, -signed_m);
@@ -292,8 +274,8 @@ static void try_edges(tm_touching *t, tm_touch_pair *pair) {
     vsub(x[1], x[0], da);
     vsub(x[3], x[2], db);
     for (int c = 0; c < 3; c++) gap[c] = x[2][c] + r * db[c] - x[0][c] - s * da[c];
-    if (!own && vdot(gap, na) < 0) follow(t, va, 2);
-    if (!own && vdot(gap, nb) > 0) follow(t, vb, 2);
+    if (!own && vdot(gap, na) < 0) tm_touch_follow(t, pair, distance_m, va, 2);
+    if (!own && vdot(gap, nb) > 0) tm_touch_follow(t, pair, distance_m, vb, 2);
     if (!(share_a * share_b > 1e-3)) return;
     vcross(da, db, n);
     vunit(n, n);
@@ -385,7 +367,7 @@ void tm_touch_find(tm_touching *t) {
     tm_touch_find_inside(t);
     t->row_count = 0;
     t->report.deepest_m = 0;
-    forget_followed(t);
+    tm_touch_forget_followed(t);
     find_vertices(t);
     tm_touch_check_suspect(t);
     for (int32_t i = 0; i < t->inside_count; i++)
