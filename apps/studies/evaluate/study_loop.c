@@ -66,7 +66,11 @@ static void surface_force(const hrt_patch *patch, const hrt_params *params, cons
     hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
     hrt_extrapolation_reset(&x, HRT_LOCAL_MODEL);
     hrt_extrapolation_sample(&x, params, &s);
-    for (int i = 0; i < 10; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
+    float before[3] = {NAN, NAN, NAN};
+    for (int i = 0; i < 10 && memcmp(before, force, sizeof before) != 0; i++) {
+        memcpy(before, force, sizeof before);
+        hrt_extrapolation_force(&x, params, 0, tip, force);
+    }
 }
 
 static void surface_stiffness(const hrt_patch *patch, const hrt_params *params, const float tip[3], double K[9]) {
@@ -231,7 +235,8 @@ static void add_error(loop *l, loop_result *r, int *count) {
     ++*count;
 }
 
-static loop_result run_loop(const loop_case *c, double compliance) {
+/* Runs the loop. `settling` asks whether it settles alone, so that one whose limits act ends at once. */
+static loop_result run_loop(const loop_case *c, double compliance, bool settling) {
     static loop l;
     loop_result r = {0};
     tensormass_tool_state_t tool = {0};
@@ -239,7 +244,7 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     int samples = 0;
     if (!set_up(&l, c, compliance)) return r;
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
-    for (int64_t t = 0; t < end; t += c->tick_us) {
+    for (int64_t t = 0; t < end && !(settling && r.limited); t += c->tick_us) {
         int64_t now = 1000000 + t;
         double s = 1e-6 * (double)t,
                joint[HRT_JOINTS] = {0, 0, l.touch_m + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
@@ -282,7 +287,7 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
             *beyond = true;
             return best;
         }
-        loop_result r = run_loop(c, compliance);
+        loop_result r = run_loop(c, compliance, true);
         if (r.settled)
             best = r, good = compliance;
         else
@@ -291,7 +296,7 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
     if (!(good > 0)) return best;
     for (int i = 0; i < (quick ? 2 : 3); i++) {
         double middle = sqrt(good * bad);
-        loop_result r = run_loop(c, middle);
+        loop_result r = run_loop(c, middle, true);
         if (r.settled)
             best = r, good = middle;
         else
@@ -383,7 +388,7 @@ static void add_device_errors(cJSON *rows, bool quick) {
                                      .tick_us = 1000000 / rate,
                                      .device = device,
                                      .device_late_us = late_us};
-                const loop_result r = run_loop(&c, compliance_m_N);
+                const loop_result r = run_loop(&c, compliance_m_N, false);
                 app_json_add(rows, "device %s rate_Hz %d late_ms %g error_mN %g error_max_mN %g settled %hhd",
                              device->name, rate, 1e-3 * late_us, 1e3 * r.error_N, 1e3 * r.error_max_N, r.settled);
             }

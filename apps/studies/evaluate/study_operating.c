@@ -10,15 +10,15 @@
 
 static const struct {
     const char *file, *name;
-    bool quick;      /* also in the short form */
+    double quick_s;  /* duration of the short form; 0: not in it */
     const char *set; /* null: unchanged scene */
-} scenes[] = {{"liver-press", "liver-press", true, NULL},
-              {"liver-lift", "liver-lift", false, NULL},
-              {"liver-cut", "liver-cut", false, NULL},
-              {"liver-dissect", "liver-dissect", true, NULL},
-              {"liver-lift", "liver-lift, fade", false, "cut.fade=50ms"},
-              {"liver-cut", "liver-cut, fade", false, "cut.fade=50ms"},
-              {"liver-dissect", "liver-dissect, fade", true, "cut.fade=50ms"}};
+} scenes[] = {{"liver-press", "liver-press", 5.8, NULL},
+              {"liver-lift", "liver-lift", 0, NULL},
+              {"liver-cut", "liver-cut", 0, NULL},
+              {"liver-dissect", "liver-dissect", 9.5, NULL},
+              {"liver-lift", "liver-lift, fade", 0, "cut.fade=50ms"},
+              {"liver-cut", "liver-cut, fade", 0, "cut.fade=50ms"},
+              {"liver-dissect", "liver-dissect, fade", 4.6, "cut.fade=50ms"}};
 enum { SCENES = sizeof scenes / sizeof *scenes, LATEST = 2 };
 
 static const double rates_Hz[] = {25, 50, 100, 250, 500}, quick_rates_Hz[] = {25, 500};
@@ -76,7 +76,7 @@ static int one_scene(int which, bool quick, cJSON *rows) {
     char scene[256], file[2048];
     snprintf(scene, sizeof scene, "apps/scenes/%s.yaml", scenes[which].file);
     app_shared_file(scene, file, sizeof file);
-    const scene_record of = {.scene = file, .set = set};
+    const scene_record of = {.scene = file, .set = set, .duration_s = quick ? scenes[which].quick_s : 0};
     progress(name, done);
     int rc = record_scene_truth(&of, truth);
     for (size_t k = 0; k < rates && !rc; k++) {
@@ -90,6 +90,6 @@ static int one_scene(int which, bool quick, cJSON *rows) {
 int study_operating(const study_run *run, cJSON *rows) {
     int rc = 0;
     for (int i = 0; i < SCENES && !rc; i++)
-        if (scenes[i].quick || !run->quick) rc = one_scene(i, run->quick, rows);
+        if (scenes[i].quick_s > 0 || !run->quick) rc = one_scene(i, run->quick, rows);
     return rc;
 }

@@ -63,8 +63,26 @@ static int sampled_at(model m, const path *p, double rate, bool encoders, const 
 
 static const conditions ideal = {.seed = 1};
 
-/* Studies one path at one speed: every rate in turn, then every condition at 20 Hz. */
-static int one_speed(const study_run *run, model m, double speed, double tremor, path_kind kind, cJSON *rows) {
+/* Reproduces the paper's figure 5: impulses, line and error at 20 Hz, in the plane of the slide. */
+static void figure5(const recording *r, model m, cJSON *out) {
+    float *force = app_zeroed(3 * (size_t)r->ticks, sizeof *force);
+    cJSON *samples = cJSON_AddArrayToObject(out, "samples"), *line = cJSON_AddArrayToObject(out, "truth"),
+          *series = cJSON_AddObjectToObject(out, "extrapolators");
+    for (int i = 0; i < r->samples; i++)
+        cJSON_AddItemToArray(samples, cJSON_CreateFloatArray(r->sample[i].sample.force_N, 3));
+    for (int k = 0; k < r->ticks; k += 2) cJSON_AddItemToArray(line, cJSON_CreateFloatArray(r->truth_N + 3 * k, 3));
+    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+        replay(r, (hrt_extrapolator)x, &ideal, force);
+        cJSON *own = cJSON_AddArrayToObject(series, hrt_extrapolator_name((hrt_extrapolator)x));
+        for (int k = 0; k < r->ticks; k += 2) cJSON_AddItemToArray(own, cJSON_CreateFloatArray(force + 3 * k, 3));
+    }
+    app_json_add(out, "dt_s %g model %s", 2e-6 * TICK_US, model_name[m]);
+    free(force);
+}
+
+/* Studies one path at one speed: every rate in turn, then every condition at 20 Hz; and `figure`, if not null. */
+static int one_speed(const study_run *run, model m, double speed, double tremor, path_kind kind, cJSON *rows,
+                     cJSON *figure) {
     path p = path_make(kind, speed, tremor);
     recording truth = {0}, r = {0};
     setting s = {.model = model_name[m], .path = path_name[kind], .speed = speed, .tremor = tremor, .encoders = true};
@@ -87,6 +105,7 @@ static int one_speed(const study_run *run, model m, double speed, double tremor,
                 add_errors(rows, &r, &s, &(conditions){.jitter = 0.25 * k, .seed = 2}, "model");
             for (int k = 1; k <= 3; k++) add_errors(rows, &r, &s, &(conditions){.loss = 0.1 * k, .seed = 3}, "model");
         }
+        if (twenty && figure) figure5(&r, m, figure);
         if (twenty) {
             truth_by_interpolation(&r);
             add_errors(rows, &r, &s, &ideal, "interpolated");
@@ -111,32 +130,6 @@ static int without_encoders(model m, cJSON *rows) {
     return rc;
 }
 
-/* Reproduces the paper's figure 5: impulses, line and error at 20 Hz, in the plane of the slide. */
-static int figure5(model m, cJSON *out) {
-    path p = path_make(PATH_TOUR, 0.01, 0);
-    recording truth = {0}, r = {0};
-    int rc = record_truth(m, &p, true, &truth);
-    if (!rc) rc = sampled_at(m, &p, 20, true, &truth, &r);
-    float *force = rc ? NULL : malloc(3 * (size_t)r.ticks * sizeof *force);
-    if (force) {
-        cJSON *samples = cJSON_AddArrayToObject(out, "samples"), *line = cJSON_AddArrayToObject(out, "truth"),
-              *series = cJSON_AddObjectToObject(out, "extrapolators");
-        for (int i = 0; i < r.samples; i++)
-            cJSON_AddItemToArray(samples, cJSON_CreateFloatArray(r.sample[i].sample.force_N, 3));
-        for (int k = 0; k < r.ticks; k += 2) cJSON_AddItemToArray(line, cJSON_CreateFloatArray(r.truth_N + 3 * k, 3));
-        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
-            replay(&r, (hrt_extrapolator)x, &ideal, force);
-            cJSON *own = cJSON_AddArrayToObject(series, hrt_extrapolator_name((hrt_extrapolator)x));
-            for (int k = 0; k < r.ticks; k += 2) cJSON_AddItemToArray(own, cJSON_CreateFloatArray(force + 3 * k, 3));
-        }
-        app_json_add(out, "dt_s %g model %s", 2e-6 * TICK_US, model_name[m]);
-    }
-    free(force);
-    recording_free(&r);
-    recording_free(&truth);
-    return rc;
-}
-
 int study_rates(const study_run *run, cJSON *out) {
     cJSON *rows = cJSON_AddArrayToObject(out, "rows"), *figure = cJSON_AddObjectToObject(out, "figure5");
     int rc = 0;
@@ -148,15 +141,14 @@ int study_rates(const study_run *run, cJSON *out) {
             if ((run->quick || m == MODEL_FIBRED || m == MODEL_HYBRID || m == MODEL_CUT) && !basic) continue;
             if (m == MODEL_HYBRID && fabs(speeds[i] - 0.01) > 1e-9) continue;
             progress(model_name[m], (double)i / SPEEDS);
-            rc = one_speed(run, (model)m, speeds[i], TREMOR_M, PATH_TOUR, rows);
+            rc = one_speed(run, (model)m, speeds[i], TREMOR_M, PATH_TOUR, rows, NULL);
             if (!rc && fabs(speeds[i] - 0.01) < 1e-9 && m != MODEL_HYBRID)
-                rc = one_speed(run, (model)m, speeds[i], 0, PATH_TOUR, rows);
+                rc = one_speed(run, (model)m, speeds[i], 0, PATH_TOUR, rows, drawn ? NULL : figure), drawn = true;
         }
         if (m == MODEL_HYBRID) continue;
-        if (!rc && run->path[PATH_REVERSALS]) rc = one_speed(run, (model)m, 0.05, 0, PATH_REVERSALS, rows);
+        if (!rc && run->path[PATH_REVERSALS]) rc = one_speed(run, (model)m, 0.05, 0, PATH_REVERSALS, rows, NULL);
         if (!run->path[PATH_TOUR]) continue;
         if (!rc) rc = without_encoders((model)m, rows);
-        if (!rc && !drawn) rc = figure5((model)m, figure), drawn = true;
     }
     return rc ? rc : study_hands(run, rows);
 }
