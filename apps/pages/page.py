@@ -64,7 +64,7 @@ def spread_labels(figure):
     labels = [text for axis in figure.axes for text in axis.texts if text.get_gid() == LINE_LABEL]
     if len(labels) < 2:
         return
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     points = 72 / figure.dpi
     for _ in range(60):
         boxes = sorted(((text.get_window_extent(), text) for text in labels), key=lambda b: b[0].y0)
@@ -232,9 +232,9 @@ class Page:
     def figure(self, name, figure, caption, command=None):
         """Embeds a matplotlib figure and writes NAME.png and NAME.svg."""
         thin_ticks(figure)
+        # Has been laid out (thin_ticks) and is measured once: each save would repeat both, at the cost of two drawings.
+        figure.set_layout_engine(None)
         spread_labels(figure)
-        # Lays out (thin_ticks) and measures once: each save would repeat both, at the cost of two drawings.
-        figure.set_layout_engine("none")
         box = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
         png = io.BytesIO()
         figure.savefig(png, format="png", bbox_inches=box)
