@@ -32,12 +32,12 @@ typedef struct overlap_scene {
     const tm_tissue *tissue;
     const int32_t *tet_body; /* null: one body */
     int32_t body_count;
-    const uint8_t *pair; /* [body_count*body_count] or null, as in tm_touching_def */
-    double *x;           /* [3*vertices] places */
-    int32_t *edge;       /* [2*edges] of the surface */
-    int32_t *body;       /* [vertices] of vertices on the surface; -1: inside */
-    overlap_face *face;  /* of the surface */
-    overlap_box *tet_box, *face_box;
+    const uint8_t *pair;      /* [body_count*body_count] or null, as in tm_touching_def */
+    double *x;                /* [3*vertices] places */
+    const int32_t *edge;      /* [2*edges] of the surface */
+    int32_t *body;            /* [vertices] of vertices on the surface; -1: inside */
+    const overlap_face *face; /* of the surface */
+    overlap_box *tet_box, *face_box, body_box[TM_MAX_BODIES];
     int32_t faces, edges;
     overlap found;
 } overlap_scene;
@@ -80,14 +80,21 @@ static inline overlap_face overlap_make_face(const int32_t *tet, int32_t t, int 
     return f;
 }
 
+/* The surface of the last measurement: it changes with the living tetrahedra alone, and finding it takes longer than
+ * the rest. */
+typedef struct overlap_surface {
+    int32_t *tet; /* [4*tets] and [tets] bytes `alive`: the tissue that it is of */
+    uint8_t *alive;
+    overlap_face *face;
+    int32_t *edge, tets, faces, edges;
+} overlap_surface;
+
 /* Lists the faces of one living tetrahedron alone. */
-static inline void overlap_list_faces(overlap_scene *s) {
-    const tm_mesh *mesh = s->tissue->mesh;
+static inline void overlap_list_faces(overlap_surface *s) {
     int32_t count = 0;
-    s->face = malloc(sizeof *s->face * 4 * (size_t)mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int j = 0; j < 4 && s->tissue->alive[t]; j++)
-            s->face[count++] = overlap_make_face(mesh->tet + 4 * (int64_t)t, t, j);
+    s->faces = 0, s->face = malloc(sizeof *s->face * 4 * (size_t)s->tets);
+    for (int32_t t = 0; t < s->tets; t++)
+        for (int j = 0; j < 4 && s->alive[t]; j++) s->face[count++] = overlap_make_face(s->tet + 4 * (int64_t)t, t, j);
     qsort(s->face, (size_t)count, sizeof *s->face, overlap_compare_faces);
     for (int32_t i = 0, next; i < count; i = next) {
         for (next = i + 1; next < count && !overlap_compare_faces(s->face + i, s->face + next);) next++;
@@ -95,14 +102,13 @@ static inline void overlap_list_faces(overlap_scene *s) {
     }
 }
 
-static inline void overlap_list_edges(overlap_scene *s) {
+static inline void overlap_list_edges(overlap_surface *s) {
     int32_t count = 0;
-    s->edge = malloc(sizeof *s->edge * 6 * (size_t)(s->faces + 1));
+    s->edges = 0, s->edge = malloc(sizeof *s->edge * 6 * (size_t)(s->faces + 1));
     for (int32_t i = 0; i < s->faces; i++)
         for (int j = 0; j < 3; j++) {
             const int32_t *key = s->face[i].key;
             s->edge[2 * count] = key[j == 2], s->edge[2 * count++ + 1] = key[j == 0 ? 1 : 2];
-            s->body[key[j]] = overlap_body(s, s->face[i].tet);
         }
     qsort(s->edge, (size_t)count, 2 * sizeof *s->edge, overlap_compare_edges);
     for (int32_t i = 0; i < count; i++)
@@ -110,14 +116,35 @@ static inline void overlap_list_edges(overlap_scene *s) {
             memmove(s->edge + 2 * s->edges++, s->edge + 2 * i, 2 * sizeof *s->edge);
 }
 
+static inline const overlap_surface *overlap_surface_of(const tm_tissue *tissue) {
+    static overlap_surface s;
+    const size_t tets = (size_t)tissue->mesh->tet_count, bytes = sizeof *s.tet * 4 * tets;
+    if (s.tets == tissue->mesh->tet_count && memcmp(s.tet, tissue->mesh->tet, bytes) == 0 &&
+        memcmp(s.alive, tissue->alive, tets) == 0)
+        return &s;
+    free(s.tet), free(s.alive), free(s.face), free(s.edge);
+    s.tets = tissue->mesh->tet_count, s.tet = malloc(bytes), s.alive = malloc(tets);
+    memcpy(s.tet, tissue->mesh->tet, bytes), memcpy(s.alive, tissue->alive, tets);
+    overlap_list_faces(&s);
+    overlap_list_edges(&s);
+    return &s;
+}
+
 static inline overlap_box overlap_box_around(const overlap_scene *s, const int32_t *vertex, int count) {
     overlap_box b = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
     for (int j = 0; j < count; j++)
         for (int c = 0; c < 3; c++) {
             const double x = s->x[3 * vertex[j] + c];
-            b.low[c] = fmin(b.low[c], x), b.high[c] = fmax(b.high[c], x);
+            b.low[c] = x < b.low[c] ? x : b.low[c], b.high[c] = x > b.high[c] ? x : b.high[c];
         }
     return b;
+}
+
+static inline void overlap_box_join(overlap_box *to, const overlap_box *b) {
+    for (int c = 0; c < 3; c++) {
+        to->low[c] = b->low[c] < to->low[c] ? b->low[c] : to->low[c];
+        to->high[c] = b->high[c] > to->high[c] ? b->high[c] : to->high[c];
+    }
 }
 
 static inline bool overlap_boxes_meet(const overlap_box *a, const overlap_box *b) {
@@ -131,17 +158,31 @@ static inline void overlap_open(overlap_scene *s, const double *u_m) {
     s->body = malloc(sizeof *s->body * (size_t)mesh->vertex_count);
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->x[i] = mesh->rest_m[i] + u_m[i];
     for (int32_t v = 0; v < mesh->vertex_count; v++) s->body[v] = -1;
-    overlap_list_faces(s);
-    overlap_list_edges(s);
+    const overlap_surface *surface = overlap_surface_of(s->tissue);
+    s->face = surface->face, s->faces = surface->faces, s->edge = surface->edge, s->edges = surface->edges;
+    for (int32_t f = 0; f < 3 * s->faces; f++)
+        s->body[s->face[f / 3].vertex[f % 3]] = overlap_body(s, s->face[f / 3].tet);
     s->tet_box = malloc(sizeof *s->tet_box * (size_t)mesh->tet_count);
     s->face_box = malloc(sizeof *s->face_box * (size_t)(s->faces + 1));
     for (int32_t t = 0; t < mesh->tet_count; t++)
         s->tet_box[t] = overlap_box_around(s, mesh->tet + 4 * (int64_t)t, s->tissue->alive[t] ? 4 : 0);
-    for (int32_t f = 0; f < s->faces; f++) s->face_box[f] = overlap_box_around(s, s->face[f].vertex, 3);
+    for (int32_t k = 0; k < s->body_count; k++) s->body_box[k] = overlap_box_around(s, NULL, 0);
+    for (int32_t f = 0; f < s->faces; f++) {
+        s->face_box[f] = overlap_box_around(s, s->face[f].vertex, 3);
+        overlap_box_join(s->body_box + overlap_body(s, s->face[f].tet), s->face_box + f);
+    }
 }
 
-static inline void overlap_close(overlap_scene *s) {
-    free(s->x), free(s->body), free(s->face), free(s->edge), free(s->tet_box), free(s->face_box);
+static inline void overlap_close(overlap_scene *s) { free(s->x), free(s->body), free(s->tet_box), free(s->face_box); }
+
+/* Returns the squared distance between a point and a box. */
+static inline double overlap_to_box2(const overlap_box *b, const double *p) {
+    double far2 = 0;
+    for (int c = 0; c < 3; c++) {
+        const double d = p[c] < b->low[c] ? b->low[c] - p[c] : p[c] > b->high[c] ? p[c] - b->high[c] : 0;
+        far2 += d * d;
+    }
+    return far2;
 }
 
 /* --- points --- */
@@ -193,7 +234,8 @@ static inline bool overlap_is_inverted(const overlap_scene *s, int32_t a, int32_
 static inline bool overlap_is_by_crushed(const overlap_scene *s, const double p[3], int32_t body) {
     for (int32_t t = 0; t < s->tissue->mesh->tet_count; t++) {
         const int32_t *v = s->tissue->mesh->tet + 4 * (int64_t)t;
-        if (overlap_body(s, t) != body || overlap_sign(s, t, p) == 0) continue;
+        if (overlap_body(s, t) != body || overlap_to_box2(s->tet_box + t, p) > 0 || overlap_sign(s, t, p) == 0)
+            continue;
         for (int j = 0; j < 4; j++)
             if (overlap_is_inverted(s, v[j], v[j])) return true;
     }
@@ -235,7 +277,7 @@ static inline double overlap_to_face(const overlap_scene *s, const overlap_face 
 static inline double overlap_depth(const overlap_scene *s, const double *p, int32_t body, int32_t a, int32_t b) {
     double best = INFINITY;
     for (int32_t f = 0; f < s->faces; f++)
-        if (overlap_body(s, s->face[f].tet) == body &&
+        if (overlap_body(s, s->face[f].tet) == body && !(overlap_to_box2(s->face_box + f, p) > best * best) &&
             !(overlap_has(s->face[f].vertex, 3, a) && overlap_has(s->face[f].vertex, 3, b)))
             best = fmin(best, overlap_to_face(s, s->face + f, p));
     return best;
@@ -282,13 +324,21 @@ static inline double overlap_pierces(const overlap_scene *s, int32_t a, int32_t 
     return u > 0 && v > 0 && u + v < 1 && at > 0 && at < 1 ? at : -1;
 }
 
+/* Returns whether the box of an edge meets that of a body that it may touch. */
+static inline bool overlap_is_near_any(const overlap_scene *s, int32_t body, const overlap_box *box) {
+    for (int32_t k = 0; k < s->body_count; k++)
+        if (overlap_touches(s, body, k) && overlap_boxes_meet(box, s->body_box + k)) return true;
+    return false;
+}
+
 /* Lists where an edge pierces faces, ascending, between 0 and 1. Returns the count with both ends. */
 enum { OVERLAP_CUTS = 64, OVERLAP_POINTS = 15 };
 static inline int overlap_list_cuts(const overlap_scene *s, const int32_t *edge, double *at) {
     const overlap_box box = overlap_box_around(s, edge, 2);
     int count = 1;
     at[0] = 0;
-    for (int32_t f = 0; f < s->faces && count < OVERLAP_CUTS - 1; f++) {
+    const int32_t faces = overlap_is_near_any(s, s->body[edge[0]], &box) ? s->faces : 0;
+    for (int32_t f = 0; f < faces && count < OVERLAP_CUTS - 1; f++) {
         const int32_t *v = s->face[f].vertex;
         if (!overlap_boxes_meet(&box, s->face_box + f) || overlap_has(v, 3, edge[0]) || overlap_has(v, 3, edge[1]))
             continue;

@@ -190,7 +190,7 @@ static void lists_and_rows_after_cuts_are_those_of_all_pairs(void **state) {
         for (int k = 0; k < 2; k++) cut_and_throw(b + k, random + k, i < 4 ? 0 : i, &put_in_J); /* at rest until then */
         for (int n = 0; n < 5; n++) {
             for (int k = 0; k < 2; k++) {
-                assert_int_equal(tm_world_step(b[k].world, n == 0 ? 1 : 6), TM_OK);
+                assert_int_equal(tm_world_step(b[k].world, n == 0 ? 1 : 3), TM_OK);
                 count[k] = tm_touching_rows(b[k].touching, row + k);
             }
             assert_int_equal(count[0], count[1]);

@@ -28,7 +28,7 @@ static void a_vertex_at_four_metres_a_second_is_stopped(void **state) {
     for (int up = 0; up < 2; up++)
         for (int which = 0; which < (test_is_sanitized() ? 1 : 16); which += 3) {
             bodies b = two(2e-3, 1), all = two(2e-3, 1);
-            all.touching->all_pairs = true;
+            all.touching->all_pairs = which % 2 == 0;
             tm_state *s[] = {tm_world_state(b.world), tm_world_state(all.world)};
             int32_t v = at_underside(&b, which);
             for (int32_t k = 0, n = 0; up && k < b.body_begin[1]; k++)
@@ -64,10 +64,9 @@ static double true_overlap_m(const bodies *b) {
 static void a_body_inside_another_comes_out(void **state) {
     (void)state;
     bodies b = pressed_in(1, false);
-    double most = 0;
+    double most = 0, true_m;
     int32_t steps = 0;
-    for (; true_overlap_m(&b) > 0 && steps < 1000; steps++) {
-        const double true_m = true_overlap_m(&b);
+    for (; (true_m = true_overlap_m(&b)) > 0 && steps < 1000; steps++) {
         assert_int_equal(tm_world_step(b.world, 1), TM_OK);
         const double reported_m = tm_touching_get_report(b.touching).deepest_m;
         if (reported_m > true_m + 1e-9) fail_msg("%.6g mm reported of %.6g mm", 1e3 * reported_m, 1e3 * true_m);
