@@ -173,7 +173,7 @@ INSIDE void TM_NAME(root)(V8 *x) {
 #elif TM_WIDTH == 8
     *x = (V8)_mm256_sqrt_ps((__m256)*x);
 #else
-    for (int l = 0; l < TM_WIDTH; l++) (*x)[l] = __builtin_sqrtf((*x)[l]);
+    *x = (V8){__builtin_sqrtf((*x)[0]), __builtin_sqrtf((*x)[1]), __builtin_sqrtf((*x)[2]), __builtin_sqrtf((*x)[3])};
 #endif
 #elif defined(TM_NEON_FORM)
     *x = (V8)vsqrtq_f64((float64x2_t)*x);
@@ -182,7 +182,7 @@ INSIDE void TM_NAME(root)(V8 *x) {
 #elif TM_WIDTH == 4
     *x = (V8)_mm256_sqrt_pd((__m256d)*x);
 #else
-    for (int l = 0; l < TM_WIDTH; l++) (*x)[l] = __builtin_sqrt((*x)[l]);
+    *x = (V8){__builtin_sqrt((*x)[0]), __builtin_sqrt((*x)[1])};
 #endif
 }
 

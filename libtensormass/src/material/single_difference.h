@@ -58,8 +58,10 @@ INSIDE void TM_NAME(origin_of)(const double *from, const int32_t *corner, TM_NAM
         for (int l = 0; l < TM_WIDTH; l++) first[i][l] = from[corner[l] + i];
 }
 
+/* Not lane by lane into d: each would be a store that the next load of the vector waits for. */
 INSIDE void TM_NAME(difference)(const double *from, const int32_t *corner, TM_NAME(origin) first, V8 d[3]) {
     for (int i = 0; i < 3; i++)
-        for (int l = 0; l < TM_WIDTH; l++) d[i][l] = (float)(from[corner[l] + i] - first[i][l]);
+        d[i] = (V8){(float)(from[corner[0] + i] - first[i][0]), (float)(from[corner[1] + i] - first[i][1]),
+                    (float)(from[corner[2] + i] - first[i][2]), (float)(from[corner[3] + i] - first[i][3])};
 }
 #endif
