@@ -14,6 +14,19 @@
 
 /* --- largest eigenvalues of single tetrahedra, the basis of critical steps (Irons) --- */
 
+/* Returns a bound of the largest eigenvalue of a symmetric A, by the norm of its square: 3 % above it if the next one
+ * is half as large. It costs a twentieth of the eigenvalues. */
+static double largest_at_most(const double A[36]) {
+    double sum = 0;
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j <= i; j++) {
+            double square = 0;
+            for (int k = 0; k < 6; k++) square += A[6 * i + k] * A[6 * j + k];
+            sum += (i == j ? 1 : 2) * square * square;
+        }
+    return sqrt(sqrt(sum));
+}
+
 /* K_e = V B^T C B and M_e = rho V/4: the eigenvalues are 4/rho times those of L^T (B B^T) L, C = L L^T. */
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor) {
     const tm_material *material = tm_tissue_tet_material(tissue, tet);
@@ -29,6 +42,7 @@ double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double 
     for (int i = 0; i < 6; i++) trace += G[7 * i];
     if (!tissue->smoothed && scale * trace * tm_material_stiffest_Pa(material) <= floor) return 0;
     tm_linear_gram(&field, tet, G, A);
+    if (scale * largest_at_most(A) <= (1 - 1e-12) * floor) return 0;
     tm_diagonalise6(A);
     double most = 0;
     for (int i = 0; i < 6; i++) most = fmax(most, A[7 * i]);
