@@ -27,12 +27,11 @@ put() {
         done > "$new.folders"
     (cd "$stage" && find . -mindepth 1 ! -type d -printf '/%P\n') | sort > "$new"
     mkdir -p "$lists"
-    while read -r path; do
-        mkdir -p "$DESTDIR${path%/*}"
-        # Copies under another name, then renames: writing into a program that runs would fail.
-        cp -P --preserve=mode "$stage$path" "$DESTDIR$path.installing"
-        mv -f "$DESTDIR$path.installing" "$DESTDIR$path"
-    done < "$new"
+    sed 's|/[^/]*$||' "$new" | sort -u | while read -r folder; do
+        mkdir -p "$DESTDIR$folder"
+        # Removes what is there first: writing into a program that runs would fail.
+        find "$stage$folder" -mindepth 1 -maxdepth 1 ! -type d -exec cp -P --preserve=mode --remove-destination -t "$DESTDIR$folder" {} +
+    done
     cat "$new" "$new.folders" > "$lists/$part"
     rm -f "$new.folders"
     while read -r path; do
