@@ -11,8 +11,8 @@ import pytest
 
 HERE = pathlib.Path(__file__).resolve().parent
 TARGETS = sorted(p.stem for p in HERE.glob("fuzz_*.c"))
-INPUTS = {"fuzz_mesh_text": 20000, "fuzz_mesh": 20000, "fuzz_sample": 15000, "fuzz_tables": 20000, "fuzz_can": 10000, "fuzz_lcm": 15000, "fuzz_receiver": 20000,
-          "fuzz_scene": 1500, "fuzz_snapshot": 1000, "fuzz_responses": 500, "fuzz_calls": 50}
+INPUTS = {"fuzz_mesh_text": 20000, "fuzz_mesh": 20000, "fuzz_sample": 15000, "fuzz_tables": 20000, "fuzz_can": 3000, "fuzz_lcm": 6000, "fuzz_receiver": 20000,
+          "fuzz_scene": 1500, "fuzz_snapshot": 1000, "fuzz_responses": 300, "fuzz_calls": 50}
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 /* Prints one hash of a sequence through the library: settling, steps, contact, cutting, single and double tensors. With
  * arguments: tissue with the named effects (double only). With "combinations": every combination of them through
- * another sequence. Compilers and processors must agree on it (plain force form, -ffp-contract=off). */
+ * another sequence; with "pairs": combinations in which every two effects are on, off, or one of them on. Compilers and
+ * processors must agree on it (plain force form, -ffp-contract=off). */
 #include "../physics/combination.h"
 
 static uint64_t of_world(const tm_world *world, uint64_t h) {
@@ -14,9 +15,16 @@ static bool named(int argc, char **argv, const char *effect) {
     return false;
 }
 
-static uint64_t of_combinations(void) {
+/* Returns whether none, all or three of the four effects are on: these six combinations contain every state of two. */
+static bool covers_pairs(int effects) {
+    const int on = __builtin_popcount((unsigned)effects);
+    return on == 0 || on >= 3;
+}
+
+static uint64_t of_combinations(bool pairs) {
     uint64_t h = TM_HASH_SEED;
     for (int effects = 0; effects < COMBINATIONS; effects++) {
+        if (pairs && !covers_pairs(effects)) continue;
         combination c = combination_open(effects);
         while (c.frame < COMBINATION_FRAMES && combination_frame(&c)) h = of_world(c.s.world, h);
         h = tm_hash(&c.frame, sizeof c.frame, h);
@@ -28,8 +36,9 @@ static uint64_t of_combinations(void) {
 int main(int argc, char **argv) {
     uint64_t h = TM_HASH_SEED;
     tm_error error;
-    if (named(argc, argv, "combinations")) {
-        printf("%016llx\n", (unsigned long long)of_combinations());
+    const bool pairs = named(argc, argv, "pairs");
+    if (pairs || named(argc, argv, "combinations")) {
+        printf("%016llx\n", (unsigned long long)of_combinations(pairs));
         return 0;
     }
     for (tm_precision precision = TM_DOUBLE; precision <= (argc > 1 ? TM_DOUBLE : TM_SINGLE); precision++) {

@@ -35,7 +35,7 @@ def state_hash(root, once, make_config, name, story):
     return said[0]
 
 
-@pytest.mark.parametrize("story", [[], ["volume"], ["viscosity"], ["friction"], ["combinations"]],
+@pytest.mark.parametrize("story", [[], ["volume"], ["viscosity"], ["friction"], ["combinations" if LONG else "pairs"]],
                          ids=["linear", "volume", "viscosity", "friction", "combinations"])
 def test_compilers_agree_on_every_bit(root, once, make_config, story):
     said = {name: state_hash(root, once, make_config, name, story) for name in BUILDS}
