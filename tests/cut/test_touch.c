@@ -86,7 +86,7 @@ static uint64_t story(int32_t threads, bool all_pairs, int64_t *gathers) {
     b.touching->all_pairs = all_pairs;
     throw_body(&b, 2, 0.1, 0, -0.4);
     uint64_t hash = TM_HASH_SEED;
-    for (int k = 0; k < 12; k++) {
+    for (int k = 0; k < 9; k++) {
         assert_int_equal(tm_world_step(b.world, 25), TM_OK);
         const tm_touching_row *row;
         const int32_t n = tm_touching_rows(b.touching, &row);
@@ -106,7 +106,7 @@ static void rows_are_those_of_all_pairs_for_any_threads(void **state) {
     (void)state;
     int64_t gathers = 0, other = 0;
     const uint64_t one = story(1, false, &gathers);
-    printf("%lld gatherings in 300 substeps\n", (long long)gathers);
+    printf("%lld gatherings in 225 substeps\n", (long long)gathers);
     assert_true(gathers < 100);
     for (int32_t threads = 2; threads <= 4; threads += 2)
         assert_true(one == story(threads, false, &other) && other == gathers);

@@ -220,7 +220,7 @@ def test_good_files_are_read(tmp_path, seeds):
 
 
 def test_damaged_files_end_with_a_sentence(tmp_path, seeds):
-    batches, seed, count = (100, 1, 1000) if LONG else (1, 1, 400)
+    batches, seed, count = (100, 1, 1000) if LONG else (1, 1, 240)
     refused = 0
     for batch in range(batches):
         folder = tmp_path / "batch"

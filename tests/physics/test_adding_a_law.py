@@ -27,34 +27,36 @@ def must(*words, **more):
 
 
 @pytest.fixture(scope="module")
-def scratch(root, tmp_path_factory):
+def scratch(root, once):
     """Returns (folder, compile): the sources of the laws with one more file and row."""
-    folder = tmp_path_factory.mktemp("law")
-    shutil.copytree(root / "libtensormass/src/material", folder / "material")
-    shutil.copytree(root / "libtensormass/include", folder / "include")
-    shutil.copy(root / "tests/physics/yeoh_law.h", folder / "material")
-    table = folder / "include/tensormass/material.h"
-    text = table.read_text()
-    assert text.count(ROW) == 1
-    table.write_text(text.replace(ROW, ROW.rstrip() + " ROW(YEOH, yeoh)\n"))
-    include = [f"-I{d}" for d in (folder / "include", folder, root / "libtensormass/src", root)]
+    def compiler(folder):
+        include = [f"-I{d}" for d in (folder / "include", folder, root / "libtensormass/src", root)]
+        return lambda source, to: must("cc", "-std=c11", "-D_GNU_SOURCE", "-Og", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-w", *include, "-c", source, "-o", to)
 
-    def compiled(source, to):
-        must("cc", "-std=c11", "-D_GNU_SOURCE", "-Og", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-w", *include, "-c", source, "-o", to)
-        return to
+    def make(folder):
+        shutil.copytree(root / "libtensormass/src/material", folder / "material")
+        shutil.copytree(root / "libtensormass/include", folder / "include")
+        shutil.copy(root / "tests/physics/yeoh_law.h", folder / "material")
+        table = folder / "include/tensormass/material.h"
+        text = table.read_text()
+        assert text.count(ROW) == 1
+        table.write_text(text.replace(ROW, ROW.rstrip() + " ROW(YEOH, yeoh)\n"))
+        compiled = compiler(folder)
+        with concurrent.futures.ThreadPoolExecutor(2) as pool:
+            made = [pool.submit(compiled, folder / "material" / f"{s}.c", folder / f"{s}.o") for s in SOURCES]
+            made += [pool.submit(compiled, root / f"tests/physics/{t}.c", folder / f"{t}.o") for t in HARNESS]
+            for m in made:
+                m.result()
 
-    with concurrent.futures.ThreadPoolExecutor(2) as pool:
-        made = [pool.submit(compiled, folder / "material" / f"{s}.c", folder / f"{s}.o") for s in SOURCES]
-        made += [pool.submit(compiled, root / f"tests/physics/{t}.c", folder / f"{t}.o") for t in HARNESS]
-        for m in made:
-            m.result()
-    return folder, compiled
+    folder = once("law", make)
+    return folder, compiler(folder)
 
 
 def linked(folder, build, test, law="law_facts.o"):
     objects = [folder / law, *(folder / f"{s}.o" for s in SOURCES[1:])]
-    must("cc", folder / f"{test}.o", *objects, build / "lib/libtensormass.a", "-lcmocka", "-lm", "-lpthread", "-o", folder / test)
-    return run(folder / test, env={**os.environ, "TM_LAW": "yeoh"})
+    program = folder / f"{test}-{law}.run"  # the folder is shared by processes
+    must("cc", folder / f"{test}.o", *objects, build / "lib/libtensormass.a", "-lcmocka", "-lm", "-lpthread", "-o", program)
+    return run(program, env={**os.environ, "TM_LAW": "yeoh"})
 
 
 @pytest.mark.parametrize("test", HARNESS)

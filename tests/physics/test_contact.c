@@ -572,7 +572,7 @@ static double approach(scene_def *d, double speed, uint64_t seed) {
 
 static void test_never_passes_through(void **unused) {
     (void)unused;
-    int count = test_is_long() ? 1000 : test_is_sanitized() ? 12 : 60, touched = 0;
+    int count = test_is_long() ? 1000 : test_is_sanitized() ? 12 : 30, touched = 0;
     static const struct { double speed, young; } kind[] = {{0.1, 5e3}, {0.1, 5e4}, {1, 5e3}};
     for (int k = 0; k < 3; k++) {
         int approaches = k == 0 ? count : count / 6;

@@ -247,7 +247,7 @@ static void test_random_sessions_stay_within_bounds(void **unused) {
     (void)unused;
     const bool few = test_is_sanitized();
     const session_range range =
-        sessions_to_run(few ? 5 : 100, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
+        sessions_to_run(few ? 5 : 50, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
     tally sum = {0};
     const int failed = run_sessions(&range, take, &sum);
     print_message(

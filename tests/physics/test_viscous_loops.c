@@ -141,7 +141,7 @@ static void test_frozen_histories_are_elastic(void **state) {
 /* Relaxation times from far below a loop's duration to far above it. */
 static void test_relaxing_terms_only_dissipate(void **state) {
     (void)state;
-    const int points = 1 << 13, rounds = test_is_long() ? 20 : 2;
+    const int points = 1 << 13, rounds = test_is_long() ? 20 : 1;
     for (int k = 0; k < 8; k++)
         for (int i = 0; i < 3; i++)
             for (int slow = 0; slow < 3; slow++) {

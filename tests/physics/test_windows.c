@@ -343,7 +343,7 @@ static void take(void *to, uint64_t seed, const verdict *v) {
 static void test_random_sessions_gain_no_energy_in_any_window(void **unused) {
     (void)unused;
     const session_range range =
-        sessions_to_run(test_is_sanitized() ? 10 : 40, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
+        sessions_to_run(test_is_sanitized() ? 10 : 20, ONCE_BROKE, sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
     tally sum = {0};
     const int failed = run_sessions(&range, take, &sum);
     print_message("%llu sessions: %.2f J through the hands, at most %.3f J stored, gain at most %.2f of its bound\n",

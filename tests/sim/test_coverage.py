@@ -18,7 +18,7 @@ RUNS = {
     "block-cut, every effect": ("block-cut", 4, EFFECTS),
     "liver-press": ("liver-press", None if LONG else 3, []),
     "liver-cut": ("liver-cut", None if LONG else 5.4, []),
-    "liver-dissect": ("liver-dissect", None, []),
+    "liver-dissect": ("liver-dissect", None if LONG else 5.4, []),
     "liver-lift": ("liver-lift", None if LONG else 2, []),
 }
 
