@@ -504,6 +504,37 @@ static void test_deep_press_of_lightly_damped_tissue_does_not_oscillate(void **u
     assert_true(deep.peak_N > 0.4 && deep.roughness < 0.005);
 }
 
+/* Contact gives 14 % of the stored energy while the tool climbs onto vertices, and takes it back beyond: a cycle loses
+ * energy. */
+static void test_slow_strokes_to_and_fro_lose_energy(void **unused) {
+    (void)unused;
+    enum { STROKES = 4, STROKE = 333, PRESS = 60 }; /* 0.03 m/s */
+    scene_def d = scene_def_default();
+    d.bulge_m = 0.01;
+    const double low = d.size_m[2] + d.bulge_m + d.radius_m - 0.1 * d.size_m[2], lift = 0.1 * d.size_m[2] + 0.0002;
+    memcpy(d.tip_m[0], (double[3]){-0.01, 0, low + lift}, sizeof d.tip_m[0]);
+    scene s = scene_create(&d);
+    tm_error error;
+    tm_energy e = {0};
+    scene_must(tm_stage_energy(s.world, &error), &error);
+    double stored_J = 0, gain_J = 0, most_J = 0, at_start_J = 0;
+    for (int k = 1; k <= PRESS + STROKES * STROKE; k++) {
+        const double press = fmin(1, (double)k / PRESS), way = fmax(0, k - PRESS) / STROKE;
+        const double along = fabs(way - 2 * round(way / 2));
+        scene_frame(&s, 0, scene_pose(-0.01 + 0.02 * along, 0, low + (1 - press) * lift), 0.002);
+        scene_must(tm_world_energy(s.world, &e, &error), &error);
+        if (k == PRESS) at_start_J = e.generated_J - e.drag_J;
+        gain_J = e.generated_J - e.drag_J - at_start_J;
+        if (k > PRESS) most_J = fmax(most_J, gain_J);
+        stored_J = fmax(stored_J, e.kinetic_J + e.elastic_J + e.contact_stored_J);
+    }
+    print_message("strokes: contact gives at most %.2f %% of what is stored, %.1f %% in all\n", 100 * most_J / stored_J,
+                  100 * gain_J / stored_J);
+    assert_true(most_J > 0.08 * stored_J && most_J < 0.16 * stored_J);
+    assert_true(gain_J < -0.05 * stored_J);
+    scene_destroy(&s);
+}
+
 /* --- never through --- */
 
 /* Returns where segment a b meets the triangle p, as a fraction, or -1. */
@@ -796,6 +827,7 @@ int main(void) {
         cmocka_unit_test(test_action_is_reaction),
         cmocka_unit_test(test_held_probe_feels_the_static_reaction),
         cmocka_unit_test(test_force_is_smooth_and_follows),
+        cmocka_unit_test(test_slow_strokes_to_and_fro_lose_energy),
         cmocka_unit_test(test_deep_press_of_lightly_damped_tissue_does_not_oscillate),
         cmocka_unit_test(test_never_passes_through),
         cmocka_unit_test(test_supports_are_never_moved),

@@ -212,7 +212,7 @@ typedef struct tm_row_energy {
 } tm_row_energy;
 tm_row_energy tm_contact_row_energy(const tm_contact *contact, int32_t row, const tm_capsule *earlier);
 /* Returns the energy that a tool may give without limitation if its station moved this far in this substep, J. */
-double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s);
+double tm_contact_spare_J(const tm_contact *contact, int32_t tool, double way_m);
 
 /* contact_forces.c */
 void tm_contact_sum(tm_contact *contact);

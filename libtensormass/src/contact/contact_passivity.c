@@ -15,14 +15,17 @@
 static const double WINDOW_SHARE = 1.1e-2, LITTLE_J = 2e-8;
 /* Energy that contact takes goes to a reserve, at most the stored energy. All that contact generates is taken from it.
  * It may be overdrawn by this share of the stored energy, and again only after that is paid back: the static force
- * along blended normals depends on the path. */
-static const double CREDIT_SHARE = 0.06;
+ * along blended normals depends on the path. A tool that climbs onto a vertex needs up to 0.16, and gives it back
+ * beyond: a slow tool has more, one that rests most. */
+static const double CREDIT_SHARE = 0.06, CREDIT_SHARE_AT_REST = 0.25;
 /* Below this speed a tool may take this share of reaction times travel from the reserve (sliding_J). */
 static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
 /* Minimum share of its debt that a tool pays back in a substep. */
 static const double DEBT_SHARE = 0.125;
 /* Share of the window's limit from which the estimate of the stored energy is checked. */
 static const double LOOKED_AT = 0.25;
+/* Travel below this comes from rounding, on a path between equal poses. */
+static const double LITTLE_M = 1e-12;
 enum { ITERATIONS = 4, HALVINGS = 30 };
 
 static double compliance_J(const tm_contact *contact, const tm_contact_row *row, double share) {
@@ -110,9 +113,40 @@ static double gain_J(const tm_tool *tool, const row_sum *sum, double contact_sto
 
 /* --- the limit --- */
 
+/* Returns whether the tool is a cautery that cuts. It meets freshly exposed walls, under which nothing is stored yet:
+ * to press them it may generate a share of the energy in all tissue. */
+static bool cuts(const tm_contact *contact, const tm_tool *tool) {
+    return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
+}
+
+/* Returns the travel of the tool's tip in this substep. */
+static double tip_travel_m(const tm_tool *tool) {
+    double here[3], there[3], way[3];
+    tm_capsule_station(&tool->capsule, 0, here);
+    tm_capsule_station(&tool->previous, 0, there);
+    vsub(here, there, way);
+    return vnorm(way);
+}
+
+/* Returns 1 for a travel of 0 in a substep, 0 from SLOW_M_S on. */
+static double slowness(double way_m, double dt_s) { return law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
+
+/* Returns the part of a travel in a substep that counts as slow. */
+static double slow_m(const tm_contact *contact, double way_m) {
+    return way_m * slowness(way_m, contact->world->state.dt_s);
+}
+
+/* Returns the share of the stored energy by which a tool may overdraw its reserve. */
+static double credit_share(const tm_contact *contact, const tm_tool *tool) {
+    if (cuts(contact, tool)) return CREDIT_SHARE; /* of the energy in all tissue */
+    const double slow = slowness(tip_travel_m(tool), contact->world->state.dt_s);
+    return CREDIT_SHARE + (CREDIT_SHARE_AT_REST - CREDIT_SHARE) * slow;
+}
+
 /* Returns what is left of the reserve and the other allowances. */
-static double available_J(const tm_tool *tool) {
-    return law_max(tool->reserve_J + CREDIT_SHARE * tool->stored_J + law_max(LITTLE_J, tool->placed_J), 0);
+static double available_J(const tm_contact *contact, const tm_tool *tool) {
+    const double credit_J = credit_share(contact, tool) * tool->stored_J;
+    return law_max(tool->reserve_J + credit_J + law_max(LITTLE_J, tool->placed_J), 0);
 }
 
 /* Returns the limit in a window. */
@@ -125,12 +159,9 @@ static double recent_generated_J(const tm_tool *tool) {
 }
 
 /* Returns the energy that may be generated in this substep. */
-static double allowed_J(const tm_tool *tool) {
-    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(tool)), 0);
+static double allowed_J(const tm_contact *contact, const tm_tool *tool) {
+    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(contact, tool)), 0);
 }
-
-/* Returns the part of a travel within one substep that counts as slow. */
-static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
 
 /* Returns the allowance of a tool that slides slowly. Depths are measured to triangles, but normals are blended as if
  * the surface were smooth. So a tool is held back up to the middle of a triangle and pushed on from there. Without the
@@ -138,13 +169,14 @@ static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way
 static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) {
     double sum = 0;
     for (int32_t i = s.first; i < s.end; i++)
-        sum += contact->row[i].lambda_N * slow_m(vnorm(contact->solver[i].moved_m), contact->world->state.dt_s);
-    return law_min(SLIDING_SHARE * sum, available_J(tool));
+        sum += contact->row[i].lambda_N * slow_m(contact, vnorm(contact->solver[i].moved_m));
+    return law_min(SLIDING_SHARE * sum, available_J(contact, tool));
 }
 
-double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s) {
-    const double sliding = law_min(SLIDING_SHARE * tool->load_N * slow_m(way_m, dt_s), available_J(tool));
-    return allowed_J(tool) + sliding;
+double tm_contact_spare_J(const tm_contact *contact, int32_t t, double way_m) {
+    const tm_tool *tool = contact->tool + t;
+    const double sliding = SLIDING_SHARE * tool->load_N * slow_m(contact, way_m);
+    return allowed_J(contact, tool) + law_min(sliding, available_J(contact, tool));
 }
 
 static void push(tm_contact *contact, span s, double share) {
@@ -248,7 +280,7 @@ static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J
     if (gain > 1e-3 * LITTLE_J && recent_generated_J(tool) + gain > LOOKED_AT * window_J(tool))
         bound_estimates(contact);
     tool->sliding_J = sliding_J(contact, tool, s);
-    *may_J = allowed_J(tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
+    *may_J = allowed_J(contact, tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
     return gain > law_max(*may_J, 0) + 1e-3 * LITTLE_J;
 }
 
@@ -316,12 +348,6 @@ static double all_stored_J(const tm_world *world) {
     return law_max(0.5 * sum, 0);
 }
 
-/* Returns whether the tool is a cautery that cuts. It meets freshly exposed walls, under which nothing is stored yet:
- * to press them it may generate a share of the energy in all tissue. */
-static bool cuts(const tm_contact *contact, const tm_tool *tool) {
-    return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
-}
-
 /* Returns the stored energy that other tools have a share of. */
 static double stored_by_others_J(const tm_contact *contact, int32_t t) {
     double sum = 0;
@@ -330,20 +356,10 @@ static double stored_by_others_J(const tm_contact *contact, int32_t t) {
     return sum;
 }
 
-/* Returns whether the tool moves, beyond the rounding of a path between equal poses. */
-static bool moves(const tm_tool *tool) {
-    const double least_m = 1e-12;
-    double here[3], there[3], way[3];
-    tm_capsule_station(&tool->capsule, 0, here);
-    tm_capsule_station(&tool->previous, 0, there);
-    vsub(here, there, way);
-    return vdot(way, way) > least_m * least_m;
-}
-
 /* Adds generated energy. What exceeds the allowance is a debt until less was generated. Two tools on the same tissue
  * cause it: reducing one changes what the other generates. */
-static void add_generated(tm_tool *tool, double generated_J) {
-    const double allowed = allowed_J(tool);
+static void add_generated(const tm_contact *contact, tm_tool *tool, double generated_J) {
+    const double allowed = allowed_J(contact, tool);
     tool->debt_J = allowed > 0 ? law_max(generated_J - allowed, 0) : law_max(tool->debt_J + generated_J, 0);
     tool->generated_J += generated_J;
 }
@@ -360,12 +376,12 @@ void tm_contact_observe(tm_contact *contact) {
         s = rows_of(contact, t, s.end);
         const row_sum sum = sum_work(contact, s);
         const double contact_stored = contact_stored_J(contact, t, s, 1), gain = gain_J(tool, &sum, contact_stored);
-        if (moves(tool)) tool->placed_J = 0;
+        if (tip_travel_m(tool) > LITTLE_M) tool->placed_J = 0;
         tool->earlier = tool->previous;
         tool->contact_stored_J[1] = contact->world->settling ? contact_stored : tool->contact_stored_J[0];
         tool->contact_stored_J[0] = contact_stored;
         if (contact->world->settling) continue;
-        add_generated(tool, gain > 0 && s.first < s.end ? gain - law_min(gain, tool->sliding_J) : gain);
+        add_generated(contact, tool, gain > 0 && s.first < s.end ? gain - law_min(gain, tool->sliding_J) : gain);
         tool->reserve_J -= gain;
         tool->throughput_J += sum.tissue_J;
         if (tool->load_N > 0 && recent_generated_J(tool) > 0) {

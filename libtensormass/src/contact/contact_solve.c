@@ -28,9 +28,10 @@ double tm_contact_compliance_reaction(double compliance_m_N, double radius_m, do
     return law_compliance_reaction(compliance_m_N, LAW_COMPLIANCE_TRAVEL * radius_m, gap_m, diagonal_m_N, cap_N);
 }
 
-static double recovery_m_s(const tm_tool *tool, double way_m, double dt_s) {
-    const double power_W = law_min(RECOVERY_W, tm_contact_spare_J(tool, way_m, dt_s) / dt_s);
-    return RECOVERY_M_S * tool->load_N <= power_W ? RECOVERY_M_S : power_W / tool->load_N;
+static double recovery_m_s(const tm_contact *contact, int32_t t, double way_m) {
+    const double load_N = contact->tool[t].load_N;
+    const double power_W = law_min(RECOVERY_W, tm_contact_spare_J(contact, t, way_m) / contact->world->state.dt_s);
+    return RECOVERY_M_S * load_N <= power_W ? RECOVERY_M_S : power_W / load_N;
 }
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
@@ -60,7 +61,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         vsub(world->state.u_m + dof, world->state.u_prev_m + dof, moved);
         goes += row->weight[j] * vnorm(moved);
     }
-    const double recovered = law_max(recovery_m_s(tool, way, dt) * dt, goes);
+    const double recovered = law_max(recovery_m_s(contact, row->instrument, way) * dt, goes);
     const double left = row->gap_m + vdot(row->normal, r->moved_m) + r->depth_m + recovered;
     r->gap_m = row->gap_m - law_min(left, 0);
 }

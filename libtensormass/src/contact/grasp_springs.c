@@ -128,7 +128,7 @@ void tm_hold_begin(const tm_grasp *grasp, grasp_of_jaw *h, const tm_world *world
 
 void tm_hold_take_over(tm_grasp *grasp, grasp_of_jaw *h, int32_t t, double stored_J) {
     tm_tool *tool = grasp->contact->tool + t;
-    const double held = held_J(grasp, h), may = stored_J + tm_contact_spare_J(tool, 0, 0);
+    const double held = held_J(grasp, h), may = stored_J + tm_contact_spare_J(grasp->contact, t, 0);
     const bool limited = held > may && !grasp->contact->others.solve; /* which has an account of its own */
     const double share = limited ? sqrt(may / held) : 1;
     for (int32_t i = 0; i < h->count && share < 1; i++) vscale(share, h->force_N + 3 * i, h->force_N + 3 * i);
