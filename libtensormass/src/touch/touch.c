@@ -195,6 +195,7 @@ static bool init(tm_touching *t, tm_pool *pool, const tm_touching_def *def) {
     t->saved = TM_ALLOC(pool, tm_touch_memory, def->max_rows);
     t->fixed = TM_ALLOC(pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     t->revision = t->world->tissue->surface.revision - 1;
+    t->is_fast = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->is_followed = TM_ALLOC(pool, uint8_t, mesh->vertex_count);
     t->followed = TM_ALLOC(pool, int32_t, TM_TOUCH_MAX_FOLLOWED);
     t->reach_m = 2 * def->thickness_m; /* thickness, and a lookahead of at most as much */

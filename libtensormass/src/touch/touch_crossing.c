@@ -29,22 +29,19 @@ static double motion2_of(const tm_touching *t, int32_t v) {
     return vdot(d, d);
 }
 
-static bool is_fast(const tm_touching *t, int32_t v) {
-    return tm_touch_is_fast_in_frames(t, v, FAST * t->def.thickness_m);
-}
-
 static bool has_fast(const tm_touching *t, const int32_t *vertex, int count) {
     bool fast = false;
-    for (int j = 0; j < count && !fast; j++) fast = is_fast(t, vertex[j]);
+    for (int j = 0; j < count && !fast; j++) fast = t->is_fast[vertex[j]];
     return fast;
 }
 
 static tm_touch_box box_of_paths(const tm_touching *t, const int32_t *vertex, int count) {
     tm_touch_box box = tm_touch_no_box();
-    for (int k = 0; k < 2 * count; k++) {
-        double x[3];
-        tm_touch_place_at(t, vertex[k / 2], k % 2, x);
-        tm_touch_box_add(&box, x);
+    for (int k = 0; k < count; k++) {
+        double from[3], to[3];
+        tm_touch_ends(t, vertex[k], from, to);
+        tm_touch_box_add(&box, from);
+        tm_touch_box_add(&box, to);
     }
     return box;
 }
@@ -204,13 +201,23 @@ static bool edges_enter(const tm_touching *t, const tm_touch_pair *pair, tm_touc
 
 /* --- search --- */
 
-/* Lists a pair whose paths overlap, if it may touch. */
+/* Lists a pair whose paths overlap, if it changes sides and may touch: a vertex and a face, or the lower edge and the
+ * other. */
 static void list_pair(const tm_touching *t, int kind, int32_t item, int32_t other, tm_touch_list *to) {
+    const bool turned = kind == TM_TOUCH_EDGES ? item > other : kind == TM_TOUCH_FACES;
+    const int32_t a = turned ? other : item, b = turned ? item : other;
     tm_touch_pair pair;
-    const bool may = kind == TM_TOUCH_EDGES
-                         ? tm_touch_may_touch_edges(t, item < other ? item : other, item < other ? other : item, &pair)
-                         : tm_touch_may_touch_face(t, kind == TM_TOUCH_VERTICES ? item : other,
-                                                   kind == TM_TOUCH_VERTICES ? other : item, &pair);
+    double cubic[4];
+    int32_t v[4];
+    if (kind == TM_TOUCH_EDGES)
+        for (int k = 0; k < 4; k++) v[k] = t->world->tissue->mesh->edge[2 * (int64_t)(k < 2 ? a : b) + k % 2];
+    else
+        tm_touch_triangle(t, b, v), v[3] = a;
+    if (v[3] == v[0] || v[3] == v[1] || v[3] == v[2] || v[2] == v[0] || v[2] == v[1]) return; /* neighbours */
+    tm_touch_volume(t, v, cubic);
+    if (!tm_touch_volume_crosses(cubic)) return;
+    const bool may =
+        kind == TM_TOUCH_EDGES ? tm_touch_may_touch_edges(t, a, b, &pair) : tm_touch_may_touch_face(t, a, b, &pair);
     if (!may) return;
     if (to->count == to->room)
         to->overflowed = true;
@@ -284,7 +291,7 @@ static void add_row(tm_touching *t, tm_touching_row *row) {
     if (tm_touch_add_row(t, row, t->def.compliance_m_N)) tm_touch_prepare_row(t, t->row_count - 1);
 }
 
-static bool is_quick(const tm_touching *t, int32_t v) { return is_fast(t, v) || t->is_followed[v]; }
+static bool is_quick(const tm_touching *t, int32_t v) { return t->is_fast[v] || t->is_followed[v]; }
 
 /* Returns whether a vertex is fast by now, or followed in any case: tools push them, so the integrator's bound does not
  * hold. */
@@ -297,7 +304,7 @@ static bool has_quick(const tm_touching *t) {
 
 static bool list_quick(tm_touching *t) {
     if (!has_quick(t)) return false;
-    tm_touch_find_frames(t);
+    tm_touch_find_frames(t, FAST * t->def.thickness_m);
     return tm_touch_list_quick(t, is_quick);
 }
 

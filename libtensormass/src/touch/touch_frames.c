@@ -12,23 +12,16 @@ static void motion_of(const tm_touching *t, int32_t v, double d[3]) {
     vsub(t->world->state.u_next_m + 3 * (int64_t)v, t->world->state.u_m + 3 * (int64_t)v, d);
 }
 
-/* Adds the way of a vertex to its body's frame. */
-static void add_way(const tm_touching *t, int32_t v, tm_touch_frame *frame) {
-    double d[3], x[3];
-    motion_of(t, v, d);
-    vmadd(frame->motion_m, 1, d, frame->motion_m);
-    for (int end = 0; end < 2; end++) {
-        tm_touch_place_at(t, v, end, x);
-        tm_touch_box_add(&frame->way, x);
-    }
-    frame->count++;
-}
-
-void tm_touch_find_frames(tm_touching *t) {
+static void find_motions(tm_touching *t) {
     t->frames_motion_m = 0;
-    for (int32_t b = 0; b < t->def.body_count; b++) t->frame[b] = (tm_touch_frame){.way = tm_touch_no_box()};
-    for (int32_t i = 0; i < t->surface.vertex_count; i++)
-        add_way(t, t->surface.vertex[i], t->frame + t->surface.body[t->surface.vertex[i]]);
+    for (int32_t b = 0; b < t->def.body_count; b++) t->frame[b] = (tm_touch_frame){.count = 0};
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        double d[3];
+        tm_touch_frame *frame = t->frame + t->surface.body[t->surface.vertex[i]];
+        motion_of(t, t->surface.vertex[i], d);
+        vmadd(frame->motion_m, 1, d, frame->motion_m);
+        frame->count++;
+    }
     for (int32_t b = 0; b < t->def.body_count; b++) {
         double *motion = t->frame[b].motion_m;
         vscale(1 / law_max(t->frame[b].count, 1), motion, motion);
@@ -36,17 +29,44 @@ void tm_touch_find_frames(tm_touching *t) {
     }
 }
 
-bool tm_touch_is_fast_in_frames(const tm_touching *t, int32_t v, double limit_m) {
-    const int32_t body = t->surface.body[v];
-    double d[3];
-    motion_of(t, v, d);
+static void find_ways(tm_touching *t) {
+    for (int32_t b = 0; b < t->def.body_count; b++) t->frame[b].way = tm_touch_no_box();
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        double from[3], to[3];
+        tm_touch_box *way = &t->frame[t->surface.body[t->surface.vertex[i]]].way;
+        tm_touch_ends(t, t->surface.vertex[i], from, to);
+        tm_touch_box_add(way, from);
+        tm_touch_box_add(way, to);
+    }
+}
+
+static bool is_faster(const tm_touch_frame *frame, const double d[3], double limit_m) {
+    double relative[3];
+    vsub(d, frame->motion_m, relative);
+    return vdot(relative, relative) > limit_m * limit_m;
+}
+
+/* Returns whether a vertex with this motion is fast relative to another body. Few are: ways are found then. */
+static bool is_fast_to_others(tm_touching *t, int32_t body, const double d[3], double limit_m, bool *has_ways) {
     for (int32_t b = 0; b < t->def.body_count; b++) {
-        const tm_touch_frame *frame = t->frame + b;
-        double relative[3];
-        vsub(d, frame->motion_m, relative);
-        if (!(vdot(relative, relative) > limit_m * limit_m)) continue;
-        if (b == body || (tm_touch_enabled(t, body, b) && tm_touch_boxes_overlap(&t->frame[body].way, &frame->way)))
-            return true;
+        if (b == body || !tm_touch_enabled(t, body, b) || !is_faster(t->frame + b, d, limit_m)) continue;
+        if (!*has_ways) find_ways(t);
+        *has_ways = true;
+        if (tm_touch_boxes_overlap(&t->frame[body].way, &t->frame[b].way)) return true;
     }
     return false;
+}
+
+void tm_touch_find_frames(tm_touching *t, double limit_m) {
+    find_motions(t);
+    /* Up to here, motion is slow in every frame. */
+    const double slow_m = law_max(limit_m - t->frames_motion_m, 0) * (1 - 1e-9);
+    bool has_ways = false;
+    for (int32_t i = 0; i < t->surface.vertex_count; i++) {
+        const int32_t v = t->surface.vertex[i], body = t->surface.body[v];
+        double d[3];
+        motion_of(t, v, d);
+        t->is_fast[v] = !(vdot(d, d) <= slow_m * slow_m) &&
+                        (is_faster(t->frame + body, d, limit_m) || is_fast_to_others(t, body, d, limit_m, &has_ways));
+    }
 }

@@ -6,14 +6,6 @@
 
 #include "base/vec.h"
 
-void tm_touch_place_at(const tm_touching *t, int32_t v, double share, double x[3]) {
-    const tm_state *state = &t->world->state;
-    for (int c = 0; c < 3; c++) {
-        const int64_t d = 3 * (int64_t)v + c;
-        x[c] = t->world->tissue->mesh->rest_m[d] + state->u_m[d] + share * (state->u_next_m[d] - state->u_m[d]);
-    }
-}
-
 static double determinant(const double a[3], const double b[3], const double c[3]) {
     double cross[3];
     vcross(a, b, cross);
@@ -22,13 +14,11 @@ static double determinant(const double a[3], const double b[3], const double c[3
 
 void tm_touch_volume(const tm_touching *t, const int32_t vertex[4], double cubic[4]) {
     double e[3][3], d[3][3], from[2][3];
-    for (int k = 0; k < 2; k++) tm_touch_place_at(t, vertex[0], k, from[k]);
+    tm_touch_ends(t, vertex[0], from[0], from[1]);
     for (int j = 0; j < 3; j++) {
-        double to[3];
-        tm_touch_place_at(t, vertex[1 + j], 0, to);
-        vsub(to, from[0], e[j]);
-        tm_touch_place_at(t, vertex[1 + j], 1, to);
-        vsub(to, from[1], d[j]);
+        tm_touch_ends(t, vertex[1 + j], e[j], d[j]);
+        vsub(e[j], from[0], e[j]);
+        vsub(d[j], from[1], d[j]);
         vsub(d[j], e[j], d[j]);
     }
     cubic[0] = determinant(e[0], e[1], e[2]);
@@ -51,6 +41,15 @@ int tm_touch_volume_parts(const double c[4], double end[4]) {
     }
     end[++count] = 1;
     return count;
+}
+
+bool tm_touch_volume_crosses(const double c[4]) {
+    double end[4];
+    const int parts = tm_touch_volume_parts(c, end);
+    bool crosses = false;
+    for (int i = 0; i < parts; i++)
+        crosses |= (tm_touch_volume_at(c, end[i]) > 0) != (tm_touch_volume_at(c, end[i + 1]) > 0);
+    return crosses;
 }
 
 double tm_touch_volume_root(const double c[4], double low, double high) {
