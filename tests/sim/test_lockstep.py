@@ -187,7 +187,7 @@ def test_realtime_keeps_the_clock(bin, root, tmp_path):
     scene = block_scene(tmp_path, root)
     begin = time.monotonic()
     r = report(bin / "tm-sim", scene, "--realtime", "--frames", 20, tmp=tmp_path)
-    assert r["frames"] == 20 and 0.75 < time.monotonic() - begin < 10  # 0.8 s, or later on a busy machine: never earlier
+    assert r["frames"] == 20 and 0.75 < time.monotonic() - begin  # 0.8 s, or later on a busy machine: never earlier
     assert r["sim_s"] <= r["wall_s"] + 0.05
 
 
