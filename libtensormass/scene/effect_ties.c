@@ -82,6 +82,21 @@ static tm_status warn_of_shared(const sim *s, const tie_group *g, const work *w)
                           g->from.s, g->to.s, shared);
 }
 
+/* Returns whether rigid bodies have all vertices of a group. */
+static bool is_all_rigid(const sim *s, const uint8_t *mark) {
+    for (int32_t t = 0; t < s->mesh->tet_count; t++)
+        for (int j = 0; j < 4 && !s->rigid_tet[t]; j++)
+            if (mark[s->mesh->tet[4 * (int64_t)t + j]]) return false;
+    return true;
+}
+
+static tm_status warn_of_rigid(const sim *s, const tie_group *g, const work *w) {
+    if (!s->rigid_tet || !is_all_rigid(s, w->from) || !is_all_rigid(s, w->to)) return 0;
+    return app_scene_warn(s->scene, g->here.line,
+                          "'%s' and '%s' are both of rigid bodies, which ties cannot move; name tissue, or remove it",
+                          g->from.s, g->to.s);
+}
+
 static bool is_apart(const sim *s, const work *w, int32_t first, int32_t vertex, double spacing_m) {
     for (int32_t i = first; i < w->count && spacing_m > 0; i++) {
         double d[3];
@@ -97,7 +112,7 @@ static tm_status add(const sim *s, const tie_group *g, work *w) {
     if (!rc) rc = mark_group(s, &g->to, w->to);
     if (rc) return rc;
     take_surface(s, w);
-    if ((rc = warn_of_shared(s, g, w))) return rc;
+    if ((rc = warn_of_shared(s, g, w)) || (rc = warn_of_rigid(s, g, w))) return rc;
     bool spaced = false;
     for (int32_t v = 0; v < s->mesh->vertex_count && w->count < w->capacity; v++) {
         tm_tie tie = {.stiffness_N_m = g->stiffness.si, .break_N = g->breaks.si};

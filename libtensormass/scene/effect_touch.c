@@ -45,6 +45,9 @@ static tm_status check(const app_scene *scene, const void *own) {
         return app_scene_bad(scene, o->pairs.line,
                              "touch.pairs names bodies, and the scene has none; add 'bodies:', or leave the pairs out: "
                              "the tissue then touches itself");
+    if (o->pairs.line && !o->pairs.count)
+        return app_scene_bad(scene, o->pairs.line,
+                             "touch.pairs is empty; name two bodies, or leave it out: all bodies then touch");
     return 0;
 }
 
@@ -56,14 +59,31 @@ static int32_t index_of(const sim *s, const app_text *name) {
     return -1;
 }
 
+static bool are_rigid(const sim *s, int32_t a, int32_t b) {
+    return s->body_count > 0 && s->body[a].rigid && s->body[b].rigid;
+}
+
+static tm_status warn_of_rigid(const sim *s, const touch_pair *p, int32_t a, int32_t b) {
+    if (!are_rigid(s, a, b)) return 0;
+    if (a == b)
+        return app_scene_warn(s->scene, p->here.line, "body '%s' is rigid and never touches itself; remove this pair",
+                              s->body[a].name);
+    return app_scene_warn(s->scene, p->here.line,
+                          "bodies '%s' and '%s' are both rigid and pass through each other; remove this pair",
+                          s->body[a].name, s->body[b].name);
+}
+
+/* Rigid bodies do not touch each other: rows could move neither, and would only add forces to their supports. */
 static tm_status mark_pairs(const sim *s, const options *o, int32_t count, uint8_t *pair) {
-    memset(pair, o->pairs.count == 0, (size_t)(count * count));
+    for (int32_t a = 0; a < count; a++)
+        for (int32_t b = 0; b < count; b++) pair[a * count + b] = o->pairs.count == 0 && !are_rigid(s, a, b);
     for (int i = 0; i < o->pairs.count; i++) {
         const touch_pair *p = (const touch_pair *)o->pairs.item + i;
         const int32_t a = index_of(s, &p->body);
         const int32_t b = a < 0 || !strcmp(p->other.s, "self") ? a : index_of(s, &p->other);
         if (a < 0 || b < 0) return TM_ERR_ARGUMENT;
-        pair[a * count + b] = pair[b * count + a] = 1;
+        if (warn_of_rigid(s, p, a, b)) return TM_ERR_ARGUMENT;
+        pair[a * count + b] = pair[b * count + a] = !are_rigid(s, a, b);
     }
     return 0;
 }

@@ -165,7 +165,8 @@ def test_bodies_that_overlap_at_rest_are_warned_of(bin, block, tmp_path):
     ("touch.friction={static: 0.1, kinetic: 0.2}", "kinetic 0.2 is above static 0.1"),
     ("model=precomputed", "touch and precomputed"),
     ("touch.thickness=0 mm", "outside"),
-], ids=["no body", "friction", "precomputed", "thickness"])
+    ("touch.pairs=[]", "touch.pairs is empty; name two bodies, or leave it out"),
+], ids=["no body", "friction", "precomputed", "thickness", "no pairs"])
 def test_faulty_touch_is_refused(bin, block, tmp_path, change, words):
     text = (STACK % (block, block)).replace("gravity:\nenergy:\n", "") if "model" in change else STACK % (block, block)
     said = run(bin / "tm-sim", write(tmp_path / "bad.yaml", text), "--lockstep", "--frames", 1, "--set", change, code=2)[1]
@@ -367,6 +368,41 @@ def test_a_rigid_table_lifts_what_lies_on_it_and_is_not_cut(bin, block, tmp_path
     assert early["state_hash"] == later["state_hash"]
     still = state(bin, scene, tmp_path, "--set", "bodies.table.path=[{time: 0 s, move: [0, 0, 0]}]")
     assert still["energy"]["gravity_J"] > 0 and still["tets_removed"] == 0
+
+
+RIGID_PAIR = """\
+tissue:
+  force: plain
+  materials: {"*": {young: 5 kPa, poisson: 0.4}}
+bodies:
+  table: {mesh: %s, rigid: yes}
+  stand: {mesh: %s, scale: 0.5, rigid: yes, move: [0, 0, 52 mm], path: [{time: 0.1 s, move: [0, 0, -20 mm]}]}
+  soft: {mesh: %s, scale: 0.5, move: [200 mm, 0, 0]}
+damping: {rate: 60 /s}
+energy:
+supports: [{group: soft.z_min}]
+touch:
+ties: {between: [{from: soft.z_min, to: soft.z_max, within: 100 mm, stiffness: 1 N/m}]}
+time: {frame_rate: 25 Hz, duration: 0.12 s}
+"""
+
+
+def test_rigid_bodies_pass_through_each_other_without_force(bin, block, tmp_path):
+    scene = write(tmp_path / "rigid.yaml", RIGID_PAIR % (block, block, block))
+    said = state(bin, scene, tmp_path)["energy"]
+    assert all(abs(said[term]) < 1e-20 for term in ("touch_J", "touch_stored_J", "support_J")), said
+
+
+@pytest.mark.parametrize("change, words", [
+    ("touch.pairs=[{body: table, other: stand}]", "bodies 'table' and 'stand' are both rigid and pass through each other; remove this pair"),
+    ("touch.pairs=[{body: table, other: self}]", "body 'table' is rigid and never touches itself; remove this pair"),
+    ("ties.between=[{from: table.z_max, to: stand.z_min, stiffness: 1 N/m}]", "'table.z_max' and 'stand.z_min' are both of rigid bodies, which ties cannot move"),
+], ids=["pair", "self", "ties"])
+def test_contact_and_ties_of_rigid_bodies_alone_are_warned_of(bin, block, tmp_path, change, words):
+    scene = write(tmp_path / "pair.yaml", RIGID_PAIR % (block, block, block))
+    warned = run(bin / "tm-sim", scene, "--check", "--set", change)[1]
+    assert f"{change}: warning: {words}" in warned, warned
+    assert "rigid" not in run(bin / "tm-sim", scene, "--check")[1]
 
 
 @pytest.mark.parametrize("change, words", [
