@@ -54,7 +54,7 @@ $(WEB)/npm/messages.js: $(call files,lcm_types/*.lcm)
 web-npm: $(WEB)/npm/plain.js $(WEB)/npm/simd.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM)
 # The page: one folder of static files. three.js is bundled; the library is copied unchanged, without the plain form: browsers that draw in workers have vectors.
 WEB_PAGE := $(patsubst web/page/%,$(WEB)/page/%,$(call files,web/page/*.html web/page/*.css web/page/*.worker.js $(patsubst %,web/page/%.js,own_mesh pauses)))
-WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh block_1k.msh liver-press.yaml liver-cut.yaml block-press.yaml)
+WEB_DATA := $(patsubst %,$(WEB)/page/data/%,liver_1k.msh liver_10k.msh liver_cut.msh gallbladder_1k.msh block_1k.msh liver-press.yaml liver-cut.yaml cholecystectomy.yaml block-press.yaml)
 $(WEB_PAGE): $(WEB)/page/%: web/page/%
 	$(call step,COPY)
 	$(Q)cp $< $@
@@ -65,8 +65,8 @@ $(WEB)/page/data/%.yaml: apps/scenes/%.yaml
 	$(call step,COPY)
 	$(Q)cp $< $@
 # The organ at rest, for the first picture (boot.js).
-WEB_REST := $(patsubst %,$(WEB)/page/data/%.rest.json,liver-press.liver_1k liver-press.liver_10k liver-cut.liver_10k liver-cut.liver_cut block-press.block_1k)
-$(WEB_REST): web/rest.mjs $(WEB)/npm/simd.js $(WEB)/npm/plain.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM) $(WEB_DATA)
+WEB_REST := $(patsubst %,$(WEB)/page/data/%.rest.json,liver-press.liver_1k liver-press.liver_10k liver-cut.liver_10k liver-cut.liver_cut cholecystectomy.liver_10k block-press.block_1k)
+$(WEB_REST): web/rest.mjs web/page/scenes.js $(WEB)/npm/simd.js $(WEB)/npm/plain.js $(WEB)/npm/bindings.js $(WEB)/npm/messages.js $(WEB_NPM) $(WEB_DATA)
 	$(call step,REST)
 	$(Q)node web/rest.mjs $(WEB)/npm apps/scenes meshes $@
 # main.js and painter.js share what they use of three.js (shared.js); boot.js has nothing of it.

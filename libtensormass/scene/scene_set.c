@@ -110,15 +110,31 @@ static tm_status put_key(reader *r, int set, int at, const char *name, int child
     return app_scene_fail(r->scene, line_of_set(set), TM_ERR_MEMORY, "out of memory; use a smaller value");
 }
 
+/* Returns the length of the path's first name: of a key that the mapping has, dots included ("liver.*" of materials),
+ * else up to the next dot or bracket. */
+static size_t length_of_name(reader *r, const yaml_node_t *mapping, const char *path) {
+    size_t length = strcspn(path, ".[");
+    for (const yaml_node_pair_t *p = mapping->data.mapping.pairs.start; p < mapping->data.mapping.pairs.top; p++) {
+        const yaml_node_t *key = node_at(r, p->key);
+        const size_t size = key->type == YAML_SCALAR_NODE ? key->data.scalar.length : 0;
+        if (size > length && !strncmp(path, (const char *)key->data.scalar.value, size) && strchr(".[", path[size]))
+            length = size;
+    }
+    return length;
+}
+
 /* "name.rest": descends into the key's value, creating it if missing. At the end of the path sets or removes the
  * value. */
 static tm_status enter_key(reader *r, int set, int value, bool remove, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     int line = line_of_set(set);
-    size_t length = strcspn(*rest, ".[");
-    char next = (*rest)[length], *name = *rest;
-    if (node->type != YAML_MAPPING_NODE)
+    char *name = *rest;
+    if (node->type != YAML_MAPPING_NODE) {
+        name[strcspn(name, ".[")] = 0;
         return app_scene_bad(r->scene, line, "%s is %s; name a key of a mapping", name, app_scene_node_kind(node));
+    }
+    const size_t length = length_of_name(r, node, name);
+    const char next = name[length];
     name[length] = 0;
     yaml_node_pair_t *found = find_pair(r, node, name);
     *rest += length + (next == '.');

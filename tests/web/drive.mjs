@@ -127,6 +127,11 @@ await picture(page, 'tied_log');
 await page.evaluate(() => document.getElementById('live').click());
 await until(page, () => !tensormass.state.played);
 step('ties');
+// Steps of 4 us: thousands a frame.
+await give(page, [['slow.yaml', Buffer.from((await readFile(tied, 'utf8')).replace('time: {', 'time: {step: 4 us, ')).toString('base64')], ['block_1k.msh', (await readFile(mesh)).toString('base64')]]);
+seen.slow = await valueOf(page, () => !document.getElementById('slow').hidden && document.getElementById('slow').textContent);
+await picture(page, 'slow');
+step('slow');
 
 await hide(page, true);
 seen.hidden = await valueOf(page, () => tensormass.state.law.state !== 'engaged' && Math.hypot(...tensormass.state.law.vector[0]) === 0 && [tensormass.state.law.state, 0]);
@@ -186,6 +191,18 @@ await page.evaluate(() => document.getElementById('show-supports').click());
 await picture(page, 'desktop');
 await page.close();
 step('liver');
+// Two bodies; the choices that no part of them can have alone open too.
+[page] = await opened('?scene=cholecystectomy');
+seen.gallbladder = await valueOf(page, () => tensormass.state.last?.ties && [document.getElementById('tets').textContent, ...tensormass.state.last.ties, tensormass.state.sent.sets['bodies.gallbladder.effects']]);
+await picture(page, 'gallbladder');
+for (const [field, value] of [['viscosity', 'on'], ['viscosity', 'off'], ['law', 'rotation'], ['law', 'neo-hooke']]) {
+  const built = await page.evaluate(() => tensormass.state.opened.number);
+  await choose(page, `#choice-${field}`, value);
+  await until(page, (n) => tensormass.state.opened.number > n || document.getElementById('error').open, built);
+  if (await page.evaluate(() => document.getElementById('error').open)) throw new Error(`${field}=${value}: ${await page.$eval('#error pre', (e) => e.textContent)}`);
+}
+await page.close();
+step('gallbladder');
 [page] = await opened('?scene=liver-press&mesh=1%2C180%20tetrahedra', { width: 390, height: 844, dark: true, scale: 2 });
 await until(page, () => tensormass.view.frames > 3 && Number(document.getElementById('factor').textContent) > 0);
 seen.overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);

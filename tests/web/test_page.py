@@ -180,6 +180,25 @@ def test_the_resolution_follows_the_time_of_a_picture():
     assert found["back"] == found["patient"] == 0.5
 
 
+def test_a_tissue_that_does_not_keep_up_is_told():
+    ran = subprocess.run(["node", ROOT / "tests/web/pace.mjs", ROOT / "web/page/pace.js"], capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+    found = json.loads(ran.stdout)
+    assert found["keeps"] == found["starts"] == found["forgot"] == ""
+    assert found["slow"].startswith("Too slow for real time: 0.50 s are simulated in a second") and "become about 160 ms old; beyond 100 ms it fades to zero" in found["slow"]
+    assert "0.83 s" in found["little"] and "about 94 ms old" in found["little"]
+
+
+def test_a_gallbladder_is_drawn_off_its_bed(seen):
+    tets, holding, all_, rotation = seen["gallbladder"]
+    assert tets == "11,198" and 0 < holding <= all_ and all_ > 10
+    assert rotation == "{rotation: }"  # of it alone
+
+
+def test_the_page_says_that_it_does_not_keep_up(seen):
+    assert seen["slow"].startswith("Too slow for real time: 0.") and "slow motion" in seen["slow"]
+
+
 def test_a_part_of_the_study_can_be_made(tmp_path):
     """`make web-study` for one scene, with coarse meshes and a short path: scenes that are not studied keep their figures."""
     subprocess.run(["make", "web-study", "WEB_STUDIES=block", f"WEB_STUDY_DIR={tmp_path}", f"WEB_STUDY_TO={tmp_path}/page.json", "WEB_STUDY_MORE=--finest 3000 --duration 1.2s"],

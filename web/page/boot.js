@@ -1,7 +1,7 @@
 // Starts what takes time before the page's own code is there: the workers, the organ at rest, the library's compilation, the scene's files.
 // Shares only vectors.js and scenes.js with the rest of the page, so that it is small.
 import { hasSimd } from '../npm/vectors.js';
-import { SCENES, meshesOf, restOf } from './scenes.js';
+import { SCENES, filesOf, restOf } from './scenes.js';
 
 // A worker whose messages wait until someone listens. It starts at once, or with start(): messages to it wait until then.
 class Waiting {
@@ -27,7 +27,7 @@ class Waiting {
 
 const painter = new Waiting('./painter.js'), tissue = new Waiting('./tissue.worker.js'), law = new Waiting('./law.worker.js', false);
 const asked = new URLSearchParams(location.search), names = Object.keys(SCENES), scene = names.find((n) => n === asked.get('scene')) ?? names[0];
-const mesh = SCENES[scene].meshes[asked.get('mesh')] ?? SCENES[scene].meshes[meshesOf(scene).at(-1)];
+const meshes = filesOf(scene, asked.get('mesh'));
 const canvas = document.getElementById('view'), pictures = new MessageChannel(), samples = new MessageChannel();
 const start = (worker, message, ports) => worker.postMessage({ kind: 'start', ...message }, ports);
 const fetched = async (path) => new Uint8Array(await (await fetch(`data/${path}`)).arrayBuffer());
@@ -36,7 +36,7 @@ const able = canvas.transferControlToOffscreen && hasSimd();
 if (able) {
   const drawn = canvas.transferControlToOffscreen(), { clientWidth: width, clientHeight: height } = canvas;
   const dark = matchMedia('(prefers-color-scheme: dark)').matches;
-  start(painter, { canvas: drawn, port: pictures.port2, rest: `data/${restOf(scene, mesh)}`, size: { width, height, ratio: Math.min(devicePixelRatio, 2) }, dark }, [drawn, pictures.port2]);
+  start(painter, { canvas: drawn, port: pictures.port2, rest: `data/${restOf(scene, meshes)}`, size: { width, height, ratio: Math.min(devicePixelRatio, 2) }, dark }, [drawn, pictures.port2]);
 }
 // Compiled once, for both workers; a server that sends .wasm by another type leaves it to them.
 const form = 'simd', compiled = WebAssembly.compileStreaming(fetch('lib/simd.wasm')).catch(() => undefined);
@@ -44,7 +44,7 @@ compiled.then((module) => {
   start(tissue, { form, module, port: samples.port1, pictures: pictures.port1 }, [samples.port1, pictures.port1]);
   start(law, { form, module, port: samples.port2 }, [samples.port2]);
 });
-const files = new Map([`${scene}.yaml`, mesh].map((path) => [path, fetched(path)]));
+const files = new Map([`${scene}.yaml`, ...meshes].map((path) => [path, fetched(path)]));
 files.forEach((file) => file.catch(() => undefined)); // the page's own code reports it
 
 // able: the browser can run the page. fileOf(path): the bytes of a file of data/.

@@ -66,7 +66,8 @@ function errorOf(name, chosen, own) {
   if (own) return name === 'mesh' ? 'no study of your own scene' : '';
   const found = study.scenes[chosen.scene], finest = meshesOf(chosen.scene).at(-1), file = SCENES[chosen.scene].meshes[chosen.mesh];
   if (name === 'scene' || name === 'hard' || (chosen[name] === CHOICES[name].values[0] && name in PLAIN)) return '';
-  if (!found || (name !== 'mesh' && chosen.mesh !== finest)) return 'not in the study, which has the finest mesh';
+  if (!found) return name === 'mesh' ? 'no study of this scene' : '';
+  if (name !== 'mesh' && chosen.mesh !== finest) return 'not in the study, which has the finest mesh';
   const of = (value, prefix) => (value === undefined ? 'not in the study' : `${prefix}${percent(value)}`);
   if (name === 'mesh') return of(found.error?.mesh[file], 'error ');
   if (name === 'extrapolator' || name === 'rate') return of(found.samples[chosen.rate]?.[chosen.extrapolator], 'error at the hand ');

@@ -4,7 +4,8 @@ import { device } from './device.js';
 import { figures, plot, tied } from './figures.js';
 import { accept, save } from './files.js';
 import { hold, listen, pad, place } from './hand.js';
-import { SCENES } from './scenes.js';
+import { Pace } from './pace.js';
+import { choicesOf, filesOf, setsOf } from './scenes.js';
 import { $, fail, law, state, tissue, view } from './state.js';
 
 // For tests and the curious. fresh(n): runs n frames of the open scene from its start, along its hands; the result is state.ran.
@@ -17,12 +18,12 @@ view.start();
 const { fileOf } = globalThis.boot;
 
 async function open() {
-  const name = state.chosen.scene, scene = SCENES[name];
+  const name = state.chosen.scene;
   if (state.own?.yaml) return send(state.own.yaml, state.own.files, {});
   if (state.own?.mesh) return tissue.postMessage({ kind: 'mesh', name: state.own.mesh, files: state.own.files, sets: choices.sets(state.chosen) });
-  const mesh = scene.meshes[state.chosen.mesh] ?? Object.values(scene.meshes)[0];
-  const [text, content] = await Promise.all([`${name}.yaml`, mesh].map(fileOf)), yaml = new TextDecoder().decode(text);
-  return send(yaml, { [mesh]: content }, { 'tissue.mesh': mesh, 'haptics.compliance': 'iterations', ...(/^rendering:/m.test(yaml) ? { rendering: null } : {}), ...choices.sets(state.chosen) });
+  const meshes = filesOf(name, state.chosen.mesh), [text, ...contents] = await Promise.all([`${name}.yaml`, ...meshes].map(fileOf)), yaml = new TextDecoder().decode(text);
+  const files = Object.fromEntries(meshes.map((mesh, i) => [mesh, contents[i]]));
+  return send(yaml, files, { 'haptics.compliance': 'iterations', ...(/^rendering:/m.test(yaml) ? { rendering: null } : {}), ...setsOf(name, meshes, state.chosen), ...choicesOf(name, choices.sets(state.chosen)) });
 }
 
 function send(yaml, content, sets) {
@@ -42,6 +43,17 @@ function choose(name) {
 
 // --- messages of the workers ---
 
+const pace = new Pace();
+function tellPace({ time_s, median_ms }) {
+  const text = pace.frame({ at_ms: performance.now(), time_s, ms: median_ms, frame_s: state.opened.frame_s });
+  $('slow').hidden = !text;
+  if (text && $('slow').textContent !== text) $('slow').textContent = text;
+}
+function forgetPace() {
+  pace.forget();
+  $('slow').hidden = true;
+}
+
 const fromTissue = {
   ready({ form }) {
     state.form = form;
@@ -54,6 +66,7 @@ const fromTissue = {
     state.ownGood = state.own;
     state.opening = false;
     state.played = null;
+    forgetPace();
     $('live').hidden = true;
     choices.tell(state);
     $('title').textContent = message.title;
@@ -71,10 +84,12 @@ const fromTissue = {
     state.last = message;
     if (state.held < 0) state.poses = message.poses.map((p) => ({ ...p, tip_m: Array.from(p.tip_m) }));
     figures(message);
+    tellPace(message);
   },
   // A frame of a recorded session.
   played(message) {
     if (message.first || !state.played) {
+      forgetPace();
       view.open(message);
       $('live').hidden = false;
     }
@@ -109,6 +124,7 @@ law.onmessage = ({ data }) => fromLaw[data.kind](data);
 document.addEventListener('visibilitychange', () => {
   for (const worker of [tissue, law]) worker.postMessage({ kind: 'hidden', value: document.hidden });
   device.hidden(document.hidden);
+  forgetPace();
 });
 addEventListener('pagehide', () => device.hidden(true));
 $('connect').onclick = () => {
