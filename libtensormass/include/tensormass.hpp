@@ -240,6 +240,19 @@ class ties_ref : public reference<tm_ties> {
     std::int32_t count() const { return tm_ties_count(p_); }
     bool is_whole(std::int32_t tie) const { return tm_ties_is_whole(p_, tie); }
     double force_N(std::int32_t tie) const { return tm_ties_force_N(p_, tie, nullptr, nullptr); }
+    tm_tie tie(std::int32_t number) const { return tm_ties_get(p_, number); } /* as it was added */
+    /* Where a tie begins and ends now, m. */
+    std::array<std::array<double, 3>, 2> ends_m(std::int32_t tie) const {
+        std::array<std::array<double, 3>, 2> ends{};
+        tm_ties_force_N(p_, tie, ends[0].data(), ends[1].data());
+        return ends;
+    }
+    /* Writes the ties that went since the last call, as many as fit, and why each went (empty: unwanted). Returns their
+     * number. */
+    std::int32_t fetch_cut(span<std::int32_t> tie, span<std::int32_t> why = {}) const {
+        if (!why.empty() && why.size() < tie.size()) throw std::invalid_argument("why: one a tie, or none");
+        return tm_ties_fetch_cut(p_, tie.data(), why.empty() ? nullptr : why.data(), std::int32_t(tie.size()));
+    }
 };
 
 class world_ref : public reference<tm_world> {

@@ -6,7 +6,9 @@ import pytest
 
 CHECK = r"""
 #include <algorithm>
+#include <array>
 #include <cassert>
+#include <cmath>
 #include <cstdio>
 #include <stdexcept>
 #include "tensormass_io.hpp"
@@ -94,6 +96,21 @@ int main(int, char **word) {
         const tensormass::ties_ref ties = world.add_ties(tensormass::span<const tm_tie>(&tie, 1));
         assert(world.step() == TM_OK && touching.rows().empty() && touching.report().rows == 0 && world.touch().get() == touching.get());
         assert(ties.count() == 1 && ties.is_whole(0) && ties.force_N(0) >= 0 && world.ties().get() == ties.get());
+        const auto ends = ties.ends_m(0);
+        const tm_tie added = ties.tie(0);
+        for (int c = 0; c < 3; c++) {
+            const auto at = [&](std::int32_t v) { return mesh.rest_m()[3 * std::size_t(v) + std::size_t(c)] + world.u_m()[3 * std::size_t(v) + std::size_t(c)]; };
+            double to = 0;
+            for (int j = 0; j < 3; j++) to += added.weight[j] * at(added.other[j]);
+            assert(std::abs(ends[0][std::size_t(c)] - at(added.vertex)) < 1e-15 && std::abs(ends[1][std::size_t(c)] - to) < 1e-12);
+        }
+        std::array<std::int32_t, 4> gone{}, why{};
+        assert(ties.fetch_cut(gone, why) == 0 && ties.fetch_cut(gone) == 0);
+        try {
+            ties.fetch_cut(gone, tensormass::span<std::int32_t>(why.data(), 2));
+            assert(!"too short an array");
+        } catch (const std::invalid_argument &) {
+        }
         world.remove_stage("ties");
         world.remove_stage("touch");
         assert(!world.touch() && !world.ties());
