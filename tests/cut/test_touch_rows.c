@@ -533,7 +533,7 @@ static void rows_are_those_of_a_slow_reference(void **state) {
         if (fast || deep) lift(&b, fast ? 4e-3 : -5e-3);
         if (!deep) throw_body(&b, 1, 0, 0, fast ? -6 : -0.3 * fix_uniform(&random));
         if (deep) assert_int_equal(tm_world_step(b.world, 12), TM_OK);
-        for (int k = 0; k < 3; k++) {
+        for (int k = 0; k < (fast ? 1 : 3); k++) { /* in fast flight, before the first step alone */
             compare(&b, &sum);
             if (!fast) assert_int_equal(tm_world_step(b.world, 4), TM_OK);
         }

@@ -405,7 +405,8 @@ int study_loop(const study_run *run, cJSON *out) {
     for (int k = 0; k < count; k++)
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
-            for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell++)
+            /* even cells without passivity control, and the short form has these alone */
+            for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell += run->quick ? 2 : 1)
                 add_largest(
                     rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US, 0, NULL, 0},
                     run->quick, b);
