@@ -269,6 +269,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddStringToObject(json, "state_hash", hash);
     run_report_coverage(s, json);
     run_report_ties(s, json);
+    run_report_touch(s, json, false);
     run_report_energy(s, json);
     run_report_adaptive(s, json);
     report_controllers(l, json);

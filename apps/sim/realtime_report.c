@@ -76,6 +76,7 @@ void realtime_report(realtime *r, cJSON *json) {
     report_refused(r, json);
     run_report_coverage(r->s, json);
     run_report_ties(r->s, json);
+    run_report_touch(r->s, json, false);
     run_report_energy(r->s, json);
     run_report_adaptive(r->s, json);
     report_controllers(r, json);

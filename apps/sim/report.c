@@ -94,6 +94,34 @@ void run_report_ties(const sim *s, cJSON *report) {
     cJSON_AddNumberToObject(to, "gone", tm_ties_count(ties) - whole_ties(ties)); /* before --restore too */
 }
 
+static void warn_of_dropped_rows(const sim *s) {
+    char where[600];
+    app_scene_where(s->scene, sim_effect_line(s->scene, sim_effect_find(s->scene, "touch")), where, sizeof where);
+    fprintf(
+        stderr,
+        "%s: warning: more surfaces were close than contact of tissue can list, so some may have passed through each "
+        "other; reduce 'touch.thickness', or name 'touch.pairs'\n",
+        where);
+}
+
+void run_report_touch(const sim *s, cJSON *report, bool print) {
+    const tm_touching *touching = s->model->world ? tm_world_touching(s->model->world) : NULL;
+    if (!touching) return;
+    const tm_touching_row *row = NULL;
+    const tm_touching_report now = tm_touching_get_report(touching);
+    int32_t count = 0;
+    double sum_N = 0;
+    for (int32_t i = 0, n = tm_touching_rows(touching, &row); i < n; i++)
+        count += row[i].lambda_N > 0, sum_N += row[i].lambda_N;
+    if (print) printf("touch: %d rows, normal forces of %.9g N in sum\n", count, sum_N);
+    if (now.overflowed) warn_of_dropped_rows(s);
+    cJSON *to = cJSON_AddObjectToObject(report, "touch");
+    cJSON_AddNumberToObject(to, "rows", count);
+    cJSON_AddNumberToObject(to, "normal_sum_N", sum_N);
+    cJSON_AddNumberToObject(to, "deepest_m", now.deepest_m);
+    cJSON_AddBoolToObject(to, "overflowed", now.overflowed);
+}
+
 void run_print_ties(const sim *s) {
     if (s->ties_cut.total == 0) return;
     printf("ties: %d whole, %" PRId64 " gone, of these %" PRId64 " at their breaking load\n",

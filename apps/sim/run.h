@@ -61,6 +61,8 @@ struct cJSON *run_report_begin(const sim *s, const char *mode);
 void run_report_coverage(const sim *s, struct cJSON *report);
 /* Adds how many ties between bodies are whole and how many went, if the scene has any. */
 void run_report_ties(const sim *s, struct cJSON *report);
+/* Contact of tissue with tissue: rows with a force, the sum of these forces; warns if rows were dropped. */
+void run_report_touch(const sim *s, struct cJSON *report, bool print);
 /* Prints a line about ties, if any are gone. */
 void run_print_ties(const sim *s);
 /* Adds how many steps took how many substeps, if they are adaptive. */

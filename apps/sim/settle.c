@@ -149,21 +149,6 @@ static void report_tools(const sim *s, cJSON *json) {
     }
 }
 
-/* Reports contact of tissue with tissue: rows with a force, and the sum of these forces. */
-static void report_touch(const sim *s, cJSON *json) {
-    const tm_touching *touching = s->model->world ? tm_world_touching(s->model->world) : NULL;
-    if (!touching) return;
-    const tm_touching_row *row = NULL;
-    int32_t count = 0;
-    double sum_N = 0;
-    for (int32_t i = 0, n = tm_touching_rows(touching, &row); i < n; i++)
-        count += row[i].lambda_N > 0, sum_N += row[i].lambda_N;
-    printf("touch: %d rows, normal forces of %.9g N in sum\n", count, sum_N);
-    cJSON *to = cJSON_AddObjectToObject(json, "touch");
-    cJSON_AddNumberToObject(to, "rows", count);
-    cJSON_AddNumberToObject(to, "normal_sum_N", sum_N);
-}
-
 /* Reports ties: how many hold, and the sum and the largest of their forces. */
 static void report_ties(const sim *s, cJSON *json) {
     const tm_ties *ties = s->model->world ? tm_world_ties(s->model->world) : NULL;
@@ -230,7 +215,7 @@ static int settle(sim *s, const run_options *o, app_file *written, cJSON *json) 
     cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
     report_supports(s, reaction, json);
     report_tools(s, json);
-    report_touch(s, json);
+    run_report_touch(s, json, true);
     report_ties(s, json);
     if (written->begun) rc = write_rest(written, s, o, u, reaction);
     free(u);

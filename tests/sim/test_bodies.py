@@ -157,6 +157,16 @@ def test_a_body_falls_on_another_and_through_one_it_does_not_touch(bin, block, t
     assert through["energy"]["touch_J"] == 0 and through["energy"]["gravity_J"] > said["energy"]["gravity_J"] + 0.01
 
 
+def test_a_run_reports_the_force_between_bodies(bin, block, tmp_path):
+    scene = write(tmp_path / "stack.yaml", STACK % (block, block))
+    said = state(bin, scene, tmp_path, "--duration", "0.6")["touch"]
+    weight_N = 9.81 * 1000 * 0.05 * 0.05 * 0.025
+    assert said["rows"] > 10 and said["normal_sum_N"] == pytest.approx(weight_N, rel=0.02) and said["deepest_m"] < 1e-4 and not said["overflowed"]
+    crowded = "--set", "touch.thickness=40 mm", "--duration", "0.04"
+    assert "more surfaces were close than contact of tissue can list" in run(bin / "tm-sim", scene, "--lockstep", *crowded)[1]
+    assert state(bin, scene, tmp_path, *crowded)["touch"]["overflowed"]
+
+
 def test_bodies_that_overlap_at_rest_are_warned_of(bin, block, tmp_path):
     """The upper block has an edge of 50 mm: moved by 20 mm instead of 51 mm it lies in the lower one, and contact leaves it there."""
     scene = write(tmp_path / "stack.yaml", STACK % (block, block))
