@@ -166,32 +166,39 @@ int32_t tm_touch_clusters_find(const tm_touch_clusters *c, const tm_touch_bounds
     return count;
 }
 
-/* Tries the features of one cluster that have a bit with those of a cluster near them. */
-static void try_clusters(const tm_touching *t, const tm_touch_clusters *c, int32_t cluster, double grow_m,
-                         const tm_touch_cluster *near, tm_touch_try *try, tm_touch_lists *to) {
+/* Tries the features of one cluster that have a bit, with these bounds, with those of a cluster near them. */
+static void try_clusters(const tm_touching *t, const tm_touch_clusters *c, int32_t cluster,
+                         const tm_touch_bounds bounds[WIDTH], const tm_touch_cluster *near, tm_touch_try *try,
+                         tm_touch_lists *to) {
     for (uint32_t own = c->fresh[cluster]; own; own &= own - 1) {
         const int place = __builtin_ctz(own);
-        tm_touch_bounds b;
-        get_bounds(&c->of[cluster].box, place, &b);
-        for (int k = 0; k < 3; k++) b.low[k] -= (float)grow_m, b.high[k] += (float)grow_m;
-        for (uint32_t hit = compare(c, &near->box, &b); hit; hit &= hit - 1)
+        for (uint32_t hit = compare(c, &near->box, bounds + place); hit; hit &= hit - 1)
             try(t, to, c->of[cluster].item[place], near->item[__builtin_ctz(hit)]);
     }
+}
+
+/* Computes bounds around the features of a cluster that have a bit. Returns those around all. */
+static tm_touch_bounds bounds_of(const tm_touch_clusters *c, int32_t cluster, double grow_m,
+                                 tm_touch_bounds bounds[WIDTH]) {
+    tm_touch_bounds all = nothing;
+    for (uint32_t own = c->fresh[cluster]; own; own &= own - 1) {
+        tm_touch_bounds *one = bounds + __builtin_ctz(own);
+        get_bounds(&c->of[cluster].box, __builtin_ctz(own), one);
+        for (int k = 0; k < 3; k++) one->low[k] -= (float)grow_m, one->high[k] += (float)grow_m;
+        widen(&all, one);
+    }
+    return all;
 }
 
 void tm_touch_clusters_try(const tm_touching *t, int kind, int against, int32_t part, int32_t parts, double grow_m,
                            tm_touch_try *try, tm_touch_lists *to) {
     const tm_touch_clusters *c = t->clusters + kind, *others = t->clusters + against;
     for (int32_t i = part; i < c->listed_count; i += parts) {
-        tm_touch_bounds all = nothing, one;
-        for (uint32_t own = c->fresh[c->listed[i]]; own; own &= own - 1) {
-            get_bounds(&c->of[c->listed[i]].box, __builtin_ctz(own), &one);
-            widen(&all, &one);
-        }
-        for (int k = 0; k < 3; k++) all.low[k] -= (float)grow_m, all.high[k] += (float)grow_m;
+        tm_touch_bounds bounds[WIDTH];
+        const tm_touch_bounds all = bounds_of(c, c->listed[i], grow_m, bounds);
         for (int32_t first = 0; first < others->count; first += WIDTH)
             for (uint32_t near = compare(others, others->around + first / WIDTH, &all); near; near &= near - 1)
-                try_clusters(t, c, c->listed[i], grow_m, others->of + first + __builtin_ctz(near), try, to);
+                try_clusters(t, c, c->listed[i], bounds, others->of + first + __builtin_ctz(near), try, to);
     }
 }
 

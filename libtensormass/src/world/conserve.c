@@ -133,7 +133,11 @@ static void add_to_others(tm_conserving *c, tm_world *world, int32_t block, int3
 static void end_block(tm_conserving *c, tm_world *world, int32_t block, int32_t begin, int32_t end) {
     double *TM_RESTRICT force = world->state.force_N, *TM_RESTRICT push = c->push_N;
     (void)block;
-    for (int64_t i = 3 * (int64_t)begin; c->share != 0 && i < 3 * (int64_t)end; i++) force[i] += push[i] *= c->share;
+    const double share = c->share;
+    for (int64_t i = 3 * (int64_t)begin; share != 0 && i < 3 * (int64_t)end; i++) {
+        push[i] *= share;
+        force[i] += push[i];
+    }
     copy(c->seen_m, world->state.u_m, begin, end);
 }
 
