@@ -34,7 +34,7 @@ def draw(page, cases, group):
     figure, axes = plt.subplots(rows, columns, figsize=(12, 2.3 * rows), squeeze=False, layout="constrained")
     for axis, case in zip(axes.flat, drawn):
         axis.plot(case["x"], [math.nan if v is None else v for v in case["y"]], **{**series(0), "marker": ""})
-        axis.locator_params(axis="x", nbins=4)
+        axis.locator_params(nbins=4)
         axis.set_title(case["name"], fontsize=9, loc="left")
         axis.set_xlabel(case["x_name"], fontsize=8)
         axis.set_ylabel(textwrap.fill(case["y_name"], 24), fontsize=8)
