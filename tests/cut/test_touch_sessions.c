@@ -384,7 +384,7 @@ static void take(void *to, uint64_t seed, const verdict *v) {
 static void random_sessions_on_two_bodies_stay_within_bounds(void **unused) {
     (void)unused;
     const bool few = test_is_sanitized();
-    session_range range = sessions_to_run(few ? 3 : 2, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
+    session_range range = sessions_to_run(2, ONCE_BROKE, few ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE);
     if (test_is_long() && range.count == 10000) range.count = 1000;
     tally sum = {0};
     const int failed = run_sessions(&range, take, &sum);

@@ -1,5 +1,6 @@
 /* Nonlinear laws with other effects: a linear body next to one of another law; strain smoothing, which prevents
  * locking; energy, threads, cuts and snapshots with these. */
+#include "../long.h"
 #include "law_body.h"
 #include "released.h"
 #include "tensormass/cut.h"
@@ -222,11 +223,11 @@ static void has_the_same_bits_by_threads_forms_and_snapshots(void **state) {
     uint64_t before = 0;
     for (int law = 0; law < 2; law++)
         for (int effect = 0; effect < 3; effect++) {
-            const uint64_t one = story(TWO[law], effect, (how){1, -1, TM_FORCE_BEST});
+            const uint64_t one = story(TWO[law], effect, (how){2, -1, TM_FORCE_PLAIN});
             assert_true(one != before);
             before = one;
-            assert_true(one == story(TWO[law], effect, (how){2, -1, TM_FORCE_PLAIN}));
             assert_true(one == story(TWO[law], effect, (how){3, 14, TM_FORCE_BEST}));
+            if (!test_is_sanitized()) assert_true(one == story(TWO[law], effect, (how){1, -1, TM_FORCE_BEST}));
         }
 }
 

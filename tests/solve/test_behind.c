@@ -5,6 +5,7 @@
 #include "patch/patch_internal.h"
 #include "tensormass/touch.h"
 
+#include "../long.h"
 #include "apps/common/block.h"
 
 static const double RADIUS_M = 0.004, TOP_M = 0.0283;
@@ -181,20 +182,21 @@ static void a_plate_that_nothing_holds_has_no_patch(void **state) {
 static void a_plate_held_by_contact_alone_has_a_patch(void **state) {
     (void)state;
     static const double moves[3][3] = {{0, 0, -5e-4}, {0, 0, 3e-4}, {3e-4, 0, -2e-4}};
+    const int count = test_is_sanitized() ? 1 : 3;
     const double tip_m[3] = {0.03, 0.025, TOP_M + RADIUS_M - 0.004};
     stacked s = {0};
     double K[9], force[3], worst = 0, hold = 0, truth[3][3];
     make_mesh(&s, 0.5, LIES);
     rest_at(&s, tip_m, force);
     measure(&s, tip_m, K);
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < count; k++) {
         double at[3];
         for (int c = 0; c < 3; c++) at[c] = tip_m[c] + moves[k][c];
         rest_at(&s, at, truth[k]);
         rest_at(&s, tip_m, force);
     }
     assert_true(tm_patch_compute(s.builder, 0, &s.patch));
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < count; k++) {
         double at[3], said[3];
         for (int c = 0; c < 3; c++) at[c] = tip_m[c] + moves[k][c];
         tm_patch_force(s.solver, &s.patch, at, said, NULL);
