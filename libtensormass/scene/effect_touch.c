@@ -22,7 +22,7 @@ static const app_field fields[] = {
     {"touch.thickness", APP_NUMBER, "length", "0.5 mm", 1e-6, 0.1, offsetof(options, thickness), 0,
      "gap at which surfaces begin to touch; less where they are closer at rest"},
     {"touch.compliance", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, compliance), 0,
-     "compliance of each vertex in contact; 20 times stiffer beyond a depth of 0.3 thicknesses"},
+     "compliance of each vertex in contact; 20 times stiffer beyond a depth of 0.3 thicknesses, 400 times beyond 0.8"},
     {"touch.friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, friction), 0, "friction of tissue on tissue"},
     {"touch.friction.static", APP_NUMBER, "none", "0.1", 0, TM_FRICTION_MAX, offsetof(options, at_rest), 0,
      "coefficient until surfaces slip; 0: none"},

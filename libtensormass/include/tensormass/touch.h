@@ -24,7 +24,8 @@ typedef struct tm_touching_def {
     /* Thickness of the gap at which surfaces begin to touch, m; 0.5e-3. Less between surfaces that are closer at rest:
      * half of their rest distance in one body, all of it between two. */
     double thickness_m;
-    double compliance_m_N;        /* of each vertex or pair of edges; 0.5e-3. Stiffer by 20 beyond 0.3 thicknesses */
+    double compliance_m_N; /* of each vertex or pair of edges; 0.5e-3. Stiffer by 20 beyond 0.3 thicknesses, by 400
+                              beyond 0.8 */
     double mu_static, mu_kinetic; /* Coulomb friction, 0: none */
     int32_t sweeps;               /* 10; with contact, contact's */
     int32_t max_rows;             /* 4096 */

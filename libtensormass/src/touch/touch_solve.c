@@ -5,7 +5,7 @@
 #include <math.h>
 
 #include "base/vec.h"
-#include "contact_law/compliance.h"
+#include "touch/touch_law.h"
 
 /* Maximum speed at which overlap is undone that the tissue's own motion did not cause. */
 #define RECOVERY_M_S 0.5
@@ -46,7 +46,7 @@ void tm_touch_prepare_row(tm_touching *t, int32_t i) {
     if (!has_friction(t)) vset((const double[3]){0, 0, 0}, s->friction_N); /* from settling (world->settle_friction) */
     tm_touch_slip(row, world->state.u_m, world->state.u_prev_m, way);
     const double undone = law_max(RECOVERY_M_S * world->state.dt_s, vnorm(way));
-    const double over = -row->gap_m - law_compliance_depth(s->compliance_m_N, s->soft_m, row->lambda_N) - undone;
+    const double over = -row->gap_m - touch_law_depth(s->compliance_m_N, s->soft_m, row->lambda_N) - undone;
     s->gap_m += law_max(over, 0);
     vscale(row->lambda_N, row->normal, force);
     for (int c = 0; c < 3; c++) force[c] += s->drag_N[c] + s->friction_N[c];
@@ -62,7 +62,7 @@ static void relax(tm_touching *t, int32_t i, const double way_m[3], double cap_N
     const tm_touch_solver *s = t->solver + i;
     const double free_gap = s->gap_m - s->diagonal_m_N * row->lambda_N + vdot(row->normal, way_m);
     t->world->unstable |= !(fabs(free_gap) < INFINITY);
-    const double lambda = law_compliance_reaction(s->compliance_m_N, s->soft_m, free_gap, s->diagonal_m_N, cap_N);
+    const double lambda = touch_law_reaction(s->compliance_m_N, s->soft_m, free_gap, s->diagonal_m_N, cap_N);
     if (lambda == row->lambda_N) return;
     double change[3];
     vscale(lambda - row->lambda_N, row->normal, change);
@@ -162,14 +162,14 @@ void tm_touch_forces(const void *self, void *to, tm_add_force *add) {
 
 double tm_touching_stored_J(const tm_touching *t, int32_t row) {
     return t->solver[row].compliance_m_N > 0
-               ? law_compliance_energy(t->solver[row].compliance_m_N, t->solver[row].soft_m, t->row[row].lambda_N)
+               ? touch_law_energy(t->solver[row].compliance_m_N, t->solver[row].soft_m, t->row[row].lambda_N)
                : 0;
 }
 
 double tm_touching_slope_m_N(const tm_touching *t, int32_t row, bool *sticks) {
     const tm_touch_solver *s = t->solver + row;
     *sticks = t->def.mu_static > 0 && !s->slips;
-    return law_compliance_slope(s->compliance_m_N, s->soft_m, t->row[row].lambda_N);
+    return touch_law_slope(s->compliance_m_N, s->soft_m, t->row[row].lambda_N);
 }
 
 void tm_touch_remember(tm_touching *t) {
