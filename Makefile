@@ -119,7 +119,7 @@ $(OUT)/obj/libtensormass/src/%.o: BASE_CFLAGS += $(if $(filter asan,$(config)),-
 # With a sanitizer, code without the step's loops takes a third of the time to compile without optimisation.
 QUICKLY := apps libtensormass/scene libtensormass/io libtensormass/platform haptic_rt/io haptic_rt/device haptic_rt/motion lcm_types
 $(if $(filter asan tsan,$(config)),$(QUICKLY:%=$(OUT)/obj/%/%.o)): BASE_CFLAGS += -O0
-# Threads share the same memory in every SIMD form of a law: ThreadSanitizer's build has the plain one, in half of the compile time.
+# Threads share the same memory in every SIMD form of a law: ThreadSanitizer's build has only the plain one, to compile less.
 $(if $(filter tsan,$(config)),$(OUT)/obj/libtensormass/src/material/%.o): BASE_CFLAGS += -DTM_PLAIN_ONLY
 $(OUT)/obj/%.o: %.c Makefile
 	$(call step,CC)
