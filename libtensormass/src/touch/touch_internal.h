@@ -363,8 +363,9 @@ void tm_touch_find(tm_touching *touching);
 /* Adds a row; drops and flags it where there is no room. Returns whether it was added. */
 bool tm_touch_add_row(tm_touching *touching, const tm_touching_row *row, double compliance_m_N);
 
-/* Returns the energy in a row's compliance, J. */
+/* Returns the energy in a row's compliance, at its force or another, J. */
 double tm_touching_stored_J(const tm_touching *touching, int32_t row);
+double tm_touch_stored_at_J(const tm_touching *touching, int32_t row, double lambda_N);
 
 /* touch_solve.c */
 /* Calls `add` with each force of the last substep's rows. */

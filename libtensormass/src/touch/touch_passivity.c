@@ -21,7 +21,7 @@ static const double LITTLE_J = 2e-8;
 static const double PUSH_J = 5e-4;
 /* Time after which most of what rows took or pushed is forgotten, s. */
 static const double RESERVE_S = 0.2;
-enum { RELEASES = 2 };
+enum { RELEASES = 2, HALVINGS = 30 };
 
 static void force_of(const tm_touching *t, int32_t i, double force_N[3]) {
     const tm_touch_solver *s = t->solver + i;
@@ -41,15 +41,16 @@ static double work_J(const tm_touching *t) {
     return work;
 }
 
-static double half_stored_J(const tm_touching *t) {
+/* Returns half of the energy that the compliance stores at a share of the rows' forces, J. */
+static double half_stored_J(const tm_touching *t, double share) {
     double sum = 0;
     for (int32_t i = 0; i < t->row_count; i++)
-        if (t->row[i].lambda_N > 0) sum += tm_touching_stored_J(t, i);
+        if (t->row[i].lambda_N > 0) sum += tm_touch_stored_at_J(t, i, share * t->row[i].lambda_N);
     return 0.5 * sum;
 }
 
 /* The rows' account. */
-static double account_J(const tm_touching *t) { return work_J(t) + half_stored_J(t); }
+static double account_J(const tm_touching *t) { return work_J(t) + half_stored_J(t, 1); }
 
 static void push_all(tm_touching *t, double sign) {
     for (int32_t i = 0; i < t->row_count; i++) {
@@ -61,19 +62,23 @@ static void push_all(tm_touching *t, double sign) {
     }
 }
 
-/* Returns the largest share in [0, 1] at which linear share + square share^2 <= may, with square and may >= 0. */
-static double find_share(double linear, double square, double may) {
-    if (linear + square <= may) return 1;
-    const double root = sqrt(linear * linear + 4 * square * may);
-    return linear > 0 ? 2 * may / (linear + root) : law_min((root - linear) / (2 * square), 1);
+/* Returns the largest share at which linear share + square share^2 and half of the stored energy are at most `may`,
+ * which is not negative. By bisection: the energy of the compliance has kinks. */
+static double find_share(const tm_touching *t, double linear_J, double square_J, double may_J) {
+    double least = 0, most = 1;
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        const double share = 0.5 * (least + most);
+        const double gives_J = share * (linear_J + share * square_J) + half_stored_J(t, share);
+        *(gives_J <= may_J ? &least : &most) = share;
+    }
+    return least;
 }
 
-/* Scales all forces by one share. With the share, the work is linear plus square, and the energy in the compliance,
- * which is convex and 0 at 0, at most linear. */
+/* Scales all forces by one share. */
 static void reduce(tm_touching *t, double may_J) {
     const double work = work_J(t);
     push_all(t, -1);
-    const double bare = work_J(t), share = find_share(bare + half_stored_J(t), law_max(work - bare, 0), may_J);
+    const double bare = work_J(t), share = find_share(t, bare, work - bare, may_J);
     for (int32_t i = 0; i < t->row_count; i++) {
         tm_touch_solver *s = t->solver + i;
         t->row[i].lambda_N *= share;
@@ -99,7 +104,7 @@ void tm_touch_note_energy(tm_touching *t) {
 }
 
 static void book_energy(tm_touching *t) {
-    const double stored = 2 * half_stored_J(t), given = work_J(t) + 0.5 * (stored - t->stored_before_J[1]);
+    const double stored = 2 * half_stored_J(t, 1), given = work_J(t) + 0.5 * (stored - t->stored_before_J[1]);
     const double kept = 1 - law_min(t->world->state.dt_s / RESERVE_S, 1), left = t->reserve_J * kept - given;
     t->reserve_J = law_max(left, 0);
     t->pushed_J = t->pushed_J * kept + law_max(-left, 0);

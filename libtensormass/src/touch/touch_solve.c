@@ -160,10 +160,13 @@ void tm_touch_forces(const void *self, void *to, tm_add_force *add) {
     }
 }
 
+double tm_touch_stored_at_J(const tm_touching *t, int32_t row, double lambda_N) {
+    const tm_touch_solver *s = t->solver + row;
+    return s->compliance_m_N > 0 ? touch_law_energy(s->compliance_m_N, s->soft_m, lambda_N) : 0;
+}
+
 double tm_touching_stored_J(const tm_touching *t, int32_t row) {
-    return t->solver[row].compliance_m_N > 0
-               ? touch_law_energy(t->solver[row].compliance_m_N, t->solver[row].soft_m, t->row[row].lambda_N)
-               : 0;
+    return tm_touch_stored_at_J(t, row, t->row[row].lambda_N);
 }
 
 double tm_touching_slope_m_N(const tm_touching *t, int32_t row, bool *sticks) {
