@@ -158,25 +158,26 @@ static double recent_generated_J(const tm_tool *tool) {
     return law_ledger_recent(tool->generated_J, tool->min_generated_J);
 }
 
-/* Returns the energy that may be generated in this substep. */
-static double allowed_J(const tm_contact *contact, const tm_tool *tool) {
-    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available_J(contact, tool)), 0);
+/* Returns the energy that may be generated in this substep, of what is available. */
+static double allowed_J(const tm_tool *tool, double available) {
+    return law_max(law_min(window_J(tool) - recent_generated_J(tool), available), 0);
 }
 
 /* Returns the allowance of a tool that slides slowly. Depths are measured to triangles, but normals are blended as if
  * the surface were smooth. So a tool is held back up to the middle of a triangle and pushed on from there. Without the
  * allowance its force would lag behind the static one. */
-static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) {
+static double sliding_J(const tm_contact *contact, span s, double available) {
     double sum = 0;
     for (int32_t i = s.first; i < s.end; i++)
         sum += contact->row[i].lambda_N * slow_m(contact, vnorm(contact->solver[i].moved_m));
-    return law_min(SLIDING_SHARE * sum, available_J(contact, tool));
+    return law_min(SLIDING_SHARE * sum, available);
 }
 
 double tm_contact_spare_J(const tm_contact *contact, int32_t t, double way_m) {
     const tm_tool *tool = contact->tool + t;
-    const double sliding = SLIDING_SHARE * tool->load_N * slow_m(contact, way_m);
-    return allowed_J(contact, tool) + law_min(sliding, available_J(contact, tool));
+    const double available = available_J(contact, tool),
+                 sliding = SLIDING_SHARE * tool->load_N * slow_m(contact, way_m);
+    return allowed_J(tool, available) + law_min(sliding, available);
 }
 
 static void push(tm_contact *contact, span s, double share) {
@@ -279,8 +280,9 @@ static bool gives_too_much(tm_contact *contact, int32_t t, span s, double *may_J
     const double gain = gain_J(tool, &sum, contact_stored_J(contact, t, s, 1));
     if (gain > 1e-3 * LITTLE_J && recent_generated_J(tool) + gain > LOOKED_AT * window_J(tool))
         bound_estimates(contact);
-    tool->sliding_J = sliding_J(contact, tool, s);
-    *may_J = allowed_J(contact, tool) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
+    const double available = available_J(contact, tool);
+    tool->sliding_J = sliding_J(contact, s, available);
+    *may_J = allowed_J(tool, available) + tool->sliding_J - DEBT_SHARE * tool->debt_J;
     return gain > law_max(*may_J, 0) + 1e-3 * LITTLE_J;
 }
 
@@ -359,7 +361,7 @@ static double stored_by_others_J(const tm_contact *contact, int32_t t) {
 /* Adds generated energy. What exceeds the allowance is a debt until less was generated. Two tools on the same tissue
  * cause it: reducing one changes what the other generates. */
 static void add_generated(const tm_contact *contact, tm_tool *tool, double generated_J) {
-    const double allowed = allowed_J(contact, tool);
+    const double allowed = allowed_J(tool, available_J(contact, tool));
     tool->debt_J = allowed > 0 ? law_max(generated_J - allowed, 0) : law_max(tool->debt_J + generated_J, 0);
     tool->generated_J += generated_J;
 }
