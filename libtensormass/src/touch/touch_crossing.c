@@ -8,7 +8,7 @@
  * behind. So where another body is behind a surface, slow features are followed too, against other bodies. A body is
  * then outside by its winding number, and edges meet where both pairs of faces lead away. Without a fast vertex and
  * without such a surface nothing is searched. */
-#include "touch/touch_internal.h"
+#include "touch/touch_paths.h"
 
 #include <math.h>
 
@@ -25,7 +25,7 @@ enum { FIRST = 4, PERIOD = 2 };
 
 static double motion2_of(const tm_touching *t, int32_t v) {
     double d[3];
-    vsub(t->world->state.u_next_m + 3 * (int64_t)v, t->world->state.u_m + 3 * (int64_t)v, d);
+    tm_touch_motion(t, v, d);
     return vdot(d, d);
 }
 

@@ -2,15 +2,11 @@
  * is, and others only where they are in its way. So a vertex is fast by its motion relative to the mean motion of its
  * own body, and to that of each body whose way meets the way of its own. Of two vertices that are fast relative to
  * neither body's motion, the pair is within the rows' reach. */
-#include "touch/touch_internal.h"
+#include "touch/touch_paths.h"
 
 #include <math.h>
 
 #include "base/vec.h"
-
-static void motion_of(const tm_touching *t, int32_t v, double d[3]) {
-    vsub(t->world->state.u_next_m + 3 * (int64_t)v, t->world->state.u_m + 3 * (int64_t)v, d);
-}
 
 static void find_motions(tm_touching *t) {
     t->frames_motion_m = 0;
@@ -18,7 +14,7 @@ static void find_motions(tm_touching *t) {
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {
         double d[3];
         tm_touch_frame *frame = t->frame + t->surface.body[t->surface.vertex[i]];
-        motion_of(t, t->surface.vertex[i], d);
+        tm_touch_motion(t, t->surface.vertex[i], d);
         vmadd(frame->motion_m, 1, d, frame->motion_m);
         frame->count++;
     }
@@ -65,7 +61,7 @@ void tm_touch_find_frames(tm_touching *t, double limit_m) {
     for (int32_t i = 0; i < t->surface.vertex_count; i++) {
         const int32_t v = t->surface.vertex[i], body = t->surface.body[v];
         double d[3];
-        motion_of(t, v, d);
+        tm_touch_motion(t, v, d);
         t->is_fast[v] = !(vdot(d, d) <= slow_m * slow_m) &&
                         (is_faster(t->frame + body, d, limit_m) || is_fast_to_others(t, body, d, limit_m, &has_ways));
     }

@@ -1,6 +1,6 @@
 /* Paths of vertices in a substep, which are straight, and when four of them are in a plane: the volume between them is
  * a cubic in the share of the substep. */
-#include "touch/touch_internal.h"
+#include "touch/touch_paths.h"
 
 #include <math.h>
 
