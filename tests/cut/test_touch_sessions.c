@@ -14,7 +14,7 @@ static const double FRAME_S = 0.005, GAP_M = 0.6e-3, LOW_M = 0.02, TOP_M = 0.032
 /* Energy of tissue and springs beyond the hands' work, as on one body (physics/test_sessions.c): a share of all that
  * hands gave and received, and an amount too small for a bound. What contact of tissue gained counts, what it lost does
  * not; it has a bound of its own. */
-static const double SURPLUS_SHARE = 0.12, TOUCH_SHARE = 0.01, SURPLUS_J = 5e-5;
+static const double SURPLUS_SHARE = 0.06, TOUCH_SHARE = 0.01, SURPLUS_J = 5e-5;
 /* True overlap (overlap.h) while tissue is slower, and was for CALM frames: what a tool crushed and releases is faster
  * for moments. Mostly it is below LITTLE. Where tissue is inverted, its overlap with itself has no bound. */
 static const double DEEPEST_M = 0.5e-3, LITTLE_M = 0.25e-3, FAST_M_S = 4, FARTHEST_M = 0.1;
